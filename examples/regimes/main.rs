@@ -85,7 +85,7 @@ fn learn(states: usize, years: &[&Year], seed: u64) -> Result<Learned, LearnErro
     )
     .and_then(|family| family.with_prior(prior?))?;
     let starts = starts(&family, years, STARTS, &mut ChaCha8Rng::seed_from_u64(seed))?;
-    Ok(Hmm::learn_best(&starts, years, &LearningOptions::default(), |_, _| ())?)
+    Hmm::learn_best(&starts, years, &LearningOptions::default(), |_, _| ())
 }
 
 /// Returns a model with its regimes in ascending order of their volatility.

@@ -3,6 +3,8 @@
 use std::borrow::Cow;
 use std::error::Error;
 use std::fmt;
+#[cfg(feature = "places")]
+use std::ops::RangeInclusive;
 
 /// A number that is out of its range.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -23,6 +25,17 @@ impl Parameter {
         expected: &'static str,
     ) -> Self {
         Self { what: what.into(), value, expected }
+    }
+
+    /// Checks that a value is in its range; NaN never is.
+    #[cfg(feature = "places")]
+    pub(crate) fn check(
+        what: &'static str,
+        value: f64,
+        range: RangeInclusive<f64>,
+        expected: &'static str,
+    ) -> Result<(), Self> {
+        if range.contains(&value) { Ok(()) } else { Err(Self::new(what, value, expected)) }
     }
 }
 

@@ -1,26 +1,6 @@
 //! Errors of sensors of places.
 
-use std::fmt;
-
 use crate::error::{Parameter, TableError};
-
-/// The descriptor that an error is about, by its index from 0.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Descriptor {
-    /// The descriptor of a reference image.
-    Reference(usize),
-    /// The descriptor of one of the queries of a call; 0 for a single query.
-    Query(usize),
-}
-
-impl fmt::Display for Descriptor {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Reference(index) => write!(f, "reference {index}"),
-            Self::Query(index) => write!(f, "query {index}"),
-        }
-    }
-}
 
 /// An invalid observation model, invalid descriptors, or a query without a likelihood.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -121,30 +101,36 @@ pub enum ObservationError {
         dimension: usize,
     },
     /// A descriptor is too short or too long.
-    #[error("{which} has {length} elements, expected {expected}")]
+    #[error("{which} {index} has {length} elements, expected {expected}")]
     Length {
-        /// The descriptor.
-        which: Descriptor,
+        /// `"reference"` or `"query"`.
+        which: &'static str,
+        /// The reference, or the query of a call, from 0.
+        index: usize,
         /// Its length.
         length: usize,
         /// The dimension expected.
         expected: usize,
     },
     /// An element is NaN or infinite.
-    #[error("element {element} of {which} is {value}, expected a finite value")]
+    #[error("element {element} of {which} {index} is {value}, expected a finite value")]
     Element {
-        /// The descriptor.
-        which: Descriptor,
+        /// `"reference"` or `"query"`.
+        which: &'static str,
+        /// The reference, or the query of a call, from 0.
+        index: usize,
         /// The element, from 0.
         element: usize,
         /// Its value.
         value: f32,
     },
     /// A descriptor is 0 in every element, so that it has no direction to compare.
-    #[error("{which} is 0 in every element, so it has no cosine with another")]
+    #[error("{which} {index} is 0 in every element, so it has no cosine with another")]
     Zero {
-        /// The descriptor.
-        which: Descriptor,
+        /// `"reference"` or `"query"`.
+        which: &'static str,
+        /// The reference, or the query of a call, from 0.
+        index: usize,
     },
     /// Two or more references are all equal, so that they cannot tell places apart.
     #[error("all {references} references are equal, so they cannot tell places apart")]

@@ -68,12 +68,8 @@ impl Confusion {
             return Err(Parameter::new(what, sigma, expected).into());
         }
         if map.places().len() != self.places() {
-            return Err(Parameter::new(
-                "the number of places of the map",
-                map.places().len() as f64,
-                "that of the confusion",
-            )
-            .into());
+            let (what, found) = ("the number of places of the map", map.places().len() as f64);
+            return Err(Parameter::new(what, found, "that of the confusion").into());
         }
         let mut rows = Vec::with_capacity(self.places());
         for i in 0..self.places() {

@@ -43,8 +43,9 @@ mod tags;
 mod view;
 
 pub use confusion::Confusion;
+pub(crate) use descriptors::check_descriptor;
 pub use descriptors::{Distance, ReferenceDescriptors};
-pub use error::{Descriptor, ObservationError};
+pub use error::ObservationError;
 pub use gaussian::Metric;
 pub use odds::MatchOdds;
 pub use position::{PositionFix, PositionLikelihood};

@@ -51,10 +51,7 @@ impl MatchOdds {
     ///
     /// [`ObservationError::Parameter`] unless it is from 0.01 to 1000.
     pub fn with_temperature(self, temperature: f64) -> Result<Self, ObservationError> {
-        if !(0.01..=1000.0).contains(&temperature) {
-            let (what, expected) = ("the temperature", "from 0.01 to 1000");
-            return Err(Parameter::new(what, temperature, expected).into());
-        }
+        Parameter::check("the temperature", temperature, 0.01..=1000.0, "from 0.01 to 1000")?;
         Ok(Self { temperature, ..self })
     }
 
@@ -64,10 +61,8 @@ impl MatchOdds {
     ///
     /// [`ObservationError::Parameter`] unless it is from 1e-12 to 1.
     pub fn with_nothing(self, nothing: f64) -> Result<Self, ObservationError> {
-        if !(1e-12..=1.0).contains(&nothing) {
-            let (what, expected) = ("the probability that a frame says nothing", "from 1e-12 to 1");
-            return Err(Parameter::new(what, nothing, expected).into());
-        }
+        let what = "the probability that a frame says nothing";
+        Parameter::check(what, nothing, 1e-12..=1.0, "from 1e-12 to 1")?;
         Ok(Self { nothing, ..self })
     }
 
@@ -75,15 +70,8 @@ impl MatchOdds {
     #[cfg(feature = "serde")]
     pub(crate) fn checked(self) -> Result<Self, ObservationError> {
         let Self { slope, even, nothing, temperature } = self;
-        let named = [
-            ("the slope of the odds", slope, 0.0..=100.0, "from 0 to 100"),
-            ("the score with even odds", even, -100.0..=100.0, "from -100 to 100"),
-        ];
-        for (what, value, range, expected) in named {
-            if !range.contains(&value) {
-                return Err(Parameter::new(what, value, expected).into());
-            }
-        }
+        Parameter::check("the slope of the odds", slope, 0.0..=100.0, "from 0 to 100")?;
+        Parameter::check("the score with even odds", even, -100.0..=100.0, "from -100 to 100")?;
         self.with_nothing(nothing)?.with_temperature(temperature)
     }
 

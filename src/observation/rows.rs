@@ -137,37 +137,32 @@ pub(crate) fn within(score: f32) -> f32 {
 /// all others. 0 for equal rows, about 1 for two that have nothing in common, and if nothing can be
 /// compared.
 pub(crate) fn change(a: &[f32], b: &[f32]) -> f64 {
-    let Apart { difference, size, compared } = run(Compare { a, b });
-    match () {
-        () if !compared => 1.0,
-        () if difference == 0.0 => 0.0,
-        () => difference / size,
+    match run(Compare { a, b }) {
+        None => 1.0,
+        // The size is 0, too, if all scores are.
+        Some([0.0, _]) => 0.0,
+        Some([difference, size]) => difference / size,
     }
 }
 
+/// Sums of (a − b)² and of a² + b²; `None` if no reference has finite scores in both rows.
 struct Compare<'a> {
     a: &'a [f32],
     b: &'a [f32],
 }
 
-struct Apart {
-    difference: f64,
-    size: f64,
-    compared: bool,
-}
-
 impl WithSimd for Compare<'_> {
-    type Output = Apart;
+    type Output = Option<[f64; 2]>;
 
     #[inline(always)]
-    fn run<S: Simd>(self, _: S) -> Apart {
-        let (mut apart, mut size) = ([0.0_f64; WIDTH], [0.0_f64; WIDTH]);
+    fn run<S: Simd>(self, _: S) -> Self::Output {
+        let (mut difference, mut size) = ([0.0_f64; WIDTH], [0.0_f64; WIDTH]);
         let mut counts = [0_u32; WIDTH];
         let mut take = |l: usize, a: f32, b: f32| {
             let both = a.is_finite() & b.is_finite();
             let (a, b) = (f64::from(within(a)), f64::from(within(b)));
             counts[l] |= u32::from(both);
-            apart[l] += if both { (a - b) * (a - b) } else { 0.0 };
+            difference[l] += if both { (a - b) * (a - b) } else { 0.0 };
             size[l] += if both { a * a + b * b } else { 0.0 };
         };
         let ((a, a_rest), (b, b_rest)) = (self.a.as_chunks::<WIDTH>(), self.b.as_chunks::<WIDTH>());
@@ -178,7 +173,7 @@ impl WithSimd for Compare<'_> {
         }
         a_rest.iter().zip(b_rest).enumerate().for_each(|(l, (a, b))| take(l, *a, *b));
         let compared = counts.iter().any(|any| *any > 0);
-        Apart { difference: apart.iter().sum(), size: size.iter().sum(), compared }
+        compared.then(|| [difference.iter().sum(), size.iter().sum()])
     }
 }
 
@@ -223,9 +218,9 @@ mod tests {
         let mut sorted = row.clone();
         sorted.sort_by(f32::total_cmp);
         let centre = sorted[16];
-        let mut apart: Vec<f32> = row.iter().map(|d| (d - centre).abs()).collect();
-        apart.sort_by(f32::total_cmp);
-        let unit = 1.4826 * apart[16];
+        let mut deviations: Vec<f32> = row.iter().map(|d| (d - centre).abs()).collect();
+        deviations.sort_by(f32::total_cmp);
+        let unit = 1.4826 * deviations[16];
         for (d, score) in row.iter().zip(scores(&row)) {
             assert!((score - (d - centre) / unit).abs() < 1e-5);
         }

@@ -1,5 +1,6 @@
 //! Loops of the [`Standardizer`](super::Standardizer).
 
+use super::Standardizer;
 use super::rows::within;
 use crate::kernels::{LANES, Simd, WithSimd};
 
@@ -15,13 +16,13 @@ const LEAST_BETWEEN: f64 = 0.02;
 /// broken query becomes usual.
 const CLIP: f32 = 2.5;
 
-/// Adds a query's scores within its row to the sums.
+/// Adds a query's scores within its row to the sums, and the squared differences of neighbours to
+/// theirs.
 pub(super) struct CountIn<'a> {
     pub(super) spread: Spread,
     pub(super) rows: &'a [f32],
     pub(super) weight: f64,
-    pub(super) sums: &'a mut [f64],
-    pub(super) squares: &'a mut [f64],
+    pub(super) known: &'a mut Standardizer,
 }
 
 impl WithSimd for CountIn<'_> {
@@ -29,7 +30,7 @@ impl WithSimd for CountIn<'_> {
 
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
-        let Self { spread, rows, weight, sums, squares } = self;
+        let Self { spread, rows, weight, known: Standardizer { sums, squares, steps, .. } } = self;
         let most = CLIP * (spread.within as f32).sqrt();
         for ((sum, square), &score) in sums.iter_mut().zip(squares).zip(rows) {
             let usual = (*sum * spread.mean_share) as f32;
@@ -39,25 +40,10 @@ impl WithSimd for CountIn<'_> {
             *sum += weight * score;
             *square += weight * score * score;
         }
-    }
-}
-
-/// Adds the squared differences of neighbouring scores to their sums.
-pub(super) struct CountSteps<'a> {
-    pub(super) rows: &'a [f32],
-    pub(super) weight: f64,
-    pub(super) steps: &'a mut [f64],
-}
-
-impl WithSimd for CountSteps<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<S: Simd>(self, _: S) {
-        let Self { rows, weight, steps } = self;
         for ((step, &a), &b) in steps.iter_mut().zip(rows).zip(&rows[1..]) {
-            let apart = f64::from(within(a) - within(b));
-            *step += if a.is_finite() & b.is_finite() { weight * apart * apart } else { 0.0 };
+            let difference = f64::from(within(a) - within(b));
+            let compared = a.is_finite() & b.is_finite();
+            *step += if compared { weight * difference * difference } else { 0.0 };
         }
     }
 }
@@ -74,18 +60,14 @@ pub(crate) struct Spread {
 }
 
 /// Estimates variances.
-pub(super) struct Usual<'a> {
-    pub(super) count: f64,
-    pub(super) sums: &'a [f64],
-    pub(super) squares: &'a [f64],
-}
+pub(super) struct Usual<'a>(pub(super) &'a Standardizer);
 
 impl WithSimd for Usual<'_> {
     type Output = Spread;
 
     #[inline(always)]
     fn run<S: Simd>(self, _: S) -> Spread {
-        let Self { count: n, sums, squares } = self;
+        let &Standardizer { count: n, ref sums, ref squares, .. } = self.0;
         let part = if n > 0.0 { 1.0 / n } else { 0.0 };
         let (mut within, mut all) = ([0.0; LANES], [0.0; LANES]);
         let (whole, rest) = (sums.as_chunks::<LANES>(), squares.as_chunks::<LANES>());
@@ -112,10 +94,8 @@ impl WithSimd for Usual<'_> {
 
 /// Scores in units of each reference.
 pub(super) struct Standardize<'a> {
+    pub(super) known: &'a Standardizer,
     pub(super) spread: Spread,
-    pub(super) count: f64,
-    pub(super) sums: &'a [f64],
-    pub(super) squares: &'a [f64],
     pub(super) rows: &'a [f32],
     pub(super) out: &'a mut [f64],
 }
@@ -125,7 +105,8 @@ impl WithSimd for Standardize<'_> {
 
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
-        let Self { spread, count: n, sums, squares, rows, out } = self;
+        let Self { known, spread, rows, out } = self;
+        let &Standardizer { count: n, ref sums, ref squares, .. } = known;
         let Spread { within, mean_share, unsure } = spread;
         let part = if n > 0.0 { 1.0 / n } else { 0.0 };
         let (known, prior) = (1.0 / ((n - 1.0).max(0.0) + OWN_COUNT), OWN_COUNT * within);

@@ -2,7 +2,7 @@
 
 use super::ObservationError;
 use super::rows::{RowScratch, row_scores};
-use super::standardize::{CountIn, CountSteps, Spread, Standardize, Usual};
+use super::standardize::{CountIn, Spread, Standardize, Usual};
 use crate::error::Parameter;
 use crate::kernels::run;
 
@@ -69,28 +69,25 @@ impl Standardizer {
     #[cfg(feature = "serde")]
     pub(crate) fn checked(self) -> Result<Self, ObservationError> {
         let Self { count, sums, squares, steps } = &self;
-        let parameter = |what, value, expected| Err(Parameter::new(what, value, expected).into());
         Self::new(sums.len())?;
-        if squares.len() != sums.len() {
-            let what = "the number of sums of squares";
-            return parameter(what, squares.len() as f64, "as many as sums of scores");
-        }
-        if steps.len() != sums.len() {
-            let what = "the number of sums of steps";
-            return parameter(what, steps.len() as f64, "as many as sums of scores");
+        let lengths = [
+            ("the number of sums of squares", squares.len()),
+            ("the number of sums of steps", steps.len()),
+        ];
+        if let Some(&(what, found)) = lengths.iter().find(|(_, found)| *found != sums.len()) {
+            return Err(Parameter::new(what, found as f64, "as many as sums of scores").into());
         }
         // Far above any real count, and such that no variance overflows 32 bits.
-        if !(0.0..=1e15).contains(count) {
-            return parameter("the number of queries", *count, "from 0 to 1e15");
-        }
-        if let Some(&sum) = sums.iter().find(|sum| !(-1e17..=1e17).contains(*sum)) {
-            return parameter("a sum of scores", sum, "from -1e17 to 1e17");
-        }
-        if let Some(&step) = steps.iter().find(|step| !(0.0..=1e35).contains(*step)) {
-            return parameter("a sum of squared steps", step, "from 0 to 1e35");
-        }
-        if let Some(&square) = squares.iter().find(|square| !(0.0..=1e35).contains(*square)) {
-            return parameter("a sum of squared scores", square, "from 0 to 1e35");
+        let ranges: [(_, &[f64], _, _); 4] = [
+            ("the number of queries", &[*count], 0.0..=1e15, "from 0 to 1e15"),
+            ("a sum of scores", sums, -1e17..=1e17, "from -1e17 to 1e17"),
+            ("a sum of squared steps", steps, 0.0..=1e35, "from 0 to 1e35"),
+            ("a sum of squared scores", squares, 0.0..=1e35, "from 0 to 1e35"),
+        ];
+        for (what, values, range, expected) in ranges {
+            values
+                .iter()
+                .try_for_each(|value| Parameter::check(what, *value, range.clone(), expected))?;
         }
         Ok(self)
     }
@@ -174,9 +171,7 @@ impl Standardizer {
     /// [before](Self::spread).
     pub(crate) fn count_in(&mut self, spread: Spread, rows: &[f32], weight: f64) {
         self.count += weight;
-        let (sums, squares) = (&mut self.sums, &mut self.squares);
-        run(CountIn { spread, rows, weight, sums, squares });
-        run(CountSteps { rows, weight, steps: &mut self.steps });
+        run(CountIn { spread, rows, weight, known: self });
     }
 
     /// The usual score of a reference within its row.
@@ -186,7 +181,7 @@ impl Standardizer {
 
     /// Usual scores, and how sure they are.
     pub(crate) fn spread(&self) -> Spread {
-        run(Usual { count: self.count, sums: &self.sums, squares: &self.squares })
+        run(Usual(self))
     }
 
     /// A quantile of the changes from a reference to the next, as of a change from view to view;
@@ -209,8 +204,7 @@ impl Standardizer {
     /// [`scores`](Self::scores) of [row scores](row_scores).
     pub(crate) fn standardize(&self, spread: Spread, rows: &[f32], out: &mut [f64]) {
         assert_eq!(out.len(), rows.len(), "out must have one value per reference");
-        let (sums, squares) = (&self.sums, &self.squares);
-        run(Standardize { spread, count: self.count, sums, squares, rows, out });
+        run(Standardize { known: self, spread, rows, out });
     }
 }
 

@@ -69,10 +69,8 @@ impl ViewComparison {
     /// [`ObservationError::Parameter`] unless it is finite and at least 0; at 0
     /// every view is new.
     pub fn new(threshold: f64) -> Result<Self, ObservationError> {
-        if !(threshold >= 0.0 && threshold.is_finite()) {
-            let (what, expected) = ("the threshold of change", "a finite value of at least 0");
-            return Err(Parameter::new(what, threshold, expected).into());
-        }
+        let (what, expected) = ("the threshold of change", "a finite value of at least 0");
+        Parameter::check(what, threshold, 0.0..=f64::MAX, expected)?;
         Ok(Self { threshold, last_new: None, now: Vec::new(), scratch: RowScratch::default() })
     }
 
@@ -85,7 +83,10 @@ impl ViewComparison {
     /// [`ObservationError::Distances`] if rows differ in length.
     pub fn threshold_of<R: AsRef<[f32]>>(rows: &[R]) -> Result<f64, ObservationError> {
         let changes = rows.windows(2).map(|two| view_change(two[0].as_ref(), two[1].as_ref()));
-        Ok(threshold_of_changes(changes.collect::<Result<_, _>>()?))
+        let mut changes: Vec<f64> = changes.collect::<Result<_, _>>()?;
+        changes.retain(|change| *change > 0.0 && change.is_finite());
+        changes.sort_by(f64::total_cmp);
+        Ok(changes.get(changes.len() / 2).map_or(0.0, |median| 0.1 * median))
     }
 
     /// Takes the next row of distances, and returns whether the view has changed. The first row
@@ -112,11 +113,4 @@ impl ViewComparison {
         }
         Ok(ViewChange::Changed)
     }
-}
-
-/// Threshold for these changes; see [`ViewComparison::threshold_of`].
-pub(crate) fn threshold_of_changes(mut changes: Vec<f64>) -> f64 {
-    changes.retain(|change| *change > 0.0 && change.is_finite());
-    changes.sort_by(f64::total_cmp);
-    changes.get(changes.len() / 2).map_or(0.0, |median| 0.1 * median)
 }

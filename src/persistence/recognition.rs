@@ -4,7 +4,7 @@ use super::stored;
 use crate::inference::FilterSnapshot;
 use crate::motion::{Driven, ViewChange};
 use crate::observation::Standardizer;
-use crate::recognition::{Options, SensorState, Tally, TrackSnapshot};
+use crate::recognition::{Options, Sensor, Tally, TrackSnapshot};
 
 stored! {
     [] Confusion in observation: [], |confusion| {
@@ -80,7 +80,7 @@ fn track_state(
     }
     Ok(TrackSnapshot {
         filter,
-        sensor: SensorState {
+        sensor: Sensor {
             standardizer,
             last_view,
             run,

@@ -1,37 +1,12 @@
 //! The path of a drive.
 
+use super::recognizer::{Model, model};
 use super::{RecognitionError, Recording};
-use crate::error::Count;
-use crate::hmm::{Hmm, Prior};
-use crate::likelihood::{GroupedLikelihood, LikelihoodVector};
-use crate::motion::{RouteControl, RouteTransition};
-use crate::sequence::Sequence;
+use crate::likelihood::LikelihoodVector;
+use crate::sequence::Controlled;
 
 /// Gain of a right step, in nats of moves: large, so that moves only break near ties.
 const STEP_GAIN: f64 = 1000.0;
-
-/// Motion along the route, and a sensor whose observations are logarithms.
-type Decoder = Hmm<RouteTransition, GroupedLikelihood<LikelihoodVector<Vec<f64>>>>;
-
-/// Gains of each step, to be maximised along a path.
-struct Gains<'a> {
-    controls: &'a [RouteControl],
-    rows: Vec<Vec<f64>>,
-}
-
-impl Sequence<RouteControl, Vec<f64>> for Gains<'_> {
-    fn steps(&self) -> usize {
-        self.controls.len()
-    }
-
-    fn control(&self, step: usize) -> &RouteControl {
-        &self.controls[step - 1]
-    }
-
-    fn observation(&self, step: usize) -> &Vec<f64> {
-        &self.rows[step - 1]
-    }
-}
 
 impl Recording {
     /// The path with the most steps expected to be right, among those that the model allows: the
@@ -54,9 +29,10 @@ impl Recording {
     ///
     /// [`RecognitionError::Inference`] with the step that is impossible.
     pub fn decoded(&self) -> Result<Vec<Option<usize>>, RecognitionError> {
-        let path = self.decoder()?.viterbi(&self.gains()?)?;
-        let off_map = self.recognizer().options().off_map.is_some();
-        let motion = self.recognizer().motion();
+        let gains = self.gains()?;
+        let path = self.decoder()?.viterbi(&Controlled::new(&self.controls, &gains)?)?;
+        let off_map = self.recognizer.options().off_map.is_some();
+        let motion = self.recognizer.motion();
         let place = |state: &usize| {
             let is_place = !off_map || motion.speed_of(*state).is_some();
             motion.place_of(*state).filter(|_| is_place)
@@ -65,26 +41,15 @@ impl Recording {
     }
 
     /// The model of motion, with logarithms in place of likelihoods.
-    fn decoder(&self) -> Result<Decoder, RecognitionError> {
-        let motion = self.recognizer().motion().clone();
-        let groups = motion.place_groups();
-        let wrong = |_| {
-            RecognitionError::Count(Count {
-                what: "groups of states",
-                found: groups.count(),
-                expected: self.recognizer().likelihoods(),
-            })
-        };
-        let prior = Prior::AtFirstObservation(motion.anywhere());
-        let sensor = LikelihoodVector::log(groups.count()).owned();
-        let sensor = GroupedLikelihood::new(sensor, groups.clone()).map_err(wrong)?;
-        Hmm::new(prior, motion, sensor).map_err(wrong)
+    fn decoder(&self) -> Result<Model, RecognitionError> {
+        let sensor = LikelihoodVector::log(self.recognizer.references() + 1);
+        model(self.recognizer.motion().clone(), sensor)
     }
 
     /// The probability that an answer is right, times [`STEP_GAIN`], for each place and for off the
     /// map; −∞ where the query rules it out.
-    fn gains(&self) -> Result<Gains<'_>, RecognitionError> {
-        let (beliefs, recognizer) = (self.smoothed()?, self.recognizer());
+    fn gains(&self) -> Result<Vec<Vec<f64>>, RecognitionError> {
+        let (beliefs, recognizer) = (self.smoothed()?, &self.recognizer);
         let (n, window) = (recognizer.references(), recognizer.options().window);
         let rows = beliefs.iter().zip(&self.likelihoods).map(|(belief, likelihoods)| {
             let belief = belief.as_slice();
@@ -99,7 +64,7 @@ impl Recording {
             };
             likelihoods.iter().enumerate().map(gain).collect()
         });
-        Ok(Gains { controls: &self.controls, rows: rows.collect() })
+        Ok(rows.collect())
     }
 }
 
@@ -123,7 +88,7 @@ mod tests {
         if at + 1 == recording.steps() {
             return own;
         }
-        let motion = recording.recognizer().motion();
+        let motion = recording.recognizer.motion();
         let next = motion.outgoing_log2(&recording.controls[at + 1], state);
         let values = next.map(|(to, log2)| log2 * LN_2 + best_from(recording, gain, at + 1, to));
         own + values.fold(f64::NEG_INFINITY, f64::max)
@@ -164,7 +129,9 @@ mod tests {
             let best = starts.map(|(state, p)| p.ln() + best_from(&recording, &gain, 0, state));
             let best = best.fold(f64::NEG_INFINITY, f64::max);
 
-            let path = recording.decoder().unwrap().viterbi(&recording.gains().unwrap()).unwrap();
+            let gains = recording.gains().unwrap();
+            let steps = Controlled::new(&recording.controls, &gains).unwrap();
+            let path = recording.decoder().unwrap().viterbi(&steps).unwrap();
             let states = path.states();
             let mut value = prior.as_slice()[states[0]].ln() + gain(0, states[0]);
             for at in 1..states.len() {

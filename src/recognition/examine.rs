@@ -2,14 +2,12 @@
 
 use std::ops::RangeInclusive;
 
-use super::labels::LabelledPart;
-use super::sensor::{least, nearest};
-use super::tally::{EQUAL, STANDS};
+use super::fit::LabelledPart;
+use super::views::{EQUAL, STANDS, least, nearest};
 use super::warning::{ENOUGH, SPAN, Warning};
 use super::{Answer, RecognitionError, Recognizer, Recording};
 use crate::motion::{OdometryModel, RouteControl};
 use crate::observation::{ObservationError, RowScratch, row_scores};
-use crate::sequence::Sequence;
 
 /// Mean rank above which matches are near to chance.
 const CHANCE: f64 = 0.4;
@@ -33,8 +31,8 @@ const UNLIKE: f64 = 1.8;
 /// Least probability of answers that odometry is compared with, and the difference over a stretch
 /// of equal readings above which they contradict it, in places and as a share of the way.
 const SURE: f64 = 0.9;
-const APART: f64 = 6.0;
-const APART_SHARE: f64 = 0.25;
+const DIFFERENCE: f64 = 6.0;
+const DIFFERENCE_SHARE: f64 = 0.25;
 
 /// Numbers of queries for which the nearest image, or the best score, is right.
 #[derive(Default)]
@@ -72,7 +70,6 @@ impl Recognizer {
         parts: &[LabelledPart<'_, Q>],
         rows: &[Vec<Vec<f32>>],
     ) -> Result<(Vec<Warning>, Option<[f64; 2]>), ObservationError> {
-        let sensor = self.sensor_of_fit();
         let mut scores = vec![0.0; self.references()];
         let (mut ranks, mut best) = (Vec::new(), Vec::new());
         let (mut within, mut scratch) = (Vec::new(), RowScratch::default());
@@ -81,7 +78,7 @@ impl Recognizer {
         for (part, rows) in parts.iter().zip(rows) {
             for (places, row) in part.places.iter().zip(rows) {
                 let Some(places) = places else { continue };
-                sensor.standardizer().scores(row, &mut scores)?;
+                self.sensor.standardizer.scores(row, &mut scores)?;
                 ranks.push(mean_rank(&scores, places));
                 row_scores(row, &mut within, &mut scratch)?;
                 best.extend(Some(f64::from(least(&within))).filter(|best| best.is_finite()));
@@ -153,29 +150,29 @@ impl Recording {
     /// [`smoothed`](Self::smoothed) if queries are unlike and the map may be left.
     #[must_use]
     pub fn doubts(&self) -> Vec<Warning> {
-        let own = self.own_doubts().iter().cloned();
+        let own = self.own_doubts.iter().cloned();
         let stuck = own.clone().any(|doubt| matches!(doubt, Warning::Stuck { .. }));
         let stuck = if stuck { None } else { self.stuck() };
         own.chain(stuck).chain(self.unlike()).chain(self.nothing()).collect()
     }
 
     fn unlike(&self) -> Option<Warning> {
-        let [labelled, deviation] = self.recognizer().parameters().best_scores?;
+        let [labelled, deviation] = self.recognizer.parameters().best_scores?;
         let unlike = |scores: &[f64]| {
             let [recording, _] = moments(scores)?;
             let unlike = (recording - labelled).abs() > UNLIKE * deviation;
             unlike.then_some(Warning::Unlike { labelled, recording })
         };
         let finite = |best: &f64| best.is_finite();
-        let all: Vec<f64> = self.best_scores().iter().copied().filter(finite).collect();
+        let all: Vec<f64> = self.best_scores.iter().copied().filter(finite).collect();
         let warning = unlike(&all)?;
-        if self.recognizer().options().off_map.is_none() {
+        if self.recognizer.options().off_map.is_none() {
             return Some(warning);
         }
         // Queries off the map match nothing, unlike labelled ones; but if most are, the camera may
         // be another.
         let beliefs = self.smoothed().ok()?;
-        let scores = self.best_scores().iter().enumerate();
+        let scores = self.best_scores.iter().enumerate();
         let on_map = scores.filter(|(step, _)| beliefs.mass(*step, None) < 0.5);
         let on_map: Vec<f64> = on_map.map(|(_, best)| *best).filter(finite).collect();
         if on_map.len() < all.len() / 2 { Some(warning) } else { unlike(&on_map) }
@@ -187,8 +184,8 @@ impl Recording {
         let mut answers = Vec::new();
         let mut start = 0;
         while start < self.steps() {
-            let reading = self.odometry(start);
-            let equal = (start..self.steps()).take_while(|at| self.odometry(*at) == reading);
+            let reading = self.controls[start].odometry;
+            let equal = self.controls[start..].iter().take_while(|next| next.odometry == reading);
             let run = start..start + equal.count().max(1);
             start = run.end;
             let Some(reading) = reading.filter(|reading| reading.abs() > STANDS) else { continue };
@@ -207,7 +204,7 @@ impl Recording {
 
     /// True if answers are often further on, or less far, than by a reading that stays.
     fn contradicted(&self, reading: f64, answers: &[Answer]) -> bool {
-        let OdometryModel { scale, bias, .. } = self.recognizer().options().odometry;
+        let OdometryModel { scale, bias, .. } = self.recognizer.options().odometry;
         let driven = f64::from(EQUAL) * (reading - bias) / scale;
         let sure = |answer: &Answer| -> Option<f64> {
             let place = answer.place.filter(|_| answer.probability > SURE)?;
@@ -217,45 +214,45 @@ impl Recording {
         let (mut judged, mut against) = (0, 0);
         for pair in ends.windows(2) {
             let [Some(before), Some(after)] = *pair else { continue };
-            let apart = (self.recognizer().places_between(before, after) - driven).abs();
+            let difference = (self.recognizer.places_between(before, after) - driven).abs();
             judged += 1;
-            against += usize::from(apart > APART.max(APART_SHARE * driven.abs()));
+            against += usize::from(difference > DIFFERENCE.max(DIFFERENCE_SHARE * driven.abs()));
         }
-        // One may be a wrong answer.
+        // A single contradiction may come from a wrong answer.
         against > 1 && 4 * against > judged
     }
 
     /// The filter's answers by images alone.
     fn without_odometry(&self) -> Result<Vec<Answer>, RecognitionError> {
-        let mut filter = self.recognizer().model().filter();
-        let mut places = vec![0.0; self.recognizer().places()];
-        let answer = |step: usize| {
-            let control = RouteControl { odometry: None, ..*self.control(step) };
-            let log = filter.step_with(&control, self.observation(step))?;
-            self.recognizer().add_up(filter.belief().as_slice(), &mut places);
-            Ok(self.recognizer().answer(&places, log))
+        let mut filter = self.recognizer.model.filter();
+        let mut places = vec![0.0; self.recognizer.places()];
+        let answer = |(control, likelihoods): (&RouteControl, &Vec<f64>)| {
+            let control = RouteControl { odometry: None, ..*control };
+            let log = filter.step_with(&control, likelihoods)?;
+            self.recognizer.add_up(filter.belief().as_slice(), &mut places);
+            Ok(self.recognizer.answer(&places, log))
         };
-        (1..=self.steps()).map(answer).collect()
+        self.controls.iter().zip(&self.likelihoods).map(answer).collect()
     }
 
     /// Warns if the filter predicts the images hardly better than for a vehicle that is surely
     /// lost, whose log-likelihood a step is ln `lost_odds` for an independent view.
     fn nothing(&self) -> Option<Warning> {
-        let options = self.recognizer().options();
+        let options = self.recognizer.options();
         if options.off_map.is_some() || options.lost_odds == 1.0 {
             return None;
         }
-        let mut filter = self.recognizer().model().filter();
+        let mut filter = self.recognizer.model.filter();
         // Sums of log-likelihoods, of the filter's and of those of a lost vehicle.
         let (mut sums, mut steps) = (vec![[0.0; 2]], Vec::new());
-        for step in 1..=self.steps() {
-            filter.predict_with(self.control(step)).ok()?;
-            let likelihoods = self.observation(step);
+        for (step, (control, likelihoods)) in (1..).zip(self.controls.iter().zip(&self.likelihoods))
+        {
+            filter.predict_with(control).ok()?;
             let log = filter.update(likelihoods).ok()?;
             // Unchanged frames carry no evidence.
             if likelihoods.iter().any(|likelihood| *likelihood != 1.0) {
                 let [sum, lost] = sums[steps.len()];
-                sums.push([sum + log, lost + likelihoods[self.recognizer().references()].ln()]);
+                sums.push([sum + log, lost + likelihoods[self.recognizer.references()].ln()]);
                 steps.push(step);
             }
         }

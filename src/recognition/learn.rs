@@ -40,7 +40,7 @@ impl Recognizer {
     /// [`RecognitionError::Count`] for a recording with another number of references, or
     /// [`RecognitionError::Inference`] with the step that is impossible.
     pub fn learn(&self, recording: &Recording) -> Result<Self, RecognitionError> {
-        let (found, expected) = (recording.recognizer().references(), self.references());
+        let (found, expected) = (recording.recognizer.references(), self.references());
         if found != expected {
             return Err(Count { what: "references", found, expected }.into());
         }
@@ -57,7 +57,7 @@ impl Recognizer {
             if let Some(drive) = drives.last_mut() {
                 drive.push(moved);
             }
-            if let Some(reading) = recording.odometry(at) {
+            if let Some(reading) = recording.controls[at].odometry {
                 read.0.push(moved);
                 read.1.push(reading);
             }
@@ -69,7 +69,7 @@ impl Recognizer {
         }
         let mut fit = self.parameters().clone().with_options(options);
         if self.options().standardize {
-            fit.standardizer = Some(recording.standardizer().clone());
+            fit.standardizer = Some(recording.standardizer.clone());
         }
         self.with_parameters(fit)
     }

@@ -2,14 +2,12 @@
 
 use std::collections::VecDeque;
 
-use super::references::View;
+use super::recognizer::check_control;
+use super::references::Exemplar;
 use super::{Answer, Options, RecognitionError, Recognizer, Track};
-use crate::error::{At, InferenceError, Parameter};
+use crate::error::{At, Parameter};
 use crate::motion::{OffMap, RouteControl, RouteTransition};
-use crate::observation::{
-    Descriptor, Distance, ObservationError, ReferenceDescriptors, view_change,
-};
-use crate::transition::Transition;
+use crate::observation::{Distance, ObservationError, check_descriptor, view_change};
 
 /// Builds the references while the vehicle drives: is this a new place, or one that it has
 /// seen before?
@@ -33,7 +31,7 @@ use crate::transition::Transition;
 ///
 /// ```
 /// use wayfix::observation::Distance;
-/// use wayfix::recognition::{Mapper, Options, Seen};
+/// use wayfix::recognition::{Mapper, Options};
 ///
 /// // A loop of 120 places, driven one time and a half.
 /// let image = |place: usize| -> Vec<f32> {
@@ -42,10 +40,8 @@ use crate::transition::Transition;
 /// let mut mapper = Mapper::new(Distance::Cosine, Options::default())?;
 /// let mut again = 0;
 /// for step in 0..180 {
-///     match mapper.step(&image(step % 120), None)? {
-///         Seen::Again { reference, .. } if reference.abs_diff(step % 120) <= 2 => again += 1,
-///         _ => {}
-///     }
+///     let place = mapper.step(&image(step % 120), None)?.and_then(|seen| seen.place);
+///     again += u32::from(place.is_some_and(|place| place.abs_diff(step % 120) <= 2));
 /// }
 /// assert!(again > 30);
 /// assert!(mapper.references().len() < 150);
@@ -79,23 +75,6 @@ struct Run {
     first: usize,
     last: usize,
     now: usize,
-}
-
-/// Answer of a [`Mapper`].
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Seen {
-    /// A place that was not seen before, or an unchanged view of the last such place.
-    New {
-        /// The last reference, which shows the place.
-        reference: usize,
-    },
-    /// A place that was seen before.
-    Again {
-        /// The reference that shows the place.
-        reference: usize,
-        /// Probability that the vehicle is within the window of that reference.
-        probability: f64,
-    },
 }
 
 /// Number of references added to the model at once.
@@ -176,13 +155,18 @@ impl Mapper {
     }
 
     /// Takes the next descriptor, and the distance driven since the last one, in references, if
-    /// that is known.
+    /// that is known. Returns the answer at a place that was seen before, or `None` at a new one:
+    /// its view is then the last reference, or hardly differs from it.
     ///
     /// # Errors
     ///
     /// [`RecognitionError`] for a descriptor or a reading that is not valid; the mapper is
     /// then as before.
-    pub fn step(&mut self, query: &[f32], odometry: Option<f64>) -> Result<Seen, RecognitionError> {
+    pub fn step(
+        &mut self,
+        query: &[f32],
+        odometry: Option<f64>,
+    ) -> Result<Option<Answer>, RecognitionError> {
         self.check(query, odometry)?;
         self.grow()?;
         let answer = match &mut self.track {
@@ -191,21 +175,20 @@ impl Mapper {
         };
         self.steps += 1;
         self.driven = self.driven.zip(odometry).map(|(driven, reading)| driven + reading.abs());
-        let seen = answer.and_then(|answer| self.seen_again(&answer));
+        let seen = answer.filter(|answer| self.is_believed(answer));
         let is_new = seen.is_none() && self.is_new_view(query);
         if is_new {
             self.references.push(query.to_vec());
             self.added.push(self.steps);
             self.driven = Some(0.0);
         }
-        let reference = self.references.len() - 1;
         if is_new || seen.is_some() {
             if self.recent.len() == RECENT {
                 self.recent.pop_front();
             }
-            self.recent.push_back((query.to_vec(), is_new.then_some(reference)));
+            self.recent.push_back((query.to_vec(), is_new.then(|| self.references.len() - 1)));
         }
-        Ok(seen.unwrap_or(Seen::New { reference }))
+        Ok(seen)
     }
 
     /// Returns a recogniser of the references so far, for later drives.
@@ -217,11 +200,12 @@ impl Mapper {
         Recognizer::from_descriptors(&self.references, self.distance, options)
     }
 
-    /// The place of an answer that is believed.
-    fn seen_again(&mut self, answer: &Answer) -> Option<Seen> {
+    /// True if an answer is that of a place seen before: several before it lead there, and the
+    /// track is sure.
+    fn is_believed(&mut self, answer: &Answer) -> bool {
         let (Some(track), Some(place)) = (&self.track, answer.place) else {
             self.run = None;
-            return None;
+            return false;
         };
         let run = match self.run {
             Some(run) if run.now.abs_diff(place) <= JUMP => {
@@ -232,8 +216,7 @@ impl Mapper {
         self.run = Some(run);
         let around = self.options.window.max(AROUND);
         let near = track.recognizer().mass_near(track.places().as_slice(), place, around);
-        let believed = run.last - run.first >= PASSED && near >= SURE;
-        believed.then_some(Seen::Again { reference: place, probability: answer.probability })
+        run.last - run.first >= PASSED && near >= SURE
     }
 
     /// True if a descriptor differs from that of the last reference.
@@ -256,25 +239,14 @@ impl Mapper {
     fn check(&self, query: &[f32], odometry: Option<f64>) -> Result<(), RecognitionError> {
         let step = self.steps + 1;
         let failed = |cause| RecognitionError::descriptor(step, cause);
-        let of_query = |source| {
-            failed(match source {
-                ObservationError::Element { element, value, .. } => {
-                    ObservationError::Element { which: Descriptor::Query(0), element, value }
-                }
-                ObservationError::Zero { .. } => {
-                    ObservationError::Zero { which: Descriptor::Query(0) }
-                }
-                other => other,
-            })
-        };
         if let Some(first) = self.references.first()
             && first.len() != query.len()
         {
-            let (which, length) = (Descriptor::Query(0), query.len());
-            let expected = first.len();
-            return Err(failed(ObservationError::Length { which, length, expected }));
+            let (which, index) = ("query", 0);
+            let (length, expected) = (query.len(), first.len());
+            return Err(failed(ObservationError::Length { which, index, length, expected }));
         }
-        ReferenceDescriptors::from_rows(&[query], self.distance).map_err(of_query)?;
+        check_descriptor(query, self.distance).map_err(failed)?;
         let squares: f64 = query.iter().map(|x| f64::from(*x).powi(2)).sum();
         // The distance of any two such descriptors then fits 32 bits.
         if self.distance == Distance::Euclidean && squares.sqrt() > LONGEST {
@@ -282,8 +254,7 @@ impl Mapper {
             return Err(Parameter::new(what, value, "at most 1.7e38").into());
         }
         let control = RouteControl { odometry, ..RouteControl::default() };
-        let refused = |cause| InferenceError::control(step, cause);
-        Ok(self.motion.check_control(&control).map_err(refused)?)
+        check_control(&self.motion, step, &control)
     }
 
     /// Adds references to the model once enough of them are old enough.
@@ -305,14 +276,14 @@ impl Mapper {
             })) => return Ok(()),
             Err(error) => return Err(error),
         };
-        let views = self.recent.iter().map(|(descriptor, reference)| View {
+        let views = self.recent.iter().map(|(descriptor, reference)| Exemplar {
             descriptor,
             reference: *reference,
             weight: RECENT_WEIGHT,
         });
         let recognizer = recognizer.after_views(views)?;
         self.track = Some(match &self.track {
-            Some(track) => track.extended(recognizer)?,
+            Some(track) => track.extended(&recognizer)?,
             None => recognizer.track().after(self.steps)?,
         });
         Ok(())

@@ -41,8 +41,7 @@ mod answer;
 mod decode;
 mod error;
 mod examine;
-mod fit_labels;
-mod labels;
+mod fit;
 mod learn;
 mod mapper;
 mod options;
@@ -51,22 +50,22 @@ mod recognizer;
 mod recording;
 mod references;
 mod sensor;
-mod tally;
 mod temperature;
 mod track;
+mod views;
 mod warning;
 
 pub use answer::Answer;
 pub use error::RecognitionError;
-pub use labels::LabelledPart;
-pub use mapper::{Mapper, Seen};
+pub use fit::LabelledPart;
+pub use mapper::Mapper;
 pub use options::Options;
-pub use parameters::{Parameters, TemperatureChoice};
+pub use parameters::Parameters;
 pub use recognizer::Recognizer;
 pub use recording::{PlaceBeliefs, Recording};
 #[cfg(feature = "serde")]
-pub(crate) use sensor::SensorState;
-#[cfg(feature = "serde")]
-pub(crate) use tally::Tally;
+pub(crate) use sensor::Sensor;
 pub use track::{Track, TrackSnapshot};
+#[cfg(feature = "serde")]
+pub(crate) use views::Tally;
 pub use warning::Warning;

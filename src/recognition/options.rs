@@ -86,21 +86,11 @@ const MOST_LOST: f64 = 0.99;
 
 impl Options {
     pub(super) fn check(&self) -> Result<(), RecognitionError> {
-        if !(0.0..=1e6).contains(&self.view_fades) {
-            let (what, expected) = ("view_fades", "from 0 to 1e6");
-            return Err(Parameter::new(what, self.view_fades, expected).into());
-        }
-        let shares = [("lost_odds", self.lost_odds), ("off_map_odds", self.off_map_odds)];
-        for (what, value) in shares {
-            if !(1e-6..=1.0).contains(&value) {
-                let expected = "from 1e-6 to 1";
-                return Err(Parameter::new(what, value, expected).into());
-            }
-        }
-        if !(self.view_threshold >= 0.0 && self.view_threshold.is_finite()) {
-            let (what, expected) = ("view_threshold", "a finite value of at least 0");
-            return Err(Parameter::new(what, self.view_threshold, expected).into());
-        }
+        Parameter::check("view_fades", self.view_fades, 0.0..=1e6, "from 0 to 1e6")?;
+        Parameter::check("lost_odds", self.lost_odds, 1e-6..=1.0, "from 1e-6 to 1")?;
+        Parameter::check("off_map_odds", self.off_map_odds, 1e-6..=1.0, "from 1e-6 to 1")?;
+        let (threshold, expected) = (self.view_threshold, "a finite value of at least 0");
+        Parameter::check("view_threshold", threshold, 0.0..=f64::MAX, expected)?;
         let lost = self.lost.share();
         if self.off_map.is_none() && lost > MOST_LOST {
             let (what, expected) = ("the share of time for which it is lost", "at most 0.99");

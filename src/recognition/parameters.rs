@@ -2,14 +2,16 @@
 
 use super::warning::Warning;
 use super::{Options, RecognitionError};
-use crate::error::{Count, Parameter};
+use crate::error::Count;
+#[cfg(feature = "serde")]
+use crate::error::Parameter;
 use crate::observation::Standardizer;
 
 /// Result of learning: the options of a [`Recognizer`](super::Recognizer), and what was learned
 /// of each reference.
 ///
 /// With the feature `serde` it can be stored, without [doubts](Self::doubts) and
-/// [calibration](Self::temperature_choice), which do not count in comparisons either.
+/// [temperature scores](Self::temperature_scores), which do not count in comparisons either.
 #[derive(Debug, Clone)]
 pub struct Parameters {
     pub(crate) options: Options,
@@ -17,7 +19,7 @@ pub struct Parameters {
     /// Mean and deviation of the best score of a query.
     pub(crate) best_scores: Option<[f64; 2]>,
     pub(super) warnings: Vec<Warning>,
-    pub(super) temperature_choice: Option<TemperatureChoice>,
+    pub(super) temperature_scores: Vec<(f64, f64)>,
 }
 
 impl PartialEq for Parameters {
@@ -35,7 +37,7 @@ impl Parameters {
             standardizer: None,
             best_scores: None,
             warnings: Vec::new(),
-            temperature_choice: None,
+            temperature_scores: Vec::new(),
         }
     }
 
@@ -48,18 +50,11 @@ impl Parameters {
     ) -> Result<Self, RecognitionError> {
         options.check()?;
         if let Some([mean, deviation]) = best_scores {
-            let named = [
-                ("the mean of the best scores", mean, mean.is_finite(), "a finite value"),
-                (
-                    "the deviation of the best scores",
-                    deviation,
-                    deviation.is_finite() && deviation >= 0.0,
-                    "a finite value of at least 0",
-                ),
-            ];
-            if let Some(&(what, value, _, expected)) = named.iter().find(|named| !named.2) {
-                return Err(Parameter::new(what, value, expected).into());
-            }
+            let (what, all) = ("the mean of the best scores", f64::MIN..=f64::MAX);
+            Parameter::check(what, mean, all, "a finite value")?;
+            let (what, expected) =
+                ("the deviation of the best scores", "a finite value of at least 0");
+            Parameter::check(what, deviation, 0.0..=f64::MAX, expected)?;
         }
         Ok(Self { standardizer, best_scores, ..Self::new(options) })
     }
@@ -88,14 +83,13 @@ impl Parameters {
         &self.warnings
     }
 
-    /// The choice of the temperature, if there was one; `None` for a fit read from storage.
+    /// The temperatures that were tried, hottest first, each with its score: the filter's log score
+    /// over labelled steps that the fit had not learned from, in independent steps, and the
+    /// logarithm of the prior. The highest score decides. Empty if there was no choice, and for a
+    /// fit read from storage.
     #[must_use]
-    pub fn temperature_choice(&self) -> Option<&TemperatureChoice> {
-        self.temperature_choice.as_ref()
-    }
-
-    pub(super) fn standardizer(&self) -> Option<&Standardizer> {
-        self.standardizer.as_ref()
+    pub fn temperature_scores(&self) -> &[(f64, f64)] {
+        &self.temperature_scores
     }
 
     /// Checks the options, and drops learned references if their number differs.
@@ -107,16 +101,4 @@ impl Parameters {
         let others = self.standardizer.as_ref().is_some_and(|s| s.references() != references);
         Ok(if others { self.without_references() } else { self })
     }
-}
-
-/// Choice of a temperature.
-#[derive(Debug, Clone, PartialEq)]
-pub struct TemperatureChoice {
-    /// The temperatures that were tried, hottest first.
-    pub temperatures: Vec<f64>,
-    /// For each temperature, the filter's log score, summed over labelled steps that the fit had
-    /// not learned from, in independent steps, and the logarithm of the prior.
-    pub scores: Vec<f64>,
-    /// Index of the chosen temperature.
-    pub chosen: usize,
 }

@@ -3,22 +3,46 @@
 use std::sync::Arc;
 
 use super::parameters::Parameters;
-use super::references::{References, View, ViewScratch};
-use super::sensor::{Seeing, Sensor};
+use super::references::{Exemplar, References, Scratch};
+use super::sensor::Sensor;
 use super::{Options, RecognitionError};
-use crate::error::Count;
+use crate::error::{Count, InferenceError};
 use crate::hmm::{Hmm, Prior};
 use crate::kernels;
 use crate::likelihood::{GroupedLikelihood, LikelihoodVector};
-use crate::motion::RouteTransition;
+use crate::motion::{RouteControl, RouteTransition};
 use crate::observation::Distance;
+use crate::transition::Transition;
 
 /// Number of queries that usual scores learned before a drive count as at most: they come from
 /// other places, or from the same drive again.
 pub(super) const KNOWN_COUNT: f64 = 10.0;
 
 /// The hidden Markov model: motion along a route, and likelihoods of its places.
-pub(super) type Model = Hmm<RouteTransition, GroupedLikelihood<LikelihoodVector<Vec<f64>>>>;
+pub(super) type Model = Hmm<RouteTransition, GroupedLikelihood<LikelihoodVector>>;
+
+/// Creates a model of a vehicle that may be anywhere at first, with a sensor of the places and of
+/// off the map.
+pub(super) fn model(
+    motion: RouteTransition,
+    sensor: LikelihoodVector,
+) -> Result<Model, RecognitionError> {
+    let groups = motion.place_groups();
+    let (found, expected) = (groups.count(), sensor.states);
+    let wrong = |_| RecognitionError::Count(Count { what: "groups of states", found, expected });
+    let prior = Prior::AtFirstObservation(motion.anywhere());
+    let camera = GroupedLikelihood::new(sensor, groups).map_err(wrong)?;
+    Hmm::new(prior, motion, camera).map_err(wrong)
+}
+
+/// Checks the control of a step, from 1.
+pub(super) fn check_control(
+    motion: &RouteTransition,
+    step: usize,
+    control: &RouteControl,
+) -> Result<(), RecognitionError> {
+    Ok(motion.check_control(control).map_err(|cause| InferenceError::control(step, cause))?)
+}
 
 /// Recognises places along a route by images of an earlier pass.
 ///
@@ -49,10 +73,11 @@ pub(super) type Model = Hmm<RouteTransition, GroupedLikelihood<LikelihoodVector<
 /// ```
 #[derive(Debug, Clone)]
 pub struct Recognizer {
-    references: Arc<References>,
-    fit: Parameters,
-    sensor: Sensor,
-    model: Arc<Model>,
+    pub(super) references: Arc<References>,
+    parameters: Parameters,
+    /// The sensor before the first query.
+    pub(super) sensor: Sensor,
+    pub(super) model: Arc<Model>,
 }
 
 impl Recognizer {
@@ -83,7 +108,8 @@ impl Recognizer {
         distance: Distance,
         options: Options,
     ) -> Result<Self, RecognitionError> {
-        Self::build(References::from_traverses(traverses, distance)?, Parameters::new(options))
+        let references = References::from_traverses(traverses, distance)?;
+        Self::make(Arc::new(references), Parameters::new(options))
     }
 
     /// Creates a recogniser for queries that are rows of distances to so many references, smaller
@@ -93,7 +119,7 @@ impl Recognizer {
     ///
     /// [`RecognitionError`] for no references or options that are not valid.
     pub fn from_distances(references: usize, options: Options) -> Result<Self, RecognitionError> {
-        Self::build(References::Compared(references), Parameters::new(options))
+        Self::make(Arc::new(References::Compared(references)), Parameters::new(options))
     }
 
     /// Returns a recogniser of the same references with another fit, such as a stored one.
@@ -106,43 +132,26 @@ impl Recognizer {
         Self::make(Arc::clone(&self.references), fit)
     }
 
-    fn build(references: References, fit: Parameters) -> Result<Self, RecognitionError> {
-        Self::make(Arc::new(references), fit)
-    }
-
     fn make(references: Arc<References>, fit: Parameters) -> Result<Self, RecognitionError> {
-        let fit = fit.checked(references.count())?;
-        let options = &fit.options;
-        let n = references.count();
-        let motion = options.motion(n)?;
-        let groups = motion.place_groups();
-        let prior = Prior::AtFirstObservation(motion.anywhere());
-        let wrong = |_| {
-            RecognitionError::Count(Count {
-                what: "groups of states",
-                found: groups.count(),
-                expected: n,
-            })
-        };
-        let sensor = LikelihoodVector::linear(groups.count()).owned();
-        let camera = GroupedLikelihood::new(sensor, groups.clone()).map_err(wrong)?;
-        let model = Arc::new(Hmm::new(prior, motion, camera).map_err(wrong)?);
-        let invalid = |cause| RecognitionError::query(0, cause);
-        let standardizer = match fit.standardizer() {
+        let parameters = fit.checked(references.count())?;
+        let motion = parameters.options.motion(references.count())?;
+        let sensor = LikelihoodVector::linear(references.count() + 1);
+        let model = Arc::new(model(motion, sensor)?);
+        let standardizer = match &parameters.standardizer {
             Some(known) => known.clone(),
-            None => references.standardizer().map_err(invalid)?,
+            None => references.standardizer().map_err(|cause| RecognitionError::query(0, cause))?,
         };
         let sensor = Sensor::new(standardizer.discounted(KNOWN_COUNT));
-        Ok(Self { references, fit, sensor, model })
+        Ok(Self { references, parameters, sensor, model })
     }
 
-    /// Learns usual scores from views of the time, beside those learned from references alone.
+    /// Learns usual scores from recent views, beside those learned from references alone.
     pub(super) fn after_views<'a>(
         mut self,
-        views: impl Iterator<Item = View<'a>>,
+        views: impl Iterator<Item = Exemplar<'a>>,
     ) -> Result<Self, RecognitionError> {
-        let mut standardizer = self.sensor.standardizer().clone();
-        let mut scratch = ViewScratch::default();
+        let mut standardizer = self.sensor.standardizer;
+        let mut scratch = Scratch::default();
         for view in views {
             let invalid = |cause| RecognitionError::query(0, cause);
             self.references.observe(view, &mut standardizer, &mut scratch).map_err(invalid)?;
@@ -160,13 +169,13 @@ impl Recognizer {
     /// The options, as given or learned.
     #[must_use]
     pub fn options(&self) -> &Options {
-        &self.fit.options
+        &self.parameters.options
     }
 
     /// The result of learning, or the given options if nothing was learned.
     #[must_use]
     pub fn parameters(&self) -> &Parameters {
-        &self.fit
+        &self.parameters
     }
 
     /// The model of motion.
@@ -175,23 +184,10 @@ impl Recognizer {
         self.model.transition()
     }
 
-    pub(super) fn model(&self) -> &Arc<Model> {
-        &self.model
-    }
-
-    pub(super) fn shared_references(&self) -> &References {
-        &self.references
-    }
-
     /// Length of a belief over places: one entry for each, and one for off the map if that is
     /// modelled.
     pub(super) fn places(&self) -> usize {
         self.references() + usize::from(self.options().off_map.is_some())
-    }
-
-    /// Number of likelihoods of a step: one for each place, and one for off the map or lost.
-    pub(super) fn likelihoods(&self) -> usize {
-        self.references() + 1
     }
 
     /// Marginalises a belief over states to one over places.
@@ -211,14 +207,5 @@ impl Recognizer {
                 places.fill(1.0 / places.len() as f64);
             }
         }
-    }
-
-    pub(super) fn seeing(&self) -> Seeing<'_> {
-        Seeing { options: self.options(), references: &self.references, motion: self.motion() }
-    }
-
-    /// Initial state of the sensor, by the fit.
-    pub(super) fn sensor_of_fit(&self) -> Sensor {
-        self.sensor.clone()
     }
 }

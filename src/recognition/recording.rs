@@ -4,7 +4,9 @@ use std::f64::consts::LN_2;
 use std::ops::RangeInclusive;
 
 use super::answer::at_most_one;
-use super::tally::Doubts;
+use super::recognizer::check_control;
+use super::sensor::Scratch;
+use super::views::Doubts;
 use super::warning::Warning;
 use super::{Answer, RecognitionError, Recognizer};
 use crate::belief::{Belief, BeliefView};
@@ -12,7 +14,7 @@ use crate::error::Count;
 use crate::inference::Order;
 use crate::motion::RouteControl;
 use crate::observation::Standardizer;
-use crate::sequence::Sequence;
+use crate::sequence::Controlled;
 
 /// A drive compared with the references, to be filtered, smoothed or decoded.
 ///
@@ -21,15 +23,16 @@ use crate::sequence::Sequence;
 /// the filter had.
 #[derive(Debug, Clone)]
 pub struct Recording {
-    recognizer: Recognizer,
+    pub(super) recognizer: Recognizer,
     pub(super) controls: Vec<RouteControl>,
     pub(super) likelihoods: Vec<Vec<f64>>,
     /// log2 of the odds of each place by each single frame.
-    alone: Vec<Vec<f32>>,
-    best_scores: Vec<f64>,
-    standardizer: Standardizer,
+    single_odds: Vec<Vec<f32>>,
+    pub(super) best_scores: Vec<f64>,
+    /// Usual scores at the end of the recording.
+    pub(super) standardizer: Standardizer,
     /// Reasons to doubt the views and readings.
-    doubts: Vec<Warning>,
+    pub(super) own_doubts: Vec<Warning>,
 }
 
 /// Beliefs over places, one for each step of a recording.
@@ -54,40 +57,39 @@ impl Recognizer {
         queries: &[Q],
         odometry: &[Option<f64>],
     ) -> Result<Recording, RecognitionError> {
-        Recording::new(self, queries, odometry)
-    }
-}
-
-impl Recording {
-    pub(super) fn new<Q: AsRef<[f32]>>(
-        recognizer: &Recognizer,
-        queries: &[Q],
-        odometry: &[Option<f64>],
-    ) -> Result<Self, RecognitionError> {
         if !(odometry.is_empty() || odometry.len() == queries.len()) {
             let (found, expected) = (odometry.len(), queries.len());
             return Err(Count { what: "odometry readings", found, expected }.into());
         }
-        let mut sensor = recognizer.sensor_of_fit();
+        let (mut sensor, mut scratch) = (self.sensor.clone(), Scratch::default());
+        scratch.single_odds = vec![0.0; self.references()];
         let (mut controls, mut likelihoods) = (Vec::new(), Vec::new());
-        let (mut best_scores, mut alone) = (Vec::new(), Vec::new());
+        let (mut best_scores, mut single_odds) = (Vec::new(), Vec::new());
         let mut doubts = Doubts::default();
-        sensor.keep_alone();
         for (at, query) in queries.iter().enumerate() {
-            let mut row = vec![0.0; recognizer.likelihoods()];
-            let reading = odometry.get(at).copied().flatten();
-            let (seeing, query) = (recognizer.seeing(), query.as_ref());
-            controls.push(sensor.sense(seeing, at + 1, query, reading, &mut row)?);
-            doubts.take(sensor.tally());
-            likelihoods.push(row);
-            best_scores.push(sensor.best());
-            alone.push(sensor.alone().to_vec());
+            let (step, reading) = (at + 1, odometry.get(at).copied().flatten());
+            let sighting = sensor.observe(self, step, query.as_ref(), reading, &mut scratch)?;
+            check_control(self.motion(), step, &sighting.control)?;
+            sensor.learn(self, &sighting, &mut scratch);
+            doubts.take(&sensor.tally);
+            controls.push(sighting.control);
+            best_scores.push(scratch.best_score());
+            likelihoods.push(std::mem::take(&mut scratch.likelihoods));
+            single_odds.push(scratch.single_odds.clone());
         }
-        let (recognizer, standardizer) = (recognizer.clone(), sensor.standardizer().clone());
-        let doubts = doubts.into_warnings();
-        Ok(Self { recognizer, controls, likelihoods, alone, best_scores, standardizer, doubts })
+        Ok(Recording {
+            recognizer: self.clone(),
+            controls,
+            likelihoods,
+            single_odds,
+            best_scores,
+            standardizer: sensor.standardizer,
+            own_doubts: doubts.into_warnings(),
+        })
     }
+}
 
+impl Recording {
     /// The number of steps.
     #[must_use]
     pub fn steps(&self) -> usize {
@@ -100,7 +102,7 @@ impl Recording {
     ///
     /// [`RecognitionError::Inference`] with the step that is impossible.
     pub fn filtered(&self) -> Result<PlaceBeliefs, RecognitionError> {
-        let mut filter = self.recognizer.model().filter();
+        let mut filter = self.recognizer.model.filter();
         let mut beliefs = PlaceBeliefs::new(&self.recognizer, self.steps());
         for (at, (control, likelihoods)) in self.controls.iter().zip(&self.likelihoods).enumerate()
         {
@@ -118,7 +120,8 @@ impl Recording {
     /// [`RecognitionError::Inference`] with the step that is impossible.
     pub fn smoothed(&self) -> Result<PlaceBeliefs, RecognitionError> {
         let mut beliefs = PlaceBeliefs::new(&self.recognizer, self.steps());
-        self.recognizer.model().smooth_each(self, Order::Backward, |step| {
+        let steps = Controlled::new(&self.controls, &self.likelihoods)?;
+        self.recognizer.model.smooth_each(&steps, Order::Backward, |step| {
             if let Some(at) = step.step().checked_sub(1) {
                 beliefs.set(at, step.smoothed(), 0.0);
             }
@@ -136,7 +139,7 @@ impl Recording {
         let count = self.steps();
         let mut all = vec![PlaceBeliefs::new(&self.recognizer, count); lags.len()];
         let longest = lags.iter().copied().max().unwrap_or(0).min(count.saturating_sub(1));
-        let mut stream = self.recognizer.model().fixed_lag(longest);
+        let mut stream = self.recognizer.model.fixed_lag(longest);
         let mut logs = Vec::with_capacity(count);
         for (now, (control, likelihoods)) in self.controls.iter().zip(&self.likelihoods).enumerate()
         {
@@ -167,9 +170,9 @@ impl Recording {
         let temperature = self.recognizer.options().odds.temperature();
         let off = self.recognizer.options().off_map.map_or(0.0, |off_map| off_map.share());
         let n = self.recognizer.references();
-        for (at, alone) in self.alone.iter().enumerate() {
+        for (at, odds) in self.single_odds.iter().enumerate() {
             let prior = |i: usize| if i < n { (1.0 - off) / n as f64 } else { off };
-            let log2 = alone.iter().map(|log2| f64::from(*log2) * temperature);
+            let log2 = odds.iter().map(|log2| f64::from(*log2) * temperature);
             // Off the map, the odds are 1.
             let most = log2.clone().fold(if off > 0.0 { 0.0 } else { f64::NEG_INFINITY }, f64::max);
             let own = beliefs.row_mut(at);
@@ -186,42 +189,6 @@ impl Recording {
             beliefs.log_likelihoods[at] = sum.ln() + most * LN_2;
         }
         beliefs
-    }
-
-    /// Reading of odometry at a step, from 0.
-    pub(super) fn odometry(&self, at: usize) -> Option<f64> {
-        self.controls[at].odometry
-    }
-
-    /// Usual scores at the end of the recording.
-    pub(super) fn standardizer(&self) -> &Standardizer {
-        &self.standardizer
-    }
-
-    pub(super) fn own_doubts(&self) -> &[Warning] {
-        &self.doubts
-    }
-
-    pub(super) fn best_scores(&self) -> &[f64] {
-        &self.best_scores
-    }
-
-    pub(super) fn recognizer(&self) -> &Recognizer {
-        &self.recognizer
-    }
-}
-
-impl Sequence<RouteControl, Vec<f64>> for Recording {
-    fn steps(&self) -> usize {
-        self.controls.len()
-    }
-
-    fn control(&self, step: usize) -> &RouteControl {
-        &self.controls[step - 1]
-    }
-
-    fn observation(&self, step: usize) -> &Vec<f64> {
-        &self.likelihoods[step - 1]
     }
 }
 

@@ -1,8 +1,8 @@
 //! References, and their comparison with queries.
 
-use super::RecognitionError;
 use std::ops::Range;
 
+use super::RecognitionError;
 use crate::error::Count;
 use crate::observation::{
     Distance, ObservationError, ReferenceDescriptors, RowScratch, Standardizer, row_scores,
@@ -11,14 +11,14 @@ use crate::observation::{
 /// Number of evenly spaced references that are compared with all, to learn the usual scores of
 /// each.
 const SAMPLE: usize = 64;
-/// Distance along the route within which references look alike because they are near, at least,
-/// and the score above which they no longer do.
+/// Least distance along the route within which references count as looking alike because they are
+/// near, and the score from which on farther ones no longer do.
 const NEAR: usize = 10;
 const UNLIKE: f32 = -1.0;
 
 /// A view from which the usual scores of references are learned.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct View<'a> {
+pub(super) struct Exemplar<'a> {
     pub(super) descriptor: &'a [f32],
     /// The reference that shows the same view, if one does: those around it say nothing of usual
     /// scores.
@@ -29,7 +29,7 @@ pub(super) struct View<'a> {
 
 /// Scratch memory for [`References::observe`].
 #[derive(Debug, Default)]
-pub(super) struct ViewScratch {
+pub(super) struct Scratch {
     row: Vec<f32>,
     more: Vec<f32>,
     scores: Vec<f32>,
@@ -94,10 +94,10 @@ impl References {
         let mut standardizer = Standardizer::new(count)?;
         let Self::Descriptors(traverses) = self else { return Ok(standardizer) };
         let sample = SAMPLE.min(count);
-        let mut scratch = ViewScratch::default();
+        let mut scratch = Scratch::default();
         for at in (0..sample).map(|at| at * count / sample) {
             let Some(descriptor) = traverses[0].descriptor(at) else { continue };
-            let view = View { descriptor: &descriptor, reference: Some(at), weight: 1.0 };
+            let view = Exemplar { descriptor: &descriptor, reference: Some(at), weight: 1.0 };
             self.observe(view, &mut standardizer, &mut scratch)?;
         }
         Ok(standardizer)
@@ -106,11 +106,11 @@ impl References {
     /// Learns the usual scores of each reference from a view.
     pub(super) fn observe(
         &self,
-        view: View<'_>,
+        view: Exemplar<'_>,
         standardizer: &mut Standardizer,
-        scratch: &mut ViewScratch,
+        scratch: &mut Scratch,
     ) -> Result<(), ObservationError> {
-        let ViewScratch { row, more, scores, rows } = scratch;
+        let Scratch { row, more, scores, rows } = scratch;
         if self.distances(0, view.descriptor, row, more).is_err() {
             return Ok(());
         }

@@ -1,7 +1,7 @@
 //! Choice of the temperature by the filter's log score on steps that were not learned from.
 
-use super::labels::LabelledPart;
-use super::parameters::TemperatureChoice;
+use super::fit::LabelledPart;
+use super::parameters::Parameters;
 use super::warning::Warning;
 use super::{Options, RecognitionError, Recognizer};
 
@@ -25,17 +25,17 @@ const MOST: f64 = 0.6;
 const BESIDE: usize = 1;
 
 impl Recognizer {
-    /// Chooses the temperature with the highest summed log score and prior: each half of the
-    /// labelled part is scored with what was learned from the other one. `self` is the recogniser
-    /// before learning; `before` are the options learned from all.
+    /// Chooses the temperature with the highest summed log score and prior, for what was learned
+    /// from all labels: each half of the labelled part is scored with what was learned from the
+    /// other one. `self` is the recogniser before learning.
     ///
     /// A sum is decided by the steps at which temperatures differ; easy ones score alike at all of
     /// them, and one that is lost at all of them is bounded.
     pub(super) fn fit_temperature<Q: AsRef<[f32]>>(
         &self,
-        before: Options,
+        mut fit: Parameters,
         parts: &[LabelledPart<'_, Q>],
-    ) -> Result<(Options, Option<TemperatureChoice>, Vec<Warning>), RecognitionError> {
+    ) -> Result<Parameters, RecognitionError> {
         let mut halves: [Vec<LabelledPart<'_, Q>>; 2] = [Vec::new(), Vec::new()];
         for part in parts {
             let middle = part.queries.len() / 2;
@@ -48,15 +48,15 @@ impl Recognizer {
             steps.sum::<usize>() >= HALF && self.check_labels(half).is_ok()
         };
         if !halves.iter().all(long) {
-            return Ok((before, None, Vec::new()));
+            return Ok(fit);
         }
         let mut options = Vec::new();
         for factor in FACTORS {
-            let temperature = before.odds.temperature() * factor;
-            let Ok(odds) = before.odds.with_temperature(temperature) else {
-                return Ok((before, None, Vec::new()));
+            let temperature = fit.options.odds.temperature() * factor;
+            let Ok(odds) = fit.options.odds.with_temperature(temperature) else {
+                return Ok(fit);
             };
-            options.push(Options { odds, ..before.clone() });
+            options.push(Options { odds, ..fit.options.clone() });
         }
         let learned = [self.fit_at_temperature(&halves[1])?, self.fit_at_temperature(&halves[0])?];
         let (mut scores, mut shares) = (Vec::new(), Vec::new());
@@ -66,8 +66,8 @@ impl Recognizer {
             for (learned, half) in learned.iter().zip(&halves) {
                 let own = learned.options().clone();
                 let options = Options { odds: options.odds, ..own };
-                let fit = learned.parameters().clone().with_options(options);
-                for mass in learned.with_parameters(fit)?.label_masses(half)? {
+                let tried = learned.parameters().clone().with_options(options);
+                for mass in learned.with_parameters(tried)?.label_masses(half)? {
                     score += mass.max(LEAST).ln() / TOGETHER;
                     steps += 1;
                     unlikely += u32::from(mass < UNLIKELY);
@@ -84,9 +84,10 @@ impl Recognizer {
         let edge = at_edge.then(|| Warning::Edge { temperature: temperatures[chosen] });
         let share = shares[chosen];
         let contradicted = (share > MOST).then_some(Warning::Contradicted { share });
-        let warnings = contradicted.into_iter().chain(edge).collect();
-        let temperature_choice = TemperatureChoice { temperatures, scores, chosen };
-        Ok((options.swap_remove(chosen), Some(temperature_choice), warnings))
+        fit.warnings.extend(contradicted.into_iter().chain(edge));
+        fit.temperature_scores = temperatures.into_iter().zip(scores).collect();
+        fit.options = options.swap_remove(chosen);
+        Ok(fit)
     }
 
     /// The probabilities that the filter gives to labels, without the first steps of each part.

@@ -2,15 +2,15 @@
 
 use std::sync::Arc;
 
-use super::recognizer::Model;
-use super::sensor::{Sensor, SensorState};
+use super::recognizer::{Model, check_control};
+use super::sensor::{Scratch, Sensor};
 use super::warning::Warning;
 use super::{Answer, RecognitionError, Recognizer};
 use crate::belief::{Belief, BeliefView};
 use crate::error::{Count, InferenceError, Parameter};
 use crate::inference::{Filter, FilterSnapshot, MOST_STEPS};
 use crate::kernels::Aligned;
-use crate::transition::Transition;
+use crate::motion::RouteControl;
 
 /// A vehicle tracked step by step.
 ///
@@ -21,7 +21,7 @@ pub struct Track {
     recognizer: Recognizer,
     filter: Filter<Arc<Model>>,
     sensor: Sensor,
-    likelihoods: Vec<f64>,
+    scratch: Scratch,
     places: Vec<f64>,
 }
 
@@ -30,14 +30,22 @@ pub struct Track {
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrackSnapshot {
     pub(crate) filter: FilterSnapshot,
-    pub(crate) sensor: SensorState,
+    pub(crate) sensor: Sensor,
 }
 
 impl Recognizer {
     /// Starts to track a vehicle, which may be anywhere at first.
     #[must_use]
     pub fn track(&self) -> Track {
-        Track::new(self.clone())
+        let mut track = Track {
+            filter: Filter::new(Arc::clone(&self.model)),
+            sensor: self.sensor.clone(),
+            scratch: Scratch::default(),
+            places: vec![0.0; self.places()],
+            recognizer: self.clone(),
+        };
+        track.add_up();
+        track
     }
 }
 
@@ -56,20 +64,6 @@ impl TrackSnapshot {
 }
 
 impl Track {
-    pub(super) fn new(recognizer: Recognizer) -> Self {
-        let filter = Filter::new(Arc::clone(recognizer.model()));
-        let sensor = recognizer.sensor_of_fit();
-        let mut track = Self {
-            filter,
-            sensor,
-            likelihoods: vec![1.0; recognizer.likelihoods()],
-            places: vec![0.0; recognizer.places()],
-            recognizer,
-        };
-        track.add_up();
-        track
-    }
-
     /// Takes the next query, a descriptor or a row of distances as the recogniser was made for,
     /// and the distance driven by odometry since the last one, in references, if that is known.
     /// For a lost frame, call [`predict`](Self::predict).
@@ -86,13 +80,11 @@ impl Track {
         query: &[f32],
         odometry: Option<f64>,
     ) -> Result<Answer, RecognitionError> {
-        let step = self.next_step()?;
-        let Self { recognizer, filter, sensor, likelihoods, .. } = self;
-        // The sensor has learned, but no error can follow: being lost or off the map explains any
-        // query, and the step count and the reading have been checked.
-        let control = sensor.sense(recognizer.seeing(), step, query, odometry, likelihoods)?;
-        let log_likelihood = filter.step_with(&control, likelihoods)?;
-        self.add_up();
+        let Self { recognizer, sensor, scratch, .. } = self;
+        let step = self.filter.steps().saturating_add(1);
+        let sighting = sensor.observe(recognizer, step, query, odometry, scratch)?;
+        let log_likelihood = self.advance(&sighting.control)?;
+        self.sensor.learn(&self.recognizer, &sighting, &mut self.scratch);
         Ok(self.recognizer.answer(&self.places, log_likelihood))
     }
 
@@ -104,25 +96,24 @@ impl Track {
     ///
     /// [`RecognitionError`] if the reading is not valid; the track is then as before.
     pub fn predict(&mut self, odometry: Option<f64>) -> Result<Answer, RecognitionError> {
-        let step = self.next_step()?;
-        let Self { recognizer, filter, sensor, likelihoods, .. } = self;
-        let control = sensor.moved(odometry);
-        let refused = |cause| InferenceError::control(step, cause);
-        recognizer.motion().check_control(&control).map_err(refused)?;
-        likelihoods.fill(1.0);
-        let log_likelihood = filter.step_with(&control, likelihoods)?;
-        sensor.miss(recognizer.seeing(), &control);
-        self.add_up();
+        let control = self.sensor.control(odometry);
+        self.scratch.likelihoods.resize(self.recognizer.references() + 1, 1.0);
+        self.scratch.likelihoods.fill(1.0);
+        let log_likelihood = self.advance(&control)?;
+        self.sensor.skip(&self.recognizer, &control);
         Ok(self.recognizer.answer(&self.places, log_likelihood))
     }
 
-    fn next_step(&self) -> Result<usize, RecognitionError> {
-        let steps = self.filter.steps();
-        if steps < MOST_STEPS {
-            Ok(steps + 1)
-        } else {
-            Err(InferenceError::TooMany { steps }.into())
+    /// Takes a step of the filter with the likelihoods in the scratch memory.
+    fn advance(&mut self, control: &RouteControl) -> Result<f64, RecognitionError> {
+        // The filter checks all controls but the first, since no move leads to the first step; the
+        // sensor keeps its reading.
+        if self.filter.steps() == 0 {
+            check_control(self.recognizer.motion(), 1, control)?;
         }
+        let log_likelihood = self.filter.step_with(control, &self.scratch.likelihoods)?;
+        self.add_up();
+        Ok(log_likelihood)
     }
 
     /// The belief over places, with a last entry for off the map if that is modelled.
@@ -157,13 +148,13 @@ impl Track {
     /// Cheap enough for each step.
     #[must_use]
     pub fn doubts(&self) -> Vec<Warning> {
-        self.sensor.tally().doubts()
+        self.sensor.tally.doubts()
     }
 
     /// Returns the state of the track. O(n k).
     #[must_use]
     pub fn snapshot(&self) -> TrackSnapshot {
-        TrackSnapshot { filter: self.filter.snapshot(), sensor: self.sensor.state().clone() }
+        TrackSnapshot { filter: self.filter.snapshot(), sensor: self.sensor.clone() }
     }
 
     /// Restores a state, from a track of this recogniser or one with an equal fit: the next
@@ -189,7 +180,7 @@ impl Track {
         }
         self.check_belief(filter)?;
         self.filter.restore(filter)?;
-        self.sensor.set_state(sensor.clone());
+        self.sensor.clone_from(sensor);
         self.add_up();
         Ok(())
     }
@@ -209,7 +200,7 @@ impl Track {
     }
 
     /// Extends the track to more references, the first of which are the present ones.
-    pub(super) fn extended(&self, recognizer: Recognizer) -> Result<Self, RecognitionError> {
+    pub(super) fn extended(&self, recognizer: &Recognizer) -> Result<Self, RecognitionError> {
         let (before, after) = (self.recognizer.references(), recognizer.references());
         let extended = |values: &[f64], nothing: f64| -> Vec<f64> {
             let new = std::iter::repeat_n(nothing, after - before);
@@ -220,9 +211,9 @@ impl Track {
         filter.belief = Aligned::from(extended(&filter.belief, 0.0));
         // Without logarithms, an empty list stays one.
         filter.logs = extended(&filter.logs, f64::NEG_INFINITY);
-        let sensor = self.sensor.extended(recognizer.sensor_of_fit());
-        let mut track = Self::new(recognizer);
-        track.restore(&TrackSnapshot { filter, sensor: sensor.state().clone() })?;
+        let sensor = self.sensor.extended(&recognizer.sensor);
+        let mut track = recognizer.track();
+        track.restore(&TrackSnapshot { filter, sensor })?;
         Ok(track)
     }
 
@@ -266,21 +257,21 @@ mod tests {
         for image in &images[10..30] {
             track.step(image, Some(1.0)).unwrap();
         }
-        let mut more = track.extended(of(80).unwrap()).unwrap();
+        let mut more = track.extended(&of(80).unwrap()).unwrap();
         assert_eq!((more.steps(), more.log_likelihood()), (27, track.log_likelihood()));
         let places = more.places().as_slice().iter().zip(track.places().as_slice());
         assert!(places.map(|(a, b)| (a - b).abs()).all(|apart| apart < 1e-12));
-        let (before, after) = (track.sensor.state(), more.sensor.state());
+        let (before, after) = (&track.sensor, &more.sensor);
         assert_eq!(before.run, after.run);
         assert_eq!(before.tally, after.tally);
-        let view = |state: &SensorState| state.last_view.clone().unwrap();
+        let view = |sensor: &Sensor| sensor.last_view.clone().unwrap();
         assert_eq!(view(before)[..], view(after)[..60]);
         assert_eq!(after.standardizer.references(), 80);
         // A repeated view is not new.
         let last = view(after);
         let answer = more.step(&images[29], Some(0.0)).unwrap();
         assert!(answer.place.is_some_and(|place| place.abs_diff(29) <= 1));
-        assert_eq!(view(more.sensor.state()), last);
+        assert_eq!(view(&more.sensor), last);
         let error = more.step(&[f32::NAN; 16], None).unwrap_err().to_string();
         assert!(error.starts_with("the descriptor of the query of step 29 "), "{error}");
     }

@@ -1,7 +1,5 @@
 //! Reasons to doubt a fit.
 
-use std::fmt;
-
 /// Number of labelled steps below which they are few.
 pub(super) const ENOUGH: usize = 30;
 /// Number of new frames whose mean log-likelihood shows that they match nothing. On a railway in
@@ -10,12 +8,13 @@ pub(super) const ENOUGH: usize = 30;
 pub(super) const SPAN: usize = 200;
 
 /// A reason to doubt a fit, or that it suits a recording.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Warning {
     /// The right reference is hardly nearer to a labelled query than others: perhaps the
     /// matrix is transposed, similarities were taken for distances, or labels are of other
     /// steps.
+    #[error("{:.0}% of references are nearer to a labelled query than a right one is, and 50% would be by chance: is the matrix transposed, are similarities and distances mixed up, or labels of other steps?", 100.0 * .rank)]
     Chance {
         /// Mean share of the other references that are nearer than a right one, ties counted
         /// half; 0.5 by chance.
@@ -23,21 +22,27 @@ pub enum Warning {
     },
     /// The filter, with what it learned from one half of the labels, is sure of other places in most
     /// steps of the other half: perhaps labels are shifted by some steps or places.
+    #[error("the filter gives less than 0.1 to {:.0}% of the labels that it was not fitted to: are labels shifted by some steps or places?", 100.0 * .share)]
     Contradicted {
         /// Share of labelled steps whose places have a probability below 0.1.
         share: f64,
     },
     /// Few steps are labelled.
+    #[error("{steps} steps are labelled, and {} or more tell how it drives", ENOUGH)]
     Short {
         /// Number of labelled steps.
         steps: usize,
     },
     /// The best temperature is the hottest or the coldest of those tried.
+    #[error("the best temperature, {temperature}, is the last of those that were tried")]
     Edge {
         /// The best temperature.
         temperature: f64,
     },
     /// Odometry disagrees with the labels: perhaps it is not in references, or of other steps.
+    #[error(
+        "odometry reads {scale:.3} for each reference driven, give or take {deviation:.2}: is it in references, and of the same steps?"
+    )]
     Odometry {
         /// The learned scale, 1 if readings are in references.
         scale: f64,
@@ -46,12 +51,18 @@ pub enum Warning {
     },
     /// Steps labelled as off the map were not learned from, since the options do not model it:
     /// set [`Options::off_map`](super::Options::off_map).
+    #[error(
+        "{steps} labelled steps are off the map and were not learned from: Options::off_map is None"
+    )]
     OffMap {
         /// Number of steps labelled as off the map.
         steps: usize,
     },
     /// The best scores of a recording differ from those of the labelled part, on average by more than
     /// 1.8 of their deviations there: another camera or season, or much of the drive is off the map.
+    #[error(
+        "the best match of a query scores {recording:.2} on average, and {labelled:.2} in the labelled part: they are unlike"
+    )]
     Unlike {
         /// The mean best score of the labelled part.
         labelled: f64,
@@ -61,6 +72,7 @@ pub enum Warning {
     /// Most recent views hardly differ from the last new one, but their nearest references do: the
     /// vehicle moves, and its images carry no evidence. Perhaps the threshold for changes of the
     /// view is wrong for these images, or a few references outweigh all others.
+    #[error("{:.0}% of recent views are hardly changed though other references are nearest: they carry no evidence; is Options::view_threshold right for these images, or are a few references broken?{}", 100.0 * .unchanged, also_repeated(*.repeated))]
     Unchanged {
         /// Share of recent views that are unchanged, or not clearly changed, without being equal.
         unchanged: f64,
@@ -70,6 +82,7 @@ pub enum Warning {
     },
     /// On the labelled part the nearest image is right far more often than the best score: usual
     /// scores of references are wrong for these images.
+    #[error("the nearest image is right for {:.0}% of labelled queries, and the best score for {:.0}%: Options::standardize does harm", 100.0 * .nearest, 100.0 * .single)]
     Nearest {
         /// Share of labelled queries whose nearest image is right.
         nearest: f64,
@@ -79,6 +92,9 @@ pub enum Warning {
     /// Odometry reads the same again and again, and the images contradict it: the views change and
     /// it reads that the vehicle stands, or the vehicle moves otherwise. Perhaps odometry is stuck:
     /// give `None`.
+    #[error(
+        "odometry reads {reading} in {steps} steps in a row, and the images contradict it: is it stuck?"
+    )]
     Stuck {
         /// The reading, in references.
         reading: f64,
@@ -87,6 +103,9 @@ pub enum Warning {
     },
     /// The views do not change for long, and odometry reads that the vehicle moves. Perhaps the
     /// camera is stuck, wheels spin, or it is a tunnel.
+    #[error(
+        "the view has not changed for {steps} steps, and odometry reads {driven:.1} references meanwhile: is it a tunnel, or is the camera stuck, or the odometry?"
+    )]
     Still {
         /// The number of views without a change.
         steps: u32,
@@ -95,6 +114,9 @@ pub enum Warning {
     },
     /// For 200 new frames, or all of fewer, the best explanation is that the vehicle is lost: the images match
     /// nothing, or only here and there. Perhaps it is on another route, or leaves this one.
+    #[error(
+        "the {frames} new images until step {step} match nothing: their mean log-likelihood is {mean:.2}; is it this route, and is Options::off_map None on purpose?"
+    )]
     Nothing {
         /// The mean log-likelihood of the worst such frames, given those before; 0 if they say
         /// nothing, and more if they match.
@@ -106,79 +128,12 @@ pub enum Warning {
     },
 }
 
-impl fmt::Display for Warning {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Chance { rank } => write!(
-                f,
-                "{:.0}% of references are nearer to a labelled query than a right one is, and \
-                 50% would be by chance: is the matrix transposed, are similarities and distances \
-                 mixed up, or labels of other steps?",
-                100.0 * rank
-            ),
-            Self::Contradicted { share } => write!(
-                f,
-                "the filter gives less than 0.1 to {:.0}% of the labels that it was not fitted to: \
-                 are labels shifted by some steps or places?",
-                100.0 * share
-            ),
-            Self::Short { steps } => {
-                write!(f, "{steps} steps are labelled, and {ENOUGH} or more tell how it drives")
-            }
-            Self::Edge { temperature } => write!(
-                f,
-                "the best temperature, {temperature}, is the last of those that were tried"
-            ),
-            Self::Odometry { scale, deviation } => write!(
-                f,
-                "odometry reads {scale:.3} for each reference driven, give or take \
-                 {deviation:.2}: is it in references, and of the same steps?"
-            ),
-            Self::OffMap { steps } => write!(
-                f,
-                "{steps} labelled steps are off the map and were not learned from: \
-                 Options::off_map is None"
-            ),
-            Self::Unlike { labelled, recording } => write!(
-                f,
-                "the best match of a query scores {recording:.2} on average, and {labelled:.2} in \
-                 the labelled part: they are unlike"
-            ),
-            Self::Unchanged { unchanged, repeated } => {
-                write!(
-                    f,
-                    "{:.0}% of recent views are hardly changed though other references are \
-                     nearest: they carry no evidence; is Options::view_threshold right for these \
-                     images, or are a few references broken?",
-                    100.0 * unchanged
-                )?;
-                if *repeated > 0.0 {
-                    write!(f, " (Another {:.0}% are repeated exactly.)", 100.0 * repeated)?;
-                }
-                Ok(())
-            }
-            Self::Nearest { nearest, single } => write!(
-                f,
-                "the nearest image is right for {:.0}% of labelled queries, and the best score for \
-                 {:.0}%: Options::standardize does harm",
-                100.0 * nearest,
-                100.0 * single
-            ),
-            Self::Stuck { reading, steps } => write!(
-                f,
-                "odometry reads {reading} in {steps} steps in a row, and the images contradict it: \
-                 is it stuck?"
-            ),
-            Self::Still { steps, driven } => write!(
-                f,
-                "the view has not changed for {steps} steps, and odometry reads {driven:.1} \
-                 references meanwhile: is it a tunnel, or is the camera stuck, or the odometry?"
-            ),
-            Self::Nothing { mean, step, frames } => write!(
-                f,
-                "the {frames} new images until step {step} match nothing: their mean log-likelihood \
-                 is {mean:.2}; is it this route, and is Options::off_map None on purpose?"
-            ),
-        }
+/// The end of the text on unchanged views, if some are repeated.
+fn also_repeated(repeated: f64) -> String {
+    let all = 100.0 * repeated;
+    if repeated > 0.0 {
+        format!(" (Another {all:.0}% are repeated exactly.)")
+    } else {
+        String::new()
     }
 }

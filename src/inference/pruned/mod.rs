@@ -171,7 +171,7 @@ where
         let PrunedFilterSnapshot { share, bound, belief, .. } =
             PrunedFilterSnapshot::start(expected, state.pruning);
         let log_excess = log_excess.known();
-        let start = PrunedFilterSnapshot { log_excess, share, bound, belief, ..*state };
+        let start = PrunedFilterSnapshot { belief, bound, log_excess, share, ..*state };
         scratch.replace(state, &start);
         Ok(())
     }

@@ -1,6 +1,6 @@
 //! The one loop that computes all distances.
 
-use super::{Descriptor, Distance, ObservationError, ReferenceDescriptors};
+use super::{Distance, ObservationError, ReferenceDescriptors};
 
 /// Number of references stored side by side. Each has a sum of its own, so that the
 /// compiler can use registers of any width, with the same result to the bit.
@@ -9,14 +9,16 @@ pub(super) const GROUP: usize = 32;
 /// Number of terms of a partial sum: the error grows with PART + d / PART, not with d.
 const PART: usize = 32;
 
-/// Scale factor of a descriptor: 1 / |x| for the cosine, else 1.
+/// Scale factor of a descriptor: 1 / |x| for the cosine, else 1. Errors name it as `which` number
+/// `index`.
 pub(super) fn scale(
     distance: Distance,
     x: &[f32],
-    which: Descriptor,
+    which: &'static str,
+    index: usize,
 ) -> Result<f64, ObservationError> {
     if let Some(element) = x.iter().position(|x| !x.is_finite()) {
-        return Err(ObservationError::Element { which, element, value: x[element] });
+        return Err(ObservationError::Element { which, index, element, value: x[element] });
     }
     match distance {
         Distance::Euclidean => Ok(1.0),
@@ -24,7 +26,7 @@ pub(super) fn scale(
             // In doubles, squares of 32-bit numbers neither overflow nor underflow.
             let squares: f64 = x.iter().map(|&x| f64::from(x) * f64::from(x)).sum();
             if squares == 0.0 {
-                return Err(ObservationError::Zero { which });
+                return Err(ObservationError::Zero { which, index });
             }
             Ok(1.0 / squares.sqrt())
         }

@@ -4,7 +4,7 @@ mod kernel;
 
 use kernel::{GROUP, Pass, scale, scaled};
 
-use super::{Descriptor, ObservationError};
+use super::ObservationError;
 
 /// Distance of two descriptors; smaller is more alike.
 ///
@@ -89,8 +89,8 @@ impl ReferenceDescriptors {
             return Err(ObservationError::NoReferences);
         }
         let count = whole(&values, dimension)?;
-        for (reference, row) in values.chunks_exact_mut(dimension).enumerate() {
-            let scale = scale(distance, row, Descriptor::Reference(reference))?;
+        for (index, row) in values.chunks_exact_mut(dimension).enumerate() {
+            let scale = scale(distance, row, "reference", index)?;
             row.iter_mut().for_each(|x| *x = scaled(*x, scale));
         }
         let first = &values[..dimension];
@@ -119,10 +119,10 @@ impl ReferenceDescriptors {
             return Err(ObservationError::NoDimension);
         }
         let mut values = Vec::with_capacity(rows.len() * expected);
-        for (reference, row) in rows.iter().map(AsRef::as_ref).enumerate() {
+        for (index, row) in rows.iter().map(AsRef::as_ref).enumerate() {
             if row.len() != expected {
-                let (which, length) = (Descriptor::Reference(reference), row.len());
-                return Err(ObservationError::Length { which, length, expected });
+                let (which, length) = ("reference", row.len());
+                return Err(ObservationError::Length { which, index, length, expected });
             }
             values.extend_from_slice(row);
         }
@@ -178,8 +178,8 @@ impl ReferenceDescriptors {
     /// `out` are then unspecified.
     pub fn distances_into(&self, query: &[f32], out: &mut [f32]) -> Result<(), ObservationError> {
         if query.len() != self.dimension {
-            let (which, length) = (Descriptor::Query(0), query.len());
-            return Err(ObservationError::Length { which, length, expected: self.dimension });
+            let (length, expected) = (query.len(), self.dimension);
+            return Err(ObservationError::Length { which: "query", index: 0, length, expected });
         }
         self.distances_all_into(query, out)
     }
@@ -252,7 +252,7 @@ impl ReferenceDescriptors {
         let mut scales = [1.0; BLOCK];
         let each = queries.chunks_exact(self.dimension);
         for ((query, x), out) in (first..).zip(each).zip(&mut scales) {
-            *out = scale(self.distance, x, Descriptor::Query(query))?;
+            *out = scale(self.distance, x, "query", query)?;
         }
         Pass { references: self, first, queries, scales: &scales, out }.run()
     }
@@ -264,4 +264,12 @@ fn whole(values: &[f32], dimension: usize) -> Result<usize, ObservationError> {
         return Err(ObservationError::Values { values: values.len(), dimension });
     }
     Ok(values.len() / dimension)
+}
+
+/// Checks a query that may become a reference, as [`ReferenceDescriptors::new`] checks references.
+pub(crate) fn check_descriptor(query: &[f32], distance: Distance) -> Result<(), ObservationError> {
+    if query.is_empty() {
+        return Err(ObservationError::NoDimension);
+    }
+    scale(distance, query, "query", 0).map(drop)
 }

@@ -66,7 +66,7 @@ fn a_fit_comes_back_to_the_bit() {
     let fit = recognizer.parameters();
     let back = stored(fit);
     assert_eq!(&back, fit);
-    assert!(back.doubts().is_empty() && back.temperature_choice().is_none());
+    assert!(back.doubts().is_empty() && back.temperature_scores().is_empty());
     let (references, _) = made_up();
     let fresh = Recognizer::from_descriptors(&references, Distance::Cosine, Options::default());
     let again = fresh.unwrap().with_parameters(back).unwrap();

@@ -17,7 +17,7 @@ fn warnings_are_given_where_they_should_be() {
     let part = LabelledPart { queries: &queries, places: &places, odometry: &[] };
     let fitted = recognizer.fit(&[part]).unwrap();
     assert!(fitted.parameters().doubts().iter().all(|w| matches!(w, Warning::Edge { .. })));
-    assert!(fitted.parameters().temperature_choice().is_some());
+    assert_eq!(fitted.parameters().temperature_scores().len(), 5);
 
     // Labels of other places, near the right ones.
     let contradicted = |shift: usize| {

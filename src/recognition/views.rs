@@ -1,7 +1,10 @@
-//! Counts of recent views and odometry readings, to find that one of them is stuck.
+//! Views compared with the last new one, and counts of them and of odometry readings, to find that
+//! one of them is stuck.
 
+use super::Options;
 use super::warning::Warning;
 use crate::motion::ViewChange;
+use crate::observation::change;
 
 /// Number of views over which counts fade, by e.
 const RECENT: f64 = 1000.0;
@@ -10,8 +13,8 @@ const ENOUGH_VIEWS: f64 = 100.0;
 /// Share of views, but for exact repetitions, above which unchanged ones are most. On drives along
 /// a railway, a corridor and streets it was 0.49 at most.
 const MOST: f64 = 0.6;
-/// Share of unchanged views with another nearest reference above which the vehicle does not simply
-/// stand, and share of all views above which it hardly does, either.
+/// Share of unchanged views with another nearest reference above which the vehicle moves, and share
+/// of unchanged views among all above which it moves at least at times.
 const MOVED: f64 = 0.25;
 const ALL: f64 = 0.9;
 /// Number of readings in a row that are equal if odometry is stuck.
@@ -29,16 +32,68 @@ const STILL_EQUAL: u32 = 60;
 const DRIVEN: f64 = 10.0;
 const SURE: f64 = 4.0;
 
-/// A view beside the last new one.
+/// Largest distance in places at which one nearest reference is beside another.
+const BESIDE: usize = 2;
+
+/// The least of the scores of a row, without NaN.
+pub(super) fn least(rows: &[f32]) -> f32 {
+    // Lanes of their own, which a compiler brings into vectors.
+    let mut lanes = [f32::INFINITY; 16];
+    let (whole, rest) = rows.as_chunks::<16>();
+    let take = |least: &mut f32, score: f32| *least = if score < *least { score } else { *least };
+    for chunk in whole {
+        lanes.iter_mut().zip(chunk).for_each(|(least, score)| take(least, *score));
+    }
+    lanes.iter_mut().zip(rest).for_each(|(least, score)| take(least, *score));
+    lanes.into_iter().fold(f32::INFINITY, f32::min)
+}
+
+/// Index of the least score of a row that is not empty; the first of equal ones.
+pub(super) fn nearest(rows: &[f32]) -> usize {
+    let least = least(rows);
+    rows.iter().position(|score| *score == least).unwrap_or(0)
+}
+
+/// A view compared with the last new one.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Glance {
+pub(super) struct View {
     /// Changed or not, if that is clear.
-    pub(super) view: Option<ViewChange>,
+    pub(super) change: Option<ViewChange>,
+    /// Share of it that is new, in an autoregression of the first order.
+    pub(super) fresh: f64,
     /// True if it equals the last new view.
-    pub(super) repeated: bool,
-    /// True if the nearest reference of an unchanged or unclear view is another; `None` for other
-    /// views.
-    pub(super) moved: Option<bool>,
+    repeated: bool,
+    /// True if the nearest reference of an unchanged or unclear view is another, and not beside the
+    /// last one: the vehicle has moved although the view is hardly another. `None` for other views.
+    moved: Option<bool>,
+}
+
+impl View {
+    /// The first view, which is new.
+    pub(super) const FIRST: Self =
+        Self { change: Some(ViewChange::Changed), fresh: 1.0, repeated: false, moved: None };
+
+    /// Compares the scores within a row with those of the last new view; `still` is the largest
+    /// change of an unchanged view.
+    pub(super) fn beside(last: &[f32], still: f64, scores: &[f32], options: &Options) -> Self {
+        let changed = change(last, scores);
+        // A change has the unit of one from a reference to the next.
+        let unit = change(&scores[1..], &scores[..scores.len() - 1]);
+        let repeated = changed == 0.0;
+        let unchanged = changed <= still;
+        if unchanged || changed < options.view_threshold * unit {
+            let moved = (!repeated).then(|| {
+                let steps = nearest(last).abs_diff(nearest(scores));
+                let around = if options.closed { scores.len() - steps } else { steps };
+                steps.min(around) > BESIDE.max(options.window)
+            });
+            let change = unchanged.then_some(ViewChange::Unchanged);
+            return Self { change, fresh: 0.0, repeated, moved };
+        }
+        // (1 − r) / (1 + r) for a correlation r from view to view.
+        let part = changed.min(1.0);
+        Self { fresh: part / (2.0 - part), repeated, ..Self::FIRST }
+    }
 }
 
 /// Counts of recent views and of readings.
@@ -66,14 +121,14 @@ pub(crate) struct Tally {
 
 impl Tally {
     /// Takes a step: its view, if it has one before it, and its reading.
-    pub(super) fn take(&mut self, glance: Option<Glance>, odometry: Option<f64>) {
+    pub(super) fn take(&mut self, view: Option<&View>, odometry: Option<f64>) {
         if odometry.is_none() || odometry != self.reading {
             (self.reading, self.equal, self.changed) = (odometry, 0, 0);
         }
         if odometry.is_some() {
             self.equal = self.equal.saturating_add(1);
         }
-        let Some(Glance { view, repeated, moved }) = glance else {
+        let Some(&View { change, repeated, moved, .. }) = view else {
             (self.still, self.driven, self.squares) = (0, 0.0, 0.0);
             return;
         };
@@ -84,10 +139,10 @@ impl Tally {
         add(&mut self.repeated, repeated);
         add(&mut self.unchanged, moved.is_some());
         add(&mut self.moved, moved == Some(true));
-        if view == Some(ViewChange::Unchanged) {
+        if change == Some(ViewChange::Unchanged) {
             self.changed = self.changed.saturating_sub(1);
         }
-        if view == Some(ViewChange::Changed) {
+        if change == Some(ViewChange::Changed) {
             self.changed = self.changed.saturating_add(1);
             (self.still, self.driven, self.squares) = (0, 0.0, 0.0);
         } else if let Some(reading) = odometry {
@@ -144,7 +199,7 @@ impl Tally {
         (steps >= STILL && sure).then_some(Warning::Still { steps, driven })
     }
 
-    /// All of them.
+    /// Returns all reasons to doubt recent views and readings.
     pub(super) fn doubts(&self) -> Vec<Warning> {
         self.unchanged().into_iter().chain(self.stuck()).chain(self.still()).collect()
     }
@@ -160,13 +215,11 @@ pub(super) struct Doubts {
 
 impl Doubts {
     pub(super) fn take(&mut self, tally: &Tally) {
-        // That of all views, up to those that have faded.
+        // The last tally covers the whole drive; the weight of old views has faded.
         self.unchanged = tally.unchanged();
         let longest = |kept: &mut Option<(u32, Warning)>, found: Option<Warning>, steps: u32| {
-            if let Some(found) = found
-                && kept.as_ref().is_none_or(|kept| kept.0 < steps)
-            {
-                *kept = Some((steps, found));
+            if kept.as_ref().is_none_or(|kept| kept.0 < steps) {
+                *kept = found.map(|found| (steps, found)).or(kept.take());
             }
         };
         longest(&mut self.stuck, tally.stuck(), tally.equal);
