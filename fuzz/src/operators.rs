@@ -148,11 +148,7 @@ impl LearnTransition for Plain {
         usize::from(matches!(self, Self::Sparse(_) | Self::Dense(_)))
     }
 
-    fn maximize(
-        &self,
-        counts: &[MoveCounts],
-        pseudo_count: f64,
-    ) -> Result<Self, TransitionError> {
+    fn maximize(&self, counts: &[MoveCounts], pseudo_count: f64) -> Result<Self, TransitionError> {
         Ok(match self {
             Self::Sparse(a) => Self::Sparse(a.maximize(counts, pseudo_count)?),
             Self::Dense(a) => Self::Dense(a.maximize(counts, pseudo_count)?),

@@ -56,6 +56,7 @@ pub use optional::OptionalLikelihood;
 pub use pooled::PooledLikelihood;
 pub use scratch::Scratch;
 #[cfg(feature = "places")]
+#[cfg(feature = "places")]
 pub(crate) use shared::sensor_within;
 pub use sparse::{SparseLikelihood, SparseObservation};
 pub use sparse_table::SparseTableLikelihood;

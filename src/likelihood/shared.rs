@@ -70,6 +70,7 @@ macro_rules! sensor_within {
     )*};
 }
 
+#[cfg(feature = "places")]
 pub(crate) use sensor_within;
 
 sensor_within! {

@@ -84,7 +84,8 @@ fn check(map: &RoadMap, counts: &mut Counts) {
     for Road { from, to, class, metres } in map.roads() {
         roads += &format!("{from},{to},{class},{metres}\n");
     }
-    let again = RoadMap::<Position>::from_csv(places.as_bytes(), roads.as_bytes()).expect("the same map");
+    let again =
+        RoadMap::<Position>::from_csv(places.as_bytes(), roads.as_bytes()).expect("the same map");
     assert_eq!((again.places(), again.roads()), (map.places(), map.roads()));
 
     let turning = TurningProbabilities::by_rule(map, &TurningRule::default());

@@ -60,9 +60,9 @@ fn traces(draw: &mut Draw<'_>, counts: &mut Counts) {
     match read_traces_from("traces", &file[..]) {
         Ok((traces, report)) => {
             counts.add("files of drives accepted");
-            let sums = traces.iter().fold([0; 2], |sum, trace| {
-                [sum[0] + trace.repeated, sum[1] + trace.backwards]
-            });
+            let sums = traces
+                .iter()
+                .fold([0; 2], |sum, trace| [sum[0] + trace.repeated, sum[1] + trace.backwards]);
             assert_eq!(sums, [report.repeated, report.backwards]);
             let matcher = drives::town(corner);
             for trace in &traces {

@@ -40,11 +40,9 @@ pub(super) fn check(vehicle: &Vehicle, matcher: &Matcher) {
     assert!((sum + vehicle.live().off_road - 1.0).abs() < 1e-6, "{sum}");
     match vehicle.credible(matcher, 0.9) {
         Ok(found) => {
-            assert!((0.0..=1.0).contains(&found.probability()));
-            for stretch in found.stretches() {
-                assert!(
-                    stretch.metres[0] <= stretch.metres[1] && stretch.probability <= 1.0 + 1e-6
-                );
+            assert!((0.0..=1.0).contains(&found.probability));
+            for stretch in &found.stretches {
+                assert!(stretch.enter <= stretch.exit, "{stretch:?}");
             }
         }
         Err(error) => check_message(&error),
