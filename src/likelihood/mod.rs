@@ -32,7 +32,6 @@ mod pooled;
 mod scratch;
 mod shared;
 mod sparse;
-mod sparse_diagonal;
 mod sparse_table;
 mod table;
 mod vector;

@@ -75,7 +75,6 @@ mod shared;
 mod single;
 mod sparse;
 mod stored;
-mod stored_operators;
 mod switched;
 mod tied;
 mod validate;

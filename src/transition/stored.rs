@@ -1,7 +1,8 @@
-//! Stored matrices, for which inference has loops of its own.
+//! Stored matrices, for which inference has loops of its own, as operators.
 
-use super::{DenseTransition, SparseTransition};
-use crate::kernels::Lines;
+use super::{DenseTransition, SparseTransition, Transition, TransitionEntries, check_slices, log};
+use crate::error::TransitionError;
+use crate::kernels::{Lines, Panels};
 
 /// A stored matrix, for which this crate has loops of its own.
 ///
@@ -39,5 +40,135 @@ impl<'a> Stored<'a> {
             Form::Sparse(matrix) => matrix.lines().filter(|_| matrix.plain),
             Form::Dense(matrix) => matrix.plain.then(|| matrix.lines()),
         }
+    }
+}
+
+impl SparseTransition {
+    /// Creates an operator from any other one without a control, with one product per state.
+    /// Useful for frequent decoding with an operator whose entries are expensive.
+    /// O(n · (a product) + n log n + entries).
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError`] as [`from_triplets`](Self::from_triplets).
+    pub fn from_operator<A>(operator: &A) -> Result<Self, TransitionError>
+    where
+        A: Transition<Control = ()> + ?Sized,
+    {
+        let n = operator.states();
+        let (mut unit, mut column) = (vec![0.0; n], vec![0.0; n]);
+        let mut entries = Vec::new();
+        for from in 0..n {
+            unit[from] = 1.0;
+            operator.apply(&(), &unit, &mut column);
+            unit[from] = 0.0;
+            let reached = column.iter().enumerate().filter(|(_, value)| **value != 0.0);
+            entries.extend(reached.map(|(to, &value)| (to, from, value)));
+        }
+        Self::from_triplets(n, entries)
+    }
+}
+
+impl Transition for SparseTransition {
+    type Control = ();
+
+    fn states(&self) -> usize {
+        self.rows.lines()
+    }
+
+    fn no_control(&self) -> Option<&'static ()> {
+        Some(&())
+    }
+
+    fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
+        self.sliced_rows.multiply(x, out);
+    }
+
+    fn apply_transpose(&self, (): &(), x: &[f64], out: &mut [f64]) {
+        self.sliced_columns.multiply(x, out);
+    }
+
+    fn stored(&self, (): &()) -> Option<Stored<'_>> {
+        Some(Stored::sparse(self))
+    }
+
+    fn apply_log(&self, (): &(), x: &[f64], out: &mut [f64]) {
+        for (i, out) in out.iter_mut().enumerate() {
+            *out = log::sum(self.rows.line(i), x);
+        }
+    }
+
+    fn apply_transpose_log(&self, (): &(), x: &[f64], out: &mut [f64]) {
+        for (j, out) in out.iter_mut().enumerate() {
+            *out = log::sum(self.columns.line(j), x);
+        }
+    }
+}
+
+impl TransitionEntries for SparseTransition {
+    fn incoming(&self, (): &(), to: usize) -> impl Iterator<Item = (usize, f64)> {
+        self.rows.line(to)
+    }
+
+    fn outgoing(&self, (): &(), from: usize) -> impl Iterator<Item = (usize, f64)> {
+        self.columns.line(from)
+    }
+
+    fn max_product(&self, (): &(), x: &[f64], out: &mut [f64], from: &mut [u32]) {
+        self.maximize(x, None, out, from);
+    }
+}
+
+impl Transition for DenseTransition {
+    type Control = ();
+
+    fn states(&self) -> usize {
+        self.matrix.states()
+    }
+
+    fn no_control(&self) -> Option<&'static ()> {
+        Some(&())
+    }
+
+    fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
+        check_slices(self.states(), x, out);
+        self.matrix.multiply(x, out);
+    }
+
+    fn apply_transpose(&self, (): &(), x: &[f64], out: &mut [f64]) {
+        check_slices(self.states(), x, out);
+        self.matrix.multiply_transpose(x, out);
+    }
+
+    fn stored(&self, (): &()) -> Option<Stored<'_>> {
+        Some(Stored::dense(self))
+    }
+
+    fn apply_log(&self, (): &(), x: &[f64], out: &mut [f64]) {
+        for (i, out) in out.iter_mut().enumerate() {
+            *out = log::sum(self.row(i), x);
+        }
+    }
+
+    fn apply_transpose_log(&self, (): &(), x: &[f64], out: &mut [f64]) {
+        for (j, out) in out.iter_mut().enumerate() {
+            *out = log::sum(self.column(j), x);
+        }
+    }
+}
+
+impl TransitionEntries for DenseTransition {
+    fn incoming(&self, (): &(), to: usize) -> impl Iterator<Item = (usize, f64)> {
+        self.row(to)
+    }
+
+    fn outgoing(&self, (): &(), from: usize) -> impl Iterator<Item = (usize, f64)> {
+        self.column(from)
+    }
+
+    fn max_product(&self, (): &(), x: &[f64], out: &mut [f64], from: &mut [u32]) {
+        check_slices(self.states(), x, out);
+        let entry = |i, j| self.matrix.column(j)[i];
+        self.log2.get_or_init(|| Panels::log2(self.states(), entry)).maximize(x, out, from);
     }
 }

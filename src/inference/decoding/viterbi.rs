@@ -2,7 +2,7 @@
 
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::inference::engines::few_states;
+use crate::inference::engines::{choice, few_states};
 use crate::inference::step::scores::{TakenOut, best};
 use crate::inference::step::{Step, Workspace};
 use crate::kernels::{Aligned, in_large_pages};
@@ -68,7 +68,9 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
             return Ok(ViterbiPath { states: Vec::new(), log_probability: 0.0 });
         }
         // Sums of scores are exact in both: the path is the same to the bit.
-        if let Some((states, log_probability)) = few_states::viterbi(self, sequence) {
+        if choice::is_whole(self.states(), sequence.steps())
+            && let Some((states, log_probability)) = few_states::viterbi(self, sequence)
+        {
             return Ok(ViterbiPath { states, log_probability });
         }
         let mut work = Workspace::new(n);

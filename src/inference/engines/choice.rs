@@ -91,6 +91,11 @@ pub(crate) fn for_sequence(states: usize, steps: usize) -> Engine {
     }
 }
 
+/// True if a sequence of so many steps goes through an engine whole, if that can take it.
+pub(crate) fn is_whole(states: usize, steps: usize) -> bool {
+    for_sequence(states, steps) != Engine::Steps
+}
+
 /// Returns true if so many steps are enough for segments. Up to there, beliefs of a whole sequence
 /// are those of a stream to the bit.
 pub(crate) fn is_long(steps: usize) -> bool {

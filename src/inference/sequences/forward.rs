@@ -4,7 +4,7 @@
 use super::posteriors::Posteriors;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::inference::engines::few_states;
+use crate::inference::engines::{choice, few_states};
 use crate::inference::step::Step;
 use crate::inference::step::forward_pass::ForwardPass;
 use crate::inference::step::state::{FilterSnapshot, StepScratch};
@@ -89,7 +89,9 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     {
         // An engine that cannot say what a step would says nothing, and the steps below start
         // over: they know all errors, and logarithms.
-        if let Some((rows, logs, log_likelihood)) = few_states::filter(self, sequence) {
+        if choice::is_whole(self.states(), sequence.steps())
+            && let Some((rows, logs, log_likelihood)) = few_states::filter(self, sequence)
+        {
             let posteriors = Posteriors::from_values(self.states(), rows);
             return Ok(FilteredSequence::new(posteriors, logs, log_likelihood));
         }
@@ -129,7 +131,9 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
-        if let Some(log_likelihood) = few_states::log_likelihood(self, sequence) {
+        if choice::is_whole(self.states(), sequence.steps())
+            && let Some(log_likelihood) = few_states::log_likelihood(self, sequence)
+        {
             return Ok(log_likelihood);
         }
         let prior = self.prior().belief().as_slice();

@@ -4,7 +4,7 @@
 use super::posteriors::Posteriors;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::inference::engines::few_states;
+use crate::inference::engines::{choice, few_states};
 use crate::inference::step::Step;
 use crate::inference::step::backward::Backward;
 use crate::inference::step::forward_pass::ForwardPass;
@@ -82,7 +82,9 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
-        if let Some((rows, log_likelihood)) = few_states::smooth(self, sequence) {
+        if choice::is_whole(self.states(), sequence.steps())
+            && let Some((rows, log_likelihood)) = few_states::smooth(self, sequence)
+        {
             let posteriors = Posteriors::from_values(self.states(), rows);
             return Ok(SmoothedSequence::new(posteriors, log_likelihood));
         }

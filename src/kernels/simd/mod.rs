@@ -10,7 +10,6 @@
 #![allow(unsafe_code, reason = "instructions that not every machine has")]
 
 mod portable;
-mod vectors;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
@@ -18,7 +17,6 @@ use std::mem::ManuallyDrop;
 use std::sync::OnceLock;
 
 pub(crate) use portable::Portable;
-pub(crate) use vectors::{Blocks, BlocksMut, Simd, row_block, store, total};
 #[cfg(target_arch = "x86_64")]
 pub(crate) use x86::{Avx2, Avx512};
 
@@ -27,6 +25,136 @@ pub(crate) const LANES: usize = 8;
 
 /// Eight doubles.
 pub(crate) type Eight = [f64; LANES];
+
+/// Operations on vectors of eight doubles (`V`), masks (`M`) and vectors of eight indices (`I`).
+pub(crate) trait Simd: Copy {
+    type V: Copy;
+    type M: Copy;
+    type I: Copy;
+
+    fn splat(self, x: f64) -> Self::V;
+    fn load(self, x: &Eight) -> Self::V;
+    /// Eight values of 32 bits, as doubles: exact.
+    fn load_f32(self, x: &[f32; LANES]) -> Self::V;
+    fn store(self, v: Self::V, out: &mut Eight);
+    /// Stores past the caches if `out` is a cache line, for results that are not read soon: the
+    /// line need not be fetched. [`fence`](Self::fence) must follow the last one.
+    #[inline(always)]
+    fn stream(self, v: Self::V, out: &mut Eight) {
+        self.store(v, out);
+    }
+    /// Orders streamed stores before all later ones.
+    #[inline(always)]
+    fn fence(self) {}
+    fn add(self, a: Self::V, b: Self::V) -> Self::V;
+    fn sub(self, a: Self::V, b: Self::V) -> Self::V;
+    fn mul(self, a: Self::V, b: Self::V) -> Self::V;
+    fn div(self, a: Self::V, b: Self::V) -> Self::V;
+    /// Lane-wise minimum; `b` if one is NaN.
+    fn min(self, a: Self::V, b: Self::V) -> Self::V;
+    /// Lane-wise maximum; `b` if one is NaN.
+    fn max(self, a: Self::V, b: Self::V) -> Self::V;
+    /// a < b, false if one is NaN.
+    fn lt(self, a: Self::V, b: Self::V) -> Self::M;
+    /// a = b, false if one is NaN.
+    fn eq(self, a: Self::V, b: Self::V) -> Self::M;
+    fn and(self, a: Self::M, b: Self::M) -> Self::M;
+    fn or(self, a: Self::M, b: Self::M) -> Self::M;
+    /// Bit l is that of lane l.
+    fn bits(self, m: Self::M) -> u8;
+    #[inline(always)]
+    fn any(self, m: Self::M) -> bool {
+        self.bits(m) != 0
+    }
+    #[inline(always)]
+    fn all(self, m: Self::M) -> bool {
+        self.bits(m) == u8::MAX
+    }
+    /// `a` where the mask is set, else `b`.
+    fn select(self, m: Self::M, a: Self::V, b: Self::V) -> Self::V;
+    /// Exponents, as doubles, and mantissas from 1 to 2, of normal positive numbers.
+    fn split_exponent(self, v: Self::V) -> (Self::V, Self::V);
+
+    /// `x[index]` for each of eight indices.
+    ///
+    /// # Safety
+    ///
+    /// All indices must be below `x.len()`, which must not exceed 2^31 − 1.
+    unsafe fn gather(self, x: &[f64], indices: &[u32; LANES]) -> Self::V;
+
+    /// Keeps the compiler from unrolling a loop of few turns: it does not repeat assembly, even if
+    /// empty.
+    #[inline(always)]
+    fn no_unroll(self) {}
+
+    fn load_indices(self, indices: &[u32; LANES]) -> Self::I;
+    /// base, base + 1, … base + 7.
+    fn iota(self, base: u32) -> Self::I;
+    /// a < b, for indices below 2^31.
+    fn lt_index(self, a: Self::I, b: Self::I) -> Self::M;
+    fn select_index(self, m: Self::M, a: Self::I, b: Self::I) -> Self::I;
+    fn store_indices(self, i: Self::I, out: &mut [u32; LANES]);
+
+    /// Splats each lane.
+    fn broadcast_lanes(self, v: Self::V) -> [Self::V; LANES];
+
+    /// Transposes: lane l of result r is lane r of row l.
+    fn transpose(self, rows: [Self::V; LANES]) -> [Self::V; LANES];
+
+    #[inline(always)]
+    fn to_array(self, v: Self::V) -> Eight {
+        // Through memory, which the compiler replaces by moves between registers where it can.
+        let mut out = [0.0; LANES];
+        self.store(v, &mut out);
+        out
+    }
+
+    /// Loads up to eight values, 0 in the other lanes.
+    #[inline(always)]
+    fn load_partial(self, x: &[f64]) -> Self::V {
+        // A copy, as eight doubles from there on may lie beyond the vector.
+        let mut eight = [0.0; LANES];
+        eight[..x.len()].copy_from_slice(x);
+        self.load(&eight)
+    }
+
+    /// Stores as many lanes as there is room for, up to eight.
+    #[inline(always)]
+    fn store_partial(self, v: Self::V, out: &mut [f64]) {
+        out.copy_from_slice(&self.to_array(v)[..out.len()]);
+    }
+}
+
+/// A slice in blocks of eight, and the rest.
+pub(crate) type Blocks<'a> = (&'a [Eight], &'a [f64]);
+pub(crate) type BlocksMut<'a> = (&'a mut [Eight], &'a mut [f64]);
+
+/// Loads the block with this number, or the rest.
+#[inline(always)]
+pub(crate) fn row_block<S: Simd>(s: S, (blocks, rest): Blocks<'_>, number: usize) -> S::V {
+    // One comparison is the check of the index, and tells whole blocks from the rest.
+    match blocks.get(number) {
+        Some(block) => s.load(block),
+        None => s.load_partial(rest),
+    }
+}
+
+/// Stores to the block with this number, or to the rest.
+#[inline(always)]
+pub(crate) fn store<S: Simd>(s: S, (blocks, rest): &mut BlocksMut<'_>, number: usize, v: S::V) {
+    match blocks.get_mut(number) {
+        Some(block) => s.store(v, block),
+        None => s.store_partial(v, rest),
+    }
+}
+
+/// Sum over the lanes, in pairs.
+#[inline(always)]
+pub(crate) fn total([a, b, c, d, e, f, g, h]: Eight) -> f64 {
+    // The parentheses fix the order: the sum is the same to the bit with any instructions, and in
+    // the scalar loops of `vector`.
+    ((a + b) + (c + d)) + ((e + f) + (g + h))
+}
 
 /// Instruction sets, from the plainest to the widest.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -76,6 +204,20 @@ impl Isa {
             here.into_iter().find(|isa| *isa <= widest && isa.is_here()).unwrap_or(Self::Portable)
         })
     }
+}
+
+/// True if gather instructions are faster than eight loads. On AMD's processors (Zen 1 to 5) they
+/// are microcode: loads take 25% less time for a whole Viterbi step, 7 to 14% for a smoother.
+#[cfg(target_arch = "x86_64")]
+fn gathers() -> bool {
+    static GATHERS: OnceLock<bool> = OnceLock::new();
+    *GATHERS.get_or_init(|| {
+        #[allow(unused_unsafe, reason = "safe in later versions of the standard library")]
+        // SAFETY: all x86-64 processors have this instruction, and leaf 0 of it.
+        let vendor = unsafe { std::arch::x86_64::__cpuid(0) };
+        // "Auth" of AuthenticAMD, "Hygo" of HygonGenuine, in the order of bytes in a register.
+        ![u32::from_le_bytes(*b"Auth"), u32::from_le_bytes(*b"Hygo")].contains(&vendor.ebx)
+    })
 }
 
 /// A computation for any instruction set.
@@ -157,13 +299,13 @@ unsafe fn run_unchecked<K: WithSimd>(isa: Isa, kernel: K) -> K::Output {
     #[target_feature(enable = "avx2")]
     unsafe fn avx2<K: WithSimd>(kernel: *const K) -> K::Output {
         // SAFETY: the address is that of a kernel below, which is read here and nowhere else.
-        unsafe { kernel.read() }.run(Avx2(x86::gathers()))
+        unsafe { kernel.read() }.run(Avx2(gathers()))
     }
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx512f,avx512vl,avx2")]
     unsafe fn avx512<K: WithSimd>(kernel: *const K) -> K::Output {
         // SAFETY: the address is that of a kernel below, which is read here and nowhere else.
-        unsafe { kernel.read() }.run(Avx512(x86::gathers()))
+        unsafe { kernel.read() }.run(Avx512(gathers()))
     }
     // A call, as the other two must be: it would otherwise be part of every caller, for the rare
     // machine that takes it.

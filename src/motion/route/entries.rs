@@ -1,7 +1,6 @@
 //! Single entries of A_u, and the step of Viterbi: G has rank one but for neighbours on the grid of
 //! speeds, yet maxima do not factor as sums do, so that it takes k² passes over the places.
 
-use super::best::{Best, decoded, encoded};
 use super::step::{Off, Step};
 use super::{RouteControl, RouteTransition};
 use crate::kernels::log2;
@@ -149,6 +148,45 @@ impl Step<'_> {
             for j in line.near(i, off.within) {
                 best.offer(j, std::iter::once((score + returning, encoded(first + i))));
             }
+        }
+    }
+}
+
+/// Scores of places, and the states that they come from, encoded as doubles: vector registers
+/// hold as many of both.
+struct Best<'a> {
+    scores: &'a mut [f64],
+    from: &'a mut [f64],
+}
+
+/// 2^52: added to a state, it gives a double whose low bits are the state.
+const ZERO: f64 = (1_u64 << 52) as f64;
+
+/// Encodes a state as a double.
+fn encoded(state: usize) -> f64 {
+    ZERO + state as f64
+}
+
+/// Decodes a state.
+fn decoded(state: f64) -> u32 {
+    state.to_bits() as u32
+}
+
+impl Best<'_> {
+    fn clear(&mut self) {
+        self.scores.fill(f64::NEG_INFINITY);
+        self.from.fill(ZERO);
+    }
+
+    /// Offers moves with these scores to consecutive places. The lowest state wins ties, in any
+    /// order.
+    fn offer(&mut self, to: usize, moves: impl Iterator<Item = (f64, f64)>) {
+        let best = self.scores[to..].iter_mut().zip(&mut self.from[to..]);
+        for ((score, from), (value, state)) in best.zip(moves) {
+            let lower = if state < *from { state } else { *from };
+            let tied = if value == *score { lower } else { *from };
+            *from = if value > *score { state } else { tied };
+            *score = if value > *score { value } else { *score };
         }
     }
 }

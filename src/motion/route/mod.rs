@@ -1,22 +1,18 @@
 //! A vehicle at hidden speeds along a route, with measurements as evidence on moves: the operator A_u
 //! of section 10 of the guide, Route. Its columns are not normalised.
 
-mod best;
-mod combine;
 mod driven;
 mod entries;
 mod geometry;
 mod moves;
 mod off_map;
 mod products;
-mod stencil;
 mod step;
 mod views;
 
 pub use driven::Driven;
-use geometry::Line;
+use geometry::{Direction, Line, Stencil};
 pub use off_map::OffMap;
-use stencil::{Direction, Stencil};
 pub use views::{ViewChange, ViewChangeRates, ViewEvidence};
 
 use super::{OdometryModel, Speeds};

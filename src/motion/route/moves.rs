@@ -4,9 +4,9 @@
 
 use std::ops::Range;
 
-use super::combine::{add_combined, combine};
-use super::stencil::Stencil;
+use super::geometry::Stencil;
 use super::step::Step;
+use crate::kernels::{Eight, LANES, Simd, WithSimd, run};
 use crate::transition::buffers;
 
 /// Number of shifted vectors added in one pass.
@@ -105,6 +105,66 @@ impl Step<'_> {
             for i in route.line.sources(route.span_of(speed), end) {
                 out[i] += self.move_weight(speed, i, end) * x[end];
             }
+        }
+    }
+}
+
+/// Sets `out` to the sum of factors times vectors of its length.
+pub(crate) fn combine(out: &mut [f64], terms: &[(f64, &[f64])]) {
+    run(Combine { out, terms, keep: false });
+}
+
+/// Adds factors times vectors of its length to `out`.
+pub(crate) fn add_combined(out: &mut [f64], terms: &[(f64, &[f64])]) {
+    run(Combine { out, terms, keep: true });
+}
+
+struct Combine<'a> {
+    out: &'a mut [f64],
+    terms: &'a [(f64, &'a [f64])],
+    /// True to add to what is there.
+    keep: bool,
+}
+
+impl WithSimd for Combine<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let Self { out, terms, mut keep } = self;
+        let (fours, rest) = terms.as_chunks::<TERMS>();
+        for terms in fours {
+            add(s, out, terms, keep);
+            keep = true;
+        }
+        match *rest {
+            [a, b, c] => add(s, out, &[a, b, c], keep),
+            [a, b] => add(s, out, &[a, b], keep),
+            [a] => add(s, out, &[a], keep),
+            _ if keep => {}
+            _ => out.fill(0.0),
+        }
+    }
+}
+
+#[inline(always)]
+fn add<S: Simd, const C: usize>(s: S, out: &mut [f64], terms: &[(f64, &[f64]); C], keep: bool) {
+    let count = out.len();
+    let factors: [S::V; C] = std::array::from_fn(|c| s.splat(terms[c].0));
+    let (outs, out_rest) = out.as_chunks_mut::<LANES>();
+    let whole: [&[Eight]; C] =
+        std::array::from_fn(|c| &terms[c].1[..count].as_chunks::<LANES>().0[..outs.len()]);
+    for (number, out) in outs.iter_mut().enumerate() {
+        let mut sum = if keep { s.load(out) } else { s.splat(0.0) };
+        for c in 0..C {
+            sum = s.add(sum, s.mul(s.load(&whole[c][number]), factors[c]));
+        }
+        s.store(sum, out);
+    }
+    for (at, out) in (count - out_rest.len()..).zip(out_rest) {
+        *out = if keep { *out } else { 0.0 };
+        for (factor, x) in terms {
+            *out += factor * x[at];
         }
     }
 }

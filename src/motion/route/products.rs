@@ -5,8 +5,7 @@
 use std::ops::Range;
 
 use super::super::OdometryModel;
-use super::combine::{add_combined, combine};
-use super::moves::{Stretch, TERMS};
+use super::moves::{Stretch, TERMS, add_combined, combine};
 use super::step::{Off, Step};
 use super::views::{Factors, ViewEvidence};
 use super::{RouteControl, RouteTransition};

@@ -23,7 +23,7 @@ where
     if !choice::is_long(steps) {
         return None; // the beliefs of a stream, to the bit
     }
-    let model = FewStatesModel::new(hmm, steps)?;
+    let model = FewStatesModel::new(hmm)?;
     let mut rows = in_large_pages(vec![0.0; states * (steps + 1)]);
     let mut logs = vec![0.0; steps];
     let mut source = SensorRows::new(hmm, sequence);
@@ -38,7 +38,7 @@ where
     B: Likelihood,
     S: Sequence<A::Control, B::Observation> + ?Sized,
 {
-    let model = FewStatesModel::new(hmm, sequence.steps())?;
+    let model = FewStatesModel::new(hmm)?;
     model.filter(&mut SensorRows::new(hmm, sequence), sequence.steps(), None)
 }
 

@@ -35,10 +35,10 @@ struct FewStatesModel {
 }
 
 impl FewStatesModel {
-    /// Reads the matrix of an operator by a product for each state. `None` if model and steps are
+    /// Reads the matrix of an operator by a product for each state. `None` if the model is
     /// not for this engine, an entry is too small, or the columns do not sum to one.
-    fn new<A: Transition, B: Likelihood>(hmm: &Hmm<A, B>, steps: usize) -> Option<Self> {
-        let (control, states) = (control_of(hmm, steps)?, hmm.states());
+    fn new<A: Transition, B: Likelihood>(hmm: &Hmm<A, B>) -> Option<Self> {
+        let (control, states) = (control_of(hmm)?, hmm.states());
         let mut columns = [Packed::default(); LANES];
         let mut rows = columns;
         // Any operator is read by its product, also one without entries to list.
@@ -105,14 +105,9 @@ fn rescale(x: &mut ChainState) -> Option<()> {
     x.values.iter().all(|x| *x == 0.0 || *x >= LEAST_IN_CHAIN).then_some(())
 }
 
-/// Returns the control of the operator if the model and so many steps are for this engine.
-fn control_of<A: Transition, B: Likelihood>(
-    hmm: &Hmm<A, B>,
-    steps: usize,
-) -> Option<&'static A::Control> {
-    if choice::for_sequence(hmm.states(), steps) == Engine::Steps {
-        return None;
-    }
+/// Returns the control of the operator if the model is for this engine; the caller has asked
+/// `choice` whether the number of states and steps is.
+fn control_of<A: Transition, B: Likelihood>(hmm: &Hmm<A, B>) -> Option<&'static A::Control> {
     let control = hmm.transition().no_control()?;
     hmm.transition().check_control(control).ok()?;
     // With evidence columns do not sum to one, and the general routine checks them.

@@ -21,7 +21,7 @@ where
     S: Sequence<A::Control, B::Observation> + ?Sized,
 {
     let (states, steps) = (hmm.states(), sequence.steps());
-    let model = FewStatesModel::new(hmm, steps)?;
+    let model = FewStatesModel::new(hmm)?;
     let source: &mut dyn LikelihoodRows = &mut SensorRows::new(hmm, sequence);
     let mut rows = in_large_pages(vec![0.0; states * (steps + 1)]);
     let log_likelihood = model.in_segments_or_steps(steps, |segments| match states {

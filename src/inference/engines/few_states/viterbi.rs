@@ -26,7 +26,7 @@ where
     S: Sequence<A::Control, B::Observation> + ?Sized,
 {
     let (n, steps) = (hmm.states(), sequence.steps());
-    let control = control_of(hmm, steps)?;
+    let control = control_of(hmm)?;
     // log2 A, column after column: the scores that a path in one state leads to.
     let mut columns = [Packed([f64::NEG_INFINITY; LANES]); LANES];
     let (mut one, mut from) = (vec![f64::NEG_INFINITY; n], vec![0; n]);

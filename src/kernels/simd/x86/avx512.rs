@@ -3,7 +3,7 @@
 #[allow(clippy::wildcard_imports, reason = "intrinsics carry the names of instructions")]
 use std::arch::{asm, x86_64::*};
 
-use super::{halves, is_line, load_four};
+use super::avx2::{halves, is_line, load_four};
 use crate::kernels::simd::{Eight, LANES, Simd};
 
 /// Proof of AVX-512 F and VL, and AVX2. True if gathers are instructions.
