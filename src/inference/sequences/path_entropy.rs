@@ -85,7 +85,7 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         let Some(control) = self.control else { return Ok(()) }; // only step 1 has none
         let in_logs = self.evidence()?.is_some() && self.entries_need_logs();
         for (i, after) in after.iter_mut().enumerate() {
-            alpha.ways(self.hmm.transition(), control, i, in_logs, predecessors);
+            alpha.predecessors(self.hmm.transition(), control, i, in_logs, predecessors);
             let total: f64 = predecessors.iter().map(|entry| entry.1).sum();
             *after = 0.0;
             for &(j, weight) in &*predecessors {

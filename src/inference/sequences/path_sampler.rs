@@ -104,7 +104,13 @@ where
                     let step = Step::of(self.hmm, self.sequence, row + 1);
                     let Some(control) = step.control else { continue }; // only step 1 has none
                     let in_logs = self.in_logs.binary_search(&(row + 1)).is_ok();
-                    alpha.ways(self.hmm.transition(), control, to, in_logs, &mut predecessors);
+                    alpha.predecessors(
+                        self.hmm.transition(),
+                        control,
+                        to,
+                        in_logs,
+                        &mut predecessors,
+                    );
                 }
             }
             // Weights are in proportion to p(x_k | x_{k+1}, y_1 … y_k): they need not sum to one.

@@ -30,31 +30,33 @@ impl BeliefRef<'_> {
 
     /// Lists the states j that lead into a state i, with weights in proportion to α(j) A\[i, j\],
     /// which are NaN or all 0 if there are none. With `in_logs`, the step needs logarithms.
-    pub(crate) fn ways<A: TransitionEntries>(
+    pub(crate) fn predecessors<A: TransitionEntries>(
         &self,
         transition: &A,
         control: &A::Control,
         to: usize,
         in_logs: bool,
-        ways: &mut Vec<(usize, f64)>,
+        predecessors: &mut Vec<(usize, f64)>,
     ) {
-        ways.clear();
+        predecessors.clear();
         if !in_logs && self.logs.is_none() {
             let incoming = transition.incoming(control, to);
-            ways.extend(incoming.map(|(from, p)| (from, self.linear[from] * LIFT * p)));
-            let total: f64 = ways.iter().map(|way| way.1).sum();
+            predecessors.extend(incoming.map(|(from, p)| (from, self.linear[from] * LIFT * p)));
+            let total: f64 = predecessors.iter().map(|way| way.1).sum();
             // An empty list may come from entries too small to be listed in linear form.
-            let nothing = || !ways.is_empty() && ways.iter().all(|way| self.linear[way.0] == 0.0);
+            let nothing = || {
+                !predecessors.is_empty() && predecessors.iter().all(|way| self.linear[way.0] == 0.0)
+            };
             if limits::can_draw(total) || nothing() {
                 return;
             }
         }
         // Some or all weights are too small for `f64`.
-        ways.clear();
+        predecessors.clear();
         let incoming = transition.incoming_log2(control, to);
-        ways.extend(incoming.map(|(from, log2)| (from, self.log(from) + log2 * LN_2)));
-        let largest = ways.iter().map(|way| way.1).fold(f64::NEG_INFINITY, f64::max);
-        ways.iter_mut().for_each(|way| way.1 = (way.1 - largest).exp());
+        predecessors.extend(incoming.map(|(from, log2)| (from, self.log(from) + log2 * LN_2)));
+        let largest = predecessors.iter().map(|way| way.1).fold(f64::NEG_INFINITY, f64::max);
+        predecessors.iter_mut().for_each(|way| way.1 = (way.1 - largest).exp());
     }
 
     /// Writes the logarithms, from either form.
