@@ -6,7 +6,10 @@ use arrow::buffer::ScalarBuffer;
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 use serde_json::Value;
 use wayfix::likelihood::{LearnLikelihood, SparseObservation, SparseTableLikelihood};
-use wayfix::{Diagonal, Likelihood, LikelihoodError, LikelihoodVector, Scratch, SparseLikelihood, TableLikelihood};
+use wayfix::{
+    Diagonal, Likelihood, LikelihoodError, LikelihoodVector, Scratch, SparseLikelihood,
+    TableLikelihood,
+};
 
 use crate::places::{Fix, Places};
 

@@ -13,7 +13,10 @@ use serde_json::{Value, json};
 use tempfile::TempDir;
 use wayfix::likelihood::SparseObservation;
 use wayfix::map::Position;
-use wayfix::{Filter, Hmm, InferenceError, Likelihood, LikelihoodVector, OptionalLikelihood, SparseLikelihood, Transition};
+use wayfix::{
+    Filter, Hmm, InferenceError, Likelihood, LikelihoodVector, OptionalLikelihood,
+    SparseLikelihood, Transition,
+};
 use wayfix_fleet::places::{Fix, Places};
 use wayfix_fleet::pool::{
     LiveJob, LiveSummary, Pool, PoolOptions, Update, UpdateResult, VehicleId, live,
