@@ -151,8 +151,9 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
                 None
             };
             wanted.clear();
-            // The sensor names the states that it likes. A path from outside may come to them, so
-            // that each gets a bound of its own instead of the one for all.
+            // These are the states with the largest likelihoods. A path that has left the beam may
+            // come back to them, so give each a bound of its own; otherwise the largest likelihood
+            // would raise the bound shared by all other states.
             if beam.elsewhere > f64::NEG_INFINITY {
                 self.likelihood().listed_states(observation, &mut wanted);
             }

@@ -161,7 +161,8 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             }
             let observation = observed.observation(number);
             self.likelihood().add(&mut expected.sensor, observation, posterior);
-            // After an error the visitor can only look away; the result is not used then.
+            // A visitor cannot stop the smoother. After an error it skips the moves, and the caller
+            // returns the error instead of the sums.
             if let (Some(pairs), Ok(())) = (step.pairs(), &result) {
                 let family = self.transition().family(observed.control(number));
                 if let Some(moves) = expected.moves.get_mut(family) {

@@ -96,7 +96,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         if let Some(error) = self.expectations_of(&all).1.into_iter().next() {
             return Err(error.into());
         }
-        // Groups are interleaved: neighbours, which may be alike, are in different ones.
+        // Groups are interleaved, so that a trend along the list is in all of them alike.
         let without = |group: usize, (): &mut ()| {
             let all = sequences.iter().enumerate();
             let others: Vec<&S> = all.filter(|(s, _)| s % groups != group).map(|s| s.1).collect();

@@ -114,7 +114,7 @@ impl<A, B> LearnedModel<A, B> {
     /// The last of the [objectives](Self::objectives).
     #[must_use]
     pub fn objective(&self) -> f64 {
-        // The value of the given model is always there.
+        // `objectives` is never empty: it begins with the value of the given model.
         self.objectives.last().copied().unwrap_or(f64::NEG_INFINITY)
     }
 

@@ -40,7 +40,7 @@ pub enum Certificate {
 
 impl Certificate {
     pub(crate) fn of(bound: f64, pruning: Pruning) -> Self {
-        // A NaN tolerance holds nothing.
+        // Every comparison with a NaN tolerance is false, so no bound is within it.
         if bound <= pruning.tolerance { Self::Within(bound) } else { Self::Exceeded(bound) }
     }
 

@@ -112,9 +112,10 @@ impl Envelope {
         limit: usize,
         ranked: &mut Vec<f64>,
     ) -> f64 {
-        // A sum of m products, their weights and their quotients have fewer than m + 8 roundings.
-        // For the lower bounds these are a common factor, which s absorbs, and an excess of twice
-        // that; for the estimate the same again.
+        // Fewer than m + 8 roundings of EPSILON / 2 make a relative error r. Computed lower bounds
+        // may be too high by r. Lowering all by one factor is free, as s absorbs it, but each
+        // excess grows by 2 r; that the bounds also hold for the estimate takes another 2 r. So 4 r
+        // in all.
         let rounding = 2.0 * (raw.terms + 8) as f64 * f64::EPSILON;
         // If nothing is known from below, the estimate at least keeps the numbers in range.
         let scale = if raw.lower > 0.0 { raw.lower } else { raw.estimate };

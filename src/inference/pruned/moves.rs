@@ -89,8 +89,8 @@ impl<'a, A: TransitionEntries> Moves<'a, A> {
         let unknown = Bounds { entry: COLUMN, row: f64::INFINITY, column: COLUMN, ..Bounds::NONE };
         let bounds = constant.unwrap_or(unknown);
         let mut moves = Self { transition, control, bounds, evidence, form: EntryForm::Linear };
-        // Without evidence entries are probabilities, and their products with a lifted belief keep
-        // their digits.
+        // Without evidence, all entries are probabilities, and linear form is enough: products with
+        // a lifted belief keep their digits. Evidence may have any scale.
         if evidence.is_some() {
             if transition.entries_need_logs(control) {
                 return moves.in_powers_of_two(followed, is_open);

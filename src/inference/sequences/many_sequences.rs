@@ -188,7 +188,8 @@ fn smooth<A: Transition, B: Likelihood, S: Sequence<A::Control, B::Observation>>
         has_rows: true,
         single: Hmm::smooth,
         group: |model, group, memory| {
-            // The backward pass finds further lanes that do not hold.
+            // The backward pass may find more lanes out of range, and clears them in `valid`: read
+            // the log-likelihoods after it.
             let mut forward = model.forward(group, memory, true, |_, _| ());
             model.backward(group, memory, &mut forward.valid, None);
             forward.log_likelihoods()

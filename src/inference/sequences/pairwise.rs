@@ -104,7 +104,8 @@ impl<A: TransitionEntries> Pairs<'_, A> {
             .chain(self.ratio.iter().copied());
         let size =
             terms.filter(|log| log.is_finite()).fold(0.0, |size, log| f64::max(size, log.abs()));
-        // Without a possible move the sum is NaN here, and 0.
+        // Without a possible move, `sum` is NaN (−∞ minus −∞); the error then reports 0, since `max`
+        // ignores a NaN.
         if sum.is_nan() || sum.abs() > limits::log_rounding(size) {
             return Err(InferenceError::PredictedSum { step, sum: f64::max(sum.exp(), 0.0) });
         }
@@ -140,7 +141,8 @@ impl<A: LearnTransition> Pairs<'_, A> {
             return one(sum + before * restarts * self.scale, step);
         }
         let sum = |logs: &mut dyn Iterator<Item = f64>| logs.fold(f64::NEG_INFINITY, log::add);
-        // The ratio of a state that nothing leads to may be no number.
+        // The ratio of a state that no move leads to may be NaN: drop states without a restart
+        // before reading it.
         let restarted = states.clone().map(|to| (to, restart(to) * LN_2));
         let restarted = restarted.filter(|entry| entry.1 > f64::NEG_INFINITY);
         let restarts = sum(&mut restarted.map(|(to, log)| log + self.ratio[to]));

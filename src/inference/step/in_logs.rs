@@ -88,7 +88,7 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
         }
         // Lifted, so that the test of the sum sees what is below the range of `f64`, too.
         let lift = LIFT.ln();
-        // (The linear prediction is not used otherwise.)
+        // (`predicted` is free in a step in logarithms, and serves as scratch for the test.)
         let states = output.predicted.iter_mut().zip(&output.logs);
         states.for_each(|(out, log)| *out = (log + lift).exp());
         self.check_prediction(&output.predicted)?;

@@ -145,7 +145,8 @@ macro_rules! in_bytes {
     ) => {
         impl $state {
             pub(crate) fn write(&self, out: &mut $crate::inference::streams::bytes::Writer) {
-                // By name, since a macro cannot sort: the order of bytes is not that of names.
+                // Bytes follow the list after `bytes:`, not the order of the fields. A macro cannot
+                // sort, so look up each field by its name.
                 for name in [$(stringify!($next)),*] {
                     match name {
                         $(stringify!($name) => ($codec.write)(&self.$($path).+, out),)*

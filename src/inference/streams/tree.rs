@@ -48,7 +48,8 @@ impl Tree {
     /// Returns the states of the undecided steps on the path to a present state.
     pub(crate) fn path(&self, mut state: usize) -> Vec<usize> {
         let mut states = vec![0; self.levels.len()];
-        // Only nodes that are alive are reached from a possible state: links of others are stale.
+        // `state` must be possible: then all nodes on its path are alive, and their links valid.
+        // Links of dead nodes may be stale.
         for (out, level) in states.iter_mut().zip(&self.levels).rev() {
             *out = state;
             state = level.from[state] as usize;

@@ -263,7 +263,8 @@ pub(crate) fn log_sum(terms: impl Iterator<Item = f64> + Clone) -> f64 {
     let mut sum = 0.0;
     for term in terms {
         let below = term - largest;
-        // e^-45 is below the last digit of the sum.
+        // The sum is at least 1, and e^-45 is 3e-20: thousands of such terms do not change its last
+        // digit.
         if below > -45.0 {
             sum += if below == 0.0 { 1.0 } else { below.exp() };
         }

@@ -102,7 +102,8 @@ fn add<S: Simd, const C: usize>(s: S, columns: [&[Eight]; C], x: &[f64; C], out:
     let whole: [&[Eight]; C] = std::array::from_fn(|c| &columns[c][..blocks.len()]);
     for (number, block) in blocks.iter_mut().enumerate() {
         let mut sum = s.load(block);
-        // Into one sum, in the order of columns: a sum of several would depend on C.
+        // Add to one sum, column by column: with several partial sums, the rounding would depend
+        // on C.
         for c in 0..C {
             sum = s.add(sum, s.mul(s.load(&whole[c][number]), x[c]));
         }

@@ -82,7 +82,8 @@ impl Sliced {
                 let sum = factors.gathered::<_, _, false>(s, ring, sum, from.gathered..to.gathered);
                 let sum = factors.overflow(s, ring, sum, from.overflow..to.overflow);
                 let rows = ring.to_rows(s, sum);
-                // A line is a byte: the compiler sees that it is in the window, and checks nothing.
+                // A line is a u8, and a window has 256 lines: the compiler knows that the index is
+                // in range, and drops the check.
                 for (lane, line) in lines.iter().map(|line| *line as usize).enumerate() {
                     R::set_row(&mut sums, line, R::row(&rows, lane));
                 }

@@ -137,8 +137,8 @@ fn backward<S: Simd>(
     q: &mut [Packed],
 ) -> Eight {
     let (n, zero) = (ratio.len(), s.splat(0.0));
-    // Lanes whose sequence ends before this step, or that were given up, have the factor 0: their
-    // ratio is 0, and their α must stay.
+    // Lanes that have ended before this step, or were given up, have the factor 0. Their ratio is
+    // 0, and α must stay: at its end a sequence has γ_T = α_T.
     let continues = s.lt(zero, s.load(&factors));
     let (alpha, q) = (&mut alpha[..n], &mut q[..n]);
     let mut sink = BackwardSink::<S> { alpha, q, continues, sum: zero };

@@ -218,14 +218,15 @@ impl<const LIFTED: bool> WithSimd for Normalize<'_, LIFTED> {
         for block in 0..blocks {
             let mut v = row_block(s, (x.0, x.1), block);
             if LIFTED {
-                // Compared before the division: a quotient below 2^-1022 takes a hundred times as
-                // long to compute.
+                // Compare before scaling: a result below 2^-1022 takes a hundred times as long to
+                // compute.
                 v = s.mul(s.select(s.lt(v, least), zero, v), factor);
                 store(s, &mut out, block, v);
                 store(s, &mut x, block, s.mul(v, lift));
             } else {
-                // A plain step that has reported no small x: each is at least 2^-1000, or 0, and
-                // its quotient is normal, or 0.
+                // A plain step reported no small x, so each x is 0 or at least 2^-1000. Divided by
+                // the sum it stays normal; with evidence it may reach 2^-1023, which costs one
+                // rounding (`limits`, "A plain step").
                 v = s.mul(v, factor);
                 store(s, &mut x, block, v);
             }

@@ -65,7 +65,7 @@ fn checked<S: Simd>(s: S, x: &[f64], valid: Valid) -> (f64, bool) {
     let mut last = [other; LANES];
     last[..rest.len()].copy_from_slice(rest);
     let mut largest = bounds[2];
-    // All lanes set: the value is not NaN.
+    // Every lane starts as true: `largest` holds `other`, which is not NaN and so equals itself.
     let mut valid = s.eq(largest, largest);
     for block in blocks.iter().chain([&last]) {
         let x = s.load(block);

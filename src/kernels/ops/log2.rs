@@ -117,8 +117,8 @@ pub(super) fn log2_lanes<S: Simd>(s: S, x: S::V) -> S::V {
 #[inline(always)]
 pub(super) fn log2_over<S: Simd>(s: S, logs: S::V, largest: f64) -> S::V {
     let x = s.mul(s.sub(logs, s.splat(largest)), s.splat(LOG2_E));
-    // As `on_grid`, for what is not positive: subtracting 2^52 leaves no room for a fraction. −∞ is
-    // below the range of the grid, and stays.
+    // Rounds as `on_grid` does. x is never positive, so subtract 2^52: numbers of that size have no
+    // fraction. Below the range x is on the grid already, or −∞, and stays.
     let (whole, steps) = (s.splat(INTEGERS), s.mul(x, s.splat(GRID_STEPS)));
     let rounded = s.mul(s.add(s.sub(steps, whole), whole), s.splat(1.0 / GRID_STEPS));
     s.select(s.lt(s.splat(-GRID_RANGE), x), rounded, x)

@@ -74,8 +74,8 @@ impl Semiring for SumProduct {
         }
         let (zero, one) = (s.splat(0.0), s.splat(1.0));
         let (low, high) = (s.splat(MIDDLE_RANGE[0]), s.splat(MIDDLE_RANGE[1]));
-        // Steps of 2^64, less than the width of the middle range, so that none overshoots it. One is
-        // enough as a rule: four steps take a vector not much further.
+        // Each round scales by 2^64. The middle range is 2^80 wide, so a round cannot jump over it.
+        // One is usually enough, as ranges are checked every four steps of the recursion.
         loop {
             // A vector of zeros has no scale, and stays.
             let up = s.and(s.lt(largest, low), s.lt(zero, largest));

@@ -298,20 +298,23 @@ unsafe fn run_unchecked<K: WithSimd>(isa: Isa, kernel: K) -> K::Output {
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2")]
     unsafe fn avx2<K: WithSimd>(kernel: *const K) -> K::Output {
-        // SAFETY: the address is that of a kernel below, which is read here and nowhere else.
+        // SAFETY: the pointer is to the local `kernel` below, which outlives this call. Only this
+        // function reads it, and only once.
         unsafe { kernel.read() }.run(Avx2(gathers()))
     }
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx512f,avx512vl,avx2")]
     unsafe fn avx512<K: WithSimd>(kernel: *const K) -> K::Output {
-        // SAFETY: the address is that of a kernel below, which is read here and nowhere else.
+        // SAFETY: the pointer is to the local `kernel` below, which outlives this call. Only this
+        // function reads it, and only once.
         unsafe { kernel.read() }.run(Avx512(gathers()))
     }
     // A call, as the other two must be: it would otherwise be part of every caller, for the rare
     // machine that takes it.
     #[inline(never)]
     unsafe fn portable<K: WithSimd>(kernel: *const K) -> K::Output {
-        // SAFETY: the address is that of a kernel below, which is read here and nowhere else.
+        // SAFETY: the pointer is to the local `kernel` below, which outlives this call. Only this
+        // function reads it, and only once.
         unsafe { kernel.read() }.run(Portable)
     }
     // The function that reads the kernel owns it from there on, and drops it.

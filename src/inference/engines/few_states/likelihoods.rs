@@ -241,7 +241,8 @@ fn scale(diagonal: &Diagonal<'_>, out: &mut [f64]) -> Option<f64> {
         Values::Linear(linear) | Values::Checked { linear, .. } => {
             let largest = diagonal.check(out.len()).ok()?;
             let by = if UNSCALED.contains(&largest) { 0 } else { exponent(largest) };
-            // Beyond, 2^-by is no normal double.
+            // `power` is right up to 1022; 1000 leaves room. A largest likelihood of 0 fails here
+            // too, as its exponent reads -1023.
             if by.abs() > 1000 {
                 return None;
             }

@@ -130,7 +130,8 @@ impl Decoder {
                 let before = x[j] + (exponents[j] - largest);
                 for (out, values) in out.iter_mut().zip(&column.values) {
                     let score = before + values[segment];
-                    // Lower sums are rounded, and might break a tie otherwise than step by step.
+                    // Below this limit sums may be rounded, and a tie might be decided otherwise
+                    // than step by step.
                     if score > f64::NEG_INFINITY && score < LEAST_EXACT_SCORE {
                         return None;
                     }

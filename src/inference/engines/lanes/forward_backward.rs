@@ -185,8 +185,8 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
         for (l, valid) in valid.iter_mut().enumerate() {
             let mut tiny = range.tiny[l];
             scales.largest[l] = range.largest[l];
-            // A negative likelihood shows here, and a NaN in the sum of the step, even times a
-            // belief of 0.
+            // This finds negative likelihoods. A NaN shows later, in the sum of the step, since 0
+            // times NaN is NaN.
             *valid &= range.least[l] >= 0.0;
             if *valid && !UNSCALED.contains(&range.largest[l]) {
                 *valid = scale(out, l, &mut scales, &mut tiny).is_some();

@@ -63,7 +63,7 @@ impl Simd for Avx2 {
 
     #[inline(always)]
     fn splat(self, x: f64) -> Pair {
-        // SAFETY: `self` proves AVX2; x is a value.
+        // SAFETY: `self` proves AVX2; the instruction touches no memory.
         let four = unsafe { _mm256_set1_pd(x) };
         (four, four)
     }
@@ -112,7 +112,7 @@ impl Simd for Avx2 {
     }
     #[inline(always)]
     fn select(self, m: Pair, a: Pair, b: Pair) -> Pair {
-        // SAFETY: `self` proves AVX2; operands are registers. (Only the sign of a lane is looked
+        // SAFETY: `self` proves AVX2; the instruction touches no memory. (Only the sign of a lane is looked
         // at, and comparisons set all bits.)
         unsafe { (_mm256_blendv_pd(b.0, a.0, m.0), _mm256_blendv_pd(b.1, a.1, m.1)) }
     }
@@ -185,8 +185,8 @@ impl Simd for Avx2 {
     }
     #[inline(always)]
     fn lt_index(self, a: Self::I, b: Self::I) -> Pair {
-        // SAFETY: `self` proves AVX2; operands are registers. (The comparison has a sign, but lanes
-        // of 64 bits hold indices of 32.)
+        // SAFETY: `self` proves AVX2; the instruction touches no memory. (The comparison
+        // is signed. Indices have 32 bits, so no lane of 64 is negative.)
         unsafe {
             let (low, high) = (_mm256_cmpgt_epi64(b.0, a.0), _mm256_cmpgt_epi64(b.1, a.1));
             (_mm256_castsi256_pd(low), _mm256_castsi256_pd(high))
@@ -194,7 +194,7 @@ impl Simd for Avx2 {
     }
     #[inline(always)]
     fn select_index(self, m: Pair, a: Self::I, b: Self::I) -> Self::I {
-        // SAFETY: `self` proves AVX2; operands are registers.
+        // SAFETY: `self` proves AVX2; the instruction touches no memory.
         unsafe {
             let m = (_mm256_castpd_si256(m.0), _mm256_castpd_si256(m.1));
             (_mm256_blendv_epi8(b.0, a.0, m.0), _mm256_blendv_epi8(b.1, a.1, m.1))

@@ -16,7 +16,7 @@ macro_rules! single {
         #[inline(always)]
         fn $name(self, a: $in, b: $in) -> $out {
             // SAFETY: `self` proves AVX-512 F and VL, which have all intrinsics that the macro is
-            // called with; operands are registers.
+            // called with; the instruction touches no memory.
             unsafe { $intrinsic(a, b) }
         }
     )*};
@@ -53,7 +53,7 @@ impl Simd for Avx512 {
     }
     #[inline(always)]
     fn split_exponent(self, v: __m512d) -> (__m512d, __m512d) {
-        // SAFETY: `self` proves AVX-512 F; operands are registers.
+        // SAFETY: `self` proves AVX-512 F; the instruction touches no memory.
         unsafe {
             let mantissa = _mm512_getmant_pd::<_MM_MANT_NORM_1_2, _MM_MANT_SIGN_SRC>(v);
             (_mm512_getexp_pd(v), mantissa)
@@ -62,7 +62,7 @@ impl Simd for Avx512 {
 
     #[inline(always)]
     fn splat(self, x: f64) -> __m512d {
-        // SAFETY: `self` proves AVX-512 F; x is a value.
+        // SAFETY: `self` proves AVX-512 F; the instruction touches no memory.
         unsafe { _mm512_set1_pd(x) }
     }
     #[inline(always)]
@@ -101,14 +101,14 @@ impl Simd for Avx512 {
     }
     #[inline(always)]
     fn select(self, m: __mmask8, a: __m512d, b: __m512d) -> __m512d {
-        // SAFETY: `self` proves AVX-512 F; operands are registers.
+        // SAFETY: `self` proves AVX-512 F; the instruction touches no memory.
         unsafe { _mm512_mask_blend_pd(m, b, a) }
     }
     #[inline(always)]
     fn broadcast_lanes(self, v: __m512d) -> [__m512d; LANES] {
         let mut lanes = [v; LANES];
         for (l, lane) in (0..).zip(&mut lanes) {
-            // SAFETY: `self` proves AVX-512 F; operands are registers.
+            // SAFETY: `self` proves AVX-512 F; the instruction touches no memory.
             *lane = unsafe { _mm512_permutexvar_pd(_mm512_set1_epi64(l), v) };
         }
         lanes
@@ -171,7 +171,7 @@ impl Simd for Avx512 {
     }
     #[inline(always)]
     fn select_index(self, m: __mmask8, a: __m256i, b: __m256i) -> __m256i {
-        // SAFETY: `self` proves AVX-512 VL; operands are registers.
+        // SAFETY: `self` proves AVX-512 VL; the instruction touches no memory.
         unsafe { _mm256_mask_blend_epi32(m, b, a) }
     }
     #[inline(always)]
