@@ -69,8 +69,8 @@
 //!
 //! **The layers**, each on those before: the model and the points; the candidates of a point with
 //! their likelihoods, and the weights of the moves between them; one step of a matcher, which adds
-//! its candidates and moves to a trellis; and on the step and on the step: vehicles, learning, and drives with their distinct routes:
-//! vehicles live, whole drives, their distinct routes, and learning.
+//! its candidates and moves to a trellis; and on the step: vehicles, learning, and drives with their
+//! distinct routes.
 
 mod answer;
 mod candidates;
