@@ -123,7 +123,7 @@ fn modules(folder: &Path, at: &[String], found: &mut Vec<(Vec<String>, String)>)
     for entry in fs::read_dir(folder).unwrap().map(Result::unwrap) {
         let path = entry.path();
         let stem = path.file_stem().unwrap().to_str().unwrap().to_owned();
-        let inside = [at, &[stem.clone()]].concat();
+        let inside = [at, std::slice::from_ref(&stem)].concat();
         if path.is_dir() {
             modules(&path, &inside, found);
         } else if path.extension().is_some_and(|end| end == "rs") {
