@@ -8,7 +8,6 @@
 //!
 //! Lanes beyond the last state have entries of 0 (−∞ for scores), and stay so.
 
-use super::semiring::is_small;
 use crate::kernels::layout::Packed;
 use crate::kernels::simd::{Eight, LANES, Simd, kernels, total};
 use crate::limits::{LEAST_FACTOR, LEAST_IN_CHAIN, MIDDLE_RANGE, exponent, power};
@@ -63,7 +62,7 @@ fn product<S: Simd>(s: S, columns: &PaddedLines, x: S::V) -> S::V {
 /// have all their digits.
 #[inline(always)]
 fn is_out_of_range<S: Simd>(s: S, b: S::V, x: S::V) -> bool {
-    s.any(s.or(is_small(s, b, LEAST_FACTOR), is_small(s, x, LEAST_IN_CHAIN)))
+    s.any(s.or(s.is_small(b, LEAST_FACTOR), s.is_small(x, LEAST_IN_CHAIN)))
 }
 
 kernels! {

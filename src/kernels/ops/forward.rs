@@ -9,7 +9,6 @@ use std::marker::PhantomData;
 
 use super::product::{Product, ProductRows, SparseRows};
 use super::row_sums::Sink;
-use super::semiring::is_small;
 use crate::kernels::parallel::{Splits, run_in_parts};
 use crate::kernels::simd::{Blocks, BlocksMut, LANES, Simd, WithSimd, row_block, store, total};
 use crate::limits::{LIFT, TINY};
@@ -230,7 +229,7 @@ impl<const LIFTED: bool> WithSimd for Normalize<'_, LIFTED> {
                 v = s.mul(v, factor);
                 store(s, &mut x, block, v);
             }
-            tiny = s.or(tiny, is_small(s, v, TINY));
+            tiny = s.or(tiny, s.is_small(v, TINY));
         }
         s.any(tiny)
     }

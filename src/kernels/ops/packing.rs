@@ -1,7 +1,6 @@
 //! Packing of vectors of eight chains side by side, and back: a transposition in registers for each
 //! eight values of eight rows, instead of 64 moves.
 
-use super::semiring::is_small;
 use crate::kernels::layout::Packed;
 use crate::kernels::simd::{Eight, LANES, Simd, kernels, row_block, store};
 use crate::limits::TINY;
@@ -57,7 +56,7 @@ fn pack_rows<S: Simd>(s: S, rows: [&[f64]; LANES], out: &mut [Packed]) -> Packed
     // Zeros compare below too, and are usually the only hits: values are read again only then.
     if s.any(s.lt(least, s.splat(TINY))) {
         for packed in &*out {
-            tiny = s.or(tiny, is_small(s, s.load(packed), TINY));
+            tiny = s.or(tiny, s.is_small(s.load(packed), TINY));
         }
     }
     let (least, largest) = (s.to_array(least), s.to_array(largest));

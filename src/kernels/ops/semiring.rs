@@ -10,12 +10,6 @@ use crate::limits::{LEAST_IN_CHAIN, LEAST_SCORE, MIDDLE_RANGE, power};
 /// Power of two that is taken out of a scale at a time.
 const SHIFT: i64 = 64;
 
-/// Lanes above 0 and below a limit.
-#[inline(always)]
-pub(super) fn is_small<S: Simd>(s: S, v: S::V, limit: f64) -> S::M {
-    s.and(s.lt(v, s.splat(limit)), s.lt(s.splat(0.0), v))
-}
-
 /// Rounds numbers below 2^51 to whole ones.
 #[inline(always)]
 fn round<S: Simd>(s: S, x: S::V) -> S::V {
@@ -97,7 +91,7 @@ impl Semiring for SumProduct {
         // An empty mask: 0 is below 0 in no lane.
         let mut lost = s.lt(zero, zero);
         for &x in &*x {
-            lost = s.or(lost, is_small(s, x, LEAST_IN_CHAIN));
+            lost = s.or(lost, s.is_small(x, LEAST_IN_CHAIN));
         }
         !s.any(lost)
     }

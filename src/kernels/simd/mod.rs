@@ -70,6 +70,11 @@ pub(crate) trait Simd: Copy {
     fn all(self, m: Self::M) -> bool {
         self.bits(m) == u8::MAX
     }
+    /// Lanes above 0 and below a limit.
+    #[inline(always)]
+    fn is_small(self, v: Self::V, limit: f64) -> Self::M {
+        self.and(self.lt(v, self.splat(limit)), self.lt(self.splat(0.0), v))
+    }
     /// `a` where the mask is set, else `b`.
     fn select(self, m: Self::M, a: Self::V, b: Self::V) -> Self::V;
     /// Exponents, as doubles, and mantissas from 1 to 2, of normal positive numbers.
