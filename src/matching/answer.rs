@@ -91,6 +91,8 @@ pub struct Stretches<P = Position> {
     /// Stretches of a route in order; or those that hold a vehicle, one an edge, that of the most
     /// probable state first.
     pub stretches: Vec<Stretch<P>>,
+    /// Probability of each stretch that holds a vehicle; none for a route.
+    pub probabilities: Vec<f64>,
     /// Probability of the route; or that the vehicle is on one of the stretches.
     pub probability: f64,
 }
@@ -122,7 +124,8 @@ pub(super) fn credible<P: Coordinates>(
         (f64::INFINITY, 1.0)
     };
     let half = sigma * ((1.0 + mass_along) / (1.0 - mass_along)).ln() / 1.702;
-    let (mut stretches, mut sum): (Vec<Stretch<P>>, f64) = (Vec::new(), 0.0);
+    let (mut stretches, mut probabilities): (Vec<Stretch<P>>, Vec<f64>) = Default::default();
+    let mut sum = 0.0;
     for (state, probability) in possible {
         if sum >= share {
             break;
@@ -138,13 +141,16 @@ pub(super) fn credible<P: Coordinates>(
         }
         let ends = [enter, exit].map(|along| network.position_along(edge, along));
         let stretch = Stretch { edge: Some(edge), enter, exit, ends };
-        match place {
-            Some(place) => stretches[place] = stretch,
-            None => stretches.push(stretch),
+        if let Some(place) = place {
+            stretches[place] = stretch;
+            probabilities[place] += probability;
+        } else {
+            stretches.push(stretch);
+            probabilities.push(probability);
         }
     }
     let probability = (sum * mass_along).max(mass.min(on_road)).min(1.0);
-    Ok(Stretches { stretches, probability })
+    Ok(Stretches { stretches, probabilities, probability })
 }
 
 /// Edges with their probabilities, the most probable first, without those off the road.

@@ -105,7 +105,7 @@ impl<P: Coordinates> Matcher<P> {
                 .map(|(state, states)| states[*state as usize])
                 .collect();
             let stretches = route(&self.network, &drive.points, &states, &mut step);
-            Stretches { stretches, probability: probability.min(1.0) }
+            Stretches { stretches, probabilities: Vec::new(), probability: probability.min(1.0) }
         };
         let routes = found.routes.into_iter().map(ranked).collect();
         Ok(RankedRoutes { routes, remaining: (1.0 - sum).max(0.0), is_exact: found.is_exact })

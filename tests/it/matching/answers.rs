@@ -143,9 +143,13 @@ fn credible_stretches_say_what_they_hold() {
                 assert!(probability <= on_road + 1e-9, "{mass}: {probability} of {on_road}");
                 assert!(probability >= mass.min(on_road) - 1e-9);
                 let edges = found.edges(point);
-                let p =
+                let of_edge =
                     |part: &Part| edges.iter().find(|edge| Some(edge.0) == part.edge).unwrap().1;
-                let sum: f64 = around.stretches.iter().map(p).sum();
+                assert_eq!(around.probabilities.len(), around.stretches.len());
+                for (part, p) in around.stretches.iter().zip(&around.probabilities) {
+                    assert!(0.0 < *p && *p <= of_edge(part) + 1e-9);
+                }
+                let sum: f64 = around.probabilities.iter().sum();
                 assert!(sum >= probability - 1e-9);
                 // More is held by as much or more.
                 let total: f64 = around.stretches.iter().map(Part::metres).sum();
