@@ -31,7 +31,7 @@ impl Error for SequenceError {
 }
 
 /// A failure of learning.
-#[derive(Debug, thiserror::Error)]
+#[derive(Debug, Clone, thiserror::Error)]
 #[non_exhaustive]
 pub enum LearnError {
     /// There is no observation to learn from: no sequence was given, or all are empty.

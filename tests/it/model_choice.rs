@@ -282,25 +282,25 @@ fn the_best_of_several_starts_is_returned() {
     let learning = LearningOptions { iterations: 30, ..LearningOptions::default() };
     let ended = Mutex::new(Vec::new());
     let best = Hmm::learn_best(&starts, &sequences, &learning, |start, learned| {
-        let learned = learned.as_ref().unwrap();
-        ended.lock().unwrap().push((start, learned.objective(), learned.objectives().to_vec()));
+        ended.lock().unwrap().push((start, learned.clone().unwrap()));
     })
     .unwrap();
     let mut ended = ended.into_inner().unwrap();
     ended.sort_by_key(|entry| entry.0);
     assert_eq!(ended.len(), 5);
-    for ((start, objective, objectives), model) in ended.iter().zip(&starts) {
+    for ((start, learned), model) in ended.iter().zip(&starts) {
         let alone = model.learn(&sequences, &learning).unwrap();
-        assert_eq!(*objective, alone.objective(), "start {start}");
-        assert_eq!(objectives, alone.objectives());
+        assert_eq!(learned.objective(), alone.objective(), "start {start}");
+        assert_eq!(learned.objectives(), alone.objectives());
+        assert_eq!((learned.start(), alone.start()), (*start, 0));
     }
-    assert!(ended.iter().all(|(_, objective, _)| *objective <= best.objective()));
-    assert!(ended.iter().any(|(_, _, objectives)| objectives == best.objectives()));
+    assert!(ended.iter().all(|(_, learned)| learned.objective() <= best.objective()));
+    assert_eq!(ended[best.start()].1.objectives(), best.objectives());
 
     // Of equal ones the first, which ends as its start would alone.
     let equal = [starts[1].clone(), starts[1].clone()];
     let best = Hmm::learn_best(&equal, &sequences, &learning, |_, _| ()).unwrap();
-    assert_eq!(best.objectives(), ended[1].2);
+    assert_eq!((best.start(), best.objectives()), (0, ended[1].1.objectives()));
 
     let none: [Model; 0] = [];
     let error = Hmm::learn_best(&none, &sequences, &learning, |_, _| ()).unwrap_err();
@@ -324,6 +324,7 @@ fn failed_fits_rank_last() {
     let best = Hmm::learn_best(&starts, &sequences, &short, |_, _| ()).unwrap();
     let second = whole.learn(&sequences, &short).unwrap();
     assert!(!best.failed() && best.objectives() == second.objectives());
+    assert_eq!(best.start(), 1);
     let best = Hmm::learn_best(&starts[..1], &sequences, &short, |_, _| ()).unwrap();
     assert!(best.failed());
 

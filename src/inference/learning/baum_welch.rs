@@ -126,6 +126,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         let of_prior = if learning.keep_prior { self.free_in_prior() } else { 0 };
         let mut best = LearnedModel {
             model: self.clone(),
+            start: 0,
             objectives: vec![log_likelihood + self.log_prior(learning)],
             log_likelihood,
             converged: false,

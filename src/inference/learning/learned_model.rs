@@ -69,9 +69,10 @@ impl LearningOptions {
 /// A learned model, with the course of learning.
 ///
 /// Made by [`Hmm::learn`].
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct LearnedModel<A, B> {
     pub(super) model: Hmm<A, B>,
+    pub(super) start: usize,
     pub(super) objectives: Vec<f64>,
     pub(super) log_likelihood: f64,
     pub(super) converged: bool,
@@ -94,6 +95,13 @@ impl<A, B> LearnedModel<A, B> {
     #[must_use]
     pub fn into_model(self) -> Hmm<A, B> {
         self.model
+    }
+
+    /// Index of the start that the model was learned from, among those given to
+    /// [`Hmm::learn_best`]; 0 if there was one alone.
+    #[must_use]
+    pub fn start(&self) -> usize {
+        self.start
     }
 
     /// Values of the objective, of the given model and after each re-estimation: ln p of all

@@ -15,7 +15,8 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     /// start. Models of which learning [failed](LearnedModel::failed) come after all others, since
     /// their likelihood may have no bound; if one of them is returned, all others failed too.
     ///
-    /// `done` is called with the index and the result of each start as it ends, in any order.
+    /// [`LearnedModel::start`] is the index of its start. `done` is called with the index and the
+    /// result of each start as it ends, in any order, and may clone it: the others are dropped.
     /// Runs in parallel with the feature `rayon`. The cost is that of as many calls of
     /// [`learn`](Self::learn).
     ///
@@ -62,6 +63,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         let starts = starts.iter().enumerate().collect();
         let attempts = parallel::map(starts, |(index, start): (usize, &Self), (): &mut ()| {
             let learned = start.learn(sequences, learning);
+            let learned = learned.map(|learned| LearnedModel { start: index, ..learned });
             done(index, &learned);
             learned
         });
