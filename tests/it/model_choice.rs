@@ -243,7 +243,7 @@ fn small_trouble_ends_learning_without_losing_it() {
         let (hmm, sequences) = spoiled(60, then);
         let learned = hmm.learn(&sequences, &learning).unwrap();
         assert_eq!((learned.failed(), learned.iterations()), (failed, 60));
-        assert!(!learned.converged());
+        assert!(!learned.converged() && !learned.stopped());
         let kept: f64 = hmm.log_likelihood_all(&sequences).into_iter().map(Result::unwrap).sum();
         assert!(learned.log_likelihood() > kept + 1.0);
         assert_eq!(learned.objective(), *learned.objectives().last().unwrap());
@@ -354,13 +354,20 @@ fn learning_can_be_watched_and_broken_off() {
         if seen.len() == 4 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });
     let learned = learned.unwrap();
-    assert_eq!((learned.converged(), learned.iterations()), (false, 4));
-    assert!(learned.cause().is_none());
+    assert_eq!((learned.stopped(), learned.iterations()), (true, 4));
+    assert!(!learned.converged() && learned.cause().is_none());
     assert_eq!(learned.objectives()[1..], seen);
     let all = start.learn(&sequences, &learning).unwrap();
     assert_eq!(all.objectives()[..=4], *learned.objectives());
-    assert_eq!((all.converged(), all.iterations()), (false, 9));
-    assert!(all.cause().is_none());
+    assert_eq!((all.stopped(), all.iterations()), (false, 9));
+    assert!(!all.converged() && all.cause().is_none());
+    // Broken off at the last iteration that was allowed, and one that converges.
+    let broken = |tolerance: f64| {
+        let last = LearningOptions { iterations: 1, tolerance, ..learning.clone() };
+        start.learn_with(&sequences, &last, |_| ControlFlow::Break(())).unwrap()
+    };
+    assert!(broken(0.0).stopped() && !broken(0.0).converged());
+    assert!(!broken(1e9).stopped() && broken(1e9).converged());
 }
 
 #[test]

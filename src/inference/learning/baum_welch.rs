@@ -91,7 +91,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     ///     println!("{}: {}", now.iterations(), now.objective());
     ///     if now.iterations() < 3 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     /// })?;
-    /// assert_eq!((learned.iterations(), learned.converged()), (3, false));
+    /// assert_eq!((learned.iterations(), learned.stopped()), (3, true));
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     ///
@@ -130,6 +130,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             objectives: vec![log_likelihood + self.log_prior(learning)],
             log_likelihood,
             converged: false,
+            stopped: false,
             cause: None,
             left_out,
             parameters: self.free_parameters() - of_prior,
@@ -173,6 +174,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             best = LearnedModel { model, log_likelihood, ..best };
             let stopped = visit(&best).is_break();
             best.converged = objective - before < learning.tolerance;
+            best.stopped = stopped && !best.converged;
             if best.converged || stopped {
                 break;
             }

@@ -76,6 +76,7 @@ pub struct LearnedModel<A, B> {
     pub(super) objectives: Vec<f64>,
     pub(super) log_likelihood: f64,
     pub(super) converged: bool,
+    pub(super) stopped: bool,
     pub(super) cause: Option<LearnError>,
     pub(super) left_out: Vec<SequenceError>,
     /// Number of free parameters of the given model.
@@ -163,12 +164,19 @@ impl<A, B> LearnedModel<A, B> {
         self.objectives.len() - 1
     }
 
-    /// Returns true if the last re-estimation gained less than the tolerance. Otherwise the
-    /// [iterations](Self::iterations) are as many as were allowed, the function given to
-    /// [`Hmm::learn_with`] broke off, or learning ended with a [cause](Self::cause).
+    /// Returns true if the last re-estimation gained less than the tolerance. Otherwise learning
+    /// was [stopped](Self::stopped) or ended with a [cause](Self::cause); if neither, all
+    /// [iterations](LearningOptions::iterations) that were allowed were made.
     #[must_use]
     pub fn converged(&self) -> bool {
         self.converged
+    }
+
+    /// Returns true if the function given to [`Hmm::learn_with`] broke off, and the last
+    /// re-estimation had not converged.
+    #[must_use]
+    pub fn stopped(&self) -> bool {
+        self.stopped
     }
 
     /// The error that ended learning with the model before it.
