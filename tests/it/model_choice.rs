@@ -505,7 +505,7 @@ fn models_are_chosen_by_criteria_and_folds() {
         |&states: &usize, some: &[&Vec<usize>]| random_model(states, 3, 77).learn(some, &learning);
     let selection = ModelSelection::new([1, 2, 3], &sequences, 3, learn).unwrap();
     for row in selection.rows() {
-        let Candidate { candidate: states, criteria, held_out, failed } = row;
+        let Candidate { candidate: states, criteria, held_out, failed, .. } = row;
         assert_eq!(*failed, 0);
         let all: Vec<_> = sequences.iter().collect();
         let model = learn(states, &all).unwrap().into_model();
@@ -517,6 +517,7 @@ fn models_are_chosen_by_criteria_and_folds() {
         assert!(near(criteria.aic(), 2.0 * (p - sum)));
         assert!(near(criteria.bic(), p * 210_f64.ln() - 2.0 * sum));
         assert_eq!(held_out.len(), 3);
+        assert_eq!(row.held_out_observations, [90, 60, 60]);
         for (fold, log) in held_out.iter().enumerate() {
             let others: Vec<_> = (0..7).filter(|s| s % 3 != fold).map(|s| &sequences[s]).collect();
             let model = learn(states, &others).unwrap().into_model();

@@ -55,6 +55,8 @@ pub struct Candidate<C> {
     /// Log-likelihood of the held-out sequences of each fold, under a model that was learned from
     /// the others; −∞ if that rules one of them out. Empty without folds.
     pub held_out: Vec<f64>,
+    /// Number of held-out observations of each fold.
+    pub held_out_observations: Vec<usize>,
     /// Number of models, of all sequences and of each fold, whose learning
     /// [failed](LearnedModel::failed). The likelihood of such a model may have no bound (a state
     /// has shrunk to one observation), so that its criteria mean little.
@@ -122,10 +124,11 @@ impl<C> ModelSelection<C> {
                 log_likelihood_of_fold(sequences, fold, folds, |some| learn(&candidate, some))
             };
             let found = parallel::map((0..folds).collect(), without);
-            let found = found.into_iter().collect::<Result<Vec<(f64, bool)>, E>>()?;
-            let failed = found.iter().filter(|fold| fold.1).count() + usize::from(learned.failed());
-            let held_out = found.into_iter().map(|fold| fold.0).collect();
-            rows.push(Candidate { candidate, criteria, held_out, failed });
+            let found = found.into_iter().collect::<Result<Vec<(f64, usize, bool)>, E>>()?;
+            let failed = found.iter().filter(|fold| fold.2).count() + usize::from(learned.failed());
+            let (held_out, held_out_observations) =
+                found.into_iter().map(|fold| (fold.0, fold.1)).unzip();
+            rows.push(Candidate { candidate, criteria, held_out, held_out_observations, failed });
         }
         if rows.is_empty() {
             let nothing = LearnError::nothing(sequences.len(), None);
@@ -202,14 +205,14 @@ impl<C: fmt::Display> fmt::Display for ModelSelection<C> {
     }
 }
 
-/// Returns the log-likelihood of the sequences of a fold under a model learned from the others, and
-/// true if learning failed.
+/// Returns the log-likelihood of the sequences of a fold under a model learned from the others, the
+/// number of their observations, and true if learning failed.
 fn log_likelihood_of_fold<A, B, S, E>(
     sequences: &[S],
     fold: usize,
     folds: usize,
     learn: impl Fn(&[&S]) -> Result<LearnedModel<A, B>, E>,
-) -> Result<(f64, bool), E>
+) -> Result<(f64, usize, bool), E>
 where
     E: From<LearnError>,
     A: LearnTransition,
@@ -220,8 +223,9 @@ where
         // Interleaved, so that each fold has sequences of all times.
         sequences.iter().enumerate().partition(|(sequence, _)| sequence % folds == fold);
     let learned = learn(&others.into_iter().map(|(_, s)| s).collect::<Vec<_>>())?;
-    let mut sum = LogSum::default();
+    let (mut sum, mut observations) = (LogSum::default(), 0);
     for (sequence, observed) in held {
+        observations += observed.steps();
         match learned.model().log_likelihood(observed) {
             Ok(log) => sum.add(log),
             // A model that rules out what it has not seen is wrong: no score is lower.
@@ -231,5 +235,5 @@ where
             Err(source) => return Err(LearnError::from(SequenceError { sequence, source }).into()),
         }
     }
-    Ok((sum.value(), learned.failed()))
+    Ok((sum.value(), observations, learned.failed()))
 }
