@@ -204,6 +204,7 @@ where
 {
     /// Starts either family from its own components. Errors are as those of learning.
     fn start<R: Rng + ?Sized>(&self, clusters: &Clusters<'_>, rng: &mut R) -> Outcome<Self> {
+        clusters.check(self)?;
         let (from, to) = self.others();
         let first = self.first.start(&clusters.columns(0..from), rng);
         let second = self.second.start(&clusters.columns(from..to), rng);

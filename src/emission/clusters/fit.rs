@@ -6,6 +6,7 @@ use rand::Rng;
 
 use super::observations::Clusters;
 use crate::emission::EmissionError;
+use crate::error::HmmError;
 use crate::fixed::Fixed;
 use crate::likelihood::{GroupedLikelihood, LearnLikelihood, Likelihood, Scratch};
 
@@ -50,12 +51,31 @@ impl Clusters<'_> {
     ///
     /// # Errors
     ///
-    /// The error of [`LearnLikelihood::maximize`].
+    /// The error of [`LearnLikelihood::maximize`]; [`HmmError::StateCount`] unless there is a cluster
+    /// for each state, and the family's error if it does not take the first observation.
     pub fn fit<B>(&self, family: &B) -> Result<B, Box<dyn Error + Send + Sync>>
     where
         B: LearnLikelihood<Observation = [f64]>,
     {
+        self.check(family)?;
         self.fit_by(family, |at, weights| self.weights(at, weights))
+    }
+
+    /// Checks that a family has a state for each cluster, and takes the components of observations.
+    pub(in crate::emission) fn check<B>(&self, family: &B) -> Outcome<()>
+    where
+        B: Likelihood<Observation = [f64]>,
+    {
+        let (found, expected) = (family.states(), self.pooled.len());
+        if found != expected {
+            let (part, first) = ("family", "clusters");
+            return Err(HmmError::StateCount { part, found, first, expected }.into());
+        }
+        if let Some(row) = self.rows.first() {
+            // All rows have as many components as the first.
+            family.diagonal(row, &mut Scratch::default())?;
+        }
+        Ok(())
     }
 
     /// Estimates a family in which each observation has weights that a function writes.

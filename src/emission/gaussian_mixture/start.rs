@@ -20,6 +20,7 @@ impl StartFromClusters for GaussianMixture {
         if self.has_fixed_means() {
             return clusters.fit(self);
         }
+        clusters.check(self)?;
         let m = self.parts;
         let mut weights = Vec::with_capacity(self.weights.len());
         let (mut means, mut covariances) = (Vec::new(), Vec::new());

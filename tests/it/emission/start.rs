@@ -2,9 +2,12 @@
 
 use proptest::collection::vec;
 use proptest::prelude::*;
-use wayfix::Hmm;
-use wayfix::emission::{Clusters, EmissionError, Gaussian, Rows, starts};
+use wayfix::emission::{
+    Clusters, EmissionError, Gaussian, GaussianMixture, Poisson, Product, Rows, StartFromClusters,
+    starts,
+};
 use wayfix::inference::{LearnError, LearningOptions, Simulation};
+use wayfix::{Fixed, Hmm, HmmError};
 
 use crate::kit::{cases, rng, says};
 
@@ -182,6 +185,9 @@ fn clusters_give_a_family_its_parameters() {
     let known: Vec<(f64, usize)> = clusters.iter().map(|(row, label)| (row[0], label)).collect();
     assert_eq!(known, [(0.0, 0), (0.2, 0), (9.0, 1), (9.2, 1)]);
     assert_eq!(clusters.labels().concat().len(), 5);
+    // Equal by labels and centres, though missing components are not.
+    assert_eq!(clusters, clusters.clone());
+    assert_ne!(clusters, Clusters::new(&sequences, 1, &mut rng(1)).unwrap());
     let family = Gaussian::diagonal(&[[1.0, 3.0]; 2], &[[1.0, 1.0]; 2]).unwrap().with_missing();
     let fitted = clusters.fit(&family).unwrap();
     assert_eq!(fitted.mean(0).unwrap()[1], 3.0);
@@ -189,4 +195,35 @@ fn clusters_give_a_family_its_parameters() {
     let mean = |near: f64| (near + 0.1 * 4.6) / 1.1;
     assert!((fitted.mean(0).unwrap()[0] - mean(0.1)).abs() < 1e-12);
     assert!((fitted.mean(1).unwrap()[0] - mean(9.1)).abs() < 1e-12);
+}
+
+#[test]
+fn families_that_do_not_fit_clusters_are_errors() {
+    let rows = [[0.0], [0.2], [9.0], [9.2]];
+    let sequences = [&rows[..]];
+    let clusters = Clusters::new(&sequences, 2, &mut rng(1)).unwrap();
+    let counts = |n: usize| Poisson::family(&vec![[1.0]; n]).unwrap();
+    for n in [1, 3] {
+        let family = Gaussian::diagonal(&vec![[0.0]; n], &vec![[1.0]; n]).unwrap();
+        let (means, variances) = (vec![[[0.0]; 2]; n], vec![[[1.0]; 2]; n]);
+        let mixture = GaussianMixture::diagonal(&vec![[0.5; 2]; n], &means, &variances).unwrap();
+        let both = Product::new(family.clone(), counts(n)).unwrap();
+        for error in [
+            clusters.fit(&family).unwrap_err(),
+            clusters.fit(&Fixed(family)).unwrap_err(),
+            mixture.start(&clusters, &mut rng(1)).unwrap_err(),
+            both.start(&clusters, &mut rng(1)).unwrap_err(),
+        ] {
+            let expected = format!("the family has {n} states, expected 2 as the clusters");
+            assert_eq!(error.to_string(), expected);
+            assert!(matches!(error.downcast_ref(), Some(HmmError::StateCount { .. })));
+        }
+    }
+    let wide = Gaussian::diagonal(&[[0.0; 2]; 2], &[[1.0; 2]; 2]).unwrap();
+    let both = Product::new(counts(2), counts(2)).unwrap();
+    let wrong = [clusters.fit(&wide).unwrap_err(), both.start(&clusters, &mut rng(1)).unwrap_err()];
+    for error in wrong {
+        let expected = "the observation has 1 components, expected 2";
+        assert!(error.to_string().ends_with(expected), "{error}");
+    }
 }
