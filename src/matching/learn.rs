@@ -75,6 +75,7 @@ const PRIOR_POINTS: f64 = 10.0;
 const PRIOR_SECONDS: f64 = 20_000.0;
 /// Number of returns to the road for which its value counts.
 const PRIOR_RETURNS: f64 = 5.0;
+
 impl<P: Coordinates> Matcher<P> {
     /// Learns noise, share of outliers, detours, stops, and how often vehicles leave the road and
     /// come back, from drives without labels, and returns them. The model of the matcher is where
@@ -140,7 +141,7 @@ impl<P: Coordinates> Matcher<P> {
         while learned.iterations < iterations && !learned.converged {
             let mut counts = Counts::default();
             let count = |drive: &D| self.count(&learned.model, drive.as_ref());
-            // RouteExtension in the order of the drives, so that threads change no bit.
+            // Added in the order of the drives, so that threads change no bit.
             let mut numbers = 0..;
             let added = parallel::in_order(drives.iter(), DRIVES_AHEAD, count, |counted| {
                 let drive = numbers.next().unwrap_or_default();
