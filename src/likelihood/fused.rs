@@ -3,6 +3,7 @@
 use rand::Rng;
 
 use super::diagonal::Values;
+use super::owned::Owned;
 use super::{Diagonal, Likelihood, LocalLikelihood, SampleObservation, Scratch, check_local};
 use crate::error::{HmmError, LikelihoodError};
 
@@ -29,15 +30,17 @@ pub struct FusedLikelihood<B1, B2> {
     pub(crate) second: B2,
 }
 
-impl<B1: Likelihood<Observation: Sized>, B2: Likelihood<Observation: Sized>>
-    FusedLikelihood<B1, B2>
-{
+impl<B1: Likelihood, B2: Likelihood> FusedLikelihood<B1, B2> {
     /// Fuses two sensors.
     ///
     /// # Errors
     ///
     /// [`HmmError::StateCount`] if the sensors differ in their number of states.
-    pub fn new(first: B1, second: B2) -> Result<Self, HmmError> {
+    pub fn new(first: B1, second: B2) -> Result<Self, HmmError>
+    where
+        B1::Observation: Owned,
+        B2::Observation: Owned,
+    {
         let (expected, found) = (first.states(), second.states());
         if found != expected {
             return Err(HmmError::StateCount {

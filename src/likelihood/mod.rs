@@ -28,6 +28,7 @@ mod local;
 mod maximize;
 mod next;
 mod optional;
+mod owned;
 mod pooled;
 mod scratch;
 mod shared;

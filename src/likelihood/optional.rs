@@ -2,6 +2,7 @@
 
 use rand::Rng;
 
+use super::owned::Owned;
 use super::{Diagonal, Likelihood, LocalLikelihood, SampleObservation, Scratch};
 use crate::error::LikelihoodError;
 
@@ -27,10 +28,13 @@ pub struct OptionalLikelihood<B> {
     pub(crate) ones: Vec<f64>,
 }
 
-impl<B: Likelihood<Observation: Sized>> OptionalLikelihood<B> {
+impl<B: Likelihood> OptionalLikelihood<B> {
     /// Wraps a sensor. Its observations must be owned, as those of
     /// `LikelihoodVector::log(n).owned()`.
-    pub fn new(sensor: B) -> Self {
+    pub fn new(sensor: B) -> Self
+    where
+        B::Observation: Owned,
+    {
         Self { ones: vec![1.0; sensor.states()], sensor }
     }
 
