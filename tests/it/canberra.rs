@@ -1,6 +1,6 @@
 //! What the paper says of its map and its results, held by the reconstruction.
 
-use wayfix::map::{Position, RoadClass, RoadMap};
+use wayfix::map::{RoadClass, RoadMap};
 use wayfix::observation::Confusion;
 use wayfix::{Transition, canberra, evaluate};
 
@@ -186,8 +186,10 @@ fn table_1() {
 #[test]
 fn the_tables_are_maps_in_csv() {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("src/canberra");
-    let read =
-        RoadMap::<Position>::from_csv_files(folder.join("places.csv"), folder.join("roads.csv"));
+    let read = RoadMap::<wayfix::map::Position>::from_csv_files(
+        folder.join("places.csv"),
+        folder.join("roads.csv"),
+    );
     let (read, map) = (read.unwrap(), canberra::map());
     assert_eq!(read.places(), map.places());
     assert_eq!(read.roads(), map.roads());
