@@ -1,5 +1,6 @@
 //! A whole drive, and its beliefs.
 
+use std::borrow::Borrow;
 use std::f64::consts::LN_2;
 use std::ops::RangeInclusive;
 
@@ -14,7 +15,7 @@ use crate::error::Count;
 use crate::inference::Order;
 use crate::motion::RouteControl;
 use crate::observation::Standardizer;
-use crate::sequence::Controlled;
+use crate::sequence::Sequence;
 
 /// A drive compared with the references, to be filtered, smoothed or decoded.
 ///
@@ -120,8 +121,7 @@ impl Recording {
     /// [`RecognitionError::Inference`] with the step that is impossible.
     pub fn smoothed(&self) -> Result<PlaceBeliefs, RecognitionError> {
         let mut beliefs = PlaceBeliefs::new(&self.recognizer, self.steps());
-        let steps = Controlled::new(&self.controls, &self.likelihoods)?;
-        self.recognizer.model.smooth_each(&steps, Order::Backward, |step| {
+        self.recognizer.model.smooth_each(self, Order::Backward, |step| {
             if let Some(at) = step.step().checked_sub(1) {
                 beliefs.set(at, step.smoothed(), 0.0);
             }
@@ -189,6 +189,24 @@ impl Recording {
             beliefs.log_likelihoods[at] = sum.ln() + most * LN_2;
         }
         beliefs
+    }
+}
+
+/// The drive for models of one's own: the motion before each step, and the likelihoods of places.
+impl<Y: ?Sized> Sequence<RouteControl, Y> for Recording
+where
+    Vec<f64>: Borrow<Y>,
+{
+    fn steps(&self) -> usize {
+        self.controls.len()
+    }
+
+    fn control(&self, step: usize) -> &RouteControl {
+        &self.controls[step - 1]
+    }
+
+    fn observation(&self, step: usize) -> &Y {
+        self.likelihoods[step - 1].borrow()
     }
 }
 

@@ -13,9 +13,11 @@ mod warnings;
 use std::ops::RangeInclusive;
 
 use rand_distr::{Distribution, StandardNormal};
+use wayfix::likelihood::GroupedLikelihood;
 use wayfix::motion::OffMap;
 use wayfix::observation::Distance;
 use wayfix::recognition::{Answer, LabelledPart, Options, PlaceBeliefs, Recognizer};
+use wayfix::{Hmm, LikelihoodVector, Prior};
 
 use crate::kit::rng;
 
@@ -111,6 +113,27 @@ fn a_track_is_the_filter_of_a_recording() {
             assert!((sum - track.log_likelihood()).abs() < 1e-9 * sum.abs());
             assert_eq!((track.steps(), filtered.get(drive.len()).is_none()), (drive.len(), true));
         }
+    }
+}
+
+/// The same smoother, from a model of one's own.
+#[test]
+fn a_recording_is_a_sequence() {
+    let (recognizer, world) = recognizer(5, true);
+    let queries = seen(&world, &usual_drive(), 0.7, 6);
+    let recording = recognizer.recording(&queries, &vec![Some(1.0); queries.len()]).unwrap();
+    let motion = recognizer.motion().clone();
+    let places = motion.place_groups();
+    let prior = Prior::AtFirstObservation(motion.anywhere());
+    let sensor = LikelihoodVector::linear(places.count()).owned();
+    let sensor = GroupedLikelihood::new(sensor, places.clone()).unwrap();
+    let smoothing = Hmm::new(prior, motion, sensor).unwrap().smooth(&recording).unwrap();
+    let smoothed = recording.smoothed().unwrap();
+    assert_eq!(smoothing.posteriors().steps(), smoothed.steps());
+    for (states, expected) in smoothing.posteriors().iter().zip(smoothed.iter()) {
+        let found = places.marginal(&states).unwrap();
+        let mut pairs = found.as_slice().iter().zip(expected.as_slice());
+        assert!(pairs.all(|(a, b)| (a - b).abs() < 1e-12));
     }
 }
 
