@@ -107,7 +107,7 @@
 //! | `OnlineViterbiSnapshot` | `steps`; `scores` (null for −∞); what was `taken_out` of them, a whole number, a sum and its remainder; `undecided`, for each such step pairs of a state and the one before |
 //! | `MatchOdds` | `slope`, `even`, `nothing`, `temperature` |
 //! | `Standardizer` | `count` of queries; for each reference, `sums` of scores and of their `squares`, and of squared `steps` to the next |
-//! | `Parameters` | `options`; `standardizer`; `best_scores`, their mean and deviation; each of these null if it is not known |
+//! | `Parameters`, by the name of `Fit` | `options`; `standardizer`; `best_scores`, their mean and deviation; each of these null if it is not known |
 //! | `TrackSnapshot` | `filter`; `standardizer`; `last_view`, scores (null for ∞), or null; `run`: null or a pair, `changed`, `unchanged` or null and its length; `still`, the largest change of an unchanged view; `lingering`, a share of views; `driven`: null or `standing`, a probability, and `odometry`, null or a mean reading and the number of readings |
 //!
 //! A family of observations has one row of parameters for each state; `missing`, true if NaN is a

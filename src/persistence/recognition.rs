@@ -6,6 +6,11 @@ use crate::motion::{Driven, ViewChange};
 use crate::observation::Standardizer;
 use crate::recognition::{Options, Sensor, Tally, TrackSnapshot};
 
+/// Names by which types are stored that have another one now.
+pub(crate) mod names {
+    pub(crate) use crate::recognition::Parameters as Fit;
+}
+
 stored! {
     [] Confusion in observation: [], |confusion| {
         places: usize = confusion.places(),
@@ -28,7 +33,7 @@ stored! {
         steps: Vec<f64> = known.steps,
     } => Self { count, sums, squares, steps }.checked();
 
-    [] Parameters in recognition: [], |fit| {
+    [] Fit in persistence::recognition::names: [], |fit| {
         options: Options = fit.options,
         standardizer: Option<Standardizer> = fit.standardizer,
         best_scores: Option<[f64; 2]> = fit.best_scores,

@@ -2,6 +2,7 @@
 
 mod damage;
 mod motion;
+mod names;
 mod places;
 mod recognition;
 mod refused;
