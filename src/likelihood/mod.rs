@@ -55,9 +55,6 @@ pub use next::SampleNext;
 pub use optional::OptionalLikelihood;
 pub use pooled::PooledLikelihood;
 pub use scratch::Scratch;
-#[cfg(feature = "places")]
-#[cfg(feature = "places")]
-pub(crate) use shared::sensor_within;
 pub use sparse::{SparseLikelihood, SparseObservation};
 pub use sparse_table::SparseTableLikelihood;
 pub use table::TableLikelihood;

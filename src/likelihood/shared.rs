@@ -5,80 +5,70 @@ use std::sync::Arc;
 
 use rand::Rng;
 
-use super::{SampleNext, SampleObservation};
+use super::{Diagonal, Likelihood, LocalLikelihood, SampleNext, SampleObservation, Scratch};
 use crate::error::LikelihoodError;
 use crate::fixed::Fixed;
+use crate::groups::Groups;
 
-/// Implements [`Likelihood`] and [`LocalLikelihood`] by those of a sensor within.
-macro_rules! sensor_within {
-    ($([$($generics:tt)*] $type:ty => $inner:ty, $a:ident => $sensor:expr;)*) => {$(
-        impl<$($generics)*> $crate::likelihood::Likelihood for $type
+macro_rules! as_target {
+    ($([$($generics:tt)*] $type:ty,)*) => {$(
+        impl<$($generics)*> Likelihood for $type
         where
-            $inner: $crate::likelihood::Likelihood,
+            B: Likelihood,
         {
-            type Observation = <$inner as $crate::likelihood::Likelihood>::Observation;
+            type Observation = B::Observation;
 
             fn states(&self) -> usize {
-                let $a = self;
-                $sensor.states()
+                (**self).states()
             }
 
             fn diagonal<'a>(
                 &'a self,
-                observation: &'a Self::Observation,
-                scratch: &'a mut $crate::likelihood::Scratch,
-            ) -> Result<$crate::likelihood::Diagonal<'a>, $crate::error::LikelihoodError> {
-                let $a = self;
-                $sensor.diagonal(observation, scratch)
+                observation: &'a B::Observation,
+                scratch: &'a mut Scratch,
+            ) -> Result<Diagonal<'a>, LikelihoodError> {
+                (**self).diagonal(observation, scratch)
             }
 
             fn by_groups<'a>(
                 &'a self,
-                observation: &'a Self::Observation,
-                scratch: &'a mut $crate::likelihood::Scratch,
-            ) -> Option<Result<($crate::likelihood::Diagonal<'a>, &'a $crate::groups::Groups), $crate::error::LikelihoodError>> {
-                let $a = self;
-                $sensor.by_groups(observation, scratch)
+                observation: &'a B::Observation,
+                scratch: &'a mut Scratch,
+            ) -> Option<Result<(Diagonal<'a>, &'a Groups), LikelihoodError>> {
+                (**self).by_groups(observation, scratch)
             }
 
             fn is_precomputed(&self) -> bool {
-                let $a = self;
-                $sensor.is_precomputed()
+                (**self).is_precomputed()
             }
         }
 
-        impl<$($generics)*> $crate::likelihood::LocalLikelihood for $type
+        impl<$($generics)*> LocalLikelihood for $type
         where
-            $inner: $crate::likelihood::LocalLikelihood,
+            B: LocalLikelihood,
         {
             fn local<'a>(
                 &'a self,
-                observation: &'a Self::Observation,
+                observation: &'a B::Observation,
                 states: &[usize],
-                scratch: &'a mut $crate::likelihood::Scratch,
-            ) -> Result<($crate::likelihood::Diagonal<'a>, f64), $crate::error::LikelihoodError>
-            {
-                let $a = self;
-                $sensor.local(observation, states, scratch)
+                scratch: &'a mut Scratch,
+            ) -> Result<(Diagonal<'a>, f64), LikelihoodError> {
+                (**self).local(observation, states, scratch)
             }
 
-            fn listed_states(&self, observation: &Self::Observation, states: &mut Vec<usize>) {
-                let $a = self;
-                $sensor.listed_states(observation, states);
+            fn listed_states(&self, observation: &B::Observation, states: &mut Vec<usize>) {
+                (**self).listed_states(observation, states);
             }
         }
     )*};
 }
 
-#[cfg(feature = "places")]
-pub(crate) use sensor_within;
-
-sensor_within! {
-    [B: ?Sized] &B => B, a => (**a);
-    [B: ?Sized] Box<B> => B, a => (**a);
-    [B: ?Sized] Rc<B> => B, a => (**a);
-    [B: ?Sized] Arc<B> => B, a => (**a);
-    [B] Fixed<B> => B, a => a.0;
+as_target! {
+    [B: ?Sized] &B,
+    [B: ?Sized] Box<B>,
+    [B: ?Sized] Rc<B>,
+    [B: ?Sized] Arc<B>,
+    [B] Fixed<B>,
 }
 
 impl<B: SampleObservation> SampleObservation for Fixed<B> {

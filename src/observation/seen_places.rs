@@ -5,13 +5,51 @@ use std::error::Error;
 use rand::Rng;
 
 use super::Confusion;
+use crate::error::LikelihoodError;
 use crate::likelihood::{
-    LearnLikelihood, SampleObservation, SparseObservation, SparseTableLikelihood, sensor_within,
+    Diagonal, LearnLikelihood, Likelihood, LocalLikelihood, SampleObservation, Scratch,
+    SparseObservation,
 };
 use crate::random::index;
 
-sensor_within! {
-    [] Confusion => SparseTableLikelihood, confusion => confusion.by_seen;
+// `is_precomputed` stays false, though the table within answers true: the smoother would go another
+// way back, and posteriors differ in their last bits.
+impl Likelihood for Confusion {
+    type Observation = usize;
+
+    fn states(&self) -> usize {
+        self.places()
+    }
+
+    /// # Errors
+    ///
+    /// [`LikelihoodError::Symbol`] if the place does not exist.
+    fn diagonal<'a>(
+        &'a self,
+        seen: &'a usize,
+        scratch: &'a mut Scratch,
+    ) -> Result<Diagonal<'a>, LikelihoodError> {
+        self.by_seen.diagonal(seen, scratch)
+    }
+}
+
+/// O(states asked + places that may be seen as this one).
+impl LocalLikelihood for Confusion {
+    /// # Errors
+    ///
+    /// [`LikelihoodError::Symbol`] if the place does not exist.
+    fn local<'a>(
+        &'a self,
+        seen: &'a usize,
+        states: &[usize],
+        scratch: &'a mut Scratch,
+    ) -> Result<(Diagonal<'a>, f64), LikelihoodError> {
+        self.by_seen.local(seen, states, scratch)
+    }
+
+    fn listed_states(&self, seen: &usize, states: &mut Vec<usize>) {
+        self.by_seen.listed_states(seen, states);
+    }
 }
 
 impl SampleObservation for Confusion {
