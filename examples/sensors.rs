@@ -13,10 +13,9 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use wayfix::inference::Pruning;
-use wayfix::likelihood::SparseTableLikelihood;
 use wayfix::map::{ImportOptions, NetworkBuilder, Position, RoadCells, RoadClass, RoadNetwork};
 use wayfix::motion::{CellTransition, Travel, TurnWeights};
-use wayfix::observation::{PositionFix, PositionLikelihood};
+use wayfix::observation::{PositionFix, PositionLikelihood, ReadRates, TagLikelihood};
 use wayfix::{Belief, FusedLikelihood, Hmm, OptionalLikelihood, Prior, PrunedFilter};
 
 #[derive(Parser)]
@@ -36,8 +35,7 @@ const SEEN: f64 = 25.0;
 const DEVIATION: f64 = 20.0;
 /// Share of places that the camera recognises.
 const KNOWN: f64 = 0.4;
-const READ: f64 = 0.5;
-const MISREAD: f64 = 0.005;
+const RATES: ReadRates = ReadRates { read: 0.5, misread: 0.005 };
 
 /// Sensors in use: GPS, camera, odometer.
 const CHOICES: [(&str, [bool; 3]); 5] = [
@@ -53,15 +51,12 @@ struct Second {
     edge: usize,
     to_end: f64,
     fix: Option<Position>,
-    /// The place recognised, or the number of those known.
-    seen: usize,
+    seen: Option<usize>,
     metres: f64,
 }
 
-type Sensor = FusedLikelihood<
-    OptionalLikelihood<PositionLikelihood>,
-    OptionalLikelihood<SparseTableLikelihood>,
->;
+type Sensor =
+    FusedLikelihood<OptionalLikelihood<PositionLikelihood>, OptionalLikelihood<TagLikelihood>>;
 
 /// Town of 12 × 10 crossings, some 120 m apart; every fourth road is a main one.
 fn town(rng: &mut ChaCha8Rng) -> Result<RoadNetwork, Box<dyn Error>> {
@@ -122,9 +117,9 @@ fn drive(
         let node = if along < SEEN { road.from } else { road.to };
         let there = known.binary_search(&node).ok().filter(|_| to_end < SEEN);
         let seen = match rng.random::<f64>() {
-            x if x < MISREAD => rng.random_range(0..known.len()),
-            x if x < MISREAD + READ => there.unwrap_or(known.len()),
-            _ => known.len(),
+            x if x < RATES.misread => Some(rng.random_range(0..known.len())),
+            x if x < RATES.misread + RATES.read => there,
+            _ => None,
         };
         let metres = (speed * (1.0 + 0.02 * normal(rng))).max(0.0);
         Second { edge, to_end, fix, seen, metres }
@@ -178,8 +173,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let known: Vec<usize> = (0..nodes).filter(|_| rng.random_bool(KNOWN)).collect();
     let motion = CellTransition::new(&cells, &TurnWeights::default())?;
     let gps = OptionalLikelihood::new(PositionLikelihood::new(&cells));
-    let camera = SparseTableLikelihood::tags_at_nodes(&cells, &known, SEEN, READ, MISREAD)?;
-    let camera = OptionalLikelihood::new(camera);
+    let camera = OptionalLikelihood::new(TagLikelihood::at_nodes(&cells, &known, SEEN, RATES)?);
     let sensor = FusedLikelihood::new(gps, camera)?;
     println!("{} cells, {} of {nodes} places known to the camera", cells.states(), known.len());
     println!("sensors            right road     p >= 0.9   right where p >= 0.9");

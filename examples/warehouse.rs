@@ -8,9 +8,9 @@ use std::error::Error;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
-use wayfix::likelihood::SparseTableLikelihood;
 use wayfix::map::{ByClass, NetworkBuilder, PlanePosition, RoadCells, RoadClass};
 use wayfix::motion::{CellTransition, TurnWeights};
+use wayfix::observation::{ReadRates, TagLikelihood};
 use wayfix::transition::RestartTransition;
 use wayfix::{Belief, Hmm, Prior};
 
@@ -44,16 +44,16 @@ impl Robot {
         }
     }
 
-    /// Tag that is read: of those near, with misses, or any by mistake; their number for none.
-    fn read(&mut self, tags: &[usize], cells: &RoadCells<PlanePosition>) -> usize {
+    /// Tag that is read: of those near, with misses, or any by mistake.
+    fn read(&mut self, tags: &[usize], cells: &RoadCells<PlanePosition>) -> Option<usize> {
         let edge = cells.network().edges()[self.edge];
         let node = if self.metres < 0.4 { edge.from } else { edge.to };
         let near = self.metres < 0.4 || edge.metres - self.metres < 0.4;
         let there = tags.iter().position(|&tag| tag == node && near);
         match self.rng.random::<f64>() {
-            x if x < 0.002 => self.rng.random_range(0..tags.len()),
-            x if x < 0.2 => there.unwrap_or(tags.len()),
-            _ => tags.len(),
+            x if x < 0.002 => Some(self.rng.random_range(0..tags.len())),
+            x if x < 0.2 => there,
+            _ => None,
         }
     }
 }
@@ -84,7 +84,8 @@ fn run(seed: u64) -> Result<[usize; 4], Box<dyn Error>> {
     let truth = motion.clone();
     // Carried about once in three hours.
     let motion = RestartTransition::new(motion, 1e-5, Belief::uniform(n)?)?;
-    let reader = SparseTableLikelihood::tags_at_nodes(&cells, &tags, 0.4, 0.2, 0.002)?;
+    let rates = ReadRates { read: 0.2, misread: 0.002 };
+    let reader = TagLikelihood::at_nodes(&cells, &tags, 0.4, rates)?;
     let hmm = Hmm::new(Prior::AtFirstObservation(Belief::uniform(n)?), motion, reader)?;
     let mut smoother = hmm.fixed_lag(LAG);
 

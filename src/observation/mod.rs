@@ -26,8 +26,7 @@
 //! [`MatchOdds`] the odds of each reference.
 //!
 //! On the [cells of roads](crate::map::RoadCells), [`PositionLikelihood`] takes measured positions,
-//! and a [table](crate::likelihood::SparseTableLikelihood::tags_at_nodes) tags that are read at
-//! nodes, or names of roads.
+//! and [`TagLikelihood`] tags that are read at nodes, or names of roads.
 
 mod confusion;
 mod descriptors;
@@ -52,4 +51,5 @@ pub use position::{PositionFix, PositionLikelihood};
 pub(crate) use rows::{RowScratch, change, row_scores, within};
 pub(crate) use standardize::Spread;
 pub use standardizer::Standardizer;
+pub use tags::{ReadRates, TagLikelihood};
 pub use view::{ViewComparison, view_change};

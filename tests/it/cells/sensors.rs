@@ -3,10 +3,10 @@
 use proptest::collection::vec;
 use proptest::prelude::*;
 use wayfix::inference::Pruning;
-use wayfix::likelihood::{LocalLikelihood, SparseTableLikelihood};
+use wayfix::likelihood::LocalLikelihood;
 use wayfix::map::{NetworkBuilder, PlanePosition, Position, RoadCells, RoadClass};
 use wayfix::motion::{CellTransition, TurnWeights};
-use wayfix::observation::{PositionFix, PositionLikelihood};
+use wayfix::observation::{PositionFix, PositionLikelihood, ReadRates, TagLikelihood};
 use wayfix::transition::RestartTransition;
 use wayfix::{Belief, FusedLikelihood, Hmm, Likelihood, OptionalLikelihood, Prior, Scratch};
 
@@ -108,11 +108,10 @@ proptest! {
         asked in vec(any::<bool>(), 1..7),
     ) {
         let nodes = [2, 0];
-        let sensor =
-            SparseTableLikelihood::tags_at_nodes(&cells, &nodes, range, read, misread).unwrap();
-        let symbol = seen.unwrap_or(nodes.len());
-        check(&sensor, &symbol, &asked)?;
-        for (cell, log) in all(&sensor, &symbol).into_iter().enumerate() {
+        let rates = ReadRates { read, misread };
+        let sensor = TagLikelihood::at_nodes(&cells, &nodes, range, rates).unwrap();
+        check(&sensor, &seen, &asked)?;
+        for (cell, log) in all(&sensor, &seen).into_iter().enumerate() {
             let edge = cells.network().edges()[cells.edge(cell)];
             let stretch = cells.stretch(cell);
             // By a thousand points of the cell.
@@ -139,11 +138,10 @@ proptest! {
             }
         }
         let roads = cells.by_road();
-        let sensor = SparseTableLikelihood::tags_of_groups(&roads, read, misread).unwrap();
+        let sensor = TagLikelihood::of_groups(&roads, rates).unwrap();
         let seen = seen.map(|tag| tag % roads.count());
-        let symbol = seen.unwrap_or(roads.count());
-        check(&sensor, &symbol, &asked)?;
-        for (cell, log) in all(&sensor, &symbol).into_iter().enumerate() {
+        check(&sensor, &seen, &asked)?;
+        for (cell, log) in all(&sensor, &seen).into_iter().enumerate() {
             let here = if roads.group_of(cell) == seen { read } else { 0.0 };
             let expected = match seen {
                 None => 1.0 - read - misread,
@@ -156,7 +154,7 @@ proptest! {
     /// Follows the exact filter within what it proves, kidnapped or not.
     #[test]
     fn the_pruned_filter_follows_the_exact_one(
-        steps in vec((0.0..8.0_f64, 0.0..15.0_f64, 0.0..15.0_f64, prop_oneof![3 => Just(3), 1 => 0..3_usize]), 1..12),
+        steps in vec((0.0..8.0_f64, 0.0..15.0_f64, 0.0..15.0_f64, prop_oneof![3 => Just(None), 1 => (0..3_usize).prop_map(Some)]), 1..12),
         restarts in any::<bool>(),
     ) {
         let cells = RoadCells::new(aisles(4, 4, 5.0), 1.0).unwrap();
@@ -165,8 +163,8 @@ proptest! {
         let mut odometer = motion.odometer();
         let rate = if restarts { 1e-4 } else { 0.0 };
         let motion = RestartTransition::new(motion, rate, Belief::uniform(n).unwrap()).unwrap();
-        let tags =
-            SparseTableLikelihood::tags_at_nodes(&cells, &[3, 7, 12], 1.0, 0.3, 0.05).unwrap();
+        let rates = ReadRates { read: 0.3, misread: 0.05 };
+        let tags = TagLikelihood::at_nodes(&cells, &[3, 7, 12], 1.0, rates).unwrap();
         let sensor = OptionalLikelihood::new(PositionLikelihood::new(&cells));
         let sensor = FusedLikelihood::new(sensor, tags).unwrap();
         let prior = Prior::AtFirstObservation(Belief::uniform(n).unwrap());
@@ -248,19 +246,19 @@ fn bad_fixes_and_readings_are_errors() {
             .iter()
             .all(|log| log.is_finite())
     );
-    let reader = |nodes: &[usize], range: f64| {
-        SparseTableLikelihood::tags_at_nodes(&cells, nodes, range, 0.5, 0.1)
-    };
+    let rates = ReadRates { read: 0.5, misread: 0.1 };
+    let reader = |nodes: &[usize], range: f64| TagLikelihood::at_nodes(&cells, nodes, range, rates);
     says(reader(&[2], 1.0), "the node of a tag is 2, expected a node of the map");
     says(reader(&[1, 1], 1.0), "the node of a tag is 1, expected each node once");
     says(reader(&[1], 0.0), "the range of a reader is 0, expected metres above 0");
+    let both = ReadRates { read: 0.9, misread: 0.2 };
     says(
-        SparseTableLikelihood::tags_at_nodes(&cells, &[1], 1.0, 0.9, 0.2),
+        TagLikelihood::at_nodes(&cells, &[1], 1.0, both),
         "the sum of read and misread rate is 1.1, expected at most 1",
     );
     let reader = reader(&[1], 1.0).unwrap();
     says(
-        reader.diagonal(&2, &mut Scratch::default()).map(|_| ()),
-        "symbol 2 does not exist, the table has 2 symbols (0 to 1)",
+        reader.diagonal(&Some(1), &mut Scratch::default()).map(|_| ()),
+        "symbol 1 does not exist, the table has 1 symbols (0 to 0)",
     );
 }

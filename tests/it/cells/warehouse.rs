@@ -3,9 +3,9 @@
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
-use wayfix::likelihood::SparseTableLikelihood;
 use wayfix::map::{ByClass, PlanePosition, RoadCells};
 use wayfix::motion::{CellTransition, TurnWeights};
+use wayfix::observation::{ReadRates, TagLikelihood};
 use wayfix::transition::RestartTransition;
 use wayfix::{Belief, Hmm, Prior};
 
@@ -42,16 +42,16 @@ impl Robot<'_> {
     }
 
     /// Tag read: now and then one in range, rarely any by mistake. A tenth of the tags is broken,
-    /// which the model does not know. Their number, if nothing is read.
-    fn read(&mut self, tags: &[usize]) -> usize {
+    /// which the model does not know.
+    fn read(&mut self, tags: &[usize]) -> Option<usize> {
         let edge = self.cells.network().edges()[self.edge];
         let node = if self.metres < 0.4 { edge.from } else { edge.to };
         let near = self.metres < 0.4 || edge.metres - self.metres < 0.4;
         let there = tags.iter().position(|&tag| tag == node && near);
         match self.rng.random::<f64>() {
-            x if x < 0.002 => self.rng.random_range(0..tags.len()),
-            x if x < 0.2 => there.filter(|tag| tag % 10 > 0).unwrap_or(tags.len()),
-            _ => tags.len(),
+            x if x < 0.002 => Some(self.rng.random_range(0..tags.len())),
+            x if x < 0.2 => there.filter(|tag| tag % 10 > 0),
+            _ => None,
         }
     }
 
@@ -72,7 +72,8 @@ fn run(seed: u64) -> [usize; 4] {
     let mut odometer = motion.odometer();
     let truth = motion.clone();
     let motion = RestartTransition::new(motion, 1e-5, Belief::uniform(n).unwrap()).unwrap();
-    let reader = SparseTableLikelihood::tags_at_nodes(&cells, &tags, 0.4, 0.2, 0.002).unwrap();
+    let rates = ReadRates { read: 0.2, misread: 0.002 };
+    let reader = TagLikelihood::at_nodes(&cells, &tags, 0.4, rates).unwrap();
     let prior = Prior::AtFirstObservation(Belief::uniform(n).unwrap());
     let hmm = Hmm::new(prior, motion, reader).unwrap();
     let mut smoother = hmm.fixed_lag(LAG);
