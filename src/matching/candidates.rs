@@ -138,7 +138,7 @@ impl<P: Coordinates> CandidateSearch<'_, P> {
             across: off,
             beyond: 0.0,
             point: place,
-            direction: [0.0; 2],
+            piece: [0.0; 2],
         };
         let length = self.network.edges()[edge].metres;
         on_edge(&near, length, self.model, &TracePoint { heading: None, ..*self.point })
@@ -221,7 +221,8 @@ fn heading<P>(near: &NearEdge, point: &TracePoint<P>) -> f64 {
     match point.heading {
         Some(degrees) if point.speed.is_none_or(|speed| speed >= LEAST_SPEED) => {
             let (x, y) = degrees.to_radians().sin_cos();
-            let cosine = x * near.direction[0] + y * near.direction[1];
+            let [dx, dy] = near.direction();
+            let cosine = x * dx + y * dy;
             (ANY + (1.0 - ANY) * (CONCENTRATION * (cosine - 1.0)).exp()).ln()
         }
         _ => 0.0,

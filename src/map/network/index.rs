@@ -197,7 +197,7 @@ impl Piece {
             across,
             beyond,
             point,
-            direction,
+            piece: [dx, dy],
         }
     }
 }
@@ -206,7 +206,7 @@ impl NearEdge {
     /// The same point of the reverse edge; with the lengths of both.
     fn reversed(self, edge: usize, [metres, reverse]: [f64; 2]) -> Self {
         let metres_along = ((1.0 - self.metres_along / metres) * reverse).max(0.0);
-        let direction = self.direction.map(|x| -x);
-        Self { edge, metres_along, beyond: -self.beyond, direction, ..self }
+        let piece = self.piece.map(|x| -x);
+        Self { edge, metres_along, beyond: -self.beyond, piece, ..self }
     }
 }

@@ -20,8 +20,8 @@ pub struct NearEdge {
     pub beyond: f64,
     /// The nearest point, in the plane of the network.
     pub(crate) point: [f64; 2],
-    /// Direction of the road there, in the plane; of length 1, or 0.
-    pub(crate) direction: [f64; 2],
+    /// From the start to the end of the straight piece with that point, in the plane.
+    pub(crate) piece: [f64; 2],
 }
 
 impl NearEdge {
@@ -35,7 +35,15 @@ impl NearEdge {
     /// in a plane, from the y-axis.
     #[must_use]
     pub fn heading(&self) -> f64 {
-        let [x, y] = self.direction;
-        x.atan2(y)
+        let [dx, dy] = self.piece;
+        dx.atan2(dy)
+    }
+
+    /// Direction of the road there, in the plane; of length 1, or 0.
+    #[cfg(feature = "matching")]
+    pub(crate) fn direction(&self) -> [f64; 2] {
+        let [dx, dy] = self.piece;
+        let length = dx.hypot(dy);
+        if length > 0.0 { [dx / length, dy / length] } else { [0.0; 2] }
     }
 }

@@ -33,20 +33,20 @@ impl<P: Coordinates> RoadNetwork<P> {
             before += length;
             a = b;
         }
-        let (off, along, point, direction) = best;
+        let (off, along, point, piece) = best;
         let scale = P::scale(point);
         let metres = self.edges()[edge].metres;
         let share = if before > 0.0 { (along / before).min(1.0) } else { 0.0 };
         let metres_off = off.sqrt() * scale;
         // At a bend within the edge, the nearest point is beside it.
         let is_end = share <= 0.0 || share >= 1.0;
-        let length = direction[0].hypot(direction[1]);
-        let direction = if length > 0.0 { direction.map(|x| x / length) } else { [0.0; 2] };
+        let length = piece[0].hypot(piece[1]);
+        let direction = if length > 0.0 { piece.map(|x| x / length) } else { [0.0; 2] };
         let straight = (px - point[0]) * direction[0] + (py - point[1]) * direction[1];
         let beyond = if is_end { straight * scale } else { 0.0 };
         let across = (metres_off * metres_off - beyond * beyond).max(0.0).sqrt();
         let metres_along = share * metres;
-        NearEdge { edge, metres_along, metres_off, across, beyond, point, direction }
+        NearEdge { edge, metres_along, metres_off, across, beyond, point, piece }
     }
 
     /// Position so many metres along an edge, at most its length. O(points of the edge).
