@@ -51,12 +51,13 @@ pub struct Count {
     pub expected: usize,
 }
 
-/// An error of something that is counted, such as a step, with its cause.
+/// An error at a number, such as that of a step, with its cause.
 ///
 /// The message ends with that of the cause, so that `source` is the source of the cause.
 #[derive(Debug, Clone, PartialEq)]
 pub struct At<E> {
-    /// Number of the step, from 1, or of the sequence, drive, part or whatever it is, from 0.
+    /// The number in the message: that of a step, from 1; of a traverse, drive, labelled part or
+    /// control, from 0; or how many sequences there are.
     pub number: usize,
     /// Cause.
     pub cause: E,
@@ -65,7 +66,18 @@ pub struct At<E> {
 }
 
 impl<E> At<E> {
-    pub(crate) fn new(words: &'static [&'static str; 2], number: usize, cause: E) -> Self {
+    /// Creates an error with the words before and after the number.
+    ///
+    /// ```
+    /// use wayfix::LikelihoodError;
+    /// use wayfix::error::At;
+    ///
+    /// let cause = LikelihoodError::sensor("the image has no pixels");
+    /// let error = At::new(&["step ", " has no valid likelihood"], 3, cause);
+    /// let expected = "step 3 has no valid likelihood: the sensor failed: the image has no pixels";
+    /// assert_eq!(error.to_string(), expected);
+    /// ```
+    pub fn new(words: &'static [&'static str; 2], number: usize, cause: E) -> Self {
         Self { number, cause, words }
     }
 }
