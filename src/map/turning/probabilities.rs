@@ -129,12 +129,12 @@ impl TurningProbabilities {
     }
 }
 
-/// A turn out of a place, with the data behind it.
+/// A turn out of a place or an edge, with the data behind it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FittedTurn {
-    /// Index of the place.
+    /// Index of the place that is left, or of the edge among [`EdgeTurns`](crate::motion::EdgeTurns).
     pub from: usize,
-    /// Index of the next place; the same for a stay.
+    /// Index of the next place or edge; the same for a stay.
     pub to: usize,
     /// Probability of the turn.
     pub probability: f64,
