@@ -43,8 +43,8 @@ impl Window {
         }
         let moves = values[g] != 0.0;
         let margin = isize::from(moves && slack > 0.0);
-        // The speed itself may lie outside its nodes, which are inside the cell: near one neighbour
-        // and far from the other, the cell is nearly all on one side of it.
+        // The speed itself may lie outside its nodes, which are inside the cell: if one neighbour
+        // is near and the other far, nearly all of the cell lies on one side of the speed.
         let low = nodes.iter().copied().fold(f64::INFINITY, f64::min);
         let high = nodes.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let first = low.floor() as isize - margin;

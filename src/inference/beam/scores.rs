@@ -125,7 +125,7 @@ impl Beam {
     /// Adds natural logarithms of likelihoods, less the largest, which is returned.
     pub(crate) fn weigh_with_logs(&mut self, listed: &[f64], others: f64, largest: f64) -> f64 {
         let largest = if largest.is_finite() { largest } else { 0.0 };
-        // As in the exact decoder, whose scores these must equal.
+        // On the grid of the exact decoder (`Hmm::viterbi`), whose scores these must equal.
         let log2 = |log: f64| kernels::on_grid((log - largest) * LOG2_E);
         self.add(listed.iter().map(|log| log2(*log)));
         self.elsewhere += log2(others);
@@ -146,8 +146,8 @@ impl Beam {
         let mut kept = 0;
         for at in 0..self.states.len() {
             let (score, ceiling) = (self.scores[at], self.ceilings[at]);
-            // A state stays for the sake of its bound, too: dropped, it would raise the bound for
-            // all others.
+            // A state stays for the sake of its bound, too: if it were dropped, it would raise
+            // the bound for all others.
             let highest = score.max(ceiling);
             if highest >= least && highest > f64::NEG_INFINITY {
                 (self.states[kept], from[kept]) = (self.states[at], from[at]);

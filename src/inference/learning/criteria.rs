@@ -86,7 +86,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         S: Sequence<A::Control, B::Observation> + Sync,
     {
         let mut sum = LogSum::default();
-        // Compensated: differences of a few nats decide, beside sums of millions.
+        // A compensated sum: models differ by a few nats, and the sum may be in the millions.
         for log in self.log_likelihood_all(sequences) {
             sum.add(log?);
         }

@@ -53,7 +53,7 @@ pub(crate) fn log2(x: f64) -> f64 {
     let (x, lifted) =
         if x < f64::MIN_POSITIVE { (x * SUBNORMAL_LIFT.0, SUBNORMAL_LIFT.1) } else { (x, 0.0) };
     let mantissa = f64::from_bits(x.to_bits() & (u64::MAX >> 12) | 1.0_f64.to_bits());
-    // From 0.707 to 1.414, where the series is short.
+    // Brings the mantissa to 0.707 … 1.414, where few terms of the series suffice.
     let high = mantissa > std::f64::consts::SQRT_2;
     let mantissa = if high { mantissa * 0.5 } else { mantissa };
     let exponent = exponent(x) as f64 + f64::from(u8::from(high)) - lifted;

@@ -168,8 +168,8 @@ fn smooth<S: Simd, const N: usize>(
         }
         keep_range(s, SumProduct, &mut forward)?;
     }
-    // Chunks are counted from the end, where r starts: four steps pass between two checks here,
-    // too.
+    // Chunks are counted from the end, where the vectors start; the short one comes last, as
+    // forward.
     let mut backward = [SegmentVectors::new(s, ends)];
     for (steps, out) in
         likelihoods.rchunks(STEPS_BETWEEN_CHECKS).zip(out.rchunks_mut(STEPS_BETWEEN_CHECKS))

@@ -133,8 +133,8 @@ impl Step<'_> {
     fn best_return(&self, off: &Off, x: &[f64], best: &mut Best<'_>) {
         let (line, first) = (self.route.line, self.route.k() * x.len());
         let back = log2(off.back);
-        // The best of all, the lowest on ties. For places near where a vehicle left, this offer is
-        // below the one that follows.
+        // The best of all, the lowest on ties. Places near where the vehicle left get a second,
+        // larger offer of the same move below.
         let mut top = 0;
         for (i, score) in x.iter().enumerate() {
             if *score > x[top] {

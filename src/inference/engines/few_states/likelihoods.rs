@@ -106,7 +106,7 @@ where
         out: &mut [f64],
         logs: &mut [f64],
     ) -> Option<bool> {
-        // The numbers of states for which a copy of known length was worth its code.
+        // A copy of known length, for the numbers of states where it was measured to pay.
         let plain = match self.hmm.states() {
             _ if scaled => None,
             2 => self.copy::<2>(steps.clone(), out),

@@ -68,8 +68,8 @@ impl<const N: usize> SegmentProducts<N> {
         }
         let mut powers = used.map(f64::from);
         for j in 0..N {
-            // Columns are added with the largest exponent. One further below than 2^400 could lose
-            // what a later likelihood brings back.
+            // Columns are added with the largest exponent. One more than 2^400 below it could
+            // lose digits that a later likelihood would need.
             let below = largest - exponents[j];
             if below != 0.0 && used[j] {
                 if below > LARGEST_EXPONENT_GAP {

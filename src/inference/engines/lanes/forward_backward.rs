@@ -76,8 +76,8 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
                     visit(l, log);
                 }
                 if !inverse[l].is_normal() {
-                    // An invalid lane goes on from the prior, so that no infinity or NaN slows the
-                    // vectors down, or stays in memory that later groups use.
+                    // An invalid lane goes on from the prior, so that no infinity or NaN stays in
+                    // memory that later groups use.
                     inverse[l] = 1.0;
                     for ((x, belief), p) in x.iter_mut().zip(&mut *belief).zip(start) {
                         (x[l], belief[l]) = (p * LIFT, *p);
@@ -213,7 +213,7 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
             }
             Values::Log(logs) => logs,
         };
-        // Checked before exp, which makes valid likelihoods of wrong logarithms.
+        // Checked before exp, which would turn invalid logarithms into likelihoods that look valid.
         let largest = diagonal.check(n).ok()?;
         if largest == f64::NEG_INFINITY {
             return None;
