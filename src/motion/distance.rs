@@ -47,7 +47,7 @@ use crate::transition::{
 /// Products and a step of Viterbi cost O(E), with an exponential for each of E
 /// entries in products. If a length is some 38 deviations farther from the distance than
 /// the nearest, entries are below 2.2e-308, the smallest normal double: inference takes the step in
-/// logarithms, which costs about four times as much. Memory: that of the base, 16 bytes an entry,
+/// logarithms, which costs about four times as much. Memory: that of the base, 32 bytes an entry,
 /// and 8 for each distinct length.
 ///
 /// ```
@@ -128,8 +128,7 @@ impl DistanceTransition {
     /// O(log entries of the column).
     #[must_use]
     pub fn length(&self, to: usize, from: usize) -> Option<f64> {
-        let nth = (from < self.states()).then(|| self.base().position(to, from))?;
-        nth.map(|nth| self.0.likelihood.column(self.base(), from)[nth].metres)
+        (from < self.states()).then(|| self.0.likelihood.length(self.base(), to, from))?
     }
 
     /// Builds the operator; calls `length` column by column, in ascending order.
@@ -147,7 +146,7 @@ impl DistanceTransition {
                     let expected = "a finite value of at least 0";
                     return Err(Parameter::new(what, value, expected).into());
                 }
-                of_moves.push(Length { metres: value, log2_base: log2(p) });
+                of_moves.push(Length { to: to as u32, metres: value, p, log2: log2(p) });
                 least = least.min(p);
             }
         }
@@ -191,19 +190,26 @@ pub(crate) struct Lengths {
     least: f64,
 }
 
-/// Length of a move, and log2 of its entry of the base, which decoding takes at each step.
+/// Length of a move, with its entry of the base and log2 of that: side by side, since products and
+/// decoding read all of it for each entry.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Length {
+    to: u32,
     pub(crate) metres: f64,
-    log2_base: f64,
+    p: f64,
+    log2: f64,
 }
 
 /// ln of the smallest normal double.
 const LEAST_LOG: f64 = -708.396_418_532_264;
 
 impl Lengths {
-    fn column(&self, base: &SparseTransition, from: usize) -> &[Length] {
+    fn lengths(&self, base: &SparseTransition, from: usize) -> &[Length] {
         &self.of_moves[base.positions(from)]
+    }
+
+    fn length(&self, base: &SparseTransition, to: usize, from: usize) -> Option<f64> {
+        base.position(to, from).map(|nth| self.lengths(base, from)[nth].metres)
     }
 
     /// The length nearest to a distance.
@@ -217,6 +223,7 @@ impl Lengths {
 
 impl MoveLikelihood<SparseTransition> for Lengths {
     type Measurement = Option<OdometryReading>;
+    type Move = f64;
 
     /// The logarithm of the density at the nearest length.
     fn log_factor(&self, read: &Option<OdometryReading>) -> Option<f64> {
@@ -231,13 +238,12 @@ impl MoveLikelihood<SparseTransition> for Lengths {
         &self,
         base: &SparseTransition,
         read: &Option<OdometryReading>,
-    ) -> Option<impl Fn(usize, usize, Option<usize>) -> f64> {
+    ) -> Option<impl Fn(usize, usize, Option<f64>) -> f64> {
         let read = (*read)?;
         let nearest = self.nearest(read.distance);
-        Some(move |to, from, nth: Option<usize>| {
+        Some(move |to, from, metres: Option<f64>| {
             // Only entries of the base are asked for, so that there is a length.
-            let nth = nth.or_else(|| base.position(to, from));
-            let length = nth.map(|nth| self.column(base, from)[nth].metres);
+            let length = metres.or_else(|| self.length(base, to, from));
             length.map_or(f64::NEG_INFINITY, |length| relative(read, length, nearest))
         })
     }
@@ -268,13 +274,22 @@ impl MoveLikelihood<SparseTransition> for Lengths {
         })
     }
 
-    fn base_log2(
+    fn column(
         &self,
         base: &SparseTransition,
         from: usize,
-    ) -> impl Iterator<Item = (usize, f64)> {
-        let lengths = self.column(base, from).iter();
-        base.outgoing(&(), from).zip(lengths).map(|((to, _), length)| (to, length.log2_base))
+    ) -> impl Iterator<Item = (usize, f64, f64)> {
+        let lengths = self.lengths(base, from).iter();
+        lengths.map(|length| (length.to as usize, length.p, length.metres))
+    }
+
+    fn column_log2(
+        &self,
+        base: &SparseTransition,
+        from: usize,
+    ) -> impl Iterator<Item = (usize, f64, f64)> {
+        let lengths = self.lengths(base, from).iter();
+        lengths.map(|length| (length.to as usize, length.log2, length.metres))
     }
 }
 

@@ -106,14 +106,23 @@ where
     G: Fn(&U) -> f64,
 {
     type Measurement = U;
+    type Move = ();
 
     fn log_factor(&self, measured: &U) -> Option<f64> {
         Some((self.log_factor)(measured))
     }
 
-    fn logs(&self, _: &A, measured: &U) -> Option<impl Fn(usize, usize, Option<usize>) -> f64> {
+    fn logs(&self, _: &A, measured: &U) -> Option<impl Fn(usize, usize, Option<()>) -> f64> {
         let log_factor = (self.log_factor)(measured);
         Some(move |to, from, _| (self.log_likelihood)(measured, to, from) - log_factor)
+    }
+
+    fn column(&self, base: &A, from: usize) -> impl Iterator<Item = (usize, f64, ())> {
+        base.outgoing(&(), from).map(|(to, p)| (to, p, ()))
+    }
+
+    fn column_log2(&self, base: &A, from: usize) -> impl Iterator<Item = (usize, f64, ())> {
+        base.outgoing_log2(&(), from).map(|(to, log2)| (to, log2, ()))
     }
 
     fn check(&self, base: &A, measured: &U) -> Result<(), TransitionError> {

@@ -13,17 +13,19 @@ use crate::kernels;
 /// Likelihood of a measurement between two steps, for the moves of an operator `A`.
 pub(crate) trait MoveLikelihood<A: TransitionEntries<Control = ()>> {
     type Measurement: 'static;
+    /// What is stored of a move, beside the entry of the base.
+    type Move: Copy;
 
     /// Log factor that is taken out of the likelihoods; `None` if nothing was measured.
     fn log_factor(&self, measured: &Self::Measurement) -> Option<f64>;
 
-    /// Returns the log-likelihood of a move (to, from), less the log factor, given the number of its
-    /// entry among those out of `from`, if that is known; `None` if nothing was measured.
+    /// Returns the log-likelihood of a move (to, from), less the log factor, given what is stored of
+    /// it, if that is at hand; `None` if nothing was measured.
     fn logs(
         &self,
         base: &A,
         measured: &Self::Measurement,
-    ) -> Option<impl Fn(usize, usize, Option<usize>) -> f64>;
+    ) -> Option<impl Fn(usize, usize, Option<Self::Move>) -> f64>;
 
     fn check(&self, base: &A, measured: &Self::Measurement) -> Result<(), TransitionError>;
 
@@ -38,10 +40,11 @@ pub(crate) trait MoveLikelihood<A: TransitionEntries<Control = ()>> {
         columns.any(|(from, mut column)| column.any(|(to, p)| beyond(log(to, from, None), p)))
     }
 
-    /// Lists the base-2 logarithms of the entries of the base out of a state.
-    fn base_log2(&self, base: &A, from: usize) -> impl Iterator<Item = (usize, f64)> {
-        base.outgoing_log2(&(), from)
-    }
+    /// Lists the entries of the base out of a state, each with what is stored of its move.
+    fn column(&self, base: &A, from: usize) -> impl Iterator<Item = (usize, f64, Self::Move)>;
+
+    /// As [`column`](Self::column), with the base-2 logarithms of the entries.
+    fn column_log2(&self, base: &A, from: usize) -> impl Iterator<Item = (usize, f64, Self::Move)>;
 }
 
 /// An operator whose entries are those of the base times the likelihood of a move.
@@ -55,7 +58,7 @@ impl<A: TransitionEntries<Control = ()>, L: MoveLikelihood<A>> Measured<A, L> {
     fn logs(
         &self,
         measured: &L::Measurement,
-    ) -> Option<impl Fn(usize, usize, Option<usize>) -> f64> {
+    ) -> Option<impl Fn(usize, usize, Option<L::Move>) -> f64> {
         self.likelihood.logs(&self.base, measured)
     }
 }
@@ -72,8 +75,8 @@ impl<A: TransitionEntries<Control = ()>, L: MoveLikelihood<A>> Transition for Me
         check_slices(self.states(), x, out);
         out.fill(0.0);
         for (from, x) in x.iter().enumerate().filter(|entry| *entry.1 != 0.0) {
-            for (nth, (to, p)) in self.base.outgoing(&(), from).enumerate() {
-                out[to] += p * log(to, from, Some(nth)).exp() * x;
+            for (to, p, stored) in self.likelihood.column(&self.base, from) {
+                out[to] += p * log(to, from, Some(stored)).exp() * x;
             }
         }
     }
@@ -82,8 +85,9 @@ impl<A: TransitionEntries<Control = ()>, L: MoveLikelihood<A>> Transition for Me
         let Some(log) = self.logs(measured) else { return self.base.apply_transpose(&(), x, out) };
         check_slices(self.states(), x, out);
         for (from, out) in out.iter_mut().enumerate() {
-            let column = self.base.outgoing(&(), from).enumerate();
-            *out = column.map(|(nth, (to, p))| p * log(to, from, Some(nth)).exp() * x[to]).sum();
+            let column = self.likelihood.column(&self.base, from);
+            *out =
+                column.map(|(to, p, stored)| p * log(to, from, Some(stored)).exp() * x[to]).sum();
         }
     }
 
@@ -92,8 +96,8 @@ impl<A: TransitionEntries<Control = ()>, L: MoveLikelihood<A>> Transition for Me
         check_slices(self.states(), x, out);
         out.fill(f64::NEG_INFINITY);
         for (from, x) in x.iter().enumerate().filter(|entry| *entry.1 > f64::NEG_INFINITY) {
-            for (nth, (to, p)) in self.base.outgoing(&(), from).enumerate() {
-                out[to] = log::add(out[to], p.ln() + log(to, from, Some(nth)) + x);
+            for (to, p, stored) in self.likelihood.column(&self.base, from) {
+                out[to] = log::add(out[to], p.ln() + log(to, from, Some(stored)) + x);
             }
         }
     }
@@ -104,8 +108,8 @@ impl<A: TransitionEntries<Control = ()>, L: MoveLikelihood<A>> Transition for Me
         };
         check_slices(self.states(), x, out);
         for (from, out) in out.iter_mut().enumerate() {
-            let column = self.base.outgoing(&(), from).enumerate();
-            let terms = column.map(|(nth, (to, p))| p.ln() + log(to, from, Some(nth)) + x[to]);
+            let column = self.likelihood.column(&self.base, from);
+            let terms = column.map(|(to, p, stored)| p.ln() + log(to, from, Some(stored)) + x[to]);
             *out = terms.fold(f64::NEG_INFINITY, log::add);
         }
     }
@@ -140,10 +144,10 @@ impl<A: TransitionEntries<Control = ()>, L: MoveLikelihood<A>> TransitionEntries
         from: usize,
     ) -> impl Iterator<Item = (usize, f64)> {
         let log = self.logs(measured);
-        let entry = move |(nth, (to, p)): (usize, (usize, f64))| {
-            (to, log.as_ref().map_or(p, |log| p * log(to, from, Some(nth)).exp()))
+        let entry = move |(to, p, stored): (usize, f64, L::Move)| {
+            (to, log.as_ref().map_or(p, |log| p * log(to, from, Some(stored)).exp()))
         };
-        self.base.outgoing(&(), from).enumerate().map(entry).filter(|entry| entry.1 > 0.0)
+        self.likelihood.column(&self.base, from).map(entry).filter(|entry| entry.1 > 0.0)
     }
 
     fn incoming_log2(
@@ -165,10 +169,10 @@ impl<A: TransitionEntries<Control = ()>, L: MoveLikelihood<A>> TransitionEntries
         from: usize,
     ) -> impl Iterator<Item = (usize, f64)> {
         let log = self.logs(measured);
-        let entry = move |(nth, (to, log2)): (usize, (usize, f64))| {
-            (to, log2 + log.as_ref().map_or(0.0, |log| log2_of(log(to, from, Some(nth)))))
+        let entry = move |(to, log2, stored): (usize, f64, L::Move)| {
+            (to, log2 + log.as_ref().map_or(0.0, |log| log2_of(log(to, from, Some(stored)))))
         };
-        let entries = self.likelihood.base_log2(&self.base, from).enumerate().map(entry);
+        let entries = self.likelihood.column_log2(&self.base, from).map(entry);
         entries.filter(|entry| entry.1 > f64::NEG_INFINITY)
     }
 
@@ -187,9 +191,8 @@ impl<A: TransitionEntries<Control = ()>, L: MoveLikelihood<A>> TransitionEntries
         predecessor.fill(0);
         // Predecessors come in ascending order, so that the lowest wins ties.
         for (from, x) in x.iter().enumerate().filter(|entry| *entry.1 > f64::NEG_INFINITY) {
-            let column = self.likelihood.base_log2(&self.base, from).enumerate();
-            for (nth, (to, log2)) in column {
-                let value = log2 + log2_of(log(to, from, Some(nth))) + x;
+            for (to, log2, stored) in self.likelihood.column_log2(&self.base, from) {
+                let value = log2 + log2_of(log(to, from, Some(stored))) + x;
                 if value > out[to] {
                     (out[to], predecessor[to]) = (value, from as u32);
                 }

@@ -189,12 +189,14 @@ pub(crate) struct StepScratch {
 
 impl StepScratch {
     pub(crate) fn new(belief: &[f64]) -> Self {
-        let (n, zeros) = (belief.len(), Aligned::new(belief.len(), 0.0));
+        let n = belief.len();
+        // Each made new, not a copy: the system provides the memory of zeros at the first write.
+        let zeros = || Aligned::new(n, 0.0);
         // All memory at once: steps in logarithms may come late in a drive, and must not allocate.
         let tiny = kernels::any_tiny(belief);
-        let lifted = LiftedBelief { values: zeros.clone(), valid: false, tiny, more: 0 };
+        let lifted = LiftedBelief { values: zeros(), valid: false, tiny, more: 0 };
         let (predicted, logs) = (vec![0.0; n], vec![0.0; n]);
-        let output = StepOutput { predicted, after: zeros.clone(), lifted: zeros, logs };
+        let output = StepOutput { predicted, after: zeros(), lifted: zeros(), logs };
         Self { lifted, output, work: Workspace::new(n) }
     }
 }
