@@ -128,7 +128,8 @@ impl DistanceTransition {
     /// O(log entries of the column).
     #[must_use]
     pub fn length(&self, to: usize, from: usize) -> Option<f64> {
-        (from < self.states()).then(|| self.0.likelihood.length(self.base(), to, from))?
+        let length = || self.0.likelihood.length(self.base(), to, from);
+        (from < self.states()).then(length).flatten()
     }
 
     /// Builds the operator; calls `length` column by column, in ascending order.

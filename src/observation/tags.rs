@@ -65,7 +65,7 @@ pub struct TagLikelihood {
     out_of_range: f64,
 }
 
-/// How often a [`TagLikelihood`] reads, per step.
+/// Rates at which a [`TagLikelihood`] reads, per step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReadRates {
     /// Probability that a tag in range is read.

@@ -13,14 +13,14 @@ use crate::kernels;
 /// Likelihood of a measurement between two steps, for the moves of an operator `A`.
 pub(crate) trait MoveLikelihood<A: TransitionEntries<Control = ()>> {
     type Measurement: 'static;
-    /// What is stored of a move, beside the entry of the base.
+    /// Data of a move, stored beside the entry of the base.
     type Move: Copy;
 
     /// Log factor that is taken out of the likelihoods; `None` if nothing was measured.
     fn log_factor(&self, measured: &Self::Measurement) -> Option<f64>;
 
-    /// Returns the log-likelihood of a move (to, from), less the log factor, given what is stored of
-    /// it, if that is at hand; `None` if nothing was measured.
+    /// Returns the log-likelihood of a move (to, from), less the log factor, given its stored
+    /// data, if they are at hand; `None` if nothing was measured.
     fn logs(
         &self,
         base: &A,
@@ -40,7 +40,7 @@ pub(crate) trait MoveLikelihood<A: TransitionEntries<Control = ()>> {
         columns.any(|(from, mut column)| column.any(|(to, p)| beyond(log(to, from, None), p)))
     }
 
-    /// Lists the entries of the base out of a state, each with what is stored of its move.
+    /// Lists the entries of the base out of a state, each with the stored data of its move.
     fn column(&self, base: &A, from: usize) -> impl Iterator<Item = (usize, f64, Self::Move)>;
 
     /// As [`column`](Self::column), with the base-2 logarithms of the entries.

@@ -2,7 +2,7 @@
 
 use static_aabb2d_index::{Control, StaticAABB2DIndex, StaticAABB2DIndexBuilder};
 
-use super::near_edge::NearEdge;
+use super::near_edge::{NearEdge, direction};
 use super::road_network::RoadNetwork;
 use crate::map::Coordinates;
 
@@ -177,9 +177,8 @@ impl Piece {
     /// Point of the piece that is nearest to a point of the plane.
     fn nearest(&self, [x, y]: [f64; 2], scale: f64) -> NearEdge {
         let Self { a, b, along, ends, .. } = *self;
-        let [dx, dy] = [b[0] - a[0], b[1] - a[1]];
-        let length = dx.hypot(dy);
-        let direction = if length > 0.0 { [dx / length, dy / length] } else { [0.0; 2] };
+        let piece = [b[0] - a[0], b[1] - a[1]];
+        let (direction, length) = direction(piece);
         let straight = (x - a[0]) * direction[0] + (y - a[1]) * direction[1];
         let inside = straight.clamp(0.0, length);
         let share = if length > 0.0 { inside / length } else { 0.0 };
@@ -197,7 +196,7 @@ impl Piece {
             across,
             beyond,
             point,
-            piece: [dx, dy],
+            piece,
         }
     }
 }

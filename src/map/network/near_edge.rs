@@ -42,8 +42,12 @@ impl NearEdge {
     /// Direction of the road there, in the plane; of length 1, or 0.
     #[cfg(feature = "matching")]
     pub(crate) fn direction(&self) -> [f64; 2] {
-        let [dx, dy] = self.piece;
-        let length = dx.hypot(dy);
-        if length > 0.0 { [dx / length, dy / length] } else { [0.0; 2] }
+        direction(self.piece).0
     }
+}
+
+/// Direction of a straight piece, of length 1, or 0 if the piece has none; and the piece's length.
+pub(super) fn direction([dx, dy]: [f64; 2]) -> ([f64; 2], f64) {
+    let length = dx.hypot(dy);
+    (if length > 0.0 { [dx / length, dy / length] } else { [0.0; 2] }, length)
 }

@@ -1,6 +1,6 @@
 //! Positions along the line of an edge.
 
-use super::near_edge::NearEdge;
+use super::near_edge::{NearEdge, direction};
 use super::road_network::RoadNetwork;
 use crate::map::Coordinates;
 
@@ -40,8 +40,7 @@ impl<P: Coordinates> RoadNetwork<P> {
         let metres_off = off.sqrt() * scale;
         // At a bend within the edge, the nearest point is beside it.
         let is_end = share <= 0.0 || share >= 1.0;
-        let length = piece[0].hypot(piece[1]);
-        let direction = if length > 0.0 { piece.map(|x| x / length) } else { [0.0; 2] };
+        let (direction, _) = direction(piece);
         let straight = (px - point[0]) * direction[0] + (py - point[1]) * direction[1];
         let beyond = if is_end { straight * scale } else { 0.0 };
         let across = (metres_off * metres_off - beyond * beyond).max(0.0).sqrt();
