@@ -26,14 +26,16 @@ impl Trellis {
             let into = |state: usize| {
                 let mut paths = Vec::new();
                 if self.log_likelihoods[state] > f64::NEG_INFINITY {
-                    let moves = self.moves_into(state);
-                    for (from, weight) in moves.filter(|entry| entry.1 > f64::NEG_INFINITY) {
-                        extend(&mut paths, from, &before[from], weight - largest_weight);
+                    // By the number of the move, since ties go to the move that was added first.
+                    let moves = (self.moves[state] as usize..).zip(self.moves_into(state));
+                    for (number, (from, weight)) in moves.filter(|(_, m)| m.1 > f64::NEG_INFINITY) {
+                        extend(&mut paths, number, &before[from], weight - largest_weight);
                     }
                 }
                 // Sorted before the likelihood is added, whose size may hide small differences;
                 // at least one is kept, to find out whether the step is possible.
                 keep_best(&mut paths, count.max(1));
+                paths.iter_mut().for_each(|path| path.from = self.from[path.from as usize]);
                 paths
             };
             let mut now: Vec<_> = range.clone().map(into).collect();
