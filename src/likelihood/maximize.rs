@@ -30,6 +30,8 @@ impl LearnLikelihood for TableLikelihood {
         vec![0.0; self.columns.len()]
     }
 
+    // Called for each step of each sequence; with few states a call costs more than the sums.
+    #[inline]
     fn add(&self, statistics: &mut Vec<f64>, &symbol: &usize, posterior: &[f64]) {
         let column = &mut statistics[symbol * posterior.len()..];
         column.iter_mut().zip(posterior).for_each(|(sum, p)| *sum += p);
