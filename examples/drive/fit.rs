@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use indicatif::ProgressBar;
-use wayfix::matching::{LearnedMatchModel, MatchError, MatchModel, Matcher, TracePoint};
+use wayfix::matching::{LearnedMatchModel, MatchError, Matcher, TracePoint};
 
 use super::{Drive, roads};
 
@@ -12,8 +12,7 @@ const MOST_POINTS: usize = 5_000;
 const PIECE: usize = 500;
 /// Fewest points to learn from.
 const FEWEST_POINTS: usize = 30;
-/// Noise to start with: more than there is, since the search for roads depends on it.
-const FIRST_NOISE: f64 = 20.0;
+
 const ITERATIONS: usize = 15;
 
 /// Pieces of all drives, evenly spread if there are too many.
@@ -40,18 +39,16 @@ pub(crate) fn fit(
         ))?;
         return Ok(matcher);
     }
-    let default = *matcher.model();
     let spinner = ProgressBar::new_spinner().with_message("learning the model");
     spinner.enable_steady_tick(Duration::from_millis(100));
     let start = Instant::now();
-    let first = matcher.with_model(MatchModel { noise: FIRST_NOISE, ..default })?;
-    let fitted: Result<LearnedMatchModel, MatchError> = first.learn(&pieces(drives), ITERATIONS);
+    let fitted: Result<LearnedMatchModel, MatchError> = matcher.learn(&pieces(drives), ITERATIONS);
     spinner.finish_and_clear();
     let fitted = match fitted {
         Ok(fitted) => fitted,
         Err(error) => {
             roads::print(&format!("cannot learn from the drives: {error}; default model\n"))?;
-            return Ok(first.with_model(default)?);
+            return Ok(matcher);
         }
     };
     let at_limits = match &fitted.at_limits()[..] {
@@ -60,15 +57,17 @@ pub(crate) fn fit(
     };
     let LearnedMatchModel { model, iterations, converged, points, .. } = fitted;
     roads::print(&format!(
-        "learned from {points} points in {:.1} s ({iterations} iterations, {}): noise {:.1} m, outliers {:.3}, detour {:.2} m/s, stops {:.3}, leaves the road {:.1} times an hour and comes back after {:.0} s{at_limits}\n",
+        "learned from {points} points in {:.1} s ({iterations} iterations, {}): noise {:.1} m, of which {:.0}% last for {:.0} s, outliers {:.3}, detour {:.2} m/s, stops {:.3}, leaves the road {:.1} times an hour and comes back after {:.0} s{at_limits}\n",
         start.elapsed().as_secs_f64(),
         if converged { "converged" } else { "not converged" },
         model.noise,
+        100.0 * model.lasting,
+        model.lasts,
         model.outliers,
         model.deviation,
         model.stop,
         3600.0 * model.leave_road,
         1.0 / model.return_to_road
     ))?;
-    Ok(first.with_model(model)?)
+    Ok(matcher.with_model(model)?)
 }

@@ -1,5 +1,5 @@
-//! Simulated drives: the fastest routes between random roads, with stops, and the positions that
-//! a receiver would report.
+//! Simulated drives: the fastest routes between random roads, with stops before junctions, and the
+//! positions that a receiver would report, whose errors last.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -16,7 +16,7 @@ pub(crate) struct Receiver {
     pub(crate) noise: f64,
     /// Seconds between two points.
     pub(crate) every: f64,
-    /// Share of points with eight times the noise.
+    /// Share of points with eight times the independent noise.
     pub(crate) outliers: f64,
 }
 
@@ -27,6 +27,28 @@ pub(crate) struct Simulated {
     pub(crate) edges: Vec<usize>,
     /// Edges of the route, from that of the first point to that of the last.
     pub(crate) route: Vec<usize>,
+}
+
+/// Share of the variance of positions that lasts, and for how many seconds.
+const LASTING: f64 = 0.7;
+const LASTS: f64 = 25.0;
+
+/// Error of a receiver that lasts, in deviations to the north and to the east.
+struct Offset([f64; 2]);
+
+impl Offset {
+    fn new(rng: &mut ChaCha8Rng) -> Self {
+        Self([StandardNormal.sample(rng), StandardNormal.sample(rng)])
+    }
+
+    /// Goes on by a time.
+    fn go_on(&mut self, seconds: f64, rng: &mut ChaCha8Rng) {
+        let kept = (-seconds / LASTS).exp();
+        for part in &mut self.0 {
+            let new: f64 = StandardNormal.sample(rng);
+            *part = kept * *part + (1.0 - kept * kept).sqrt() * new;
+        }
+    }
 }
 
 /// Longest drives, in seconds.
@@ -130,19 +152,26 @@ fn follow(
     let [mut at, mut time, mut next_point] = [0, 0, 0].map(f64::from);
     let mut along = between(rng, 0.0, 0.8) * network.edges()[route[0]].metres;
     let (mut driven, mut wait) = (0, 0.0);
+    let mut offset = Offset::new(rng);
+    let mut stop = None;
     let mut drive = Simulated { points: Vec::new(), edges: Vec::new(), route: Vec::new() };
     while driven < route.len() {
         if time >= next_point - 1e-9 {
             let true_position = network.position_along(route[driven], along);
-            let position = measured(true_position, receiver, rng);
+            let position = measured(true_position, receiver, &offset, rng);
             drive.points.push(TracePoint::new(next_point, position));
             drive.edges.push(route[driven]);
             drive.route = route[..=driven].to_vec();
             next_point += receiver.every;
+            offset.go_on(receiver.every, rng);
         }
         time += tick;
         if wait > 0.0 {
             wait -= tick;
+            continue;
+        }
+        if stop.is_some_and(|line| along >= line) {
+            (at, wait, stop) = (0.0, between(rng, 4.0, 35.0), None);
             continue;
         }
         let free = driver * speed(network, route[driven]);
@@ -152,28 +181,39 @@ fn follow(
             along -= network.edges()[route[driven]].metres;
             let node = network.edges()[route[driven]].to;
             driven += 1;
-            let is_junction = network.edges_from(node).len() > 2;
-            if is_junction && between(rng, 0.0, 1.0) < 0.15 {
-                (at, wait) = (0.0, between(rng, 4.0, 35.0));
-            } else if is_junction {
+            if network.edges_from(node).len() > 2 {
                 at = at.min(9.0);
             }
+            stop = route.get(driven).and_then(|&edge| stop_line(network, edge, rng));
         }
     }
     drive
 }
 
+/// Place on an edge where the vehicle stops before a junction, if it does.
+fn stop_line(network: &RoadNetwork, edge: usize, rng: &mut ChaCha8Rng) -> Option<f64> {
+    let edge = network.edges()[edge];
+    let is_junction = network.edges_from(edge.to).len() > 2;
+    let stops = is_junction && between(rng, 0.0, 1.0) < 0.15;
+    stops.then(|| (edge.metres - between(rng, 3.0, 12.0)).max(0.5 * edge.metres))
+}
+
 /// Position that the receiver reports.
-fn measured(position: Position, receiver: Receiver, rng: &mut ChaCha8Rng) -> Position {
+fn measured(
+    position: Position,
+    receiver: Receiver,
+    offset: &Offset,
+    rng: &mut ChaCha8Rng,
+) -> Position {
     let is_outlier = between(rng, 0.0, 1.0) < receiver.outliers;
-    let noise = receiver.noise * if is_outlier { 8.0 } else { 1.0 };
-    let mut metres = || -> f64 {
+    let white = (1.0 - LASTING).sqrt() * if is_outlier { 8.0 } else { 1.0 };
+    let mut metres = |offset: f64| -> f64 {
         let sample: f64 = StandardNormal.sample(rng);
-        noise * sample
+        receiver.noise * (LASTING.sqrt() * offset + white * sample)
     };
     let degree = 111_195.0;
-    let latitude = position.latitude + metres() / degree;
+    let latitude = position.latitude + metres(offset.0[0]) / degree;
     let cosine = position.latitude.to_radians().cos().max(0.01);
-    let longitude = position.longitude + metres() / (degree * cosine);
+    let longitude = position.longitude + metres(offset.0[1]) / (degree * cosine);
     Position { latitude: latitude.clamp(-90.0, 90.0), longitude: longitude.clamp(-180.0, 180.0) }
 }

@@ -65,7 +65,7 @@ use network::FASTEST_ROAD;
 use network::LONGEST_ROAD;
 pub use network::{
     Cleaning, CleaningStep, Edge, EdgeOptions, NearEdge, NetworkBuilder, Reached, RoadNetwork,
-    RouteMeasures, RouteSearch,
+    RouteCosts, RouteMeasures, RouteSearch,
 };
 pub use places::Place;
 pub use position::{Coordinates, PlanePosition, Position};

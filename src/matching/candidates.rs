@@ -1,6 +1,7 @@
 //! Candidates of a step, its states: points of roads near a position, those where vehicles would be
 //! that go on unseen, and one off the road. Each has the likelihood of the position.
 
+use super::receiver::{Placement, Sighting};
 use super::{MatchModel, TracePoint};
 use crate::map::{Coordinates, EdgeIndex, NearEdge, RoadNetwork};
 
@@ -24,11 +25,10 @@ pub(super) struct Candidate {
     pub(super) along: f64,
     /// The point, in the plane of the network.
     pub(super) point: [f64; 2],
-    /// Metres across, if the position is beside the edge.
-    pub(super) across: Option<f64>,
+    /// Place along the edge and error of the receiver, as the drive so far tells them.
+    pub(super) placement: Placement,
     /// Probability that the position belongs to the road.
     pub(super) inlier: f64,
-    pub(super) log_likelihood: f64,
 }
 
 /// Widths, in standard deviations of a position, over which positions that say nothing spread, and
@@ -36,10 +36,6 @@ pub(super) struct Candidate {
 /// stretch off the road.
 pub(super) const OUTLIER_SPREAD: f64 = 30.0;
 const OFF_ROAD_SPREAD: f64 = 450.0;
-
-/// Weight of a position's distance across a road, where 1 would be errors that are independent
-/// from point to point: those of a receiver last.
-const WITNESS: f64 = 0.8;
 
 /// Edge of the state off the road.
 pub(super) const OFF_ROAD: u32 = u32::MAX;
@@ -50,22 +46,20 @@ impl Candidate {
     }
 
     /// The state off the road, at a position.
-    pub(super) fn off_road<P: Coordinates>(point: &TracePoint<P>, model: &MatchModel) -> Self {
-        let (sigma, point) = (deviation(model, point), point.position.to_plane());
-        let log_likelihood = -(OFF_ROAD_SPREAD * sigma).ln();
-        Self { edge: OFF_ROAD, along: 0.0, point, across: None, inlier: 0.0, log_likelihood }
+    pub(super) fn off_road<P: Coordinates>(point: &TracePoint<P>) -> Self {
+        let (point, placement) = (point.position.to_plane(), Placement::default());
+        Self { edge: OFF_ROAD, along: 0.0, point, placement, inlier: 0.0 }
     }
+}
+
+/// Log density of the first position of a drive off the road.
+pub(super) fn log_density_off_road<P>(model: &MatchModel, point: &TracePoint<P>) -> f64 {
+    -(OFF_ROAD_SPREAD * deviation(model, point)).ln()
 }
 
 /// Standard deviation of a point.
 pub(super) fn deviation<P>(model: &MatchModel, point: &TracePoint<P>) -> f64 {
     point.accuracy.unwrap_or(model.noise)
-}
-
-/// Factor of the density at a relative distance from its middle, as Cauchy's in two dimensions:
-/// nothing is impossible, however far.
-pub(super) fn far(distance: f64) -> f64 {
-    distance.hypot(1.0).powi(-3)
 }
 
 /// Slope of the logistic function that is nearest to the normal distribution function.
@@ -76,16 +70,18 @@ pub(super) fn share_below(z: f64) -> f64 {
     1.0 / (1.0 + (-SLOPE * z).exp())
 }
 
-/// Search for the candidates of a point on roads.
+/// Search for the candidates of a point on roads. Adds their sightings to a list.
 pub(super) struct CandidateSearch<'a, P> {
     pub(super) network: &'a RoadNetwork<P>,
     pub(super) model: &'a MatchModel,
     pub(super) point: &'a TracePoint<P>,
+    pub(super) sightings: &'a mut Vec<Sighting>,
+    pub(super) log_headings: &'a mut Vec<f64>,
 }
 
 impl<P: Coordinates> CandidateSearch<'_, P> {
     /// Candidates on the edges near the point, in ascending order of the edges.
-    pub(super) fn near(&self, index: &EdgeIndex, near: &mut Vec<NearEdge>) -> Vec<Candidate> {
+    pub(super) fn near(&mut self, index: &EdgeIndex, near: &mut Vec<NearEdge>) -> Vec<Candidate> {
         let reach = 4.0 * deviation(self.model, self.point) + 10.0;
         index.near(self.network, self.point.position, reach, near);
         if near.len() > MOST_CANDIDATES {
@@ -96,14 +92,14 @@ impl<P: Coordinates> CandidateSearch<'_, P> {
             near.truncate(MOST_CANDIDATES);
             near.sort_unstable_by_key(|near| near.edge);
         }
-        let length = |edge: usize| self.network.edges()[edge].metres;
-        near.iter().map(|near| on_edge(near, length(near.edge), self.model, self.point)).collect()
+        let on_edge = |near: &NearEdge| self.on_edge(near, heading(near, self.point));
+        near.iter().map(on_edge).collect()
     }
 
     /// Adds the places where vehicles would be that went on for so many metres from the states
     /// before, whose probabilities are given, where no state is near: a position may be far off.
     pub(super) fn carry(
-        &self,
+        &mut self,
         (before, log_filtered): (&[Candidate], &[f64]),
         metres: f64,
         jitter: f64,
@@ -128,7 +124,7 @@ impl<P: Coordinates> CandidateSearch<'_, P> {
     }
 
     /// State at a place of an edge, whatever the position.
-    fn carried(&self, edge: usize, along: f64) -> Candidate {
+    fn carried(&mut self, edge: usize, along: f64) -> Candidate {
         let place = self.network.position_along(edge, along).to_plane();
         let off = metres_between::<P>(place, self.point.position.to_plane());
         let near = NearEdge {
@@ -140,8 +136,7 @@ impl<P: Coordinates> CandidateSearch<'_, P> {
             point: place,
             piece: [0.0; 2],
         };
-        let length = self.network.edges()[edge].metres;
-        on_edge(&near, length, self.model, &TracePoint { heading: None, ..*self.point })
+        self.on_edge(&near, 0.0)
     }
 
     /// Finds the places so many metres from the start of an edge, along all ways without U-turns,
@@ -173,41 +168,43 @@ impl<P: Coordinates> CandidateSearch<'_, P> {
         }
         found
     }
-}
 
-/// State on an edge of some length near a position.
-fn on_edge<P: Coordinates>(
-    near: &NearEdge,
-    metres: f64,
-    model: &MatchModel,
-    point: &TracePoint<P>,
-) -> Candidate {
-    let sigma = deviation(model, point);
-    // Density across the road, times the share of the density along it that lies on the edge.
-    let at = near.metres_along + near.beyond;
-    let share = share_below((metres - at) / sigma) - share_below(-at / sigma);
-    let across = near.across / sigma;
-    let inlier = (1.0 - model.outliers) * share.max(0.0) * (-0.5 * WITNESS * across * across).exp()
-        / (sigma * std::f64::consts::TAU.sqrt());
-    // The largest share that the edge could have: a short one holds few positions that say nothing.
-    let most = (0.25 * SLOPE * metres / sigma).tanh();
-    let spread = OUTLIER_SPREAD * sigma;
-    let outlier = model.outliers * most * far(near.metres_off / spread) / spread;
-    let likelihood = inlier + outlier;
-    let (inlier, log_likelihood) = if likelihood >= f64::MIN_POSITIVE {
-        (inlier / likelihood, likelihood.ln())
-    } else {
-        // Next to no outliers, and a position far off.
-        let far = -3.0 * (near.metres_off / spread).hypot(1.0).ln();
-        (0.0, model.outliers.ln() + most.ln() + far - spread.ln())
-    };
-    Candidate {
-        edge: near.edge as u32,
-        along: near.metres_along,
-        point: near.point,
-        across: (near.beyond == 0.0).then_some(near.across),
-        inlier,
-        log_likelihood: log_likelihood + heading(near, point),
+    /// State on an edge near the position, and its sighting.
+    fn on_edge(&mut self, near: &NearEdge, log_heading: f64) -> Candidate {
+        let sigma = deviation(self.model, self.point);
+        let metres = self.network.edges()[near.edge].metres;
+        let (position, scale) = (self.point.position.to_plane(), P::scale(near.point));
+        let off = [0, 1].map(|axis| scale * (position[axis] - near.point[axis]));
+        let length = off[0].hypot(off[1]);
+        let tangent = near.direction();
+        let is_beside = near.beyond == 0.0;
+        let normal = if is_beside && length > 0.0 {
+            off.map(|metres| metres / length)
+        } else {
+            [-tangent[1], tangent[0]]
+        };
+        // The largest share that the edge could have: a short one holds few positions that say nothing.
+        let most = (0.25 * SLOPE * metres / sigma).tanh();
+        let spread = OUTLIER_SPREAD * sigma;
+        // Nothing is impossible, however far: a density as Cauchy's in two dimensions.
+        let far = 3.0 * (near.metres_off / spread).hypot(1.0).ln();
+        self.log_headings.push(log_heading);
+        self.sightings.push(Sighting {
+            normal,
+            tangent,
+            across: normal[0] * off[0] + normal[1] * off[1],
+            along: near.metres_along + near.beyond,
+            length: metres,
+            is_beside,
+            log_outlier: self.model.outliers.ln() + most.ln() - far - spread.ln(),
+        });
+        Candidate {
+            edge: near.edge as u32,
+            along: near.metres_along,
+            point: near.point,
+            placement: Placement::default(),
+            inlier: 0.0,
+        }
     }
 }
 

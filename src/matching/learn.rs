@@ -2,8 +2,11 @@
 
 use std::ops::ControlFlow;
 
+use super::candidates::Candidate;
+use super::lasting::{Error, LastingErrors};
 use super::matcher::DRIVES_AHEAD;
-use super::moves::Move;
+use super::moves::{Interval, Move};
+use super::receiver::Sighting;
 use super::step::{MatchStep, SmoothedDrive};
 use super::{MatchError, MatchModel, Matcher, TracePoint};
 use crate::inference::engines::parallel;
@@ -32,7 +35,7 @@ const LIMITS: [Limits; 6] = [
     ("noise", |model| &mut model.noise, [0.1, 1000.0]),
     ("outliers", |model| &mut model.outliers, [1e-4, 0.5]),
     ("deviation", |model| &mut model.deviation, [1.5, 100.0]),
-    ("stop", |model| &mut model.stop, [1e-3, 0.95]),
+    ("stop", |model| &mut model.stop, [1e-3, 0.5]),
     ("leave_road", |model| &mut model.leave_road, [1e-7, 0.005]),
     ("return_to_road", |model| &mut model.return_to_road, [1e-4, 0.1]),
 ];
@@ -53,6 +56,7 @@ impl LearnedMatchModel {
 #[derive(Debug, Clone, Copy, Default)]
 struct Counts {
     ratios: [Ratio; 6],
+    lasting: LastingErrors,
     log_likelihood: f64,
     points: usize,
 }
@@ -75,22 +79,27 @@ const PRIOR_POINTS: f64 = 10.0;
 const PRIOR_SECONDS: f64 = 20_000.0;
 /// Number of returns to the road for which its value counts.
 const PRIOR_RETURNS: f64 = 5.0;
+/// Deviations from a road up to which errors tell the noise.
+const FARTHEST_OFF: f64 = 3.0;
+/// Seconds between two points above which they hardly show what happened between them.
+const SHOWN: f64 = 10.0;
 
 impl<P: Coordinates> Matcher<P> {
-    /// Learns noise, share of outliers, detours, stops, and how often vehicles leave the road and
-    /// come back, from drives without labels, and returns them. The model of the matcher is where
-    /// it starts; it counts as much as ten points, and 20,000 seconds on the road. Noise is learned from
-    /// points without an accuracy.
+    /// Learns noise, how much of it lasts and how long, the share of outliers, detours, stops, and how
+    /// often vehicles leave the road and come back, from drives without labels, and returns them. The
+    /// model of the matcher is where it starts; it counts as much as ten points, and 20,000 seconds
+    /// on the road. Noise is learned from points without an accuracy, of vehicles that move. Intervals
+    /// above 10 s count less, since they hardly show what happens within them.
     ///
-    /// Results are kept within sense: `noise` from 0.1 to 1000 m, `outliers` from 1e-4 to 0.5,
-    /// `deviation` from 1.5 to 100 m a second, `stop` from 0.001 to 0.95, `leave_road` from 1e-7 to
-    /// 0.005, and `return_to_road` from 1e-4 to 0.1; [`LearnedMatchModel::at_limits`] names those that
-    /// ended at a limit.
+    /// Results are kept within sense: `noise` from 0.1 to 1000 m, `lasting` up to 0.97 and `lasts` from
+    /// 8 to 60 s, `outliers` from 1e-4 to 0.5, `deviation` from 1.5 to 100 m a second, `stop` from
+    /// 0.001 to 0.5, `leave_road` from 1e-7 to 0.005, and `return_to_road` from 1e-4 to 0.1;
+    /// [`LearnedMatchModel::at_limits`] names those that ended at a limit, but for the two that last.
     ///
-    /// Drives may be slices, vectors or traces of a file. Start with more noise than there is: the
-    /// search for roads reaches four deviations. At most `iterations` passes over the drives, each
-    /// as long as [`match_drive`](Self::match_drive); with the feature `rayon`, drives run in
-    /// parallel, with the same result to the bit.
+    /// Drives may be slices, vectors or traces of a file. The search for roads reaches four
+    /// deviations and 10 m. At most `iterations` passes over the drives, each as long as
+    /// [`match_drive`](Self::match_drive); with the feature `rayon`, drives run in parallel, with the
+    /// same result to the bit.
     ///
     /// ```
     /// # use wayfix::map::{NetworkBuilder, PlanePosition, RoadClass};
@@ -99,10 +108,9 @@ impl<P: Coordinates> Matcher<P> {
     /// # builder.node(2, PlanePosition { x: 2000.0, y: 0.0 })?;
     /// # builder.both_ways(1, 2, RoadClass::Street)?;
     /// # let network = builder.build()?;
-    /// use wayfix::matching::{MatchModel, Matcher, TracePoint};
+    /// use wayfix::matching::{Matcher, TracePoint};
     ///
-    /// let start = MatchModel { noise: 20.0, ..MatchModel::default() };
-    /// let matcher = Matcher::new(network).with_model(start)?;
+    /// let matcher = Matcher::new(network);
     /// // East at 10 m/s, 5 m to the left and to the right of the street in turn.
     /// let off = [5.0, -5.0];
     /// let point = |k: usize| {
@@ -167,47 +175,79 @@ impl<P: Coordinates> Matcher<P> {
 
     /// Expected counts of a drive under a model.
     fn count(&self, model: &MatchModel, points: &[TracePoint<P>]) -> Result<Counts, MatchError> {
-        let mut moves = Vec::new();
-        let drive = MatchStep::new(self, model)
-            .smooth(points, |of_step: &[Move]| moves.extend_from_slice(of_step))?;
+        let (mut sightings, mut moves) = (Vec::new(), Vec::new());
+        let drive = MatchStep::new(self, model).smooth(points, |of_states, of_step| {
+            sightings.push(of_states.to_vec());
+            moves.extend_from_slice(of_step);
+        })?;
         let SmoothedDrive { states, trellis, smoothed } = drive;
         let log_likelihood = smoothed.log_likelihood();
         let mut counts = Counts { log_likelihood, points: points.len(), ..Counts::default() };
         let [noise, outliers, detours, stops, leaves, returns] = &mut counts.ratios;
-        let mut moves = moves.iter();
+        let (mut moves, mut errors) = (moves.iter(), Vec::with_capacity(points.len()));
+        let mut stood = model.stop;
         for (number, (states_now, point)) in states.iter().zip(points).enumerate() {
             let step = number + 1;
-            for (state, &p) in states_now.iter().zip(smoothed.smoothed(step)) {
-                if state.is_off_road() {
-                    continue;
-                }
+            // Points soon after each other are hardly two witnesses, and those of a vehicle that
+            // stands, which may be parked beside any road, none.
+            let mut witness = 1.0;
+            if number > 0 {
+                let interval = Interval::new(model, &points[number - 1], point, stood);
+                stood = interval.stood();
+                let kept = model.lasting * interval.kept;
+                witness = (1.0 - stood) * (1.0 - kept) / (1.0 + kept);
+            }
+            let has_accuracy = point.accuracy.is_some();
+            let error = |state: &Candidate, sighting: &Sighting| {
+                let is_known = sighting.is_beside && !has_accuracy && state.inlier > 0.0;
+                let Sighting { across, normal, .. } = *sighting;
+                is_known.then_some(Error { metres: across, normal })
+            };
+            let probabilities = smoothed.smoothed(step);
+            let most_probable =
+                |a: &usize, b: &usize| probabilities[*a].total_cmp(&probabilities[*b]);
+            let best = (0..states_now.len()).max_by(most_probable);
+            errors.push(best.and_then(|best| {
+                let (state, sighting) = (&states_now[best], sightings[number].get(best)?);
+                error(state, sighting).filter(|_| state.inlier > 0.5)
+            }));
+            // The last state is the one off the road.
+            let on_road = states_now.iter().zip(&sightings[number]);
+            for ((state, sighting), &p) in on_road.zip(probabilities) {
                 outliers.add(if number == 0 { p * (1.0 - state.inlier) } else { 0.0 }, p);
-                if let Some(across) = state.across.filter(|_| point.accuracy.is_none()) {
-                    noise.add(p * state.inlier * across * across, p * state.inlier);
+                let Some(across) = error(state, sighting).map(|error| error.metres) else {
+                    continue;
+                };
+                // Farther off, the vehicle is rather beside the road.
+                if across.abs() < FARTHEST_OFF * model.noise {
+                    let weight = witness * p * state.inlier;
+                    noise.add(weight * across * across, weight);
                 }
             }
             if number == 0 {
                 continue;
             }
             let (before, seconds) = (&states[number - 1], point.time - points[number - 1].time);
+            let shown = (SHOWN / seconds).min(1.0);
             for (to, state) in states_now.iter().enumerate() {
                 let into = smoothed.moves(&trellis, step, to);
                 for ((from, p), moved) in into.zip(&mut moves) {
                     let off_road = [before[from].is_off_road(), state.is_off_road()];
                     let events = if off_road[0] == off_road[1] { 0.0 } else { p };
                     let left = if off_road[0] { &mut *returns } else { &mut *leaves };
-                    left.add(events, p * seconds);
+                    left.add(shown * events, shown * p * seconds);
                     if off_road == [true, false] {
                         outliers.sum += p * (1.0 - state.inlier);
                     }
                     if let Move::Along { stood, outlier, detour } = moved {
                         outliers.sum += p * outlier;
-                        stops.add(p * stood, p);
-                        detours.add(p * detour, p);
+                        stops.add(shown * p * stood, shown * p);
+                        detours.add(shown * p * detour, shown * p);
                     }
                 }
             }
         }
+        counts.lasting = LastingErrors::of(points, &errors);
         Ok(counts)
     }
 }
@@ -216,6 +256,7 @@ impl Counts {
     fn add(&mut self, other: &Self) {
         let ratios = self.ratios.iter_mut().zip(&other.ratios);
         ratios.for_each(|(ratio, other)| ratio.add(other.sum, other.of));
+        self.lasting.add(&other.lasting);
         self.log_likelihood += other.log_likelihood;
         self.points += other.points;
     }
@@ -238,6 +279,8 @@ impl Counts {
             *value(&mut model) = (ratio.sum + prior.sum) / (ratio.of + prior.of);
         }
         model.noise = model.noise.sqrt();
+        let variance = self.ratios[0].sum / self.ratios[0].of.max(1e-9);
+        [model.lasting, model.lasts] = self.lasting.fit(variance, prior);
         for (_, value, [least, most]) in LIMITS {
             let value = value(&mut model);
             *value = value.clamp(least, most);

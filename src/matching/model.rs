@@ -7,7 +7,7 @@ use crate::error::Parameter;
 /// Parameters of the model of a drive: the receiver, the routes that drivers take, and stretches
 /// off the road.
 ///
-/// [`Matcher::learn`](super::Matcher::learn) learns `noise`, `outliers`, `deviation`, `stop`,
+/// [`Matcher::learn`](super::Matcher::learn) learns `noise`, `lasting`, `lasts`, `outliers`, `deviation`, `stop`,
 /// `leave_road` and `return_to_road` from drives without labels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -15,6 +15,11 @@ use crate::error::Parameter;
 pub struct MatchModel {
     /// Standard deviation of a position in each direction, in metres; from 1e-6 to 1e9.
     pub noise: f64,
+    /// Share of the variance of positions that is a slowly moving offset; from 0 to 0.99. The rest is
+    /// independent from point to point.
+    pub lasting: f64,
+    /// Seconds after which 1/e of the offset is left; from 1e-6 to 1e9.
+    pub lasts: f64,
     /// Share of positions that say nothing of the place; above 0 and below 1.
     pub outliers: f64,
     /// Mean detour of a route against the straight line, in metres for each second between two
@@ -35,11 +40,13 @@ impl Default for MatchModel {
     fn default() -> Self {
         Self {
             noise: 8.0,
+            lasting: 0.85,
+            lasts: 40.0,
             outliers: 0.03,
             deviation: 1.5,
             stop: 0.1,
-            leave_road: 5e-4,
-            return_to_road: 0.05,
+            leave_road: 1.4e-4,
+            return_to_road: 0.01,
             u_turn: 2e-3,
         }
     }
@@ -47,12 +54,20 @@ impl Default for MatchModel {
 
 impl MatchModel {
     pub(super) fn check(&self) -> Result<(), MatchError> {
-        let positive = [("noise", self.noise), ("deviation", self.deviation)];
+        let positive =
+            [("noise", self.noise), ("lasts", self.lasts), ("deviation", self.deviation)];
         for (what, value) in positive {
             if !(1e-6..=1e9).contains(&value) {
-                let expected = "metres from 1e-6 to 1e9";
+                let expected = match what {
+                    "lasts" => "seconds from 1e-6 to 1e9",
+                    _ => "metres from 1e-6 to 1e9",
+                };
                 return Err(Parameter::new(format!("the parameter {what}"), value, expected).into());
             }
+        }
+        if !(0.0..=0.99).contains(&self.lasting) {
+            let expected = "a share from 0 to 0.99";
+            return Err(Parameter::new("the parameter lasting", self.lasting, expected).into());
         }
         let shares = [
             ("outliers", self.outliers),

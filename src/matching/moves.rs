@@ -1,14 +1,15 @@
-//! Weights of moves between states of two steps.
+//! Weights of moves between states of two steps, by the time and the metres between them.
 
-use super::candidates::{Candidate, OUTLIER_SPREAD, deviation, far, metres_between, share_below};
+use super::candidates::{deviation, share_below};
+use super::ways::Way;
 use super::{MatchModel, TracePoint};
-use crate::map::{Coordinates, Reached, RoadClass, RoadNetwork, RouteMeasures, RouteSearch};
+use crate::map::{Coordinates, RoadClass};
 
 /// Fastest speed in metres per second that a density of distances spreads over.
 pub(super) const FASTEST: f64 = 40.0;
 /// Weight of the choices at junctions, where 1 would be drivers who choose by the traffic alone:
 /// those who want to get somewhere choose less.
-const CHOICES: f64 = 0.7;
+pub(super) const CHOICES: f64 = 0.7;
 /// Most that the choices of one move weigh: a driver who wants to get somewhere makes few on the
 /// way.
 const MOST_CHOICES: f64 = 3.0;
@@ -16,46 +17,46 @@ const MOST_CHOICES: f64 = 3.0;
 const LEAST_SECONDS: f64 = 0.2;
 /// Share of the fastest speed of a road up to which slower speeds are rarer.
 const SLOW: f64 = 0.3;
-/// Fastest speed off the road that is not rare, in metres per second.
-const FASTEST_OFF_ROAD: f64 = 20.0;
 /// Share of moves at a speed that the road does not tell.
 const ANY_SPEED: f64 = 0.1;
 /// Relative density of distances that neither speed nor noise explains.
 const ANY_DISTANCE: f64 = 1e-9;
 /// Share of detours from a distribution ten times as wide.
 const LONG_DETOURS: f64 = 0.05;
+/// Seconds after which 1/e of what is known of a stop is left.
+const STOP_LASTS: f64 = 20.0;
+/// Speed in metres per second of the displacements that speak against a stop.
+const MOVING: f64 = 8.0;
+/// Typical speed off the road in metres per second over a short time, and the seconds after which a
+/// way there bends.
+const SPEED_OFF_ROAD: f64 = 16.0;
+const BENDS_AFTER: f64 = 20.0;
+/// Metres across for each metre that a way off the road leads astray within a moment, and those in
+/// the long run: in any direction, √(2π).
+const ASTRAY: f64 = 0.3;
+const ASTRAY_AT_LAST: f64 = 2.5;
+/// Seconds after which positions off the road are independent of those before.
+const FORGETS: f64 = 10.0;
+/// Widths, in standard deviations of a position, over which positions off the road spread within a
+/// moment.
+const THIN: f64 = 100.0;
 
 /// Time and distance between two points of a drive.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Interval {
+    /// Probability that the vehicle stands, by the displacements before.
+    pub(super) stop: f64,
     pub(super) seconds: f64,
     /// Straight distance between the two positions in metres.
     pub(super) metres: f64,
-    /// Standard deviation of the difference of two positions along a road.
+    /// Standard deviation of the difference of the errors of two positions, in each direction.
     pub(super) jitter: f64,
+    /// The same if the errors were independent.
+    pub(super) spread: f64,
+    /// Share of the error that lasts that is left.
+    pub(super) kept: f64,
     /// Mean of the speeds that the receiver tells at both ends.
     pub(super) speed: Option<f64>,
-}
-
-/// A way from one state to another along roads.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Way {
-    /// Length in metres; below 0 if the second point lies behind the first.
-    pub(super) metres: f64,
-    /// Metres of the detour against the straight line between both points.
-    pub(super) detour: f64,
-    pub(super) u_turns: u32,
-    log_choices: f64,
-}
-
-/// Kind of a way between two states on roads.
-#[derive(Debug, Clone, Copy)]
-pub(super) enum WayKind {
-    SameEdge,
-    /// A U-turn from an edge onto its reverse, between their ends.
-    Turn,
-    /// Over the end of the first edge, and others between as a rule.
-    Edges(Reached),
 }
 
 /// Kind of a move, beside its weight.
@@ -74,37 +75,73 @@ pub(super) enum Move {
     },
 }
 
+/// Distance that a vehicle went, with the standard deviation of what was measured of it, in metres.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Distance {
+    pub(super) metres: f64,
+    pub(super) deviation: f64,
+}
+
+/// What a position says of a state, given the state before.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Belonging {
+    /// Probability that the position belongs to the road.
+    pub(super) inlier: f64,
+    /// Share of the places of a vehicle that moved there that are on the edge.
+    pub(super) share: f64,
+}
+
 impl Interval {
+    /// Interval between two points; `stood` is the probability that the vehicle stood before.
     pub(super) fn new<P: Coordinates>(
         model: &MatchModel,
         before: &TracePoint<P>,
         point: &TracePoint<P>,
+        stood: f64,
     ) -> Self {
-        let jitter = deviation(model, before).hypot(deviation(model, point));
+        let seconds = point.time - before.time;
+        let spread = deviation(model, before).hypot(deviation(model, point));
+        let kept = (-seconds / model.lasts).exp();
+        let jitter = spread * (1.0 - model.lasting * kept).sqrt();
         let speed = before.speed.zip(point.speed).map(|(a, b)| 0.5 * (a + b));
         let metres = before.position.metres_to(point.position);
-        Self { seconds: point.time - before.time, metres, jitter, speed }
+        let stop = model.stop + (stood - model.stop) * (-seconds / STOP_LASTS).exp();
+        Self { stop, seconds, metres, jitter, spread, kept, speed }
     }
 
     /// Longest route worth looking for.
-    fn longest(&self) -> f64 {
+    pub(super) fn longest(&self) -> f64 {
         let by_time = 1.2 * FASTEST * self.seconds + 100.0;
         let by_detour = 1.3 * self.metres + 10.0 * self.seconds.min(60.0) + 50.0;
-        by_time.min(by_detour) + 4.0 * self.jitter
+        by_time.min(by_detour) + 2.0 * self.spread
     }
 
-    /// Mean of what a distance that is measured with noise exceeds 0, from the bell curve at the
-    /// distance in deviations, and the share below it.
-    fn above(&self, metres: f64, bell: f64, share: f64) -> f64 {
-        self.jitter * bell / std::f64::consts::TAU.sqrt() + metres * share
+    /// Probability that the vehicle stood, by the displacements up to the end of the interval,
+    /// wherever it was.
+    pub(super) fn stood(&self) -> f64 {
+        let (squared, jitter) = (self.metres * self.metres, self.jitter * self.jitter);
+        let stands = self.stop * (-0.5 * squared / jitter).exp() / jitter;
+        let reach = (MOVING * self.seconds).powi(2) + jitter;
+        let moves = (1.0 - self.stop) * (1.0 + squared / reach).powf(-1.5) / reach;
+        stands / (stands + moves)
     }
 
-    /// Weight of a move that begins or ends off the road, by its speed.
-    pub(super) fn off_road(&self) -> f64 {
-        let limit = FASTEST_OFF_ROAD * self.seconds;
-        let spread = FASTEST * self.seconds + OUTLIER_SPREAD * self.jitter;
-        ANY_SPEED * far(self.metres / spread)
-            + (1.0 - ANY_SPEED) * share_below((limit - self.metres) / self.jitter)
+    /// Log weight of a way off the road, by the density of its end in the plane: that of the
+    /// distance, as on a road, and that across, which on a road is the density of the position.
+    /// For points in short succession it is a constant: their displacements are hardly independent.
+    pub(super) fn off_road(&self, model: &MatchModel) -> f64 {
+        let (metres, deviation) = (self.metres, self.jitter);
+        let speed = SPEED_OFF_ROAD / (1.0 + self.seconds / BENDS_AFTER);
+        let limit = 1.3 * speed * self.seconds + deviation;
+        let rare = 1.0 / (1.0 + (metres / limit).powi(2));
+        let moves = self.by_limit(Distance { metres, deviation }, limit);
+        let moves = (1.0 - ANY_SPEED) * moves + ANY_SPEED * rare;
+        let [bell, peak] = self.stands(Distance { metres, deviation });
+        let along = self.stop * bell * peak + (1.0 - self.stop) * moves;
+        let independent = -(-self.seconds / FORGETS).exp_m1();
+        let across = deviation.hypot((ASTRAY + ASTRAY_AT_LAST * independent) * metres);
+        let in_plane = (along / (std::f64::consts::TAU.sqrt() * across)).ln();
+        independent * in_plane - (1.0 - independent) * (THIN * model.noise).ln()
     }
 
     /// Distance over which an even density spreads.
@@ -113,43 +150,51 @@ impl Interval {
     }
 
     /// Scale of detours.
-    fn detour_scale(&self, model: &MatchModel) -> f64 {
+    pub(super) fn detour_scale(&self, model: &MatchModel) -> f64 {
         model.deviation * self.seconds.max(LEAST_SECONDS)
+    }
+
+    /// Bell curve of a distance, and the peak of its density, for a vehicle that stands.
+    fn stands(&self, distance: Distance) -> [f64; 2] {
+        let z = distance.metres / distance.deviation;
+        let peak = self.most() / (distance.deviation * std::f64::consts::TAU.sqrt());
+        [(-0.5 * z * z).exp(), peak]
     }
 
     /// Weight of a way to a state on a road, without the share that leaves the road: density of
     /// the distance, relative to an even one up to the fastest speed, the detour, the choices at
-    /// junctions, and U-turns. `inlier` is the probability that the position there belongs to the
-    /// road; where it does not, nothing was measured of the distance, and a move weighs at most its
-    /// probability. The logarithm may be −∞, and the rest is then unused.
+    /// junctions, and U-turns. Where the position does not belong to the road, nothing was measured
+    /// of the distance, and a move weighs at most its probability. The logarithm may be −∞, and the
+    /// rest is then unused.
     pub(super) fn weight(
         &self,
         model: &MatchModel,
         way: &Way,
         fastest: f64,
-        inlier: f64,
+        distance: Distance,
+        belonging: Belonging,
     ) -> (f64, Move) {
-        let (z, most) = (way.metres / self.jitter, self.most());
-        let peak = most / (self.jitter * std::f64::consts::TAU.sqrt());
-        let (bell, ahead) = ((-0.5 * z * z).exp(), share_below(z));
+        let Distance { metres, deviation } = distance;
+        let Belonging { inlier, share } = belonging;
+        let [bell, peak] = self.stands(distance);
         let moves = match self.speed {
-            None => {
-                let above = self.above(way.metres, bell, ahead);
-                self.by_limit(way.metres, above, 1.3 * fastest * self.seconds + self.jitter)
-            }
+            None => self.by_limit(distance, 1.3 * fastest * self.seconds + deviation),
             Some(speed) => {
                 // A receiver's speed is that of a moment.
-                let sigma = self.jitter.hypot(1.0 + 0.3 * speed * self.seconds);
-                let z = (way.metres - speed * self.seconds) / sigma;
-                most / (sigma * std::f64::consts::TAU.sqrt()) * (-0.5 * z * z).exp()
+                let sigma = deviation.hypot(1.0 + 0.3 * speed * self.seconds);
+                let z = (metres - speed * self.seconds) / sigma;
+                self.most() / (sigma * std::f64::consts::TAU.sqrt()) * (-0.5 * z * z).exp()
             }
         };
-        let moves = (1.0 - ANY_SPEED) * moves + ANY_SPEED * ahead;
+        let moves = (1.0 - ANY_SPEED) * moves + ANY_SPEED * share_below(metres / deviation);
         let moves = moves.max(ANY_DISTANCE);
         // Where the position belongs to the road, and where it says nothing.
         let parts = |weight: f64| [inlier * weight, (1.0 - inlier) * weight.min(1.0)];
-        let stands = parts(peak).map(|part| model.stop * bell * part);
-        let moves = parts(moves).map(|part| (1.0 - model.stop) * part);
+        // A vehicle that stands is on the edge on which it was, at the same place.
+        let stop = if way.is_same_edge() { self.stop * bell } else { 0.0 };
+        let stands = parts(peak).map(|part| stop * part);
+        let mut moves = parts(moves).map(|part| (1.0 - self.stop) * part);
+        moves[0] *= share;
         let unseen = stands[1] + moves[1];
         let [stands, moves] = [stands, moves].map(|[seen, unseen]| seen + unseen);
         let scaled = way.detour / self.detour_scale(model);
@@ -171,15 +216,19 @@ impl Interval {
     }
 
     /// Relative density of the distance of a vehicle that moves, up to a limit. Few go slowly: the
-    /// density grows up to a part of the limit, blurred by the noise of positions. `above` is that
-    /// of the distance.
-    fn by_limit(&self, metres: f64, above: f64, limit: f64) -> f64 {
-        let slow = SLOW * limit;
-        let z = (metres - slow) / self.jitter;
-        let ramp = above - self.above(metres - slow, (-0.5 * z * z).exp(), share_below(z));
-        let below = share_below((limit - metres) / self.jitter);
+    /// density grows up to a part of the limit, blurred by the noise of positions.
+    fn by_limit(&self, distance: Distance, limit: f64) -> f64 {
+        let (Distance { metres, deviation }, slow) = (distance, SLOW * limit);
+        let ramp = exceeds(metres, deviation) - exceeds(metres - slow, deviation);
+        let below = share_below((limit - metres) / deviation);
         (ramp / slow).max(0.0) * below * self.most() / ((1.0 - 0.5 * SLOW) * limit)
     }
+}
+
+/// Mean of what a distance exceeds 0 by, if it is measured with a standard deviation.
+fn exceeds(metres: f64, deviation: f64) -> f64 {
+    let z = metres / deviation;
+    deviation * (-0.5 * z * z).exp() / std::f64::consts::TAU.sqrt() + metres * share_below(z)
 }
 
 /// Typical speed of a road in metres per second, where none is posted.
@@ -189,86 +238,5 @@ pub(super) fn speed_of(class: RoadClass) -> f64 {
         RoadClass::Arterial => 24.0,
         RoadClass::Collector => 19.0,
         RoadClass::Street => 16.0,
-    }
-}
-
-/// True if a state is so far behind another on its edge that a vehicle drove around the block; less
-/// than that, positions jitter.
-fn is_behind(from: &Candidate, to: &Candidate, jitter: f64) -> bool {
-    to.along - from.along < -6.0 * jitter
-}
-
-/// Finds the ways from one state to others.
-pub(super) struct Ways<'a, P> {
-    pub(super) network: &'a RoadNetwork<P>,
-    pub(super) measures: &'a RouteMeasures,
-    pub(super) search: &'a mut RouteSearch,
-}
-
-impl<P: Coordinates> Ways<'_, P> {
-    /// Searches from a state on a road for the edges of the next states.
-    pub(super) fn from(
-        &mut self,
-        from: &Candidate,
-        to: &[Candidate],
-        model: &MatchModel,
-        interval: &Interval,
-    ) {
-        let left = self.network.edges()[from.edge as usize].metres - from.along;
-        let others = to.iter().filter(|to| !to.is_off_road());
-        let others =
-            others.filter(|to| to.edge != from.edge || is_behind(from, to, interval.jitter));
-        let others = others.map(|to| to.edge as usize);
-        let most = interval.longest() - left;
-        // Metres that a U-turn counts as in a search for routes.
-        let u_turn = -model.u_turn.ln() * interval.detour_scale(model);
-        self.search.run(self.network, self.measures, from.edge as usize, others, most, u_turn);
-    }
-
-    /// Kind of the way between two states on roads after [`from`](Self::from); `None` if there is
-    /// none.
-    pub(super) fn kind(&self, from: &Candidate, to: &Candidate, jitter: f64) -> Option<WayKind> {
-        let [edge, next] = [from.edge as usize, to.edge as usize];
-        if edge == next && !is_behind(from, to, jitter) {
-            return Some(WayKind::SameEdge);
-        }
-        let reached = self.search.reached(next);
-        // A U-turn on the way, unless the route by the ends of the edges has none.
-        let is_turn = reached.is_none_or(|reached| reached.u_turns > 0);
-        if is_turn && self.network.reverse(edge) == Some(next) {
-            return Some(WayKind::Turn);
-        }
-        reached.map(WayKind::Edges)
-    }
-
-    /// Way between two states on roads; `None` if there is none.
-    pub(super) fn way(&self, from: &Candidate, to: &Candidate, jitter: f64) -> Option<Way> {
-        let short = |metres, u_turns| Way { metres, detour: 0.0, u_turns, log_choices: 0.0 };
-        Some(match self.kind(from, to, jitter)? {
-            WayKind::SameEdge => short(to.along - from.along, 0),
-            WayKind::Turn => {
-                let here = self.network.edges()[from.edge as usize].metres - from.along;
-                short((to.along - here).abs(), 1)
-            }
-            WayKind::Edges(reached) => self.along(from, to, reached),
-        })
-    }
-
-    fn along(&self, from: &Candidate, to: &Candidate, reached: Reached) -> Way {
-        let straight = metres_between::<P>(from.point, to.point);
-        let [edge, next] = [from.edge as usize, to.edge as usize];
-        let length = |edge: usize| self.network.edges()[edge].metres;
-        let left = 1.0 - from.along / length(edge);
-        let done = to.along / length(next);
-        let metres = left * length(edge) + reached.metres + to.along;
-        // Bends of a road are no choice of the driver: a detour is one of straight pieces.
-        let straight_of = |edge| self.measures.straight_metres(edge);
-        let chords = left * straight_of(edge) + reached.chords + done * straight_of(next);
-        Way {
-            metres,
-            detour: (chords - straight).max(0.0),
-            u_turns: reached.u_turns,
-            log_choices: reached.log_choices,
-        }
     }
 }

@@ -1,6 +1,7 @@
 //! Vehicles as bytes: their fields one after the other, in the order in which they are declared.
 
 use super::candidates::Candidate;
+use super::receiver::Placement;
 use super::vehicle::{Progress, Window};
 use super::{TracePoint, Vehicle};
 use crate::error::SnapshotError;
@@ -56,8 +57,6 @@ stored_numbers! {
     usize: |value, out| out.integer(*value), |from| from.integer();
     f64: |value, out| out.double(*value), |from| from.double();
     LogSum: |value, out| out.log_sum(*value), |from| from.log_sum();
-    [f64; 2]: |value, out| value.iter().for_each(|value| out.double(*value)),
-        |from| Ok([from.double()?, from.double()?]);
     // A number that is missing is NaN.
     Option<f64>: |value, out| out.double(value.unwrap_or(f64::NAN)),
         |from| from.double().map(|value| (!value.is_nan()).then_some(value));
@@ -66,8 +65,24 @@ stored_numbers! {
         |from| Self::try_from(from.integer()?)
             .map_err(|_| contents(String::from("the number of an edge is too large")));
 }
-stored_fields!(Progress<P> { network, lag, points, point, speed, log_likelihood, last });
-stored_fields!(Candidate { edge, along, point, across, inlier, log_likelihood });
+
+impl<const N: usize> Stored for [f64; N] {
+    fn write(&self, writer: &mut Writer) {
+        self.iter().for_each(|value| writer.double(*value));
+    }
+
+    fn read(reader: &mut Reader<'_>) -> Result<Self, SnapshotError> {
+        let mut values = [0.0; N];
+        for value in &mut values {
+            *value = reader.double()?;
+        }
+        Ok(values)
+    }
+}
+
+stored_fields!(Progress<P> { network, lag, points, point, speed, stood, log_likelihood, last });
+stored_fields!(Placement { mean, covariance });
+stored_fields!(Candidate { edge, along, point, placement, inlier });
 
 impl<P: Coordinates> Stored for TracePoint<P> {
     fn write(&self, writer: &mut Writer) {
@@ -140,7 +155,7 @@ impl Stored for Window {
 
 impl<P: Coordinates> Vehicle<P> {
     /// Returns the state as bytes, in the format of
-    /// [`FilterSnapshot`](crate::inference::FilterSnapshot::to_bytes): some 80 for each state of
+    /// [`FilterSnapshot`](crate::inference::FilterSnapshot::to_bytes): some 120 for each state of
     /// the window, and 16 for each move. Read back, a vehicle goes on to the bit, on the network on
     /// which it was started: its fingerprint is among the bytes.
     ///
@@ -188,7 +203,10 @@ impl<P: Coordinates> Vehicle<P> {
             return Err(SnapshotError::Kind { found, expected });
         }
         let progress = Progress::read(&mut reader)?;
-        let Progress { lag, points, speed, log_likelihood, last, .. } = progress;
+        let Progress { lag, points, speed, stood, log_likelihood, last, .. } = progress;
+        if !(0.0..=1.0).contains(&stood) {
+            return Err(contents(format!("the probability of a stop is {stood}, expected 0 to 1")));
+        }
         if !(0.0..=1e9).contains(&speed) {
             return Err(contents(format!("the speed is {speed}, expected 0 to 1e9")));
         }
@@ -227,16 +245,16 @@ fn unit(name: &str) -> u64 {
 fn check(state: &Candidate) -> Result<(), SnapshotError> {
     /// More than any coordinate of the plane, or any length of an edge.
     const LARGEST: f64 = 1e12;
-    let Candidate { edge: _, along, point, across, inlier, log_likelihood } = *state;
+    let Candidate { edge: _, along, point, placement, inlier } = *state;
+    let Placement { mean, covariance } = placement;
     let range = -LARGEST..=LARGEST;
-    for (value, range) in [
-        (along, 0.0..=LARGEST),
-        (point[0], range.clone()),
-        (point[1], range.clone()),
-        (across.unwrap_or(0.0), range),
-        (inlier, 0.0..=1.0),
-        (log_likelihood, -1e300..=1e300),
-    ] {
+    let free = point.into_iter().chain(mean).map(|value| (value, range.clone()));
+    let [xx, xy, xz, yy, yz, zz] = covariance;
+    let squares = -LARGEST * LARGEST..=LARGEST * LARGEST;
+    let variances = [xx, yy, zz].map(|value| (value, 0.0..=LARGEST * LARGEST));
+    let covariances = [xy, xz, yz].map(|value| (value, squares.clone()));
+    let checked = [(along, 0.0..=LARGEST), (inlier, 0.0..=1.0)];
+    for (value, range) in free.chain(variances).chain(covariances).chain(checked) {
         if !range.contains(&value) {
             let problem = format!("a state has {value}, expected {range:?}");
             return Err(contents(problem));

@@ -5,24 +5,21 @@
 //! weights of moves are of the layers below; a trellis holds them, for whatever is asked of it
 //! afterwards.
 
-use super::candidates::{Candidate, CandidateSearch, metres_between};
+use super::candidates::{Candidate, CandidateSearch, log_density_off_road, metres_between};
 use super::matcher::Memory;
-use super::moves::{Interval, Move, Ways, speed_of};
+use super::moves::{Interval, Move};
+use super::receiver::Sighting;
+use super::ways::Ways;
 use super::{MatchError, MatchModel, Matcher, TracePoint};
 use crate::inference::{Scale, SmoothedTrellis, Trellis, TrellisForward};
 use crate::map::Coordinates;
 
-/// Logarithm of the share of the belief below which the way from a state is not looked for.
-const NEGLIGIBLE: f64 = -14.0;
-/// Logarithm of the weight below which a move is left out.
-const LEAST_WEIGHT: f64 = -40.0;
-
 /// Steps of a matcher under a model, with memory that goes back to the matcher in the end.
 #[derive(Debug)]
 pub(super) struct MatchStep<'a, P> {
-    matcher: &'a Matcher<P>,
-    model: &'a MatchModel,
-    memory: Memory,
+    pub(super) matcher: &'a Matcher<P>,
+    pub(super) model: &'a MatchModel,
+    pub(super) memory: Memory,
 }
 
 /// Last step of a drive so far: its point, and its states with their filtered distribution.
@@ -33,6 +30,8 @@ pub(super) struct PreviousStep<'a, P> {
     pub(super) log_filtered: &'a [f64],
     /// Speed in metres per second by which vehicles go on unseen.
     pub(super) speed: f64,
+    /// Probability that the vehicle stood.
+    pub(super) stood: f64,
 }
 
 /// States of a step that was taken, with their filtered distribution.
@@ -43,6 +42,8 @@ pub(super) struct ForwardStep {
     /// ln p(point | all before), in parts.
     pub(super) scale: Scale,
     pub(super) speed: f64,
+    /// Probability that the vehicle stood.
+    pub(super) stood: f64,
 }
 
 /// Distributions of the states of all points of a drive.
@@ -70,18 +71,25 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
         point: &TracePoint<P>,
         trellis: &mut Trellis,
     ) -> Result<ForwardStep, MatchError> {
-        let mut states = self.search(point).near(&self.matcher.index, &mut self.memory.near);
-        states.push(Candidate::off_road(point, self.model));
+        let mut states = self.near(point);
+        let log_likelihoods = self.place(point, &mut states);
+        states.push(Candidate::off_road(point));
         trellis.begin_step();
         let [leaves, returns] = [self.model.leaves(1.0), self.model.returns(1.0)];
-        let off_road = (leaves / (leaves + returns)).ln();
-        for state in &states {
-            let prior = if state.is_off_road() { off_road } else { 0.0 };
-            trellis.state(state.log_likelihood, [(0, prior)])?;
+        for (log, sighting) in log_likelihoods.iter().zip(&self.memory.log_headings) {
+            trellis.state(log + sighting, [(0, 0.0)])?;
         }
+        let off_road = (leaves / (leaves + returns)).ln();
+        trellis.state(log_density_off_road(self.model, point), [(0, off_road)])?;
         let mut log_filtered = Vec::new();
         let scale = trellis.forward_step(1, &[0.0], &mut log_filtered);
-        Ok(ForwardStep { states, log_filtered, scale, speed: point.speed.unwrap_or(0.0) })
+        Ok(ForwardStep {
+            states,
+            log_filtered,
+            scale,
+            speed: point.speed.unwrap_or(0.0),
+            stood: self.model.stop,
+        })
     }
 
     /// Takes the next step, and adds it to the trellis whose last step is the one before. On an
@@ -92,19 +100,19 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
         point: &TracePoint<P>,
         trellis: &mut Trellis,
     ) -> Result<ForwardStep, MatchError> {
-        let interval = Interval::new(self.model, before.point, point);
-        let search = self.search(point);
-        let mut states = search.near(&self.matcher.index, &mut self.memory.near);
-        let metres = before.speed * interval.seconds;
-        let carried = (before.states, before.log_filtered);
-        search.carry(carried, metres, interval.jitter, &mut states);
-        states.push(Candidate::off_road(point, self.model));
-        self.weigh(before, &states, &interval);
+        let interval = Interval::new(self.model, before.point, point, before.stood);
+        let mut states = self.near(point);
+        self.carry(before, point, &interval, &mut states);
+        states.push(Candidate::off_road(point));
+        self.weigh(before, point, &mut states, &interval);
         trellis.begin_step();
-        self.memory.moves.clear();
-        for (state, entries) in states.iter().zip(&self.memory.entries) {
-            trellis.state(state.log_likelihood, entries.iter().map(|entry| (entry.0, entry.1)))?;
-            self.memory.moves.extend(entries.iter().map(|entry| entry.2));
+        let Memory { entries, moves, log_headings, .. } = &mut self.memory;
+        moves.clear();
+        // Off the road, any heading is as likely.
+        let log_headings = log_headings.iter().copied().chain([0.0]);
+        for (log_heading, entries) in log_headings.zip(&*entries) {
+            trellis.state(log_heading, entries.iter().map(|entry| (entry.from, entry.log)))?;
+            moves.extend(entries.iter().map(|entry| entry.kind));
         }
         let mut log_filtered = Vec::with_capacity(states.len());
         let scale = trellis.forward_step(trellis.steps(), before.log_filtered, &mut log_filtered);
@@ -117,15 +125,15 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
         let speed = point
             .speed
             .unwrap_or_else(|| shown().map_or(before.speed, |shown| 0.5 * (before.speed + shown)));
-        Ok(ForwardStep { states, log_filtered, scale, speed })
+        Ok(ForwardStep { states, log_filtered, scale, speed, stood: interval.stood() })
     }
 
-    /// Takes all steps of a drive forward and back. `visit` is given the moves of each step but
-    /// the first, in the order in which they are in the trellis.
+    /// Takes all steps of a drive forward and back. `visit` is given the sightings of the states of
+    /// each step, and the moves of each but the first, in the order in which they are in the trellis.
     pub(super) fn smooth(
         &mut self,
         points: &[TracePoint<P>],
-        mut visit: impl FnMut(&[Move]),
+        mut visit: impl FnMut(&[Sighting], &[Move]),
     ) -> Result<SmoothedDrive, MatchError> {
         let first = points.first().ok_or(MatchError::Empty)?;
         first.check(0, None)?;
@@ -136,13 +144,14 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
         let mut states = Vec::with_capacity(points.len());
         let mut last = self.first(first, &mut trellis)?;
         forward.push(&last.log_filtered, last.scale)?;
+        visit(&self.memory.sightings, &[]);
         for pair in points.windows(2) {
-            let ForwardStep { states: before, log_filtered, speed, .. } = &last;
-            let before =
-                PreviousStep { point: &pair[0], states: before, log_filtered, speed: *speed };
+            let ForwardStep { states: before, log_filtered, scale: _, speed, stood } = &last;
+            let (point, speed, stood) = (&pair[0], *speed, *stood);
+            let before = PreviousStep { point, states: before, log_filtered, speed, stood };
             let next = self.next(&before, &pair[1], &mut trellis)?;
             forward.push(&next.log_filtered, next.scale)?;
-            visit(&self.memory.moves);
+            visit(&self.memory.sightings, &self.memory.moves);
             states.push(std::mem::replace(&mut last, next).states);
         }
         states.push(last.states);
@@ -158,60 +167,38 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
         to: &[Candidate],
         points: [&TracePoint<P>; 2],
     ) -> (Ways<'_, P>, f64) {
-        let interval = Interval::new(self.model, points[0], points[1]);
+        let interval = Interval::new(self.model, points[0], points[1], self.model.stop);
         let Matcher { network, measures, .. } = self.matcher;
         let mut ways = Ways { network, measures, search: &mut self.memory.search };
         ways.from(from, to, self.model, &interval);
-        (ways, interval.jitter)
+        (ways, interval.spread)
     }
 
-    fn search<'b>(&self, point: &'b TracePoint<P>) -> CandidateSearch<'b, P>
-    where
-        'a: 'b,
-    {
-        CandidateSearch { network: &self.matcher.network, model: self.model, point }
+    /// Finds the states on roads near a point, with their sightings.
+    fn near(&mut self, point: &TracePoint<P>) -> Vec<Candidate> {
+        let Memory { near, sightings, log_headings, .. } = &mut self.memory;
+        sightings.clear();
+        log_headings.clear();
+        let network = &self.matcher.network;
+        let mut search =
+            CandidateSearch { network, model: self.model, point, sightings, log_headings };
+        search.near(&self.matcher.index, near)
     }
 
-    /// Finds the moves into each state, of which the last is the one off the road.
-    fn weigh(&mut self, before: &PreviousStep<'_, P>, states: &[Candidate], interval: &Interval) {
-        let (model, Memory { search, entries, .. }) = (self.model, &mut self.memory);
-        let [leaves, returns] = [model.leaves(interval.seconds), model.returns(interval.seconds)];
-        entries.resize_with(entries.len().max(states.len()), Vec::new);
-        entries.iter_mut().for_each(Vec::clear);
-        let (off_road, by_speed) = (states.len() - 1, interval.off_road().ln());
-        let (to_road, stays_off) = (returns.ln() + by_speed, (-returns).ln_1p() + by_speed);
-        let stays = (-leaves).ln_1p();
-        for (number, (from, log)) in before.states.iter().zip(before.log_filtered).enumerate() {
-            if from.is_off_road() {
-                let on_road = entries[..off_road].iter_mut();
-                on_road.for_each(|list| list.push((number, to_road, Move::OffRoad)));
-                entries[off_road].push((number, stays_off, Move::OffRoad));
-                continue;
-            }
-            if *log < NEGLIGIBLE {
-                continue;
-            }
-            entries[off_road].push((number, leaves.ln() + by_speed, Move::OffRoad));
-            let Matcher { network, measures, .. } = self.matcher;
-            let mut ways = Ways { network, measures, search };
-            ways.from(from, states, model, interval);
-            for (to, list) in states[..off_road].iter().zip(entries.iter_mut()) {
-                let Some(way) = ways.way(from, to, interval.jitter) else { continue };
-                let fastest = self.matcher.speed(from).max(self.matcher.speed(to));
-                let (log, moved) = interval.weight(model, &way, fastest, to.inlier);
-                if log > LEAST_WEIGHT {
-                    list.push((number, stays + log, moved));
-                }
-            }
-        }
-    }
-}
-
-impl<P> Matcher<P> {
-    /// Speed of the road of a state, the faster of the posted and the typical one.
-    fn speed(&self, state: &Candidate) -> f64 {
-        let edge = &self.network.edges()[state.edge as usize];
-        edge.speed.unwrap_or(0.0).max(speed_of(edge.class))
+    /// Adds the states of vehicles that went on unseen.
+    fn carry(
+        &mut self,
+        before: &PreviousStep<'_, P>,
+        point: &TracePoint<P>,
+        interval: &Interval,
+        states: &mut Vec<Candidate>,
+    ) {
+        let Memory { sightings, log_headings, .. } = &mut self.memory;
+        let network = &self.matcher.network;
+        let mut search =
+            CandidateSearch { network, model: self.model, point, sightings, log_headings };
+        let metres = before.speed * interval.seconds;
+        search.carry((before.states, before.log_filtered), metres, interval.spread, states);
     }
 }
 

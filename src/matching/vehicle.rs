@@ -26,6 +26,7 @@ pub(super) struct Progress<P> {
     /// The last point.
     pub(super) point: TracePoint<P>,
     pub(super) speed: f64,
+    pub(super) stood: f64,
     pub(super) log_likelihood: LogSum,
     /// ln p(last point | all before).
     pub(super) last: f64,
@@ -51,11 +52,12 @@ impl<P: Coordinates> Matcher<P> {
         point.check(0, None)?;
         let mut trellis = Trellis::new();
         let taken = MatchStep::new(self, &self.model).first(point, &mut trellis)?;
-        let ForwardStep { states, log_filtered, scale, speed } = taken;
+        let ForwardStep { states, log_filtered, scale, speed, stood } = taken;
         let mut log_likelihood = LogSum::default();
         scale.add_to(&mut log_likelihood);
         let (network, point, last) = (self.fingerprint, *point, scale.log());
-        let progress = Progress { network, lag, points: 1, point, speed, log_likelihood, last };
+        let progress =
+            Progress { network, lag, points: 1, point, speed, stood, log_likelihood, last };
         let window = Window { trellis, states: vec![states], log_filtered };
         Ok(Vehicle { progress, window })
     }
@@ -74,10 +76,11 @@ impl<P: Coordinates> Matcher<P> {
         point.check(progress.points, Some(&progress.point))?;
         self.check(window.last())?;
         let states = window.states.last().map_or(&[][..], |states| states);
-        let (log_filtered, speed) = (&window.log_filtered[..], progress.speed);
-        let before = PreviousStep { point: &progress.point, states, log_filtered, speed };
+        let (log_filtered, speed, stood) =
+            (&window.log_filtered[..], progress.speed, progress.stood);
+        let before = PreviousStep { point: &progress.point, states, log_filtered, speed, stood };
         let mut step = MatchStep::new(self, &self.model);
-        let ForwardStep { mut states, log_filtered, scale, speed } =
+        let ForwardStep { mut states, log_filtered, scale, speed, stood } =
             step.next(&before, point, &mut window.trellis)?;
         states.shrink_to_fit();
         window.states.push(states);
@@ -87,7 +90,7 @@ impl<P: Coordinates> Matcher<P> {
         }
         scale.add_to(&mut progress.log_likelihood);
         progress.last = scale.log();
-        (progress.point, progress.speed) = (*point, speed);
+        (progress.point, progress.speed, progress.stood) = (*point, speed, stood);
         progress.points = progress.points.saturating_add(1);
         Ok(progress.last)
     }

@@ -26,4 +26,4 @@ pub use cleaning_step::{Cleaning, CleaningStep};
 pub use index::EdgeIndex;
 pub use near_edge::NearEdge;
 pub use road_network::{Edge, RoadNetwork};
-pub use route::{Reached, RouteMeasures, RouteSearch};
+pub use route::{Reached, RouteCosts, RouteMeasures, RouteSearch};

@@ -71,6 +71,18 @@ pub struct RouteSearch {
     wanted: Vec<u32>,
 }
 
+/// Costs of a route beside its length, in metres.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RouteCosts {
+    /// Largest cost of a route, up to which it is looked for; below 0, as 0.
+    pub most: f64,
+    /// Cost of a U-turn where another way goes on, at least 0.
+    pub u_turn: f64,
+    /// Cost of a choice of probability 1/e at a junction, at least 0: a turn with the probability
+    /// p counts −ln p times as much.
+    pub choice: f64,
+}
+
 /// Route from the start of a search to the start of an edge.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Reached {
@@ -85,10 +97,9 @@ pub struct Reached {
 }
 
 impl RouteSearch {
-    /// Finds the shortest routes from the end of an edge to the starts of the edges in `targets`,
-    /// up to `most` metres; below 0, as 0. A U-turn where another way goes on counts as `u_turn`
-    /// metres, at least 0, beside its own length. Stops when all are found. O(edges within `most`
-    /// metres, log).
+    /// Finds the routes of least cost from the end of an edge to the starts of the edges in
+    /// `targets`: their lengths, and what [`RouteCosts`] adds. Stops when all are found. O(edges
+    /// within the largest cost, log).
     ///
     /// # Panics
     ///
@@ -99,8 +110,7 @@ impl RouteSearch {
         measures: &RouteMeasures,
         from: usize,
         targets: impl IntoIterator<Item = usize>,
-        most: f64,
-        u_turn: f64,
+        costs: RouteCosts,
     ) {
         let number = self.search.start(network.edges().len());
         self.wanted.resize(network.edges().len(), 0);
@@ -115,8 +125,8 @@ impl RouteSearch {
         if left == 0 {
             return;
         }
-        let most = most.max(0.0);
-        self.extend(network, measures, from, Reached::default(), [0.0, most], u_turn);
+        let costs = RouteCosts { most: costs.most.max(0.0), ..costs };
+        self.extend(network, measures, from, Reached::default(), 0.0, costs);
         while let Some((edge, label)) = self.search.settle() {
             if self.wanted[edge] == number {
                 left -= 1;
@@ -126,10 +136,10 @@ impl RouteSearch {
             }
             let (cost, reached) = (label.cost, label.way);
             let metres = network.edges()[edge].metres;
-            if cost + metres <= most {
+            if cost + metres <= costs.most {
                 let chords = reached.chords + measures.chords[edge];
                 let after = Reached { metres: reached.metres + metres, chords, ..reached };
-                self.extend(network, measures, edge, after, [cost + metres, most], u_turn);
+                self.extend(network, measures, edge, after, cost + metres, costs);
             }
         }
     }
@@ -141,8 +151,8 @@ impl RouteSearch {
         measures: &RouteMeasures,
         edge: usize,
         after: Reached,
-        [cost, most]: [f64; 2],
-        u_turn: f64,
+        cost: f64,
+        costs: RouteCosts,
     ) {
         let reverse = network.reverse(edge);
         let choices = &measures.choices[measures.starts[edge]..measures.starts[edge + 1]];
@@ -151,8 +161,9 @@ impl RouteSearch {
         for (next, &choice) in network.next(edge).zip(choices) {
             let turns_back = goes_on && Some(next) == reverse;
             let log_choices = after.log_choices + f64::from(choice);
-            let cost = cost + if turns_back { u_turn } else { 0.0 };
-            if cost > most {
+            let choice_metres = costs.choice * f64::from(choice);
+            let cost = cost + choice_metres + if turns_back { costs.u_turn } else { 0.0 };
+            if cost > costs.most {
                 continue;
             }
             let u_turns = after.u_turns + u32::from(turns_back);

@@ -6,8 +6,8 @@
 use crate::map::{Coordinates, RoadNetwork};
 use crate::matching::TracePoint;
 use crate::matching::candidates::{Candidate, OFF_ROAD};
-use crate::matching::moves::WayKind;
 use crate::matching::step::MatchStep;
+use crate::matching::ways::WayKind;
 
 /// Metres below which a stretch has no length.
 pub(super) const LEAST: f64 = 1e-3;

@@ -59,6 +59,8 @@ pub(crate) struct Habits {
     pub(crate) seconds: f64,
     /// Standard deviation of a position in each direction, in metres.
     pub(crate) sigma: f64,
+    /// Share of the variance of positions that lasts, for 25 s.
+    pub(crate) lasting: f64,
     /// Share of positions that are up to 150 m off in each direction.
     pub(crate) outliers: f64,
     /// Probability of a stop before the end of an edge, of half a minute on average.
@@ -67,7 +69,7 @@ pub(crate) struct Habits {
 
 impl Default for Habits {
     fn default() -> Self {
-        Self { points: 120, seconds: 5.0, sigma: 8.0, outliers: 0.0, stops: 0.15 }
+        Self { points: 120, seconds: 5.0, sigma: 8.0, lasting: 0.7, outliers: 0.0, stops: 0.15 }
     }
 }
 
@@ -95,6 +97,7 @@ pub(crate) fn drive(network: &Network, habits: &Habits, seed: u64) -> Drive {
     let (mut speed, mut standing): (f64, f64) = (rng.random_range(8.0..16.0), 0.0);
     let mut stop: Option<f64> = None;
     let mut heading_to = rng.random_range(0..network.nodes().len());
+    let mut offset = [normal(&mut rng), normal(&mut rng)];
     let mut drive = Drive { points: Vec::new(), edges: Vec::new(), along: Vec::new(), stood: 0 };
     for number in 0..habits.points {
         if number > 0 {
@@ -123,11 +126,15 @@ pub(crate) fn drive(network: &Network, habits: &Habits, seed: u64) -> Drive {
             drive.stood += usize::from(moved == 0.0);
         }
         let place = network.position_along(edge, along);
-        let off = |rng: &mut ChaCha8Rng, bad: bool| {
-            if bad { rng.random_range(-150.0..150.0) } else { habits.sigma * normal(rng) }
-        };
+        let kept = (-habits.seconds / 25.0).exp();
+        offset = offset.map(|part| kept * part + (1.0 - kept * kept).sqrt() * normal(&mut rng));
         let bad = rng.random_bool(habits.outliers);
-        let position = at(place.x + off(&mut rng, bad), place.y + off(&mut rng, bad));
+        let [dx, dy] = offset.map(|part| {
+            let white = (1.0 - habits.lasting).sqrt() * normal(&mut rng);
+            let error = habits.sigma * (habits.lasting.sqrt() * part + white);
+            if bad { rng.random_range(-150.0..150.0) } else { error }
+        });
+        let position = at(place.x + dx, place.y + dy);
         drive.points.push(TracePoint::new(number as f64 * habits.seconds, position));
         drive.edges.push(edge);
         drive.along.push(along);

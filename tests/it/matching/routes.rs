@@ -2,7 +2,7 @@
 
 use proptest::collection::vec;
 use proptest::prelude::*;
-use wayfix::map::{EdgeOptions, NetworkBuilder, RoadClass, RouteMeasures, RouteSearch};
+use wayfix::map::{EdgeOptions, NetworkBuilder, RoadClass, RouteCosts, RouteMeasures, RouteSearch};
 
 use super::city::{Network, at};
 use crate::kit::cases;
@@ -43,15 +43,28 @@ fn any_network() -> impl Strategy<Value = Network> {
     })
 }
 
+fn weight(edge: usize, next: usize) -> f64 {
+    1.0 + ((3 * edge + next) % 4) as f64
+}
+
+/// −ln p of the turn from an edge to the next, without U-turns.
+fn log_choice(network: &Network, edge: usize, taken: usize) -> f64 {
+    let back = network.reverse(edge);
+    let ways = network.next(edge).filter(|next| Some(*next) != back);
+    let sum: f64 = ways.map(|next| weight(edge, next)).sum();
+    if Some(taken) == back { 0.0 } else { (sum / weight(edge, taken)).ln() }
+}
+
 /// Cost of the turn from an edge to the next, where a U-turn costs where another way goes on.
-fn turn(network: &Network, edge: usize, next: usize, u_turn: f64) -> f64 {
+fn turn(network: &Network, edge: usize, next: usize, [u_turn, choice]: [f64; 2]) -> f64 {
     let back = network.reverse(edge);
     let goes_on = network.next(edge).any(|next| Some(next) != back);
-    if goes_on && Some(next) == back { u_turn } else { 0.0 }
+    let u_turn = if goes_on && Some(next) == back { u_turn } else { 0.0 };
+    u_turn + choice * log_choice(network, edge, next)
 }
 
 /// Least cost from the end of an edge to the start of each, by Bellman and Ford.
-fn costs(network: &Network, from: usize, u_turn: f64) -> Vec<f64> {
+fn costs(network: &Network, from: usize, u_turn: [f64; 2]) -> Vec<f64> {
     let edges = network.edges();
     let mut cost = vec![f64::INFINITY; edges.len()];
     for next in network.next(from) {
@@ -74,24 +87,33 @@ proptest! {
     #[test]
     fn equal_brute_force(
         network in any_network(),
-        searches in vec((0..100_usize, vec(0..100_usize, 1..6), 0..60_u32, 0..30_u32), 1..4),
+        searches in vec((0..100_usize, vec(0..100_usize, 1..6), 0..60_u32, 0..30_u32, 0..20_u32), 1..4),
     ) {
         let n = network.edges().len();
-        let weight = |edge: usize, next: usize| 1.0 + ((3 * edge + next) % 4) as f64;
         let measures = RouteMeasures::with_turns(&network, weight);
         // One memory for all searches.
         let mut search = RouteSearch::default();
-        for (from, targets, most, u_turn) in searches {
-            let (from, most, u_turn) = (from % n, f64::from(most), f64::from(u_turn));
+        for (from, targets, most, u_turn, choice) in searches {
+            // No cost is at the bound but for rounding.
+            let (from, most) = (from % n, f64::from(most) + 0.01);
+            let [u_turn, choice] = [f64::from(u_turn), f64::from(choice.saturating_sub(10))];
             let targets: Vec<usize> = targets.iter().map(|target| target % n).collect();
-            search.run(&network, &measures, from, targets.iter().copied(), most, u_turn);
-            let expected = costs(&network, from, u_turn);
+            let route_costs = RouteCosts { most, u_turn, choice };
+            search.run(&network, &measures, from, targets.iter().copied(), route_costs);
+            let expected = costs(&network, from, [u_turn, choice]);
             for &target in &targets {
                 let found = search.reached(target);
                 let turns = |found: wayfix::map::Reached| f64::from(found.u_turns) * u_turn;
-                let cost = found.map_or(f64::INFINITY, |found| found.metres + turns(found));
-                let within = if expected[target] <= most { expected[target] } else { f64::INFINITY };
-                prop_assert_eq!(cost, within, "from {} to {}", from, target);
+                let cost = found.map_or(f64::INFINITY, |found| {
+                    found.metres + turns(found) + choice * found.log_choices
+                });
+                if expected[target] <= most {
+                    // Choices are stored as single floats.
+                    let error = (cost - expected[target]).abs();
+                    prop_assert!(error < 1e-4, "from {} to {}: {}", from, target, error);
+                } else {
+                    prop_assert_eq!(cost, f64::INFINITY, "from {} to {}", from, target);
+                }
                 let route = search.route(from, target);
                 let Some(found) = found else {
                     prop_assert!(route.is_empty());
@@ -106,15 +128,10 @@ proptest! {
                 let sum = |values: &dyn Fn(usize) -> f64| inner.iter().map(|&e| values(e)).sum::<f64>();
                 prop_assert_eq!(sum(&|e| network.edges()[e].metres), found.metres);
                 prop_assert_eq!(sum(&|e| measures.straight_metres(e)), found.chords);
-                let counts = route.windows(2).map(|pair| turn(&network, pair[0], pair[1], 1.0));
+                let counts = route.windows(2).map(|pair| turn(&network, pair[0], pair[1], [1.0, 0.0]));
                 prop_assert_eq!(counts.sum::<f64>(), f64::from(found.u_turns));
-                let choices: f64 = route.windows(2).map(|pair| {
-                    let [edge, taken] = [pair[0], pair[1]];
-                    let back = network.reverse(edge);
-                    let ways = network.next(edge).filter(|next| Some(*next) != back);
-                    let sum: f64 = ways.map(|next| weight(edge, next)).sum();
-                    if Some(taken) == back { 0.0 } else { (sum / weight(edge, taken)).ln() }
-                }).sum();
+                let choices: f64 =
+                    route.windows(2).map(|pair| log_choice(&network, pair[0], pair[1])).sum();
                 prop_assert!((choices - found.log_choices).abs() < 1e-5);
             }
         }
@@ -133,14 +150,14 @@ fn nothing_is_beyond_the_bound() {
     let network = builder.build().unwrap();
     let mut search = RouteSearch::default();
     let measures = RouteMeasures::new(&network);
-    let u_turn = 10.0;
-    search.run(&network, &measures, 0, [3], 199.0, u_turn);
+    let up_to = |most| RouteCosts { most, u_turn: 10.0, choice: 0.0 };
+    search.run(&network, &measures, 0, [3], up_to(199.0));
     assert_eq!(search.reached(3), None);
-    search.run(&network, &measures, 0, [3], 200.0, u_turn);
+    search.run(&network, &measures, 0, [3], up_to(200.0));
     assert_eq!(search.reached(3).unwrap().metres, 200.0);
     assert_eq!(search.route(0, 3), [0, 1, 2, 3]);
     assert_eq!(search.reached(99), None);
     // Without targets there is nothing to look for.
-    search.run(&network, &measures, 0, [], 1e9, u_turn);
+    search.run(&network, &measures, 0, [], up_to(1e9));
     assert_eq!(search.reached(3), None);
 }

@@ -105,9 +105,20 @@ fn point(draw: &mut Draw<'_>, corner: [f64; 2], before: f64) -> TracePoint {
 
 fn model(draw: &mut Draw<'_>) -> MatchModel {
     let mut model = MatchModel::default();
-    let MatchModel { noise, outliers, deviation, stop, leave_road, return_to_road, u_turn } =
-        &mut model;
-    for value in [noise, outliers, deviation, stop, leave_road, return_to_road, u_turn] {
+    let MatchModel {
+        noise,
+        lasting,
+        lasts,
+        outliers,
+        deviation,
+        stop,
+        leave_road,
+        return_to_road,
+        u_turn,
+    } = &mut model;
+    let values =
+        [noise, lasting, lasts, outliers, deviation, stop, leave_road, return_to_road, u_turn];
+    for value in values {
         if draw.one_in(5) {
             *value = draw.pick(&NUMBERS);
         }

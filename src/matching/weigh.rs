@@ -1,0 +1,153 @@
+//! Moves into the states of a step, with their weights, and the placements after them.
+
+use super::candidates::{Candidate, deviation};
+use super::matcher::{Entry, Memory};
+use super::moves::{Belonging, Distance, Interval, Move, speed_of};
+use super::receiver::{Mixture, Placement, Receiver};
+use super::step::{MatchStep, PreviousStep};
+use super::ways::Ways;
+use super::{Matcher, TracePoint};
+use crate::map::Coordinates;
+
+/// Logarithm of the share of the belief below which the way from a state is not looked for.
+const NEGLIGIBLE: f64 = -12.0;
+/// Logarithm of the weight below which a move is left out.
+const LEAST_WEIGHT: f64 = -40.0;
+/// Share of a state's belief below which a move does not count in its placement.
+const LEAST_SHARE: f64 = 1e-6;
+/// Metres of road for each square metre: where a vehicle comes back onto the road, it is on one of
+/// the few metres that are road.
+const METRES_OF_ROAD: f64 = 0.01;
+
+impl<P: Coordinates> MatchStep<'_, P> {
+    /// Places the states of the first step, without a place along that was known before. Returns the
+    /// log-likelihood of the position for each but the last, the one off the road.
+    pub(super) fn place(&mut self, point: &TracePoint<P>, states: &mut [Candidate]) -> Vec<f64> {
+        let sigma = deviation(self.model, point);
+        let receiver = Receiver::new(self.model, sigma);
+        let unknown = receiver.unknown();
+        let states = states.iter_mut().zip(&self.memory.sightings);
+        let place = |(state, sighting): (&mut Candidate, _)| {
+            let (error, log_across) = receiver.across(&unknown, sighting);
+            let (log, inlier) = sighting.position(&receiver, log_across);
+            let (placement, share) = sighting.within(&receiver.moved(&error, sighting));
+            let mut mixture = Mixture::default();
+            mixture.add(inlier, &placement);
+            mixture.add(1.0 - inlier, &unknown.unseen(state.along, sigma));
+            (state.placement, state.inlier) = (mixture.merged().unwrap_or(unknown), inlier);
+            log + (1.0 - inlier + inlier * share).ln()
+        };
+        states.map(place).collect()
+    }
+
+    /// Finds the moves into each state, of which the last is the one off the road, and places the
+    /// states by them.
+    pub(super) fn weigh(
+        &mut self,
+        before: &PreviousStep<'_, P>,
+        point: &TracePoint<P>,
+        states: &mut [Candidate],
+        interval: &Interval,
+    ) {
+        let receiver = Receiver::new(self.model, deviation(self.model, point));
+        let (matcher, model) = (self.matcher, self.model);
+        let Memory { search, entries, sightings, placements, .. } = &mut self.memory;
+        let [leaves, returns] = [model.leaves(interval.seconds), model.returns(interval.seconds)];
+        entries.resize_with(entries.len().max(states.len()), Vec::new);
+        entries.iter_mut().for_each(Vec::clear);
+        let kept = |state: &Candidate| receiver.predicted(&state.placement, interval.kept);
+        placements.clear();
+        placements.extend(before.states.iter().map(kept));
+        let (off_road, by_area) = (states.len() - 1, interval.off_road(model));
+        let (into_off_road, stays) = (by_area + leaves.ln(), (-leaves).ln_1p());
+        let onto_road = by_area + returns.ln() - METRES_OF_ROAD.ln();
+        for (number, (from, log)) in before.states.iter().zip(before.log_filtered).enumerate() {
+            let entry = |log, kind| Entry { from: number, log, kind, inlier: 0.0, starts: None };
+            let targets = states[..off_road].iter().zip(&*sightings);
+            if from.is_off_road() {
+                // Nothing is known of the error.
+                let unknown = receiver.unknown();
+                placements[number] = unknown;
+                for ((_, sighting), list) in targets.zip(entries.iter_mut()) {
+                    let (error, log_across) = receiver.across(&unknown, sighting);
+                    let (log, inlier) = sighting.position(&receiver, log_across);
+                    let (_, share) = sighting.within(&receiver.moved(&error, sighting));
+                    let log = onto_road + log + (1.0 - inlier + inlier * share).ln();
+                    list.push(Entry { inlier, ..entry(log, Move::OffRoad) });
+                }
+                entries[off_road].push(entry(by_area + (-returns).ln_1p(), Move::OffRoad));
+                continue;
+            }
+            if *log < NEGLIGIBLE {
+                continue;
+            }
+            entries[off_road].push(entry(into_off_road, Move::OffRoad));
+            let Matcher { network, measures, .. } = matcher;
+            let mut ways = Ways { network, measures, search };
+            ways.from(from, states, model, interval);
+            for ((to, sighting), list) in targets.zip(entries.iter_mut()) {
+                let Some(way) = ways.way(from, to, interval.spread) else { continue };
+                let placement = placements[number].counted_from(way.starts.unwrap_or(0.0));
+                let (error, log_across) = receiver.across(&placement, sighting);
+                let (position, inlier) = sighting.position(&receiver, log_across);
+                let (_, share) = sighting.within(&receiver.moved(&error, sighting));
+                let [metres, deviation] = match way.starts {
+                    Some(_) => receiver.metres(&error, sighting),
+                    None => [way.metres, interval.spread],
+                };
+                let fastest = matcher.speed(from).max(matcher.speed(to));
+                let (distance, belonging) =
+                    (Distance { metres, deviation }, Belonging { inlier, share });
+                let (log, kind) = interval.weight(model, &way, fastest, distance, belonging);
+                if log > LEAST_WEIGHT {
+                    let log = stays + log + position;
+                    list.push(Entry { from: number, log, kind, inlier, starts: way.starts });
+                }
+            }
+        }
+        for (number, state) in states[..off_road].iter_mut().enumerate() {
+            let log = |entry: &Entry| entry.log + before.log_filtered[entry.from];
+            let most = entries[number].iter().map(log).fold(f64::NEG_INFINITY, f64::max);
+            let (mut mixture, mut inliers, mut sum) = (Mixture::default(), 0.0, 0.0);
+            let sighting = &sightings[number];
+            for entry in &entries[number] {
+                let p = (log(entry) - most).exp();
+                if p < LEAST_SHARE || p.is_nan() {
+                    continue;
+                }
+                let starts = entry.starts.unwrap_or(0.0);
+                let before = placements[entry.from].counted_from(starts);
+                let (error, _) = receiver.across(&before, sighting);
+                let stood = match entry.kind {
+                    Move::Along { stood, .. } => stood,
+                    Move::OffRoad => 0.0,
+                };
+                let [still, moves] = [stood, 1.0 - stood].map(|share| p * entry.inlier * share);
+                let mut add = |weight: f64, placement: Placement| {
+                    if weight > LEAST_SHARE * LEAST_SHARE {
+                        mixture.add(weight, &sighting.within(&placement).0);
+                    }
+                };
+                add(still, receiver.stood(&error, sighting));
+                add(moves, receiver.moved(&error, sighting));
+                let unseen = match entry.starts {
+                    Some(0.0) => before,
+                    _ => before.unseen(state.along, interval.spread),
+                };
+                mixture.add(p * (1.0 - entry.inlier), &unseen);
+                inliers += p * entry.inlier;
+                sum += p;
+            }
+            state.placement = mixture.merged().unwrap_or_else(|| receiver.unknown());
+            state.inlier = if sum > 0.0 { inliers / sum } else { 0.0 };
+        }
+    }
+}
+
+impl<P> Matcher<P> {
+    /// Speed of the road of a state, the faster of the posted and the typical one.
+    fn speed(&self, state: &Candidate) -> f64 {
+        let edge = &self.network.edges()[state.edge as usize];
+        edge.speed.unwrap_or(0.0).max(speed_of(edge.class))
+    }
+}
