@@ -1,6 +1,7 @@
 //! Weights of moves between states of two steps, by the time and the metres between them.
 
 use super::candidates::{deviation, share_below};
+use super::receiver::WIDE;
 use super::ways::Way;
 use super::{MatchModel, TracePoint};
 use crate::map::{Coordinates, RoadClass};
@@ -136,8 +137,8 @@ impl Interval {
         let rare = 1.0 / (1.0 + (metres / limit).powi(2));
         let moves = self.by_limit(Distance { metres, deviation }, limit);
         let moves = (1.0 - ANY_SPEED) * moves + ANY_SPEED * rare;
-        let [bell, peak] = self.stands(Distance { metres, deviation });
-        let along = self.stop * bell * peak + (1.0 - self.stop) * moves;
+        let along =
+            self.stop * self.standing(Distance { metres, deviation }) + (1.0 - self.stop) * moves;
         let independent = -(-self.seconds / FORGETS).exp_m1();
         let across = deviation.hypot((ASTRAY + ASTRAY_AT_LAST * independent) * metres);
         let in_plane = (along / (std::f64::consts::TAU.sqrt() * across)).ln();
@@ -154,11 +155,13 @@ impl Interval {
         model.deviation * self.seconds.max(LEAST_SECONDS)
     }
 
-    /// Bell curve of a distance, and the peak of its density, for a vehicle that stands.
-    fn stands(&self, distance: Distance) -> [f64; 2] {
-        let z = distance.metres / distance.deviation;
-        let peak = self.most() / (distance.deviation * std::f64::consts::TAU.sqrt());
-        [(-0.5 * z * z).exp(), peak]
+    /// Relative density of the distance of a vehicle that stands.
+    fn standing(&self, distance: Distance) -> f64 {
+        let Distance { metres, deviation } = distance;
+        let density = |sigma: f64, share: f64| {
+            share * (-0.5 * (metres / sigma).powi(2)).exp() / (sigma * std::f64::consts::TAU.sqrt())
+        };
+        self.most() * (density(deviation, 1.0 - WIDE) + density(deviation.hypot(self.spread), WIDE))
     }
 
     /// Weight of a way to a state on a road, without the share that leaves the road: density of
@@ -176,7 +179,6 @@ impl Interval {
     ) -> (f64, Move) {
         let Distance { metres, deviation } = distance;
         let Belonging { inlier, share } = belonging;
-        let [bell, peak] = self.stands(distance);
         let moves = match self.speed {
             None => self.by_limit(distance, 1.3 * fastest * self.seconds + deviation),
             Some(speed) => {
@@ -191,8 +193,8 @@ impl Interval {
         // Where the position belongs to the road, and where it says nothing.
         let parts = |weight: f64| [inlier * weight, (1.0 - inlier) * weight.min(1.0)];
         // A vehicle that stands is on the edge on which it was, at the same place.
-        let stop = if way.is_same_edge() { self.stop * bell } else { 0.0 };
-        let stands = parts(peak).map(|part| stop * part);
+        let stop = if way.is_same_edge() { self.stop } else { 0.0 };
+        let stands = parts(self.standing(distance)).map(|part| stop * part);
         let mut moves = parts(moves).map(|part| (1.0 - self.stop) * part);
         moves[0] *= share;
         let unseen = stands[1] + moves[1];

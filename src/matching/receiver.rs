@@ -57,6 +57,8 @@ pub(super) struct Receiver {
 const SLOPE: f64 = 1.702;
 /// Deviations, as arguments of the logistic function, beyond which nothing is cut off.
 const FAR: f64 = 7.0;
+/// Share of positions and of distances whose errors are as if none lasted.
+pub(super) const WIDE: f64 = 0.05;
 /// Least share of a distribution on an edge, as a share: positions are never impossible.
 const LEAST_SHARE: f64 = 1e-30;
 /// Largest share of a variance that an update by the ends of an edge takes away: its second
@@ -91,13 +93,25 @@ impl Placement {
         updated
     }
 
-    /// Update by a measurement of a linear function, with the variance of its noise, and the log
-    /// density of the measurement.
-    fn observed(&self, h: [f64; 3], value: f64, noise: f64) -> (Self, f64) {
+    /// Update by a measurement of a linear function by a receiver, and the log density of the
+    /// measurement. One in twenty has a noise as large as all of the error, since noise is not
+    /// always what the model says: the update is by its share.
+    fn observed(&self, h: [f64; 3], value: f64, receiver: &Receiver) -> (Self, f64) {
         let [mean, variance] = self.of(h);
-        let (z, variance) = (value - mean, variance + noise);
-        let log = -0.5 * (z * z / variance + (std::f64::consts::TAU * variance).ln());
-        (self.learned(h, z / variance, -1.0 / variance), log)
+        let z = value - mean;
+        let density = |variance: f64, share: f64| {
+            share * (-0.5 * z * z / variance).exp() / (std::f64::consts::TAU * variance).sqrt()
+        };
+        let narrow = variance + receiver.white;
+        let wide = narrow + receiver.lasting + receiver.white;
+        let [likely, rare] = [density(narrow, 1.0 - WIDE), density(wide, WIDE)];
+        let total = likely + rare;
+        if total < f64::MIN_POSITIVE {
+            let log = -0.5 * (z * z / wide + (std::f64::consts::TAU * wide).ln());
+            return (*self, WIDE.ln() + log);
+        }
+        let precision = (likely / narrow + rare / wide) / total;
+        (self.learned(h, z * precision, -precision), total.ln())
     }
 
     /// The same with the metres counted from another point of the road.
@@ -179,12 +193,12 @@ impl Receiver {
     /// Update by the distance across, and the log density of it.
     pub(super) fn across(&self, placement: &Placement, sighting: &Sighting) -> (Placement, f64) {
         let Sighting { normal: [a, b], across, .. } = *sighting;
-        placement.observed([0.0, a, b], across, self.white)
+        placement.observed([0.0, a, b], across, self)
     }
 
     /// Update by the place along, for a vehicle that stood.
     pub(super) fn stood(&self, placement: &Placement, sighting: &Sighting) -> Placement {
-        placement.observed(sighting.along_and_error(), sighting.along, self.white).0
+        placement.observed(sighting.along_and_error(), sighting.along, self).0
     }
 
     /// Distribution of a vehicle that moved: the position alone tells its place along.

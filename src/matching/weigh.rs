@@ -15,6 +15,8 @@ const NEGLIGIBLE: f64 = -12.0;
 const LEAST_WEIGHT: f64 = -40.0;
 /// Share of a state's belief below which a move does not count in its placement.
 const LEAST_SHARE: f64 = 1e-6;
+/// Acceleration after a U-turn, in metres per second squared.
+const ACCELERATION: f64 = 2.0;
 /// Metres of road for each square metre: where a vehicle comes back onto the road, it is on one of
 /// the few metres that are road.
 const METRES_OF_ROAD: f64 = 0.01;
@@ -95,7 +97,11 @@ impl<P: Coordinates> MatchStep<'_, P> {
                     Some(_) => receiver.metres(&error, sighting),
                     None => [way.metres, interval.spread],
                 };
-                let fastest = matcher.speed(from).max(matcher.speed(to));
+                let mut fastest = matcher.speed(from).max(matcher.speed(to));
+                if way.u_turns > 0 {
+                    // A U-turn begins at a stop.
+                    fastest = fastest.min(ACCELERATION * interval.seconds);
+                }
                 let (distance, belonging) =
                     (Distance { metres, deviation }, Belonging { inlier, share });
                 let (log, kind) = interval.weight(model, &way, fastest, distance, belonging);

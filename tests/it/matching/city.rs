@@ -73,6 +73,26 @@ impl Default for Habits {
     }
 }
 
+/// Error of a receiver in one direction, in deviations: a share of the variance lasts for 25 s.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct LastingError {
+    lasting: f64,
+    offset: f64,
+}
+
+impl LastingError {
+    pub(crate) fn new(lasting: f64, rng: &mut impl Rng) -> Self {
+        Self { lasting, offset: normal(rng) }
+    }
+
+    /// Error some seconds after the last.
+    pub(crate) fn next(&mut self, seconds: f64, rng: &mut impl Rng) -> f64 {
+        let kept = (-seconds / 25.0).exp();
+        self.offset = kept * self.offset + (1.0 - kept * kept).sqrt() * normal(rng);
+        self.lasting.sqrt() * self.offset + (1.0 - self.lasting).sqrt() * normal(rng)
+    }
+}
+
 /// A drive with the truth.
 #[derive(Debug, Clone)]
 pub(crate) struct Drive {
@@ -97,7 +117,7 @@ pub(crate) fn drive(network: &Network, habits: &Habits, seed: u64) -> Drive {
     let (mut speed, mut standing): (f64, f64) = (rng.random_range(8.0..16.0), 0.0);
     let mut stop: Option<f64> = None;
     let mut heading_to = rng.random_range(0..network.nodes().len());
-    let mut offset = [normal(&mut rng), normal(&mut rng)];
+    let mut errors = [0; 2].map(|_| LastingError::new(habits.lasting, &mut rng));
     let mut drive = Drive { points: Vec::new(), edges: Vec::new(), along: Vec::new(), stood: 0 };
     for number in 0..habits.points {
         if number > 0 {
@@ -126,12 +146,9 @@ pub(crate) fn drive(network: &Network, habits: &Habits, seed: u64) -> Drive {
             drive.stood += usize::from(moved == 0.0);
         }
         let place = network.position_along(edge, along);
-        let kept = (-habits.seconds / 25.0).exp();
-        offset = offset.map(|part| kept * part + (1.0 - kept * kept).sqrt() * normal(&mut rng));
         let bad = rng.random_bool(habits.outliers);
-        let [dx, dy] = offset.map(|part| {
-            let white = (1.0 - habits.lasting).sqrt() * normal(&mut rng);
-            let error = habits.sigma * (habits.lasting.sqrt() * part + white);
+        let [dx, dy] = errors.each_mut().map(|error| {
+            let error = habits.sigma * error.next(habits.seconds, &mut rng);
             if bad { rng.random_range(-150.0..150.0) } else { error }
         });
         let position = at(place.x + dx, place.y + dy);

@@ -4,7 +4,7 @@ use proptest::prelude::*;
 use wayfix::map::{NetworkBuilder, PlanePosition, RoadClass};
 use wayfix::matching::{MatchedDrive, Matcher, TracePoint};
 
-use super::city::{Habits, Network, Point, at, city, drive, id, normal};
+use super::city::{Habits, LastingError, Network, Point, at, city, drive, id, normal};
 use crate::kit::{cases_of, rng};
 
 /// The route is connected: each edge follows the one before by a turn that is allowed, or goes on
@@ -242,15 +242,12 @@ fn standing_adds_nothing() {
     for place in [at(350.0, 400.0), at(400.0, 400.0), at(405.0, 400.0)] {
         for seconds in [1.0, 15.0] {
             let sigma = 8.0;
-            let mut noise = || sigma * normal(&mut rng);
-            let points: Vec<_> = (0..300)
-                .map(|k| {
-                    TracePoint::new(
-                        f64::from(k) * seconds,
-                        at(place.x + noise(), place.y + noise()),
-                    )
-                })
-                .collect();
+            let mut errors = [0; 2].map(|_| LastingError::new(0.7, &mut rng));
+            let point = |k: u32| {
+                let [x, y] = errors.each_mut().map(|error| sigma * error.next(seconds, &mut rng));
+                TracePoint::new(f64::from(k) * seconds, at(place.x + x, place.y + y))
+            };
+            let points: Vec<_> = (0..300).map(point).collect();
             let drive = matched(&matcher, &points);
             let turns = u_turns(matcher.network(), &drive);
             // At a junction, noise of three deviations looks like a turn into the next street, some
@@ -270,8 +267,10 @@ fn a_stop_on_the_way_adds_nothing() {
     let mut points = along(&[(120.0, 200.0), (950.0, 200.0)], 12.0, 6.0, 1);
     let mut rng = rng(3);
     let start = points.last().unwrap().time + 1.0;
+    let mut errors = [0; 2].map(|_| LastingError::new(0.7, &mut rng));
     for k in 0..600 {
-        let position = at(955.0 + 6.0 * normal(&mut rng), 200.0 + 6.0 * normal(&mut rng));
+        let [x, y] = errors.each_mut().map(|error| 6.0 * error.next(1.0, &mut rng));
+        let position = at(955.0 + x, 200.0 + y);
         points.push(TracePoint::new(start + f64::from(k), position));
     }
     for mut point in along(&[(960.0, 200.0), (1750.0, 200.0)], 12.0, 6.0, 2) {
