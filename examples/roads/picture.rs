@@ -262,14 +262,20 @@ pub(crate) fn draw_drive(
     for point in drive.points() {
         canvas.point(canvas.pixel(point.position))?;
     }
-    let ends = drive.route().first().zip(drive.route().last());
-    for (text, position) in
-        ends.into_iter().flat_map(|(first, last)| [("start", first.ends[0]), ("end", last.ends[1])])
-    {
-        let (x, y) = canvas.pixel(position);
+    let route = drive.route();
+    let ends = route.first().zip(route.last()).into_iter().flat_map(|(first, last)| {
+        let near = 2.min(route.len() - 1);
+        let [after, before] = [route[near].ends[1], route[route.len() - 1 - near].ends[0]];
+        [("start", first.ends[0], after), ("end", last.ends[1], before)]
+    });
+    for (text, position, toward) in ends {
+        let [(x, y), (to_x, to_y)] = [position, toward].map(|position| canvas.pixel(position));
         let style = if text == "start" { BLACK.stroke_width(2) } else { BLACK.filled() };
         canvas.area.draw(&Circle::new((x, y), 8, style))?;
-        canvas.area.draw(&Text::new(text, (x + 10, y - 16), font(18, HPos::Left)))?;
+        // Away from the route.
+        let (x, side) = if to_x > x { (x - 10, HPos::Right) } else { (x + 10, HPos::Left) };
+        let y = if to_y > y { y - 16 } else { y + 16 };
+        canvas.area.draw(&Text::new(text, (x, y), font(18, side)))?;
     }
     let mut entries: Vec<(&str, ShapeStyle)> =
         CERTAINTY.iter().map(|level| (level.1, level.2.stroke_width(level.3))).collect();
