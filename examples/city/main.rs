@@ -160,7 +160,8 @@ fn import(arguments: &Arguments) -> Result<RoadNetwork, Box<dyn Error>> {
     roads::print(&format!("{name}, in {seconds:.2} s\n{report}\n{note}"))?;
     for (class, name) in CLASSES {
         let of_class = network.edges().iter().filter(|edge| edge.class == class);
-        let metres: f64 = of_class.clone().map(|edge| edge.metres).sum();
+        // The sum of nothing would be -0.
+        let metres = of_class.clone().fold(0.0, |sum, edge| sum + edge.metres);
         let count = of_class.count();
         roads::print(&format!("  {name:<10} {count:8} edges {:10.1} km\n", metres / 1000.0))?;
     }

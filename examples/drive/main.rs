@@ -26,7 +26,7 @@ use std::thread;
 use std::time::Instant;
 
 use clap::Parser;
-use wayfix::map::{ImportOptions, RoadNetwork};
+use wayfix::map::{Cleaning, ImportOptions, RoadNetwork};
 use wayfix::matching::{MatchModel, Matcher, Trace, read_traces};
 
 use truth::{Truth, Truths};
@@ -46,6 +46,12 @@ struct Arguments {
     /// True routes: trace,order,from,to, with nodes as in the roads.
     #[arg(long, value_name = "FILE", requires = "trace")]
     truth: Option<PathBuf>,
+    /// Keep the largest part of the roads in which each node can be reached from each other.
+    #[arg(long)]
+    largest: bool,
+    /// Remove nodes that roads only pass through; a truth may name them.
+    #[arg(long, conflicts_with = "truth")]
+    contract: bool,
     /// Take every K-th point of each drive.
     #[arg(long, value_name = "K", default_value_t = 1, value_parser = roads::whole, allow_negative_numbers = true)]
     every: usize,
@@ -56,6 +62,9 @@ struct Arguments {
     /// the rest of the model].
     #[arg(long, value_name = "METRES", value_parser = roads::positive, allow_negative_numbers = true)]
     noise: Option<f64>,
+    /// Probability of leaving the road within a second [default: learned with the rest].
+    #[arg(long, value_name = "PROBABILITY", value_parser = roads::positive, allow_negative_numbers = true)]
+    leave_road: Option<f64>,
     /// Number of threads [default: one for each core].
     #[arg(long, value_parser = roads::whole, allow_negative_numbers = true)]
     threads: Option<usize>,
@@ -95,7 +104,11 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
             (out.clone(), out.join("trace.csv"), Some(out.join("truth.csv")))
         };
     let start = Instant::now();
-    let (network, report) = RoadNetwork::from_path(&road_path, &ImportOptions::default())?;
+    let mut cleaning = Vec::new();
+    cleaning.extend(arguments.largest.then_some(Cleaning::LargestComponent));
+    cleaning.extend(arguments.contract.then_some(Cleaning::Contraction));
+    let options = ImportOptions { cleaning, ..ImportOptions::default() };
+    let (network, report) = RoadNetwork::from_path(&road_path, &options)?;
     roads::print(&format!("{report}\n"))?;
     let (traces, read) = read_traces(&trace_path)?;
     check(&traces, &trace_path, &network)?;
@@ -120,6 +133,10 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
         }
         None => fit::fit(matcher, &drives)?,
     };
+    if let Some(leave_road) = arguments.leave_road {
+        let model = MatchModel { leave_road, ..*matcher.model() };
+        matcher = matcher.with_model(model)?;
+    }
     let cores = thread::available_parallelism().map_or(1, NonZeroUsize::get);
     let threads = arguments.threads.unwrap_or(cores).min(drives.len());
     let picture = arguments.picture.as_ref().unwrap_or(&drives[0].trace.name);

@@ -82,7 +82,7 @@ const COLUMNS: [&str; 7] =
 ///
 /// [`MapError::Read`] if the file cannot be opened or read, and [`MapError::Line`] with file and line for
 /// a missing column, a value that cannot be parsed or is out of range, a drive whose lines are
-/// apart, or a file without points.
+/// apart or mostly go back in time, or a file without points.
 pub fn read_traces(path: impl AsRef<Path>) -> Result<(Vec<Trace>, TraceReport), MapError> {
     let (name, file) = open(path.as_ref())?;
     read_traces_from(&name, file)
@@ -121,6 +121,8 @@ pub fn read_traces_from(
     let (mut traces, mut names): (Vec<Trace>, _) = (Vec::new(), HashSet::new());
     let (mut ignored_columns, mut skipped_lines) = (Vec::new(), Vec::new());
     let (mut all_repeated, mut all_backwards) = (0, 0);
+    // Line of the first point of the last drive that goes back.
+    let mut first_back = 0;
     let find = |header: &StringRecord| {
         let columns = COLUMNS.map(|name| header.iter().position(|found| found == name));
         if let Some(missing) = columns[..4].iter().position(Option::is_none) {
@@ -134,12 +136,26 @@ pub fn read_traces_from(
         ignored_columns.extend(unknown(header, &columns));
         Ok(columns)
     };
+    let in_order = |trace: Option<&Trace>, line: u64| match trace {
+        Some(trace) if trace.backwards > trace.points.len() => {
+            let (drive, back) = (excerpt(&trace.name), trace.backwards);
+            let problem = format!(
+                "{back} points of drive {drive:?} from here on go back in time, expected ascending times"
+            );
+            Err(MapError::Line { file: name.to_owned(), line, problem })
+        }
+        _ => Ok(()),
+    };
+    let mut descending = Ok(());
     let end = each_row((name, reader), Text::Strict, &COLUMNS, find, |row| {
         let (point, trace) = (parse(&row)?, row.text(0));
         if traces.last().is_none_or(|last| last.name != trace) {
             if !names.insert(trace.to_owned()) {
                 let trace = excerpt(trace);
                 return Err(format!("lines of drive {trace:?} are apart, expected them together"));
+            }
+            if descending.is_ok() {
+                descending = in_order(traces.last(), first_back);
             }
             let (name, points) = (trace.to_owned(), Vec::new());
             traces.push(Trace { name, points, repeated: 0, backwards: 0 });
@@ -153,6 +169,9 @@ pub fn read_traces_from(
                 (*repeated, all_repeated) = (*repeated + 1, all_repeated + 1);
             }
             Some(Ordering::Less) => {
+                if *backwards == 0 {
+                    first_back = row.line;
+                }
                 (*backwards, all_backwards) = (*backwards + 1, all_backwards + 1);
             }
             _ => {
@@ -165,6 +184,8 @@ pub fn read_traces_from(
         }
         Ok(())
     })?;
+    descending?;
+    in_order(traces.last(), first_back)?;
     if traces.is_empty() {
         let problem = String::from("there are no points, expected at least one");
         return Err(MapError::Line { file: name.to_owned(), line: end, problem });

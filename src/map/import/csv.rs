@@ -26,7 +26,7 @@ const EDGES: [Column; 6] = [
     (&["from"], true),
     (&["to"], true),
     (&["class"], false),
-    (&["length_m"], false),
+    (&["length_m", "metres"], false),
     (&["oneway"], false),
     (&["speed_kmh"], false),
 ];
@@ -36,7 +36,7 @@ impl RoadNetwork {
     ///
     /// Nodes: `node,lat,lon` or `id,latitude,longitude`, in degrees, and if known `name`. Edges:
     /// `from,to`, and if known `class` (main, arterial, collector, street, or 3 to 0; otherwise a
-    /// street), `length_m` (otherwise straight), `speed_kmh`, and `oneway` (yes, no, -1). Without the
+    /// street), `length_m` or `metres` (otherwise straight), `speed_kmh`, and `oneway` (yes, no, -1). Without the
     /// column `oneway` edges lead in one direction; with it, in both where it says no or nothing.
     /// Columns stand in any order; the report names those that are not known. Parallel edges and loops
     /// are kept. O((nodes + edges) log).

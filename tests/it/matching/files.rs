@@ -36,6 +36,23 @@ fn points_left_out_are_counted_for_each_drive() {
     assert!(report.to_string().ends_with("(lines 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, …)"));
 }
 
+/// A file sorted the other way round is no drive of one point.
+#[test]
+fn descending_times_are_an_error() {
+    let lines = |times: &[u32]| -> String {
+        times.iter().map(|time| format!("B,{time},149.13,-35.28\n")).collect()
+    };
+    let header = "trace,time,longitude,latitude\nA,1,149.13,-35.28\n";
+    let expected = "drives, line 4: 3 points of drive \"B\" from here on go back in time, expected ascending times";
+    assert_eq!(problem(&format!("{header}{}", lines(&[9, 8, 7, 6]))), expected);
+    // Also where another drive follows.
+    let text = format!("{header}{}C,1,149.13,-35.28\n", lines(&[9, 8, 7, 6]));
+    assert_eq!(problem(&text), expected);
+    // A few may go back.
+    let text = format!("{header}{}", lines(&[1, 2, 3, 2, 4]));
+    assert_eq!(read_traces_from("drive", text.as_bytes()).unwrap().0[1].points.len(), 4);
+}
+
 #[test]
 fn columns_that_are_not_known_are_named() {
     let text = "acuracy,trace,time,longitude,latitude,time,heading\n5,A,0,149,-35,x,-90\n";
