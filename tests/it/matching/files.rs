@@ -40,7 +40,8 @@ fn points_left_out_are_counted_for_each_drive() {
 #[test]
 fn descending_times_are_an_error() {
     let lines = |times: &[u32]| -> String {
-        times.iter().map(|time| format!("B,{time},149.13,-35.28\n")).collect()
+        let line = |time: &u32| format!("B,{time},149.13,-35.28\n");
+        times.iter().map(line).collect::<Vec<_>>().concat()
     };
     let header = "trace,time,longitude,latitude\nA,1,149.13,-35.28\n";
     let expected = "drives, line 4: 3 points of drive \"B\" from here on go back in time, expected ascending times";
