@@ -26,12 +26,14 @@ const ANY_DISTANCE: f64 = 1e-9;
 const LONG_DETOURS: f64 = 0.05;
 /// Seconds after which 1/e of what is known of a stop is left.
 const STOP_LASTS: f64 = 20.0;
+/// Largest probability that the vehicle stood, as far as the next move counts.
+const MOST_STOOD: f64 = 0.999;
 /// Speed in metres per second of the displacements that speak against a stop.
 const MOVING: f64 = 8.0;
 /// Typical speed off the road in metres per second over a short time, and the seconds after which a
 /// way there bends.
 const SPEED_OFF_ROAD: f64 = 16.0;
-const BENDS_AFTER: f64 = 20.0;
+const BENDS_AFTER: f64 = 5.0;
 /// Metres across for each metre that a way off the road leads astray within a moment, and those in
 /// the long run: in any direction, √(2π).
 const ASTRAY: f64 = 0.3;
@@ -106,6 +108,8 @@ impl Interval {
         let jitter = spread * (1.0 - model.lasting * kept).sqrt();
         let speed = before.speed.zip(point.speed).map(|(a, b)| 0.5 * (a + b));
         let metres = before.position.metres_to(point.position);
+        // A vehicle that stands may always go on.
+        let stood = stood.min(MOST_STOOD);
         let stop = model.stop + (stood - model.stop) * (-seconds / STOP_LASTS).exp();
         Self { stop, seconds, metres, jitter, spread, kept, speed }
     }

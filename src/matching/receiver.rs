@@ -61,6 +61,8 @@ const FAR: f64 = 7.0;
 pub(super) const WIDE: f64 = 0.05;
 /// Least share of a distribution on an edge, as a share: positions are never impossible.
 const LEAST_SHARE: f64 = 1e-30;
+/// Least variance along, in square metres: below that of the finest receiver.
+const LEAST_VARIANCE: f64 = 1e-15;
 /// Largest share of a variance that an update by the ends of an edge takes away: its second
 /// derivative is that of a logistic function, and no exact one.
 const MOST_LEARNED: f64 = 0.9;
@@ -102,7 +104,7 @@ impl Placement {
         let density = |variance: f64, share: f64| {
             share * (-0.5 * z * z / variance).exp() / (std::f64::consts::TAU * variance).sqrt()
         };
-        let narrow = variance + receiver.white;
+        let narrow = variance.max(0.0) + receiver.white;
         let wide = narrow + receiver.lasting + receiver.white;
         let [likely, rare] = [density(narrow, 1.0 - WIDE), density(wide, WIDE)];
         let total = likely + rare;
@@ -135,7 +137,7 @@ impl Sighting {
 
     /// Restricts a place to the edge. Returns the share of the distribution that is there, too.
     pub(super) fn within(&self, placement: &Placement) -> (Placement, f64) {
-        let (mean, variance) = (placement.mean[0], placement.covariance[0].max(1e-9));
+        let (mean, variance) = (placement.mean[0], placement.covariance[0].max(LEAST_VARIANCE));
         let slope = SLOPE / variance.sqrt();
         let [low, high] = [-slope * mean, slope * (self.length - mean)];
         if low < -FAR && high > FAR {
@@ -219,9 +221,11 @@ impl Receiver {
     }
 }
 
-/// Mixture of Gaussians, by its moments.
+/// Mixture of Gaussians, by its moments about the mean of the first: places are hundreds of metres
+/// from the start of an edge, and may be known to a micrometre.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Mixture {
+    origin: [f64; 3],
     weight: f64,
     first: [f64; 3],
     second: [f64; 6],
@@ -229,11 +233,17 @@ pub(super) struct Mixture {
 
 impl Mixture {
     pub(super) fn add(&mut self, weight: f64, placement: &Placement) {
-        self.weight += weight;
-        for (sum, mean) in self.first.iter_mut().zip(placement.mean) {
-            *sum += weight * mean;
+        if self.weight == 0.0 {
+            self.origin = placement.mean;
         }
-        let parts = placement.covariance.iter().zip(products(placement.mean));
+        self.weight += weight;
+        let [x, y, z] = placement.mean;
+        let [a, b, c] = self.origin;
+        let off = [x - a, y - b, z - c];
+        for (sum, off) in self.first.iter_mut().zip(off) {
+            *sum += weight * off;
+        }
+        let parts = placement.covariance.iter().zip(products(off));
         for (sum, (covariance, product)) in self.second.iter_mut().zip(parts) {
             *sum += weight * (covariance + product);
         }
@@ -242,16 +252,21 @@ impl Mixture {
     /// Gaussian with the same moments; `None` without weight.
     pub(super) fn merged(&self) -> Option<Placement> {
         (self.weight > 0.0).then(|| {
-            let mean = self.first.map(|sum| sum / self.weight);
+            let off @ [x, y, z] = self.first.map(|sum| sum / self.weight);
             let mut covariance = self.second.map(|sum| sum / self.weight);
-            for (covariance, product) in covariance.iter_mut().zip(products(mean)) {
+            for (covariance, product) in covariance.iter_mut().zip(products(off)) {
                 *covariance -= product;
             }
-            // Rounding may leave variances just below 0.
-            for variance in [0, 3, 5] {
-                covariance[variance] = covariance[variance].max(0.0);
-            }
-            Placement { mean, covariance }
+            // Rounding may leave less than a covariance matrix.
+            let [xx, xy, xz, yy, yz, zz] = covariance;
+            let [xx, yy, zz] = [xx, yy, zz].map(|variance| variance.max(0.0));
+            let within = |covariance: f64, a: f64, b: f64| {
+                let most = (a * b).sqrt();
+                covariance.clamp(-most, most)
+            };
+            let [xy, xz, yz] = [within(xy, xx, yy), within(xz, xx, zz), within(yz, yy, zz)];
+            let [a, b, c] = self.origin;
+            Placement { mean: [a + x, b + y, c + z], covariance: [xx, xy, xz, yy, yz, zz] }
         })
     }
 }
