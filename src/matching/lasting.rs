@@ -1,4 +1,4 @@
-//! How long errors of a receiver last, and which share of them: from the products of errors some
+//! Share of the errors of a receiver that last, and their time: from the products of errors some
 //! time apart, across the most probable roads.
 
 use super::MatchModel;

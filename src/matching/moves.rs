@@ -85,7 +85,7 @@ pub(super) struct Distance {
     pub(super) deviation: f64,
 }
 
-/// What a position says of a state, given the state before.
+/// Evidence of a position for a state, given the state before.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Belonging {
     /// Probability that the position belongs to the road.

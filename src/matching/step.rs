@@ -76,8 +76,8 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
         states.push(Candidate::off_road(point));
         trellis.begin_step();
         let [leaves, returns] = [self.model.leaves(1.0), self.model.returns(1.0)];
-        for (log, sighting) in log_likelihoods.iter().zip(&self.memory.log_headings) {
-            trellis.state(log + sighting, [(0, 0.0)])?;
+        for (log, log_heading) in log_likelihoods.iter().zip(&self.memory.log_headings) {
+            trellis.state(log + log_heading, [(0, 0.0)])?;
         }
         let off_road = (leaves / (leaves + returns)).ln();
         trellis.state(log_density_off_road(self.model, point), [(0, off_road)])?;
