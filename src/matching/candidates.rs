@@ -1,7 +1,7 @@
 //! Candidates of a step, its states: points of roads near a position, those where vehicles would be
 //! that go on unseen, and one off the road. Each has the likelihood of the position.
 
-use super::receiver::{Placement, Sighting};
+use super::receiver::{Place, Sighting};
 use super::{MatchModel, TracePoint};
 use crate::map::{Coordinates, EdgeIndex, NearEdge, RoadNetwork};
 
@@ -26,7 +26,7 @@ pub(super) struct Candidate {
     /// The point, in the plane of the network.
     pub(super) point: [f64; 2],
     /// Place along the edge and error of the receiver, as the drive so far tells them.
-    pub(super) placement: Placement,
+    pub(super) place: Place,
     /// Probability that the position belongs to the road.
     pub(super) inlier: f64,
 }
@@ -47,8 +47,8 @@ impl Candidate {
 
     /// The state off the road, at a position.
     pub(super) fn off_road<P: Coordinates>(point: &TracePoint<P>) -> Self {
-        let (point, placement) = (point.position.to_plane(), Placement::default());
-        Self { edge: OFF_ROAD, along: 0.0, point, placement, inlier: 0.0 }
+        let (point, place) = (point.position.to_plane(), Place::default());
+        Self { edge: OFF_ROAD, along: 0.0, point, place, inlier: 0.0 }
     }
 }
 
@@ -57,8 +57,13 @@ pub(super) fn log_density_off_road<P>(model: &MatchModel, point: &TracePoint<P>)
     -(OFF_ROAD_SPREAD * deviation(model, point)).ln()
 }
 
-/// Standard deviation of a point.
+/// Standard deviation of a point, over all receptions.
 pub(super) fn deviation<P>(model: &MatchModel, point: &TracePoint<P>) -> f64 {
+    model.over_all_time(usual_deviation(model, point))
+}
+
+/// Standard deviation of a point in usual reception.
+pub(super) fn usual_deviation<P>(model: &MatchModel, point: &TracePoint<P>) -> f64 {
     point.accuracy.unwrap_or(model.noise)
 }
 
@@ -202,7 +207,7 @@ impl<P: Coordinates> CandidateSearch<'_, P> {
             edge: near.edge as u32,
             along: near.metres_along,
             point: near.point,
-            placement: Placement::default(),
+            place: Place::default(),
             inlier: 0.0,
         }
     }

@@ -35,7 +35,7 @@ impl<P: Coordinates> Matcher<P> {
     /// [`MatchError::Time`] for times that do not ascend, each with the index of the point.
     pub fn match_drive(&self, points: &[TracePoint<P>]) -> Result<MatchedDrive<P>, MatchError> {
         let mut step = MatchStep::new(self, &self.model);
-        let SmoothedDrive { states, trellis, smoothed } = step.smooth(points, |_, _| ())?;
+        let SmoothedDrive { states, trellis, smoothed } = step.smooth(points, |_, _, _| ())?;
         let path = trellis.viterbi()?;
         let on_path: Vec<Candidate> =
             path.states().iter().zip(&states).map(|(state, states)| states[*state]).collect();

@@ -9,14 +9,12 @@ use crate::matching::TracePoint;
 const LAGS: [usize; 10] = [1, 2, 3, 5, 8, 13, 21, 34, 55, 89];
 const BINS: [f64; 7] = [1.5, 3.0, 6.0, 12.0, 24.0, 48.0, 96.0];
 
-/// Weights of the values before: one over the square of a standard deviation of a tenth of the
-/// share, and of half of the logarithm of the time.
-const PRIOR_LASTING: f64 = 100.0;
+/// Weight of the time before: one over the square of a standard deviation of half of its logarithm.
 const PRIOR_LOG_LASTS: f64 = 4.0;
 /// Range of the seconds, in which so many values are tried, and the largest share.
 const LASTS: [f64; 2] = [8.0, 60.0];
 const STEPS: u32 = 40;
-const MOST_LASTING: f64 = 0.97;
+const MOST_LASTING: f64 = 0.995;
 
 /// An error across a road: its metres, and the direction in which they count.
 #[derive(Debug, Clone, Copy)]
@@ -38,6 +36,8 @@ struct Bin {
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct LastingErrors {
     bins: [Bin; BINS.len()],
+    /// Sum of the squares of all errors, and their number.
+    squares: [f64; 2],
     /// Seconds of all drives.
     seconds: f64,
 }
@@ -46,7 +46,10 @@ impl LastingErrors {
     /// Products of the errors of a drive, at the points where there are some.
     pub(super) fn of<P: Coordinates>(points: &[TracePoint<P>], errors: &[Option<Error>]) -> Self {
         let seconds = points.last().map_or(0.0, |last| last.time - points[0].time);
-        let mut sums = Self { seconds, ..Self::default() };
+        let known = errors.iter().flatten();
+        let squares = known
+            .fold([0.0; 2], |[sum, count], error| [sum + error.metres * error.metres, count + 1.0]);
+        let mut sums = Self { seconds, squares, ..Self::default() };
         for lag in LAGS {
             for (number, pair) in errors.iter().zip(errors.iter().skip(lag)).enumerate() {
                 let (Some(a), Some(b)) = pair else { continue };
@@ -69,10 +72,21 @@ impl LastingErrors {
             bin.weight += other.weight;
         }
         self.seconds += other.seconds;
+        for (sum, other) in self.squares.iter_mut().zip(other.squares) {
+            *sum += other;
+        }
     }
 
-    /// Share of the variance that lasts, and for how many seconds, by least squares with the prior.
-    pub(super) fn fit(&self, variance: f64, prior: &MatchModel) -> [f64; 2] {
+    /// Standard deviation of all errors.
+    pub(super) fn deviation(&self) -> f64 {
+        let [squares, count] = self.squares;
+        (squares / count.max(1.0)).sqrt()
+    }
+
+    /// Share of the variance that lasts, and for how many seconds, by least squares with the prior, whose share counts as
+    /// so many independent pairs of errors.
+    pub(super) fn fit(&self, prior: &MatchModel, prior_weight: f64) -> [f64; 2] {
+        let variance = self.deviation().powi(2);
         // A correlation is as certain as independent pairs of errors make it.
         let independent = self.seconds / (2.0 * prior.lasts);
         let found = self.bins.iter().filter(|bin| bin.weight > 0.0 && variance > 0.0);
@@ -83,7 +97,7 @@ impl LastingErrors {
         let mut best = (f64::INFINITY, [prior.lasting, prior.lasts]);
         for step in 0..=STEPS {
             let lasts = LASTS[0] * (LASTS[1] / LASTS[0]).powf(f64::from(step) / f64::from(STEPS));
-            let (mut xy, mut xx) = (PRIOR_LASTING * prior.lasting, PRIOR_LASTING);
+            let (mut xy, mut xx) = (prior_weight * prior.lasting, prior_weight);
             for (seconds, correlation, weight) in found.clone() {
                 let kept = (-seconds / lasts).exp();
                 xy += weight * kept * correlation;
@@ -93,7 +107,7 @@ impl LastingErrors {
             let error = |seconds: f64, correlation: f64, weight: f64| {
                 weight * (correlation - lasting * (-seconds / lasts).exp()).powi(2)
             };
-            let mut errors = PRIOR_LASTING * (lasting - prior.lasting).powi(2);
+            let mut errors = prior_weight * (lasting - prior.lasting).powi(2);
             errors += PRIOR_LOG_LASTS * (lasts / prior.lasts).ln().powi(2);
             errors += found.clone().map(|(s, c, w)| error(s, c, w)).sum::<f64>();
             if errors < best.0 {
@@ -128,7 +142,7 @@ mod tests {
                 let position = PlanePosition { x: 0.0, y: 0.0 };
                 points.push(TracePoint::new(seconds * f64::from(number), position));
             }
-            let [lasting, lasts] = LastingErrors::of(&points, &errors).fit(16.0, &prior);
+            let [lasting, lasts] = LastingErrors::of(&points, &errors).fit(&prior, 25.0);
             assert!((lasting - 0.7).abs() < margin, "{seconds}: {lasting}, {lasts}");
             assert!(seconds > 10.0 || (lasts / 25.0).ln().abs() < 0.35, "{seconds}: {lasts}");
             assert!(seconds < 10.0 || (lasting - prior.lasting).abs() < 0.1, "{lasting}");

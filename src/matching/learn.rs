@@ -5,8 +5,8 @@ use std::ops::ControlFlow;
 use super::candidates::Candidate;
 use super::lasting::{Error, LastingErrors};
 use super::matcher::DRIVES_AHEAD;
-use super::moves::{Interval, Move};
-use super::receiver::Sighting;
+use super::moves::Move;
+use super::receiver::{FACTORS, REDRAWN_AFTER, ROUGH, Sighting};
 use super::step::{MatchStep, SmoothedDrive};
 use super::{MatchError, MatchModel, Matcher, TracePoint};
 use crate::inference::engines::parallel;
@@ -31,13 +31,14 @@ pub struct LearnedMatchModel {
 /// keeps it.
 type Limits = (&'static str, fn(&mut MatchModel) -> &mut f64, [f64; 2]);
 
-const LIMITS: [Limits; 6] = [
+const LIMITS: [Limits; 7] = [
     ("noise", |model| &mut model.noise, [0.1, 1000.0]),
-    ("outliers", |model| &mut model.outliers, [1e-4, 0.5]),
+    ("outliers", |model| &mut model.outliers, [1e-3, 0.5]),
     ("deviation", |model| &mut model.deviation, [1.5, 100.0]),
-    ("stop", |model| &mut model.stop, [1e-3, 0.5]),
+    ("stop", |model| &mut model.stop, [1e-3, 0.3]),
     ("leave_road", |model| &mut model.leave_road, [1e-7, 0.005]),
     ("return_to_road", |model| &mut model.return_to_road, [1e-4, 0.1]),
+    ("poor", |model| &mut model.poor, [1e-3, 0.5]),
 ];
 
 impl LearnedMatchModel {
@@ -55,7 +56,7 @@ impl LearnedMatchModel {
 /// the mean of, and the number of terms.
 #[derive(Debug, Clone, Copy, Default)]
 struct Counts {
-    ratios: [Ratio; 6],
+    ratios: [Ratio; 7],
     lasting: LastingErrors,
     log_likelihood: f64,
     points: usize,
@@ -75,12 +76,20 @@ impl Ratio {
 }
 
 /// Numbers of points, and of seconds, for which the values of the model before count.
-const PRIOR_POINTS: f64 = 10.0;
+const PRIOR_POINTS: f64 = 100.0;
 const PRIOR_SECONDS: f64 = 20_000.0;
 /// Number of returns to the road for which its value counts.
 const PRIOR_RETURNS: f64 = 5.0;
+/// Number of draws of the reception for which its share counts.
+const PRIOR_RECEPTIONS: f64 = 3.0;
 /// Deviations from a road up to which errors tell the noise.
 const FARTHEST_OFF: f64 = 3.0;
+/// Weights of the share of errors that lasts of the model before, of receivers of which little is
+/// known and of those that are rough.
+const PRIOR_LASTING: f64 = 80.0;
+const PRIOR_LASTING_IN_ROUGH: f64 = 10.0;
+/// Share of the errors of a fine receiver that lasts at least.
+const LASTING_IN_FINE: f64 = 0.9;
 /// Seconds between two points above which they hardly show what happened between them.
 const SHOWN: f64 = 10.0;
 
@@ -148,23 +157,7 @@ impl<P: Coordinates> Matcher<P> {
             points: 0,
         };
         while learned.iterations < iterations && !learned.converged {
-            let mut counts = Counts::default();
-            let count = |drive: &D| self.count(&learned.model, drive.as_ref());
-            // Added in the order of the drives, so that threads change no bit.
-            let mut numbers = 0..;
-            let added = parallel::in_order(drives.iter(), DRIVES_AHEAD, count, |counted| {
-                let drive = numbers.next().unwrap_or_default();
-                match counted {
-                    Ok(of_drive) => {
-                        counts.add(&of_drive);
-                        ControlFlow::Continue(())
-                    }
-                    Err(source) => ControlFlow::Break(source.of_drive(drive)),
-                }
-            });
-            if let ControlFlow::Break(error) = added {
-                return Err(error);
-            }
+            let counts = self.count_all(&learned.model, drives)?;
             let next = counts.maximize(&learned.model, &self.model);
             learned.iterations += 1;
             learned.converged = next.is_near(&learned.model);
@@ -174,29 +167,55 @@ impl<P: Coordinates> Matcher<P> {
         Ok(learned)
     }
 
+    /// Expected counts of all drives under a model.
+    fn count_all<D: AsRef<[TracePoint<P>]> + Sync>(
+        &self,
+        model: &MatchModel,
+        drives: &[D],
+    ) -> Result<Counts, MatchError> {
+        let mut counts = Counts::default();
+        let count = |drive: &D| self.count(model, drive.as_ref());
+        // Added in the order of the drives, so that threads change no bit.
+        let mut numbers = 0..;
+        let added = parallel::in_order(drives.iter(), DRIVES_AHEAD, count, |counted| {
+            let drive = numbers.next().unwrap_or_default();
+            match counted {
+                Ok(of_drive) => {
+                    counts.add(&of_drive);
+                    ControlFlow::Continue(())
+                }
+                Err(source) => ControlFlow::Break(source.of_drive(drive)),
+            }
+        });
+        match added {
+            ControlFlow::Break(error) => Err(error),
+            ControlFlow::Continue(()) => Ok(counts),
+        }
+    }
+
     /// Expected counts of a drive under a model.
     fn count(&self, model: &MatchModel, points: &[TracePoint<P>]) -> Result<Counts, MatchError> {
-        let (mut sightings, mut moves) = (Vec::new(), Vec::new());
-        let drive = MatchStep::new(self, model).smooth(points, |of_states, of_step| {
+        let (mut sightings, mut moves, mut stops_by_point) = (Vec::new(), Vec::new(), Vec::new());
+        let drive = MatchStep::new(self, model).smooth(points, |of_states, of_step, stood| {
             sightings.push(of_states.to_vec());
+            stops_by_point.push(stood);
             moves.extend_from_slice(of_step);
         })?;
         let SmoothedDrive { states, trellis, smoothed } = drive;
         let log_likelihood = smoothed.log_likelihood();
         let mut counts = Counts { log_likelihood, points: points.len(), ..Counts::default() };
-        let [noise, outliers, detours, stops, leaves, returns] = &mut counts.ratios;
+        let [noise, outliers, detours, stops, leaves, returns, poor] = &mut counts.ratios;
         let (mut moves, mut errors) = (moves.iter(), Vec::with_capacity(points.len()));
-        let mut stood = model.stop;
         for (number, (states_now, point)) in states.iter().zip(points).enumerate() {
             let step = number + 1;
             // Points soon after each other are hardly two witnesses, and those of a vehicle that
             // stands, which may be parked beside any road, none.
-            let mut witness = 1.0;
+            let (mut witness, mut elapsed) = (1.0, 0.0);
             if number > 0 {
-                let interval = Interval::new(model, &points[number - 1], point, stood);
-                stood = interval.stood();
-                let kept = model.lasting * interval.kept;
-                witness = (1.0 - stood) * (1.0 - kept) / (1.0 + kept);
+                let seconds = point.time - points[number - 1].time;
+                let kept = model.lasting * (-seconds / model.lasts).exp();
+                elapsed = seconds.min(REDRAWN_AFTER);
+                witness = (1.0 - stops_by_point[number]) * (1.0 - kept) / (1.0 + kept);
             }
             let has_accuracy = point.accuracy.is_some();
             let error = |state: &Candidate, sighting: &Sighting| {
@@ -216,13 +235,16 @@ impl<P: Coordinates> Matcher<P> {
             let on_road = states_now.iter().zip(&sightings[number]);
             for ((state, sighting), &p) in on_road.zip(probabilities) {
                 outliers.add(if number == 0 { p * (1.0 - state.inlier) } else { 0.0 }, p);
+                poor.add(elapsed * p * state.place.shares[1], elapsed * p);
                 let Some(across) = error(state, sighting).map(|error| error.metres) else {
                     continue;
                 };
                 // Farther off, the vehicle is rather beside the road.
-                if across.abs() < FARTHEST_OFF * model.noise {
+                if across.abs() < FARTHEST_OFF * model.over_all_time(model.noise) {
                     let weight = witness * p * state.inlier;
-                    noise.add(weight * across * across, weight);
+                    let shares = state.place.shares.iter().zip(FACTORS);
+                    let usual: f64 = shares.map(|(share, factor)| share / (factor * factor)).sum();
+                    noise.add(weight * usual * across * across, weight);
                 }
             }
             if number == 0 {
@@ -276,14 +298,20 @@ impl Counts {
             points(prior.stop),
             mean(prior.leave_road, PRIOR_SECONDS),
             Ratio { sum: PRIOR_RETURNS, of: PRIOR_RETURNS / prior.return_to_road },
+            mean(prior.poor, PRIOR_RECEPTIONS * REDRAWN_AFTER),
         ];
         let mut model = *now;
         for ((ratio, prior), (_, value, _)) in self.ratios.iter().zip(priors).zip(LIMITS) {
             *value(&mut model) = (ratio.sum + prior.sum) / (ratio.of + prior.of);
         }
         model.noise = model.noise.sqrt();
-        let variance = self.ratios[0].sum / self.ratios[0].of.max(1e-9);
-        [model.lasting, model.lasts] = self.lasting.fit(variance, prior);
+        [model.lasting, model.lasts] = self.lasting.fit(prior, PRIOR_LASTING);
+        if model.lasting < LASTING_IN_FINE {
+            // A rough receiver: what counts as poor reception is white noise, and all errors are of
+            // one kind.
+            [model.lasting, model.lasts] = self.lasting.fit(prior, PRIOR_LASTING_IN_ROUGH);
+            (model.noise, model.poor) = (self.lasting.deviation(), ROUGH.min(prior.poor));
+        }
         for (_, value, [least, most]) in LIMITS {
             let value = value(&mut model);
             *value = value.clamp(least, most);
@@ -309,9 +337,9 @@ mod tests {
     fn limits() {
         let prior = MatchModel::default();
         let many = 1e15;
-        let none = Counts { ratios: [Ratio { sum: 0.0, of: many }; 6], ..Counts::default() };
+        let none = Counts { ratios: [Ratio { sum: 0.0, of: many }; 7], ..Counts::default() };
         let mut all = none;
-        for (ratio, sum) in all.ratios.iter_mut().zip([1e30, many, 1e30, many, many, many]) {
+        for (ratio, sum) in all.ratios.iter_mut().zip([1e30, many, 1e30, many, many, many, many]) {
             ratio.sum = sum;
         }
         all.ratios[5].of = 1.0;

@@ -1,7 +1,7 @@
 //! The matcher: a network, an index of its edges, and a model of drives.
 
 use super::moves::Move;
-use super::receiver::{Placement, Sighting};
+use super::receiver::{Place, Sighting};
 use super::{MatchError, MatchModel};
 use crate::inference::engines::parallel::MemoryPool;
 use crate::map::{
@@ -37,8 +37,8 @@ pub(super) struct Memory {
     /// Sightings of the states on roads, and the log-likelihoods of the heading there.
     pub(super) sightings: Vec<Sighting>,
     pub(super) log_headings: Vec<f64>,
-    /// Placements of the states before, as predicted.
-    pub(super) placements: Vec<Placement>,
+    /// Places of the states before, as predicted.
+    pub(super) places: Vec<Place>,
     /// Moves into each state.
     pub(super) entries: Vec<Vec<Entry>>,
     /// Moves of the last step, in the order in which they are in the trellis.
@@ -56,6 +56,9 @@ pub(super) struct Entry {
     pub(super) inlier: f64,
     /// Metres along the edge before at which the edge of the state starts, if it is on the way.
     pub(super) starts: Option<f64>,
+    /// The place before with the error after the position, counted from the start of the edge of
+    /// the state.
+    pub(super) error: Place,
 }
 
 impl<P: Coordinates> Matcher<P> {

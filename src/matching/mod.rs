@@ -87,6 +87,7 @@ mod learn;
 mod matcher;
 mod model;
 mod moves;
+mod placement;
 mod point;
 mod receiver;
 mod routes;

@@ -1,6 +1,7 @@
 //! Parameters of map matching.
 
 use super::MatchError;
+use super::receiver::POOR;
 
 use crate::error::Parameter;
 
@@ -13,13 +14,17 @@ use crate::error::Parameter;
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct MatchModel {
-    /// Standard deviation of a position in each direction, in metres; from 1e-6 to 1e9.
+    /// Standard deviation of a position in each direction in usual reception, in metres; from 1e-6 to
+    /// 1e9.
     pub noise: f64,
-    /// Share of the variance of positions that is a slowly moving offset; from 0 to 0.99. The rest is
+    /// Share of the variance of positions that is a slowly moving offset; from 0 to 0.999. The rest is
     /// independent from point to point.
     pub lasting: f64,
     /// Seconds after which 1/e of the offset is left; from 1e-6 to 1e9.
     pub lasts: f64,
+    /// Share of time in which reception is poor: errors are then four times as large as else; above
+    /// 0 and below 1.
+    pub poor: f64,
     /// Share of positions that say nothing of the place; above 0 and below 1.
     pub outliers: f64,
     /// Mean detour of a route against the straight line, in metres for each second between two
@@ -39,15 +44,16 @@ pub struct MatchModel {
 impl Default for MatchModel {
     fn default() -> Self {
         Self {
-            noise: 8.0,
-            lasting: 0.85,
-            lasts: 40.0,
+            noise: 4.0,
+            lasting: 0.995,
+            lasts: 60.0,
+            poor: 0.2,
             outliers: 0.03,
             deviation: 1.5,
             stop: 0.1,
-            leave_road: 1.4e-4,
+            leave_road: 5e-5,
             return_to_road: 0.01,
-            u_turn: 2e-3,
+            u_turn: 5e-3,
         }
     }
 }
@@ -65,11 +71,12 @@ impl MatchModel {
                 return Err(Parameter::new(format!("the parameter {what}"), value, expected).into());
             }
         }
-        if !(0.0..=0.99).contains(&self.lasting) {
-            let expected = "a share from 0 to 0.99";
+        if !(0.0..=0.999).contains(&self.lasting) {
+            let expected = "a share from 0 to 0.999";
             return Err(Parameter::new("the parameter lasting", self.lasting, expected).into());
         }
         let shares = [
+            ("poor", self.poor),
             ("outliers", self.outliers),
             ("stop", self.stop),
             ("leave_road", self.leave_road),
@@ -83,6 +90,11 @@ impl MatchModel {
             }
         }
         Ok(())
+    }
+
+    /// Standard deviation over all time, by that in usual reception.
+    pub(super) fn over_all_time(&self, usual: f64) -> f64 {
+        usual * (1.0 + self.poor * (POOR * POOR - 1.0)).sqrt()
     }
 
     /// Probability of leaving the road within a time.

@@ -1,7 +1,8 @@
 //! Vehicles as bytes: their fields one after the other, in the order in which they are declared.
 
 use super::candidates::Candidate;
-use super::receiver::Placement;
+use super::placement::Placement;
+use super::receiver::{Place, RECEPTIONS};
 use super::vehicle::{Progress, Window};
 use super::{TracePoint, Vehicle};
 use crate::error::SnapshotError;
@@ -66,6 +67,20 @@ stored_numbers! {
             .map_err(|_| contents(String::from("the number of an edge is too large")));
 }
 
+impl Stored for [Placement; RECEPTIONS] {
+    fn write(&self, writer: &mut Writer) {
+        self.iter().for_each(|placement| placement.write(writer));
+    }
+
+    fn read(reader: &mut Reader<'_>) -> Result<Self, SnapshotError> {
+        let mut placements = Self::default();
+        for placement in &mut placements {
+            *placement = Placement::read(reader)?;
+        }
+        Ok(placements)
+    }
+}
+
 impl<const N: usize> Stored for [f64; N] {
     fn write(&self, writer: &mut Writer) {
         self.iter().for_each(|value| writer.double(*value));
@@ -82,7 +97,8 @@ impl<const N: usize> Stored for [f64; N] {
 
 stored_fields!(Progress<P> { network, lag, points, point, speed, stood, log_likelihood, last });
 stored_fields!(Placement { mean, covariance });
-stored_fields!(Candidate { edge, along, point, placement, inlier });
+stored_fields!(Place { placements, shares });
+stored_fields!(Candidate { edge, along, point, place, inlier });
 
 impl<P: Coordinates> Stored for TracePoint<P> {
     fn write(&self, writer: &mut Writer) {
@@ -155,7 +171,7 @@ impl Stored for Window {
 
 impl<P: Coordinates> Vehicle<P> {
     /// Returns the state as bytes, in the format of
-    /// [`FilterSnapshot`](crate::inference::FilterSnapshot::to_bytes): some 120 for each state of
+    /// [`FilterSnapshot`](crate::inference::FilterSnapshot::to_bytes): some 400 for each state of
     /// the window, and 16 for each move. Read back, a vehicle goes on to the bit, on the network on
     /// which it was started: its fingerprint is among the bytes.
     ///
@@ -245,16 +261,18 @@ fn unit(name: &str) -> u64 {
 fn check(state: &Candidate) -> Result<(), SnapshotError> {
     /// More than any coordinate of the plane, or any length of an edge.
     const LARGEST: f64 = 1e12;
-    let Candidate { edge: _, along, point, placement, inlier } = *state;
-    let Placement { mean, covariance } = placement;
+    let Candidate { edge: _, along, point, place: Place { placements, shares }, inlier } = *state;
     let range = -LARGEST..=LARGEST;
-    let free = point.into_iter().chain(mean).map(|value| (value, range.clone()));
-    let [xx, xy, xz, yy, yz, zz] = covariance;
     let squares = -LARGEST * LARGEST..=LARGEST * LARGEST;
-    let variances = [xx, yy, zz].map(|value| (value, 0.0..=LARGEST * LARGEST));
-    let covariances = [xy, xz, yz].map(|value| (value, squares.clone()));
-    let checked = [(along, 0.0..=LARGEST), (inlier, 0.0..=1.0)];
-    for (value, range) in free.chain(variances).chain(covariances).chain(checked) {
+    let mut numbers: Vec<_> = point.map(|value| (value, range.clone())).into();
+    for Placement { mean, covariance: [xx, xy, xz, yy, yz, zz] } in placements {
+        numbers.extend(mean.map(|value| (value, range.clone())));
+        numbers.extend([xx, yy, zz].map(|value| (value, 0.0..=LARGEST * LARGEST)));
+        numbers.extend([xy, xz, yz].map(|value| (value, squares.clone())));
+    }
+    numbers.extend([(along, 0.0..=LARGEST), (inlier, 0.0..=1.0)]);
+    numbers.extend(shares.map(|share| (share, 0.0..=1.0 + 1e-9)));
+    for (value, range) in numbers {
         if !range.contains(&value) {
             let problem = format!("a state has {value}, expected {range:?}");
             return Err(contents(problem));

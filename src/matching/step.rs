@@ -34,6 +34,20 @@ pub(super) struct PreviousStep<'a, P> {
     pub(super) stood: f64,
 }
 
+impl<P> PreviousStep<'_, P> {
+    /// Probability that the receiver is rough, as far as the vehicle is on a road.
+    fn rough(&self) -> f64 {
+        let (mut rough, mut sum) = (0.0, 0.0);
+        for (state, log) in self.states.iter().zip(self.log_filtered) {
+            if !state.is_off_road() {
+                let p = log.exp();
+                (rough, sum) = (rough + p * state.place.shares[2], sum + p);
+            }
+        }
+        if sum > 0.0 { rough / sum } else { 0.0 }
+    }
+}
+
 /// States of a step that was taken, with their filtered distribution.
 #[derive(Debug)]
 pub(super) struct ForwardStep {
@@ -100,7 +114,8 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
         point: &TracePoint<P>,
         trellis: &mut Trellis,
     ) -> Result<ForwardStep, MatchError> {
-        let interval = Interval::new(self.model, before.point, point, before.stood);
+        let known = [before.stood, before.rough()];
+        let interval = Interval::new(self.model, before.point, point, known);
         let mut states = self.near(point);
         self.carry(before, point, &interval, &mut states);
         states.push(Candidate::off_road(point));
@@ -129,11 +144,12 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
     }
 
     /// Takes all steps of a drive forward and back. `visit` is given the sightings of the states of
-    /// each step, and the moves of each but the first, in the order in which they are in the trellis.
+    /// each step, the moves of each but the first, in the order in which they are in the trellis, and
+    /// the probability that the vehicle stood.
     pub(super) fn smooth(
         &mut self,
         points: &[TracePoint<P>],
-        mut visit: impl FnMut(&[Sighting], &[Move]),
+        mut visit: impl FnMut(&[Sighting], &[Move], f64),
     ) -> Result<SmoothedDrive, MatchError> {
         let first = points.first().ok_or(MatchError::Empty)?;
         first.check(0, None)?;
@@ -144,14 +160,14 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
         let mut states = Vec::with_capacity(points.len());
         let mut last = self.first(first, &mut trellis)?;
         forward.push(&last.log_filtered, last.scale)?;
-        visit(&self.memory.sightings, &[]);
+        visit(&self.memory.sightings, &[], last.stood);
         for pair in points.windows(2) {
             let ForwardStep { states: before, log_filtered, scale: _, speed, stood } = &last;
             let (point, speed, stood) = (&pair[0], *speed, *stood);
             let before = PreviousStep { point, states: before, log_filtered, speed, stood };
             let next = self.next(&before, &pair[1], &mut trellis)?;
             forward.push(&next.log_filtered, next.scale)?;
-            visit(&self.memory.sightings, &self.memory.moves);
+            visit(&self.memory.sightings, &self.memory.moves, next.stood);
             states.push(std::mem::replace(&mut last, next).states);
         }
         states.push(last.states);
@@ -167,7 +183,8 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
         to: &[Candidate],
         points: [&TracePoint<P>; 2],
     ) -> (Ways<'_, P>, f64) {
-        let interval = Interval::new(self.model, points[0], points[1], self.model.stop);
+        let unknown = [self.model.stop, 0.0];
+        let interval = Interval::new(self.model, points[0], points[1], unknown);
         let Matcher { network, measures, .. } = self.matcher;
         let mut ways = Ways { network, measures, search: &mut self.memory.search };
         ways.from(from, to, self.model, &interval);

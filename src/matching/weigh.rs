@@ -1,9 +1,9 @@
 //! Moves into the states of a step, with their weights, and the placements after them.
 
-use super::candidates::{Candidate, deviation};
+use super::candidates::{Candidate, deviation, usual_deviation};
 use super::matcher::{Entry, Memory};
-use super::moves::{Belonging, Distance, Interval, Move, speed_of};
-use super::receiver::{Mixture, Placement, Receiver};
+use super::moves::{Belonging, Interval, Move, speed_of};
+use super::receiver::{Ahead, Place, PlaceMixture, Receiver};
 use super::step::{MatchStep, PreviousStep};
 use super::ways::Ways;
 use super::{Matcher, TracePoint};
@@ -26,17 +26,17 @@ impl<P: Coordinates> MatchStep<'_, P> {
     /// log-likelihood of the position for each but the last, the one off the road.
     pub(super) fn place(&mut self, point: &TracePoint<P>, states: &mut [Candidate]) -> Vec<f64> {
         let sigma = deviation(self.model, point);
-        let receiver = Receiver::new(self.model, sigma);
+        let receiver = Receiver::new(self.model, usual_deviation(self.model, point));
         let unknown = receiver.unknown();
         let states = states.iter_mut().zip(&self.memory.sightings);
         let place = |(state, sighting): (&mut Candidate, _)| {
             let (error, log_across) = receiver.across(&unknown, sighting);
             let (log, inlier) = sighting.position(&receiver, log_across);
-            let (placement, share) = sighting.within(&receiver.moved(&error, sighting));
-            let mut mixture = Mixture::default();
-            mixture.add(inlier, &placement);
+            let moved = receiver.moved(&error, sighting);
+            let (share, mut mixture) = (sighting.share(&moved), PlaceMixture::default());
+            mixture.add(inlier, &sighting.within(&moved));
             mixture.add(1.0 - inlier, &unknown.unseen(state.along, sigma));
-            (state.placement, state.inlier) = (mixture.merged().unwrap_or(unknown), inlier);
+            (state.place, state.inlier) = (mixture.merged().unwrap_or(unknown), inlier);
             log + (1.0 - inlier + inlier * share).ln()
         };
         states.map(place).collect()
@@ -51,100 +51,106 @@ impl<P: Coordinates> MatchStep<'_, P> {
         states: &mut [Candidate],
         interval: &Interval,
     ) {
-        let receiver = Receiver::new(self.model, deviation(self.model, point));
+        let receiver = Receiver::new(self.model, usual_deviation(self.model, point));
         let (matcher, model) = (self.matcher, self.model);
-        let Memory { search, entries, sightings, placements, .. } = &mut self.memory;
+        let Memory { search, entries, sightings, places, .. } = &mut self.memory;
         let [leaves, returns] = [model.leaves(interval.seconds), model.returns(interval.seconds)];
         entries.resize_with(entries.len().max(states.len()), Vec::new);
         entries.iter_mut().for_each(Vec::clear);
-        let kept = |state: &Candidate| receiver.predicted(&state.placement, interval.kept);
-        placements.clear();
-        placements.extend(before.states.iter().map(kept));
+        let Interval { seconds, kept, .. } = *interval;
+        let predicted = |state: &Candidate| receiver.predicted(&state.place, seconds, kept);
+        places.clear();
+        places.extend(before.states.iter().map(predicted));
         let (off_road, by_area) = (states.len() - 1, interval.off_road(model));
         let (into_off_road, stays) = (by_area + leaves.ln(), (-leaves).ln_1p());
         let onto_road = by_area + returns.ln() - METRES_OF_ROAD.ln();
         for (number, (from, log)) in before.states.iter().zip(before.log_filtered).enumerate() {
-            let entry = |log, kind| Entry { from: number, log, kind, inlier: 0.0, starts: None };
+            let entry = |log, kind, error| Entry {
+                from: number,
+                log,
+                kind,
+                inlier: 0.0,
+                starts: None,
+                error,
+            };
             let targets = states[..off_road].iter().zip(&*sightings);
             if from.is_off_road() {
                 // Nothing is known of the error.
                 let unknown = receiver.unknown();
-                placements[number] = unknown;
+                places[number] = unknown;
                 for ((_, sighting), list) in targets.zip(entries.iter_mut()) {
                     let (error, log_across) = receiver.across(&unknown, sighting);
                     let (log, inlier) = sighting.position(&receiver, log_across);
-                    let (_, share) = sighting.within(&receiver.moved(&error, sighting));
+                    let share = sighting.share(&receiver.moved(&error, sighting));
                     let log = onto_road + log + (1.0 - inlier + inlier * share).ln();
-                    list.push(Entry { inlier, ..entry(log, Move::OffRoad) });
+                    list.push(Entry { inlier, ..entry(log, Move::OffRoad, error) });
                 }
-                entries[off_road].push(entry(by_area + (-returns).ln_1p(), Move::OffRoad));
+                let log = by_area + (-returns).ln_1p();
+                entries[off_road].push(entry(log, Move::OffRoad, unknown));
                 continue;
             }
             if *log < NEGLIGIBLE {
                 continue;
             }
-            entries[off_road].push(entry(into_off_road, Move::OffRoad));
+            entries[off_road].push(entry(into_off_road, Move::OffRoad, Place::default()));
             let Matcher { network, measures, .. } = matcher;
             let mut ways = Ways { network, measures, search };
             ways.from(from, states, model, interval);
             for ((to, sighting), list) in targets.zip(entries.iter_mut()) {
                 let Some(way) = ways.way(from, to, interval.spread) else { continue };
-                let placement = placements[number].counted_from(way.starts.unwrap_or(0.0));
-                let (error, log_across) = receiver.across(&placement, sighting);
+                let place = places[number].counted_from(way.starts.unwrap_or(0.0));
+                let (error, log_across) = receiver.across(&place, sighting);
                 let (position, inlier) = sighting.position(&receiver, log_across);
-                let (_, share) = sighting.within(&receiver.moved(&error, sighting));
-                let [metres, deviation] = match way.starts {
-                    Some(_) => receiver.metres(&error, sighting),
-                    None => [way.metres, interval.spread],
+                let share = sighting.share(&receiver.moved(&error, sighting));
+                let ahead = match way.starts {
+                    Some(_) => receiver.ahead(&error, sighting),
+                    None => Ahead::of(way.metres, interval.spread),
                 };
                 let mut fastest = matcher.speed(from).max(matcher.speed(to));
                 if way.u_turns > 0 {
                     // A U-turn begins at a stop.
                     fastest = fastest.min(ACCELERATION * interval.seconds);
                 }
-                let (distance, belonging) =
-                    (Distance { metres, deviation }, Belonging { inlier, share });
-                let (log, kind) = interval.weight(model, &way, fastest, distance, belonging);
+                let belonging = Belonging { inlier, share };
+                let (log, kind) = interval.weight(model, &way, fastest, &ahead, belonging);
                 if log > LEAST_WEIGHT {
-                    let log = stays + log + position;
-                    list.push(Entry { from: number, log, kind, inlier, starts: way.starts });
+                    let (log, starts) = (stays + log + position, way.starts);
+                    list.push(Entry { from: number, log, kind, inlier, starts, error });
                 }
             }
         }
         for (number, state) in states[..off_road].iter_mut().enumerate() {
             let log = |entry: &Entry| entry.log + before.log_filtered[entry.from];
             let most = entries[number].iter().map(log).fold(f64::NEG_INFINITY, f64::max);
-            let (mut mixture, mut inliers, mut sum) = (Mixture::default(), 0.0, 0.0);
+            let (mut mixture, mut inliers, mut sum) = (PlaceMixture::default(), 0.0, 0.0);
             let sighting = &sightings[number];
             for entry in &entries[number] {
                 let p = (log(entry) - most).exp();
                 if p < LEAST_SHARE || p.is_nan() {
                     continue;
                 }
-                let starts = entry.starts.unwrap_or(0.0);
-                let before = placements[entry.from].counted_from(starts);
-                let (error, _) = receiver.across(&before, sighting);
+                let Entry { from, inlier, starts, error, .. } = *entry;
                 let stood = match entry.kind {
                     Move::Along { stood, .. } => stood,
                     Move::OffRoad => 0.0,
                 };
-                let [still, moves] = [stood, 1.0 - stood].map(|share| p * entry.inlier * share);
-                let mut add = |weight: f64, placement: Placement| {
+                let [still, moves] = [stood, 1.0 - stood].map(|share| p * inlier * share);
+                let mut add = |weight: f64, place: Place| {
                     if weight > LEAST_SHARE * LEAST_SHARE {
-                        mixture.add(weight, &sighting.within(&placement).0);
+                        mixture.add(weight, &sighting.within(&place));
                     }
                 };
                 add(still, receiver.stood(&error, sighting));
                 add(moves, receiver.moved(&error, sighting));
-                let unseen = match entry.starts {
-                    Some(0.0) => before,
-                    _ => before.unseen(state.along, interval.spread),
+                let unseen = match starts {
+                    Some(0.0) => places[from],
+                    _ => places[from].unseen(state.along, interval.spread),
                 };
-                mixture.add(p * (1.0 - entry.inlier), &unseen);
-                inliers += p * entry.inlier;
+                mixture.add(p * (1.0 - inlier), &unseen);
+                inliers += p * inlier;
                 sum += p;
             }
-            state.placement = mixture.merged().unwrap_or_else(|| receiver.unknown());
+            state.place = mixture.merged().unwrap_or_else(|| receiver.unknown());
             state.inlier = if sum > 0.0 { inliers / sum } else { 0.0 };
         }
     }

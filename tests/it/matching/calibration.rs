@@ -50,7 +50,8 @@ fn of_the_right_noise() {
         (8.0, 20.0, 0.9, 0.08),
     ] {
         let habits = Habits { seconds, sigma, ..Habits::default() };
-        let model = MatchModel { noise: sigma, lasting: 0.7, lasts: 25.0, ..MatchModel::default() };
+        let (noise, poor) = (sigma, 0.01);
+        let model = MatchModel { noise, lasting: 0.7, lasts: 25.0, poor, ..MatchModel::default() };
         let matcher = Matcher::new(network.clone()).with_model(model).unwrap();
         let [live, late, smoothed] = calibration(&matcher, &drives(&network, &habits, 100));
         assert!(live.0 <= most, "{sigma}, {seconds}: {live:?}");
