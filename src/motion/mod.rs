@@ -5,6 +5,7 @@
 //! | places in a row (reference images), with steps of any length | [`RouteTransition`], with hidden [`Speeds`] and a [`RouteControl`] |
 //! | a road map, with the metres driven from place to place | [`DistanceTransition`], with an [`OdometryReading`] as its control; **not** for steps shorter than a road |
 //! | a road network, with the metres driven, for steps of any length | [`CellTransition`] on [`RoadCells`](crate::map::RoadCells), with a [`Travel`] from an [`Odometer`] |
+//! | the same by an odometer whose [`Wheels`] are of another size than it takes them for, or slip | [`WheelTransition`], with a [`WheelTravel`] from a [`WheelOdometer`] |
 //! | a vehicle that may leave the map, on any operator | [`OffMapTransition`] |
 //! | errors of odometry along a route | [`OdometryModel`] |
 //! | a floor of cells, with (dx, dy) from wheels, and a robot that may be carried | [`EvidenceTransition`](crate::transition::EvidenceTransition) in a [`RestartTransition`](crate::transition::RestartTransition): the chapter on [a lost robot](crate::guide::lost_robot) |
@@ -21,7 +22,10 @@ mod route;
 mod speeds;
 mod window;
 
-pub use cells::{CellTransition, EdgeTurns, Odometer, Travel, TurnWeights};
+pub use cells::{
+    CellTransition, EdgeTurns, Odometer, Travel, TurnWeights, WheelOdometer, WheelTransition,
+    WheelTravel, Wheels,
+};
 pub use distance::{DistanceTransition, OdometryReading};
 pub use odometry::OdometryModel;
 pub use off_map::OffMapTransition;

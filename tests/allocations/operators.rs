@@ -1,7 +1,11 @@
 //! Products of structured operators allocate nothing after the first.
 
 use wayfix::likelihood::{GroupedLikelihood, Groups, PooledLikelihood, SparseObservation};
-use wayfix::motion::{DistanceTransition, OdometryReading, OffMapTransition};
+use wayfix::map::{NetworkBuilder, PlanePosition, RoadCells, RoadClass};
+use wayfix::motion::{
+    CellTransition, DistanceTransition, OdometryReading, OffMapTransition, TurnWeights,
+    WheelTransition, Wheels,
+};
 use wayfix::transition::{
     DwellTransition, EvidenceTransition, KroneckerTransition, PowerTransition, RestartTransition,
     WindowTransition,
@@ -52,6 +56,7 @@ fn products_allocate_nothing_after_the_first() {
     };
     let measured = EvidenceTransition::new(route(), near).unwrap();
     check_with("evidence", &measured, &60.0);
+    check_wheels();
     let off = OffMapTransition::new(measured.clone(), 0.1, 0.1, Belief::uniform(20).unwrap());
     check_with("evidence off the map", &off.unwrap(), &60.0);
     check("power", &PowerTransition::new(lost(), 3));
@@ -115,4 +120,30 @@ fn products_allocate_nothing_after_the_first() {
         });
         assert_eq!(found, 0, "pooled");
     }
+}
+
+/// A step within a cell, and one in which scales change, which a filter takes.
+fn check_wheels() {
+    let mut builder = NetworkBuilder::new();
+    builder.node(1, PlanePosition { x: 0.0, y: 0.0 }).unwrap();
+    builder.node(2, PlanePosition { x: 30.0, y: 0.0 }).unwrap();
+    builder.both_ways(1, 2, RoadClass::Street).unwrap();
+    let cells = RoadCells::new(builder.build().unwrap(), 1.0).unwrap();
+    let motion = CellTransition::new(&cells, &TurnWeights::default()).unwrap();
+    let motion = WheelTransition::new(motion, Wheels::default()).unwrap();
+    let mut odometer = motion.odometer();
+    let controls = [0.1, 1.3, 2.0].map(|metres| odometer.add(metres, 1e-3).unwrap());
+    let start = motion.spread(&Belief::uniform(cells.states()).unwrap()).unwrap();
+    let sensor = LikelihoodVector::linear(cells.states());
+    let sensor = GroupedLikelihood::new(sensor, motion.cell_groups()).unwrap();
+    let hmm = Hmm::new(Prior::AtFirstObservation(start), motion, sensor).unwrap();
+    let mut filter = hmm.filter();
+    let seen = vec![0.5; cells.states()];
+    controls.iter().for_each(|control| _ = filter.step_with(control, &seen).unwrap());
+    let found = allocations(|| {
+        for k in 0..30 {
+            filter.step_with(&controls[k % 3], &seen).unwrap();
+        }
+    });
+    assert_eq!(found, 0, "wheels");
 }

@@ -4,9 +4,13 @@
 mod edge_turns;
 mod odometer;
 mod products;
+mod slips;
 mod travel;
 mod turns;
 mod walk;
+mod wheel_odometer;
+mod wheel_transition;
+mod wheels;
 
 use std::sync::Arc;
 
@@ -14,6 +18,9 @@ pub use edge_turns::EdgeTurns;
 pub use odometer::Odometer;
 pub use travel::Travel;
 pub use turns::TurnWeights;
+pub use wheel_odometer::{WheelOdometer, WheelTravel};
+pub use wheel_transition::WheelTransition;
+pub use wheels::Wheels;
 
 use crate::error::TransitionError;
 use crate::map::{Layout, RoadCells};
@@ -47,6 +54,9 @@ use turns::Turns;
 /// **Readings shorter than some ten cells go through an [`Odometer`]**, which keeps what does not
 /// make up a whole cell. Given directly, each of them adds up to a quarter of the square of a
 /// cell to the variance.
+///
+/// **Errors of readings are taken for independent**, and average out. Wheels that are 2% too large
+/// do not: where they are the odometer, take a [`WheelTransition`], which finds out their scale.
 ///
 /// # Control or evidence
 ///
@@ -179,7 +189,7 @@ impl CellTransition {
             return Err(TransitionError::Control(text));
         }
         let all = variance + metres * self.rounding;
-        Travel::measured(metres / self.mean_metres, all / self.mean_metres.powi(2))
+        Travel::measured(metres / self.mean_metres, all / self.mean_metres.powi(2), &[1.0])
     }
 
     /// Returns an odometer at 0, which makes controls of short readings.

@@ -2,11 +2,16 @@
 //! read, and so do their variances.
 
 use super::Travel;
+use super::slips::{Slips, rounded};
 use crate::error::TransitionError;
 
 /// Deviations by which a release must be above 0, so that a vehicle is not taken to have driven
 /// less than nothing.
 const DEVIATIONS: f64 = 3.0;
+/// Cells over which a vehicle that is anywhere in its cell keeps its place there. Chosen on simulated
+/// grids: with 1, a belief between rare fixes is far too wide; with 16, sets of 95% hold 94% where
+/// cells are as large as the range of a tag.
+const TOGETHER: f64 = 4.0;
 
 /// Odometer of a vehicle on cells: adds up readings of any size, and releases whole cells.
 ///
@@ -22,6 +27,11 @@ const DEVIATIONS: f64 = 3.0;
 /// Made by [`CellTransition::odometer`](super::CellTransition::odometer). If the deviation is more
 /// than a third of the cells to be released, as that of a bad odometer over one cell, they are
 /// kept longer.
+///
+/// **Cells are taken to be small** against what the variance adds up to between two looks at the map:
+/// the vehicle keeps its place in the cell, and one that was at its edge is in the next, unknown to
+/// the belief. On aisles of 2 m with cells of 1 m and noise of 3 cm in each metre, sets of 95% held the
+/// vehicle's cell in 80% of ticks. A [`WheelOdometer`](super::WheelOdometer) counts this in.
 ///
 /// **Backwards**: negative metres are subtracted, and exact as long as the vehicle returns the
 /// same way. One that reverses past a junction and takes another road there is not in this model.
@@ -50,12 +60,20 @@ pub struct Odometer {
     rounding: f64,
     ahead: f64,
     variance: f64,
+    /// Slips of wheels, if the vehicle is anywhere in its cell rather than in the middle.
+    slips: Option<Slips>,
     still: Travel,
 }
 
 impl Odometer {
     pub(super) fn new(cell: f64, rounding: f64) -> Self {
-        Self { cell, rounding, ahead: 0.0, variance: 0.0, still: Travel::still() }
+        Self { cell, rounding, ahead: 0.0, variance: 0.0, slips: None, still: Travel::still() }
+    }
+
+    /// Sets slips of wheels, and the metres ahead from which it starts. The vehicle is anywhere in
+    /// its cell.
+    pub(super) fn slipping(self, slips: Slips, ahead: f64) -> Self {
+        Self { slips: Some(slips), ahead, ..self }
     }
 
     /// Adds a reading in metres with the variance of its error, in square metres, and returns the
@@ -73,7 +91,15 @@ impl Odometer {
         let cells = (ahead / self.cell + 0.5).floor();
         let all = (variance + cells.max(0.0) * self.cell * self.rounding) / self.cell.powi(2);
         let travel = if cells >= 1.0 && cells >= DEVIATIONS * all.sqrt() {
-            let travel = Travel::measured(cells, all)?;
+            let travel = match &self.slips {
+                None => Travel::measured(cells, all, &[1.0])?,
+                Some(slips) => {
+                    let lost = slips.lost(cells * self.cell, self.cell);
+                    // The same whether cells are released together or one by one.
+                    let all = cells / TOGETHER * rounded(TOGETHER * all / cells);
+                    Travel::measured(cells, all, &lost)?
+                }
+            };
             (self.ahead, self.variance) = (ahead - cells * self.cell, 0.0);
             travel
         } else {
@@ -98,7 +124,12 @@ impl Odometer {
 
     /// Forgets what was not released, for a vehicle that was carried elsewhere.
     pub fn reset(&mut self) {
-        (self.ahead, self.variance) = (0.0, 0.0);
+        self.restart(0.0);
+    }
+
+    /// Forgets what was not released, and starts from so many metres ahead.
+    pub(super) fn restart(&mut self, ahead: f64) {
+        (self.ahead, self.variance) = (ahead, 0.0);
     }
 }
 

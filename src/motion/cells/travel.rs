@@ -69,9 +69,14 @@ impl Travel {
     }
 
     /// Creates a distance with this mean and variance, in cells: the variance at least that of
-    /// lying between two whole numbers. Both are at least 0 (or NaN).
+    /// lying between two whole numbers. Both are at least 0 (or NaN). From it, whole cells are lost
+    /// with the given probabilities.
     #[expect(clippy::cast_sign_loss, reason = "both were just compared with 0")]
-    pub(super) fn measured(mean: f64, variance: f64) -> Result<Self, TransitionError> {
+    pub(super) fn measured(
+        mean: f64,
+        variance: f64,
+        lost: &[f64],
+    ) -> Result<Self, TransitionError> {
         let deviation = variance.sqrt();
         if !(0.0..=MOST).contains(&mean) {
             return Err(too_far("the number of cells of a step", mean));
@@ -87,14 +92,17 @@ impl Travel {
         let (below, part) = (mean.floor() as usize, mean.fract());
         let side = skellam((variance - part * (1.0 - part)).max(0.0));
         let reach = side.len() - 1;
-        let first = below.saturating_sub(reach);
+        let first = below.saturating_sub(reach + lost.len() - 1);
         let mut weights = vec![0.0; below + reach + 2 - first];
-        for (share, centre) in [(1.0 - part, below), (part, below + 1)] {
-            for (off, p) in side.iter().enumerate() {
-                // A vehicle that has driven less than nothing stays.
-                weights[centre.saturating_sub(off).max(first) - first] += share * p;
-                if off > 0 {
-                    weights[centre + off - first] += share * p;
+        for (lost, chance) in lost.iter().enumerate() {
+            for (share, centre) in [(1.0 - part, below), (part, below + 1)] {
+                let share = chance * share;
+                for (off, p) in side.iter().enumerate() {
+                    // A vehicle that has driven less than nothing stays.
+                    weights[centre.saturating_sub(lost + off) - first] += share * p;
+                    if off > 0 {
+                        weights[(centre + off).saturating_sub(lost) - first] += share * p;
+                    }
                 }
             }
         }

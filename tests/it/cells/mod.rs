@@ -1,10 +1,12 @@
 //! Positions along roads: cells, their motion by metres, their sensors.
 
+mod calibration;
 mod definition;
 mod numbering;
 mod odometer;
 mod sensors;
 mod warehouse;
+mod wheels;
 
 use proptest::collection::vec;
 use proptest::prelude::*;
