@@ -147,19 +147,22 @@
 //! - **`canberra`**: the module `canberra`, the instance of the paper. Compiles in its places and roads,
 //!   which alone in the crate are under the Open Database License 1.0.
 //! - **`csv`** (default): `RoadMap::from_csv_files` and `RoadNetwork::from_csv_files` read maps and
-//!   road networks (with `places`), `emission::Series` columns of numbers (with `emission`).
+//!   road networks (with `places`), `matching::read_traces` drives (with `matching`),
+//!   `emission::Series` columns of numbers (with `emission`).
 //! - **`emission`**: the module `emission`, families of observations that are learned. Compiles faer.
 //! - **`faer`**: operators and tables from [faer](https://docs.rs/faer)
 //!   matrices, dense operators as faer views. Adds most to compile time.
-//! - **`geojson`**: `RoadNetwork::from_geojson_file` reads road networks, `to_geojson` writes them.
+//! - **`geojson`**: `RoadNetwork::from_geojson_file` reads road networks, `to_geojson` writes them;
+//!   `matching::read_traces` reads drives (with `matching`).
+//! - **`gpx`**: `matching::read_traces` reads drives from GPX files. Implies `matching`.
 //! - **`matching`**: the module `matching`, which places positions of vehicles on road networks.
 //! - **`osm`**: `RoadNetwork::from_osm_file` reads OpenStreetMap extracts (`.osm.pbf`).
 //! - **`places`** (default): all about vehicles that must know where they are, the modules [`map`],
 //!   [`motion`], [`observation`], [`recognition`] and [`evaluate`]. Half of the library; an HMM needs
-//!   none of it. `canberra`, `geojson`, `matching`, `osm` and `roads` imply it.
+//!   none of it. `canberra`, `geojson`, `gpx`, `matching`, `osm` and `roads` imply it.
 //! - **`rayon`**: many sequences, and the rows of large sparse matrices, in parallel, with
 //!   identical results.
-//! - **`roads`**: `csv`, `geojson`, `osm` and `matching`.
+//! - **`roads`**: `csv`, `geojson`, `gpx`, `osm` and `matching`.
 //! - **`serde`**: models and snapshots as JSON or in any other format of
 //!   [serde](https://serde.rs), exact to the bit; see the module `persistence`.
 //!
@@ -178,6 +181,7 @@ mod belief;
 #[cfg(any(
     all(feature = "csv", any(feature = "emission", feature = "places")),
     feature = "geojson",
+    feature = "gpx",
     feature = "osm"
 ))]
 mod files;

@@ -39,8 +39,8 @@ struct Arguments {
     /// (.osm.pbf).
     #[arg(long, value_name = "FILE|FOLDER", requires = "trace")]
     roads: Option<PathBuf>,
-    /// Drives: trace,time,longitude,latitude[,accuracy,heading,speed], in seconds, degrees, metres
-    /// and metres per second.
+    /// Drives: GPX, GeoJSON, or CSV with trace,time,longitude,latitude[,accuracy,heading,speed], in
+    /// seconds or dates with times (2024-05-01T12:00:00Z), degrees, metres and metres per second.
     #[arg(long, value_name = "FILE", requires = "roads")]
     trace: Option<PathBuf>,
     /// True routes: trace,order,from,to, with nodes as in the roads.

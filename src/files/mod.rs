@@ -10,6 +10,8 @@ pub(crate) use rows::{Text, each_row};
 
 use std::borrow::Cow;
 use std::fs::File;
+#[cfg(any(feature = "geojson", feature = "gpx"))]
+use std::io::Read;
 use std::path::Path;
 
 /// A file that cannot be read, or a line of it that is not valid. Modules make their own errors of
@@ -35,6 +37,19 @@ pub(crate) fn open(path: &Path) -> Result<(String, File), FileError> {
         Ok(reader) => Ok((file, reader)),
         Err(error) => Err(FileError::Read { file, reason: error.to_string() }),
     }
+}
+
+/// Reads all of a file that must be UTF-8, without the mark of its encoding.
+#[cfg(any(feature = "geojson", feature = "gpx"))]
+pub(crate) fn text_of(file: &str, mut reader: impl Read) -> Result<String, FileError> {
+    let mut text = String::new();
+    if let Err(error) = reader.read_to_string(&mut text) {
+        return Err(FileError::Read { file: file.to_owned(), reason: error.to_string() });
+    }
+    if text.starts_with('\u{feff}') {
+        text.drain(..'\u{feff}'.len_utf8());
+    }
+    Ok(text)
 }
 
 /// Most characters of a field that an error message quotes.

@@ -2,7 +2,7 @@
 //! counted from 1.
 
 use crate::error::{Parameter, TransitionError};
-#[cfg(any(feature = "csv", feature = "geojson", feature = "osm"))]
+#[cfg(any(feature = "csv", feature = "geojson", feature = "gpx", feature = "osm"))]
 use crate::files::FileError;
 
 /// Places and roads that do not form a map, turning probabilities or counts of traffic that do not
@@ -224,7 +224,7 @@ pub enum MapError {
     },
 }
 
-#[cfg(any(feature = "csv", feature = "geojson", feature = "osm"))]
+#[cfg(any(feature = "csv", feature = "geojson", feature = "gpx", feature = "osm"))]
 impl From<FileError> for MapError {
     fn from(source: FileError) -> Self {
         match source {

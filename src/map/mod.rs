@@ -53,10 +53,10 @@ pub(crate) use cells::Layout;
 pub use cells::RoadCells;
 pub use class::RoadClass;
 pub use error::MapError;
-#[cfg(all(feature = "geojson", feature = "matching"))]
-pub(crate) use import::line_string;
 #[cfg(any(feature = "csv", feature = "geojson", feature = "osm"))]
 pub use import::{ImportNote, ImportOptions, ImportReport};
+#[cfg(all(feature = "geojson", feature = "matching"))]
+pub(crate) use import::{line_string, parse_geojson};
 #[cfg(feature = "matching")]
 pub use network::EdgeIndex;
 #[cfg(any(feature = "csv", feature = "geojson", feature = "osm"))]

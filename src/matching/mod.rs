@@ -78,7 +78,7 @@ mod answer;
 mod candidates;
 mod drive;
 mod error;
-#[cfg(feature = "csv")]
+#[cfg(any(feature = "csv", feature = "geojson", feature = "gpx"))]
 mod files;
 #[cfg(feature = "geojson")]
 mod geojson;
@@ -102,7 +102,7 @@ mod writer;
 pub use answer::{RoadAnswer, Stretch, Stretches};
 pub use drive::MatchedDrive;
 pub use error::MatchError;
-#[cfg(feature = "csv")]
+#[cfg(any(feature = "csv", feature = "geojson", feature = "gpx"))]
 pub use files::{Trace, TraceReport, read_traces, read_traces_from};
 pub use learn::LearnedMatchModel;
 pub use matcher::Matcher;

@@ -12,7 +12,7 @@ use super::options::ImportOptions;
 use super::report::{ImportNote, ImportReport};
 use super::tags::{RoadTags, road_of};
 use super::words::{class_of, directions, speed_of};
-use crate::files::{excerpt, open, shortened};
+use crate::files::{excerpt, open, shortened, text_of};
 use crate::map::{LONGEST_ROAD, MapError, NetworkBuilder, Position, RoadNetwork};
 
 /// Most characters of what the parser says, which quotes the text.
@@ -74,22 +74,10 @@ impl RoadNetwork {
 
 fn read(
     file: &str,
-    mut reader: impl Read,
+    reader: impl Read,
     options: &ImportOptions,
 ) -> Result<(RoadNetwork, ImportReport), MapError> {
-    let mut text = String::new();
-    if let Err(error) = reader.read_to_string(&mut text) {
-        return Err(MapError::Read { file: file.to_owned(), reason: error.to_string() });
-    }
-    let at = |line, problem| MapError::Line { file: file.to_owned(), line, problem };
-    let parsed: GeoJson = text.parse().map_err(|error: Error| match &error {
-        Error::MalformedGeoJson(json) => {
-            let problem = shortened(&json.to_string(), LONGEST_PROBLEM).into_owned();
-            at(json.line().max(1) as u64, problem)
-        }
-        _ => at(1, shortened(&error.to_string(), LONGEST_PROBLEM).into_owned()),
-    })?;
-    drop(text);
+    let parsed = parse_geojson(file, reader)?;
     let mut roads = Roads {
         lines: Lines { numbered: true, ..Lines::default() },
         keys: HashMap::new(),
@@ -121,6 +109,18 @@ fn read(
     let mut builder = NetworkBuilder::new();
     lines.split(&mut builder, &mut report)?;
     finish(builder, report, options)
+}
+
+/// Parses a file, with the line of what is no GeoJSON in errors.
+pub(crate) fn parse_geojson(file: &str, reader: impl Read) -> Result<GeoJson, MapError> {
+    let at = |line, problem| MapError::Line { file: file.to_owned(), line, problem };
+    text_of(file, reader)?.parse().map_err(|error: Error| match &error {
+        Error::MalformedGeoJson(json) => {
+            let problem = shortened(&json.to_string(), LONGEST_PROBLEM).into_owned();
+            at(json.line().max(1) as u64, problem)
+        }
+        _ => at(1, shortened(&error.to_string(), LONGEST_PROBLEM).into_owned()),
+    })
 }
 
 /// Lines of a file.

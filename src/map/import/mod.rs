@@ -18,6 +18,8 @@ mod words;
 #[cfg(feature = "geojson")]
 mod write;
 
+#[cfg(all(feature = "geojson", feature = "matching"))]
+pub(crate) use geojson::parse_geojson;
 pub use options::ImportOptions;
 pub use report::{ImportNote, ImportReport};
 #[cfg(all(feature = "geojson", feature = "matching"))]

@@ -55,6 +55,32 @@ fn descending_times_are_an_error() {
 }
 
 #[test]
+fn times_may_be_dates() {
+    let times = [
+        "2024-05-01T12:00:00Z",
+        "2024-05-01 12:00:01",
+        "2024-05-01T14:00:01.5+02:00",
+        "1714564802",
+        "2024-05-01T07:00:03-0500",
+    ];
+    let lines = times.map(|time| format!("A,{time},149,-35\n"));
+    let text = format!("{HEADER}\n{}", lines.concat());
+    let (traces, report) = read_traces_from("drives", text.as_bytes()).unwrap();
+    let seconds: Vec<f64> = traces[0].points.iter().map(|p| p.time - 1_714_564_800.0).collect();
+    assert_eq!(seconds, [0.0, 1.0, 1.5, 2.0, 3.0]);
+    assert_eq!(report, Default::default());
+    for time in ["2024-05-32T12:00:00Z", "2024-05-01", "12:00", ""] {
+        assert_eq!(
+            problem(&format!("{HEADER}\nA,0,149,-35\nA,{time},149,-35\n")),
+            format!(
+                "drives, line 3: time is {time:?}, expected seconds, or a date and time as \
+                 2024-05-01T12:00:00Z"
+            )
+        );
+    }
+}
+
+#[test]
 fn columns_that_are_not_known_are_named() {
     let text = "acuracy,trace,time,longitude,latitude,time,heading\n5,A,0,149,-35,x,-90\n";
     let (traces, report) = read_traces_from("drives", text.as_bytes()).unwrap();
@@ -92,11 +118,15 @@ fn errors_name_the_line_in_few_words() {
     assert!(problem(&format!("{long},time\n")).starts_with("drives, line 1: the header \"xxx"));
     assert_eq!(
         problem(&format!("{HEADER}\nA,0,149,-35\nA,{long},149,-35\n")),
-        format!("drives, line 3: time is \"{}…\", expected a number", &long[..60])
+        format!(
+            "drives, line 3: time is \"{}…\", expected seconds, or a date and time as \
+             2024-05-01T12:00:00Z",
+            &long[..60]
+        )
     );
     assert!(
         problem(&format!("{HEADER}\n{long},0,149,-35\nB,0,149,-35\n{long},1,149,-35\n"))
-            .starts_with("drives, line 4: lines of drive \"xxx")
+            .starts_with("drives, line 4: points of drive \"xxx")
     );
     assert_eq!(
         problem(&format!("{HEADER}\nA,0,-35,149\n")),

@@ -6,6 +6,8 @@ mod city;
 mod drives;
 #[cfg(feature = "csv")]
 mod files;
+#[cfg(all(feature = "geojson", feature = "gpx"))]
+mod formats;
 mod garbage;
 mod hostile;
 mod index;
