@@ -2,7 +2,7 @@
 
 use wayfix::map::{Cleaning, ImportNote, ImportOptions, MapError, Position, RoadNetwork};
 
-use super::pbf::{Extract, header};
+use super::pbf::{Extract, blob, header, stored};
 use super::{Read, csv, geojson, osm};
 
 const NODES: &str = "node,lat,lon\n1,-35.28,149.12\n2,-35.28,149.13\n";
@@ -176,6 +176,53 @@ fn blocks_that_claim_more_than_there_is() {
     }
 }
 
+/// Nothing that a block holds leads to a panic, or to a network of numbers that wrapped around.
+#[test]
+fn blocks_with_wrong_contents() {
+    let data = |field: u64, data: &[u8]| {
+        let bytes = [header(&["OsmSchema-V0.6"]), blob("OSMData", field, data)].concat();
+        let error = osm(&bytes).unwrap_err().to_string();
+        error.split_once(": ").unwrap().1.to_owned()
+    };
+    // The largest number, which is −2^63 as a signed one.
+    let most = [255, 255, 255, 255, 255, 255, 255, 255, 255, 1];
+    let string = [&[10, 9, 10, 7][..], b"highway"].concat();
+    let group = |element: u8, message: &[u8]| {
+        let length = |more: usize| u8::try_from(message.len() + more).unwrap();
+        [&[18, length(2), element, length(0)][..], message].concat()
+    };
+    let way = |message: &[u8]| data(1, &[&string[..], &group(26, message)].concat());
+    let tags = [&[10, 19, 10, 4][..], b"type", &[10, 11], b"restriction"].concat();
+    let relation = group(34, &[18, 1, 0, 26, 1, 1, 66, 1, 0]);
+    let members = data(1, &[tags, relation].concat());
+    let dense = group(18, &[10, 2, 2, 2, 66, 1, 0, 74, 2, 0, 0]);
+    let ids = [&[10, 11][..], &most, &[1, 66, 2, 0, 0, 74, 2, 0, 0]].concat();
+    let (ids, latitude) = (group(18, &ids), [&[64][..], &most].concat());
+    for (found, expected) in [
+        (data(1, &[8]), "a number without its end"),
+        (data(1, &[18, 5, 1]), "a field of 5 bytes, of which 1 are left"),
+        (data(1, &[10, 2, 8, 1]), "a number, expected bytes"),
+        (data(1, &[16, 1]), "a number, expected bytes"),
+        (data(1, &[11]), "a field of a kind that is not known"),
+        (data(2, &[]), "no data, expected them plain or compressed by zlib"),
+        (
+            data(7, &[1]),
+            "data compressed in another way, expected them plain or compressed by zlib",
+        ),
+        (data(3, &[1, 2, 3]), "compressed data that are damaged"),
+        (data(3, &stored(&[18, 5, 1])), "a field of 5 bytes, of which 1 are left"),
+        (way(&[18, 1, 0, 26, 1, 5]), "string 5, of 1"),
+        (way(&[18, 1, 0]), "1 keys of tags and 0 values, expected one each"),
+        (members, "1 roles of members, 0 ids and 0 kinds, expected one each"),
+        (data(1, &dense), "2 nodes with 1 latitudes and 2 longitudes, expected one each"),
+        // The sum of two ids, and the product of a coordinate and its unit.
+        (data(1, &ids), "numbers out of their range"),
+        (data(1, &group(10, &latitude)), "numbers out of their range"),
+    ] {
+        assert_eq!(found, expected);
+    }
+}
+
 fn extract() -> Extract<'static> {
     let nodes = vec![(1, 470_000_000, 95_000_000), (2, 470_000_000, 95_010_000)];
     let ways = vec![(1, &[1, 2][..], &[("highway", "primary")][..])];
@@ -207,14 +254,15 @@ fn a_truncated_extract_is_an_error_at_every_byte() {
 
 #[test]
 fn damaged_extracts_are_errors_or_networks() {
-    // Numbers out of their range panic in the reader of blocks, which must not come through.
-    let bytes = extract().bytes();
-    for place in 0..bytes.len() {
-        for bit in 0..8 {
-            let mut bytes = bytes.clone();
-            bytes[place] ^= 1 << bit;
-            if let Ok((network, _)) = osm(&bytes) {
-                assert!(network.edges().iter().all(|edge| edge.metres > 0.0));
+    for zlib in [false, true] {
+        let bytes = Extract { zlib, ..extract() }.bytes();
+        for place in 0..bytes.len() {
+            for bit in 0..8 {
+                let mut bytes = bytes.clone();
+                bytes[place] ^= 1 << bit;
+                if let Ok((network, _)) = osm(&bytes) {
+                    assert!(network.edges().iter().all(|edge| edge.metres > 0.0));
+                }
             }
         }
     }
@@ -222,7 +270,7 @@ fn damaged_extracts_are_errors_or_networks() {
     extract.relations =
         vec![(&[("type", "restriction"), ("restriction", "no_u_turn")], vec![("via", 9, 1)])];
     let error = osm(&extract.bytes()).unwrap_err().to_string();
-    assert!(error.ends_with("numbers out of their range"), "{error}");
+    assert!(error.ends_with("a member of kind 9, expected 0 to 2"), "{error}");
 }
 
 #[test]

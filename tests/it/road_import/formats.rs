@@ -64,6 +64,8 @@ fn all_formats_give_the_same_network() {
     assert_eq!(edges(osm(&extract.bytes())), expected);
     extract.plain_nodes = true;
     assert_eq!(edges(osm(&extract.bytes())), expected);
+    extract.zlib = true;
+    assert_eq!(edges(osm(&extract.bytes())), expected);
     assert_eq!(edges(geojson(FEATURES)), expected);
     assert_eq!(geojson(FEATURES).unwrap().1.count(ImportNote::OtherGeometry), 1);
     let names = csv(NODES, EDGES).unwrap().0.to_map().unwrap();

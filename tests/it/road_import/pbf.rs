@@ -15,17 +15,30 @@ pub(crate) struct Extract<'a> {
     pub(crate) relations: Vec<(Tags<'a>, Vec<Member<'a>>)>,
     /// True to write nodes one by one instead of densely.
     pub(crate) plain_nodes: bool,
+    /// True to write the data of blocks as zlib does what it cannot compress.
+    pub(crate) zlib: bool,
 }
 
 impl Extract<'_> {
     pub(crate) fn bytes(&self) -> Vec<u8> {
         let mut out = header(&["OsmSchema-V0.6", "DenseNodes"]);
-        out.extend(block(|group, _| self.write_nodes(group)));
-        out.extend(block(|group, strings| self.write_ways(group, strings)));
+        out.extend(self.block(|group, _| self.write_nodes(group)));
+        out.extend(self.block(|group, strings| self.write_ways(group, strings)));
         if !self.relations.is_empty() {
-            out.extend(block(|group, strings| self.write_relations(group, strings)));
+            out.extend(self.block(|group, strings| self.write_relations(group, strings)));
         }
         out
+    }
+
+    fn block(&self, write: impl FnOnce(&mut Vec<u8>, &mut Vec<String>)) -> Vec<u8> {
+        let (mut group, mut strings) = (Vec::new(), vec![String::new()]);
+        write(&mut group, &mut strings);
+        let mut table = Vec::new();
+        strings.iter().for_each(|text| bytes(&mut table, 1, text.as_bytes()));
+        let mut block = Vec::new();
+        bytes(&mut block, 1, &table);
+        bytes(&mut block, 2, &group);
+        if self.zlib { blob("OSMData", 3, &stored(&block)) } else { blob("OSMData", 1, &block) }
     }
 
     fn write_nodes(&self, group: &mut Vec<u8>) {
@@ -69,26 +82,28 @@ impl Extract<'_> {
     }
 }
 
-fn block(write: impl FnOnce(&mut Vec<u8>, &mut Vec<String>)) -> Vec<u8> {
-    let (mut group, mut strings) = (Vec::new(), vec![String::new()]);
-    write(&mut group, &mut strings);
-    let mut table = Vec::new();
-    strings.iter().for_each(|text| bytes(&mut table, 1, text.as_bytes()));
-    let mut block = Vec::new();
-    bytes(&mut block, 1, &table);
-    bytes(&mut block, 2, &group);
-    blob("OSMData", &block)
-}
-
 pub(crate) fn header(needed: &[&str]) -> Vec<u8> {
     let mut block = Vec::new();
     needed.iter().for_each(|feature| bytes(&mut block, 4, feature.as_bytes()));
-    blob("OSMHeader", &block)
+    blob("OSMHeader", 1, &block)
 }
 
-fn blob(kind: &str, data: &[u8]) -> Vec<u8> {
+/// Data in the format of zlib, in one block that is not compressed.
+pub(crate) fn stored(data: &[u8]) -> Vec<u8> {
+    let length = u16::try_from(data.len()).unwrap();
+    let [mut a, mut b] = [1, 0];
+    for &byte in data {
+        a = (a + u32::from(byte)) % 65_521;
+        b = (a + b) % 65_521;
+    }
+    let (sum, lengths) = (b << 16 | a, [length.to_le_bytes(), (!length).to_le_bytes()].concat());
+    [&[0x78, 1, 1][..], &lengths, data, &sum.to_be_bytes()].concat()
+}
+
+/// A block with its data in a field: 1 as they are, 3 compressed by zlib, others by other means.
+pub(crate) fn blob(kind: &str, field: u64, data: &[u8]) -> Vec<u8> {
     let (mut blob, mut head) = (Vec::new(), Vec::new());
-    bytes(&mut blob, 1, data);
+    bytes(&mut blob, field, data);
     bytes(&mut head, 1, kind.as_bytes());
     varint(&mut head, 3 << 3);
     varint(&mut head, blob.len() as u64);

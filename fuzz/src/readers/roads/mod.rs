@@ -175,6 +175,7 @@ fn extract(draw: &mut Draw<'_>, counts: &mut Counts) {
             vec![("from", 1, 0), ("via", draw.pick(&[0, 0, 0, 1, 2]), 1), ("to", 1, 1)],
         )],
         plain_nodes: draw.one_in(3),
+        zlib: draw.one_in(3),
     };
     let file = damaged(draw, &file.bytes());
     counts.note(|| format!("extract: {file:?}"));

@@ -1,15 +1,16 @@
 //! Networks from OpenStreetMap extracts.
 
 mod blocks;
+mod elements;
 mod restrictions;
+mod wire;
 
 use std::collections::HashMap;
 use std::io::{BufReader, Read, Seek};
 use std::path::Path;
 
-use osmpbf::{PrimitiveBlock, RelMemberType, Way};
-
 use self::blocks::Blocks;
+use self::elements::{Block, Element, Member, Relation, Way};
 use self::restrictions::Restriction;
 use super::finish::{finish, position_problem};
 use super::lines::Lines;
@@ -40,7 +41,7 @@ impl RoadNetwork {
     /// is counted in the report.
     ///
     /// The file is read twice, so that memory grows with the roads alone. A block is decoded as a
-    /// whole: up to 32 MB that may be compressed to a few kilobytes, and a hundred times as much in
+    /// whole: up to 32 MB that may be compressed to a few kilobytes, and some twenty times as much in
     /// memory in a file made to harm. O(bytes + edges log).
     ///
     /// # Errors
@@ -64,7 +65,7 @@ impl RoadNetwork {
     ///
     /// As [`from_osm_file`](Self::from_osm_file).
     pub fn from_osm(
-        reader: impl Read + Seek + Send,
+        reader: impl Read + Seek,
         options: &ImportOptions,
     ) -> Result<(Self, ImportReport), MapError> {
         read("extract", reader, options)
@@ -73,12 +74,12 @@ impl RoadNetwork {
 
 fn read(
     file: &str,
-    reader: impl Read + Seek + Send,
+    reader: impl Read + Seek,
     options: &ImportOptions,
 ) -> Result<(RoadNetwork, ImportReport), MapError> {
     let mut report = ImportReport::default();
     let mut roads = Roads::default();
-    let mut blocks = Blocks::new(file, reader)?;
+    let mut blocks = Blocks::new(file, reader);
     let with_nodes = blocks.each(|block| roads.take(block, options, &mut report))?;
     blocks.each_of(&with_nodes, |block| roads.locate(block))?;
 
@@ -102,63 +103,77 @@ impl Roads {
     /// Takes the roads and turn restrictions of a block. Returns true if it has nodes.
     fn take(
         &mut self,
-        block: &PrimitiveBlock,
+        block: &Block<'_>,
         options: &ImportOptions,
         report: &mut ImportReport,
     ) -> Result<bool, String> {
-        let mut nodes = false;
-        for group in block.groups() {
-            nodes |= group.nodes().next().is_some() || group.dense_nodes().next().is_some();
-            for way in group.ways() {
-                if let Err(note) = self.take_way(&way, options, report) {
-                    report.note(note);
+        let mut has_nodes = false;
+        block.each_element(|element| {
+            let taken = match element {
+                Element::Node(_) | Element::Nodes(_) => {
+                    has_nodes = true;
+                    Ok(())
                 }
+                Element::Way(message) => {
+                    self.take_way(block, &Way::parse(message)?, options, report)?
+                }
+                Element::Relation(message) => {
+                    self.take_relation(block, &Relation::parse(message)?)?
+                }
+            };
+            if let Err(note) = taken {
+                report.note(note);
             }
-            for relation in group.relations() {
-                let tags: HashMap<&str, &str> = relation.tags().collect();
-                if tags.get("type") != Some(&"restriction") {
-                    continue;
-                }
-                let mut members = Vec::new();
-                for member in relation.members() {
-                    let role = member.role().map_err(|error| error.to_string())?;
-                    let node = match member.member_type {
-                        RelMemberType::Node => true,
-                        RelMemberType::Way => false,
-                        RelMemberType::Relation => continue,
-                    };
-                    members.push((role, node, member.member_id));
-                }
-                match Restriction::of(&tags, &members) {
-                    Ok(restriction) => self.restrictions.push(restriction),
-                    Err(note) => report.note(note),
-                }
-            }
-        }
-        Ok(nodes)
+            Ok(())
+        })?;
+        Ok(has_nodes)
     }
 
+    /// Takes a way if it is a road, or returns the reason why it is skipped.
     fn take_way(
         &mut self,
-        way: &Way<'_>,
+        block: &Block<'_>,
+        way: &Way,
         options: &ImportOptions,
         report: &mut ImportReport,
-    ) -> Result<(), ImportNote> {
-        if !way.tags().any(|(key, _)| key == "highway") {
-            return Ok(());
+    ) -> Result<Result<(), ImportNote>, String> {
+        // Most ways are none for vehicles.
+        if !block.has_key(&way.tags, "highway") {
+            return Ok(Ok(()));
         }
-        let tag = |name: &str| way.tags().find(|(key, _)| *key == name).map(|(_, value)| value);
-        let road = road_of(tag, options, report)?;
-        let points = way.refs().map(i64::cast_unsigned).collect();
-        if !self.lines.add(points, road, None) {
-            return Err(ImportNote::NoLine);
+        let tags = block.tags(&way.tags)?;
+        let tag = |name: &str| tags.iter().find(|(key, _)| *key == name).map(|(_, value)| *value);
+        let road = match road_of(tag, options, report) {
+            Ok(road) => road,
+            Err(note) => return Ok(Err(note)),
+        };
+        let points = way.nodes().map(|id| id.map(i64::cast_unsigned));
+        if !self.lines.add(points.collect::<Result<_, _>>()?, road, None) {
+            return Ok(Err(ImportNote::NoLine));
         }
-        self.ways.push(way.id());
-        Ok(())
+        self.ways.push(way.id);
+        Ok(Ok(()))
+    }
+
+    /// Takes a relation if it is a turn restriction, or returns the reason why it is not used.
+    fn take_relation(
+        &mut self,
+        block: &Block<'_>,
+        relation: &Relation,
+    ) -> Result<Result<(), ImportNote>, String> {
+        let tags: HashMap<&str, &str> = block.tags(&relation.tags)?.into_iter().collect();
+        if tags.get("type") != Some(&"restriction") {
+            return Ok(Ok(()));
+        }
+        let members = block.members(relation)?.into_iter();
+        let members = members.filter(|member| member.1 != Member::Relation);
+        let members = members.map(|(role, kind, id)| (role, kind == Member::Node, id));
+        let restriction = Restriction::of(&tags, &members.collect::<Vec<_>>());
+        Ok(restriction.map(|restriction| self.restrictions.push(restriction)))
     }
 
     /// Takes the positions of nodes that roads use.
-    fn locate(&mut self, block: &PrimitiveBlock) -> Result<(), String> {
+    fn locate(&mut self, block: &Block<'_>) -> Result<(), String> {
         let mut place = |id: i64, nanodegrees: [i64; 2]| {
             let Some(point) = self.lines.points.get_mut(&id.cast_unsigned()) else { return Ok(()) };
             // Divided so, a position is the number that its decimals mean.
@@ -170,14 +185,10 @@ impl Roads {
             point.position = Some(position);
             Ok(())
         };
-        for group in block.groups() {
-            for node in group.nodes() {
-                place(node.id(), [node.nano_lat(), node.nano_lon()])?;
-            }
-            for node in group.dense_nodes() {
-                place(node.id(), [node.nano_lat(), node.nano_lon()])?;
-            }
-        }
-        Ok(())
+        block.each_element(|element| match element {
+            Element::Node(message) => block.node(message, &mut place),
+            Element::Nodes(message) => block.nodes(message, &mut place),
+            Element::Way(_) | Element::Relation(_) => Ok(()),
+        })
     }
 }
