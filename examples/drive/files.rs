@@ -7,7 +7,7 @@ use std::path::Path;
 use serde_json::json;
 use wayfix::matching::{AnswerWriter, MatchedDrive, Matcher};
 
-use super::roads::picture::probabilities;
+use super::roads::certainty::probabilities;
 use super::roads::{cannot_write, line_between};
 
 /// Lines of a drive for each file, without headers.

@@ -1,6 +1,7 @@
 //! Code that both examples on road networks share: a made-up city, simulated drives, measures and
 //! pictures.
 
+pub(crate) mod certainty;
 pub(crate) mod measures;
 pub(crate) mod picture;
 pub(crate) mod simulate;

@@ -2,6 +2,7 @@
 
 #![expect(clippy::cast_sign_loss, reason = "pixels are small numbers above 0")]
 
+use std::collections::HashMap;
 use std::error::Error;
 use std::path::Path;
 
@@ -12,6 +13,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use wayfix::map::{Position, RoadClass, RoadNetwork};
 use wayfix::matching::{MatchedDrive, Stretch};
 
+use super::certainty::probabilities;
 use super::line_between;
 
 pub(crate) type Drawn = Result<(), Box<dyn Error>>;
@@ -54,6 +56,11 @@ fn font(size: i32, horizontal: HPos) -> TextStyle<'static> {
 
 const DEGREE: f64 = 111_195.0;
 
+/// The same longitude within 180° of another, so that a picture may cross the antimeridian.
+fn turned(longitude: f64, near: f64) -> f64 {
+    longitude + 360.0 * ((near - longitude) / 360.0).round()
+}
+
 impl<'a> Canvas<'a> {
     /// Creates a picture in which all positions are, with at least so many metres around them.
     pub(crate) fn new(
@@ -63,8 +70,10 @@ impl<'a> Canvas<'a> {
         around: f64,
     ) -> Result<Self, Box<dyn Error>> {
         let [mut low, mut high] = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
+        let mut first = None;
         for Position { latitude, longitude } in positions {
-            for (axis, value) in [longitude, latitude].into_iter().enumerate() {
+            let near = *first.get_or_insert(longitude);
+            for (axis, value) in [turned(longitude, near), latitude].into_iter().enumerate() {
                 low[axis] = low[axis].min(value);
                 high[axis] = high[axis].max(value);
             }
@@ -89,7 +98,8 @@ impl<'a> Canvas<'a> {
     }
 
     fn pixel(&self, Position { latitude, longitude }: Position) -> Pixel {
-        let east = (longitude - self.corner.longitude) * DEGREE * self.cosine;
+        let middle = self.corner.longitude + 0.5 * self.size[0] / self.scale / self.cosine / DEGREE;
+        let east = (turned(longitude, middle) - self.corner.longitude) * DEGREE * self.cosine;
         let south = (self.corner.latitude - latitude) * DEGREE;
         let [x, y] = [self.offset[0] + self.scale * east, self.offset[1] + self.scale * south];
         (x.round() as i32, y.round() as i32)
@@ -151,6 +161,30 @@ impl<'a> Canvas<'a> {
         Ok(x)
     }
 
+    /// Draws positions, of many only those that are apart. Returns how many.
+    fn points(
+        &self,
+        positions: impl ExactSizeIterator<Item = Position>,
+    ) -> Result<usize, Box<dyn Error>> {
+        let is_thinned = positions.len() > MOST_POINTS;
+        let mut drawn = HashMap::<Pixel, Vec<Pixel>>::new();
+        let (mut count, mut last) = (0, None);
+        for (x, y) in positions.map(|position| self.pixel(position)) {
+            let (column, row) = (x.div_euclid(APART), y.div_euclid(APART));
+            let squares = (-1..=1).flat_map(|i| [-1, 0, 1].map(|j| (column + i, row + j)));
+            let mut around = squares.filter_map(|square| drawn.get(&square)).flatten();
+            let within = |(u, v): Pixel, most: i32| (x - u).pow(2) + (y - v).pow(2) < most * most;
+            let near = last.is_some_and(|last| within(last, ONWARD))
+                || around.any(|&other| within(other, APART));
+            if !is_thinned || !near {
+                drawn.entry((column, row)).or_default().push((x, y));
+                self.point((x, y))?;
+                (count, last) = (count + 1, Some((x, y)));
+            }
+        }
+        Ok(count)
+    }
+
     fn point(&self, at: Pixel) -> Drawn {
         self.area.draw(&Circle::new(at, 5, WHITE.filled()))?;
         Ok(self.area.draw(&Circle::new(at, 3, BLACK.filled()))?)
@@ -175,62 +209,10 @@ impl<'a> Canvas<'a> {
     }
 }
 
-/// Metres along a route within which roads count as the same place of it: near a junction, a point
-/// may be on either side.
-const NEAR: f64 = 150.0;
-
-/// Probability of each part of the route: that the vehicle was on the route thereabouts at the
-/// points on it, by the smoothed answers; parts between points have the lower of those beside
-/// them.
-pub(crate) fn probabilities(drive: &MatchedDrive) -> Vec<f64> {
-    let route = drive.route();
-    let mut sums = vec![(0.0, 0_usize); route.len()];
-    let mut at = 0;
-    for point in 0..drive.points().len() {
-        let answer = drive.smoothed(point);
-        if let Some(ahead) = route[at..].iter().position(|stretch| stretch.edge == answer.edge) {
-            // An answer beside the route may be on it much later.
-            let metres: f64 = route[at..at + ahead].iter().map(Stretch::metres).sum();
-            if metres < 3000.0 {
-                at += ahead;
-                sums[at].0 += match answer.edge {
-                    Some(_) => {
-                        let near = near(route, at);
-                        let on_route = |edge| near.iter().any(|s| s.edge == Some(edge));
-                        let edges = drive.edges(point);
-                        edges.iter().filter(|e| on_route(e.0)).map(|e| e.1).sum::<f64>().min(1.0)
-                    }
-                    None => answer.probability,
-                };
-                sums[at].1 += 1;
-            }
-        }
-    }
-    let known = |&(sum, count): &(f64, usize)| (count > 0).then(|| sum / count as f64);
-    let known: Vec<Option<f64>> = sums.iter().map(known).collect();
-    let near = |number: usize| {
-        let before = known[..number].iter().rev().find_map(|p| *p);
-        let after = known[number..].iter().find_map(|p| *p);
-        before.unwrap_or(1.0).min(after.unwrap_or(1.0))
-    };
-    (0..route.len()).map(|number| known[number].unwrap_or_else(|| near(number))).collect()
-}
-
-/// Parts of a route near one of them.
-fn near(route: &[Stretch], at: usize) -> &[Stretch] {
-    let within = |parts: &mut dyn Iterator<Item = &Stretch>| {
-        let mut metres = 0.0;
-        let is_near = |part: &&Stretch| {
-            let near = metres < NEAR;
-            metres += part.metres();
-            near
-        };
-        parts.take_while(is_near).count()
-    };
-    let before = within(&mut route[..at].iter().rev());
-    let after = within(&mut route[at + 1..].iter());
-    &route[at - before..=at + after]
-}
+/// Most points that are all drawn; and of more, pixels from one to the next, and between any two.
+const MOST_POINTS: usize = 100;
+const ONWARD: i32 = 40;
+const APART: i32 = 14;
 
 /// Draws a drive: roads, points, and the route by its probability.
 pub(crate) fn draw_drive(
@@ -247,10 +229,13 @@ pub(crate) fn draw_drive(
         RoadClass::Collector => GREY.stroke_width(3),
         RoadClass::Arterial | RoadClass::Main => GREY.stroke_width(5),
     })?;
-    for (stretch, probability) in drive.route().iter().zip(probabilities(drive)) {
+    let mut route: Vec<(&Stretch, f64)> = drive.route().iter().zip(probabilities(drive)).collect();
+    // The least certain on top, where a drive takes a road twice.
+    route.sort_by(|a, b| b.1.total_cmp(&a.1));
+    for (stretch, probability) in route {
         let Some(edge) = stretch.edge else {
             if let Some(pixels) = canvas.visible(&stretch.ends) {
-                let style = OFF_ROAD.stroke_width(3);
+                let style = OFF_ROAD.stroke_width(5);
                 canvas.area.draw(&DashedPathElement::new(pixels, 8, 6, style))?;
             }
             continue;
@@ -259,9 +244,7 @@ pub(crate) fn draw_drive(
         let style = level.map_or(BLACK.into(), |level| level.2.stroke_width(level.3));
         canvas.line(&line_between(network, edge, stretch.enter, stretch.exit), style)?;
     }
-    for point in drive.points() {
-        canvas.point(canvas.pixel(point.position))?;
-    }
+    let count = canvas.points(drive.points().iter().map(|point| point.position))?;
     let route = drive.route();
     let ends = route.first().zip(route.last()).into_iter().flat_map(|(first, last)| {
         let near = 2.min(route.len() - 1);
@@ -280,12 +263,15 @@ pub(crate) fn draw_drive(
     let mut entries: Vec<(&str, ShapeStyle)> =
         CERTAINTY.iter().map(|level| (level.1, level.2.stroke_width(level.3))).collect();
     if drive.route().iter().any(|stretch| stretch.edge.is_none()) {
-        entries.push(("off the road", OFF_ROAD.stroke_width(3)));
+        entries.push(("off the road", OFF_ROAD.stroke_width(5)));
     }
     entries.push(("roads", GREY.stroke_width(5)));
     let end = canvas.legend(&entries)?;
     canvas.point((end + 10, 54))?;
-    let text = Text::new("GPS points", (end + 22, 54), font(17, HPos::Left));
-    canvas.area.draw(&text)?;
+    let text = match drive.points().len() {
+        all if all == count => String::from("GPS points"),
+        all => format!("{count} of {all} points"),
+    };
+    canvas.area.draw(&Text::new(text, (end + 22, 54), font(17, HPos::Left)))?;
     canvas.finish()
 }
