@@ -68,6 +68,7 @@ pub use network::{
     RouteCosts, RouteMeasures, RouteSearch,
 };
 pub use places::Place;
+pub(crate) use position::turned;
 pub use position::{Coordinates, PlanePosition, Position};
 pub use road_map::{CleaningReport, Road, RoadMap, RoadPath};
 pub use turning::{ByClass, FittedTurn, TurningProbabilities, TurningRule};

@@ -28,12 +28,39 @@ pub(crate) trait Axes: Sized {
     /// Returns the numbers, in the order of the axes.
     fn values(self) -> [f64; 2];
     /// Projects to a plane in which small shapes keep their form: x to the east, y to the
-    /// north.
+    /// north. That of the Earth is a cylinder: lines go on beyond the antimeridian, where
+    /// [`turned`](Self::turned) brings points together.
     fn to_plane(self) -> [f64; 2];
     /// Position of a point in the plane.
     fn from_plane(point: [f64; 2]) -> Self;
     /// Metres on the ground per unit of the plane, near a point.
     fn scale(point: [f64; 2]) -> f64;
+    /// Value of each number after which it is the same again, infinite if there is none.
+    const PERIODS: [f64; 2];
+    /// Distance along x after which the plane is the same again, infinite if it never is.
+    const TURN: f64;
+
+    /// A point of the plane, turned around the Earth so that another is at most half a turn off.
+    /// One that is so already stays the same to the bit.
+    fn turned(point: [f64; 2], near: [f64; 2]) -> [f64; 2] {
+        [turned(point[0], near[0], Self::TURN), point[1]]
+    }
+
+    /// Turns each point of a line to the side of the one before it.
+    fn unwrap(line: impl IntoIterator<Item = Self>) -> impl Iterator<Item = [f64; 2]> {
+        let mut before = None;
+        line.into_iter().map(move |position| {
+            let point = position.to_plane();
+            *before.insert(Self::turned(point, before.unwrap_or(point)))
+        })
+    }
+}
+
+/// A number whose values repeat, as that value which is within half a period of another number.
+pub(crate) fn turned(value: f64, near: f64, period: f64) -> f64 {
+    let off = value - near;
+    // False for no number, and without a period.
+    if off.abs() > 0.5 * period { value - period * (off / period).round() } else { value }
 }
 
 /// A position on Earth, in degrees of WGS84.
@@ -76,6 +103,8 @@ impl Coordinates for Position {
 impl Axes for Position {
     const AXES: [(&'static str, f64); 2] = [("latitude", 90.0), ("longitude", 180.0)];
     const UNIT: &'static str = "degrees";
+    const PERIODS: [f64; 2] = [f64::INFINITY, 360.0];
+    const TURN: f64 = std::f64::consts::TAU * EARTH_RADIUS;
     #[cfg(feature = "csv")]
     const MAY_BE_STRAIGHT: bool = false;
 
@@ -95,7 +124,8 @@ impl Axes for Position {
 
     fn from_plane([x, y]: [f64; 2]) -> Self {
         let latitude = (y / EARTH_RADIUS).sinh().atan().to_degrees();
-        Self { latitude, longitude: (x / EARTH_RADIUS).to_degrees() }
+        // Beyond the antimeridian, longitudes go on from its other side.
+        Self { latitude, longitude: turned((x / EARTH_RADIUS).to_degrees(), 0.0, 360.0) }
     }
 
     fn scale([_, y]: [f64; 2]) -> f64 {
@@ -138,6 +168,8 @@ impl Coordinates for PlanePosition {
 impl Axes for PlanePosition {
     const AXES: [(&'static str, f64); 2] = [("x", 1e9), ("y", 1e9)];
     const UNIT: &'static str = "metres";
+    const PERIODS: [f64; 2] = [f64::INFINITY; 2];
+    const TURN: f64 = f64::INFINITY;
     #[cfg(feature = "csv")]
     const MAY_BE_STRAIGHT: bool = true;
 

@@ -203,7 +203,9 @@ impl Roads {
             return Err(problem);
         }
         let next = self.keys.len() as u64;
-        let rounded = [latitude, longitude].map(|degrees| (degrees * 1e7).round() as i64);
+        // Lines that are cut at the antimeridian, as the format asks, meet there.
+        let east = if longitude == -180.0 { 180.0 } else { longitude };
+        let rounded = [latitude, east].map(|degrees| (degrees * 1e7).round() as i64);
         let key = *self.keys.entry(rounded).or_insert(next);
         self.lines.points.entry(key).or_default().position.get_or_insert(position);
         Ok(key)

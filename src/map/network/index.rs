@@ -7,7 +7,7 @@ use super::road_network::RoadNetwork;
 use crate::map::Coordinates;
 
 /// Spatial index of the edges of a network, which finds those near a position without a look at
-/// the others. Edges across the antimeridian are not found. Building takes O(points log), 130
+/// the others; edges across the antimeridian from both sides. Building takes O(points log), 130
 /// bytes a piece of a line.
 ///
 /// ```
@@ -76,7 +76,7 @@ impl EdgeIndex {
             if is_mirrored[edge] {
                 continue;
             }
-            let points: Vec<_> = network.shape(edge).iter().map(|p| p.to_plane()).collect();
+            let points: Vec<_> = P::unwrap(network.shape(edge).iter().copied()).collect();
             let total: f64 = points.windows(2).map(length).sum();
             let scale = if total > 0.0 { road.metres / total } else { 0.0 };
             let (mut before, last) = (0.0, points.len().saturating_sub(2));
@@ -104,26 +104,30 @@ impl EdgeIndex {
     /// edge may be somewhat nearer.
     #[must_use]
     pub fn nearest<P: Coordinates>(&self, _: &RoadNetwork<P>, position: P) -> Option<NearEdge> {
-        let point @ [x, y] = position.to_plane();
-        let mut best: Option<(f64, usize)> = None;
-        let mut visit = |number: usize, box_squared: f64| {
-            if best.is_some_and(|(least, _)| box_squared > least * least) {
-                return Control::Break(());
-            }
-            let off = self.pieces[number].nearest(point, 1.0).metres_off;
-            let edge = |number: usize| self.pieces[number].edge;
-            if best.is_none_or(|(least, of)| (off, edge(number)) < (least, edge(of))) {
-                best = Some((off, number));
-            }
-            Control::Continue
-        };
+        let [x, y] = position.to_plane();
         if !(x.is_finite() && y.is_finite()) {
             return None;
         }
-        let _ = self.tree.visit_neighbors(x, y, &mut visit);
-        let piece = &self.pieces[best?.1];
+        let mut best: Option<(f64, usize, f64)> = None;
+        for turn in turns::<P>() {
+            let point = [x + turn, y];
+            let mut visit = |number: usize, box_squared: f64| {
+                if best.is_some_and(|(least, ..)| box_squared > least * least) {
+                    return Control::Break(());
+                }
+                let off = self.pieces[number].nearest(point, 1.0).metres_off;
+                let edge = |number: usize| self.pieces[number].edge;
+                if best.is_none_or(|(least, of, _)| (off, edge(number)) < (least, edge(of))) {
+                    best = Some((off, number, turn));
+                }
+                Control::Continue
+            };
+            let _ = self.tree.visit_neighbors(point[0], y, &mut visit);
+        }
+        let (_, number, turn) = best?;
+        let (piece, point) = (&self.pieces[number], [x + turn, y]);
         let near = piece.nearest(point, 1.0);
-        Some(piece.nearest(point, P::scale(near.point)))
+        Some(piece.nearest(point, P::scale(near.point)).turned_back(turn))
     }
 
     /// Finds the edges within so many metres of a position, in ascending order; both directions of
@@ -139,18 +143,20 @@ impl EdgeIndex {
         let point = position.to_plane();
         let scale = P::scale(point);
         let reach = metres / scale;
-        let ([x, y], pieces) = (point, &self.pieces);
-        let mut visit = |number: usize| {
-            let near = pieces[number].nearest(point, scale);
-            // The scale at the position says nothing of places far from it, as from a pole.
-            if near.metres_off <= metres {
-                let near = pieces[number].nearest(point, P::scale(near.point));
+        for turn in turns::<P>() {
+            let [x, y] = [point[0] + turn, point[1]];
+            let mut visit = |number: usize| {
+                let near = self.pieces[number].nearest([x, y], scale);
+                // The scale at the position says nothing of places far from it, as from a pole.
                 if near.metres_off <= metres {
-                    out.push(near);
+                    let near = self.pieces[number].nearest([x, y], P::scale(near.point));
+                    if near.metres_off <= metres {
+                        out.push(near.turned_back(turn));
+                    }
                 }
-            }
-        };
-        self.tree.visit_query(x - reach, y - reach, x + reach, y + reach, &mut visit);
+            };
+            self.tree.visit_query(x - reach, y - reach, x + reach, y + reach, &mut visit);
+        }
         out.sort_unstable_by(|a, b| {
             (a.edge.cmp(&b.edge))
                 .then(a.metres_off.total_cmp(&b.metres_off))
@@ -167,6 +173,12 @@ impl EdgeIndex {
         }
         out.sort_unstable_by_key(|near| near.edge);
     }
+}
+
+/// Turns around the Earth after which a point of the plane is at the same place, in the units of
+/// the plane: lines across the antimeridian go on beyond it.
+fn turns<P: Coordinates>() -> impl Iterator<Item = f64> {
+    [0.0, P::TURN, -P::TURN].into_iter().filter(|turn| turn.is_finite())
 }
 
 fn length(pair: &[[f64; 2]]) -> f64 {
@@ -202,6 +214,11 @@ impl Piece {
 }
 
 impl NearEdge {
+    /// The same point, as seen from a point that is turned no more.
+    fn turned_back(self, turn: f64) -> Self {
+        Self { point: [self.point[0] - turn, self.point[1]], ..self }
+    }
+
     /// The same point of the reverse edge; with the lengths of both.
     fn reversed(self, edge: usize, [metres, reverse]: [f64; 2]) -> Self {
         let metres_along = ((1.0 - self.metres_along / metres) * reverse).max(0.0);

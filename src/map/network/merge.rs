@@ -3,7 +3,7 @@
 use super::cleaning_step::{Cleaning, CleaningStep};
 use super::road_network::{Edge, RoadNetwork};
 use crate::error::Parameter;
-use crate::map::{Coordinates, MapError, Place};
+use crate::map::{Coordinates, MapError, Place, turned};
 
 impl<P: Coordinates> RoadNetwork<P> {
     /// The same roads with intersections merged within a radius: where two carriageways cross a
@@ -95,7 +95,9 @@ impl<P: Coordinates> Clusters<P> {
         let values = nodes.iter().map(|&node| self.positions[node as usize].values());
         // Sums of differences: equal positions have themselves as their mean.
         let from = first.values();
-        let sum = values.fold([0.0; 2], |sum, v| [0, 1].map(|i| sum[i] + (v[i] - from[i])));
-        P::from_values([0, 1].map(|i| from[i] + sum[i] / nodes.len() as f64))
+        let off = |v: [f64; 2], i: usize| turned(v[i], from[i], P::PERIODS[i]) - from[i];
+        let sum = values.fold([0.0; 2], |sum, v| [0, 1].map(|i| sum[i] + off(v, i)));
+        let mean = [0, 1].map(|i| from[i] + sum[i] / nodes.len() as f64);
+        P::from_values([0, 1].map(|i| turned(mean[i], 0.0, P::PERIODS[i])))
     }
 }

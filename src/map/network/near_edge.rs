@@ -18,7 +18,8 @@ pub struct NearEdge {
     /// Metres by which the position is beyond the end of the edge along that line; below 0 before
     /// its start, 0 beside the edge.
     pub beyond: f64,
-    /// The nearest point, in the plane of the network.
+    /// The nearest point, in the plane of the network; near the antimeridian on the side of the
+    /// position.
     pub(crate) point: [f64; 2],
     /// From the start to the end of the straight piece with that point, in the plane.
     pub(crate) piece: [f64; 2],

@@ -13,12 +13,13 @@ impl<P: Coordinates> RoadNetwork<P> {
     /// If there is no such edge.
     #[must_use]
     pub fn project(&self, edge: usize, position: P) -> NearEdge {
-        let [px, py] = position.to_plane();
+        let position = position.to_plane();
         let mut best = (f64::INFINITY, 0.0, [0.0; 2], [0.0; 2]);
         let mut before = 0.0;
-        let mut points = self.shape(edge).iter().map(|point| point.to_plane());
+        let mut points = P::unwrap(self.shape(edge).iter().copied());
         let mut a = points.next().unwrap_or_default();
         for b in points {
+            let [px, py] = P::turned(position, a);
             let [dx, dy] = [b[0] - a[0], b[1] - a[1]];
             let squared = dx * dx + dy * dy;
             let share = ((px - a[0]) * dx + (py - a[1]) * dy) / squared;
@@ -41,6 +42,7 @@ impl<P: Coordinates> RoadNetwork<P> {
         // At a bend within the edge, the nearest point is beside it.
         let is_end = share <= 0.0 || share >= 1.0;
         let (direction, _) = direction(piece);
+        let [px, py] = P::turned(position, point);
         let straight = (px - point[0]) * direction[0] + (py - point[1]) * direction[1];
         let beyond = if is_end { straight * scale } else { 0.0 };
         let across = (metres_off * metres_off - beyond * beyond).max(0.0).sqrt();
@@ -63,14 +65,15 @@ impl<P: Coordinates> RoadNetwork<P> {
         let end = || self.nodes()[self.edges()[edge].to].position;
         // Most lines have two points: no memory for these, and one length.
         if let [a, b] = self.shape(edge) {
-            let (a, b) = (a.to_plane(), b.to_plane());
+            let a = a.to_plane();
+            let b = P::turned(b.to_plane(), a);
             let total = length(a, b);
             let left = share * total;
             // False for metres that are no number.
             let is_on = total > 0.0 && left <= total;
             return if is_on { between(a, b, left / total) } else { end() };
         }
-        let points: Vec<[f64; 2]> = self.shape(edge).iter().map(|p| p.to_plane()).collect();
+        let points: Vec<[f64; 2]> = P::unwrap(self.shape(edge).iter().copied()).collect();
         let total: f64 = points.windows(2).map(|pair| length(pair[0], pair[1])).sum();
         let mut left = share * total;
         for pair in points.windows(2) {
@@ -93,7 +96,8 @@ impl<P: Coordinates> RoadNetwork<P> {
     pub fn line_between(&self, edge: usize, from: f64, to: f64) -> Vec<P> {
         let points = self.shape(edge);
         let length = |pair: &[P]| {
-            let [a, b] = [pair[0].to_plane(), pair[1].to_plane()];
+            let a = pair[0].to_plane();
+            let b = P::turned(pair[1].to_plane(), a);
             (b[0] - a[0]).hypot(b[1] - a[1])
         };
         let total: f64 = points.windows(2).map(length).sum();

@@ -1,6 +1,7 @@
 //! Positions measured on cells of roads, as by a satellite receiver.
 
 mod grid;
+mod points;
 
 use std::marker::PhantomData;
 use std::sync::Arc;
@@ -8,13 +9,11 @@ use std::sync::Arc;
 use super::ObservationError;
 use crate::error::{LikelihoodError, Parameter};
 use crate::likelihood::{Diagonal, Likelihood, LocalLikelihood, Scratch};
-use crate::map::{Coordinates, Position, RoadCells};
-use grid::Grid;
+use crate::map::{Coordinates, Position, RoadCells, turned};
+use points::Points;
 
 /// Distances, in deviations, within which cells stand out.
 const NEAR: f64 = 10.0;
-/// Squares of the grid, in mean cells.
-const SQUARE: f64 = 8.0;
 
 /// A measured position with its deviation, the observation of a [`PositionLikelihood`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -92,18 +91,6 @@ pub struct PositionLikelihood<P = Position> {
     position: PhantomData<fn(P)>,
 }
 
-/// Middles of the cells in the plane.
-#[derive(Debug)]
-struct Points {
-    middles: Vec<[f64; 2]>,
-    /// Unit vector along each cell, or zero.
-    directions: Vec<[f32; 2]>,
-    /// ℓ² / 12, in square metres, of each cell.
-    squares: Vec<f32>,
-    largest_square: f64,
-    grid: Grid,
-}
-
 impl<P: Coordinates> PositionLikelihood<P> {
     /// Creates a sensor with three degrees of freedom. O(cells log cells).
     #[must_use]
@@ -145,7 +132,8 @@ impl<P: Coordinates> PositionLikelihood<P> {
         let at = position.to_plane();
         let (points, degrees) = (&*self.points, self.degrees);
         let metres = P::scale(at);
-        Ok(Look { points, at, metres, variance: deviation * deviation, ahead, degrees })
+        let variance = deviation * deviation;
+        Ok(Look { points, at, metres, turn: P::TURN, variance, ahead, degrees })
     }
 }
 
@@ -155,6 +143,8 @@ struct Look<'a> {
     at: [f64; 2],
     /// Metres per unit of the plane.
     metres: f64,
+    /// Distance after which the plane is the same again.
+    turn: f64,
     variance: f64,
     ahead: f64,
     degrees: f64,
@@ -165,6 +155,7 @@ impl Look<'_> {
     fn log(&self, cell: usize) -> f64 {
         let ([x, y], [u, v]) = (self.points.middles[cell], self.points.directions[cell]);
         let (u, v) = (f64::from(u), f64::from(v));
+        let x = turned(x, self.at[0], self.turn);
         let [dx, dy] = [self.metres * (self.at[0] - x), self.metres * (self.at[1] - y)];
         let (along, across) = (dx * u + dy * v - self.ahead, dx * v - dy * u);
         let wide = self.variance + f64::from(self.points.squares[cell]);
@@ -184,11 +175,24 @@ impl Look<'_> {
     }
 
     /// Passes on all cells within ten deviations, and others nearby.
-    fn near(&self, take: impl FnMut(usize)) {
+    fn near(&self, mut take: impl FnMut(usize)) {
         let wide = (self.variance + self.points.largest_square).sqrt();
         let distance = (NEAR * wide + self.ahead.abs()) / self.metres;
-        // Rounding of directions and of the grid's squares.
-        self.points.grid.near(self.at, distance * (1.0 + 1e-5), take);
+        let [x, y] = self.at;
+        // Cells near the antimeridian may be a turn around the Earth off.
+        for turn in [0.0, self.turn, -self.turn].into_iter().filter(|turn| turn.is_finite()) {
+            let is_nearest = |cell: usize| {
+                let middle = self.points.middles[cell][0];
+                turned(middle, x, self.turn) == middle - turn
+            };
+            let mut take = |cell| {
+                if is_nearest(cell) {
+                    take(cell);
+                }
+            };
+            // Rounding of directions and of the grid's squares.
+            self.points.grid.near([x + turn, y], distance * (1.0 + 1e-5), &mut take);
+        }
     }
 }
 
@@ -241,52 +245,5 @@ impl<P: Coordinates> LocalLikelihood for PositionLikelihood<P> {
         if let Ok(look) = self.look(fix) {
             look.near(|cell| states.push(cell));
         }
-    }
-}
-
-impl Points {
-    fn new<P: Coordinates>(cells: &RoadCells<P>) -> Self {
-        let n = cells.states();
-        let (mut middles, mut directions) = (Vec::with_capacity(n), Vec::with_capacity(n));
-        let mut squares = Vec::with_capacity(n);
-        let network = cells.network();
-        let (mut line, mut marks) = (Vec::new(), Vec::new());
-        for (edge, road) in network.edges().iter().enumerate() {
-            let count = cells.cells(edge).len();
-            line.clear();
-            line.extend(network.shape(edge).iter().map(|point| point.to_plane()));
-            // Start, middle and end of each cell.
-            divide(&line, 2 * count, &mut marks);
-            for ends in marks.windows(3).step_by(2) {
-                let [dx, dy] = [ends[2][0] - ends[0][0], ends[2][1] - ends[0][1]];
-                let length = dx.hypot(dy);
-                let unit = |d: f64| if length > 0.0 { (d / length) as f32 } else { 0.0 };
-                middles.push(ends[1]);
-                directions.push([unit(dx), unit(dy)]);
-                squares.push(((road.metres / count as f64).powi(2) / 12.0) as f32);
-            }
-        }
-        let largest_square = squares.iter().copied().fold(0.0, f32::max).into();
-        let grid = Grid::new(&middles, SQUARE * cells.mean_metres());
-        Self { middles, directions, squares, largest_square, grid }
-    }
-}
-
-/// Points that divide a line into parts of equal length, with both ends.
-fn divide(line: &[[f64; 2]], parts: usize, marks: &mut Vec<[f64; 2]>) {
-    let length = |pair: &[[f64; 2]]| (pair[1][0] - pair[0][0]).hypot(pair[1][1] - pair[0][1]);
-    let total: f64 = line.windows(2).map(length).sum();
-    let (mut piece, mut before) = (0, 0.0);
-    marks.clear();
-    for mark in 0..=parts {
-        let along = total * mark as f64 / parts as f64;
-        while piece + 2 < line.len() && before + length(&line[piece..piece + 2]) < along {
-            before += length(&line[piece..piece + 2]);
-            piece += 1;
-        }
-        let (a, b) = (line[piece], line[piece + 1]);
-        let here = length(&[a, b]);
-        let share = if here > 0.0 { ((along - before) / here).clamp(0.0, 1.0) } else { 0.0 };
-        marks.push([a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])]);
     }
 }

@@ -29,14 +29,16 @@ pub fn roads(bytes: &[u8], counts: &mut Counts) {
     }
 }
 
-/// Coordinates of towns, in degrees from their corners: also at a pole, and where longitudes jump.
-const CORNERS: [[f64; 2]; 4] = [[-35.3, 149.1], [89.995, 10.0], [0.0, 179.996], [-0.001, -0.001]];
+/// Coordinates of towns, in degrees from their corners: also at a pole, and on both sides of where
+/// longitudes jump.
+const CORNERS: [[f64; 2]; 4] = [[-35.3, 149.1], [89.995, 10.0], [0.0, 179.9985], [-0.001, -0.001]];
 const CLASSES: [&str; 6] = ["main", "arterial", "collector", "street", "", "2"];
 const METRES: [&str; 8] = ["1", "250.5", "1e-3", "1e5", "", "0", "1e-300", "1e300"];
 
 /// Latitude and longitude of the point of a number, on a grid.
 fn place([latitude, longitude]: [f64; 2], number: usize) -> [f64; 2] {
-    [latitude + 1e-3 * (number / 3) as f64, longitude + 1e-3 * (number % 3) as f64]
+    let east = longitude + 1e-3 * (number % 3) as f64;
+    [latitude + 1e-3 * (number / 3) as f64, if east > 180.0 { east - 360.0 } else { east }]
 }
 
 fn show(counts: &Counts, what: &str, bytes: &[u8]) {
