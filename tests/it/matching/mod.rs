@@ -1,6 +1,7 @@
 //! Map matching, and the parts of road networks that it stands on.
 
 mod answers;
+mod antimeridian;
 mod calibration;
 mod city;
 mod drives;
