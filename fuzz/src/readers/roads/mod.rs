@@ -4,12 +4,12 @@ mod drives;
 mod networks;
 #[path = "../../../../tests/it/road_import/pbf.rs"]
 mod pbf;
+mod traces;
 mod vehicles;
 
 use std::io::Cursor;
 
 use wayfix::map::{ImportOptions, ImportReport, MapError, RoadNetwork};
-use wayfix::matching::read_traces_from;
 
 use super::{check_message, damage::damaged};
 use crate::counts::Counts;
@@ -19,7 +19,7 @@ use crate::draw::Draw;
 pub fn roads(bytes: &[u8], counts: &mut Counts) {
     let mut draw = Draw::new(bytes);
     match draw.below(7) {
-        0 => traces(&mut draw, counts),
+        0 => traces::traces(&mut draw, counts),
         1 => csv(&mut draw, ["node,lon,lat", "from,to,class,length_m,oneway,speed_kmh"], counts),
         2 => csv(&mut draw, ["id,latitude,longitude,name", "from,to,class,length_m"], counts),
         3 => geojson(&mut draw, counts),
@@ -43,38 +43,6 @@ fn place([latitude, longitude]: [f64; 2], number: usize) -> [f64; 2] {
 
 fn show(counts: &Counts, what: &str, bytes: &[u8]) {
     counts.note(|| format!("{what}:\n{}", String::from_utf8_lossy(bytes)));
-}
-
-fn traces(draw: &mut Draw<'_>, counts: &mut Counts) {
-    let mut text = String::from("trace,time,longitude,latitude,accuracy,heading,speed\n");
-    let corner = draw.pick(&CORNERS);
-    for trace in 0..=draw.below(3) {
-        for step in 0..draw.below(6) {
-            let [latitude, longitude] = place(corner, draw.below(9));
-            let time = draw.pick(&["", "0.5", "-0", "1e18"]);
-            let time = if time.is_empty() { step.to_string() } else { time.to_owned() };
-            let more = draw.pick(&[",,", "5,,", ",90,3", "1e9,-180,0"]);
-            text += &format!("{trace},{time},{longitude},{latitude},{more}\n");
-        }
-    }
-    let file = damaged(draw, text.as_bytes());
-    show(counts, "traces", &file);
-    match read_traces_from("traces", &file[..]) {
-        Ok((traces, report)) => {
-            counts.add("files of drives accepted");
-            let sums = traces
-                .iter()
-                .fold([0; 2], |sum, trace| [sum[0] + trace.repeated, sum[1] + trace.backwards]);
-            assert_eq!(sums, [report.repeated, report.backwards]);
-            let matcher = drives::town(corner);
-            for trace in &traces {
-                let matched = matcher.match_drive(&trace.points);
-                drives::check(&matched.expect("points that a file may have"));
-                counts.add("drives of files");
-            }
-        }
-        Err(error) => refused(&error, &file, counts),
-    }
 }
 
 fn csv(draw: &mut Draw<'_>, headers: [&str; 2], counts: &mut Counts) {
