@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use crate::error::{LearnError, LikelihoodError};
+use crate::error::{LearnError, LikelihoodError, Number};
 
 /// An invalid parameter or observation of a family, statistics that determine no parameter, or
 /// numbers that are no series of observations.
@@ -32,7 +32,12 @@ pub enum EmissionError {
         expected: usize,
     },
     /// A parameter is out of its range.
-    #[error("the {what}{}{} is {value}, expected {expected}", of_state(*.state), at(*.component))]
+    #[error(
+        "the {what}{}{} is {value}, expected {expected}",
+        of_state(*.state),
+        at(*.component),
+        value = Number(*.value)
+    )]
     Parameter {
         /// Name of the parameter.
         what: &'static str,
@@ -76,13 +81,16 @@ pub enum EmissionError {
         expected: usize,
     },
     /// An observation that is a direction does not have length one.
-    #[error("the observation has length {value}, expected 1 within 1e-6")]
+    #[error("the observation has length {value}, expected 1 within 1e-6", value = Number(*.value))]
     Norm {
         /// Length found.
         value: f64,
     },
     /// A component of an observation is out of its range.
-    #[error("component {component} of the observation is {value}, expected {expected}")]
+    #[error(
+        "component {component} of the observation is {value}, expected {expected}",
+        value = Number(*.value)
+    )]
     Observation {
         /// The component, from 0.
         component: usize,
@@ -111,7 +119,10 @@ pub enum EmissionError {
         what: &'static str,
     },
     /// A component has the same value in all observations, so that a family is not determined.
-    #[error("component {component} is always {value}; leave it out, or give a prior: {cause}")]
+    #[error(
+        "component {component} is always {value}; leave it out, or give a prior: {cause}",
+        value = Number(*.value)
+    )]
     Constant {
         /// The component of the observation, from 0.
         component: usize,

@@ -1,6 +1,6 @@
 //! Errors of beliefs and of groups of states.
 
-use super::Parameter;
+use super::{Number, Parameter};
 
 /// An invalid probability distribution over states or grouping of them, or an invalid query of one.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -10,7 +10,10 @@ pub enum BeliefError {
     #[error("a belief needs at least one state, found none")]
     Empty,
     /// A probability is NaN, negative or infinite.
-    #[error("state {state} has probability {value}, expected a finite value of at least 0")]
+    #[error(
+        "state {state} has probability {value}, expected a finite value of at least 0",
+        value = Number(*.value)
+    )]
     Probability {
         /// The state, from 0.
         state: usize,
@@ -18,7 +21,7 @@ pub enum BeliefError {
         value: f64,
     },
     /// The probabilities do not sum to one, or all weights are 0.
-    #[error("the probabilities sum to {sum}, expected {expected}")]
+    #[error("the probabilities sum to {sum}, expected {expected}", sum = Number(*.sum))]
     Sum {
         /// Sum found.
         sum: f64,

@@ -1,6 +1,6 @@
 //! Errors of inference on sequences.
 
-use super::{At, LikelihoodError, TransitionError};
+use super::{At, LikelihoodError, Number, TransitionError};
 
 /// A failure of inference at a step.
 ///
@@ -41,7 +41,8 @@ pub enum InferenceError {
     /// The transition operator returned a value that is not a probability, so it violates its
     /// contract.
     #[error(
-        "at step {step} the transition operator predicts {value} for state {state}, expected a probability"
+        "at step {step} the transition operator predicts {value} for state {state}, expected a probability",
+        value = Number(*.value)
     )]
     Predicted {
         /// The step, from 1.
@@ -54,7 +55,8 @@ pub enum InferenceError {
     /// The log factor of [evidence on a move](crate::Transition::evidence) is NaN, or above 1e300
     /// in magnitude.
     #[error(
-        "at step {step} the transition operator gives the log factor {value} for the evidence on the move, expected a value from -1e300 to 1e300"
+        "at step {step} the transition operator gives the log factor {value} for the evidence on the move, expected a value from -1e300 to 1e300",
+        value = Number(*.value)
     )]
     EvidenceFactor {
         /// The step, from 1.
@@ -75,7 +77,8 @@ pub enum InferenceError {
     /// The predicted probabilities do not sum to one: the transition operator violates its
     /// contract, or its products and entries are not those of one matrix.
     #[error(
-        "at step {step} the transition operator gives probabilities that sum to {sum}, expected 1; do its products and entries belong together?"
+        "at step {step} the transition operator gives probabilities that sum to {sum}, expected 1; do its products and entries belong together?",
+        sum = Number(*.sum)
     )]
     PredictedSum {
         /// The step, from 1.
@@ -111,7 +114,8 @@ pub enum InferenceError {
     /// A log-likelihood, or the log weight of a move, of a [`Trellis`](crate::inference::Trellis)
     /// is NaN, or finite and beyond ±1e300, or +∞.
     #[error(
-        "step {step} of the trellis has the logarithm {value}, expected a value from -1e300 to 1e300, or -inf"
+        "step {step} of the trellis has the logarithm {value}, expected a value from -1e300 to 1e300, or -inf",
+        value = Number(*.value)
     )]
     TrellisValue {
         /// The step, from 1.

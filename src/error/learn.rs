@@ -5,7 +5,8 @@ use std::fmt;
 use std::sync::Arc;
 
 use super::{
-    At, BeliefError, Failed, HmmError, InferenceError, Parameter, TableError, TransitionError,
+    At, BeliefError, Failed, HmmError, InferenceError, Number, Parameter, TableError,
+    TransitionError,
 };
 
 /// A failed sequence among several, with the cause.
@@ -142,7 +143,8 @@ pub enum LearnError {
     /// The log-density of the priors is not finite at parameters that were learned: a prior rules
     /// out what it led to, or its numbers are too large or too small.
     #[error(
-        "the log-density of the priors is {value} after re-estimation {iteration}, expected a finite value: are the numbers of a prior too large or too small?"
+        "the log-density of the priors is {value} after re-estimation {iteration}, expected a finite value: are the numbers of a prior too large or too small?",
+        value = Number(*.value)
     )]
     LogPrior {
         /// Number of the iteration, from 1.
@@ -153,7 +155,9 @@ pub enum LearnError {
     /// The objective decreased by more than rounding explains: a part's re-estimation does not
     /// maximise it.
     #[error(
-        "re-estimation {iteration} makes the objective fall from {before} to {after}: a part does not maximise it (is a floor or bound missing in its prior?)"
+        "re-estimation {iteration} makes the objective fall from {before} to {after}: a part does not maximise it (is a floor or bound missing in its prior?)",
+        before = Number(*.before),
+        after = Number(*.after)
     )]
     Fell {
         /// Number of the iteration, from 1.

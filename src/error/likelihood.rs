@@ -3,14 +3,14 @@
 use std::error::Error;
 use std::sync::Arc;
 
-use super::{Failed, Parameter};
+use super::{Failed, Number, Parameter};
 
 /// A likelihood that could not be computed or is invalid.
 #[derive(Debug, Clone, thiserror::Error)]
 #[non_exhaustive]
 pub enum LikelihoodError {
     /// A likelihood (or log-likelihood) is out of range.
-    #[error("state {state} has {kind} {value}, expected {expected}")]
+    #[error("state {state} has {kind} {value}, expected {expected}", value = Number(*.value))]
     Value {
         /// The state, from 0.
         state: usize,
@@ -41,7 +41,10 @@ pub enum LikelihoodError {
         symbols: usize,
     },
     /// The bound on the likelihoods of unlisted states is out of range.
-    #[error("the {kind} of states not listed is bounded by {value}, expected {expected}")]
+    #[error(
+        "the {kind} of states not listed is bounded by {value}, expected {expected}",
+        value = Number(*.value)
+    )]
     Bound {
         /// "likelihood" or "log-likelihood".
         kind: &'static str,

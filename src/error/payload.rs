@@ -8,7 +8,7 @@ use std::ops::RangeInclusive;
 
 /// A number that is out of its range.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("{what} is {value}, expected {expected}")]
+#[error("{what} is {value}, expected {expected}", value = Number(*.value))]
 pub struct Parameter {
     /// Name of the number.
     pub what: Cow<'static, str>,
@@ -36,6 +36,21 @@ impl Parameter {
         expected: &'static str,
     ) -> Result<(), Self> {
         if range.contains(&value) { Ok(()) } else { Err(Self::new(what, value, expected)) }
+    }
+}
+
+/// A number in a message: as it is or, if that is long, in scientific notation.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Number(pub(crate) f64);
+
+/// Most characters of a number that is printed as it is.
+const LONGEST: usize = 24;
+
+impl fmt::Display for Number {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self(value) = self;
+        let text = value.to_string();
+        if text.len() <= LONGEST { f.write_str(&text) } else { write!(f, "{value:e}") }
     }
 }
 

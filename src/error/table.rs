@@ -1,5 +1,7 @@
 //! Errors of likelihood tables.
 
+use super::Number;
+
 /// An invalid table of observation probabilities.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -26,7 +28,8 @@ pub enum TableError {
     },
     /// A probability is NaN, negative or infinite.
     #[error(
-        "state {state} shows symbol {symbol} with probability {value}, expected a finite value of at least 0"
+        "state {state} shows symbol {symbol} with probability {value}, expected a finite value of at least 0",
+        value = Number(*.value)
     )]
     Entry {
         /// The state, from 0.
@@ -38,7 +41,8 @@ pub enum TableError {
     },
     /// The likelihood of the states that a symbol does not list is NaN, negative or infinite.
     #[error(
-        "states that symbol {symbol} does not list show it with probability {value}, expected a finite value of at least 0"
+        "states that symbol {symbol} does not list show it with probability {value}, expected a finite value of at least 0",
+        value = Number(*.value)
     )]
     Elsewhere {
         /// The symbol, from 0.
@@ -65,7 +69,10 @@ pub enum TableError {
         states: usize,
     },
     /// The probabilities of a state's symbols do not sum to one.
-    #[error("the probabilities of what state {state} shows sum to {sum}, expected 1")]
+    #[error(
+        "the probabilities of what state {state} shows sum to {sum}, expected 1",
+        sum = Number(*.sum)
+    )]
     RowSum {
         /// The state, from 0.
         state: usize,

@@ -1,6 +1,6 @@
 //! Errors of transition operators.
 
-use super::Parameter;
+use super::{Number, Parameter};
 
 /// An invalid transition operator, or a control that it does not accept.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -37,7 +37,8 @@ pub enum TransitionError {
     },
     /// A probability is NaN, negative or infinite.
     #[error(
-        "the transition from state {from} to state {to} has probability {value}, expected a finite value of at least 0"
+        "the transition from state {from} to state {to} has probability {value}, expected a finite value of at least 0",
+        value = Number(*.value)
     )]
     Entry {
         /// Destination state (row of A).
@@ -66,7 +67,10 @@ pub enum TransitionError {
         from: usize,
     },
     /// The probabilities of the transitions out of a state (a column) do not sum to one.
-    #[error("column {column} (the transitions out of state {column}) sums to {sum}, expected 1")]
+    #[error(
+        "column {column} (the transitions out of state {column}) sums to {sum}, expected 1",
+        sum = Number(*.sum)
+    )]
     ColumnSum {
         /// Source state.
         column: usize,
@@ -75,7 +79,8 @@ pub enum TransitionError {
     },
     /// The columns do not sum to one but the rows do: the matrix is probably transposed.
     #[error(
-        "column {column} (the transitions out of state {column}) sums to {sum}, expected 1, but the rows sum to one: transpose, so that the entry at row i and column j is p(to i | from j)"
+        "column {column} (the transitions out of state {column}) sums to {sum}, expected 1, but the rows sum to one: transpose, so that the entry at row i and column j is p(to i | from j)",
+        sum = Number(*.sum)
     )]
     RowsSumToOne {
         /// Source state.
@@ -85,7 +90,8 @@ pub enum TransitionError {
     },
     /// A weight is NaN, negative or infinite.
     #[error(
-        "the transition from state {from} to state {to} has weight {value}, expected a finite value of at least 0"
+        "the transition from state {from} to state {to} has weight {value}, expected a finite value of at least 0",
+        value = Number(*.value)
     )]
     Weight {
         /// Destination state.
@@ -104,7 +110,11 @@ pub enum TransitionError {
         column: usize,
     },
     /// The products with A and with A' are not those of one matrix and its transpose.
-    #[error("v' (A u) is {forward} but u' (A' v) is {backward}: apply and apply_transpose differ")]
+    #[error(
+        "v' (A u) is {forward} but u' (A' v) is {backward}: apply and apply_transpose differ",
+        forward = Number(*.forward),
+        backward = Number(*.backward)
+    )]
     Transpose {
         /// v' (A u), by the product with A.
         forward: f64,

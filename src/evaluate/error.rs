@@ -2,7 +2,7 @@
 
 use std::ops::RangeInclusive;
 
-use crate::error::{At, Parameter, TransitionError};
+use crate::error::{At, Number, Parameter, TransitionError};
 
 /// Estimates that cannot be scored.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -39,7 +39,7 @@ pub enum EvaluationError {
         what: &'static str,
     },
     /// A confidence, score, probability or mass is not valid.
-    #[error("{what} {index} is {value}, expected {expected}")]
+    #[error("{what} {index} is {value}, expected {expected}", value = Number(*.value))]
     Value {
         /// Kind of the value.
         what: &'static str,

@@ -1,7 +1,7 @@
 //! Errors of maps, flows and turning probabilities. Places are named by their ids; lines of files are
 //! counted from 1.
 
-use crate::error::{Parameter, TransitionError};
+use crate::error::{Number, Parameter, TransitionError};
 #[cfg(any(feature = "csv", feature = "geojson", feature = "gpx", feature = "osm"))]
 use crate::files::FileError;
 
@@ -20,7 +20,11 @@ pub enum MapError {
         id: u64,
     },
     /// A coordinate is outside the Earth's range, or the plane's.
-    #[error("place {id} has {coordinate} {value}, expected {unit} from {} to {limit}", -.limit)]
+    #[error(
+        "place {id} has {coordinate} {value}, expected {unit} from {} to {limit}",
+        -.limit,
+        value = Number(*.value)
+    )]
     Coordinate {
         /// Id of the place.
         id: u64,
@@ -61,7 +65,11 @@ pub enum MapError {
     },
     /// A road's length is NaN, infinite, zero or negative, or that of an edge of a network is above
     /// 1e12.
-    #[error("the road from place {from} to place {to} has length {length}, expected metres above 0{}", if *.length > 1e12 { " and at most 1e12" } else { "" })]
+    #[error(
+        "the road from place {from} to place {to} has length {length}, expected metres above 0{}",
+        if *.length > 1e12 { " and at most 1e12" } else { "" },
+        length = Number(*.length)
+    )]
     Length {
         /// Id of the place where the road starts.
         from: u64,
@@ -72,7 +80,8 @@ pub enum MapError {
     },
     /// The posted speed of an edge is not above 0, or is above 1e9.
     #[error(
-        "the road from place {from} to place {to} has speed {speed}, expected metres per second above 0 and at most 1e9"
+        "the road from place {from} to place {to} has speed {speed}, expected metres per second above 0 and at most 1e9",
+        speed = Number(*.speed)
     )]
     Speed {
         /// Id of the place where the road starts.
@@ -87,7 +96,9 @@ pub enum MapError {
     NoRoads,
     /// The roads have more cells than 32-bit indices can address.
     #[error(
-        "roads have {cells} cells of {spacing} m, expected at most 4294967295 (32-bit indices)"
+        "roads have {cells} cells of {spacing} m, expected at most 4294967295 (32-bit indices)",
+        cells = Number(*.cells),
+        spacing = Number(*.spacing)
     )]
     Cells {
         /// Number of cells.
@@ -148,7 +159,8 @@ pub enum MapError {
     Parameter(#[from] Parameter),
     /// A turn has a probability above 0 but there is no road.
     #[error(
-        "no road leads from place {from} to place {to}, but its turning probability is {value}"
+        "no road leads from place {from} to place {to}, but its turning probability is {value}",
+        value = Number(*.value)
     )]
     NoRoad {
         /// Id of the place where the turn starts.
@@ -159,7 +171,10 @@ pub enum MapError {
         value: f64,
     },
     /// The probabilities of the turns out of a place do not sum to one (paper eq. 1).
-    #[error("the turning probabilities of place {id} sum to {sum}, expected 1")]
+    #[error(
+        "the turning probabilities of place {id} sum to {sum}, expected 1",
+        sum = Number(*.sum)
+    )]
     TurningSum {
         /// Id of the place.
         id: u64,
@@ -167,7 +182,10 @@ pub enum MapError {
         sum: f64,
     },
     /// Moves were counted where there is no road.
-    #[error("no road leads from place {from} to place {to}, but the number of moves is {count}")]
+    #[error(
+        "no road leads from place {from} to place {to}, but the number of moves is {count}",
+        count = Number(*.count)
+    )]
     Moved {
         /// Id of the place that is left.
         from: u64,
@@ -189,7 +207,8 @@ pub enum MapError {
     },
     /// A count is NaN, negative or infinite, or beyond 1e150.
     #[error(
-        "the count of the road from place {from} to place {to} is {value}, expected 0 to 1e150"
+        "the count of the road from place {from} to place {to} is {value}, expected 0 to 1e150",
+        value = Number(*.value)
     )]
     RoadCount {
         /// Id of the place where the road starts.
@@ -201,7 +220,8 @@ pub enum MapError {
     },
     /// Vehicles were counted on a road from whose end no roads with counts lead back to its start.
     #[error(
-        "{value} vehicles were counted on the road from place {from} to place {to}, but no roads with counts lead back"
+        "{value} vehicles were counted on the road from place {from} to place {to}, but no roads with counts lead back",
+        value = Number(*.value)
     )]
     NoWayBack {
         /// Id of the place where the road starts.
@@ -214,7 +234,8 @@ pub enum MapError {
     /// The allowed turns at a node cannot make the flows out of it of those into it, or balancing
     /// did not converge there.
     #[error(
-        "no flow through the turns of place {id} was found, a relative error of {error} is left"
+        "no flow through the turns of place {id} was found, a relative error of {error} is left",
+        error = Number(*.error)
     )]
     Unbalanced {
         /// Id of the node.

@@ -1,6 +1,6 @@
 //! Errors of map matching.
 
-use crate::error::{At, InferenceError, Parameter};
+use crate::error::{At, InferenceError, Number, Parameter};
 
 /// A drive that cannot be matched.
 #[derive(Debug, Clone, thiserror::Error)]
@@ -10,7 +10,7 @@ pub enum MatchError {
     #[error(transparent)]
     Parameter(#[from] Parameter),
     /// A number of a point is out of range.
-    #[error("point {point} has {what} {value}, expected {expected}")]
+    #[error("point {point} has {what} {value}, expected {expected}", value = Number(*.value))]
     Point {
         /// Index of the point in its drive, from 0.
         point: usize,
@@ -22,7 +22,11 @@ pub enum MatchError {
         expected: &'static str,
     },
     /// A point is not later than the one before.
-    #[error("point {point} has time {time}, expected one after that of the point before, {before}")]
+    #[error(
+        "point {point} has time {time}, expected one after that of the point before, {before}",
+        time = Number(*.time),
+        before = Number(*.before)
+    )]
     Time {
         /// Index of the point in its drive, from 0.
         point: usize,

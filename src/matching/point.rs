@@ -3,6 +3,7 @@
 use std::fmt;
 
 use super::MatchError;
+use crate::error::Number;
 use crate::map::{Coordinates, Position};
 
 /// A position of a vehicle at a time.
@@ -88,6 +89,6 @@ pub(super) struct OutOfRange {
 impl fmt::Display for OutOfRange {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { what, value, expected } = self;
-        write!(f, "the point has {what} {value}, expected {expected}")
+        write!(f, "the point has {what} {}, expected {expected}", Number(*value))
     }
 }

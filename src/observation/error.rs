@@ -1,6 +1,6 @@
 //! Errors of sensors of places.
 
-use crate::error::{Parameter, TableError};
+use crate::error::{Number, Parameter, TableError};
 
 /// An invalid observation model, invalid descriptors, or a query without a likelihood.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -10,14 +10,18 @@ pub enum ObservationError {
     #[error(transparent)]
     Parameter(#[from] Parameter),
     /// No place has a neighbour, so places cannot be confused.
-    #[error("no place has a neighbour, so a mean correct probability of {mean} cannot be reached")]
+    #[error(
+        "no place has a neighbour, so a mean correct probability of {mean} cannot be reached",
+        mean = Number(*.mean)
+    )]
     NoNeighbors {
         /// Mean probability of a correct observation asked for.
         mean: f64,
     },
     /// A place has so many neighbours that no probability is left for itself.
     #[error(
-        "place {id} has {neighbors} neighbours, which leaves it a correct probability of {correct}, expected above 0"
+        "place {id} has {neighbors} neighbours, which leaves it a correct probability of {correct}, expected above 0",
+        correct = Number(*.correct)
     )]
     TooManyNeighbors {
         /// Id of the place.
@@ -47,7 +51,8 @@ pub enum ObservationError {
     },
     /// A weight of a confusion is NaN, negative or infinite.
     #[error(
-        "place {place} is seen as {seen_as} with weight {value}, expected a finite value of at least 0"
+        "place {place} is seen as {seen_as} with weight {value}, expected a finite value of at least 0",
+        value = Number(*.value)
     )]
     Weight {
         /// Index of the place.

@@ -2,6 +2,7 @@
 
 use super::options::ImportOptions;
 use super::report::ImportReport;
+use crate::error::Number;
 use crate::map::{MapError, NetworkBuilder, Position, RoadNetwork};
 
 /// Shortest length in metres that an edge gets instead of 0.
@@ -29,6 +30,7 @@ pub(super) fn position_problem(position: Position) -> Option<String> {
         return None;
     }
     if latitude.abs() > 90.0 && latitude.abs() <= 180.0 && longitude.abs() <= 90.0 {
+        let [latitude, longitude] = [latitude, longitude].map(Number);
         return Some(format!(
             "latitude {latitude} and longitude {longitude} seem to be swapped, expected degrees from -90 to 90 for the latitude"
         ));
@@ -38,5 +40,6 @@ pub(super) fn position_problem(position: Position) -> Option<String> {
     } else {
         ("latitude", latitude, 90)
     };
+    let value = Number(value);
     Some(format!("{name} is {value}, expected degrees from -{limit} to {limit}"))
 }

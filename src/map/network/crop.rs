@@ -2,11 +2,12 @@
 
 use super::cleaning_step::{Cleaning, CleaningStep};
 use super::road_network::RoadNetwork;
+use crate::error::Number;
 use crate::map::{Coordinates, MapError};
 
 impl<P: Coordinates> RoadNetwork<P> {
     /// Nodes in the box between two opposite corners, edges included, and the edges between
-    /// them with their forbidden turns. O(nodes + edges).
+    /// them with their forbidden turns. A box does not cross the antimeridian. O(nodes + edges).
     ///
     /// ```
     /// use wayfix::map::{NetworkBuilder, PlanePosition, RoadClass};
@@ -59,5 +60,6 @@ impl<P: Coordinates> RoadNetwork<P> {
 /// Ranges of both axes.
 fn in_words<P: Coordinates>([a, b]: [[f64; 2]; 2]) -> String {
     let [(first, _), (second, _)] = P::AXES;
-    format!("{first} {} to {} and {second} {} to {}", a[0], b[0], a[1], b[1])
+    let ([a, c], [b, d]) = (a.map(Number), b.map(Number));
+    format!("{first} {a} to {b} and {second} {c} to {d}")
 }

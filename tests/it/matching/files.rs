@@ -3,7 +3,9 @@
 use std::io::{Error, Read, Write};
 
 use wayfix::map::{MapError, NetworkBuilder, Position, RoadClass};
-use wayfix::matching::{AnswerWriter, Matcher, Trace, TracePoint, read_traces, read_traces_from};
+use wayfix::matching::{
+    AnswerWriter, Matcher, Trace, TracePoint, TraceReport, read_traces, read_traces_from,
+};
 
 const HEADER: &str = "trace,time,longitude,latitude";
 
@@ -68,7 +70,7 @@ fn times_may_be_dates() {
     let (traces, report) = read_traces_from("drives", text.as_bytes()).unwrap();
     let seconds: Vec<f64> = traces[0].points.iter().map(|p| p.time - 1_714_564_800.0).collect();
     assert_eq!(seconds, [0.0, 1.0, 1.5, 2.0, 3.0]);
-    assert_eq!(report, Default::default());
+    assert_eq!(report, TraceReport::default());
     for time in ["2024-05-32T12:00:00Z", "2024-05-01", "12:00", ""] {
         assert_eq!(
             problem(&format!("{HEADER}\nA,0,149,-35\nA,{time},149,-35\n")),
@@ -152,7 +154,8 @@ fn errors_name_the_line_in_few_words() {
     }
     for value in ["0", "-1", "1e300"] {
         let found = problem(&format!("{HEADER},accuracy\nA,0,149,-35,{value}\n"));
-        assert!(found.ends_with("expected metres from 1e-6 to 1e9"), "{found}");
+        let expected = format!("the point has accuracy {value}, expected metres from 1e-6 to 1e9");
+        assert_eq!(found, format!("drives, line 2: {expected}"));
     }
 }
 
@@ -177,6 +180,18 @@ fn lines_count_as_in_an_editor() {
     }
     let found = problem(&format!("\n{HEADER}\r\n"));
     assert_eq!(found, "drives, line 3: there are no points, expected at least one");
+}
+
+/// A field in quotes may go over several lines.
+#[test]
+fn lines_count_in_fields() {
+    let text = format!("{HEADER}\n\n\"A\n\nB\",1,149,-35\n\"A\n\nB\",1,149,-35\n\n\"C\nD\",1,149,");
+    for text in [text.clone(), text.replace('\n', "\r\n")] {
+        let (traces, report) = read_traces_from("drives", format!("{text}-35").as_bytes()).unwrap();
+        assert_eq!((traces.len(), &report.skipped_lines[..]), (2, &[6][..]));
+        let found = problem(&format!("{text}-95\n"));
+        assert!(found.starts_with("drives, line 10: the point has latitude -95"), "{found}");
+    }
 }
 
 /// A file on a disk that fails.
