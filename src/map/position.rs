@@ -35,6 +35,8 @@ pub(crate) trait Axes: Sized {
     fn from_plane(point: [f64; 2]) -> Self;
     /// Metres on the ground per unit of the plane, near a point.
     fn scale(point: [f64; 2]) -> f64;
+    /// Point in space, in metres: straight distances there are at most those on the ground.
+    fn in_space(self) -> [f64; 3];
     /// Value of each number after which it is the same again, infinite if there is none.
     const PERIODS: [f64; 2];
     /// Distance along x after which the plane is the same again, infinite if it never is.
@@ -131,6 +133,12 @@ impl Axes for Position {
     fn scale([_, y]: [f64; 2]) -> f64 {
         1.0 / (y / EARTH_RADIUS).cosh()
     }
+
+    fn in_space(self) -> [f64; 3] {
+        let [latitude, longitude] = self.values().map(f64::to_radians);
+        let [x, y] = [longitude.cos(), longitude.sin()].map(|x| EARTH_RADIUS * latitude.cos() * x);
+        [x, y, EARTH_RADIUS * latitude.sin()]
+    }
 }
 
 /// A position in a plane, in metres from any origin: in a warehouse, a yard, or a projected map
@@ -191,5 +199,9 @@ impl Axes for PlanePosition {
 
     fn scale(_: [f64; 2]) -> f64 {
         1.0
+    }
+
+    fn in_space(self) -> [f64; 3] {
+        [self.x, self.y, 0.0]
     }
 }

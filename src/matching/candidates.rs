@@ -236,5 +236,7 @@ fn heading<P>(near: &NearEdge, point: &TracePoint<P>) -> f64 {
 pub(super) fn metres_between<P: Coordinates>(a: [f64; 2], b: [f64; 2]) -> f64 {
     let b = P::turned(b, a);
     let middle = [0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])];
-    (a[0] - b[0]).hypot(a[1] - b[1]) * P::scale(middle)
+    let [x, y] = [a[0] - b[0], a[1] - b[1]];
+    // Coordinates are below 1e9: squares are in range.
+    (x * x + y * y).sqrt() * P::scale(middle)
 }

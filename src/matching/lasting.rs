@@ -49,7 +49,7 @@ impl LastingErrors {
         let known = errors.iter().flatten();
         let squares = known
             .fold([0.0; 2], |[sum, count], error| [sum + error.metres * error.metres, count + 1.0]);
-        let mut sums = Self { seconds, squares, ..Self::default() };
+        let mut sums = Self { squares, seconds, ..Self::default() };
         for lag in LAGS {
             for (number, pair) in errors.iter().zip(errors.iter().skip(lag)).enumerate() {
                 let (Some(a), Some(b)) = pair else { continue };

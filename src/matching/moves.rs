@@ -218,8 +218,12 @@ impl Interval {
         // Where the position belongs to the road, and where it says nothing.
         let parts = |weight: f64| [inlier * weight, (1.0 - inlier) * weight.min(1.0)];
         // A vehicle that stands is on the edge on which it was, at the same place.
-        let stop = if way.is_same_edge() { self.stop } else { 0.0 };
-        let stands = parts(self.most() * ahead.standing(self.steadier)).map(|part| stop * part);
+        let stands = if way.is_same_edge() {
+            let density = self.most() * ahead.standing(self.steadier);
+            parts(density).map(|part| self.stop * part)
+        } else {
+            [0.0; 2]
+        };
         let mut moves = parts(moves).map(|part| (1.0 - self.stop) * part);
         moves[0] *= share;
         let unseen = stands[1] + moves[1];

@@ -79,6 +79,8 @@ pub(super) struct Ahead {
     pub(super) deviations: [f64; RECEPTIONS],
 }
 
+/// Probability of a reception below which the share on an edge is that of the others.
+const RARE: f64 = 1e-3;
 /// Slope of the logistic function that is nearest to the normal distribution function.
 const SLOPE: f64 = 1.702;
 /// Deviations, as arguments of the logistic function, beyond which nothing is cut off.
@@ -115,6 +117,7 @@ impl Place {
     }
 
     /// Update by a measurement of a linear function, and the log density of it.
+    #[inline]
     fn observed(&self, h: [f64; 3], value: f64, receiver: &Receiver) -> (Self, f64) {
         let mut updated = *self;
         let [mut squares, mut deviations] = [[0.0; RECEPTIONS]; 2];
@@ -143,6 +146,7 @@ impl Sighting {
     /// Shares of a distribution of places along that are before the start of the edge and before its
     /// end, the share between them, and the slope of the logistic function; `None` if nothing is cut
     /// off.
+    #[inline]
     fn ends(&self, mean: f64, variance: f64) -> Option<([f64; 2], f64, f64)> {
         let slope = SLOPE / variance.max(LEAST_VARIANCE).sqrt();
         let [low, high] = [-slope * mean, slope * (self.length - mean)];
@@ -156,16 +160,22 @@ impl Sighting {
     }
 
     /// Share of a distribution that is on the edge.
+    #[inline]
     pub(super) fn share(&self, place: &Place) -> f64 {
-        let mut sum = 0.0;
+        let (mut on_edge, mut of) = (0.0, 0.0);
         for (placement, share) in place.placements.iter().zip(place.shares) {
-            let ends = self.ends(placement.mean[0], placement.covariance[0]);
-            sum += share * ends.map_or(1.0, |ends| ends.1);
+            // Rare receptions are taken as the others.
+            if share > RARE {
+                let ends = self.ends(placement.mean[0], placement.covariance[0]);
+                on_edge += share * ends.map_or(1.0, |ends| ends.1);
+                of += share;
+            }
         }
-        sum
+        on_edge / of
     }
 
     /// Restricts a place to the edge.
+    #[inline]
     pub(super) fn within(&self, place: &Place) -> Place {
         let (mut updated, mut shares) = (*place, place.shares);
         for (placement, share) in updated.placements.iter_mut().zip(&mut shares) {
@@ -265,17 +275,20 @@ impl Receiver {
     }
 
     /// Update by the distance across, and the log density of it.
+    #[inline]
     pub(super) fn across(&self, place: &Place, sighting: &Sighting) -> (Place, f64) {
         let Sighting { normal: [a, b], across, .. } = *sighting;
         place.observed([0.0, a, b], across, self)
     }
 
     /// Update by the place along, for a vehicle that stood.
+    #[inline]
     pub(super) fn stood(&self, place: &Place, sighting: &Sighting) -> Place {
         place.observed(sighting.along_and_error(), sighting.along, self).0
     }
 
     /// Distribution of a vehicle that moved: the position alone tells its place along.
+    #[inline]
     pub(super) fn moved(&self, place: &Place, sighting: &Sighting) -> Place {
         let mut whites = self.white.into_iter();
         place.each(|Placement { mean: [_, x, y], covariance: [_, _, _, xx, xy, yy] }| {
@@ -290,6 +303,7 @@ impl Receiver {
     }
 
     /// Metres that a position is ahead of a place.
+    #[inline]
     pub(super) fn ahead(&self, place: &Place, sighting: &Sighting) -> Ahead {
         let h = sighting.along_and_error();
         let moments = place.placements.map(|placement| placement.of(h));

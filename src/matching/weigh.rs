@@ -13,8 +13,8 @@ use crate::map::Coordinates;
 const NEGLIGIBLE: f64 = -12.0;
 /// Logarithm of the weight below which a move is left out.
 const LEAST_WEIGHT: f64 = -40.0;
-/// Share of a state's belief below which a move does not count in its placement.
-const LEAST_SHARE: f64 = 1e-6;
+/// Share of a state's belief below which a move does not count in its place.
+const LEAST_SHARE: f64 = 1e-5;
 /// Acceleration after a U-turn, in metres per second squared.
 const ACCELERATION: f64 = 2.0;
 /// Metres of road for each square metre: where a vehicle comes back onto the road, it is on one of
@@ -135,18 +135,19 @@ impl<P: Coordinates> MatchStep<'_, P> {
                     Move::OffRoad => 0.0,
                 };
                 let [still, moves] = [stood, 1.0 - stood].map(|share| p * inlier * share);
-                let mut add = |weight: f64, place: Place| {
-                    if weight > LEAST_SHARE * LEAST_SHARE {
-                        mixture.add(weight, &sighting.within(&place));
-                    }
-                };
-                add(still, receiver.stood(&error, sighting));
-                add(moves, receiver.moved(&error, sighting));
-                let unseen = match starts {
-                    Some(0.0) => places[from],
-                    _ => places[from].unseen(state.along, interval.spread),
-                };
-                mixture.add(p * (1.0 - inlier), &unseen);
+                if still > LEAST_SHARE {
+                    mixture.add(still, &sighting.within(&receiver.stood(&error, sighting)));
+                }
+                if moves > LEAST_SHARE {
+                    mixture.add(moves, &sighting.within(&receiver.moved(&error, sighting)));
+                }
+                if p * (1.0 - inlier) > LEAST_SHARE {
+                    let unseen = match starts {
+                        Some(0.0) => places[from],
+                        _ => places[from].unseen(state.along, interval.spread),
+                    };
+                    mixture.add(p * (1.0 - inlier), &unseen);
+                }
                 inliers += p * inlier;
                 sum += p;
             }

@@ -7,7 +7,7 @@ use crate::map::search::Search;
 /// Measures that a [`RouteSearch`] adds up along a route: straight lengths of edges, and choices
 /// at junctions.
 ///
-/// Memory: 8 bytes an edge for each, and 4 bytes a turn.
+/// Memory: 16 bytes an edge, 24 a node, and 4 a turn.
 #[derive(Debug, Clone)]
 pub struct RouteMeasures {
     /// Straight distance between the ends of each edge, in metres; at most its length.
@@ -15,6 +15,10 @@ pub struct RouteMeasures {
     /// −ln p of the turns out of each edge, in the order of [`RoadNetwork::next`].
     choices: Vec<f32>,
     starts: Vec<usize>,
+    /// Nodes in space.
+    nodes: Vec<[f64; 3]>,
+    /// Least length of an edge for each metre of the straight distance, at most 1.
+    least: f64,
 }
 
 impl RouteMeasures {
@@ -47,7 +51,14 @@ impl RouteMeasures {
             }));
             starts.push(choices.len());
         }
-        Self { chords, choices, starts }
+        let nodes: Vec<_> = network.nodes().iter().map(|node| node.position.in_space()).collect();
+        let least = |edge: &Edge| {
+            let straight = distance(nodes[edge.from], nodes[edge.to]);
+            // Lengths are rounded.
+            if straight < ROUNDED { 1.0 } else { (edge.metres / straight).min(1.0) }
+        };
+        let least = network.edges().iter().map(least).fold(1.0, f64::min);
+        Self { chords, choices, starts, nodes, least }
     }
 
     /// Straight distance between the ends of an edge in metres; at most its length.
@@ -59,6 +70,21 @@ impl RouteMeasures {
     pub fn straight_metres(&self, edge: usize) -> f64 {
         self.chords[edge]
     }
+}
+
+/// Straight distance in metres below which the length of an edge may be its rounding.
+const ROUNDED: f64 = 5.0;
+
+fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
+    let [x, y, z] = [0, 1, 2].map(|axis| a[axis] - b[axis]);
+    (x * x + y * y + z * z).sqrt()
+}
+
+/// Ball around the starts of the targets of a search.
+#[derive(Debug, Clone, Copy)]
+struct Targets {
+    centre: [f64; 3],
+    radius: f64,
 }
 
 /// Search for the shortest routes from an edge to others by Dijkstra's algorithm (1959) over
@@ -98,8 +124,9 @@ pub struct Reached {
 
 impl RouteSearch {
     /// Finds the routes of least cost from the end of an edge to the starts of the edges in
-    /// `targets`: their lengths, and what [`RouteCosts`] adds. Stops when all are found. O(edges
-    /// within the largest cost, log).
+    /// `targets`: their lengths, and what [`RouteCosts`] adds. Stops when all are found, and does not
+    /// go where the straight distance to the targets is too long for the largest cost. O(edges within
+    /// that, log).
     ///
     /// # Panics
     ///
@@ -117,16 +144,17 @@ impl RouteSearch {
         if number == 1 {
             self.wanted.fill(0);
         }
-        let mut left = 0_usize;
+        let (mut left, mut around) = (0_usize, None::<Targets>);
         for target in targets {
             left += usize::from(self.wanted[target] != number);
             self.wanted[target] = number;
+            let start = measures.nodes[network.edges()[target].from];
+            let around = around.get_or_insert(Targets { centre: start, radius: 0.0 });
+            around.radius = around.radius.max(distance(around.centre, start));
         }
-        if left == 0 {
-            return;
-        }
+        let Some(around) = around else { return };
         let costs = RouteCosts { most: costs.most.max(0.0), ..costs };
-        self.extend(network, measures, from, Reached::default(), 0.0, costs);
+        self.extend(network, measures, from, Reached::default(), 0.0, (costs, around));
         while let Some((edge, label)) = self.search.settle() {
             if self.wanted[edge] == number {
                 left -= 1;
@@ -139,7 +167,7 @@ impl RouteSearch {
             if cost + metres <= costs.most {
                 let chords = reached.chords + measures.chords[edge];
                 let after = Reached { metres: reached.metres + metres, chords, ..reached };
-                self.extend(network, measures, edge, after, cost + metres, costs);
+                self.extend(network, measures, edge, after, cost + metres, (costs, around));
             }
         }
     }
@@ -152,8 +180,14 @@ impl RouteSearch {
         edge: usize,
         after: Reached,
         cost: f64,
-        costs: RouteCosts,
+        (costs, around): (RouteCosts, Targets),
     ) {
+        let here = measures.nodes[network.edges()[edge].to];
+        let left = distance(here, around.centre) - around.radius;
+        // A metre more than the rounding of sums.
+        if cost + measures.least * left > costs.most + 1.0 {
+            return;
+        }
         let reverse = network.reverse(edge);
         let choices = &measures.choices[measures.starts[edge]..measures.starts[edge + 1]];
         // At a dead end, the way back is no U-turn.
