@@ -94,16 +94,19 @@ const LASTING_IN_FINE: f64 = 0.9;
 const SHOWN: f64 = 10.0;
 
 impl<P: Coordinates> Matcher<P> {
-    /// Learns noise, how much of it lasts and how long, the share of outliers, detours, stops, and how
-    /// often vehicles leave the road and come back, from drives without labels, and returns them. The
-    /// model of the matcher is where it starts; it counts as much as ten points, and 20,000 seconds
-    /// on the road; a noise of 8 m counts as ten points, too. Noise is learned from points without an accuracy, of vehicles that move. Intervals
-    /// above 10 s count less, since they hardly show what happens within them.
+    /// Learns noise, how much of it lasts and how long, how often reception is poor, the share of
+    /// outliers, detours, stops, and how often vehicles leave the road and come back, from drives without
+    /// labels, and returns them. The model of the matcher is where it starts; it counts as much as 100
+    /// points, and 20,000 seconds on the road, and the default noise as 100 points, too: of 100 points a
+    /// second apart, one or two tell something of their own. Noise is learned from points without an
+    /// accuracy, of vehicles that move. Intervals above 10 s count less, since they hardly show what
+    /// happens within them. If less than nine tenths of the errors last, the receiver is a rough one, all
+    /// of whose errors are of one kind.
     ///
-    /// Results are kept within sense: `noise` from 0.1 to 1000 m, `lasting` up to 0.97 and `lasts` from
-    /// 8 to 60 s, `outliers` from 1e-4 to 0.5, `deviation` from 1.5 to 100 m a second, `stop` from
-    /// 0.001 to 0.5, `leave_road` from 1e-7 to 0.005, and `return_to_road` from 1e-4 to 0.1;
-    /// [`LearnedMatchModel::at_limits`] names those that ended at a limit, but for the two that last.
+    /// Results are kept within sense: `noise` from 0.1 to 1000 m, `lasting` up to 0.995 and `lasts` from
+    /// 8 to 60 s, `poor` from 0.001 to 0.5, `outliers` from 0.001 to 0.5, `deviation` from 1.5 to 100 m a
+    /// second, `stop` from 0.001 to 0.3, `leave_road` from 1e-7 to 0.005, and `return_to_road` from 1e-4 to
+    /// 0.1; [`LearnedMatchModel::at_limits`] names those that ended at a limit, but for the two that last.
     ///
     /// Drives may be slices, vectors or traces of a file. The search for roads reaches four
     /// deviations and 10 m. At most `iterations` passes over the drives, each as long as
@@ -129,7 +132,7 @@ impl<P: Coordinates> Matcher<P> {
     /// let drives: Vec<Vec<_>> = vec![(0..100).map(point).collect(), (50..150).map(point).collect()];
     ///
     /// let learned = matcher.learn(&drives, 20)?;
-    /// // Two short drives: nearer to 5 m than the default of 8.
+    /// // Two short drives, with errors that are all white.
     /// assert!(4.5 < learned.model.noise && learned.model.noise < 6.5, "{}", learned.model.noise);
     /// if !learned.at_limits().is_empty() {
     ///     println!("at the limits of their ranges: {:?}", learned.at_limits());
@@ -290,7 +293,7 @@ impl Counts {
         let points = |value: f64| mean(value, PRIOR_POINTS);
         let usual = MatchModel::default().noise;
         let priors = [
-            // As if ten points had that of the default: a vehicle that is mostly parked beside roads
+            // As if so many points had that of the default: a vehicle that is mostly parked beside roads
             // would else make it grow without end.
             points(usual * usual),
             points(prior.outliers),
@@ -358,7 +361,8 @@ mod tests {
             assert_eq!(learned.at_limits().len(), LIMITS.len());
             let inside = MatchModel { noise: 8.0, deviation: 3.0, ..model };
             let inside = LearnedMatchModel { model: inside, ..learned };
-            assert_eq!(inside.at_limits(), ["outliers", "stop", "leave_road", "return_to_road"]);
+            let expected = ["outliers", "stop", "leave_road", "return_to_road", "poor"];
+            assert_eq!(inside.at_limits(), expected);
         }
     }
 }

@@ -47,7 +47,9 @@
 //!
 //! **The model.** The error of a position is a slowly moving offset and white noise, of which each
 //! state carries its distribution, along with that of its place along the road: what lasts counts
-//! once, and not at each point. The likelihood of a position is its density across the road, given
+//! once, and not at each point. Reception is usual, or [poor](MatchModel::poor) for a minute or so, with errors four
+//! times as large, or the receiver is a rough one, with twice the errors and more of them white; each state has a
+//! probability of each, and a vehicle that stands keeps its error. The likelihood of a position is its density across the road, given
 //! the positions before, plus a share of [outliers](MatchModel::outliers), which spread over some
 //! 30 σ and, more and more thinly, beyond. A move weighs what was measured on the way, and is not
 //! normalised away: the density of its length, for a vehicle that stands or that goes at up to some
@@ -63,11 +65,11 @@
 //! labels. The others, such as widths of outliers and the weight of choices, are constants that
 //! were chosen on 19 recorded drives and on simulated ones.
 //!
-//! **Limits.** Roads are looked for within four deviations of a position, and 10 m, the nearest 64
-//! edges of them; routes up to some 1.3 times the straight distance and 1.2 times the way at 40 m/s.
+//! **Limits.** Roads are looked for within four deviations of a position over all receptions, and 10 m,
+//! the nearest 64 edges of them; routes up to some 1.3 times the straight distance and 1.2 times the way at 40 m/s.
 //! States are merged by the first two moments of their errors. States below 6e-6 of the belief have
-//! no successors. A receiver that is off by several deviations all the time is not found by the
-//! default; car parks beside a road are told from it by points at least some five seconds apart.
+//! no successors. A receiver that is off by more than 40 m for minutes is not found by
+//! the default; car parks beside a road are told from it by points at least some five seconds apart.
 //!
 //! **The layers**, each on those before: the model and the points; the receiver and its errors; the
 //! candidates of a point, the ways between them, and the weights of moves; one step of a matcher,

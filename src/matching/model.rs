@@ -8,8 +8,7 @@ use crate::error::Parameter;
 /// Parameters of the model of a drive: the receiver, the routes that drivers take, and stretches
 /// off the road.
 ///
-/// [`Matcher::learn`](super::Matcher::learn) learns `noise`, `lasting`, `lasts`, `outliers`, `deviation`, `stop`,
-/// `leave_road` and `return_to_road` from drives without labels.
+/// [`Matcher::learn`](super::Matcher::learn) learns all but `u_turn` from drives without labels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
