@@ -143,7 +143,7 @@ fn bad_ways_off_the_map_are_named() {
     assert_eq!(
         new(0.5, 0.5, vec![1.0, least]),
         format!(
-            "the probability of a return to state 1 is {}, expected 0 or at least 2.2e-308, the smallest normal double",
+            "the probability of a return to state 1 is {:e}, expected 0 or at least 2.2e-308, the smallest normal double",
             0.5 * least
         )
     );
