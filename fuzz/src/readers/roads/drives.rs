@@ -109,6 +109,7 @@ fn model(draw: &mut Draw<'_>) -> MatchModel {
         noise,
         lasting,
         lasts,
+        poor,
         outliers,
         deviation,
         stop,
@@ -116,8 +117,18 @@ fn model(draw: &mut Draw<'_>) -> MatchModel {
         return_to_road,
         u_turn,
     } = &mut model;
-    let values =
-        [noise, lasting, lasts, outliers, deviation, stop, leave_road, return_to_road, u_turn];
+    let values = [
+        noise,
+        lasting,
+        lasts,
+        poor,
+        outliers,
+        deviation,
+        stop,
+        leave_road,
+        return_to_road,
+        u_turn,
+    ];
     for value in values {
         if draw.one_in(5) {
             *value = draw.pick(&NUMBERS);
