@@ -119,7 +119,20 @@ impl<P: Coordinates> MatchStep<'_, P> {
                 }
             }
         }
-        for (number, state) in states[..off_road].iter_mut().enumerate() {
+        self.place_by_moves(before, &mut states[..off_road], interval, &receiver);
+    }
+
+    /// Places the states on roads by the moves into them: for a vehicle that stood, that moved, and
+    /// whose position says nothing.
+    fn place_by_moves(
+        &self,
+        before: &PreviousStep<'_, P>,
+        states: &mut [Candidate],
+        interval: &Interval,
+        receiver: &Receiver,
+    ) {
+        let Memory { entries, sightings, places, .. } = &self.memory;
+        for (number, state) in states.iter_mut().enumerate() {
             let log = |entry: &Entry| entry.log + before.log_filtered[entry.from];
             let most = entries[number].iter().map(log).fold(f64::NEG_INFINITY, f64::max);
             let (mut mixture, mut inliers, mut sum) = (PlaceMixture::default(), 0.0, 0.0);
