@@ -31,7 +31,7 @@ const LOST: usize = 300;
 /// Metres within which an answer is right.
 const RIGHT: f64 = 1.5;
 
-/// What is wrong with the wheels.
+/// Errors of the wheels.
 #[derive(Clone, Copy)]
 struct Fault {
     name: &'static str,

@@ -1,7 +1,7 @@
 //! Candidates of a step, its states: points of roads near a position, those where vehicles would be
 //! that go on unseen, and one off the road. Each has the likelihood of the position.
 
-use super::receiver::{Place, Sighting};
+use super::receiver::{Place, SLOPE, Sighting};
 use super::{MatchModel, TracePoint};
 use crate::map::{Coordinates, EdgeIndex, NearEdge, RoadNetwork};
 
@@ -66,9 +66,6 @@ pub(super) fn deviation<P>(model: &MatchModel, point: &TracePoint<P>) -> f64 {
 pub(super) fn usual_deviation<P>(model: &MatchModel, point: &TracePoint<P>) -> f64 {
     point.accuracy.unwrap_or(model.noise)
 }
-
-/// Slope of the logistic function that is nearest to the normal distribution function.
-const SLOPE: f64 = 1.702;
 
 /// Sigmoid near the distribution function of a normal variable, with heavier tails.
 pub(super) fn share_below(z: f64) -> f64 {

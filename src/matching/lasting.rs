@@ -83,8 +83,8 @@ impl LastingErrors {
         (squares / count.max(1.0)).sqrt()
     }
 
-    /// Share of the variance that lasts, and for how many seconds, by least squares with the prior, whose share counts as
-    /// so many independent pairs of errors.
+    /// Share of the variance that lasts, and for how many seconds, by least squares with the prior,
+    /// whose share counts as so many independent pairs of errors.
     pub(super) fn fit(&self, prior: &MatchModel, prior_weight: f64) -> [f64; 2] {
         let variance = self.deviation().powi(2);
         // A correlation is as certain as independent pairs of errors make it.

@@ -47,9 +47,9 @@
 //!
 //! **The model.** The error of a position is a slowly moving offset and white noise, of which each
 //! state carries its distribution, along with that of its place along the road: what lasts counts
-//! once, and not at each point. Reception is usual, or [poor](MatchModel::poor) for a minute or so, with errors four
-//! times as large, or the receiver is a rough one, with twice the errors and more of them white; each state has a
-//! probability of each, and a vehicle that stands keeps its error. The likelihood of a position is its density across the road, given
+//! once, and not at each point. Reception is usual, or [poor](MatchModel::poor) for a minute or so,
+//! with errors four times as large, or the receiver is a rough one, with twice the errors and more
+//! of them white; each state has a probability of each, and a vehicle that stands keeps its error. The likelihood of a position is its density across the road, given
 //! the positions before, plus a share of [outliers](MatchModel::outliers), which spread over some
 //! 30 σ and, more and more thinly, beyond. A move weighs what was measured on the way, and is not
 //! normalised away: the density of its length, for a vehicle that stands or that goes at up to some

@@ -60,13 +60,13 @@ pub(super) struct Interval {
     pub(super) metres: f64,
     /// Standard deviation of the difference of the errors of two positions, in each direction.
     pub(super) jitter: f64,
-    /// Density of the displacement of a vehicle that stands.
-    stands: f64,
-    /// The same over that with errors that change as much as those of a vehicle that moves, by
-    /// reception.
-    steadier: [f64; RECEPTIONS],
     /// The same if the errors were independent.
     pub(super) spread: f64,
+    /// Density of the displacement of a vehicle that stands.
+    stands: f64,
+    /// Density of the displacement of a vehicle that stands over that with errors that change as
+    /// much as those of one that moves, by reception.
+    steadier: [f64; RECEPTIONS],
     /// Share of the error that lasts that is left.
     pub(super) kept: f64,
     /// Mean of the speeds that the receiver tells at both ends.
@@ -124,8 +124,8 @@ impl Interval {
         let stood = stood.min(MOST_STOOD);
         let stop = model.stop + (stood - model.stop) * (-seconds / STOP_LASTS).exp();
         let usual = usual_deviation(model, before).hypot(usual_deviation(model, point));
-        let held = Receiver::new(model, usual).changes(HELD * (1.0 - kept));
-        let moving = Receiver::new(model, usual).changes(1.0 - kept);
+        let receiver = Receiver::new(model, usual);
+        let [held, moving] = [HELD, 1.0].map(|share| receiver.changes(share * (1.0 - kept)));
         let squared = metres * metres;
         let density = |variance: f64| (-0.5 * squared / variance).exp() / variance;
         let fine = (1.0 - UNSTEADY) * density(held[0]) + UNSTEADY * density(moving[1]);
@@ -138,7 +138,7 @@ impl Interval {
             (1.0 - UNSTEADY) * ratio(held[0], moving[1]) + UNSTEADY,
             ratio(held[2], moving[2]),
         ];
-        Self { stop, seconds, metres, jitter, stands, steadier, spread, kept, speed }
+        Self { stop, seconds, metres, jitter, spread, stands, steadier, kept, speed }
     }
 
     /// Longest route worth looking for.

@@ -82,7 +82,7 @@ pub(super) struct Ahead {
 /// Probability of a reception below which the share on an edge is that of the others.
 const RARE: f64 = 1e-3;
 /// Slope of the logistic function that is nearest to the normal distribution function.
-const SLOPE: f64 = 1.702;
+pub(super) const SLOPE: f64 = 1.702;
 /// Deviations, as arguments of the logistic function, beyond which nothing is cut off.
 const FAR: f64 = 7.0;
 /// Least variance along, in square metres: below that of the finest receiver.

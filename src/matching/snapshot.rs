@@ -171,7 +171,7 @@ impl Stored for Window {
 
 impl<P: Coordinates> Vehicle<P> {
     /// Returns the state as bytes, in the format of
-    /// [`FilterSnapshot`](crate::inference::FilterSnapshot::to_bytes): some 400 for each state of
+    /// [`FilterSnapshot`](crate::inference::FilterSnapshot::to_bytes): some 300 for each state of
     /// the window, and 16 for each move. Read back, a vehicle goes on to the bit, on the network on
     /// which it was started: its fingerprint is among the bytes.
     ///

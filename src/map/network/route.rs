@@ -125,8 +125,9 @@ pub struct Reached {
 impl RouteSearch {
     /// Finds the routes of least cost from the end of an edge to the starts of the edges in
     /// `targets`: their lengths, and what [`RouteCosts`] adds. Stops when all are found, and does not
-    /// go where the straight distance to the targets is too long for the largest cost. O(edges within
-    /// that, log).
+    /// go where the straight distance to the targets is too long for the largest cost; edges that are
+    /// shorter than the straight line between their ends are taken into account from 5 m on. O(edges
+    /// within that, log).
     ///
     /// # Panics
     ///

@@ -27,7 +27,7 @@ use crate::transition::{Transition, TransitionEntries, buffers, check_count, che
 ///
 /// # Costs
 ///
-/// Those of a [`CellTransition`] for each of the nine scales, and in steps in which scales change,
+/// Time of a [`CellTransition`] for each of the nine scales, and in steps in which scales change,
 /// at most one in each cell, O(81 n) more. Memory: as the belief has nine times the states.
 ///
 /// ```

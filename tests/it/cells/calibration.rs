@@ -19,7 +19,7 @@ const TICKS: usize = 1200;
 /// Ticks before the first answer that counts.
 const FIRST: usize = 200;
 
-/// What is wrong with the wheels.
+/// Errors of the wheels.
 #[derive(Debug, Clone, Copy, Default)]
 struct Truth {
     /// Metres read for each metre driven, less 1; of either sign.
