@@ -106,7 +106,9 @@ proptest! {
 
     /// 5% of the frames are replaced, or a distance in them. At all others, the probability of the
     /// right place moves by 0.03 on average, 0.01 in the smoother (0.005 but for one drive in some
-    /// thousand), and where single images are mostly wrong by 0.1. In a fit, speeds stay, and the temperature goes to a neighbour on
+    /// thousand). Where single images are mostly wrong, frames that name other places move it more:
+    /// by 0.026 in the mean of 3,200 drives, 0.12 in the worst (0.06 in the smoother), so the bounds
+    /// there are 0.2 and 0.1. In a fit, speeds stay, and the temperature goes to a neighbour on
     /// its grid at most: answers on another drive then move by 0.06, else by 0.002. Usual scores move
     /// by 0.4 deviations.
     #[test]
@@ -133,7 +135,7 @@ proptest! {
         let others = |k: usize| k >= FINDING && !frames.contains(&k);
         let (a, b) = (beliefs(&rows, Options::default()), beliefs(&other, Options::default()));
         let [filter, smoother] = [0, 1].map(|k| moved(&a[k], &b[k], others));
-        let [most, most_smoothed] = if clear { [0.03, 0.01] } else { [0.1, 0.1] };
+        let [most, most_smoothed] = if clear { [0.03, 0.01] } else { [0.2, 0.1] };
         prop_assert!(filter < most && smoother < most_smoothed, "{filter} {smoother}");
 
         let places: Vec<_> = drive().into_iter().map(|place| Some(place..=place)).collect();
