@@ -1,7 +1,8 @@
 //! Candidates of a step, its states: points of roads near a position, those where vehicles would be
 //! that go on unseen, and one off the road. Each has the likelihood of the position.
 
-use super::receiver::{Place, SLOPE, Sighting};
+use super::place::Place;
+use super::sighting::{SLOPE, Sighting};
 use super::{MatchModel, TracePoint};
 use crate::map::{Coordinates, EdgeIndex, NearEdge, RoadNetwork};
 
@@ -190,7 +191,7 @@ impl<P: Coordinates> CandidateSearch<'_, P> {
         let most = (0.25 * SLOPE * metres / sigma).tanh();
         let spread = OUTLIER_SPREAD * sigma;
         // Nothing is impossible, however far: a density as Cauchy's in two dimensions.
-        let far = 3.0 * (near.metres_off / spread).hypot(1.0).ln();
+        let far = 1.0 + (near.metres_off / spread).powi(2);
         self.log_headings.push(log_heading);
         self.sightings.push(Sighting {
             normal,
@@ -199,7 +200,7 @@ impl<P: Coordinates> CandidateSearch<'_, P> {
             along: near.metres_along + near.beyond,
             length: metres,
             is_beside,
-            log_outlier: self.model.outliers.ln() + most.ln() - far - spread.ln(),
+            outlier: self.model.outliers * most / (spread * far * far.sqrt()),
         });
         Candidate {
             edge: near.edge as u32,

@@ -6,7 +6,8 @@ use super::candidates::Candidate;
 use super::lasting::{Error, LastingErrors};
 use super::matcher::DRIVES_AHEAD;
 use super::moves::Move;
-use super::receiver::{FACTORS, REDRAWN_AFTER, ROUGH, Sighting};
+use super::receiver::{FACTORS, POOR_AT, REDRAWN_AFTER, ROUGH};
+use super::sighting::Sighting;
 use super::step::{MatchStep, SmoothedDrive};
 use super::{MatchError, MatchModel, Matcher, TracePoint};
 use crate::inference::engines::parallel;
@@ -238,7 +239,7 @@ impl<P: Coordinates> Matcher<P> {
             let on_road = states_now.iter().zip(&sightings[number]);
             for ((state, sighting), &p) in on_road.zip(probabilities) {
                 outliers.add(if number == 0 { p * (1.0 - state.inlier) } else { 0.0 }, p);
-                poor.add(elapsed * p * state.place.shares[1], elapsed * p);
+                poor.add(elapsed * p * state.place.shares[POOR_AT], elapsed * p);
                 let Some(across) = error(state, sighting).map(|error| error.metres) else {
                     continue;
                 };

@@ -1,7 +1,8 @@
 //! The matcher: a network, an index of its edges, and a model of drives.
 
 use super::moves::Move;
-use super::receiver::{Place, Sighting};
+use super::place::{ByReception, Place};
+use super::sighting::Sighting;
 use super::{MatchError, MatchModel};
 use crate::inference::engines::parallel::MemoryPool;
 use crate::map::{
@@ -56,9 +57,8 @@ pub(super) struct Entry {
     pub(super) inlier: f64,
     /// Metres along the edge before at which the edge of the state starts, if it is on the way.
     pub(super) starts: Option<f64>,
-    /// The place before with the error after the position, counted from the start of the edge of
-    /// the state.
-    pub(super) error: Place,
+    /// Probabilities of the kinds of reception after the position.
+    pub(super) shares: ByReception,
 }
 
 impl<P: Coordinates> Matcher<P> {

@@ -1,9 +1,12 @@
 //! Weights of moves between states of two steps, by the time and the metres between them.
 
 use super::candidates::{deviation, share_below, usual_deviation};
-use super::receiver::{Ahead, RECEPTIONS, Receiver};
+use super::place::ByReception;
+use super::receiver::{RECEPTIONS, ROUGH_AT, Receiver};
+use super::sighting::{Ahead, Fit, SLOPE};
 use super::ways::Way;
 use super::{MatchModel, TracePoint};
+use crate::kernels::exp_in_place;
 use crate::map::{Coordinates, RoadClass};
 
 /// Fastest speed in metres per second that a density of distances spreads over.
@@ -66,7 +69,7 @@ pub(super) struct Interval {
     stands: f64,
     /// Density of the displacement of a vehicle that stands over that with errors that change as
     /// much as those of one that moves, by reception.
-    steadier: [f64; RECEPTIONS],
+    steadier: ByReception,
     /// Share of the error that lasts that is left.
     pub(super) kept: f64,
     /// Mean of the speeds that the receiver tells at both ends.
@@ -96,15 +99,6 @@ struct Distance {
     deviation: f64,
 }
 
-/// Evidence of a position for a state, given the state before.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Belonging {
-    /// Probability that the position belongs to the road.
-    pub(super) inlier: f64,
-    /// Share of the places of a vehicle that moved there that are on the edge.
-    pub(super) share: f64,
-}
-
 impl Interval {
     /// Interval between two points; `stood` is the probability that the vehicle stood before,
     /// `rough` that the receiver is.
@@ -129,14 +123,14 @@ impl Interval {
         let squared = metres * metres;
         let density = |variance: f64| (-0.5 * squared / variance).exp() / variance;
         let fine = (1.0 - UNSTEADY) * density(held[0]) + UNSTEADY * density(moving[1]);
-        let stands = (1.0 - rough) * fine + rough * density(held[2]);
+        let stands = (1.0 - rough) * fine + rough * density(held[ROUGH_AT]);
         let ratio = |held: f64, moving: f64| {
             (-0.5 * squared * (1.0 / held - 1.0 / moving)).exp() * moving / held
         };
         let steadier = [
             ratio(held[0], moving[0]),
             (1.0 - UNSTEADY) * ratio(held[0], moving[1]) + UNSTEADY,
-            ratio(held[2], moving[2]),
+            ratio(held[ROUGH_AT], moving[ROUGH_AT]),
         ];
         Self { stop, seconds, metres, jitter, spread, stands, steadier, kept, speed }
     }
@@ -166,11 +160,12 @@ impl Interval {
         let speed = SPEED_OFF_ROAD / (1.0 + self.seconds / BENDS_AFTER);
         let limit = 1.3 * speed * self.seconds + deviation;
         let rare = 1.0 / (1.0 + (metres / limit).powi(2));
-        let moves = self.by_limit(Distance { metres, deviation }, limit);
+        let moves = self.by_limit(Distance { metres, deviation }, limit, [0.0; 2]).0;
         let moves = (1.0 - ANY_SPEED) * moves + ANY_SPEED * rare;
-        let along =
-            self.stop * self.most() * Ahead::of(metres, deviation).standing([1.0; RECEPTIONS])
-                + (1.0 - self.stop) * moves;
+        let along = self.stop
+            * self.most()
+            * Ahead::of(metres, deviation * deviation).standing([1.0; RECEPTIONS])
+            + (1.0 - self.stop) * moves;
         let independent = -(-self.seconds / FORGETS).exp_m1();
         let across = deviation.hypot((ASTRAY + ASTRAY_AT_LAST * independent) * metres);
         let in_plane = (along / (std::f64::consts::TAU.sqrt() * across)).ln();
@@ -188,32 +183,37 @@ impl Interval {
         model.deviation * self.seconds.max(LEAST_SECONDS)
     }
 
-    /// Weight of a way to a state on a road, without the share that leaves the road: density of
-    /// the distance, relative to an even one up to the fastest speed, the detour, the choices at
-    /// junctions, and U-turns. Where the position does not belong to the road, nothing was measured
-    /// of the distance, and a move weighs at most its probability. The logarithm may be −∞, and the
-    /// rest is then unused.
+    /// Log weight of a way to a state on a road with the density of its position, without the share
+    /// that leaves the road: density of the distance, relative to an even one up to the fastest speed,
+    /// the detour, the choices at junctions, and U-turns. Where the position does not belong to the
+    /// road, nothing was measured of the distance, and a move weighs at most its probability. The
+    /// logarithm may be −∞, and the rest is then unused.
     pub(super) fn weight(
         &self,
         model: &MatchModel,
         way: &Way,
         fastest: f64,
-        ahead: &Ahead,
-        belonging: Belonging,
+        fit: &Fit,
     ) -> (f64, Move) {
+        let Fit { density: position, inlier, share, ref ahead, .. } = *fit;
         let [metres, deviation] = ahead.moments();
         let distance = Distance { metres, deviation };
-        let Belonging { inlier, share } = belonging;
-        let moves = match self.speed {
-            None => self.by_limit(distance, 1.3 * fastest * self.seconds + deviation),
+        let detour = way.detour / self.detour_scale(model);
+        let (moves, is_ahead, [short, long]) = match self.speed {
+            None => {
+                let limit = 1.3 * fastest * self.seconds + deviation;
+                self.by_limit(distance, limit, [detour, 0.1 * detour])
+            }
             Some(speed) => {
                 // A receiver's speed is that of a moment.
                 let sigma = deviation.hypot(1.0 + 0.3 * speed * self.seconds);
                 let z = (metres - speed * self.seconds) / sigma;
-                self.most() / (sigma * std::f64::consts::TAU.sqrt()) * (-0.5 * z * z).exp()
+                let [density, short, long] = [-0.5 * z * z, -detour, -0.1 * detour].map(f64::exp);
+                let density = density / (sigma * std::f64::consts::TAU.sqrt());
+                (self.most() * density, share_below(metres / deviation), [short, long])
             }
         };
-        let moves = (1.0 - ANY_SPEED) * moves + ANY_SPEED * share_below(metres / deviation);
+        let moves = (1.0 - ANY_SPEED) * moves + ANY_SPEED * is_ahead;
         let moves = moves.max(ANY_DISTANCE);
         // Where the position belongs to the road, and where it says nothing.
         let parts = |weight: f64| [inlier * weight, (1.0 - inlier) * weight.min(1.0)];
@@ -228,14 +228,8 @@ impl Interval {
         moves[0] *= share;
         let unseen = stands[1] + moves[1];
         let [stands, moves] = [stands, moves].map(|[seen, unseen]| seen + unseen);
-        let scaled = way.detour / self.detour_scale(model);
-        let [short, long] = match scaled {
-            0.0 => [1.0 - LONG_DETOURS, 0.1 * LONG_DETOURS],
-            _ => {
-                [(1.0 - LONG_DETOURS) * (-scaled).exp(), 0.1 * LONG_DETOURS * (-0.1 * scaled).exp()]
-            }
-        };
-        let total = (stands + moves) * (short + long);
+        let (short, long) = ((1.0 - LONG_DETOURS) * short, 0.1 * LONG_DETOURS * long);
+        let total = position * (stands + moves) * (short + long);
         let mut log = total.ln() - (CHOICES * way.log_choices).min(MOST_CHOICES);
         if way.u_turns > 0 {
             log += f64::from(way.u_turns) * model.u_turn.ln();
@@ -246,20 +240,29 @@ impl Interval {
         (log, Move::Along { stood, outlier, detour })
     }
 
-    /// Relative density of the distance of a vehicle that moves, up to a limit. Few go slowly: the
-    /// density grows up to a part of the limit, blurred by the noise of positions.
-    fn by_limit(&self, distance: Distance, limit: f64) -> f64 {
+    /// Relative density of the distance of a vehicle that moves, up to a limit, the probability that
+    /// it is above 0, and the exponentials e^−z of two more numbers. Few go slowly: the density grows
+    /// up to a part of the limit, blurred by the noise of positions.
+    fn by_limit(&self, distance: Distance, limit: f64, [z, w]: [f64; 2]) -> (f64, f64, [f64; 2]) {
         let (Distance { metres, deviation }, slow) = (distance, SLOW * limit);
-        let ramp = exceeds(metres, deviation) - exceeds(metres - slow, deviation);
-        let below = share_below((limit - metres) / deviation);
-        (ramp / slow).max(0.0) * below * self.most() / ((1.0 - 0.5 * SLOW) * limit)
+        let ends = [metres / deviation, (metres - slow) / deviation];
+        let left = (limit - metres) / deviation;
+        let [normal, normal_slow] = ends.map(|z| -0.5 * z * z);
+        let [below, below_slow, below_limit] = [ends[0], ends[1], left].map(|z| -SLOPE * z.abs());
+        let mut powers = [normal, normal_slow, below, below_slow, below_limit, -z, -w, 0.0];
+        exp_in_place(&mut powers);
+        let [normal, normal_slow, below, below_slow, below_limit, z, w, _] = powers;
+        // A logistic function of z, of which e^−|z| is given.
+        let share = |z: f64, e: f64| if z > 0.0 { 1.0 } else { e } / (1.0 + e);
+        let is_ahead = share(ends[0], below);
+        // Means of what the distance exceeds 0 and the slow part by.
+        let root = deviation / std::f64::consts::TAU.sqrt();
+        let over = root * normal + metres * is_ahead;
+        let over_slow = root * normal_slow + (metres - slow) * share(ends[1], below_slow);
+        let ramp = ((over - over_slow) / slow).max(0.0);
+        let density = ramp * share(left, below_limit) * self.most() / ((1.0 - 0.5 * SLOW) * limit);
+        (density, is_ahead, [z, w])
     }
-}
-
-/// Mean of what a distance exceeds 0 by, if it is measured with a standard deviation.
-fn exceeds(metres: f64, deviation: f64) -> f64 {
-    let z = metres / deviation;
-    deviation * (-0.5 * z * z).exp() / std::f64::consts::TAU.sqrt() + metres * share_below(z)
 }
 
 /// Typical speed of a road in metres per second, where none is posted.

@@ -1,8 +1,7 @@
 //! Vehicles as bytes: their fields one after the other, in the order in which they are declared.
 
 use super::candidates::Candidate;
-use super::placement::Placement;
-use super::receiver::{Place, RECEPTIONS};
+use super::place::{ByReception, Place};
 use super::vehicle::{Progress, Window};
 use super::{TracePoint, Vehicle};
 use crate::error::SnapshotError;
@@ -67,17 +66,17 @@ stored_numbers! {
             .map_err(|_| contents(String::from("the number of an edge is too large")));
 }
 
-impl Stored for [Placement; RECEPTIONS] {
+impl<const N: usize> Stored for [ByReception; N] {
     fn write(&self, writer: &mut Writer) {
-        self.iter().for_each(|placement| placement.write(writer));
+        self.iter().for_each(|values| values.write(writer));
     }
 
     fn read(reader: &mut Reader<'_>) -> Result<Self, SnapshotError> {
-        let mut placements = Self::default();
-        for placement in &mut placements {
-            *placement = Placement::read(reader)?;
+        let mut values = [ByReception::default(); N];
+        for values in &mut values {
+            *values = Stored::read(reader)?;
         }
-        Ok(placements)
+        Ok(values)
     }
 }
 
@@ -96,8 +95,7 @@ impl<const N: usize> Stored for [f64; N] {
 }
 
 stored_fields!(Progress<P> { network, lag, points, point, speed, stood, log_likelihood, last });
-stored_fields!(Placement { mean, covariance });
-stored_fields!(Place { placements, shares });
+stored_fields!(Place { mean, covariance, shares });
 stored_fields!(Candidate { edge, along, point, place, inlier });
 
 impl<P: Coordinates> Stored for TracePoint<P> {
@@ -261,15 +259,16 @@ fn unit(name: &str) -> u64 {
 fn check(state: &Candidate) -> Result<(), SnapshotError> {
     /// More than any coordinate of the plane, or any length of an edge.
     const LARGEST: f64 = 1e12;
-    let Candidate { edge: _, along, point, place: Place { placements, shares }, inlier } = *state;
+    let Candidate { edge: _, along, point, place: Place { mean, covariance, shares }, inlier } =
+        *state;
     let range = -LARGEST..=LARGEST;
     let squares = -LARGEST * LARGEST..=LARGEST * LARGEST;
     let mut numbers: Vec<_> = point.map(|value| (value, range.clone())).into();
-    for Placement { mean, covariance: [xx, xy, xz, yy, yz, zz] } in placements {
-        numbers.extend(mean.map(|value| (value, range.clone())));
-        numbers.extend([xx, yy, zz].map(|value| (value, 0.0..=LARGEST * LARGEST)));
-        numbers.extend([xy, xz, yz].map(|value| (value, squares.clone())));
-    }
+    let [xx, xy, xz, yy, yz, zz] = covariance;
+    numbers.extend(mean.as_flattened().iter().map(|&value| (value, range.clone())));
+    numbers
+        .extend([xx, yy, zz].as_flattened().iter().map(|&value| (value, 0.0..=LARGEST * LARGEST)));
+    numbers.extend([xy, xz, yz].as_flattened().iter().map(|&value| (value, squares.clone())));
     numbers.extend([(along, 0.0..=LARGEST), (inlier, 0.0..=1.0)]);
     numbers.extend(shares.map(|share| (share, 0.0..=1.0 + 1e-9)));
     for (value, range) in numbers {

@@ -8,7 +8,8 @@
 use super::candidates::{Candidate, CandidateSearch, log_density_off_road, metres_between};
 use super::matcher::Memory;
 use super::moves::{Interval, Move};
-use super::receiver::Sighting;
+use super::receiver::ROUGH_AT;
+use super::sighting::Sighting;
 use super::ways::Ways;
 use super::{MatchError, MatchModel, Matcher, TracePoint};
 use crate::inference::{Scale, SmoothedTrellis, Trellis, TrellisForward};
@@ -41,7 +42,7 @@ impl<P> PreviousStep<'_, P> {
         for (state, log) in self.states.iter().zip(self.log_filtered) {
             if !state.is_off_road() {
                 let p = log.exp();
-                (rough, sum) = (rough + p * state.place.shares[2], sum + p);
+                (rough, sum) = (rough + p * state.place.shares[ROUGH_AT], sum + p);
             }
         }
         if sum > 0.0 { rough / sum } else { 0.0 }

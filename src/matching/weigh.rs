@@ -2,8 +2,10 @@
 
 use super::candidates::{Candidate, deviation, usual_deviation};
 use super::matcher::{Entry, Memory};
-use super::moves::{Belonging, Interval, Move, speed_of};
-use super::receiver::{Ahead, Place, PlaceMixture, Receiver};
+use super::moves::{Interval, Move, speed_of};
+use super::place::PlaceMixture;
+use super::receiver::Receiver;
+use super::sighting::{Ahead, Fit, Sighting};
 use super::step::{MatchStep, PreviousStep};
 use super::ways::Ways;
 use super::{Matcher, TracePoint};
@@ -14,7 +16,7 @@ const NEGLIGIBLE: f64 = -12.0;
 /// Logarithm of the weight below which a move is left out.
 const LEAST_WEIGHT: f64 = -40.0;
 /// Share of a state's belief below which a move does not count in its place.
-const LEAST_SHARE: f64 = 1e-5;
+const LEAST_SHARE: f64 = 1e-4;
 /// Acceleration after a U-turn, in metres per second squared.
 const ACCELERATION: f64 = 2.0;
 /// Metres of road for each square metre: where a vehicle comes back onto the road, it is on one of
@@ -29,15 +31,16 @@ impl<P: Coordinates> MatchStep<'_, P> {
         let receiver = Receiver::new(self.model, usual_deviation(self.model, point));
         let unknown = receiver.unknown();
         let states = states.iter_mut().zip(&self.memory.sightings);
-        let place = |(state, sighting): (&mut Candidate, _)| {
-            let (error, log_across) = receiver.across(&unknown, sighting);
-            let (log, inlier) = sighting.position(&receiver, log_across);
-            let moved = receiver.moved(&error, sighting);
-            let (share, mut mixture) = (sighting.share(&moved), PlaceMixture::default());
+        let place = |(state, sighting): (&mut Candidate, &Sighting)| {
+            let fit = sighting.fit(&unknown, 0.0, &receiver);
+            let Fit { density, inlier, share, shares, .. } = fit;
+            let error = sighting.across(&unknown, shares, &receiver);
+            let moved = sighting.moved(&error, &receiver);
+            let mut mixture = PlaceMixture::default();
             mixture.add(inlier, &sighting.within(&moved));
             mixture.add(1.0 - inlier, &unknown.unseen(state.along, sigma));
             (state.place, state.inlier) = (mixture.merged().unwrap_or(unknown), inlier);
-            log + (1.0 - inlier + inlier * share).ln()
+            (density * (1.0 - inlier + inlier * share)).ln()
         };
         states.map(place).collect()
     }
@@ -65,57 +68,54 @@ impl<P: Coordinates> MatchStep<'_, P> {
         let (into_off_road, stays) = (by_area + leaves.ln(), (-leaves).ln_1p());
         let onto_road = by_area + returns.ln() - METRES_OF_ROAD.ln();
         for (number, (from, log)) in before.states.iter().zip(before.log_filtered).enumerate() {
-            let entry = |log, kind, error| Entry {
+            let entry = |log, inlier, shares| Entry {
                 from: number,
                 log,
-                kind,
-                inlier: 0.0,
+                kind: Move::OffRoad,
+                inlier,
                 starts: None,
-                error,
+                shares,
             };
             let targets = states[..off_road].iter().zip(&*sightings);
             if from.is_off_road() {
                 // Nothing is known of the error.
                 let unknown = receiver.unknown();
                 places[number] = unknown;
-                for ((_, sighting), list) in targets.zip(entries.iter_mut()) {
-                    let (error, log_across) = receiver.across(&unknown, sighting);
-                    let (log, inlier) = sighting.position(&receiver, log_across);
-                    let share = sighting.share(&receiver.moved(&error, sighting));
-                    let log = onto_road + log + (1.0 - inlier + inlier * share).ln();
-                    list.push(Entry { inlier, ..entry(log, Move::OffRoad, error) });
+                let is_likely = *log >= NEGLIGIBLE;
+                for ((_, sighting), list) in targets.zip(entries.iter_mut()).filter(|_| is_likely) {
+                    let fit = sighting.fit(&unknown, 0.0, &receiver);
+                    let Fit { density, inlier, share, shares, .. } = fit;
+                    let position = density * (1.0 - inlier + inlier * share);
+                    list.push(entry(onto_road + position.ln(), inlier, shares));
                 }
-                let log = by_area + (-returns).ln_1p();
-                entries[off_road].push(entry(log, Move::OffRoad, unknown));
+                let stays = by_area + (-returns).ln_1p();
+                entries[off_road].push(entry(stays, 0.0, unknown.shares));
                 continue;
             }
             if *log < NEGLIGIBLE {
                 continue;
             }
-            entries[off_road].push(entry(into_off_road, Move::OffRoad, Place::default()));
+            entries[off_road].push(entry(into_off_road, 0.0, from.place.shares));
             let Matcher { network, measures, .. } = matcher;
             let mut ways = Ways { network, measures, search };
             ways.from(from, states, model, interval);
             for ((to, sighting), list) in targets.zip(entries.iter_mut()) {
                 let Some(way) = ways.way(from, to, interval.spread) else { continue };
-                let place = places[number].counted_from(way.starts.unwrap_or(0.0));
-                let (error, log_across) = receiver.across(&place, sighting);
-                let (position, inlier) = sighting.position(&receiver, log_across);
-                let share = sighting.share(&receiver.moved(&error, sighting));
-                let ahead = match way.starts {
-                    Some(_) => receiver.ahead(&error, sighting),
-                    None => Ahead::of(way.metres, interval.spread),
-                };
+                let starts = way.starts.unwrap_or(0.0);
+                let mut fit = sighting.fit(&places[number], starts, &receiver);
+                if way.starts.is_none() {
+                    fit.ahead = Ahead::of(way.metres, interval.spread * interval.spread);
+                }
                 let mut fastest = matcher.speed(from).max(matcher.speed(to));
                 if way.u_turns > 0 {
                     // A U-turn begins at a stop.
                     fastest = fastest.min(ACCELERATION * interval.seconds);
                 }
-                let belonging = Belonging { inlier, share };
-                let (log, kind) = interval.weight(model, &way, fastest, &ahead, belonging);
+                let (log, kind) = interval.weight(model, &way, fastest, &fit);
                 if log > LEAST_WEIGHT {
-                    let (log, starts) = (stays + log + position, way.starts);
-                    list.push(Entry { from: number, log, kind, inlier, starts, error });
+                    let (log, starts) = (stays + log, way.starts);
+                    let Fit { inlier, shares, .. } = fit;
+                    list.push(Entry { from: number, log, kind, inlier, starts, shares });
                 }
             }
         }
@@ -135,25 +135,27 @@ impl<P: Coordinates> MatchStep<'_, P> {
         for (number, state) in states.iter_mut().enumerate() {
             let log = |entry: &Entry| entry.log + before.log_filtered[entry.from];
             let most = entries[number].iter().map(log).fold(f64::NEG_INFINITY, f64::max);
-            let (mut mixture, mut inliers, mut sum) = (PlaceMixture::default(), 0.0, 0.0);
+            let [mut mixture, mut moved] = [PlaceMixture::default(); 2];
+            let [mut inliers, mut moves, mut sum] = [0.0; 3];
             let sighting = &sightings[number];
             for entry in &entries[number] {
                 let p = (log(entry) - most).exp();
                 if p < LEAST_SHARE || p.is_nan() {
                     continue;
                 }
-                let Entry { from, inlier, starts, error, .. } = *entry;
+                let Entry { from, inlier, starts, shares, .. } = *entry;
                 let stood = match entry.kind {
                     Move::Along { stood, .. } => stood,
                     Move::OffRoad => 0.0,
                 };
-                let [still, moves] = [stood, 1.0 - stood].map(|share| p * inlier * share);
+                let place = places[from].counted_from(starts.unwrap_or(0.0));
+                let error = sighting.across(&place, shares, receiver);
+                let [still, moving] = [stood, 1.0 - stood].map(|share| p * inlier * share);
                 if still > LEAST_SHARE {
-                    mixture.add(still, &sighting.within(&receiver.stood(&error, sighting)));
+                    mixture.add(still, &sighting.within(&sighting.stood(&error, receiver)));
                 }
-                if moves > LEAST_SHARE {
-                    mixture.add(moves, &sighting.within(&receiver.moved(&error, sighting)));
-                }
+                moved.add(moving, &error);
+                moves += moving;
                 if p * (1.0 - inlier) > LEAST_SHARE {
                     let unseen = match starts {
                         Some(0.0) => places[from],
@@ -163,6 +165,9 @@ impl<P: Coordinates> MatchStep<'_, P> {
                 }
                 inliers += p * inlier;
                 sum += p;
+            }
+            if let Some(error) = moved.merged() {
+                mixture.add(moves, &sighting.within(&sighting.moved(&error, receiver)));
             }
             state.place = mixture.merged().unwrap_or_else(|| receiver.unknown());
             state.inlier = if sum > 0.0 { inliers / sum } else { 0.0 };

@@ -3,6 +3,8 @@
 mod backward;
 mod batch;
 mod chain;
+#[cfg(feature = "matching")]
+mod exp;
 mod forward;
 mod largest;
 mod lines;
@@ -19,6 +21,8 @@ pub(crate) use backward::{BackwardStep, backward_step, divide_by_prediction};
 pub(crate) use batch::{batch_backward, batch_forward, batch_max, batch_normalize};
 pub(crate) use batch::{batch_ratio, count_moves};
 pub(crate) use chain::{ChainPointers, ChainState, chain_backward, chain_decode, chain_forward};
+#[cfg(feature = "matching")]
+pub(crate) use exp::exp_in_place;
 pub(crate) use forward::normalize_in_place;
 pub(crate) use forward::{ForwardStep, ForwardSums, Watch, forward_step, normalize_and_lift};
 pub(crate) use largest::{Valid, largest};

@@ -95,6 +95,11 @@ impl Simd for Portable {
         (lanes(|l| exponent(v[l]) - (WHOLE + 1023.0)), lanes(|l| mantissa(v[l])))
     }
     #[inline(always)]
+    fn power_of_two(self, n: Eight) -> Eight {
+        // The last bits are those of n; beside the bits of 1 they count its exponent on.
+        lanes(|l| f64::from_bits((n[l].to_bits() << 52).wrapping_add(1.0_f64.to_bits())))
+    }
+    #[inline(always)]
     fn broadcast_lanes(self, v: Eight) -> [Eight; LANES] {
         lanes(|l| [v[l]; LANES])
     }

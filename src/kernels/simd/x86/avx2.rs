@@ -62,6 +62,19 @@ impl Simd for Avx2 {
     }
 
     #[inline(always)]
+    fn power_of_two(self, n: Pair) -> Pair {
+        // SAFETY: `self` proves AVX2; the instructions touch no memory.
+        unsafe {
+            // The last bits are those of n; beside the bits of 1 they count its exponent on.
+            let one = _mm256_castpd_si256(_mm256_set1_pd(1.0));
+            let power = |n: __m256d| {
+                let exponent = _mm256_slli_epi64::<52>(_mm256_castpd_si256(n));
+                _mm256_castsi256_pd(_mm256_add_epi64(exponent, one))
+            };
+            (power(n.0), power(n.1))
+        }
+    }
+    #[inline(always)]
     fn splat(self, x: f64) -> Pair {
         // SAFETY: `self` proves AVX2; the instruction touches no memory.
         let four = unsafe { _mm256_set1_pd(x) };

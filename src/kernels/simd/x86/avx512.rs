@@ -61,6 +61,16 @@ impl Simd for Avx512 {
     }
 
     #[inline(always)]
+    fn power_of_two(self, n: __m512d) -> __m512d {
+        // SAFETY: `self` proves AVX-512 F; the instructions touch no memory.
+        unsafe {
+            // The last bits are those of n; beside the bits of 1 they count its exponent on.
+            let exponent = _mm512_slli_epi64::<52>(_mm512_castpd_si512(n));
+            let one = _mm512_castpd_si512(_mm512_set1_pd(1.0));
+            _mm512_castsi512_pd(_mm512_add_epi64(exponent, one))
+        }
+    }
+    #[inline(always)]
     fn splat(self, x: f64) -> __m512d {
         // SAFETY: `self` proves AVX-512 F; the instruction touches no memory.
         unsafe { _mm512_set1_pd(x) }

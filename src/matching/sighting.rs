@@ -1,0 +1,306 @@
+//! A position as it is seen from an edge, and what it says of a place there.
+//!
+//! A position is two measurements of the place along x and the error o: a distance across,
+//! n · o + w, and a place along, x + t · o + w, where n and t are the unit vectors across and along
+//! and w is white noise. That x is on the edge is a third, which is no Gaussian: the update takes the
+//! first two derivatives of its logarithm.
+
+use super::place::{ByReception, Place};
+use super::receiver::{RECEPTIONS, Receiver};
+use crate::kernels::exp_in_place;
+
+/// A position as it is seen from an edge.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Sighting {
+    /// Unit vector across, from the road to the position.
+    pub(super) normal: [f64; 2],
+    /// Unit vector along; zero if none is known.
+    pub(super) tangent: [f64; 2],
+    /// Metres across, in the direction of `normal`.
+    pub(super) across: f64,
+    /// Metres along, on the straight line that goes on beyond the ends.
+    pub(super) along: f64,
+    /// Length of the edge in metres.
+    pub(super) length: f64,
+    /// True if the position is beside the edge, and not beyond its ends.
+    pub(super) is_beside: bool,
+    /// Density of a position that says nothing of the place.
+    pub(super) outlier: f64,
+}
+
+/// A position and a place: how well they fit, and what follows of the place.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Fit {
+    /// Density of the position, whether it belongs to the road or says nothing.
+    pub(super) density: f64,
+    /// Probability that it belongs to the road.
+    pub(super) inlier: f64,
+    /// Probabilities of the kinds of reception after it.
+    pub(super) shares: ByReception,
+    /// Share on the edge of the places along of a vehicle that moved.
+    pub(super) share: f64,
+    /// Metres that the position is ahead of the place.
+    pub(super) ahead: Ahead,
+}
+
+/// Metres that a position is ahead of a place, by reception.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Ahead {
+    /// Probabilities of the kinds of reception.
+    shares: ByReception,
+    metres: ByReception,
+    variances: ByReception,
+}
+
+/// Distance across of a position from a place, by reception.
+struct Across {
+    /// Metres that it is off.
+    off: ByReception,
+    /// 1 / variance.
+    each: ByReception,
+    /// Covariances with the error to the east and to the north.
+    with: [ByReception; 2],
+    /// Half the square of the deviations that it is off.
+    squares: ByReception,
+}
+
+/// Slope of the logistic function that is nearest to the normal distribution function.
+pub(super) const SLOPE: f64 = 1.702;
+/// Deviations, as arguments of the logistic function, beyond which nothing is cut off.
+const FAR: f64 = 7.0;
+/// Least variance along, in square metres: below that of the finest receiver.
+const LEAST_VARIANCE: f64 = 1e-15;
+/// Largest share of a variance that an update by the ends of an edge takes away: its second
+/// derivative is that of a logistic function, and no exact one.
+const MOST_LEARNED: f64 = 0.9;
+
+impl Across {
+    #[inline]
+    fn new(place: &Place, sighting: &Sighting, receiver: &Receiver) -> Self {
+        let ([a, b], zero) = (sighting.normal, [0.0; RECEPTIONS]);
+        let ([_, x, y], [_, _, _, xx, xy, yy]) = (&place.mean, &place.covariance);
+        let mut across = Self { off: zero, each: zero, with: [zero; 2], squares: zero };
+        for r in 0..RECEPTIONS {
+            let (east, north) = (a * xx[r] + b * xy[r], a * xy[r] + b * yy[r]);
+            let each = 1.0 / ((a * east + b * north).max(0.0) + receiver.white[r]);
+            let off = sighting.across - (a * x[r] + b * y[r]);
+            (across.off[r], across.each[r]) = (off, each);
+            (across.with[0][r], across.with[1][r]) = (east, north);
+            across.squares[r] = 0.5 * off * off * each;
+        }
+        across
+    }
+
+    /// Probabilities of the receptions after the position, and the density of its distance across,
+    /// by the exponentials of the squares.
+    #[inline]
+    fn shares(&self, place: &Place, powers: &[f64]) -> (ByReception, f64) {
+        let (weights, total) = self.weights(place, powers);
+        if total > f64::MIN_POSITIVE {
+            return (weights.map(|weight| weight / total), total / std::f64::consts::TAU.sqrt());
+        }
+        // A thousand deviations off: the density is nothing, but one reception is the least unlikely.
+        let possible = (0..RECEPTIONS).filter(|r| place.shares[*r] > 0.0);
+        let least = possible.map(|r| self.squares[r]).fold(f64::INFINITY, f64::min);
+        let powers = self.squares.map(|square| (least - square).min(0.0).exp());
+        let (weights, total) = self.weights(place, &powers);
+        (weights.map(|weight| weight / total), 0.0)
+    }
+
+    /// Shares times densities, up to a factor, and their sum.
+    #[inline]
+    fn weights(&self, place: &Place, powers: &[f64]) -> (ByReception, f64) {
+        let (mut weights, mut total) = (place.shares, 0.0);
+        for r in 0..RECEPTIONS {
+            weights[r] *= powers[r] * self.each[r].sqrt();
+            total += weights[r];
+        }
+        (weights, total)
+    }
+
+    /// Updates a place.
+    #[inline]
+    fn learn(&self, place: &mut Place, [a, b]: [f64; 2]) {
+        let Place { mean: [along, x, y], covariance: [aa, ax, ay, xx, xy, yy], .. } = place;
+        for r in 0..RECEPTIONS {
+            let (each, off) = (self.each[r], self.off[r]);
+            let [u, v] = [self.with[0][r], self.with[1][r]];
+            let w = a * ax[r] + b * ay[r];
+            let by = off * each;
+            (along[r], x[r], y[r]) = (along[r] + w * by, x[r] + u * by, y[r] + v * by);
+            aa[r] -= w * w * each;
+            (ax[r], ay[r]) = (ax[r] - w * u * each, ay[r] - w * v * each);
+            (xx[r], xy[r], yy[r]) =
+                (xx[r] - u * u * each, xy[r] - u * v * each, yy[r] - v * v * each);
+        }
+    }
+}
+
+impl Sighting {
+    /// How well the position fits a place on an edge before, from whose start it is so many metres to
+    /// that of the edge.
+    #[inline]
+    pub(super) fn fit(&self, place: &Place, starts: f64, receiver: &Receiver) -> Fit {
+        let across = Across::new(place, self, receiver);
+        let ([a, b], [c, d]) = (self.normal, self.tangent);
+        let ([along, x, y], [aa, ax, ay, xx, xy, yy]) = (&place.mean, &place.covariance);
+        let [mut metres, mut variances, mut low, mut high] = [[0.0; RECEPTIONS]; 4];
+        // Exponents: of the density across, and at both ends of the edge.
+        let mut powers = [0.0; 16];
+        for r in 0..RECEPTIONS {
+            // Covariances with the distance across: of the error along, and of the place along.
+            let with_error = c * across.with[0][r] + d * across.with[1][r];
+            let with_place = a * ax[r] + b * ay[r];
+            let (each, by) = (across.each[r], across.off[r] * across.each[r]);
+            let error = c * x[r] + d * y[r] + with_error * by;
+            let variance = c * c * xx[r] + 2.0 * c * d * xy[r] + d * d * yy[r];
+            // Where a vehicle that moved would be, and how far that is from the place before.
+            let moved = self.along - error;
+            let of_moved = (variance - with_error * with_error * each).max(0.0) + receiver.white[r];
+            metres[r] = moved - (along[r] - starts + with_place * by);
+            let with = with_error + with_place;
+            let both = aa[r] + 2.0 * (c * ax[r] + d * ay[r]) + variance - with * with * each;
+            variances[r] = both.max(0.0) + receiver.white[r];
+            let slope = SLOPE / of_moved.max(LEAST_VARIANCE).sqrt();
+            (low[r], high[r]) = (-slope * moved, slope * (self.length - moved));
+            powers[r] = -across.squares[r];
+            powers[RECEPTIONS + r] = -low[r].abs();
+            powers[2 * RECEPTIONS + r] = -high[r].abs();
+        }
+        exp_in_place(&mut powers);
+        let (shares, density) = across.shares(place, &powers[..RECEPTIONS]);
+        let mut share = 0.0;
+        for r in 0..RECEPTIONS {
+            // Difference of the logistic function 1 / (1 + e^−z) at both ends.
+            let (e, f) = (powers[RECEPTIONS + r], powers[2 * RECEPTIONS + r]);
+            let is_inside = low[r] < 0.0 && high[r] > 0.0;
+            let between = if is_inside { 1.0 - e * f } else { (e - f).abs() };
+            share += shares[r] * between / ((1.0 + e) * (1.0 + f));
+        }
+        let belongs = receiver.inlier * density;
+        let density = belongs + self.outlier;
+        let ahead = Ahead { shares, metres, variances };
+        Fit { density, inlier: belongs / density, shares, share, ahead }
+    }
+
+    /// Place after the distance across, which leaves these probabilities of the kinds of reception.
+    #[inline]
+    pub(super) fn across(&self, place: &Place, shares: ByReception, receiver: &Receiver) -> Place {
+        let mut updated = Place { shares, ..*place };
+        Across::new(place, self, receiver).learn(&mut updated, self.normal);
+        updated
+    }
+
+    /// Place of a vehicle that stood, by its place along.
+    #[inline]
+    pub(super) fn stood(&self, place: &Place, receiver: &Receiver) -> Place {
+        let h = [1.0, self.tangent[0], self.tangent[1]];
+        let (mut updated, mut weights) = (*place, place.shares);
+        let [mut squares, mut deviations] = [[0.0; RECEPTIONS]; 2];
+        for r in 0..RECEPTIONS {
+            let [mean, variance] = place.of(h, r);
+            let (variance, off) = (variance + receiver.white[r], self.along - mean);
+            (squares[r], deviations[r]) = (0.5 * off * off / variance, variance.sqrt());
+            updated.learn(r, h, off / variance, -1.0 / variance);
+        }
+        let possible = (0..RECEPTIONS).filter(|r| place.shares[*r] > 0.0);
+        let least = possible.map(|r| squares[r]).fold(f64::INFINITY, f64::min);
+        for r in 0..RECEPTIONS {
+            weights[r] *= (least - squares[r]).min(0.0).exp() / deviations[r];
+        }
+        updated.reweight(weights);
+        updated
+    }
+
+    /// Place of a vehicle that moved: the position alone tells its place along.
+    #[inline]
+    pub(super) fn moved(&self, place: &Place, receiver: &Receiver) -> Place {
+        let ([a, b], [_, x, y], [_, _, _, xx, xy, yy]) =
+            (self.tangent, &place.mean, &place.covariance);
+        let mut moved = *place;
+        for r in 0..RECEPTIONS {
+            let (u, v) = (a * xx[r] + b * xy[r], a * xy[r] + b * yy[r]);
+            moved.mean[0][r] = self.along - a * x[r] - b * y[r];
+            moved.covariance[0][r] = a * u + b * v + receiver.white[r];
+            (moved.covariance[1][r], moved.covariance[2][r]) = (-u, -v);
+        }
+        moved
+    }
+
+    /// Shares of a distribution of places along that are before the start of the edge and before its
+    /// end, the share between them, and the slope of the logistic function; `None` if nothing is cut
+    /// off.
+    #[inline]
+    fn ends(&self, mean: f64, variance: f64) -> Option<([f64; 2], f64, f64)> {
+        let slope = SLOPE / variance.max(LEAST_VARIANCE).sqrt();
+        let [low, high] = [-slope * mean, slope * (self.length - mean)];
+        if low < -FAR && high > FAR {
+            return None;
+        }
+        let [below, up_to] = [low, high].map(|z| 1.0 / (1.0 + (-z).exp()));
+        // Their difference, without loss where both are near 0 or 1.
+        let share = -up_to * (1.0 - below) * (low - high).exp_m1();
+        Some(([below, up_to], if share > 0.0 { share } else { 0.0 }, slope))
+    }
+
+    /// Restricts a place to the edge.
+    #[inline]
+    pub(super) fn within(&self, place: &Place) -> Place {
+        let (mut updated, mut shares) = (*place, place.shares);
+        for (r, share) in shares.iter_mut().enumerate() {
+            let variance = place.covariance[0][r].max(LEAST_VARIANCE);
+            let Some(([below, up_to], on_edge, slope)) = self.ends(place.mean[0][r], variance)
+            else {
+                continue;
+            };
+            *share *= on_edge;
+            if on_edge > 0.0 {
+                let first = -slope * (1.0 - up_to - below);
+                let second = -slope * slope * (up_to * (1.0 - up_to) + below * (1.0 - below));
+                let second = second.max(-MOST_LEARNED / variance);
+                updated.learn(r, [1.0, 0.0, 0.0], first, second);
+            }
+        }
+        updated.reweight(shares);
+        updated
+    }
+}
+
+impl Ahead {
+    /// The same distance with any reception.
+    pub(super) fn of(metres: f64, variance: f64) -> Self {
+        let [metres, variances] = [metres, variance].map(|value| [value; RECEPTIONS]);
+        let mut shares = [0.0; RECEPTIONS];
+        shares[0] = 1.0;
+        Self { shares, metres, variances }
+    }
+
+    /// Density of the distance of a vehicle that stood, whose displacement is so many times as probable
+    /// as each reception says.
+    pub(super) fn standing(&self, steadier: ByReception) -> f64 {
+        let mut squares = self.variances;
+        for (square, metres) in squares.iter_mut().zip(self.metres) {
+            *square = -0.5 * metres * metres / *square;
+        }
+        exp_in_place(&mut squares);
+        let (densities, mut sum) = (squares, 0.0);
+        for r in 0..RECEPTIONS {
+            sum += steadier[r] * self.shares[r] * densities[r] / self.variances[r].sqrt();
+        }
+        sum / std::f64::consts::TAU.sqrt()
+    }
+
+    /// Mean, and standard deviation.
+    #[inline]
+    pub(super) fn moments(&self) -> [f64; 2] {
+        let (mut mean, mut variance) = (0.0, 0.0);
+        for r in 0..RECEPTIONS {
+            mean += self.shares[r] * self.metres[r];
+        }
+        for r in 0..RECEPTIONS {
+            let off = self.metres[r] - mean;
+            variance += self.shares[r] * (off * off + self.variances[r]);
+        }
+        [mean, variance.sqrt()]
+    }
+}
