@@ -68,6 +68,22 @@ impl Place {
         }
     }
 
+    /// The same with variances of at least 0 and covariances within them: rounding may leave less than
+    /// a covariance matrix.
+    pub(super) fn rounded(mut self) -> Self {
+        let [xx, xy, xz, yy, yz, zz] = &mut self.covariance;
+        for r in 0..RECEPTIONS {
+            let [x, y, z] = [&mut *xx, yy, zz].map(|variances| {
+                variances[r] = variances[r].max(0.0);
+                variances[r].sqrt()
+            });
+            for (covariances, most) in [(&mut *xy, x * y), (xz, x * z), (yz, y * z)] {
+                covariances[r] = covariances[r].clamp(-most, most);
+            }
+        }
+        self
+    }
+
     /// Replaces the probabilities of the kinds of reception, in proportion to weights; they stay
     /// as they are if all are zero.
     #[inline]

@@ -259,21 +259,37 @@ fn unit(name: &str) -> u64 {
 fn check(state: &Candidate) -> Result<(), SnapshotError> {
     /// More than any coordinate of the plane, or any length of an edge.
     const LARGEST: f64 = 1e12;
+    /// Rounding of sums and of products.
+    const ROUNDING: f64 = 1e-9;
     let Candidate { edge: _, along, point, place: Place { mean, covariance, shares }, inlier } =
         *state;
-    let range = -LARGEST..=LARGEST;
-    let squares = -LARGEST * LARGEST..=LARGEST * LARGEST;
-    let mut numbers: Vec<_> = point.map(|value| (value, range.clone())).into();
+    let range = |most: f64| -most..=most;
+    let mut numbers = vec![
+        ("metres along", along, 0.0..=LARGEST),
+        ("probability of the road", inlier, 0.0..=1.0),
+    ];
+    numbers.extend(point.map(|value| ("coordinate", value, range(LARGEST))));
     let [xx, xy, xz, yy, yz, zz] = covariance;
-    numbers.extend(mean.as_flattened().iter().map(|&value| (value, range.clone())));
-    numbers
-        .extend([xx, yy, zz].as_flattened().iter().map(|&value| (value, 0.0..=LARGEST * LARGEST)));
-    numbers.extend([xy, xz, yz].as_flattened().iter().map(|&value| (value, squares.clone())));
-    numbers.extend([(along, 0.0..=LARGEST), (inlier, 0.0..=1.0)]);
-    numbers.extend(shares.map(|share| (share, 0.0..=1.0 + 1e-9)));
-    for (value, range) in numbers {
+    for value in mean.as_flattened() {
+        numbers.push(("mean", *value, range(LARGEST)));
+    }
+    for value in [xx, yy, zz].as_flattened() {
+        numbers.push(("variance", *value, 0.0..=LARGEST * LARGEST));
+    }
+    for (covariances, a, b) in [(xy, xx, yy), (xz, xx, zz), (yz, yy, zz)] {
+        for ((covariance, a), b) in covariances.into_iter().zip(a).zip(b) {
+            let most = (a * b).max(0.0).sqrt() * (1.0 + ROUNDING);
+            numbers.push(("covariance", covariance, range(most)));
+        }
+    }
+    numbers.extend(shares.map(|share| ("probability", share, 0.0..=1.0 + ROUNDING)));
+    // The state off the road has no place.
+    let total = if state.is_off_road() { 0.0 } else { 1.0 };
+    let sum = shares.iter().sum();
+    numbers.push(("sum of probabilities", sum, total - ROUNDING..=total + ROUNDING));
+    for (what, value, range) in numbers {
         if !range.contains(&value) {
-            let problem = format!("a state has {value}, expected {range:?}");
+            let problem = format!("a state has the {what} {value}, expected {range:?}");
             return Err(contents(problem));
         }
     }

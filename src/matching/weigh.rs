@@ -39,7 +39,7 @@ impl<P: Coordinates> MatchStep<'_, P> {
             let mut mixture = PlaceMixture::default();
             mixture.add(inlier, &sighting.within(&moved));
             mixture.add(1.0 - inlier, &unknown.unseen(state.along, sigma));
-            (state.place, state.inlier) = (mixture.merged().unwrap_or(unknown), inlier);
+            (state.place, state.inlier) = (mixture.merged().unwrap_or(unknown).rounded(), inlier);
             (density * (1.0 - inlier + inlier * share)).ln()
         };
         states.map(place).collect()
@@ -169,7 +169,7 @@ impl<P: Coordinates> MatchStep<'_, P> {
             if let Some(error) = moved.merged() {
                 mixture.add(moves, &sighting.within(&sighting.moved(&error, receiver)));
             }
-            state.place = mixture.merged().unwrap_or_else(|| receiver.unknown());
+            state.place = mixture.merged().unwrap_or_else(|| receiver.unknown()).rounded();
             state.inlier = if sum > 0.0 { inliers / sum } else { 0.0 };
         }
     }

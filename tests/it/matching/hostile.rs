@@ -1,5 +1,6 @@
 //! Settings, points and bytes that nobody should give, but somebody will.
 
+use wayfix::error::SnapshotError;
 use wayfix::map::{EdgeOptions, NetworkBuilder, PlanePosition, RoadClass};
 use wayfix::matching::{MatchError, MatchModel, Matcher, TracePoint, Vehicle};
 
@@ -203,4 +204,46 @@ fn vehicles_of_any_bytes_give_sane_answers() {
         }
     }
     assert!(accepted > 100, "{accepted}");
+}
+
+#[test]
+fn snapshots_of_no_distributions_are_refused() {
+    /// Words of the first state on a road: its covariances (of the place along and the error to the
+    /// east and north, by rows, each in three receptions), then the probabilities of the receptions.
+    const COVARIANCES: usize = 31;
+    const WITH_EAST: usize = COVARIANCES + 3;
+    const EAST: usize = COVARIANCES + 3 * 3;
+    const SHARES: usize = COVARIANCES + 6 * 3;
+    let (matcher, points) = (town(), points());
+    let mut vehicle = matcher.start(&points[0], 0).unwrap();
+    matcher.step(&mut vehicle, &points[1]).unwrap();
+    let bytes = vehicle.to_bytes();
+    let number = |word: usize| f64::from_le_bytes(*bytes[8 * word..].first_chunk().unwrap());
+    let shares = [0, 1, 2].map(|reception| number(SHARES + reception));
+    assert!((shares.iter().sum::<f64>() - 1.0).abs() < 1e-12, "{shares:?}");
+    let [along, east] = [COVARIANCES, EAST].map(number);
+    let most = (along * east).sqrt();
+    assert!(number(WITH_EAST).abs() <= most);
+
+    let last = bytes.len() / 8 - 2;
+    let cases = [
+        (SHARES, shares[0] + 1e-6, "the sum of probabilities"),
+        (SHARES, 0.0, "the sum of probabilities"),
+        (SHARES, -shares[0], "the probability -0."),
+        (SHARES, f64::NAN, "the probability NaN"),
+        (COVARIANCES, -1e-9, "the variance -"),
+        (WITH_EAST, 1.001 * most, "the covariance"),
+        (WITH_EAST, -1.001 * most, "the covariance"),
+        (EAST, 0.0, "the covariance"),
+        (WITH_EAST, f64::NAN, "the covariance NaN"),
+        (last, number(last) + 0.1, "probabilities sum to"),
+        (last, f64::NAN, "probabilities sum to NaN"),
+    ];
+    for (word, value, expected) in cases {
+        let read = Vehicle::<PlanePosition>::from_bytes(&with_word(&bytes, word, value.to_bits()));
+        match read {
+            Err(SnapshotError::Contents { reason }) if reason.contains(expected) => {}
+            other => panic!("word {word}, {value}: {other:?}"),
+        }
+    }
 }
