@@ -52,11 +52,14 @@ impl Lines {
     /// Adds a line and counts the uses of its points. False if it has fewer than two.
     pub(super) fn add(&mut self, points: Vec<u64>, tags: RoadTags, metres: Option<f64>) -> bool {
         let mut points = points;
-        if points.len() > 2 {
-            points.dedup();
-        }
         if points.len() < 2 {
             return false;
+        }
+        let last = points[points.len() - 1];
+        points.dedup();
+        // All points at one place.
+        if points.len() == 1 {
+            points.push(last);
         }
         let ends = [points[0], points[points.len() - 1]];
         for point in points.iter().chain(&ends) {
@@ -76,11 +79,8 @@ impl Lines {
         let mut pieces = Vec::new();
         for (index, line) in std::mem::take(&mut self.all).into_iter().enumerate() {
             let known = |point: &u64| self.points[point].position;
-            let share = line.metres.map(|metres| {
-                let positions: Vec<Position> = line.points.iter().filter_map(known).collect();
-                let straight = length(&positions);
-                if straight > 0.0 { metres / straight } else { f64::INFINITY }
-            });
+            let positions = || line.points.iter().filter_map(known).collect::<Vec<Position>>();
+            let extent = line.metres.map_or(0.0, |_| length(&positions()));
             let runs: Vec<&[u64]> =
                 line.points.split(|p| known(p).is_none()).filter(|run| !run.is_empty()).collect();
             if runs.iter().map(|run| run.len()).sum::<usize>() < line.points.len() {
@@ -91,7 +91,8 @@ impl Lines {
                 for end in 1..run.len() {
                     if end == run.len() - 1 || self.points[&run[end]].uses > 1 {
                         let piece = &run[start..=end];
-                        self.add_piece(builder, report, &mut pieces, (index, &line), piece, share)?;
+                        let line = (index, &line, extent);
+                        self.add_piece(builder, report, &mut pieces, line, piece)?;
                         start = end;
                     }
                 }
@@ -100,27 +101,25 @@ impl Lines {
         Ok(pieces)
     }
 
-    /// Adds a piece of a line, in its directions.
+    /// Adds a piece of a line, in its directions. A line whose length is given has an extent, too: the
+    /// metres between its points.
     fn add_piece(
         &mut self,
         builder: &mut NetworkBuilder,
         report: &mut ImportReport,
         pieces: &mut Vec<Piece>,
-        (index, line): (usize, &Line),
+        (index, line, extent): (usize, &Line, f64),
         piece: &[u64],
-        share: Option<f64>,
     ) -> Result<(), MapError> {
         let mut shape: Vec<Position> =
             piece.iter().filter_map(|p| self.points[p].position).collect();
         let straight = length(&shape);
         let ends = [piece[0], piece[piece.len() - 1]];
-        let metres = match share {
-            // A line without extent has its own length.
-            Some(f64::INFINITY) => line.metres.unwrap_or(0.0),
-            Some(share) => share * straight,
-            None => straight,
-        };
-        if metres < LEAST_METRES {
+        // A length that is given holds, however short; that of a piece is in proportion.
+        let is_whole = piece.len() == line.points.len() || extent == 0.0;
+        let share = if is_whole { 1.0 } else { (straight / extent).min(1.0) };
+        let given = line.metres.map(|metres| share * metres).filter(|metres| *metres > 0.0);
+        if given.is_none() && straight < LEAST_METRES {
             if ends[0] == ends[1] {
                 report.note(ImportNote::LoopWithoutLength);
                 return Ok(());
@@ -128,7 +127,7 @@ impl Lines {
             report.note(ImportNote::ShortLine);
         }
         let RoadTags { class, forward, backward, speed, roundabout } = line.tags;
-        let metres = Some(metres.max(LEAST_METRES));
+        let metres = given.or(Some(straight.max(LEAST_METRES)));
         let [from, to] = [self.node(builder, ends[0])?, self.node(builder, ends[1])?];
         let mut between = shape.split_off(1);
         between.pop();

@@ -16,8 +16,9 @@ impl RoadNetwork {
     /// where they have the same line, with its `class`, `oneway`, `length_m`, and if known
     /// `speed_kmh` and `junction`.
     ///
-    /// [`from_geojson`](Self::from_geojson) reads it, but ids of nodes and forbidden turns are not
-    /// in it.
+    /// [`from_geojson`](Self::from_geojson) reads all its edges with their lengths, in parts where
+    /// others meet them. Ids of nodes and forbidden turns are not in it, and nodes at one place are
+    /// read as one.
     ///
     /// ```
     /// use wayfix::map::{NetworkBuilder, Position, RoadClass};

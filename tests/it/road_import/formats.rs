@@ -3,7 +3,10 @@
 use std::fs;
 use std::path::Path;
 
-use wayfix::map::{Cleaning, ImportNote, ImportOptions, Position, RoadClass, RoadNetwork};
+use wayfix::map::{
+    Cleaning, EdgeOptions, ImportNote, ImportOptions, NetworkBuilder, Position, RoadClass,
+    RoadNetwork,
+};
 
 use super::pbf::Extract;
 use super::{Read, csv, ends, geojson, osm};
@@ -132,4 +135,34 @@ fn lengths_loops_and_parallel_edges() {
     ];
     assert!(report.notes().eq(notes), "{report}");
     assert_eq!(report.ignored_columns, ["lanes in edges"]);
+}
+
+/// Edges between nodes at one place are read back as loops, and all edges with their lengths.
+#[test]
+fn written_lengths_are_read_to_the_bit() {
+    let place = Position { latitude: -35.28, longitude: 149.12 };
+    let near = Position { longitude: 149.120_000_3, ..place };
+    let far = Position { longitude: 149.13, ..place };
+    let lines = [vec![], vec![place], vec![place, place], vec![near], vec![far, place, near]];
+    for (between, end) in lines.iter().flat_map(|line| [place, near, far].map(|end| (line, end))) {
+        for metres in [1e-12, 0.05, 0.1, 1.0 / 3.0, 917.3, 1e12] {
+            let mut builder = NetworkBuilder::new();
+            builder.node(1, place).unwrap();
+            builder.node(2, end).unwrap();
+            let options = EdgeOptions {
+                metres: Some(metres),
+                between: between.clone(),
+                ..EdgeOptions::of(RoadClass::Main)
+            };
+            builder.edge(1, 2, options).unwrap();
+            let text = builder.build().unwrap().to_geojson();
+            let (again, report) = geojson(&text).unwrap_or_else(|error| panic!("{error}: {text}"));
+            assert_eq!(report.notes().len(), 0, "{report}: {text}");
+            let total: f64 = again.edges().iter().map(|edge| edge.metres).sum();
+            assert!((total / metres - 1.0).abs() < 1e-12, "{total}: {text}");
+            if let [edge] = again.edges() {
+                assert_eq!(edge.metres, metres, "{text}");
+            }
+        }
+    }
 }
