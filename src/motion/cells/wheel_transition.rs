@@ -1,7 +1,7 @@
 //! Cells and hidden scales of the wheels: A[(g, i), (h, j)] = S[g, h] A_g[i, j], with the chain S of
 //! scales and the move A_g = Σ w_k M^k by the distance of the new scale.
 
-use super::{CellTransition, WheelOdometer, WheelTravel, Wheels};
+use super::{CellTransition, Travel, WheelOdometer, WheelTravel, Wheels};
 use crate::belief::Belief;
 use crate::error::TransitionError;
 use crate::groups::Groups;
@@ -154,6 +154,21 @@ impl WheelTransition {
             self.shares.iter().flat_map(|share| cells.values().iter().map(move |p| share * p));
         Ok(Belief::known(pairs.collect()))
     }
+
+    /// Moves the cells of each scale by its distance, where no scale changes.
+    fn each_scale(
+        &self,
+        control: &WheelTravel,
+        x: &[f64],
+        out: &mut [f64],
+        move_cells: impl Fn(&CellTransition, &Travel, &[f64], &mut [f64]),
+    ) {
+        let n = self.cells.states();
+        let layers = x.chunks_exact(n).zip(out.chunks_exact_mut(n));
+        for ((x, out), travel) in layers.zip(control.travels()) {
+            move_cells(&self.cells, travel, x, out);
+        }
+    }
 }
 
 impl Transition for WheelTransition {
@@ -166,14 +181,10 @@ impl Transition for WheelTransition {
     fn apply(&self, control: &WheelTravel, x: &[f64], out: &mut [f64]) {
         check_slices(self.states(), x, out);
         let n = self.cells.states();
-        let travels = control.travels().iter();
         if !control.is_changing() {
-            let layers = x.chunks_exact(n).zip(out.chunks_exact_mut(n));
-            for ((x, out), travel) in layers.zip(travels) {
-                self.cells.apply(travel, x, out);
-            }
-            return;
+            return self.each_scale(control, x, out, CellTransition::apply);
         }
+        let travels = control.travels().iter();
         buffers::with(n, |changed| {
             for (to, (out, travel)) in out.chunks_exact_mut(n).zip(travels).enumerate() {
                 changed.fill(0.0);
@@ -188,14 +199,10 @@ impl Transition for WheelTransition {
     fn apply_transpose(&self, control: &WheelTravel, x: &[f64], out: &mut [f64]) {
         check_slices(self.states(), x, out);
         let n = self.cells.states();
-        let travels = control.travels().iter();
         if !control.is_changing() {
-            let layers = x.chunks_exact(n).zip(out.chunks_exact_mut(n));
-            for ((x, out), travel) in layers.zip(travels) {
-                self.cells.apply_transpose(travel, x, out);
-            }
-            return;
+            return self.each_scale(control, x, out, CellTransition::apply_transpose);
         }
+        let travels = control.travels().iter();
         out.fill(0.0);
         buffers::with(n, |moved| {
             for (to, (x, travel)) in x.chunks_exact(n).zip(travels).enumerate() {
