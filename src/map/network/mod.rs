@@ -9,6 +9,7 @@ mod crop;
 mod dead_ends;
 #[cfg(feature = "matching")]
 mod index;
+mod length_bound;
 mod merge;
 mod near_edge;
 mod rebuild;

@@ -1,5 +1,6 @@
 //! Shortest routes from a position to several edges, up to a length.
 
+use super::length_bound::LengthBound;
 use super::road_network::{Edge, RoadNetwork};
 use crate::map::Coordinates;
 use crate::map::search::Search;
@@ -17,19 +18,18 @@ pub struct RouteMeasures {
     starts: Vec<usize>,
     /// Nodes in space.
     nodes: Vec<[f64; 3]>,
-    /// Least length of an edge for each metre of the straight distance, at most 1.
-    least: f64,
+    bound: LengthBound,
 }
 
 impl RouteMeasures {
-    /// Measures of a network where vehicles take all ways on alike. O(turns).
+    /// Measures of a network where vehicles take all ways on alike. O(turns + edges log).
     #[must_use]
     pub fn new<P: Coordinates>(network: &RoadNetwork<P>) -> Self {
         Self::with_turns(network, |_, _| 1.0)
     }
 
     /// Measures of a network where an edge is followed by another in proportion to a weight, at
-    /// least 0. U-turns are no choice: their cost is that of the search. O(turns).
+    /// least 0. U-turns are no choice: their cost is that of the search. O(turns + edges log).
     #[must_use]
     pub fn with_turns<P: Coordinates>(
         network: &RoadNetwork<P>,
@@ -52,13 +52,9 @@ impl RouteMeasures {
             starts.push(choices.len());
         }
         let nodes: Vec<_> = network.nodes().iter().map(|node| node.position.in_space()).collect();
-        let least = |edge: &Edge| {
-            let straight = distance(nodes[edge.from], nodes[edge.to]);
-            // Lengths are rounded.
-            if straight < ROUNDED { 1.0 } else { (edge.metres / straight).min(1.0) }
-        };
-        let least = network.edges().iter().map(least).fold(1.0, f64::min);
-        Self { chords, choices, starts, nodes, least }
+        let lengths = |edge: &Edge| [edge.metres, distance(nodes[edge.from], nodes[edge.to])];
+        let bound = LengthBound::new(network.edges().iter().map(lengths));
+        Self { chords, choices, starts, nodes, bound }
     }
 
     /// Straight distance between the ends of an edge in metres; at most its length.
@@ -71,9 +67,6 @@ impl RouteMeasures {
         self.chords[edge]
     }
 }
-
-/// Straight distance in metres below which the length of an edge may be its rounding.
-const ROUNDED: f64 = 5.0;
 
 fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
     let [x, y, z] = [0, 1, 2].map(|axis| a[axis] - b[axis]);
@@ -125,9 +118,9 @@ pub struct Reached {
 impl RouteSearch {
     /// Finds the routes of least cost from the end of an edge to the starts of the edges in
     /// `targets`: their lengths, and what [`RouteCosts`] adds. Stops when all are found, and does not
-    /// go where the straight distance to the targets is too long for the largest cost; edges that are
-    /// shorter than the straight line between their ends are taken into account from 5 m on. O(edges
-    /// within that, log).
+    /// go where the straight distance to the targets is too long for the largest cost. Edges may be
+    /// shorter than the straight line between their ends: no route is missed. O(edges within that,
+    /// log).
     ///
     /// # Panics
     ///
@@ -185,8 +178,8 @@ impl RouteSearch {
     ) {
         let here = measures.nodes[network.edges()[edge].to];
         let left = distance(here, around.centre) - around.radius;
-        // A metre more than the rounding of sums.
-        if cost + measures.least * left > costs.most + 1.0 {
+        // A metre and a billionth are more than the rounding of sums.
+        if cost + measures.bound.at(left) > costs.most * (1.0 + 1e-9) + 1.0 {
             return;
         }
         let reverse = network.reverse(edge);

@@ -138,6 +138,84 @@ proptest! {
     }
 }
 
+/// A winding way of up to 30 nodes, with edges to the next three that are straight, longer, rounded
+/// to centimetres, half of the straight line, or a centimetre.
+fn short_edges() -> impl Strategy<Value = Network> {
+    let steps = vec((-3.0..9.0, -4.0..4.0), 2..30);
+    let edges = vec((0..30_usize, 1..4_usize, 0..12_u32, any::<bool>()), 10..90);
+    (steps, edges).prop_map(|(steps, edges)| {
+        let mut builder = NetworkBuilder::new();
+        let (mut nodes, mut here) = (Vec::new(), [0.0, 0.0]);
+        for (x, y) in steps {
+            here = [here[0] + x, here[1] + y];
+            builder.node(nodes.len() as u64, at(here[0], here[1])).unwrap();
+            nodes.push(here);
+        }
+        for (from, ahead, length, forward) in edges {
+            let (from, to) = (from % nodes.len(), (from + ahead) % nodes.len());
+            let straight = (nodes[to][0] - nodes[from][0]).hypot(nodes[to][1] - nodes[from][1]);
+            let metres = match length {
+                0 => 0.01,
+                1 => 0.5 * straight,
+                2..=6 => (100.0 * straight).round() / 100.0,
+                7..=9 => straight,
+                _ => 1.3 * straight,
+            };
+            let [from, to] = if forward { [from, to] } else { [to, from] };
+            let options = EdgeOptions {
+                metres: Some(metres.max(0.01)),
+                ..EdgeOptions::of(RoadClass::Street)
+            };
+            builder.edge(from as u64, to as u64, options).unwrap();
+        }
+        builder.build().unwrap()
+    })
+}
+
+proptest! {
+    #![proptest_config(cases())]
+
+    #[test]
+    fn edges_may_be_shorter_than_straight(
+        network in short_edges(), from in 0..100_usize, u_turn in 0.0..9.0,
+    ) {
+        let n = network.edges().len();
+        let (from, costs) = (from % n, RouteCosts { most: 1e9, u_turn, choice: 0.0 });
+        let measures = RouteMeasures::new(&network);
+        let cost = |search: &RouteSearch, target: usize| {
+            search.reached(target).map(|found| found.metres + u_turn * f64::from(found.u_turns))
+        };
+        // Targets all around: nothing is too far away.
+        let [mut all, mut search] = [RouteSearch::default(), RouteSearch::default()];
+        all.run(&network, &measures, from, 0..n, costs);
+        for target in 0..n {
+            let Some(expected) = cost(&all, target) else { continue };
+            let most = expected + 1e-9;
+            search.run(&network, &measures, from, [target], RouteCosts { most, ..costs });
+            let found = cost(&search, target);
+            prop_assert!(found.is_some_and(|found| found <= most), "from {from} to {target}: {found:?}");
+        }
+    }
+}
+
+/// A hundred edges of a centimetre that should have five metres each.
+#[test]
+fn a_way_far_shorter_than_straight() {
+    let mut builder = NetworkBuilder::new();
+    (0..=100).for_each(|n| {
+        builder.node(n, at(4.9 * n as f64, 0.0)).unwrap();
+    });
+    (0..100).for_each(|n| {
+        let options = EdgeOptions { metres: Some(0.01), ..EdgeOptions::of(RoadClass::Street) };
+        builder.edge(n, n + 1, options).unwrap();
+    });
+    let network = builder.build().unwrap();
+    let mut search = RouteSearch::default();
+    let costs = RouteCosts { most: 1.0, u_turn: 0.0, choice: 0.0 };
+    search.run(&network, &RouteMeasures::new(&network), 0, [99], costs);
+    assert!((search.reached(99).unwrap().metres - 0.98).abs() < 1e-9);
+}
+
 #[test]
 fn nothing_is_beyond_the_bound() {
     let mut builder = NetworkBuilder::new();
