@@ -2,7 +2,7 @@
 //! that go on unseen, and one off the road. Each has the likelihood of the position.
 
 use super::place::Place;
-use super::sighting::{SLOPE, Sighting};
+use super::sighting::{SLOPE, Sighting, logistic};
 use super::{MatchModel, TracePoint};
 use crate::map::{Coordinates, EdgeIndex, NearEdge, RoadNetwork};
 
@@ -70,7 +70,7 @@ pub(super) fn usual_deviation<P>(model: &MatchModel, point: &TracePoint<P>) -> f
 
 /// Sigmoid near the distribution function of a normal variable, with heavier tails.
 pub(super) fn share_below(z: f64) -> f64 {
-    1.0 / (1.0 + (-SLOPE * z).exp())
+    logistic(SLOPE * z)
 }
 
 /// Search for the candidates of a point on roads. Adds their sightings to a list.

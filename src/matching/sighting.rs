@@ -237,7 +237,7 @@ impl Sighting {
         if low < -FAR && high > FAR {
             return None;
         }
-        let [below, up_to] = [low, high].map(|z| 1.0 / (1.0 + (-z).exp()));
+        let [below, up_to] = [low, high].map(logistic);
         // Their difference, without loss where both are near 0 or 1.
         let share = -up_to * (1.0 - below) * (low - high).exp_m1();
         Some(([below, up_to], if share > 0.0 { share } else { 0.0 }, slope))
@@ -303,4 +303,9 @@ impl Ahead {
         }
         [mean, variance.sqrt()]
     }
+}
+
+/// The logistic function.
+pub(super) fn logistic(z: f64) -> f64 {
+    1.0 / (1.0 + (-z).exp())
 }
