@@ -62,18 +62,19 @@ impl RoadAnswer {
 
 /// Part of a route: an edge or a part of it, or a stretch off the road.
 ///
-/// On the road, those of a route are longer than 0 m, with two exceptions: a vehicle that stood all
-/// the time, whose route is one edge, and an edge with its reverse where going on without them is
-/// forbidden.
+/// The stretches of a route on roads are longer than 0 m, with two exceptions: the route of a
+/// vehicle that stood all the time, which is one edge, and an edge followed by its reverse in place
+/// of a turn that is forbidden.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stretch<P = Position> {
     /// The edge; `None` off the road.
     pub edge: Option<usize>,
-    /// Metres from the start of the edge where the stretch begins; 0 off the road.
+    /// Metres from the start of the edge to where the stretch begins; 0 off the road.
     pub enter: f64,
-    /// Metres from the start of the edge where it ends; off the road, the straight distance.
+    /// Metres from the start of the edge to where the stretch ends; off the road, the straight
+    /// distance between both ends.
     pub exit: f64,
-    /// Both ends.
+    /// Positions of both ends.
     pub ends: [P; 2],
 }
 
@@ -88,12 +89,12 @@ impl<P> Stretch<P> {
 /// Stretches of roads with a probability: a route, or where a vehicle is.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Stretches<P = Position> {
-    /// Stretches of a route in order; or those that hold a vehicle, one an edge, that of the most
-    /// probable state first.
+    /// Stretches of a route, in order; or those that hold a vehicle, one for each edge, beginning
+    /// with that of the most probable state.
     pub stretches: Vec<Stretch<P>>,
-    /// Probability of each stretch that holds a vehicle; none for a route.
+    /// Probability of each stretch that holds a vehicle; empty for a route.
     pub probabilities: Vec<f64>,
-    /// Probability of the route; or that the vehicle is on one of the stretches.
+    /// Probability of the route, or that the vehicle is on one of the stretches.
     pub probability: f64,
 }
 

@@ -187,7 +187,8 @@ impl<P: Coordinates> CandidateSearch<'_, P> {
         } else {
             [-tangent[1], tangent[0]]
         };
-        // The largest share that the edge could have: a short one holds few positions that say nothing.
+        // The largest share that the edge could have: a short one holds few positions that say
+        // nothing.
         let most = (0.25 * SLOPE * metres / sigma).tanh();
         let spread = OUTLIER_SPREAD * sigma;
         // Nothing is impossible, however far: a density as Cauchy's in two dimensions.

@@ -25,9 +25,10 @@ pub struct MatchedDrive<P = Position> {
 }
 
 impl<P: Coordinates> Matcher<P> {
-    /// Matches a whole drive. Points must be in the order of time, each later than the one before.
+    /// Matches a whole drive. Each point must be later than the one before.
     ///
-    /// O(points · (candidates² + edges searched)) time; some 12 bytes a pair of candidates.
+    /// O(points · (candidates² + edges searched)) time; some 12 bytes of memory for each pair of
+    /// candidates.
     ///
     /// # Errors
     ///
@@ -44,11 +45,11 @@ impl<P: Coordinates> Matcher<P> {
         Ok(MatchedDrive { points, states, trellis, smoothed, route, network: self.fingerprint })
     }
 
-    /// Matches any number of drives, and passes each with its index, from 0, to a visitor, in
-    /// their order, until it breaks. A drive with an error costs the others nothing.
+    /// Matches any number of drives, and passes each, with its index from 0, to a visitor, in
+    /// order, until the visitor breaks. An error in one drive does not affect the others.
     ///
-    /// In parallel with the feature `rayon`, with the same results; source and visitor run on the
-    /// thread of the caller. Memory: four drives for each thread, with their results.
+    /// Drives run in parallel with the feature `rayon`, with the same results; the iterator and the
+    /// visitor run on the caller's thread. Memory: four drives for each thread, with their results.
     ///
     /// ```
     /// # use wayfix::map::{NetworkBuilder, PlanePosition, RoadClass};
@@ -134,17 +135,17 @@ impl<P: Coordinates> MatchedDrive<P> {
         &self.points
     }
 
-    /// Answer for a point, from 0, by the points up to it.
+    /// Answer for a point, by its index from 0, from the points up to it.
     ///
     /// # Panics
     ///
-    /// If there is no such point; this holds for all methods that take one.
+    /// If there is no such point, as for all methods that take one.
     #[must_use]
     pub fn live(&self, point: usize) -> RoadAnswer {
         RoadAnswer::new(&self.states[point], self.smoothed.filtered(point + 1))
     }
 
-    /// Answer for a point by the points up to it and `lag` more; equal to
+    /// Answer for a point, from the points up to it and `lag` more; equal to
     /// [`Vehicle::late`](super::Vehicle::late) up to rounding.
     #[must_use]
     pub fn late(&self, point: usize, lag: usize) -> RoadAnswer {
@@ -152,26 +153,26 @@ impl<P: Coordinates> MatchedDrive<P> {
         RoadAnswer::new(&self.states[point], &probabilities)
     }
 
-    /// Answer for a point by all points of the drive.
+    /// Answer for a point, from all points of the drive.
     #[must_use]
     pub fn smoothed(&self, point: usize) -> RoadAnswer {
         RoadAnswer::new(&self.states[point], self.smoothed.smoothed(point + 1))
     }
 
-    /// Edges with their probabilities at a point, by all points of the drive, the most probable
-    /// first; those off the road are missing.
+    /// Edges with their probabilities at a point, from all points of the drive, the most probable
+    /// first; the state off the road is not among them.
     #[must_use]
     pub fn edges(&self, point: usize) -> Vec<(usize, f64)> {
         edges(&self.states[point], self.smoothed.smoothed(point + 1))
     }
 
     /// Stretches of roads that held the vehicle at a point with a probability of at least `mass`,
-    /// by all points of the drive, as [`Vehicle::credible`](super::Vehicle::credible) gives them.
+    /// from all points of the drive, as [`Vehicle::credible`](super::Vehicle::credible) gives them.
     ///
     /// # Errors
     ///
-    /// [`MatchError::Parameter`] for a mass out of range, and [`MatchError::Network`] for a matcher of
-    /// another network.
+    /// [`MatchError::Parameter`] for a mass out of range, and [`MatchError::Network`] for a matcher
+    /// of another network.
     pub fn credible(
         &self,
         matcher: &Matcher<P>,
@@ -210,7 +211,7 @@ impl<P: Coordinates> MatchedDrive<P> {
         on_road.fold(0.0, |sum, stretch| sum + (stretch.exit - stretch.enter))
     }
 
-    /// Mean number of states on roads at a point, those that go on unseen included.
+    /// Mean number of states on roads at a point, including those that go on unseen.
     #[must_use]
     pub fn candidates(&self) -> f64 {
         let states: usize = self.states.iter().map(|states| states.len() - 1).sum();

@@ -6,7 +6,7 @@ use crate::error::{At, InferenceError, Number, Parameter};
 #[derive(Debug, Clone, thiserror::Error)]
 #[non_exhaustive]
 pub enum MatchError {
-    /// A parameter of the model, or a probability that roads are to hold, is out of range.
+    /// A parameter of the model, or the mass that roads should hold, is out of range.
     #[error(transparent)]
     Parameter(#[from] Parameter),
     /// A number of a point is out of range.
@@ -41,7 +41,7 @@ pub enum MatchError {
     /// One of several drives cannot be matched.
     #[error(transparent)]
     Drive(At<Box<MatchError>>),
-    /// A vehicle, or a drive, was made by a matcher of another network.
+    /// A vehicle or a drive comes from a matcher of another network.
     #[error(
         "the network is another one: its fingerprint is {expected:016x}, that of the vehicle or drive {found:016x}"
     )]

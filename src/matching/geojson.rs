@@ -6,8 +6,8 @@ use super::{Matcher, Stretch};
 use crate::map::line_string;
 
 impl Matcher {
-    /// A route as a GeoJSON text: a collection of a line for each stretch, in order, with the ids
-    /// of its nodes as `from` and `to`, `enter_m`, `exit_m` and `off_road`.
+    /// Returns a route as GeoJSON text: a collection with a line for each stretch, in order. Its
+    /// properties are the ids of its nodes as `from` and `to`, `enter_m`, `exit_m` and `off_road`.
     #[must_use]
     pub fn route_to_geojson(&self, route: &[Stretch]) -> String {
         let mut text = String::from(r#"{"type":"FeatureCollection","features":["#);

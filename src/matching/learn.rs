@@ -95,24 +95,27 @@ const LASTING_IN_FINE: f64 = 0.9;
 const SHOWN: f64 = 10.0;
 
 impl<P: Coordinates> Matcher<P> {
-    /// Learns noise, how much of it lasts and how long, how often reception is poor, the share of
-    /// outliers, detours, stops, and how often vehicles leave the road and come back, from drives without
-    /// labels, and returns them. The model of the matcher is where it starts; it counts as much as 100
-    /// points, and 20,000 seconds on the road, and the default noise as 100 points, too: of 100 points a
-    /// second apart, one or two tell something of their own. Noise is learned from points without an
-    /// accuracy, of vehicles that move. Intervals above 10 s count less, since they hardly show what
-    /// happens within them. If less than nine tenths of the errors last, the receiver is a rough one, all
-    /// of whose errors are of one kind.
+    /// Learns the model from drives without labels, by expectation maximisation: the noise, how
+    /// much of it lasts and for how long, how often reception is poor, the share of outliers,
+    /// detours, stops, and how often vehicles leave the road and come back.
     ///
-    /// Results are kept within sense: `noise` from 0.1 to 1000 m, `lasting` up to 0.995 and `lasts` from
-    /// 8 to 60 s, `poor` from 0.001 to 0.5, `outliers` from 0.001 to 0.5, `deviation` from 1.5 to 100 m a
-    /// second, `stop` from 0.001 to 0.3, `leave_road` from 1e-7 to 0.005, and `return_to_road` from 1e-4 to
-    /// 0.1; [`LearnedMatchModel::at_limits`] names those that ended at a limit, but for the two that last.
+    /// The matcher's own model is the start, and a prior that counts as much as 100 points and
+    /// 20,000 seconds on the road; for the noise it is the default that counts as much as 100
+    /// points. That is more than it seems: of 100 points a second apart, only one or two are
+    /// independent. Noise is learned from points without an accuracy, of vehicles that move.
+    /// Intervals above 10 s count less, since they hardly show what happens within them. If less
+    /// than nine tenths of the variance of errors lasts, the receiver is taken for a rough one,
+    /// whose errors are all of one kind.
     ///
-    /// Drives may be slices, vectors or traces of a file. The search for roads reaches four
-    /// deviations and 10 m. At most `iterations` passes over the drives, each as long as
-    /// [`match_drive`](Self::match_drive); with the feature `rayon`, drives run in parallel, with the
-    /// same result to the bit.
+    /// Results are kept within plausible ranges: `noise` from 0.1 to 1000 m, `lasting` up to 0.995
+    /// and `lasts` from 8 to 60 s, `poor` from 0.001 to 0.5, `outliers` from 0.001 to 0.5,
+    /// `deviation` from 1.5 to 100 m for each second, `stop` from 0.001 to 0.3, `leave_road` from
+    /// 1e-7 to 0.005, and `return_to_road` from 1e-4 to 0.1; [`LearnedMatchModel::at_limits`] names
+    /// those that ended at a limit, except `lasting` and `lasts`.
+    ///
+    /// Drives may be slices, vectors or traces from a file. Takes at most `iterations` passes over
+    /// the drives, each as long as [`match_drive`](Self::match_drive); with the feature `rayon`,
+    /// drives run in parallel, with the same result to the bit.
     ///
     /// ```
     /// # use wayfix::map::{NetworkBuilder, PlanePosition, RoadClass};
@@ -134,7 +137,8 @@ impl<P: Coordinates> Matcher<P> {
     ///
     /// let learned = matcher.learn(&drives, 20)?;
     /// // Half an hour of errors that do not last.
-    /// assert!((learned.model.noise - 5.0).abs() < 0.1 && learned.model.lasting < 0.3, "{learned:?}");
+    /// assert!((learned.model.noise - 5.0).abs() < 0.1, "{learned:?}");
+    /// assert!(learned.model.lasting < 0.3, "{learned:?}");
     /// if !learned.at_limits().is_empty() {
     ///     println!("at the limits of their ranges: {:?}", learned.at_limits());
     /// }
@@ -146,7 +150,7 @@ impl<P: Coordinates> Matcher<P> {
     ///
     /// # Errors
     ///
-    /// [`MatchError::Drive`], with the index of the drive and its error, as of
+    /// [`MatchError::Drive`] with the index of a drive, and an error of
     /// [`match_drive`](Self::match_drive).
     pub fn learn<D: AsRef<[TracePoint<P>]> + Sync>(
         &self,
@@ -294,8 +298,8 @@ impl Counts {
         let points = |value: f64| mean(value, PRIOR_POINTS);
         let usual = MatchModel::default().noise;
         let priors = [
-            // As if so many points had that of the default: a vehicle that is mostly parked beside roads
-            // would else make it grow without end.
+            // As if so many points had that of the default: a vehicle that is mostly parked beside
+            // roads would else make it grow without end.
             points(usual * usual),
             points(prior.outliers),
             points(prior.deviation),

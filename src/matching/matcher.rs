@@ -13,11 +13,11 @@ use crate::motion::{EdgeTurns, TurnWeights};
 /// Drives for each thread that are under way or whose results wait to be taken.
 pub(super) const DRIVES_AHEAD: usize = 4;
 
-/// Places positions of vehicles on a road network.
+/// Matcher of the positions of vehicles to the roads of a network.
 ///
 /// See the [module](super) for the model and an example. Threads can share a matcher. It keeps
-/// memory for the search of roads and routes, some 70 bytes an edge of the network for each thread
-/// that has used it at the same time as others.
+/// memory for the search of roads and routes: some 70 bytes for each edge of the network, times the
+/// largest number of threads that have used it at once.
 #[derive(Debug, Clone)]
 pub struct Matcher<P = Position> {
     pub(super) network: RoadNetwork<P>,
@@ -84,8 +84,8 @@ impl<P: Coordinates> Matcher<P> {
         Ok(Self { model, ..self })
     }
 
-    /// Replaces the weights of turns at junctions, by class of road by default, by those learned
-    /// from drives or from traffic.
+    /// Replaces the weights of turns at junctions, by default those of the classes of roads and the
+    /// angles, by weights learned from drives or from traffic.
     ///
     /// ```
     /// use wayfix::map::{NetworkBuilder, PlanePosition, RoadClass};
@@ -96,8 +96,9 @@ impl<P: Coordinates> Matcher<P> {
     /// // Two ways from west to east, and a point in the middle between them.
     /// let at = |x, y| PlanePosition { x, y };
     /// let mut builder = NetworkBuilder::new();
-    /// for (id, x, y) in [(1, 0.0, 0.0), (2, 100.0, 0.0), (3, 150.0, 9.0), (4, 150.0, -9.0), (5, 200.0, 0.0)] {
-    ///     builder.node(id, at(x, y))?;
+    /// let nodes = [at(0.0, 0.0), at(100.0, 0.0), at(150.0, 9.0), at(150.0, -9.0), at(200.0, 0.0)];
+    /// for (id, position) in (1..).zip(nodes) {
+    ///     builder.node(id, position)?;
     /// }
     /// let [start, _, south] = [(1, 2), (2, 3), (2, 4)]
     ///     .map(|(from, to)| builder.one_way(from, to, RoadClass::Street).unwrap());
@@ -164,9 +165,9 @@ fn fingerprint<P>(network: &RoadNetwork<P>) -> u64 {
     })
 }
 
-/// Relative traffic of a turn by its angle: of 1,301 junctions on 19 recorded drives, the straightest
-/// way was taken at 93% where the next is 80° or more off, and at 58% where it is 5° off. The scale
-/// is the most probable there, with the traffic of the classes left out.
+/// Relative traffic of a turn by its angle: of 1,301 junctions on 19 recorded drives, the
+/// straightest way was taken at 93% where the next is 80° or more off, and at 58% where it is 5°
+/// off. The scale is the most probable there, with the traffic of the classes left out.
 fn straight_on<P: Coordinates>(network: &RoadNetwork<P>, edge: usize, next: usize) -> f64 {
     /// Degrees over which traffic falls to 1/e, and that of any turn.
     const SCALE: f64 = 25.0;

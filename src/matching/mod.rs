@@ -45,36 +45,41 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! **The model.** The error of a position is a slowly moving offset and white noise, of which each
-//! state carries its distribution, along with that of its place along the road: what lasts counts
-//! once, and not at each point. Reception is usual, or [poor](MatchModel::poor) for a minute or so,
-//! with errors four times as large, or the receiver is a rough one, with twice the errors and more
-//! of them white; each state has a probability of each, and a vehicle that stands keeps its error. The likelihood of a position is its density across the road, given
-//! the positions before, plus a share of [outliers](MatchModel::outliers), which spread over some
-//! 30 σ and, more and more thinly, beyond. A move weighs what was measured on the way, and is not
-//! normalised away: the density of its length, for a vehicle that stands or that goes at up to some
-//! 1.3 times the speed of the road, one in ten at any speed; its detour against the straight line,
-//! exponential in time; the [turns](Matcher::with_turns) at junctions, by their angles and the classes
-//! of roads; and U-turns. The way off the road pays by the area in which it may end, as much as a
-//! road pays for its length, its junctions and the position across; only for points in short
-//! succession it is a constant, so that a stretch off the road shows when no road is near. Where
-//! positions are far off, states go on along their roads at the last speed, so that a bad position
-//! or a gap does not break a drive, and no length counts as measured.
+//! **The model.** The error of a position is a slowly moving offset plus white noise. Each state
+//! carries the joint distribution of the offset and of its place along the road, so that an error
+//! that lasts counts once rather than at each point. Reception is usual, or
+//! [poor](MatchModel::poor) for a minute or so, with errors four times as large; or the receiver is
+//! a rough one, whose errors are twice as large, and more of them white. Each state has a
+//! probability of each, and a vehicle that stands keeps its error. The likelihood of a position is
+//! its density across the road, given the positions before, plus a share of
+//! [outliers](MatchModel::outliers), which spread over some 30 σ and, ever more thinly, beyond.
+//!
+//! Moves are weighted by what was measured on the way, and these weights are not normalised: by the
+//! density of the length, for a vehicle that stands or drives at up to some 1.3 times the speed of
+//! the road (one in ten at any speed); the detour against the straight line, exponential with a
+//! mean that grows with the time; the [turns](Matcher::with_turns) at junctions, by their angles
+//! and the classes of the roads; and U-turns. A way off the road pays for the area in which it may
+//! end, as much as a way on roads pays for its length, its junctions and the position across; only
+//! between points in short succession does it pay a constant, so that a stretch off the road shows
+//! where no road is near. Where positions are far off, states go on along their roads at the last
+//! speed, and no length counts as measured, so that neither a bad position nor a gap breaks a
+//! drive.
 //!
 //! **The parameters** of a [`MatchModel`] can be [learned](Matcher::learn) from drives without
-//! labels. The others, such as widths of outliers and the weight of choices, are constants that
-//! were chosen on 19 recorded drives and on simulated ones.
+//! labels. All other numbers, such as the widths of outliers and the weight of choices, are
+//! constants that were chosen on 19 recorded drives and on simulated ones.
 //!
-//! **Limits.** Roads are looked for within four deviations of a position over all receptions, and 10 m,
-//! the nearest 64 edges of them; routes up to some 1.3 times the straight distance and 1.2 times the way at 40 m/s.
-//! States are merged by the first two moments of their errors. States below 6e-6 of the belief have
-//! no successors. A receiver that is off by more than 40 m for minutes is not found by
-//! the default; car parks beside a road are told from it by points at least some five seconds apart.
+//! **Limits.** Candidates are the nearest 64 edges within four standard deviations of a position,
+//! taken over all receptions, and 10 m; routes are searched up to some 1.3 times the straight
+//! distance, and up to 1.2 times the way at 40 m/s. Moves into a state are merged by the first two
+//! moments of their errors. States with less than 6e-6 of the belief have no successors. The
+//! default model does not follow a receiver that is off by more than 40 m for minutes; a car park
+//! beside a road is told from the road only by points that are some five seconds apart or more.
 //!
-//! **The layers**, each on those before: the model and the points; the receiver and its errors; the
-//! candidates of a point, the ways between them, and the weights of moves; one step of a matcher,
-//! which adds its candidates and moves to a trellis; and on the step: vehicles, learning, and drives with their
-//! distinct routes.
+//! **The layers**, each built on those before: the model and the points; the receiver and its
+//! errors; the candidates of a point, the ways between them, and the weights of moves; one step of
+//! a matcher, which adds its candidates and moves to a trellis; and on top of the step, vehicles,
+//! learning, and drives with their distinct routes.
 
 mod answer;
 mod candidates;

@@ -13,18 +13,18 @@ use crate::error::Parameter;
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct MatchModel {
-    /// Standard deviation of a position in each direction in usual reception, in metres; from 1e-6 to
-    /// 1e9.
+    /// Standard deviation of a position in each direction in usual reception, in metres; from 1e-6
+    /// to 1e9.
     pub noise: f64,
-    /// Share of the variance of positions that is a slowly moving offset; from 0 to 0.999. The rest is
-    /// independent from point to point.
+    /// Share of the variance of positions that is a slowly moving offset; from 0 to 0.999. The rest
+    /// is independent from point to point.
     pub lasting: f64,
     /// Seconds after which 1/e of the offset is left; from 1e-6 to 1e9.
     pub lasts: f64,
-    /// Share of time in which reception is poor: errors are then four times as large as else; above
-    /// 0 and below 1.
+    /// Share of time in which reception is poor, with errors four times as large as usual; above 0
+    /// and below 1.
     pub poor: f64,
-    /// Share of positions that say nothing of the place; above 0 and below 1.
+    /// Share of positions that say nothing about the place; above 0 and below 1.
     pub outliers: f64,
     /// Mean detour of a route against the straight line, in metres for each second between two
     /// positions; from 1e-6 to 1e9.
@@ -33,8 +33,8 @@ pub struct MatchModel {
     pub stop: f64,
     /// Probability of leaving the road within a second; above 0 and below 1.
     pub leave_road: f64,
-    /// Probability of coming back within a second; above 0 and below 1. Between two points it is at
-    /// most a half.
+    /// Probability of coming back onto the road within a second; above 0 and below 1. Between two
+    /// points it is at most one half.
     pub return_to_road: f64,
     /// Probability of a U-turn where another way goes on; above 0 and below 1.
     pub u_turn: f64,

@@ -14,12 +14,12 @@ pub struct TracePoint<P = Position> {
     /// Position that was measured.
     pub position: P,
     /// Standard deviation of this position in each direction in metres, from 1e-6 to 1e9, if the
-    /// receiver tells it; else that of the [model](super::MatchModel).
+    /// receiver reports it; otherwise that of the [model](super::MatchModel).
     pub accuracy: Option<f64>,
-    /// Direction of travel in degrees clockwise from north, from −180 to 360, if the receiver tells
-    /// it: both −90 and 270 are west.
+    /// Direction of travel in degrees clockwise from north, from −180 to 360, if the receiver
+    /// reports it: both −90 and 270 are west.
     pub heading: Option<f64>,
-    /// Speed in metres per second, from 0 to 1e9, if the receiver tells it.
+    /// Speed in metres per second, from 0 to 1e9, if the receiver reports it.
     pub speed: Option<f64>,
 }
 

@@ -7,8 +7,8 @@ use super::{MatchError, Matcher, TracePoint};
 use crate::inference::{LogSum, Trellis};
 use crate::map::{Coordinates, Position};
 
-/// A vehicle on the road: its belief after the last point, and the last few points for answers
-/// that may come late. Plain data, apart from the [`Matcher`] that moves it; a few kilobytes.
+/// A vehicle on the road: its belief after the last point, and the last few points for answers that
+/// may come late. Plain data, separate from the [`Matcher`] that moves it; a few kilobytes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Vehicle<P = Position> {
     pub(super) progress: Progress<P>,
@@ -67,8 +67,8 @@ impl<P: Coordinates> Matcher<P> {
     ///
     /// # Errors
     ///
-    /// [`MatchError::Point`] for a number out of range, [`MatchError::Time`] for a point that is not
-    /// later than the last, each with the number of points so far as its index, and
+    /// [`MatchError::Point`] for a number out of range, [`MatchError::Time`] for a point that is
+    /// not later than the last, each with the number of points so far as its index, and
     /// [`MatchError::Network`] for a vehicle that a matcher of another network started.
     pub fn step(&self, vehicle: &mut Vehicle<P>, point: &TracePoint<P>) -> Result<f64, MatchError> {
         let Vehicle { progress, window } = vehicle;
@@ -157,8 +157,8 @@ impl<P: Coordinates> Vehicle<P> {
         self.ago(self.points_late()).unwrap_or_else(|| self.live())
     }
 
-    /// Answer for a point of the window, so many points ago, from all points so far: to be given
-    /// out when its probability is high enough. `None` if it has left the window.
+    /// Answer for an earlier point, so many points ago, from all points so far: for callers who
+    /// wait until an answer is probable enough. `None` if the point has left the window.
     #[must_use]
     pub fn ago(&self, points: usize) -> Option<RoadAnswer> {
         let index = self.points_late().checked_sub(points)?;
@@ -170,9 +170,8 @@ impl<P: Coordinates> Vehicle<P> {
     }
 
     /// Stretches of roads that hold the vehicle now with a probability of at least `mass`, above 0
-    /// and at most 1. If the roads hold less in all, since the vehicle may be off the road, they are
-    /// all the edges that are possible, and [`probability`](Stretches::probability) says
-    /// what they hold.
+    /// and at most 1. If all roads together hold less, since the vehicle may be off the road, these
+    /// are all possible edges, and [`probability`](Stretches::probability) says how much they hold.
     ///
     /// ```
     /// # use wayfix::map::{NetworkBuilder, PlanePosition, RoadClass};
@@ -203,8 +202,8 @@ impl<P: Coordinates> Vehicle<P> {
     ///
     /// # Errors
     ///
-    /// [`MatchError::Parameter`] for a mass out of range, and [`MatchError::Network`] for a matcher of
-    /// another network.
+    /// [`MatchError::Parameter`] for a mass out of range, and [`MatchError::Network`] for a matcher
+    /// of another network.
     pub fn credible(&self, matcher: &Matcher<P>, mass: f64) -> Result<Stretches<P>, MatchError> {
         let states = self.window.last();
         matcher.check_network(self.progress.network)?;
@@ -213,7 +212,7 @@ impl<P: Coordinates> Vehicle<P> {
         credible(&matcher.network, states, &self.window.filtered(), sigma, mass)
     }
 
-    /// Number of points that the late answer is behind the last point.
+    /// Number of points by which the late answer is behind the last point.
     #[must_use]
     pub fn points_late(&self) -> usize {
         self.window.states.len() - 1
@@ -231,7 +230,8 @@ impl<P: Coordinates> Vehicle<P> {
         self.progress.log_likelihood.value()
     }
 
-    /// Edges with their probabilities, the most probable first; those off the road are missing.
+    /// Edges with their probabilities, the most probable first; the state off the road is not among
+    /// them.
     #[must_use]
     pub fn edges(&self) -> Vec<(usize, f64)> {
         edges(self.window.last(), &self.window.filtered())

@@ -6,7 +6,7 @@ use csv::Writer;
 
 use super::{MatchedDrive, Matcher};
 
-/// Writer of the answers for drives to a CSV file. Each drive is passed on when it is written.
+/// Writer of the answers for drives as CSV. Each drive is flushed once it is written.
 #[derive(Debug)]
 pub struct AnswerWriter<W: Write> {
     writer: Writer<W>,
@@ -21,9 +21,9 @@ enum Rows {
 
 impl<W: Write> AnswerWriter<W> {
     /// Creates a writer of routes: `trace,seq,from,to,enter_m,exit_m,off_road`, a line for each
-    /// edge or stretch off the road, with nodes as in the input. A stretch off the road is from the
-    /// node where the road was left to the one where it is reached again; empty, where there is
-    /// none.
+    /// edge or stretch off the road, with the ids of nodes. A stretch off the road leads from the
+    /// node where the road was left to the one where it was reached again; either is empty where
+    /// there is none.
     #[must_use]
     pub fn routes(writer: W) -> Self {
         Self { writer: Writer::from_writer(writer), rows: Rows::Routes }
@@ -41,7 +41,7 @@ impl<W: Write> AnswerWriter<W> {
         Self { writer: Writer::from_writer(writer), rows: Rows::Points { lag } }
     }
 
-    /// Writes the header, which one of several parts of a file does without.
+    /// Writes the header; only the first of several parts of a file has one.
     ///
     /// # Errors
     ///
@@ -122,7 +122,7 @@ impl<W: Write> AnswerWriter<W> {
         self.flush()
     }
 
-    /// Passes on all that was written; an error tells of a full disk.
+    /// Flushes what was written. A full disk may show only here.
     ///
     /// # Errors
     ///
@@ -131,7 +131,7 @@ impl<W: Write> AnswerWriter<W> {
         Ok(self.writer.flush()?)
     }
 
-    /// Passes on all that was written, and returns the writer.
+    /// Flushes what was written, and returns the inner writer.
     ///
     /// # Errors
     ///

@@ -18,7 +18,7 @@ pub(super) type Problem = (u64, String);
 pub(super) struct Collector {
     pub(super) traces: Vec<Trace>,
     pub(super) report: TraceReport,
-    /// Number of drives that wished for each name.
+    /// Number of drives that were to have each name.
     names: HashMap<String, usize>,
     /// Place of the first point of the last drive that goes back in time.
     first_back: u64,

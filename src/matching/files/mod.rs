@@ -17,15 +17,15 @@ use super::TracePoint;
 use crate::files::open;
 use crate::map::MapError;
 
-/// A drive of a file: what [`Matcher::learn`](super::Matcher::learn) takes, and with its `points` what
-/// [`Matcher::match_drive`](super::Matcher::match_drive) does.
+/// A drive read from a file. [`Matcher::learn`](super::Matcher::learn) takes it as it is, and
+/// [`Matcher::match_drive`](super::Matcher::match_drive) its `points`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trace {
     /// Name of the drive in the file.
     pub name: String,
     /// Points in the order of the file, each later than the one before.
     pub points: Vec<TracePoint>,
-    /// Number of points of the drive that were left out, with the time of the last one taken.
+    /// Number of points left out because they have the same time as the last one taken.
     pub repeated: usize,
     /// Number of points that were left out, earlier than the last one taken.
     pub backwards: usize,
@@ -41,14 +41,14 @@ impl AsRef<[TracePoint]> for Trace {
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub struct TraceReport {
-    /// Number of points of all drives that were left out, with the time of the last one taken; each
-    /// [`Trace`] has its own.
+    /// Number of points left out because they have the same time as the last one taken, of all
+    /// drives; each [`Trace`] has its own count.
     pub repeated: usize,
     /// Number of points that were left out, earlier than the last one taken.
     pub backwards: usize,
-    /// Lines of the first ten points that were left out; none of GeoJSON, which has no lines.
+    /// Lines of the first ten points that were left out; empty for GeoJSON, where points have none.
     pub skipped_lines: Vec<u64>,
-    /// Columns that are not known, and were not read.
+    /// Columns that are not known and were not read.
     pub ignored_columns: Vec<String>,
 }
 
@@ -72,38 +72,39 @@ impl fmt::Display for TraceReport {
 
 /// Reads drives from a file: GPX (`.gpx`), GeoJSON (`.geojson`, `.json`), or CSV (any other).
 ///
-/// - **CSV** has the header `trace,time,longitude,latitude[,accuracy,heading,speed]`, in any order
-///   of the columns: the name of the drive, time, degrees, and, if known, metres, degrees clockwise
-///   from north (from −180 to 360) and metres per second. Lines of a drive follow each other.
-/// - **GPX**: each segment of a track is a drive, with the name of the track, or its number, and a
-///   number behind it where drives share a name. Each point has a time, and may have
-///   `speed` and `course`, of its own or among its extensions. Waypoints and routes are not read.
-/// - **GeoJSON**: a line is a drive with the name in `trace` or `name`, or the number of its
-///   feature, and a list of times in `coordTimes` or `times`, of its properties or
-///   its `coordinateProperties`; a `MultiLineString` is a drive and a list for each line. Points are those of one
-///   drive, or of that in `trace`, with a `time` or `timestamp`, and if known `accuracy`, `heading` or
-///   `course`, and `speed`.
+/// - **CSV** has the header `trace,time,longitude,latitude[,accuracy,heading,speed]`, with its
+///   columns in any order: the name of the drive, the time, degrees, and, if known, metres, degrees
+///   clockwise from north (from −180 to 360) and metres per second. The lines of a drive follow
+///   each other.
+/// - **GPX**: each segment of a track is a drive, named after the track or by its number, with a
+///   number appended where drives share a name. Each point has a time, and may have `speed` and
+///   `course`, as elements of its own or among its extensions. Waypoints and routes are not read.
+/// - **GeoJSON**: a line is a drive. Its name is in `trace` or `name`, or else is the number of its
+///   feature; a list of its times is in `coordTimes` or `times`, among its properties or in
+///   `coordinateProperties`. A `MultiLineString` is a drive for each line, with a list of times for
+///   each. Points belong to the drive that their `trace` names, or all to one; they have a `time`
+///   or `timestamp`, and, if known, `accuracy`, `heading` or `course`, and `speed`.
 ///
 /// Times are seconds, or dates and times by ISO 8601 (`2024-05-01T12:00:00Z`,
 /// `2024-05-01 14:00:00.5+02:00`; UTC without an offset), read as seconds since 1970. Points that
-/// are not later than the last one taken are skipped, and counted for each drive and in all; the
-/// report names the lines of the first ten, and columns that are not known. A GPX or GeoJSON file is read as a
-/// whole: O(bytes) memory.
+/// are not later than the last one taken are skipped, and counted for each drive and in total; the
+/// report names the lines of the first ten, and the columns that are not known. A GPX or GeoJSON
+/// file is read as a whole: O(bytes) memory.
 ///
 /// # Errors
 ///
 /// [`MapError::Read`] if the file cannot be opened or read, or the feature for its format (`csv`,
 /// `gpx`, `geojson`) is not enabled; otherwise [`MapError::Line`] with file and line, or
-/// [`MapError::Feature`] with the feature of GeoJSON, for a missing column, attribute or
-/// property, a value that cannot be parsed or is out of range, a drive whose points are apart or mostly
-/// go back in time, a text that is not of the format, and a file without points.
+/// [`MapError::Feature`] with the feature of GeoJSON, for a missing column, attribute or property,
+/// a value that cannot be parsed or is out of range, a drive whose points are not together or
+/// mostly go back in time, text that is not of the format, and a file without points.
 pub fn read_traces(path: impl AsRef<Path>) -> Result<(Vec<Trace>, TraceReport), MapError> {
     let (name, file) = open(path.as_ref())?;
     read_traces_from(&name, file)
 }
 
-/// Reads drives as [`read_traces`] does, from a reader with the name of a file, whose ending tells the
-/// format; errors have the name.
+/// Reads drives from a reader, as [`read_traces`] does from a file. The extension of the name tells
+/// the format, and errors quote the name.
 ///
 /// ```
 /// use wayfix::matching::read_traces_from;

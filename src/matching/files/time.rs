@@ -7,9 +7,9 @@ pub(super) const TIMES: &str = "seconds, or a date and time as 2024-05-01T12:00:
 
 /// Returns a time in seconds: a number, or those since 1970 of a date and time by RFC 3339.
 ///
-/// As in the wild, there may be a space for the T, a comma in fractions, and no seconds; without an
-/// offset from UTC, it is 0. A leap second is the first one of the next minute. Digits beyond
-/// the 18th of a fraction are left out, since they say nothing.
+/// As files in the wild have them, a space may stand for the T and a comma for the point, and
+/// seconds may be missing; without an offset, the time is UTC. A leap second is the first one of
+/// the next minute. Digits beyond the 18th of a fraction are left out, since they say nothing.
 pub(super) fn seconds_of(text: &str) -> Option<f64> {
     text.parse().ok().or_else(|| date_and_time(&mut Rest(text.as_bytes())))
 }

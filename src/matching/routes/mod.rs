@@ -1,8 +1,8 @@
 //! Distinct routes of a drive, with their probabilities.
 //!
 //! Rules say which stretches a move adds to a route; by them, a path of states becomes a route, and
-//! the posterior of a drive a lattice whose arcs spell out edges. A best-first search finds the most
-//! probable sequences of edges in it, led by bounds.
+//! the posterior of a drive a lattice whose arcs spell out edges. A best-first search finds the
+//! most probable sequences of edges in it, led by bounds.
 
 mod bounds;
 mod lattice;
@@ -31,9 +31,9 @@ pub struct RankedRoutes<P> {
     pub routes: Vec<Stretches<P>>,
     /// Probability of all other routes together.
     pub remaining: f64,
-    /// True if these are the most probable routes, proven: as many as were asked for, or all there
-    /// are. False if the search would have taken too long, and more probable ones may be missing;
-    /// the probability of each is exact all the same.
+    /// True if these are proven to be the most probable routes: as many as were asked for, or all
+    /// there are. False if the search would have taken too long, so that more probable ones may be
+    /// missing; the probability of each is exact all the same.
     pub is_exact: bool,
 }
 
@@ -50,9 +50,9 @@ impl<P: Coordinates> Matcher<P> {
     /// equal length one alone is found.
     ///
     /// A best-first search over the first edges of routes, with a bound on the best that may
-    /// follow. Time is that of the match again, and O(edges of a route) for each route where the
-    /// doubts are few. For drives with very many doubts of even odds it grows exponentially; after
-    /// 1,000,000 + 20,000 · `count` moves it goes straight to likely routes, and
+    /// follow. Takes the time of the match again, and O(edges of a route) for each route where
+    /// little of the drive is in doubt. The time grows exponentially with the number of places of
+    /// even odds; after 1,000,000 + 20,000 · `count` moves it goes straight to likely routes, and
     /// [`is_exact`](RankedRoutes::is_exact) is false.
     ///
     /// ```

@@ -1,5 +1,5 @@
-//! Turns from edge to edge, learned from drives (the mean of a Dirichlet posterior) or from counts of
-//! traffic (proportional fitting). The turns out of each edge sum to one.
+//! Turns from edge to edge, learned from drives (the mean of a Dirichlet posterior) or from counts
+//! of traffic (proportional fitting). The turns out of each edge sum to one.
 
 use super::turns::Turns;
 use super::{CellTransition, TurnWeights};

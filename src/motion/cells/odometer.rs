@@ -8,9 +8,9 @@ use crate::error::TransitionError;
 /// Deviations by which a release must be above 0, so that a vehicle is not taken to have driven
 /// less than nothing.
 const DEVIATIONS: f64 = 3.0;
-/// Cells over which a vehicle that is anywhere in its cell keeps its place there. Chosen on simulated
-/// grids: with 1, a belief between rare fixes is far too wide; with 16, sets of 95% hold 94% where
-/// cells are as large as the range of a tag.
+/// Cells over which a vehicle that is anywhere in its cell keeps its place there. Chosen on
+/// simulated grids: with 1, a belief between rare fixes is far too wide; with 16, sets of 95% hold
+/// 94% where cells are as large as the range of a tag.
 const TOGETHER: f64 = 4.0;
 
 /// Odometer of a vehicle on cells: adds up readings of any size, and releases whole cells.
@@ -28,10 +28,11 @@ const TOGETHER: f64 = 4.0;
 /// than a third of the cells to be released, as that of a bad odometer over one cell, they are
 /// kept longer.
 ///
-/// **Cells are taken to be small** against what the variance adds up to between two looks at the map:
-/// the vehicle keeps its place in the cell, and one that was at its edge is in the next, unknown to
-/// the belief. On aisles of 2 m with cells of 1 m and noise of 3 cm in each metre, sets of 95% held the
-/// vehicle's cell in 80% of ticks. A [`WheelOdometer`](super::WheelOdometer) counts this in.
+/// **Cells are taken to be small** against what the variance adds up to between two looks at the
+/// map: the vehicle keeps its place in the cell, and one that was at its edge is in the next,
+/// unknown to the belief. On aisles of 2 m with cells of 1 m and noise of 3 cm in each metre, sets
+/// of 95% held the vehicle's cell in 80% of ticks. A [`WheelOdometer`](super::WheelOdometer) counts
+/// this in.
 ///
 /// **Backwards**: negative metres are subtracted, and exact as long as the vehicle returns the
 /// same way. One that reverses past a junction and takes another road there is not in this model.

@@ -1,5 +1,5 @@
-//! Distance driven in a step, in cells: the weights w_k of the powers of M, which sum to one and have
-//! the mean and the variance of the metres.
+//! Distance driven in a step, in cells: the weights w_k of the powers of M, which sum to one and
+//! have the mean and the variance of the metres.
 
 use std::fmt;
 use std::sync::Arc;

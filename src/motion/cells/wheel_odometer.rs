@@ -51,18 +51,19 @@ impl WheelTravel {
 }
 
 /// Odometer of a vehicle on cells whose wheels have errors that last: an [`Odometer`] for each
-/// scale of the [wheels](Wheels), to which a reading is that many metres fewer or more.
+/// scale of the [wheels](Wheels), which adds up the readings divided by its scale.
 ///
 /// Each scale releases whole cells at times of its own, and starts from another place in the cell,
-/// so that all together know better than one cell where the vehicle is: the belief in a cell rises
-/// and falls while the vehicle drives through it, rather than all at once.
+/// so that together they know more finely than to a cell where the vehicle is: the belief in a cell
+/// rises and falls gradually while the vehicle drives through it.
 ///
-/// Within its cell a vehicle is anywhere, so that noise far below a cell takes some vehicles into the
-/// next: the variance of a cell driven is more than that of its noise, and the same at any rate of
-/// readings. The smaller the cells, the less this costs. On simulated aisles of 2 m with tags read
-/// within 40 cm and cells of 25 cm, at scale errors from 0 to 5%, an edge with a probability of 0.95 or
-/// more was right in 98% of ticks or more; with cells of 1 m in 76 to 86%, though sets of 95% hold the
-/// vehicle's cell in 97% there, too. Give position fixes with 0 m ahead.
+/// A vehicle may be anywhere in its cell, so that even noise far smaller than a cell takes some
+/// vehicles into the next: each cell driven adds more variance than its noise has, the same at any
+/// rate of readings. The smaller the cells, the less this costs. On simulated aisles of 2 m with
+/// tags read within 40 cm and cells of 25 cm, at scale errors from 0 to 5%, an edge with a
+/// probability of 0.95 or more was right in 98% of ticks or more; with cells of 1 m, in 76 to 86%,
+/// though sets of 95% hold the vehicle's cell in 97% there, too. Give position fixes with 0 m
+/// ahead.
 ///
 /// Made by [`WheelTransition::odometer`](super::WheelTransition::odometer). A reading costs O(k)
 /// for k scales, and where cells are released, O(k³) for the changes of the scale.

@@ -1,5 +1,5 @@
-//! Cells and hidden scales of the wheels: A[(g, i), (h, j)] = S[g, h] A_g[i, j], with the chain S of
-//! scales and the move A_g = Σ w_k M^k by the distance of the new scale.
+//! Cells and hidden scales of the wheels: A[(g, i), (h, j)] = S[g, h] A_g[i, j], with the chain S
+//! of scales and the move A_g = Σ w_k M^k by the distance of the new scale.
 
 use super::{CellTransition, Travel, WheelOdometer, WheelTravel, Wheels};
 use crate::belief::Belief;
@@ -7,28 +7,29 @@ use crate::error::TransitionError;
 use crate::groups::Groups;
 use crate::transition::{Transition, TransitionEntries, buffers, check_count, check_slices};
 
-/// A vehicle on the [cells of roads](crate::map::RoadCells) by the metres that its wheels read,
-/// whose [errors](Wheels) last: a [`CellTransition`] for each of several hidden scales.
+/// Motion on the [cells of roads](crate::map::RoadCells) by the metres that wheels read, with
+/// [errors](Wheels) that last: a [`CellTransition`] for each of several hidden scales.
 ///
 /// State g n + i is scale g at cell i, of n cells: the wheels read `scales()[g]` metres for each
-/// metre driven. In a step the scale changes to g with probability S\[g, h\], then the vehicle moves
-/// by the distance of the **new** scale:
+/// metre driven. In a step the scale changes to g with probability S\[g, h\], then the vehicle
+/// moves by the distance of the **new** scale:
 ///
 /// ```text
 /// A[(g, i), (h, j)] = S[g, h] A_g[i, j]
 /// ```
 ///
 /// The control is a [`WheelTravel`] from a [`WheelOdometer`]. Sensors and answers are those of
-/// cells, by [groups](Self::cell_groups).
+/// cells, through [groups](Self::cell_groups).
 ///
-/// Take it wherever a robot's wheels are the odometer. A [`CellTransition`] takes errors of
-/// readings for independent, and they seem to average out: after 100 m with an error of 2%, its
-/// belief is 2 m off and knows nothing of it.
+/// Use it wherever a robot's wheels are the odometer. A [`CellTransition`] takes the errors of
+/// readings to be independent, so that they seem to average out: after 100 m with an error of 2%,
+/// its belief is 2 m off, and far too narrow to show it.
 ///
 /// # Costs
 ///
-/// Time of a [`CellTransition`] for each of the nine scales, and in steps in which scales change,
-/// at most one in each cell, O(81 n) more. Memory: as the belief has nine times the states.
+/// The time of a [`CellTransition`] for each of the nine scales, and O(81 n) more in steps in which
+/// the scale may change, at most one for each cell driven. Memory: the belief has nine times as
+/// many states.
 ///
 /// ```
 /// use wayfix::likelihood::GroupedLikelihood;
@@ -48,12 +49,13 @@ use crate::transition::{Transition, TransitionEntries, buffers, check_count, che
 /// let motion = CellTransition::new(&cells, &TurnWeights::default())?;
 /// let motion = WheelTransition::new(motion, Wheels::default())?;
 /// let mut odometer = motion.odometer();
-/// let tags = TagLikelihood::at_nodes(&cells, &[0, 1], 0.5, ReadRates { read: 0.2, misread: 0.001 })?;
+/// let rates = ReadRates { read: 0.2, misread: 0.001 };
+/// let tags = TagLikelihood::at_nodes(&cells, &[0, 1], 0.5, rates)?;
 /// let sensor = GroupedLikelihood::new(tags, motion.cell_groups())?;
 /// let start = motion.spread(&Belief::certain(n, cells.cell_at(0, 0.0))?)?;
 /// let hmm = Hmm::new(Prior::BeforeFirstTransition(start), motion, sensor)?;
 /// let mut filter = hmm.filter();
-/// // The wheels are worn: it reads 204 m by the end.
+/// // The wheels are worn: the odometer reads 204 m by the end.
 /// for _ in 0..2040 {
 ///     filter.predict_with(&odometer.add(0.1, 1e-5)?)?;
 /// }
@@ -138,7 +140,7 @@ impl WheelTransition {
         Groups::numbered(scales, self.scales.len())
     }
 
-    /// Returns the belief over states of a belief over cells, with scales by their
+    /// Returns a belief over cells as one over states, with the scales by their
     /// [shares](Self::shares): to start from, or to [restart](crate::transition::RestartTransition)
     /// from.
     ///

@@ -1,6 +1,6 @@
-//! Errors of wheels that last: the scale of an odometer as a hidden chain. Of m coins, each is turned
-//! over at a rate; the scale is 1 + d (heads − tails) / √m, an Ornstein–Uhlenbeck process on m + 1
-//! values (Ehrenfest's urn), whose stationary distribution is binomial.
+//! Errors of wheels that last: the scale of an odometer as a hidden chain. Of m coins, each is
+//! turned over at a rate; the scale is 1 + d (heads − tails) / √m, an Ornstein–Uhlenbeck process on
+//! m + 1 values (Ehrenfest's urn), whose stationary distribution is binomial.
 
 use crate::error::{Parameter, TransitionError};
 
@@ -41,12 +41,12 @@ pub struct Wheels {
     /// Standard deviation of the scale, the metres read for each metre driven, among vehicles and
     /// days: from 0 (the scale is 1) to 0.2. Scales are found up to 2.8 deviations off 1.
     pub scale: f64,
-    /// Metres over which the scale lasts: its correlation falls to 1/e. Above 0; an infinite value
-    /// is a scale that never changes.
+    /// Metres over which the correlation of the scale falls to 1/e. Above 0; if infinite, the scale
+    /// never changes.
     pub lasts: f64,
-    /// Slips in each metre, from 0 to 1,000. Together they take off at most half of the metres.
+    /// Slips per metre, from 0 to 1,000. Together they may take off at most half of the metres.
     pub slips: f64,
-    /// Mean metres that a slip takes off those read; above 0, at most 1,000 cells.
+    /// Mean metres by which a slip shortens the distance; above 0, at most 1,000 cells.
     pub slipped: f64,
 }
 
