@@ -23,6 +23,10 @@ const LEAST_SECONDS: f64 = 0.2;
 const SLOW: f64 = 0.3;
 /// Share of moves at a speed that the road does not tell.
 const ANY_SPEED: f64 = 0.1;
+/// Share of moves in slow traffic, and its speed in metres per second: without it a queue of some
+/// minutes would rather be a stretch off the road.
+const IN_QUEUE: f64 = 0.1;
+const QUEUE_SPEED: f64 = 2.0;
 /// Relative density of distances that neither speed nor noise explains.
 const ANY_DISTANCE: f64 = 1e-9;
 /// Share of detours from a distribution ten times as wide.
@@ -214,6 +218,10 @@ impl Interval {
             }
         };
         let moves = (1.0 - ANY_SPEED) * moves + ANY_SPEED * is_ahead;
+        let reach = QUEUE_SPEED * self.seconds + deviation;
+        let rare = reach * (1.0 + (metres / reach).powi(2));
+        let queues = std::f64::consts::FRAC_2_PI * self.most() / rare * is_ahead;
+        let moves = (1.0 - IN_QUEUE) * moves + IN_QUEUE * queues;
         let moves = moves.max(ANY_DISTANCE);
         // Where the position belongs to the road, and where it says nothing.
         let parts = |weight: f64| [inlier * weight, (1.0 - inlier) * weight.min(1.0)];
