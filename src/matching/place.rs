@@ -23,6 +23,15 @@ pub(super) struct Place {
 }
 
 impl Place {
+    /// Place with the moments of a mixture for each reception, and shares in proportion to their
+    /// weights; `None` without weight.
+    pub(super) fn of_mixtures(mixtures: Mixtures<RECEPTIONS>) -> Option<Self> {
+        let Mixtures { weights, mean, covariance } = mixtures;
+        let total: f64 = weights.iter().sum();
+        let shares = weights.map(|weight| weight / total);
+        (total > 0.0).then_some(Self { mean, covariance, shares })
+    }
+
     /// The same with the metres counted from another point of the road.
     pub(super) fn counted_from(&self, metres: f64) -> Self {
         let [along, x, y] = self.mean;
@@ -95,57 +104,72 @@ impl Place {
     }
 }
 
-/// Mixture of places, of which those of one reception are merged by their moments.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct PlaceMixture {
-    merged: Place,
-    weights: ByReception,
+/// Mixtures of Gaussians side by side, each merged by its moments.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Mixtures<const N: usize> {
+    pub(super) weights: [f64; N],
+    pub(super) mean: [[f64; N]; 3],
+    pub(super) covariance: [[f64; N]; 6],
 }
+
+impl<const N: usize> Default for Mixtures<N> {
+    fn default() -> Self {
+        Self { weights: [0.0; N], mean: [[0.0; N]; 3], covariance: [[0.0; N]; 6] }
+    }
+}
+
+impl<const N: usize> Mixtures<N> {
+    /// Adds a Gaussian to each, with a weight.
+    #[inline]
+    pub(super) fn add(
+        &mut self,
+        weights: [f64; N],
+        mean: &[[f64; N]; 3],
+        covariance: &[[f64; N]; 6],
+    ) {
+        let [mut part, mut spread] = [[0.0; N]; 2];
+        for n in 0..N {
+            let sum = self.weights[n] + weights[n];
+            // One without weight keeps its moments.
+            part[n] = if sum > 0.0 { weights[n] / sum } else { 0.0 };
+            spread[n] = part[n] * (1.0 - part[n]);
+            self.weights[n] = sum;
+        }
+        // Differences of means, and no sums of squares: places are hundreds of metres from the start of
+        // an edge, and may be known to a micrometre.
+        let mut off = [[0.0; N]; 3];
+        for axis in 0..3 {
+            for n in 0..N {
+                off[axis][n] = mean[axis][n] - self.mean[axis][n];
+                self.mean[axis][n] += part[n] * off[axis][n];
+            }
+        }
+        let [x, y, z] = &off;
+        let pairs = [(x, x), (x, y), (x, z), (y, y), (y, z), (z, z)];
+        for (index, (a, b)) in pairs.into_iter().enumerate() {
+            for n in 0..N {
+                let own = self.covariance[index][n];
+                let change = part[n] * (covariance[index][n] - own) + spread[n] * a[n] * b[n];
+                self.covariance[index][n] = own + change;
+            }
+        }
+    }
+}
+
+/// Mixture of places, of which those of one reception are merged.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct PlaceMixture(Mixtures<RECEPTIONS>);
 
 impl PlaceMixture {
     #[inline]
     pub(super) fn add(&mut self, weight: f64, place: &Place) {
-        self.add_by(place.shares.map(|share| weight * share), place);
-    }
-
-    /// Adds a place with a weight for each reception.
-    #[inline]
-    pub(super) fn add_by(&mut self, weights: ByReception, place: &Place) {
-        let Self { merged, weights: sums } = self;
-        let [mut part, mut spread] = [[0.0; RECEPTIONS]; 2];
-        for number in 0..RECEPTIONS {
-            let sum = sums[number] + weights[number];
-            // A reception without weight keeps its moments.
-            part[number] = if sum > 0.0 { weights[number] / sum } else { 0.0 };
-            spread[number] = part[number] * (1.0 - part[number]);
-            sums[number] = sum;
-        }
-        // Differences of means, and no sums of squares: places are hundreds of metres from the start of
-        // an edge, and may be known to a micrometre.
-        let mut off = [[0.0; RECEPTIONS]; 3];
-        for axis in 0..3 {
-            for number in 0..RECEPTIONS {
-                off[axis][number] = place.mean[axis][number] - merged.mean[axis][number];
-                merged.mean[axis][number] += part[number] * off[axis][number];
-            }
-        }
-        let [x, y, z] = off;
-        for (index, (a, b)) in
-            [(x, x), (x, y), (x, z), (y, y), (y, z), (z, z)].into_iter().enumerate()
-        {
-            let (sum, new) = (&mut merged.covariance[index], &place.covariance[index]);
-            for number in 0..RECEPTIONS {
-                let product = spread[number] * a[number] * b[number];
-                sum[number] += part[number] * (new[number] - sum[number]) + product;
-            }
-        }
+        let weights = place.shares.map(|share| weight * share);
+        self.0.add(weights, &place.mean, &place.covariance);
     }
 
     /// Place with the same moments and shares; `None` without weight.
-    pub(super) fn merged(mut self) -> Option<Place> {
-        let total: f64 = self.weights.iter().sum();
-        self.merged.reweight(self.weights);
-        (total > 0.0).then_some(self.merged)
+    pub(super) fn merged(self) -> Option<Place> {
+        Place::of_mixtures(self.0)
     }
 }
 

@@ -12,7 +12,7 @@
 //! of each and, for each, the joint Gaussian of x, its metres along the edge, and o: the interacting
 //! multiple model of Blom and Bar-Shalom (1988).
 
-use super::place::{ByReception, Place, PlaceMixture};
+use super::place::{ByReception, Mixtures, Place};
 use crate::matching::MatchModel;
 
 /// Kinds of reception: usual, poor, and rough.
@@ -80,8 +80,9 @@ impl Receiver {
         let redrawn = -(-seconds / REDRAWN_AFTER).exp_m1();
         let other_receiver = -(-seconds / RECEIVER_LASTS).exp_m1();
         // Receptions that are drawn anew come from all of their kind.
-        let (fine, of_fine) = pooled(place, |number| number != ROUGH_AT);
-        let (any, of_any) = pooled(place, |_| true);
+        let fine = pooled(place, (0..RECEPTIONS).filter(|number| *number != ROUGH_AT));
+        let any = pooled(place, 0..RECEPTIONS);
+        let [of_fine, of_any] = [&fine, &any].map(|pool| pool.weights[0]);
         let all_fine = 1.0 - self.shares[ROUGH_AT];
         let [mut stays, mut from_fine, mut from_any] = [[0.0; RECEPTIONS]; 3];
         for number in 0..RECEPTIONS {
@@ -93,11 +94,13 @@ impl Receiver {
                 stays[number] *= 1.0 - redrawn;
             }
         }
-        let mut mixture = PlaceMixture::default();
-        mixture.add_by(stays, place);
-        mixture.add_by(from_fine, &fine);
-        mixture.add_by(from_any, &any);
-        let Some(mut predicted) = mixture.merged() else { return *place };
+        let mut mixtures = Mixtures::default();
+        mixtures.add(stays, &place.mean, &place.covariance);
+        for (weights, pool) in [(from_fine, &fine), (from_any, &any)] {
+            let (mean, covariance) = (pool.mean.map(in_each), pool.covariance.map(in_each));
+            mixtures.add(weights, &mean, &covariance);
+        }
+        let Some(mut predicted) = Place::of_mixtures(mixtures) else { return *place };
         let squared = kept * kept;
         let Place { mean: [_, x, y], covariance: [_, ax, ay, xx, xy, yy], .. } = &mut predicted;
         for r in 0..RECEPTIONS {
@@ -111,18 +114,19 @@ impl Receiver {
     }
 }
 
-/// Some receptions merged, as the place in each reception, and their share.
-fn pooled(place: &Place, is_of: impl Fn(usize) -> bool) -> (Place, f64) {
-    let (mut mixture, mut sum) = (PlaceMixture::default(), 0.0);
-    for number in (0..RECEPTIONS).filter(|number| is_of(*number)) {
-        let weight = place.shares[number];
-        let of_one = Place {
-            mean: place.mean.map(|mean| [mean[number]; RECEPTIONS]),
-            covariance: place.covariance.map(|part| [part[number]; RECEPTIONS]),
-            shares: [1.0; RECEPTIONS],
-        };
-        mixture.add(weight, &of_one);
-        sum += weight;
+/// Some receptions of a place, merged.
+fn pooled(place: &Place, receptions: impl Iterator<Item = usize>) -> Mixtures<1> {
+    let mut pool = Mixtures::default();
+    for number in receptions {
+        let (mean, covariance) = (&place.mean, &place.covariance);
+        let mean = mean.each_ref().map(|mean| [mean[number]]);
+        let covariance = covariance.each_ref().map(|part| [part[number]]);
+        pool.add([place.shares[number]], &mean, &covariance);
     }
-    (mixture.merged().unwrap_or(*place), sum)
+    pool
+}
+
+/// The same number for each reception.
+fn in_each([value]: [f64; 1]) -> ByReception {
+    [value; RECEPTIONS]
 }

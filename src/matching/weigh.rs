@@ -61,9 +61,12 @@ impl<P: Coordinates> MatchStep<'_, P> {
         entries.resize_with(entries.len().max(states.len()), Vec::new);
         entries.iter_mut().for_each(Vec::clear);
         let Interval { seconds, kept, .. } = *interval;
-        let predicted = |state: &Candidate| receiver.predicted(&state.place, seconds, kept);
         places.clear();
-        places.extend(before.states.iter().map(predicted));
+        places.extend(before.states.iter().zip(before.log_filtered).map(|(state, log)| {
+            // Of the others nothing is asked.
+            let is_left = *log >= NEGLIGIBLE;
+            if is_left { receiver.predicted(&state.place, seconds, kept) } else { state.place }
+        }));
         let (off_road, by_area) = (states.len() - 1, interval.off_road(model));
         let (into_off_road, stays) = (by_area + leaves.ln(), (-leaves).ln_1p());
         let onto_road = by_area + returns.ln() - METRES_OF_ROAD.ln();
