@@ -28,23 +28,24 @@ pub(super) struct Label<T> {
 }
 
 impl<T: Copy + Default> Search<T> {
-    /// Starts a search among so many vertices. Returns its number, from 1; after 1 follows a new
-    /// round of numbers, in which none was used before.
-    pub(super) fn start(&mut self, vertices: usize) -> u32 {
-        self.labels.resize(vertices, Label::default());
+    /// Starts a search among so many vertices, or more.
+    pub(super) fn start(&mut self, vertices: usize) {
+        self.labels.resize(vertices.max(self.labels.len()), Label::default());
         if self.number == u32::MAX {
             self.labels.fill(Label::default());
             self.number = 0;
         }
         self.number += 1;
         self.queue.clear();
-        self.number
     }
 
     /// Offers a way to a vertex by another one, which replaces a longer one. Of equally long ones
     /// the first stays, or with `lowest` that by the vertex with the lowest number.
     #[inline]
     pub(super) fn offer(&mut self, to: usize, before: usize, cost: f64, way: T, lowest: bool) {
+        if to >= self.labels.len() {
+            self.labels.resize(to + 1, Label::default());
+        }
         let (label, before) = (&mut self.labels[to], before as u32);
         let is_known = label.search == self.number;
         let is_tie_won = lowest && cost == label.cost && before < label.before;

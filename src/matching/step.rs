@@ -188,7 +188,8 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
         let interval = Interval::new(self.model, points[0], points[1], unknown);
         let Matcher { network, measures, .. } = self.matcher;
         let mut ways = Ways { network, measures, search: &mut self.memory.search };
-        ways.from(from, to, self.model, &interval);
+        ways.set_targets(to, self.model, &interval);
+        ways.search_from(from, &interval);
         (ways, interval.spread)
     }
 

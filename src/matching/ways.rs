@@ -50,30 +50,28 @@ pub(super) struct Ways<'a, P> {
 }
 
 impl<P: Coordinates> Ways<'_, P> {
-    /// Searches from a state on a road for the edges of the next states.
-    pub(super) fn from(
+    /// Sets the states of the next point as targets.
+    pub(super) fn set_targets(
         &mut self,
-        from: &Candidate,
         to: &[Candidate],
         model: &MatchModel,
         interval: &Interval,
     ) {
-        let left = self.network.edges()[from.edge as usize].metres - from.along;
-        let others = to.iter().filter(|to| !to.is_off_road());
-        let others =
-            others.filter(|to| to.edge != from.edge || is_behind(from, to, interval.spread));
-        let others = others.map(|to| to.edge as usize);
+        let edges = to.iter().filter(|to| !to.is_off_road()).map(|to| to.edge as usize);
         // The most probable way: a U-turn and choices count as the detours that are as rare.
         let detour = interval.detour_scale(model);
-        let costs = RouteCosts {
-            most: interval.longest() - left,
-            u_turn: -model.u_turn.ln() * detour,
-            choice: CHOICES * detour,
-        };
-        self.search.run(self.network, self.measures, from.edge as usize, others, costs);
+        let costs = RouteCosts { u_turn: -model.u_turn.ln() * detour, choice: CHOICES * detour };
+        self.search.set_targets(self.network, self.measures, edges, costs);
     }
 
-    /// Kind of the way between two states on roads after [`from`](Self::from); `None` if there is
+    /// Searches from a state on a road for the targets.
+    pub(super) fn search_from(&mut self, from: &Candidate, interval: &Interval) {
+        let edge = from.edge as usize;
+        let left = self.network.edges()[edge].metres - from.along;
+        self.search.run(self.network, self.measures, edge, interval.longest() - left);
+    }
+
+    /// Kind of the way between two states on roads after [`search_from`](Self::search_from); `None` if there is
     /// none.
     pub(super) fn kind(&self, from: &Candidate, to: &Candidate, jitter: f64) -> Option<WayKind> {
         let [edge, next] = [from.edge as usize, to.edge as usize];

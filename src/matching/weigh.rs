@@ -70,6 +70,9 @@ impl<P: Coordinates> MatchStep<'_, P> {
         let (off_road, by_area) = (states.len() - 1, interval.off_road(model));
         let (into_off_road, stays) = (by_area + leaves.ln(), (-leaves).ln_1p());
         let onto_road = by_area + returns.ln() - METRES_OF_ROAD.ln();
+        let Matcher { network, measures, .. } = matcher;
+        let mut ways = Ways { network, measures, search };
+        ways.set_targets(states, model, interval);
         for (number, (from, log)) in before.states.iter().zip(before.log_filtered).enumerate() {
             let entry = |log, inlier, shares| Entry {
                 from: number,
@@ -99,9 +102,7 @@ impl<P: Coordinates> MatchStep<'_, P> {
                 continue;
             }
             entries[off_road].push(entry(into_off_road, 0.0, from.place.shares));
-            let Matcher { network, measures, .. } = matcher;
-            let mut ways = Ways { network, measures, search };
-            ways.from(from, states, model, interval);
+            ways.search_from(from, interval);
             for ((to, sighting), list) in targets.zip(entries.iter_mut()) {
                 let Some(way) = ways.way(from, to, interval.spread) else { continue };
                 let starts = way.starts.unwrap_or(0.0);

@@ -12,6 +12,7 @@ mod index;
 mod length_bound;
 mod merge;
 mod near_edge;
+mod neighbourhood;
 mod rebuild;
 mod road_network;
 mod route;

@@ -1,9 +1,10 @@
 //! Shortest routes from a position to several edges, up to a length.
 
 use super::length_bound::LengthBound;
+use super::neighbourhood::Neighbourhood;
 use super::road_network::{Edge, RoadNetwork};
 use crate::map::Coordinates;
-use crate::map::search::Search;
+use crate::map::search::{Label, Search};
 
 /// Measures that a [`RouteSearch`] adds up along a route: straight lengths of edges, and choices
 /// at junctions.
@@ -17,8 +18,8 @@ pub struct RouteMeasures {
     choices: Vec<f32>,
     starts: Vec<usize>,
     /// Nodes in space.
-    nodes: Vec<[f64; 3]>,
-    bound: LengthBound,
+    pub(super) nodes: Vec<[f64; 3]>,
+    pub(super) bound: LengthBound,
 }
 
 impl RouteMeasures {
@@ -57,6 +58,11 @@ impl RouteMeasures {
         Self { chords, choices, starts, nodes, bound }
     }
 
+    /// −ln p of the turns out of an edge.
+    pub(super) fn choices_after(&self, edge: usize) -> &[f32] {
+        &self.choices[self.starts[edge]..self.starts[edge + 1]]
+    }
+
     /// Straight distance between the ends of an edge in metres; at most its length.
     ///
     /// # Panics
@@ -68,33 +74,26 @@ impl RouteMeasures {
     }
 }
 
-fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
+pub(super) fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
     let [x, y, z] = [0, 1, 2].map(|axis| a[axis] - b[axis]);
     (x * x + y * y + z * z).sqrt()
 }
 
-/// Ball around the starts of the targets of a search.
-#[derive(Debug, Clone, Copy)]
-struct Targets {
-    centre: [f64; 3],
-    radius: f64,
-}
-
-/// Search for the shortest routes from an edge to others by Dijkstra's algorithm (1959) over
-/// edges, so that forbidden turns and costs of U-turns are respected. Keeps its memory, 60 bytes
-/// an edge of the network, from one search to the next.
+/// Search for the shortest routes from edges to others by Dijkstra's algorithm (1959) over edges, so
+/// that forbidden turns and costs of U-turns are respected. Keeps its memory from one search to the
+/// next: 8 bytes an edge of the network, and some 150 an edge that was met.
 #[derive(Debug, Clone, Default)]
 pub struct RouteSearch {
+    neighbourhood: Neighbourhood,
     search: Search<Reached>,
-    /// Number of the search in which an edge is wanted.
-    wanted: Vec<u32>,
+    costs: RouteCosts,
+    /// Number of different targets.
+    targets: usize,
 }
 
 /// Costs of a route beside its length, in metres.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct RouteCosts {
-    /// Largest cost of a route, up to which it is looked for; below 0, as 0.
-    pub most: f64,
     /// Cost of a U-turn where another way goes on, at least 0.
     pub u_turn: f64,
     /// Cost of a choice of probability 1/e at a junction, at least 0: a turn with the probability
@@ -116,109 +115,103 @@ pub struct Reached {
 }
 
 impl RouteSearch {
-    /// Finds the routes of least cost from the end of an edge to the starts of the edges in
-    /// `targets`: their lengths, and what [`RouteCosts`] adds. Stops when all are found, and does not
+    /// Sets the targets of the searches that follow: routes to the starts of these edges. What a search
+    /// looks up in the network serves the others. O(targets).
+    ///
+    /// # Panics
+    ///
+    /// If an edge does not exist, or the measures are those of another network.
+    pub fn set_targets<P>(
+        &mut self,
+        network: &RoadNetwork<P>,
+        measures: &RouteMeasures,
+        targets: impl Iterator<Item = usize> + Clone,
+        costs: RouteCosts,
+    ) {
+        self.neighbourhood.begin(network, measures, targets);
+        (self.targets, self.costs) = (self.neighbourhood.len(), costs);
+        self.search.start(self.targets);
+    }
+
+    /// Finds the routes of least cost from the end of an edge to the targets: their lengths, and what
+    /// [`RouteCosts`] adds, up to a largest cost (below 0, as 0). Stops when all are found, and does not
     /// go where the straight distance to the targets is too long for the largest cost. Edges may be
     /// shorter than the straight line between their ends: no route is missed. O(edges within that,
     /// log).
     ///
     /// # Panics
     ///
-    /// If an edge does not exist, or the measures are those of another network.
+    /// As [`set_targets`](Self::set_targets).
     pub fn run<P>(
         &mut self,
         network: &RoadNetwork<P>,
         measures: &RouteMeasures,
         from: usize,
-        targets: impl IntoIterator<Item = usize>,
-        costs: RouteCosts,
+        most: f64,
     ) {
-        let number = self.search.start(network.edges().len());
-        self.wanted.resize(network.edges().len(), 0);
-        if number == 1 {
-            self.wanted.fill(0);
+        let Self { neighbourhood, search, costs, targets } = self;
+        search.start(neighbourhood.len());
+        let (most, mut left) = (most.max(0.0), *targets);
+        // A metre and a billionth are more than the rounding of sums.
+        let farthest = most * (1.0 + 1e-9) + 1.0;
+        if left == 0 {
+            return;
         }
-        let (mut left, mut around) = (0_usize, None::<Targets>);
-        for target in targets {
-            left += usize::from(self.wanted[target] != number);
-            self.wanted[target] = number;
-            let start = measures.nodes[network.edges()[target].from];
-            let around = around.get_or_insert(Targets { centre: start, radius: 0.0 });
-            around.radius = around.radius.max(distance(around.centre, start));
-        }
-        let Some(around) = around else { return };
-        let costs = RouteCosts { most: costs.most.max(0.0), ..costs };
-        self.extend(network, measures, from, Reached::default(), 0.0, (costs, around));
-        while let Some((edge, label)) = self.search.settle() {
-            if self.wanted[edge] == number {
-                left -= 1;
+        let start = neighbourhood.meet(network, measures, from) as usize;
+        let mut next = Some((start, None::<Label<Reached>>));
+        while let Some((number, label)) = next {
+            // A route begins at the end of its first edge.
+            let (mut cost, mut after) = (0.0, Reached::default());
+            let edge = neighbourhood.edge(number);
+            if let Some(Label { cost: up_to, way: reached, .. }) = label {
+                left -= usize::from(edge.is_target);
                 if left == 0 {
                     return;
                 }
+                let (metres, chords) = (reached.metres + edge.metres, reached.chords + edge.chord);
+                (cost, after) = (up_to + edge.metres, Reached { metres, chords, ..reached });
             }
-            let (cost, reached) = (label.cost, label.way);
-            let metres = network.edges()[edge].metres;
-            if cost + metres <= costs.most {
-                let chords = reached.chords + measures.chords[edge];
-                let after = Reached { metres: reached.metres + metres, chords, ..reached };
-                self.extend(network, measures, edge, after, cost + metres, (costs, around));
+            if cost <= most && cost + edge.left <= farthest {
+                let turns = neighbourhood.turns(network, measures, number, *costs);
+                for turn in turns {
+                    let cost = cost + turn.cost;
+                    if cost <= most {
+                        let log_choices = after.log_choices + turn.log_choice;
+                        let u_turns = after.u_turns + u32::from(turn.is_u_turn);
+                        let way = Reached { u_turns, log_choices, ..after };
+                        search.offer(turn.to as usize, number, cost, way, false);
+                    }
+                }
             }
-        }
-    }
-
-    /// Offers a way to the edges that may follow one.
-    fn extend<P>(
-        &mut self,
-        network: &RoadNetwork<P>,
-        measures: &RouteMeasures,
-        edge: usize,
-        after: Reached,
-        cost: f64,
-        (costs, around): (RouteCosts, Targets),
-    ) {
-        let here = measures.nodes[network.edges()[edge].to];
-        let left = distance(here, around.centre) - around.radius;
-        // A metre and a billionth are more than the rounding of sums.
-        if cost + measures.bound.at(left) > costs.most * (1.0 + 1e-9) + 1.0 {
-            return;
-        }
-        let reverse = network.reverse(edge);
-        let choices = &measures.choices[measures.starts[edge]..measures.starts[edge + 1]];
-        // At a dead end, the way back is no U-turn.
-        let goes_on = choices.len() > 1;
-        for (next, &choice) in network.next(edge).zip(choices) {
-            let turns_back = goes_on && Some(next) == reverse;
-            let log_choices = after.log_choices + f64::from(choice);
-            let choice_metres = costs.choice * f64::from(choice);
-            let cost = cost + choice_metres + if turns_back { costs.u_turn } else { 0.0 };
-            if cost > costs.most {
-                continue;
-            }
-            let u_turns = after.u_turns + u32::from(turns_back);
-            self.search.offer(next, edge, cost, Reached { u_turns, log_choices, ..after }, false);
+            next = search.settle().map(|(number, label)| (number, Some(label)));
         }
     }
 
     /// Route of the last search to the start of an edge, if it was found.
     #[must_use]
     pub fn reached(&self, edge: usize) -> Option<Reached> {
-        self.search.settled(edge).map(|label| label.way)
+        let number = self.neighbourhood.find(edge)?;
+        self.search.settled(number).map(|label| label.way)
     }
 
     /// Edges of the route of the last search from `from` to an edge, with both; empty if it was
     /// not found.
     #[must_use]
     pub fn route(&self, from: usize, edge: usize) -> Vec<usize> {
-        let Some(mut label) = self.search.settled(edge) else { return Vec::new() };
+        let number = self.neighbourhood.find(edge);
+        let Some(mut label) = number.and_then(|number| self.search.settled(number)) else {
+            return Vec::new();
+        };
         let mut route = vec![edge];
         loop {
             let before = label.before as usize;
-            route.push(before);
+            let edge = self.neighbourhood.edge(before).edge as usize;
+            route.push(edge);
             // The first edge may itself be reached again, by a loop: the route starts before an
             // edge that follows it directly.
             let follows = label.way.metres == 0.0 && label.way.chords == 0.0;
             match self.search.met(before) {
-                Some(met) if !(before == from && follows) => label = met,
+                Some(met) if !(edge == from && follows) => label = met,
                 _ => break,
             }
         }

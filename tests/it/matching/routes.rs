@@ -98,8 +98,11 @@ proptest! {
             let (from, most) = (from % n, f64::from(most) + 0.01);
             let [u_turn, choice] = [f64::from(u_turn), f64::from(choice.saturating_sub(10))];
             let targets: Vec<usize> = targets.iter().map(|target| target % n).collect();
-            let route_costs = RouteCosts { most, u_turn, choice };
-            search.run(&network, &measures, from, targets.iter().copied(), route_costs);
+            let route_costs = RouteCosts { u_turn, choice };
+            search.set_targets(&network, &measures, targets.iter().copied(), route_costs);
+            // A search before, from another edge to the same targets, leaves nothing.
+            search.run(&network, &measures, (from + 1) % n, 2.0 * most);
+            search.run(&network, &measures, from, most);
             let expected = costs(&network, from, [u_turn, choice]);
             for &target in &targets {
                 let found = search.reached(target);
@@ -180,18 +183,20 @@ proptest! {
         network in short_edges(), from in 0..100_usize, u_turn in 0.0..9.0,
     ) {
         let n = network.edges().len();
-        let (from, costs) = (from % n, RouteCosts { most: 1e9, u_turn, choice: 0.0 });
+        let (from, costs) = (from % n, RouteCosts { u_turn, choice: 0.0 });
         let measures = RouteMeasures::new(&network);
         let cost = |search: &RouteSearch, target: usize| {
             search.reached(target).map(|found| found.metres + u_turn * f64::from(found.u_turns))
         };
         // Targets all around: nothing is too far away.
         let [mut all, mut search] = [RouteSearch::default(), RouteSearch::default()];
-        all.run(&network, &measures, from, 0..n, costs);
+        all.set_targets(&network, &measures, 0..n, costs);
+        all.run(&network, &measures, from, 1e9);
         for target in 0..n {
             let Some(expected) = cost(&all, target) else { continue };
             let most = expected + 1e-9;
-            search.run(&network, &measures, from, [target], RouteCosts { most, ..costs });
+            search.set_targets(&network, &measures, [target].into_iter(), costs);
+            search.run(&network, &measures, from, most);
             let found = cost(&search, target);
             prop_assert!(found.is_some_and(|found| found <= most), "from {from} to {target}: {found:?}");
         }
@@ -211,8 +216,9 @@ fn a_way_far_shorter_than_straight() {
     });
     let network = builder.build().unwrap();
     let mut search = RouteSearch::default();
-    let costs = RouteCosts { most: 1.0, u_turn: 0.0, choice: 0.0 };
-    search.run(&network, &RouteMeasures::new(&network), 0, [99], costs);
+    let measures = RouteMeasures::new(&network);
+    search.set_targets(&network, &measures, [99].into_iter(), RouteCosts::default());
+    search.run(&network, &measures, 0, 1.0);
     assert!((search.reached(99).unwrap().metres - 0.98).abs() < 1e-9);
 }
 
@@ -228,14 +234,16 @@ fn nothing_is_beyond_the_bound() {
     let network = builder.build().unwrap();
     let mut search = RouteSearch::default();
     let measures = RouteMeasures::new(&network);
-    let up_to = |most| RouteCosts { most, u_turn: 10.0, choice: 0.0 };
-    search.run(&network, &measures, 0, [3], up_to(199.0));
+    let costs = RouteCosts { u_turn: 10.0, choice: 0.0 };
+    search.set_targets(&network, &measures, [3].into_iter(), costs);
+    search.run(&network, &measures, 0, 199.0);
     assert_eq!(search.reached(3), None);
-    search.run(&network, &measures, 0, [3], up_to(200.0));
+    search.run(&network, &measures, 0, 200.0);
     assert_eq!(search.reached(3).unwrap().metres, 200.0);
     assert_eq!(search.route(0, 3), [0, 1, 2, 3]);
     assert_eq!(search.reached(99), None);
     // Without targets there is nothing to look for.
-    search.run(&network, &measures, 0, [], up_to(1e9));
+    search.set_targets(&network, &measures, [].into_iter(), costs);
+    search.run(&network, &measures, 0, 1e9);
     assert_eq!(search.reached(3), None);
 }
