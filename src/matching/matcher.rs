@@ -16,7 +16,7 @@ pub(super) const DRIVES_AHEAD: usize = 4;
 /// Matcher of the positions of vehicles to the roads of a network.
 ///
 /// See the [module](super) for the model and an example. Threads can share a matcher. It keeps
-/// memory for the search of roads and routes: some 70 bytes for each edge of the network, times the
+/// memory for the search of roads and routes: some 10 bytes for each edge of the network, times the
 /// largest number of threads that have used it at once.
 #[derive(Debug, Clone)]
 pub struct Matcher<P = Position> {
