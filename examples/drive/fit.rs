@@ -15,6 +15,9 @@ const FEWEST_POINTS: usize = 30;
 
 const ITERATIONS: usize = 15;
 
+/// Median interval above which points hardly show what happens between them.
+const MOST_SECONDS: f64 = 15.0;
+
 /// Pieces of all drives, evenly spread if there are too many.
 fn pieces(drives: &[Drive]) -> Vec<&[TracePoint]> {
     let pieces: Vec<&[TracePoint]> =
@@ -56,10 +59,24 @@ pub(crate) fn fit(
         names => format!("; at the limit of their ranges: {}", names.join(", ")),
     };
     let LearnedMatchModel { model, iterations, converged, points, .. } = fitted;
+    if fitted.median_interval > MOST_SECONDS {
+        roads::print(&format!(
+            "points are {:.0} s apart in the median: they hardly show how often vehicles stand or are off the road\n",
+            fitted.median_interval
+        ))?;
+    }
+    if model == *matcher.model() {
+        roads::print(&format!(
+            "{points} points teach nothing that holds on the other half of them (gain {:.1} nats): default model, noise {:.1} m\n",
+            fitted.held_out, model.noise
+        ))?;
+        return Ok(matcher);
+    }
     roads::print(&format!(
-        "learned from {points} points in {:.1} s ({iterations} iterations, {}): noise {:.1} m, of which {:.0}% last for {:.0} s, outliers {:.3}, detour {:.2} m/s, stops {:.3}, leaves the road {:.1} times an hour and comes back after {:.0} s{at_limits}\n",
+        "learned from {points} points in {:.1} s ({iterations} iterations, {}; gain on held-out halves {:.0} nats): noise {:.1} m, of which {:.0}% last for {:.0} s, outliers {:.3}, detour {:.2} m/s, stops {:.3}, leaves the road {:.1} times an hour and comes back after {:.0} s{at_limits}\n",
         start.elapsed().as_secs_f64(),
         if converged { "converged" } else { "not converged" },
+        fitted.held_out,
         model.noise,
         100.0 * model.lasting,
         model.lasts,

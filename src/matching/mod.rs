@@ -83,6 +83,7 @@
 
 mod answer;
 mod candidates;
+mod counts;
 mod drive;
 mod error;
 #[cfg(any(feature = "csv", feature = "geojson", feature = "gpx"))]

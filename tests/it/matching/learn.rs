@@ -58,3 +58,42 @@ fn iterations_improve() {
     let none = matcher.learn(&points, 0).unwrap();
     assert_eq!((none.model, none.iterations), (*matcher.model(), 0));
 }
+
+/// What one half of the drives teaches must hold on the other.
+#[test]
+fn what_does_not_hold_is_not_kept() {
+    let habits = |sigma| Habits { points: 60, sigma, ..Habits::default() };
+    let sure = fit(8.0, &drives(&habits(15.0)));
+    assert!(sure.held_out > 100.0 && sure.model.noise > 12.0, "{sure:?}");
+    // Few points teach hardly anything.
+    let short = fit(8.0, &drives(&Habits { points: 4, sigma: 8.0, ..Habits::default() })[..3]);
+    assert!(short.held_out < 7.0, "{short:?}");
+    assert_eq!(short.model, MatchModel { noise: 8.0, ..MatchModel::default() });
+    // Halves that contradict each other.
+    let [fine, rough] = [1.0, 40.0].map(|sigma| drives(&habits(sigma)).into_iter());
+    let mixed: Vec<Drive> = fine.zip(rough).flat_map(|(fine, rough)| [fine, rough]).collect();
+    let mixed = fit(8.0, &mixed);
+    assert!(mixed.held_out < 0.0 && mixed.model.noise == 8.0, "{mixed:?}");
+    assert_eq!(mixed.median_interval, sure.median_interval);
+    assert!(mixed.points > 0 && mixed.iterations > 0);
+}
+
+/// Two halves of a drive, a single point, and none.
+#[test]
+fn drives_are_halved() {
+    let drive = &drives(&Habits { sigma: 15.0, ..Habits::default() })[0];
+    let network = city(30, 30, 100.0, |_, _| false);
+    let matcher: Matcher<PlanePosition> = Matcher::new(network);
+    let whole = matcher.learn(&[&drive.points], 5).unwrap();
+    let (a, b) = drive.points.split_at(drive.points.len() / 2);
+    assert_eq!(
+        whole.held_out.is_sign_positive(),
+        matcher.learn(&[a, b], 5).unwrap().held_out > 0.0
+    );
+    let point = matcher.learn(&[&drive.points[..1]], 5).unwrap();
+    assert_eq!((point.model, point.points, point.median_interval), (*matcher.model(), 1, 0.0));
+    let none: [&[_]; 0] = [];
+    let none = matcher.learn(&none, 5).unwrap();
+    assert_eq!((none.model, none.points, none.held_out), (*matcher.model(), 0, 0.0));
+    assert!(matcher.learn(&[&drive.points[..0]], 5).is_err());
+}
