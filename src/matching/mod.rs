@@ -56,7 +56,7 @@
 //!
 //! Moves are weighted by what was measured on the way, and these weights are not normalised: by the
 //! density of the length, for a vehicle that stands or drives at up to some 1.3 times the speed of
-//! the road (one in ten at any speed); the detour against the straight line, exponential with a
+//! the road (one in ten at any speed, and one in ten in a queue); the detour against the straight line, exponential with a
 //! mean that grows with the time; the [turns](Matcher::with_turns) at junctions, by their angles
 //! and the classes of the roads; and U-turns. A way off the road pays for the area in which it may
 //! end, as much as a way on roads pays for its length, its junctions and the position across; only
