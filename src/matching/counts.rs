@@ -208,6 +208,7 @@ impl MatchModel {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::matching::LearnedMatchModel;
 
     /// Learning that leads to a limit ends there, and says so.
     #[test]
@@ -231,6 +232,8 @@ mod tests {
                 converged: true,
                 log_likelihood: 0.0,
                 points: 1,
+                held_out: 10.0,
+                median_interval: 1.0,
             };
             assert_eq!(learned.at_limits().len(), LIMITS.len());
             let inside = MatchModel { noise: 8.0, deviation: 3.0, ..model };

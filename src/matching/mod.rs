@@ -81,6 +81,7 @@
 //! a matcher, which adds its candidates and moves to a trellis; and on top of the step, vehicles,
 //! learning, and drives with their distinct routes.
 
+mod across;
 mod answer;
 mod candidates;
 mod counts;
