@@ -33,31 +33,35 @@ impl Across {
         across
     }
 
-    /// Probabilities of the receptions after the position, and the density of its distance across,
-    /// by the exponentials of the squares.
+    /// Probabilities of the receptions after the position, and the density of its distance across, by
+    /// the exponentials of the squares. If the density is too small for a double, it is 0, and the
+    /// probabilities mean nothing.
     #[inline]
     pub(super) fn shares(&self, place: &Place, powers: &[f64]) -> (ByReception, f64) {
-        let (weights, total) = self.weights(place, powers);
-        if total > f64::MIN_POSITIVE {
-            return (weights.map(|weight| weight / total), total / std::f64::consts::TAU.sqrt());
-        }
-        // A thousand deviations off: the density is nothing, but one reception is the least unlikely.
-        let possible = (0..RECEPTIONS).filter(|r| place.shares[*r] > 0.0);
-        let least = possible.map(|r| self.squares[r]).fold(f64::INFINITY, f64::min);
-        let powers = self.squares.map(|square| (least - square).min(0.0).exp());
-        let (weights, total) = self.weights(place, &powers);
-        (weights.map(|weight| weight / total), 0.0)
-    }
-
-    /// Shares times densities, up to a factor, and their sum.
-    #[inline]
-    fn weights(&self, place: &Place, powers: &[f64]) -> (ByReception, f64) {
         let (mut weights, mut total) = (place.shares, 0.0);
         for r in 0..RECEPTIONS {
             weights[r] *= powers[r] * self.each[r].sqrt();
             total += weights[r];
         }
-        (weights, total)
+        if total < f64::MIN_POSITIVE {
+            return (place.shares, 0.0);
+        }
+        (weights.map(|weight| weight / total), total / std::f64::consts::TAU.sqrt())
+    }
+
+    /// The same with the logarithm of the density, which may be any: a position may be a thousand
+    /// deviations off.
+    #[cold]
+    pub(super) fn log_shares(&self, place: &Place) -> (ByReception, f64) {
+        let mut logs = [0.0; RECEPTIONS];
+        for (r, log) in logs.iter_mut().enumerate() {
+            *log = place.shares[r].ln() + 0.5 * self.each[r].ln() - self.squares[r];
+        }
+        let most = logs.into_iter().fold(f64::NEG_INFINITY, f64::max);
+        let weights = logs.map(|log| (log - most).exp());
+        let total: f64 = weights.iter().sum();
+        let log_density = most + (total / std::f64::consts::TAU.sqrt()).ln();
+        (weights.map(|weight| weight / total), log_density)
     }
 
     /// Updates a place.

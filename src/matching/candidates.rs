@@ -193,6 +193,7 @@ impl<P: Coordinates> CandidateSearch<'_, P> {
         let spread = OUTLIER_SPREAD * sigma;
         // Nothing is impossible, however far: a density as Cauchy's in two dimensions.
         let far = 1.0 + (near.metres_off / spread).powi(2);
+        let log_outlier = self.model.outliers.ln() + most.ln() - spread.ln() - 1.5 * far.ln();
         self.log_headings.push(log_heading);
         self.sightings.push(Sighting {
             normal,
@@ -201,7 +202,8 @@ impl<P: Coordinates> CandidateSearch<'_, P> {
             along: near.metres_along + near.beyond,
             length: metres,
             is_beside,
-            outlier: self.model.outliers * most / (spread * far * far.sqrt()),
+            log_outlier,
+            outlier: log_outlier.exp(),
         });
         Candidate {
             edge: near.edge as u32,

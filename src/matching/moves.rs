@@ -199,7 +199,7 @@ impl Interval {
         fastest: f64,
         fit: &Fit,
     ) -> (f64, Move) {
-        let Fit { density: position, inlier, share, ref ahead, .. } = *fit;
+        let Fit { density, log_factor, inlier, share, ref ahead, .. } = *fit;
         let [metres, deviation] = ahead.moments();
         let distance = Distance { metres, deviation };
         let detour = way.detour / self.detour_scale(model);
@@ -237,8 +237,8 @@ impl Interval {
         let unseen = stands[1] + moves[1];
         let [stands, moves] = [stands, moves].map(|[seen, unseen]| seen + unseen);
         let (short, long) = ((1.0 - LONG_DETOURS) * short, 0.1 * LONG_DETOURS * long);
-        let total = position * (stands + moves) * (short + long);
-        let mut log = total.ln() - (CHOICES * way.log_choices).min(MOST_CHOICES);
+        let total = density * (stands + moves) * (short + long);
+        let mut log = total.ln() + log_factor - (CHOICES * way.log_choices).min(MOST_CHOICES);
         if way.u_turns > 0 {
             log += f64::from(way.u_turns) * model.u_turn.ln();
         }

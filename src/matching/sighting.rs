@@ -25,15 +25,18 @@ pub(super) struct Sighting {
     pub(super) length: f64,
     /// True if the position is beside the edge, and not beyond its ends.
     pub(super) is_beside: bool,
-    /// Density of a position that says nothing of the place.
+    /// Log density of a position that says nothing of the place, and its exponential.
+    pub(super) log_outlier: f64,
     pub(super) outlier: f64,
 }
 
 /// A position and a place: how well they fit, and what follows of the place.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Fit {
-    /// Density of the position, whether it belongs to the road or says nothing.
+    /// Density of the position, whether it belongs to the road or says nothing, without a factor of
+    /// which the logarithm is given.
     pub(super) density: f64,
+    pub(super) log_factor: f64,
     /// Probability that it belongs to the road.
     pub(super) inlier: f64,
     /// Probabilities of the kinds of reception after it.
@@ -53,6 +56,8 @@ pub(super) struct Ahead {
     variances: ByReception,
 }
 
+/// Density below which a position is taken in logarithms.
+const TINY: f64 = 1e-280;
 /// Slope of the logistic function that is nearest to the normal distribution function.
 pub(super) const SLOPE: f64 = 1.702;
 /// Deviations, as arguments of the logistic function, beyond which nothing is cut off.
@@ -95,7 +100,16 @@ impl Sighting {
             powers[2 * RECEPTIONS + r] = -high[r].abs();
         }
         exp_in_place(&mut powers);
-        let (shares, density) = across.shares(place, &powers[..RECEPTIONS]);
+        let (mut shares, density) = across.shares(place, &powers[..RECEPTIONS]);
+        let (mut belongs, mut log_factor) = (receiver.inlier * density, 0.0);
+        let mut density = belongs + self.outlier;
+        if density < TINY || belongs == 0.0 {
+            let (of_position, log_across) = across.log_shares(place);
+            let log_belongs = receiver.inlier.ln() + log_across;
+            log_factor = log_belongs.max(self.log_outlier);
+            belongs = (log_belongs - log_factor).exp();
+            (shares, density) = (of_position, belongs + (self.log_outlier - log_factor).exp());
+        }
         let mut share = 0.0;
         for r in 0..RECEPTIONS {
             // Difference of the logistic function 1 / (1 + e^−z) at both ends.
@@ -104,10 +118,9 @@ impl Sighting {
             let between = if is_inside { 1.0 - e * f } else { (e - f).abs() };
             share += shares[r] * between / ((1.0 + e) * (1.0 + f));
         }
-        let belongs = receiver.inlier * density;
-        let density = belongs + self.outlier;
         let ahead = Ahead { shares, metres, variances };
-        Fit { density, inlier: belongs / density, shares, share, ahead }
+        let inlier = belongs / density;
+        Fit { density, log_factor, inlier, shares, share, ahead }
     }
 
     /// Place after the distance across, which leaves these probabilities of the kinds of reception.

@@ -126,9 +126,13 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
         moves.clear();
         // Off the road, any heading is as likely.
         let log_headings = log_headings.iter().copied().chain([0.0]);
-        for (log_heading, entries) in log_headings.zip(&*entries) {
-            trellis.state(log_heading, entries.iter().map(|entry| (entry.from, entry.log)))?;
+        let added = log_headings.zip(&*entries).try_for_each(|(log_heading, entries)| {
             moves.extend(entries.iter().map(|entry| entry.kind));
+            trellis.state(log_heading, entries.iter().map(|entry| (entry.from, entry.log)))
+        });
+        if let Err(error) = added {
+            trellis.remove_last();
+            return Err(error.into());
         }
         let mut log_filtered = Vec::with_capacity(states.len());
         let scale = trellis.forward_step(trellis.steps(), before.log_filtered, &mut log_filtered);

@@ -33,14 +33,14 @@ impl<P: Coordinates> MatchStep<'_, P> {
         let states = states.iter_mut().zip(&self.memory.sightings);
         let place = |(state, sighting): (&mut Candidate, &Sighting)| {
             let fit = sighting.fit(&unknown, 0.0, &receiver);
-            let Fit { density, inlier, share, shares, .. } = fit;
+            let Fit { density, log_factor, inlier, share, shares, .. } = fit;
             let error = sighting.across(&unknown, shares, &receiver);
             let moved = sighting.moved(&error, &receiver);
             let mut mixture = PlaceMixture::default();
             mixture.add(inlier, &sighting.within(&moved));
             mixture.add(1.0 - inlier, &unknown.unseen(state.along, sigma));
             (state.place, state.inlier) = (mixture.merged().unwrap_or(unknown).rounded(), inlier);
-            (density * (1.0 - inlier + inlier * share)).ln()
+            (density * (1.0 - inlier + inlier * share)).ln() + log_factor
         };
         states.map(place).collect()
     }
@@ -90,9 +90,10 @@ impl<P: Coordinates> MatchStep<'_, P> {
                 let is_likely = *log >= NEGLIGIBLE;
                 for ((_, sighting), list) in targets.zip(entries.iter_mut()).filter(|_| is_likely) {
                     let fit = sighting.fit(&unknown, 0.0, &receiver);
-                    let Fit { density, inlier, share, shares, .. } = fit;
+                    let Fit { density, log_factor, inlier, share, shares, .. } = fit;
                     let position = density * (1.0 - inlier + inlier * share);
-                    list.push(entry(onto_road + position.ln(), inlier, shares));
+                    let log = position.ln() + log_factor;
+                    list.push(entry(onto_road + log, inlier, shares));
                 }
                 let stays = by_area + (-returns).ln_1p();
                 entries[off_road].push(entry(stays, 0.0, unknown.shares));

@@ -1,4 +1,4 @@
-//! Trellises that lose their first step as they grow.
+//! Trellises that lose their first step as they grow, or the last one if it failed.
 
 use super::Trellis;
 
@@ -22,6 +22,16 @@ impl Trellis {
         self.log_likelihoods[..states].fill(0.0);
     }
 
+    /// Removes the last step, whose states may not all be there.
+    pub(crate) fn remove_last(&mut self) {
+        let Some(first) = self.steps.pop() else { return };
+        self.log_likelihoods.truncate(first);
+        self.moves.truncate(first + 1);
+        let moves = self.moves[first] as usize;
+        self.from.truncate(moves);
+        self.log_weights.truncate(moves);
+    }
+
     /// Gives back memory that is not in use, if it is much.
     pub(crate) fn shrink(&mut self) {
         if self.from.capacity() > self.from.len() + self.from.len() / 4 + 16 {
@@ -37,5 +47,27 @@ impl Trellis {
         let doubles = self.log_likelihoods.capacity() + self.log_weights.capacity();
         let indices = 2 * self.steps.capacity() + self.moves.capacity();
         doubles * size_of::<f64>() + (indices + self.from.capacity()) * size_of::<u32>()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_step_that_failed_leaves_nothing() {
+        let mut trellis = Trellis::new();
+        trellis.begin_step();
+        trellis.state(-1.0, [(0, -0.5)]).unwrap();
+        trellis.state(-2.0, [(0, -0.7)]).unwrap();
+        let before = trellis.clone();
+        trellis.begin_step();
+        trellis.state(-1.0, [(0, -0.1), (1, -3.0)]).unwrap();
+        trellis.state(-1.0, [(0, f64::NAN)]).unwrap_err();
+        trellis.remove_last();
+        assert_eq!(trellis, before);
+        trellis.remove_last();
+        trellis.remove_last();
+        assert_eq!(trellis, Trellis::new());
     }
 }

@@ -78,10 +78,11 @@ impl EdgeIndex {
             }
             let points: Vec<_> = P::unwrap(network.shape(edge).iter().copied()).collect();
             let total: f64 = points.windows(2).map(length).sum();
-            let scale = if total > 0.0 { road.metres / total } else { 0.0 };
             let (mut before, last) = (0.0, points.len().saturating_sub(2));
             for (number, pair) in points.windows(2).enumerate() {
-                let after = before + length(pair) * scale;
+                // A share first: a line may be next to nothing, and the road have any length.
+                let share = if total > 0.0 { length(pair) / total } else { 0.0 };
+                let after = before + share * road.metres;
                 let along = [before, after];
                 let ends = [number == 0, number == last];
                 pieces.push(Piece { edge: edge as u32, a: pair[0], b: pair[1], along, ends });

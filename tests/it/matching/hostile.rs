@@ -63,6 +63,28 @@ fn next_to_no_outliers() {
     }
 }
 
+/// A position is so far off that its density, and the share of poor reception or of outliers with
+/// it, is nothing as a double.
+#[test]
+fn densities_below_doubles() {
+    for x in [1e4, 1e6, 1e8] {
+        let mut points = points();
+        points[3] = TracePoint { accuracy: Some(1e-3), ..points[3] };
+        points[4].position = at(x, -x);
+        for value in [5e-324, 1e-300, 0.2] {
+            for model in [
+                MatchModel { poor: value, ..MatchModel::default() },
+                MatchModel { outliers: value, ..MatchModel::default() },
+                MatchModel { poor: value, outliers: 5e-324, noise: 1e-6, ..MatchModel::default() },
+            ] {
+                let matcher = town().with_model(model).unwrap();
+                let drive = matcher.match_drive(&points).unwrap();
+                assert!(drive.log_likelihood().is_finite(), "{x} {model:?}");
+            }
+        }
+    }
+}
+
 /// Rates of leaving the road and coming back at the ends of what is allowed, between points that
 /// are a moment or a day apart.
 #[test]

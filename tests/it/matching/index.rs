@@ -238,3 +238,20 @@ fn the_nearest_edge() {
     let empty = builder.build().unwrap();
     assert!(EdgeIndex::new(&empty).nearest(&empty, at(0.0, 0.0)).is_none());
 }
+
+/// The line of a road of any length may be next to nothing.
+#[test]
+fn lines_without_length() {
+    for x in [0.0, f64::from_bits(1), 1e-300] {
+        let mut builder = NetworkBuilder::new();
+        builder.node(1, at(0.0, 0.0)).unwrap();
+        builder.node(2, at(x, 0.0)).unwrap();
+        let options = EdgeOptions { metres: Some(1e5), ..EdgeOptions::of(RoadClass::Street) };
+        builder.edge(1, 2, options).unwrap();
+        let Ok(network) = builder.build() else { continue };
+        let index = EdgeIndex::new(&network);
+        let near = index.nearest(&network, at(3.0, 4.0)).unwrap();
+        assert!((0.0..=1e5).contains(&near.metres_along), "{x:e}: {near:?}");
+        assert_eq!(near.metres_off, 5.0);
+    }
+}
