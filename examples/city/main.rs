@@ -25,7 +25,7 @@ use wayfix::matching::{MatchModel, Matcher};
 
 use roads::measures::ESTIMATORS;
 use roads::picture::{Canvas, Drawn, draw_drive};
-use roads::simulate::{self, Receiver};
+use roads::simulate::{self, Scenario};
 use track::Tracked;
 
 /// Imports a road network, shows what is in it, simulates drives with a GPS receiver, and tracks
@@ -54,7 +54,7 @@ struct Arguments {
     /// Seed of the drives.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Standard deviation of a position in each direction; 3 in 100 have eight times as much.
+    /// Standard deviation of a position in each direction; 3 in 100 are up to 150 m off.
     #[arg(long, value_name = "METRES", default_value = "10", value_parser = roads::positive, allow_negative_numbers = true)]
     noise: f64,
     /// Seconds between two positions.
@@ -81,11 +81,11 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     draw_network(&picture, &network).map_err(|error| roads::cannot_write(out, error))?;
 
     let mut rng = ChaCha8Rng::seed_from_u64(arguments.seed);
-    let receiver = Receiver { noise, every, outliers: 0.03 };
+    let scenario = Scenario { noise, every, ..Scenario::default() };
     let bar = roads::bar("simulating drives", arguments.drives);
     let mut drives = Vec::new();
     for _ in 0..arguments.drives {
-        drives.push(simulate::drive(&network, receiver, &mut rng)?);
+        drives.push(simulate::drive(&network, &scenario, &mut rng)?);
         bar.inc(1);
     }
     bar.finish_and_clear();
@@ -217,6 +217,6 @@ fn report(total: &Tracked) -> Result<(), Box<dyn Error>> {
         let error = expected_calibration_error(diagram);
         text += &format!("{name:<9} {right:11.4} {error:19.4}\n");
     }
-    roads::print(&format!("{text}\n{}", total.forecasts.table()?))?;
+    roads::print(&format!("{text}{}\n{}", total.off_road, total.forecasts.table()?))?;
     Ok(())
 }

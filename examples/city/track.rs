@@ -3,9 +3,10 @@
 use std::collections::VecDeque;
 use std::time::Instant;
 
-use wayfix::matching::{MatchError, MatchedDrive, Matcher};
+use wayfix::matching::{MatchError, MatchedDrive, Matcher, Stretch};
 
 use super::roads::measures::{Forecasts, Lengths, edges_of, is_among};
+use super::roads::off_road::OffRoad;
 use super::roads::simulate::Simulated;
 
 /// Measures of drives.
@@ -20,6 +21,7 @@ pub(crate) struct Tracked {
     pub(crate) candidates: f64,
     pub(crate) lengths: Lengths,
     pub(crate) forecasts: Forecasts,
+    pub(crate) off_road: OffRoad,
 }
 
 impl Tracked {
@@ -31,6 +33,7 @@ impl Tracked {
         self.candidates += other.candidates;
         self.lengths.add(other.lengths);
         self.forecasts.extend(&other.forecasts);
+        self.off_road.add(other.off_road);
     }
 }
 
@@ -61,15 +64,19 @@ pub(crate) fn track(
     tracked.match_seconds = start.elapsed().as_secs_f64();
     tracked.candidates = matched.candidates() * points.len() as f64;
     let network = matcher.network();
-    for (point, &edge) in drive.edges.iter().enumerate() {
+    for (point, &truth) in drive.truth.iter().enumerate() {
         // At the end of the drive there are no later points to wait for.
         let late = late.pop_front().unwrap_or_else(|| matched.smoothed(point));
         let answers = [live[point], late, matched.smoothed(point)];
-        let right = edges_of(network, &[edge]);
-        tracked.forecasts.push(answers, |answer| is_among(network, &right, answer));
+        tracked.off_road.push(truth.is_none(), answers);
+        let right = edges_of(network, truth.into_iter().map(|(edge, _)| edge));
+        tracked.forecasts.push(answers, |answer| match truth {
+            Some(_) => is_among(network, &right, answer),
+            None => answer.edge.is_none(),
+        });
     }
-    let ends = [(0, points[0]), (drive.route.len() - 1, points[points.len() - 1])]
-        .map(|(at, point)| network.project(drive.route[at], point.position).metres_along);
-    tracked.lengths = Lengths::of(network, &drive.route, ends, matched.route());
+    let driven = |part: &Stretch| Some((part.edge?, [part.enter, part.exit]));
+    let truth: Vec<_> = drive.route.iter().filter_map(driven).collect();
+    tracked.lengths = Lengths::of(network, &truth, matched.route());
     Ok((tracked, matched))
 }

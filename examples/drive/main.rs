@@ -43,7 +43,8 @@ struct Arguments {
     /// seconds or dates with times (2024-05-01T12:00:00Z), degrees, metres and metres per second.
     #[arg(long, value_name = "FILE", requires = "roads")]
     trace: Option<PathBuf>,
-    /// True routes: trace,order,from,to, with nodes as in the roads.
+    /// True routes: trace,order,from,to[,enter_m,exit_m,time], with nodes as in the roads, none of
+    /// both off the road, and the time of the first point there.
     #[arg(long, value_name = "FILE", requires = "trace")]
     truth: Option<PathBuf>,
     /// Keep the largest part of the roads in which each node can be reached from each other.

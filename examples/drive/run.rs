@@ -12,6 +12,7 @@ use wayfix::matching::{MatchError, MatchedDrive, Matcher};
 
 use super::files::{Lines, Output};
 use super::roads::measures::{Forecasts, Lengths, edges_of, is_among};
+use super::roads::off_road::OffRoad;
 use super::roads::picture::draw_drive;
 use super::roads::{self, cannot_write};
 use super::{Drive, summary::Total};
@@ -23,7 +24,7 @@ struct Matched {
     candidates: f64,
     metres: f64,
     off_road: f64,
-    truth: Option<(Lengths, Forecasts)>,
+    truth: Option<(Lengths, Forecasts, OffRoad)>,
     /// The drive itself, if it is to be drawn.
     picture: Option<MatchedDrive>,
 }
@@ -112,23 +113,31 @@ fn matched(
     let lines = Lines::of(&drive.trace.name, matcher, &found, late).map_err(|e| e.to_string())?;
     let network = matcher.network();
     let truth = drive.truth.as_ref().map(|truth| {
-        let (truth, ends) = truth.driven(network, points, &drive.tail);
-        let lengths = Lengths::of(network, truth, ends, found.route());
-        let edges = edges_of(network, truth);
-        let mut forecasts = Forecasts::default();
-        for point in 0..points.len() {
-            let answers = [found.live(point), found.late(point, late), found.smoothed(point)];
-            forecasts.push(answers, |answer| is_among(network, &edges, answer));
+        let driven = truth.driven(network, points, &drive.tail);
+        let lengths = Lengths::of(network, &driven, found.route());
+        let edges = edges_of(network, driven.iter().map(|part| part.0));
+        let (mut forecasts, mut off_road) = (Forecasts::default(), OffRoad::default());
+        for (number, point) in points.iter().enumerate() {
+            let answers = [found.live(number), found.late(number, late), found.smoothed(number)];
+            let is_off_road = truth.is_off_road(point);
+            is_off_road.into_iter().for_each(|is| off_road.push(is, answers));
+            forecasts.push(answers, |answer| {
+                if is_off_road == Some(true) {
+                    answer.edge.is_none()
+                } else {
+                    is_among(network, &edges, answer)
+                }
+            });
         }
-        (lengths, forecasts)
+        (lengths, forecasts, off_road)
     });
-    let off_road = found.route().iter().filter(|stretch| stretch.edge.is_none());
+    let stretches = found.route().iter().filter(|stretch| stretch.edge.is_none());
     Ok(Matched {
         lines,
         seconds,
         candidates: found.candidates() * points.len() as f64,
         metres: found.metres(),
-        off_road: off_road.map(|stretch| stretch.exit).sum(),
+        off_road: stretches.map(|stretch| stretch.exit).sum(),
         truth,
         picture: is_drawn.then_some(found),
     })
@@ -142,10 +151,11 @@ fn take(total: &mut Total, drive: &Drive, matched: &Matched) {
     total.candidates += matched.candidates;
     total.metres += matched.metres;
     total.off_road += matched.off_road;
-    if let Some((lengths, forecasts)) = &matched.truth {
+    if let Some((lengths, forecasts, off_road)) = &matched.truth {
         total.with_truth += 1;
         total.lengths.add(*lengths);
         total.forecasts.extend(forecasts);
+        total.points_off_road.add(*off_road);
         if lengths.truth > 0.0 {
             total.worst.push((lengths.mismatch(), drive.trace.name.clone()));
         }

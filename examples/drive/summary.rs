@@ -6,6 +6,7 @@ use std::path::Path;
 use wayfix::evaluate::expected_calibration_error;
 
 use super::roads::measures::{ESTIMATORS, Forecasts, Lengths};
+use super::roads::off_road::OffRoad;
 use super::roads::{self, cannot_write};
 
 /// Sums over drives.
@@ -29,6 +30,7 @@ pub(crate) struct Total {
     pub(crate) with_truth: usize,
     pub(crate) lengths: Lengths,
     pub(crate) forecasts: Forecasts,
+    pub(crate) points_off_road: OffRoad,
     /// Mismatch of each drive, and its name.
     pub(crate) worst: Vec<(f64, String)>,
 }
@@ -82,10 +84,11 @@ pub(crate) fn report(total: &Total, out: &Path) -> Result<(), Box<dyn Error>> {
             worst.iter().take(NAMED).map(|(mismatch, name)| format!("{name} ({mismatch:.3})"));
         let named: Vec<String> = named.collect();
         table = format!(
-            "\nlargest mismatch: drives {}\n\n\
+            "\nlargest mismatch: drives {}\n{}\n\
              The truth tells the roads, not which one at each point: right is an answer on any of them,\n\
              so that more are right than the probability of the single road says.\n{}",
             named.join(", "),
+            total.points_off_road,
             total.forecasts.table()?
         );
     }

@@ -12,6 +12,9 @@ pub(crate) const ESTIMATORS: [&str; 3] = ["live", "late", "smoothed"];
 /// Nodes where an edge starts and ends: truths don't tell parallel edges apart.
 type Ends = (usize, usize);
 
+/// Edge of a true route, with the metres along it where it was entered and left.
+pub(crate) type Driven = (usize, [f64; 2]);
+
 /// Lengths of true and of matched routes, in metres.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Lengths {
@@ -26,16 +29,10 @@ pub(crate) struct Lengths {
 impl Lengths {
     /// Compares a matched route with the edges of the true one.
     ///
-    /// Routes that pass an edge several times count it so often. A truth does not say where on its
-    /// first and last edge the drive started and ended; there, any part is right, and none counts
-    /// as missed what lies between `first` metres from the start of the first edge and `last` from
-    /// that of the last one.
-    pub(crate) fn of(
-        network: &RoadNetwork,
-        truth: &[usize],
-        [first, last]: [f64; 2],
-        matched: &[Stretch],
-    ) -> Self {
+    /// Routes that pass an edge several times count it so often. Where on its first and last edge
+    /// the drive started and ended, no truth says exactly: there, any part is right, and none
+    /// counts as missed what lies between the metres given.
+    pub(crate) fn of(network: &RoadNetwork, truth: &[Driven], matched: &[Stretch]) -> Self {
         let ends = |edge: usize| (network.edges()[edge].from, network.edges()[edge].to);
         let mut driven: HashMap<Ends, f64> = HashMap::new();
         for stretch in matched {
@@ -45,17 +42,16 @@ impl Lengths {
         }
         // Length that was driven, and the least and the most that is right.
         let mut right: HashMap<Ends, [f64; 3]> = HashMap::new();
-        for (number, &edge) in truth.iter().enumerate() {
+        for (number, &(edge, [enter, exit])) in truth.iter().enumerate() {
             let metres = network.edges()[edge].metres;
-            let start = if number == 0 { first.clamp(0.0, metres) } else { 0.0 };
-            let end = if number + 1 == truth.len() { last.clamp(start, metres) } else { metres };
+            let enter = enter.clamp(0.0, metres);
+            let passed = exit.clamp(enter, metres) - enter;
             let is_end = number == 0 || number + 1 == truth.len();
             let is_there = driven.contains_key(&ends(edge));
-            let least = if is_end && is_there { 0.0 } else { end - start };
             let [length, low, high] = right.entry(ends(edge)).or_default();
-            *length += end - start;
-            *low += least;
-            *high += metres;
+            *length += passed;
+            *low += if is_end && is_there { 0.0 } else { passed };
+            *high += if is_end { metres } else { passed };
         }
         let mut lengths = Self::default();
         for (ends, &[length, least, _]) in &right {
@@ -86,9 +82,8 @@ impl Lengths {
 }
 
 /// Edges of a true route, by their ends.
-pub(crate) fn edges_of(network: &RoadNetwork, truth: &[usize]) -> HashSet<Ends> {
-    let ends = |&edge: &usize| (network.edges()[edge].from, network.edges()[edge].to);
-    truth.iter().map(ends).collect()
+pub(crate) fn edges_of(network: &RoadNetwork, truth: impl Iterator<Item = usize>) -> HashSet<Ends> {
+    truth.map(|edge| (network.edges()[edge].from, network.edges()[edge].to)).collect()
 }
 
 /// True if the edge of an answer is one of these.
@@ -187,10 +182,10 @@ mod tests {
     fn parts_of_the_ends_are_free_and_the_rest_counts() {
         let network = row();
         let block = network.edges()[0].metres;
-        let truth = [(1, 2), (2, 3), (3, 4)].map(|(from, to)| edge(&network, from, to));
-        let ends = [30.0, 40.0];
+        let truth = [((1, 2), [30.0, block]), ((2, 3), [0.0, block]), ((3, 4), [0.0, 40.0])]
+            .map(|((from, to), part)| (edge(&network, from, to), part));
         let length = (block - 30.0) + block + 40.0;
-        let compare = |matched: &[Stretch]| Lengths::of(&network, &truth, ends, matched);
+        let compare = |matched: &[Stretch]| Lengths::of(&network, &truth, matched);
 
         // Right, though it starts and ends elsewhere on the first and last edge.
         let right = [
@@ -231,10 +226,30 @@ mod tests {
         let there = edge(&network, 2, 3);
         let truth =
             [edge(&network, 1, 2), there, edge(&network, 3, 2), there, edge(&network, 3, 4)];
+        let truth = truth.map(|edge| (edge, [0.0, block]));
         let once = [(1, 2), (2, 3), (3, 4)].map(|ends| stretch(&network, ends, 0.0, block));
-        let lengths = Lengths::of(&network, &truth, [0.0, block], &once);
+        let lengths = Lengths::of(&network, &truth, &once);
         assert!((lengths.missed - 2.0 * block).abs() < 1e-9);
         assert_eq!(lengths.added, 0.0);
+    }
+
+    #[test]
+    fn a_turn_on_the_way_is_where_it_was() {
+        let network = row();
+        let block = network.edges()[0].metres;
+        let truth = [((1, 2), 0.0, block), ((2, 3), 0.0, 60.0), ((3, 2), block - 60.0, block)]
+            .into_iter()
+            .chain([((2, 1), 0.0, block)]);
+        let driven = |((from, to), enter, exit)| (edge(&network, from, to), [enter, exit]);
+        let matched: Vec<Stretch> =
+            truth.clone().map(|(ends, enter, exit)| stretch(&network, ends, enter, exit)).collect();
+        let truth: Vec<Driven> = truth.map(driven).collect();
+        assert_eq!(Lengths::of(&network, &truth, &matched).mismatch(), 0.0);
+        // 10 m too far, there and back.
+        let mut far = matched;
+        (far[1].exit, far[2].enter) = (70.0, block - 70.0);
+        let lengths = Lengths::of(&network, &truth, &far);
+        assert!((lengths.added - 20.0).abs() < 1e-9 && lengths.missed == 0.0, "{lengths:?}");
     }
 
     #[test]
@@ -247,7 +262,7 @@ mod tests {
             off_road: 0.0,
         };
         let network = row();
-        let edges = edges_of(&network, &[0]);
+        let edges = edges_of(&network, std::iter::once(0));
         let mut forecasts = Forecasts::default();
         for number in 0..4 {
             // Live: one of four right at 0.75; late: three of four; smoothed: all, at 1.

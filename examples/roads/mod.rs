@@ -3,6 +3,7 @@
 
 pub(crate) mod certainty;
 pub(crate) mod measures;
+pub(crate) mod off_road;
 pub(crate) mod picture;
 pub(crate) mod simulate;
 pub(crate) mod town;
