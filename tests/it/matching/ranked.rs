@@ -4,7 +4,7 @@ use proptest::prelude::*;
 use wayfix::map::PlanePosition;
 use wayfix::matching::{Matcher, TracePoint, Vehicle};
 
-use super::city::{Habits, at, city, drive};
+use super::city::{Scenario, at, city, points};
 use crate::kit::cases_of;
 
 proptest! {
@@ -13,11 +13,11 @@ proptest! {
     /// All routes of a short drive, on a small network: certain together.
     #[test]
     fn probabilities_sum_to_one(
-        seed in any::<u64>(), points in 1..4_usize, seconds in 2.0..15.0, sigma in 2.0..15.0,
+        seed in any::<u64>(), count in 1..4_usize, seconds in 2.0..15.0, sigma in 2.0..15.0,
     ) {
         let network = city(4, 3, 150.0, |_, _| false);
-        let habits = Habits { points, seconds, sigma, ..Habits::default() };
-        let points = drive(&network, &habits, seed).points;
+        let scenario = Scenario { noise: sigma, every: seconds, gaps: 0.0, ..Scenario::default() };
+        let points = points(&network, &scenario, count, seed);
         let matcher = Matcher::new(network);
         let matched = matcher.match_drive(&points).unwrap();
         let all = matcher.routes(&matched, 2000).unwrap();
@@ -36,8 +36,8 @@ proptest! {
     #[test]
     fn routes_of_drives(seed in any::<u64>(), seconds in 1.0..20.0, sigma in 2.0..15.0) {
         let network = city(8, 8, 120.0, |_, _| false);
-        let habits = Habits { points: 60, seconds, sigma, ..Habits::default() };
-        let points = drive(&network, &habits, seed).points;
+        let scenario = Scenario { noise: sigma, every: seconds, ..Scenario::default() };
+        let points = points(&network, &scenario, 60, seed);
         let matcher = Matcher::new(network);
         let matched = matcher.match_drive(&points).unwrap();
         let found = matcher.routes(&matched, 5).unwrap();
@@ -59,12 +59,13 @@ proptest! {
     /// that takes the next point without a panic.
     #[test]
     fn vehicles_as_bytes(
-        seed in any::<u64>(), lag in 0..4_usize, stored_at in 0..20_usize,
+        seed in any::<u64>(), lag in 0..4_usize, stored_at in any::<proptest::sample::Index>(),
         damage in proptest::collection::vec((any::<proptest::sample::Index>(), any::<u8>()), 1..4),
     ) {
         let network = city(6, 6, 120.0, |_, _| false);
-        let habits = Habits { points: 25, outliers: 0.1, ..Habits::default() };
-        let points = drive(&network, &habits, seed).points;
+        let scenario = Scenario { outliers: 0.1, ..Scenario::default() };
+        let points = points(&network, &scenario, 25, seed);
+        let stored_at = stored_at.index(points.len());
         let matcher = Matcher::new(network);
         let mut vehicle = matcher.start(&points[0], lag).unwrap();
         for point in &points[1..=stored_at] {

@@ -4,7 +4,7 @@ use proptest::prelude::*;
 use wayfix::error::Parameter;
 use wayfix::matching::{MatchError, Matcher, RoadAnswer, TracePoint};
 
-use super::city::{Habits, at, city, drive};
+use super::city::{Scenario, at, city, points};
 use crate::kit::cases_of;
 
 fn bits(answer: &RoadAnswer) -> (Option<usize>, [u64; 4]) {
@@ -31,8 +31,8 @@ proptest! {
         outliers in 0.0..0.3, told in any::<bool>(),
     ) {
         let network = city(8, 8, 120.0, |_, _| false);
-        let habits = Habits { points: 40, seconds, sigma, outliers, ..Habits::default() };
-        let mut points = drive(&network, &habits, seed).points;
+        let scenario = Scenario { noise: sigma, every: seconds, outliers, ..Scenario::default() };
+        let mut points = points(&network, &scenario, 40, seed);
         if told {
             for (number, point) in points.iter_mut().enumerate() {
                 point.speed = (number % 3 > 0).then_some(10.0);
