@@ -80,6 +80,7 @@ pub(crate) trait Simd: Copy {
     /// Exponents, as doubles, and mantissas from 1 to 2, of normal positive numbers.
     fn split_exponent(self, v: Self::V) -> (Self::V, Self::V);
     /// 2^n of integers from −1022 to 1023, given as n + 1.5 · 2^52.
+    #[cfg(feature = "matching")]
     fn power_of_two(self, n: Self::V) -> Self::V;
 
     /// `x[index]` for each of eight indices.

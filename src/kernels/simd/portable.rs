@@ -94,6 +94,7 @@ impl Simd for Portable {
         let mantissa = |x: f64| f64::from_bits(x.to_bits() & (u64::MAX >> 12) | 1.0_f64.to_bits());
         (lanes(|l| exponent(v[l]) - (WHOLE + 1023.0)), lanes(|l| mantissa(v[l])))
     }
+    #[cfg(feature = "matching")]
     #[inline(always)]
     fn power_of_two(self, n: Eight) -> Eight {
         // The last bits are those of n; beside the bits of 1 they count its exponent on.

@@ -61,6 +61,7 @@ impl Simd for Avx2 {
         }
     }
 
+    #[cfg(feature = "matching")]
     #[inline(always)]
     fn power_of_two(self, n: Pair) -> Pair {
         // SAFETY: `self` proves AVX2; the instructions touch no memory.

@@ -60,6 +60,7 @@ impl Simd for Avx512 {
         }
     }
 
+    #[cfg(feature = "matching")]
     #[inline(always)]
     fn power_of_two(self, n: __m512d) -> __m512d {
         // SAFETY: `self` proves AVX-512 F; the instructions touch no memory.
