@@ -33,9 +33,9 @@ impl Across {
         across
     }
 
-    /// Probabilities of the receptions after the position, and the density of its distance across, by
-    /// the exponentials of the squares. If the density is too small for a double, it is 0, and the
-    /// probabilities mean nothing.
+    /// Probabilities of the receptions after the position, and the density of its distance across,
+    /// by the exponentials of the squares. If the density is too small for a double, it is 0, and
+    /// the probabilities mean nothing.
     #[inline]
     pub(super) fn shares(&self, place: &Place, powers: &[f64]) -> (ByReception, f64) {
         let (mut weights, mut total) = (place.shares, 0.0);

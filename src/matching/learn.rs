@@ -25,8 +25,8 @@ pub struct LearnedMatchModel {
     pub log_likelihood: f64,
     /// Number of points.
     pub points: usize,
-    /// Gain in ln p of each half of the drives by what the other half teaches. Below 7, a nat for each
-    /// parameter, the model is the one that learning started with.
+    /// Gain in ln p of each half of the drives by what the other half teaches. Below 7, a nat for
+    /// each parameter, the model is the one that learning started with.
     pub held_out: f64,
     /// Median of the seconds between two points. Above 15 s, points hardly show how often vehicles
     /// stand, and how often and how long they are off the road.
@@ -57,8 +57,8 @@ impl<P: Coordinates> Matcher<P> {
     /// than nine tenths of the variance of errors lasts, the receiver is taken for a rough one,
     /// whose errors are all of one kind.
     ///
-    /// What is learned must be worth it: each half of the drives is taught by the other, and if that
-    /// makes them no more probable by a nat for each parameter, the model stays as it was;
+    /// What is learned must be worth it: each half of the drives is taught by the other, and if
+    /// that makes them no more probable by a nat for each parameter, the model stays as it was;
     /// [`LearnedMatchModel::held_out`] has the gain.
     ///
     /// Results are kept within plausible ranges: `noise` from 0.1 to 1000 m, `lasting` up to 0.995
@@ -148,8 +148,8 @@ impl<P: Coordinates> Matcher<P> {
         Ok(learned)
     }
 
-    /// Gain in ln p of each half of the drives by what the other half teaches; of a single drive, of
-    /// its halves.
+    /// Gain in ln p of each half of the drives by what the other half teaches; of a single drive,
+    /// of its halves.
     fn held_out(&self, drives: &[&[TracePoint<P>]], iterations: usize) -> Result<f64, MatchError> {
         let halves = match drives {
             [drive] => drive.chunks(drive.len().div_ceil(2)).collect(),

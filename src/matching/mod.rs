@@ -26,9 +26,9 @@
 //! }
 //! let matcher = Matcher::new(builder.build()?);
 //!
-//! // East along the southern street, with noise.
-//! let point = |k: f64, off: f64| TracePoint::new(10.0 * k, at(-35.2805 + off, 149.131 + 0.001 * k));
-//! let drive = [point(0.0, 5e-5), point(1.0, 1e-4), point(2.0, -5e-5), point(3.0, 0.0)];
+//! // East along the southern street, with noise. let point = |k: f64, off: f64|
+//! TracePoint::new(10.0 * k, at(-35.2805 + off, 149.131 + 0.001 * k)); let drive = [point(0.0,
+//! 5e-5), point(1.0, 1e-4), point(2.0, -5e-5), point(3.0, 0.0)];
 //!
 //! let matched = matcher.match_drive(&drive)?;
 //! let road = matched.smoothed(1);
@@ -56,14 +56,14 @@
 //!
 //! Moves are weighted by what was measured on the way, and these weights are not normalised: by the
 //! density of the length, for a vehicle that stands or drives at up to some 1.3 times the speed of
-//! the road (one in ten at any speed, and one in ten in a queue); the detour against the straight line, exponential with a
-//! mean that grows with the time; the [turns](Matcher::with_turns) at junctions, by their angles
-//! and the classes of the roads; and U-turns. A way off the road pays for the area in which it may
-//! end, as much as a way on roads pays for its length, its junctions and the position across; only
-//! between points in short succession does it pay a constant, so that a stretch off the road shows
-//! where no road is near. Where positions are far off, states go on along their roads at the last
-//! speed, and no length counts as measured, so that neither a bad position nor a gap breaks a
-//! drive.
+//! the road (one in ten at any speed, and one in ten in a queue); the detour against the straight
+//! line, exponential with a mean that grows with the time; the [turns](Matcher::with_turns) at
+//! junctions, by their angles and the classes of the roads; and U-turns. A way off the road pays
+//! for the area in which it may end, as much as a way on roads pays for its length, its junctions
+//! and the position across; only between points in short succession does it pay a constant, so that
+//! a stretch off the road shows where no road is near. Where positions are far off, states go on
+//! along their roads at the last speed, and no length counts as measured, so that neither a bad
+//! position nor a gap breaks a drive.
 //!
 //! **The parameters** of a [`MatchModel`] can be [learned](Matcher::learn) from drives without
 //! labels. All other numbers, such as the widths of outliers and the weight of choices, are

@@ -188,10 +188,10 @@ impl Interval {
     }
 
     /// Log weight of a way to a state on a road with the density of its position, without the share
-    /// that leaves the road: density of the distance, relative to an even one up to the fastest speed,
-    /// the detour, the choices at junctions, and U-turns. Where the position does not belong to the
-    /// road, nothing was measured of the distance, and a move weighs at most its probability. The
-    /// logarithm may be −∞, and the rest is then unused.
+    /// that leaves the road: density of the distance, relative to an even one up to the fastest
+    /// speed, the detour, the choices at junctions, and U-turns. Where the position does not belong
+    /// to the road, nothing was measured of the distance, and a move weighs at most its
+    /// probability. The logarithm may be −∞, and the rest is then unused.
     pub(super) fn weight(
         &self,
         model: &MatchModel,
@@ -248,9 +248,9 @@ impl Interval {
         (log, Move::Along { stood, outlier, detour })
     }
 
-    /// Relative density of the distance of a vehicle that moves, up to a limit, the probability that
-    /// it is above 0, and the exponentials e^−z of two more numbers. Few go slowly: the density grows
-    /// up to a part of the limit, blurred by the noise of positions.
+    /// Relative density of the distance of a vehicle that moves, up to a limit, the probability
+    /// that it is above 0, and the exponentials e^−z of two more numbers. Few go slowly: the
+    /// density grows up to a part of the limit, blurred by the noise of positions.
     fn by_limit(&self, distance: Distance, limit: f64, [z, w]: [f64; 2]) -> (f64, f64, [f64; 2]) {
         let (Distance { metres, deviation }, slow) = (distance, SLOW * limit);
         let ends = [metres / deviation, (metres - slow) / deviation];

@@ -77,8 +77,8 @@ impl Place {
         }
     }
 
-    /// The same with variances of at least 0 and covariances within them: rounding may leave less than
-    /// a covariance matrix.
+    /// The same with variances of at least 0 and covariances within them: rounding may leave less
+    /// than a covariance matrix.
     pub(super) fn rounded(mut self) -> Self {
         let [xx, xy, xz, yy, yz, zz] = &mut self.covariance;
         for r in 0..RECEPTIONS {
@@ -135,8 +135,8 @@ impl<const N: usize> Mixtures<N> {
             spread[n] = part[n] * (1.0 - part[n]);
             self.weights[n] = sum;
         }
-        // Differences of means, and no sums of squares: places are hundreds of metres from the start of
-        // an edge, and may be known to a micrometre.
+        // Differences of means, and no sums of squares: places are hundreds of metres from the
+        // start of an edge, and may be known to a micrometre.
         let mut off = [[0.0; N]; 3];
         for axis in 0..3 {
             for n in 0..N {

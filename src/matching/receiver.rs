@@ -1,16 +1,16 @@
 //! Errors of a receiver, and the kinds of its reception.
 //!
 //! An error is a slowly moving offset and white noise: y = x + o + w. In each direction of the
-//! plane, o is a Gauss–Markov process with the variance ρσ², of which the share κ = e^(−Δ/τ) is left
-//! after Δ seconds, and w has the variance (1 − ρ)σ². So a second look from the same place is hardly
-//! a second witness: a vehicle that a road explains with an offset of 20 m pays for it once, and not
-//! at each point.
+//! plane, o is a Gauss–Markov process with the variance ρσ², of which the share κ = e^(−Δ/τ) is
+//! left after Δ seconds, and w has the variance (1 − ρ)σ². So a second look from the same place is
+//! hardly a second witness: a vehicle that a road explains with an offset of 20 m pays for it once,
+//! and not at each point.
 //!
-//! Reception is usual, poor or rough. In poor reception σ is four times as large; it comes
-//! and goes within a minute or so. Rough reception lasts as long as a drive as a rule: that of a receiver
-//! whose errors are twice as large, and a good part of them white. Each state carries the probability
-//! of each and, for each, the joint Gaussian of x, its metres along the edge, and o: the interacting
-//! multiple model of Blom and Bar-Shalom (1988).
+//! Reception is usual, poor or rough. In poor reception σ is four times as large; it comes and goes
+//! within a minute or so. Rough reception lasts as long as a drive as a rule: that of a receiver
+//! whose errors are twice as large, and a good part of them white. Each state carries the
+//! probability of each and, for each, the joint Gaussian of x, its metres along the edge, and o:
+//! the interacting multiple model of Blom and Bar-Shalom (1988).
 
 use super::place::{ByReception, Mixtures, Place};
 use crate::matching::MatchModel;
@@ -25,7 +25,8 @@ pub(super) const POOR: f64 = 4.0;
 /// Share of receivers that are rough, and the largest share of their errors that lasts.
 pub(super) const ROUGH: f64 = 0.05;
 const LASTING_IN_ROUGH: f64 = 0.7;
-/// Seconds after which it is drawn anew whether reception is poor, and whether the receiver is rough.
+/// Seconds after which it is drawn anew whether reception is poor, and whether the receiver is
+/// rough.
 pub(super) const REDRAWN_AFTER: f64 = 60.0;
 const RECEIVER_LASTS: f64 = 3600.0;
 
@@ -43,7 +44,8 @@ pub(super) struct Receiver {
 }
 
 impl Receiver {
-    /// Creates a receiver whose errors have a standard deviation in each direction, in usual reception.
+    /// Creates a receiver whose errors have a standard deviation in each direction, in usual
+    /// reception.
     pub(super) fn new(model: &MatchModel, deviation: f64) -> Self {
         let fine = 1.0 - ROUGH;
         let shares = [fine * (1.0 - model.poor), fine * model.poor, ROUGH];
@@ -58,8 +60,8 @@ impl Receiver {
         Self { lasting: lasts, white, shares, inlier: 1.0 - model.outliers }
     }
 
-    /// Variances of the change of an error, of which so much of the lasting part is drawn anew, if the
-    /// deviation is that of a difference.
+    /// Variances of the change of an error, of which so much of the lasting part is drawn anew, if
+    /// the deviation is that of a difference.
     pub(super) fn changes(&self, redrawn: f64) -> ByReception {
         let mut changes = self.white;
         for (change, lasting) in changes.iter_mut().zip(self.lasting) {

@@ -1,9 +1,16 @@
 //! A position as it is seen from an edge, and what it says of a place there.
 //!
-//! A position is two measurements of the place along x and the error o: a distance across,
-//! n · o + w, and a place along, x + t · o + w, where n and t are the unit vectors across and along
-//! and w is white noise. That x is on the edge is a third, which is no Gaussian: the update takes the
+//! A position is two measurements of the place along x and the error o: a distance across, n · o +
+//! w, and a place along, x + t · o + w, where n and t are the unit vectors across and along and w
+//! is white noise. That x is on the edge is a third, which is no Gaussian: the update takes the
 //! first two derivatives of its logarithm.
+//!
+//! The first is a Kalman update (Kalman, 1960). Let C be the covariance of o, c that of x and o, and
+//! v = n'C n + w the variance of the distance across, which is z metres off. Then o moves by
+//! C n z / v and x by c'n z / v, a variance such as t'C t becomes t'C t − (t'C n)² / v, and that of
+//! x + t · o, var x + 2 c't + t'C t − (c'n + t'C n)² / v. [`Sighting::fit`] needs no more than these
+//! numbers, which spares a copy of the place for each of the moves into a state;
+//! [`Sighting::across`] updates all of it, for the moves that count.
 
 use super::across::Across;
 use super::place::{ByReception, Place};
@@ -69,15 +76,15 @@ const LEAST_VARIANCE: f64 = 1e-15;
 const MOST_LEARNED: f64 = 0.9;
 
 impl Sighting {
-    /// How well the position fits a place on an edge before, from whose start it is so many metres to
-    /// that of the edge.
+    /// How well the position fits a place on an edge before, from whose start it is so many metres
+    /// to that of the edge.
     #[inline]
     pub(super) fn fit(&self, place: &Place, starts: f64, receiver: &Receiver) -> Fit {
         let across = Across::new(place, self, receiver);
         let ([a, b], [c, d]) = (self.normal, self.tangent);
         let ([along, x, y], [aa, ax, ay, xx, xy, yy]) = (&place.mean, &place.covariance);
         let [mut metres, mut variances, mut low, mut high] = [[0.0; RECEPTIONS]; 4];
-        // Exponents: of the density across, and at both ends of the edge.
+        // Exponents: of the density across, and at both ends of the edge; as two whole vectors.
         let mut powers = [0.0; 16];
         for r in 0..RECEPTIONS {
             // Covariances with the distance across: of the error along, and of the place along.
@@ -167,9 +174,9 @@ impl Sighting {
         moved
     }
 
-    /// Shares of a distribution of places along that are before the start of the edge and before its
-    /// end, the share between them, and the slope of the logistic function; `None` if nothing is cut
-    /// off.
+    /// Shares of a distribution of places along that are before the start of the edge and before
+    /// its end, the share between them, and the slope of the logistic function; `None` if nothing
+    /// is cut off.
     #[inline]
     fn ends(&self, mean: f64, variance: f64) -> Option<([f64; 2], f64, f64)> {
         let slope = SLOPE / variance.max(LEAST_VARIANCE).sqrt();
@@ -215,8 +222,8 @@ impl Ahead {
         Self { shares, metres, variances }
     }
 
-    /// Density of the distance of a vehicle that stood, whose displacement is so many times as probable
-    /// as each reception says.
+    /// Density of the distance of a vehicle that stood, whose displacement is so many times as
+    /// probable as each reception says.
     pub(super) fn standing(&self, steadier: ByReception) -> f64 {
         let mut squares = self.variances;
         for (square, metres) in squares.iter_mut().zip(self.metres) {

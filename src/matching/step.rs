@@ -149,8 +149,8 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
     }
 
     /// Takes all steps of a drive forward and back. `visit` is given the sightings of the states of
-    /// each step, the moves of each but the first, in the order in which they are in the trellis, and
-    /// the probability that the vehicle stood.
+    /// each step, the moves of each but the first, in the order in which they are in the trellis,
+    /// and the probability that the vehicle stood.
     pub(super) fn smooth(
         &mut self,
         points: &[TracePoint<P>],
@@ -180,8 +180,8 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
         Ok(SmoothedDrive { states, trellis, smoothed })
     }
 
-    /// Searches for the ways from a state to those of the next point. Returns them with the deviation
-    /// of the difference of the two positions.
+    /// Searches for the ways from a state to those of the next point. Returns them with the
+    /// deviation of the difference of the two positions.
     pub(super) fn ways(
         &mut self,
         from: &Candidate,

@@ -71,8 +71,8 @@ impl<P: Coordinates> Ways<'_, P> {
         self.search.run(self.network, self.measures, edge, interval.longest() - left);
     }
 
-    /// Kind of the way between two states on roads after [`search_from`](Self::search_from); `None` if there is
-    /// none.
+    /// Kind of the way between two states on roads after [`search_from`](Self::search_from); `None`
+    /// if there is none.
     pub(super) fn kind(&self, from: &Candidate, to: &Candidate, jitter: f64) -> Option<WayKind> {
         let [edge, next] = [from.edge as usize, to.edge as usize];
         if edge == next && !is_behind(from, to, jitter) {

@@ -24,8 +24,8 @@ const ACCELERATION: f64 = 2.0;
 const METRES_OF_ROAD: f64 = 0.01;
 
 impl<P: Coordinates> MatchStep<'_, P> {
-    /// Places the states of the first step, without a place along that was known before. Returns the
-    /// log-likelihood of the position for each but the last, the one off the road.
+    /// Places the states of the first step, without a place along that was known before. Returns
+    /// the log-likelihood of the position for each but the last, the one off the road.
     pub(super) fn place(&mut self, point: &TracePoint<P>, states: &mut [Candidate]) -> Vec<f64> {
         let sigma = deviation(self.model, point);
         let receiver = Receiver::new(self.model, usual_deviation(self.model, point));

@@ -131,7 +131,8 @@ impl SmoothedTrellis {
     }
 
     /// Distribution p(X_k | y_1 … y_{k + lag}) over the states of a step, or of all that were
-    /// observed, if these are fewer. `trellis` is the one that was smoothed. O(moves of `lag` steps).
+    /// observed, if these are fewer. `trellis` is the one that was smoothed. O(moves of `lag`
+    /// steps).
     #[must_use]
     pub fn lagged(&self, trellis: &Trellis, step: usize, lag: usize) -> Vec<f64> {
         let last = step.saturating_add(lag).min(self.steps.len() - 1);

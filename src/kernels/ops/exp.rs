@@ -1,7 +1,7 @@
 //! Exponentials of many numbers.
 //!
-//! e^x = 2^n e^r with n = round(x / ln 2), so that |r| ≤ ln 2 / 2, and e^r by its series up to r^13,
-//! whose rest is below 5e-18. The same to the bit with any instructions.
+//! e^x = 2^n e^r with n = round(x / ln 2), so that |r| ≤ ln 2 / 2, and e^r by its series up to
+//! r^13, whose rest is below 5e-18. The same to the bit with any instructions.
 
 use crate::kernels::simd::{LANES, Simd, kernels, row_block, store};
 

@@ -88,8 +88,8 @@ impl<P: Coordinates> NetworkBuilder<P> {
     ///
     /// [`MapError::UnknownPlace`] for a node that was not added, [`MapError::Coordinate`] for a
     /// point that is not on Earth (or in the plane), [`MapError::Length`] for a length that is not
-    /// above 0 or is above 1e12, and [`MapError::Speed`] for a speed that is not above 0 or is above
-    /// 1e9.
+    /// above 0 or is above 1e12, and [`MapError::Speed`] for a speed that is not above 0 or is
+    /// above 1e9.
     pub fn edge(&mut self, from: u64, to: u64, options: EdgeOptions<P>) -> Result<usize, MapError> {
         let ends = self.nodes.ends(from, to)?;
         options.between.iter().try_for_each(|&point| check_position(from, point))?;

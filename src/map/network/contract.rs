@@ -10,9 +10,9 @@ impl<P: Coordinates> RoadNetwork<P> {
     /// added.
     ///
     /// A node is passed through if it has two neighbours, with one road from the one to the other
-    /// or one in [both directions](Self::reverse), and if class, speed and roundabout do not change there and the
-    /// turn is not forbidden. Dead ends stay. A ring that touches other roads at one node becomes
-    /// a loop there; one that touches none keeps one node. Lengths of shortest paths
+    /// or one in [both directions](Self::reverse), and if class, speed and roundabout do not change
+    /// there and the turn is not forbidden. Dead ends stay. A ring that touches other roads at one
+    /// node becomes a loop there; one that touches none keeps one node. Lengths of shortest paths
     /// between the remaining nodes do not change. O((nodes + edges) log).
     ///
     /// ```

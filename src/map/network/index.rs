@@ -101,8 +101,8 @@ impl EdgeIndex {
     /// of those as near, as both directions of a road are. `None` without edges, and for a position
     /// that is not finite. O(log + pieces nearer than the edge) as a rule.
     ///
-    /// Distances on Earth are compared in Mercator's projection: hundreds of kilometres off, another
-    /// edge may be somewhat nearer.
+    /// Distances on Earth are compared in Mercator's projection: hundreds of kilometres off,
+    /// another edge may be somewhat nearer.
     #[must_use]
     pub fn nearest<P: Coordinates>(&self, _: &RoadNetwork<P>, position: P) -> Option<NearEdge> {
         let [x, y] = position.to_plane();

@@ -1,15 +1,16 @@
 //! Lower bounds of the length of a route, from the straight distance between its ends.
 //!
-//! An edge may be shorter than the straight line between its ends: lengths in files are rounded, and
-//! some are wrong. Whatever the share r, an edge of l metres between ends s metres apart has at least
-//! r s metres, but for the max(0, r s − l) that it lacks. A shortest route passes each edge at most
-//! once, so that all its edges together lack at most D(r), the sum over the network, and the sum of
-//! their s is at least the distance d between its ends. So it has at least r d − D(r) metres.
+//! An edge may be shorter than the straight line between its ends: lengths in files are rounded,
+//! and some are wrong. Whatever the share r, an edge of l metres between ends s metres apart has at
+//! least r s metres, but for the max(0, r s − l) that it lacks. A shortest route passes each edge
+//! at most once, so that all its edges together lack at most D(r), the sum over the network, and
+//! the sum of their s is at least the distance d between its ends. So it has at least r d − D(r)
+//! metres.
 //!
 //! The best r for a distance d is the l / s up to which the edges of the network have d straight
-//! metres in all: the bound is then the length of a route that consists of the worst edges. Rounding
-//! spoils many edges of centimetres, which have few metres in all, so that r is near 1 even for
-//! short distances. For d = 0, r is the least l / s, and D(r) is 0.
+//! metres in all: the bound is then the length of a route that consists of the worst edges.
+//! Rounding spoils many edges of centimetres, which have few metres in all, so that r is near 1
+//! even for short distances. For d = 0, r is the least l / s, and D(r) is 0.
 
 /// Straight distances in metres for which a bound is best.
 const BEST_AT: [f64; 3] = [0.0, 100.0, 1000.0];

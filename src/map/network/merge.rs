@@ -18,7 +18,8 @@ impl<P: Coordinates> RoadNetwork<P> {
     /// stay so. O(edges log) if the radius holds few nodes.
     ///
     /// [Contract](Self::contracted) before: it leaves intersections where there were points of
-    /// lines. And after: where roads that met are merged, nodes may be left that one passes through.
+    /// lines. And after: where roads that met are merged, nodes may be left that one passes
+    /// through.
     ///
     /// # Errors
     ///

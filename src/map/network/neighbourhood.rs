@@ -1,9 +1,9 @@
 //! The part of a network in which searches for the same targets run.
 //!
-//! All states of a point search for the states of the next one, over nearly the same edges. Each edge
-//! is looked up in the network once: its length, its turns with their costs, and how far it is from
-//! its end to the targets at least. Here edges have numbers of their own, in the order in which they
-//! are met, so that all that a search reads lies side by side.
+//! All states of a point search for the states of the next one, over nearly the same edges. Each
+//! edge is looked up in the network once: its length, its turns with their costs, and how far it is
+//! from its end to the targets at least. Here edges have numbers of their own, in the order in
+//! which they are met, so that all that a search reads lies side by side.
 
 use std::ops::Range;
 

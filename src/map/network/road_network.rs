@@ -24,11 +24,12 @@ pub struct Edge {
 
 /// A directed road network: nodes, edges with their geometry, and forbidden turns.
 ///
-/// Unlike a [`RoadMap`](crate::map::RoadMap), whose places are the states of a model, a network keeps all that a
-/// position along a road needs: the line of each edge, parallel edges and loops, one-way streets,
-/// turn restrictions. It is built in code by a [`NetworkBuilder`](crate::map::NetworkBuilder), or imported from files. Methods
-/// identify nodes and edges by their index, from 0; edges are in the order of the nodes where they
-/// start, then of those where they end.
+/// Unlike a [`RoadMap`](crate::map::RoadMap), whose places are the states of a model, a network
+/// keeps all that a position along a road needs: the line of each edge, parallel edges and loops,
+/// one-way streets, turn restrictions. It is built in code by a
+/// [`NetworkBuilder`](crate::map::NetworkBuilder), or imported from files. Methods identify nodes
+/// and edges by their index, from 0; edges are in the order of the nodes where they start, then of
+/// those where they end.
 ///
 /// ```
 /// use wayfix::map::{NetworkBuilder, Position, RoadClass};

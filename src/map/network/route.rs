@@ -79,9 +79,9 @@ pub(super) fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
     (x * x + y * y + z * z).sqrt()
 }
 
-/// Search for the shortest routes from edges to others by Dijkstra's algorithm (1959) over edges, so
-/// that forbidden turns and costs of U-turns are respected. Keeps its memory from one search to the
-/// next: 8 bytes an edge of the network, and some 150 an edge that was met.
+/// Search for the shortest routes from edges to others by Dijkstra's algorithm (1959) over edges,
+/// so that forbidden turns and costs of U-turns are respected. Keeps its memory from one search to
+/// the next: 8 bytes an edge of the network, and some 150 an edge that was met.
 #[derive(Debug, Clone, Default)]
 pub struct RouteSearch {
     neighbourhood: Neighbourhood,
@@ -115,8 +115,8 @@ pub struct Reached {
 }
 
 impl RouteSearch {
-    /// Sets the targets of the searches that follow: routes to the starts of these edges. What a search
-    /// looks up in the network serves the others. O(targets).
+    /// Sets the targets of the searches that follow: routes to the starts of these edges. What a
+    /// search looks up in the network serves the others. O(targets).
     ///
     /// # Panics
     ///
@@ -133,11 +133,11 @@ impl RouteSearch {
         self.search.start(self.targets);
     }
 
-    /// Finds the routes of least cost from the end of an edge to the targets: their lengths, and what
-    /// [`RouteCosts`] adds, up to a largest cost (below 0, as 0). Stops when all are found, and does not
-    /// go where the straight distance to the targets is too long for the largest cost. Edges may be
-    /// shorter than the straight line between their ends: no route is missed. O(edges within that,
-    /// log).
+    /// Finds the routes of least cost from the end of an edge to the targets: their lengths, and
+    /// what [`RouteCosts`] adds, up to a largest cost (below 0, as 0). Stops when all are found,
+    /// and does not go where the straight distance to the targets is too long for the largest cost.
+    /// Edges may be shorter than the straight line between their ends: no route is missed. O(edges
+    /// within that, log).
     ///
     /// # Panics
     ///
