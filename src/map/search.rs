@@ -11,8 +11,8 @@ pub(super) struct Search<T> {
     /// Number of the search; labels of another number are those of an earlier one.
     number: u32,
     /// Vertices by the bits of their costs: those of non-negative doubles have the order of the
-    /// values.
-    queue: BinaryHeap<Reverse<(u64, u32)>>,
+    /// values. Of equal costs by a rank.
+    queue: BinaryHeap<Reverse<(u64, u32, u32)>>,
 }
 
 /// Best way to a vertex so far.
@@ -39,10 +39,18 @@ impl<T: Copy + Default> Search<T> {
         self.queue.clear();
     }
 
-    /// Offers a way to a vertex by another one, which replaces a longer one. Of equally long ones
-    /// the first stays, or with `lowest` that by the vertex with the lowest number.
+    /// Offers a way to a vertex, of which the rank is given, by another one. It replaces a longer
+    /// one; of equally long ones the first stays, or with `lowest` that by the vertex with the lowest
+    /// number.
     #[inline]
-    pub(super) fn offer(&mut self, to: usize, before: usize, cost: f64, way: T, lowest: bool) {
+    pub(super) fn offer(
+        &mut self,
+        (to, rank): (usize, u32),
+        before: usize,
+        cost: f64,
+        way: T,
+        lowest: bool,
+    ) {
         if to >= self.labels.len() {
             self.labels.resize(to + 1, Label::default());
         }
@@ -53,13 +61,13 @@ impl<T: Copy + Default> Search<T> {
             return;
         }
         *label = Label { search: self.number, before, is_settled: false, cost, way };
-        self.queue.push(Reverse((cost.to_bits(), to as u32)));
+        self.queue.push(Reverse((cost.to_bits(), rank, to as u32)));
     }
 
     /// Settles the nearest vertex that is left, to which no shorter way can be found.
     #[inline]
     pub(super) fn settle(&mut self) -> Option<(usize, Label<T>)> {
-        while let Some(Reverse((_, vertex))) = self.queue.pop() {
+        while let Some(Reverse((.., vertex))) = self.queue.pop() {
             let label = &mut self.labels[vertex as usize];
             // A vertex is in the queue once for each better way that was found.
             if !std::mem::replace(&mut label.is_settled, true) {

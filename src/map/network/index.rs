@@ -82,7 +82,7 @@ impl EdgeIndex {
             for (number, pair) in points.windows(2).enumerate() {
                 // A share first: a line may be next to nothing, and the road have any length.
                 let share = if total > 0.0 { length(pair) / total } else { 0.0 };
-                let after = before + share * road.metres;
+                let after = (before + share * road.metres).min(road.metres);
                 let along = [before, after];
                 let ends = [number == 0, number == last];
                 pieces.push(Piece { edge: edge as u32, a: pair[0], b: pair[1], along, ends });

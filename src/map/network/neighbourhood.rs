@@ -39,6 +39,9 @@ pub(super) struct MetEdge {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct MetTurn {
     pub(super) to: u32,
+    /// Index of that edge in the network, which decides between routes of equal cost: they must not
+    /// depend on the order in which edges were met.
+    pub(super) edge: u32,
     /// True for a U-turn where another way goes on.
     pub(super) is_u_turn: bool,
     /// −ln p of the turn.
@@ -142,7 +145,7 @@ impl Neighbourhood {
             let is_u_turn = goes_on && Some(next) == reverse;
             let (to, log_choice) = (self.meet(network, measures, next), f64::from(choice));
             let cost = costs.choice * log_choice + if is_u_turn { costs.u_turn } else { 0.0 };
-            self.turns.push(MetTurn { to, is_u_turn, log_choice, cost });
+            self.turns.push(MetTurn { to, edge: next as u32, is_u_turn, log_choice, cost });
         }
         let turns = first..self.turns.len() as u32;
         self.edges[number].turns = Some(turns.clone());

@@ -179,7 +179,8 @@ impl RouteSearch {
                         let log_choices = after.log_choices + turn.log_choice;
                         let u_turns = after.u_turns + u32::from(turn.is_u_turn);
                         let way = Reached { u_turns, log_choices, ..after };
-                        search.offer(turn.to as usize, number, cost, way, false);
+                        let to = (turn.to as usize, turn.edge);
+                        search.offer(to, number, cost, way, false);
                     }
                 }
             }

@@ -69,13 +69,13 @@ impl<P> RoadMap<P> {
         let mut search = Search::default();
         search.start(self.places().len());
         if from < self.places().len() {
-            search.offer(from, from, 0.0, (), true);
+            search.offer((from, from as u32), from, 0.0, (), true);
         }
         while let Some((place, label)) = search.settle()
             && end != Some(place)
         {
             for (to, road) in self.roads_from(place) {
-                search.offer(to, place, label.cost + road.metres, (), true);
+                search.offer((to, to as u32), place, label.cost + road.metres, (), true);
             }
         }
         search
