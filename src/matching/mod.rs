@@ -26,9 +26,11 @@
 //! }
 //! let matcher = Matcher::new(builder.build()?);
 //!
-//! // East along the southern street, with noise. let point = |k: f64, off: f64|
-//! TracePoint::new(10.0 * k, at(-35.2805 + off, 149.131 + 0.001 * k)); let drive = [point(0.0,
-//! 5e-5), point(1.0, 1e-4), point(2.0, -5e-5), point(3.0, 0.0)];
+//! // East along the southern street, with noise.
+//! let point = |k: f64, off: f64| {
+//!     TracePoint::new(10.0 * k, at(-35.2805 + off, 149.131 + 0.001 * k))
+//! };
+//! let drive = [point(0.0, 5e-5), point(1.0, 1e-4), point(2.0, -5e-5), point(3.0, 0.0)];
 //!
 //! let matched = matcher.match_drive(&drive)?;
 //! let road = matched.smoothed(1);
