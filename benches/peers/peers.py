@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Times hmmlearn, dynamax, scipy and numpy beside wayfix: one table of ratios.
+"""Times hmmlearn, dynamax, statsmodels, scipy and numpy beside wayfix: one table of ratios.
 
 Builds the Rust program beside this file and runs it before and after each case,
 on the same core; reads its models, observations and answers; and times nothing
@@ -32,6 +32,11 @@ def parse_arguments():
                         help="how often each routine is timed, 7 or more")
     parser.add_argument("--core", type=int, choices=sorted(cores), default=max(cores),
                         help="the core that all run on")
+    parser.add_argument("--instructions", choices=["avx512", "avx2", "plain"],
+                        help="the widest that wayfix takes")
+    parser.add_argument("--beside", type=Path, action="append", default=[], metavar="FILE",
+                        help="an earlier ratios.csv, of another machine or version, to compare "
+                        "ratios with; may be given often")
     arguments = parser.parse_args()
     if arguments.repetitions < 7:
         parser.error("--repetitions: 7 or more")
@@ -48,10 +53,13 @@ for library in ("OMP", "OPENBLAS", "MKL", "NUMEXPR"):
 os.environ["XLA_FLAGS"] = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
 os.environ["JAX_PLATFORMS"] = "cpu"
 os.environ["JAX_ENABLE_X64"] = "1"
+if ARGUMENTS.instructions:
+    os.environ["WAYFIX_INSTRUCTIONS"] = ARGUMENTS.instructions
 
 import families  # noqa: E402
 import many  # noqa: E402
 import report  # noqa: E402
+import switching  # noqa: E402
 from libraries import of_dynamax, of_hmmlearn, of_scipy  # noqa: E402
 from models import Case  # noqa: E402
 from race import Contender, Times  # noqa: E402
@@ -93,6 +101,8 @@ def main():
         "two states": partial(given, "two states", routines, both),
         "dense 1000": partial(given, "dense 1000", routines, both),
     }
+    cases |= {name: partial(switching.run, name)
+              for name in (switching.REGRESSION, switching.WITH_INPUTS)}
     cases |= {name: partial(families.run, name) for name in families.NAMES}
     if not ARGUMENTS.graph:
         del cases["graph"]
@@ -113,6 +123,8 @@ def main():
         rust |= report.both(before, run_rust(name))
 
     rows = list(report.ratios(rust, times.rows))
+    # Before this run's files take the place of an earlier one's.
+    compared = "\n".join(report.beside(rows, ARGUMENTS.beside)) + "\n" if ARGUMENTS.beside else ""
     with (ARGUMENTS.out / "ratios.csv").open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(report.COLUMNS)
@@ -121,6 +133,9 @@ def main():
     table += f"\n\n{report.setting(HERE, ARGUMENTS.repetitions)}\n"
     (ARGUMENTS.out / "ratios.md").write_text(table)
     print(table)
+    if compared:
+        (ARGUMENTS.out / "beside.md").write_text(compared)
+        print(compared)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,11 @@
 """The table of ratios, and on what it was measured."""
 
+import csv
+import os
 import platform
 import subprocess
 from importlib.metadata import version
+from pathlib import Path
 
 COLUMNS = ["case", "routine", "wayfix_us", "wayfix_min_us", "wayfix_max_us", "peer", "peer_us",
            "peer_min_us", "peer_max_us", "ratio", "ratio_of_min", "difference"]
@@ -47,20 +50,53 @@ def setting(here, repetitions):
     packages = (here / "Cargo.lock").read_text().split("[[package]]")[1:]
     crates = {part.split('"')[1]: part.split('"')[3] for part in packages}
     parts = [f"{name} {crates[name]}" for name in ("bio", "hmmm", "faer")]
-    python = ("hmmlearn", "dynamax", "jax", "numpy", "scipy")
+    python = ("hmmlearn", "dynamax", "statsmodels", "jax", "numpy", "scipy")
     parts += [f"{name} {version(name)}" for name in python]
-    return (f"One core of {processor()}; {' '.join(rustc.stdout.split()[:2])}, CPython "
+    chosen = os.environ.get("WAYFIX_INSTRUCTIONS", "")
+    only = f"; wayfix with {chosen}" if chosen else ""
+    return (f"One core of {processor()}{only}; {' '.join(rustc.stdout.split()[:2])}, CPython "
             f"{platform.python_version()}; {', '.join(parts)}. µs a step, median (least–most) of "
             f"{repetitions} repetitions; of wayfix and the crates so many before each case and "
             "after it.")
 
 
 def processor():
-    """The processor's name, as far as the system tells."""
+    """Name, instructions and caches, as far as the system tells."""
     try:
-        with open("/proc/cpuinfo", encoding="utf-8") as information:
-            names = [line.split(":")[1].strip() for line in information
-                     if line.startswith("model name")]
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
-        names = []
-    return names[0] if names else platform.processor() or platform.machine()
+        lines = []
+    # Of the first processor.
+    of = {name.strip(): value.strip() for name, _, value in
+          (line.partition(":") for line in reversed(lines))}
+    name = of.get("model name") or platform.processor() or platform.machine()
+    if "cpu family" in of:
+        name += f" (family {of['cpu family']}, model {of['model']})"
+    flags = of.get("flags", "").split()
+    sets = [text for flag, text in (("avx512f", "AVX-512"), ("avx2", "AVX2")) if flag in flags]
+    return ", ".join([name, *sets, *caches()])
+
+
+def caches():
+    """Those of data of the first core, from the smallest."""
+    for index in sorted(Path("/sys/devices/system/cpu/cpu0/cache").glob("index*")):
+        level, kind, size = ((index / name).read_text().strip()
+                             for name in ("level", "type", "size"))
+        if kind != "Instruction":
+            yield f"L{level} {size}"
+
+
+def beside(rows, earlier):
+    """The lines of a table of ratios here and of earlier files, with the least and the most."""
+    tables = [{tuple(row[:2]) + (row[5],): row[9] for row in rows}]
+    for path in earlier:
+        with path.open(newline="") as file:
+            tables.append({(row["case"], row["routine"], row["peer"]): float(row["ratio"])
+                           for row in csv.DictReader(file)})
+    names = ["here", *map(str, earlier)]
+    yield f"| case | routine | peer | {' | '.join(names)} | least | most |"
+    yield "|" + "---|" * (len(names) + 5)
+    for key in tables[0]:
+        found = [table[key] for table in tables if key in table]
+        cells = [f"{table[key]:.2f}" if key in table else "–" for table in tables]
+        yield f"| {' | '.join([*key, *cells])} | {min(found):.2f} | {max(found):.2f} |"

@@ -52,6 +52,8 @@ fn main() -> Result<(), Failure> {
         (cases::many::CASE, cases::many::run),
         (cases::two_states::CASE, cases::two_states::run),
         (cases::thousand::CASE, cases::thousand::run),
+        (cases::switching::REGRESSION, cases::switching::regression),
+        (cases::switching::WITH_INPUTS, cases::switching::with_inputs),
     ];
     cases.extend(cases::families::CASES);
     if graph.is_some() {

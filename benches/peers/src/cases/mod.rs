@@ -4,6 +4,7 @@ pub(crate) mod families;
 pub(crate) mod graph;
 pub(crate) mod many;
 pub(crate) mod road_map;
+pub(crate) mod switching;
 pub(crate) mod symbols;
 pub(crate) mod thousand;
 pub(crate) mod two_states;
