@@ -1,4 +1,5 @@
-// Runs a program built for wasm32-wasip1: node .ci/wasi.mjs program.wasm [arguments].
+// Runs a program built for wasm32-wasip1:
+// node --no-turbo-fast-api-calls .ci/wasi.mjs program.wasm [arguments].
 // It gets the environment and standard output, but no folders.
 import { readFile } from "node:fs/promises";
 import { WASI } from "node:wasi";
