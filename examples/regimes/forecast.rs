@@ -1,4 +1,7 @@
-//! Forecast of the coming days, by simulated futures.
+//! Forecast of the coming days: the distribution of each day's return, and of all returns up to it by
+//! simulated futures.
+
+use std::error::Error;
 
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use wayfix::Filter;
@@ -6,9 +9,8 @@ use wayfix::Filter;
 use super::Model;
 
 /// Number of futures that are simulated.
-pub(crate) const FUTURES: usize = 20_000;
-/// Fractions of futures below the four values of a day: the ends of their central 90%, and of
-/// their central half.
+const FUTURES: usize = 20_000;
+/// Probabilities below the four values of a day: the ends of the central 90%, and of the central half.
 const FRACTIONS: [f64; 4] = [0.05, 0.25, 0.75, 0.95];
 
 /// Quantiles of each day, at [`FRACTIONS`].
@@ -20,20 +22,30 @@ pub(crate) struct Forecast {
 }
 
 impl Forecast {
-    pub(crate) fn new(filter: &Filter<&Model>, days: usize, seed: u64) -> Self {
+    pub(crate) fn new(
+        filter: &Filter<&Model>,
+        days: usize,
+        seed: u64,
+    ) -> Result<Self, Box<dyn Error>> {
+        let mut returns = Vec::with_capacity(days);
+        for day in 1..=days {
+            let next = filter.predictive(day, 0)?;
+            let mut at = [0.0; 4];
+            for (value, fraction) in at.iter_mut().zip(FRACTIONS) {
+                *value = next.quantile(fraction)?;
+            }
+            returns.push(at);
+        }
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        let mut returns = vec![Vec::with_capacity(FUTURES); days];
-        let mut total = returns.clone();
+        let mut total = vec![Vec::with_capacity(FUTURES); days];
         for _ in 0..FUTURES {
             let mut sum = 0.0;
             for (day, seen) in filter.simulate(days, &mut rng).observations().iter().enumerate() {
                 sum += seen[0];
-                returns[day].push(seen[0]);
                 total[day].push(sum);
             }
         }
-        let quantiles = |days: Vec<Vec<f64>>| days.into_iter().map(quantiles).collect();
-        Self { returns: quantiles(returns), total: quantiles(total) }
+        Ok(Self { returns, total: total.into_iter().map(quantiles).collect() })
     }
 }
 

@@ -1,5 +1,6 @@
 //! Finds the regimes of a market in daily returns and trading volumes: how many there are, what
-//! they are like, in which one each day was, and what the coming days may bring.
+//! they are like, in which one each day was, what the coming days may bring, and whether the model
+//! fits.
 //!
 //! ```text
 //! cargo run --release --features emission --example regimes -- [--seed N] [--repeat N] [--out FOLDER]
@@ -11,6 +12,7 @@
 mod forecast;
 mod market;
 mod picture;
+mod residuals;
 
 use std::error::Error;
 use std::fs;
@@ -19,13 +21,14 @@ use std::path::PathBuf;
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-use wayfix::emission::{CovarianceType, Gaussian, GaussianPrior, starts};
+use wayfix::emission::{CovarianceType, Gaussian, GaussianPrior, StartKind, starts};
 use wayfix::inference::{LearnError, LearnedModel, LearningOptions, ModelSelection};
 use wayfix::{DenseTransition, Hmm};
 
-use forecast::{FUTURES, Forecast};
+use forecast::Forecast;
 use market::Year;
 use picture::Shown;
+use residuals::Residuals;
 
 /// Random starts of each model.
 const STARTS: usize = 5;
@@ -44,7 +47,7 @@ struct Arguments {
     /// Number of simulated markets, to see how often the number of regimes is found.
     #[arg(long, default_value_t = 1)]
     repeat: u64,
-    /// Folder for the picture and the table of days.
+    /// Folder for the pictures and the table of days.
     #[arg(long, default_value = "target/regimes")]
     out: PathBuf,
 }
@@ -117,20 +120,22 @@ fn names(states: usize) -> Vec<String> {
     let known: &[&str] = match states {
         2 => &["calm", "panic"],
         3 => &["calm", "nervous", "panic"],
-        _ => &[],
+        4 => &["calm", "uneasy", "nervous", "panic"],
+        5 => &["calm", "uneasy", "nervous", "stormy", "panic"],
+        _ => &["calm", "quiet", "uneasy", "nervous", "stormy", "panic"],
     };
-    let name = |state: usize| known.get(state).map(ToString::to_string);
-    (0..states)
-        .map(|state| name(state).unwrap_or_else(|| format!("regime {}", state + 1)))
-        .collect()
+    known.iter().map(ToString::to_string).collect()
 }
 
 /// Prints the regimes and what the days after the last may bring, and draws them.
 fn describe(years: &[Year], states: usize, seed: u64, out: &PathBuf) -> Result<(), Box<dyn Error>> {
     let all: Vec<&Year> = years.iter().collect();
-    let model = ordered(learn(states, &all, seed)?.model())?;
+    let learned = learn(states, &all, seed)?;
+    let (kind, ends) = (StartKind::of(learned.start()), learned.ends());
+    println!("best start: {}, by {kind}; different ends of {STARTS}: {ends}\n", learned.start());
+    let model = ordered(learned.model())?;
     println!("regime     mean return   volatility   volume   days at a time");
-    let (names, mut volatilities) = (names(states), Vec::new());
+    let (names, mut moments) = (names(states), Vec::new());
     for (state, name) in names.iter().enumerate() {
         let (Some(mean), Some(covariance)) =
             (model.likelihood().mean(state), model.likelihood().covariance(state))
@@ -143,7 +148,7 @@ fn describe(years: &[Year], states: usize, seed: u64, out: &PathBuf) -> Result<(
             "{name:<8}   {:>9.3} %   {volatility:>8.3} %   {:>6.2}   {days:>14.1}",
             mean[0], mean[1]
         );
-        volatilities.push(volatility);
+        moments.push([mean[0], volatility]);
     }
 
     let year = &years[years.len() - 1];
@@ -162,8 +167,14 @@ fn describe(years: &[Year], states: usize, seed: u64, out: &PathBuf) -> Result<(
         let shares = names.iter().zip(belief).map(|(name, p)| format!("{name} {p:.3}"));
         println!("{day:>6}   {}", shares.collect::<Vec<String>>().join("   "));
     }
-    let forecast = Forecast::new(&filter, AHEAD, seed);
-    println!("\ncentral 90% of {FUTURES} simulated futures:");
+    let next = filter.predictive(1, 0)?;
+    println!("\nreturn of the next day, by its probability of being below:");
+    for p in [0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99] {
+        println!("{:>6.0} %   {:>6.2} %", 100.0 * p, next.quantile(p)?);
+    }
+    println!("probability of a loss above 2 %: {:.3}", next.tails(-2.0).below);
+    let forecast = Forecast::new(&filter, AHEAD, seed)?;
+    println!("\ncentral 90% of the forecast:");
     for (what, [low, .., high]) in [
         ("return of the next day", forecast.returns[0]),
         (&format!("return of the day {AHEAD} days ahead"), forecast.returns[AHEAD - 1]),
@@ -183,11 +194,18 @@ fn describe(years: &[Year], states: usize, seed: u64, out: &PathBuf) -> Result<(
         table.write_record(values.into_iter().chain(belief.iter().map(f64::to_string)))?;
     }
     table.flush()?;
-    let names = names.iter().zip(volatilities);
-    let names = names.map(|(name, volatility)| format!("{name}: {volatility:.1} % a day"));
+    let names = names.iter().zip(moments);
+    let names = names.map(|(name, [mean, volatility])| {
+        // U+2212, since a hyphen is hard to see.
+        let sign = if mean < 0.0 { "−" } else { "" };
+        format!("{name}: {sign}{:.2} ± {volatility:.2} % a day", mean.abs())
+    });
     let beliefs = probabilities.into_iter().chain(ahead).collect();
     let shown = Shown { year, names: names.collect(), beliefs, forecast };
     shown.draw(&out.join("regimes.svg"))?;
-    println!("\nwritten: {0}/regimes.svg, {0}/days.csv", out.display());
+    let residuals = Residuals::new(&model, years)?;
+    residuals.describe();
+    residuals.draw(&out.join("residuals.svg"))?;
+    println!("\nwritten: {0}/regimes.svg, {0}/residuals.svg, {0}/days.csv", out.display());
     Ok(())
 }

@@ -20,7 +20,7 @@ const COLOURS: [RGBColor; 6] = [
     RGBColor(0, 158, 115),
     RGBColor(0, 114, 178),
 ];
-const PALE: RGBColor = RGBColor(225, 225, 225);
+pub(crate) const PALE: RGBColor = RGBColor(225, 225, 225);
 /// Colours of 90% and of half of the futures.
 const FAN: [RGBColor; 2] = [RGBColor(205, 205, 205), RGBColor(140, 140, 140)];
 const SIZE: (u32, u32) = (860, 800);
@@ -40,7 +40,7 @@ pub(crate) struct Shown<'a> {
     pub(crate) forecast: Forecast,
 }
 
-fn font(size: i32, horizontal: HPos) -> TextStyle<'static> {
+pub(crate) fn font(size: i32, horizontal: HPos) -> TextStyle<'static> {
     let style = TextStyle::from(("sans-serif", size).into_font()).color(&BLACK);
     style.pos(Pos::new(horizontal, VPos::Center))
 }
@@ -69,7 +69,7 @@ impl Shown<'_> {
             area.draw(&Text::new(name.clone(), (x + 25, 55), font(18, HPos::Left)))?;
             x += 46 + i32::try_from(8 * name.chars().count())?;
         }
-        for (number, text) in ["90% of simulated futures", "half of them"].iter().enumerate() {
+        for (number, text) in ["forecast: central 90%", "central half"].iter().enumerate() {
             let left = 20 + 240 * i32::try_from(number)?;
             area.draw(&Rectangle::new([(left, 76), (left + 18, 90)], FAN[number].filled()))?;
             area.draw(&Text::new(*text, (left + 25, 83), font(18, HPos::Left)))?;
