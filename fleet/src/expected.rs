@@ -2,13 +2,10 @@
 
 use wayfix::error::At;
 use wayfix::inference::{Expectations, LearningOptions};
-use wayfix::transition::LearnTransition;
+use wayfix::transition::{LearnTransition, MoveCounts};
 use wayfix::{Hmm, InferenceError};
 #[cfg(feature = "sql")]
-use wayfix::{
-    likelihood::LearnLikelihood,
-    transition::{Move, MoveCounts},
-};
+use wayfix::{likelihood::LearnLikelihood, transition::Move};
 
 use crate::error::{FleetError, Outcome};
 use crate::input::Drives;
@@ -41,7 +38,7 @@ impl Expected {
     /// Expectations of no drive.
     pub(crate) fn nothing<A>(hmm: &Hmm<A, Sensor>) -> Self
     where
-        A: LearnTransition<Control = ()>,
+        A: LearnTransition<Control = (), Statistics = MoveCounts>,
     {
         Self { sum: hmm.no_expectations(), drives: 0, left_out: 0 }
     }
@@ -50,7 +47,7 @@ impl Expected {
     /// an error.
     pub(crate) fn of<A>(hmm: &Hmm<A, Sensor>, drives: &Drives) -> Outcome<Self>
     where
-        A: LearnTransition<Control = ()> + Sync,
+        A: LearnTransition<Control = (), Statistics = MoveCounts> + Sync,
     {
         let all = drives.observations()?;
         let each: Vec<_> =
@@ -68,7 +65,7 @@ impl Expected {
     /// Returns the sums.
     #[cfg(feature = "sql")]
     pub(crate) fn sums(&self) -> Sums {
-        let moves = self.sum.moves().iter().flat_map(MoveCounts::moves);
+        let moves = self.sum.moves().moves();
         Sums {
             first: self.sum.first().to_vec(),
             moves: moves.map(|m| (m.from, m.to, m.weight)).collect(),
@@ -83,7 +80,7 @@ impl Expected {
     #[cfg(feature = "sql")]
     pub(crate) fn from_sums<A>(hmm: &Hmm<A, Sensor>, sums: Sums) -> Outcome<Self>
     where
-        A: LearnTransition<Control = ()>,
+        A: LearnTransition<Control = (), Statistics = MoveCounts>,
     {
         let Sums { first, moves, sensor, log_likelihood, drives, left_out } = sums;
         let known = hmm.likelihood().statistics().len();
@@ -92,7 +89,7 @@ impl Expected {
             return Err(FleetError::Learning(message));
         }
         let moves = moves.into_iter().map(|(from, to, weight)| Move { from, to, weight });
-        let moves = vec![MoveCounts::from_moves(moves)];
+        let moves = MoveCounts::from_moves(moves);
         let sum = Expectations::new(first, moves, sensor, log_likelihood);
         Ok(Self { sum, drives, left_out })
     }
@@ -100,7 +97,7 @@ impl Expected {
     /// Adds those of other drives.
     pub(crate) fn merge<A>(&mut self, hmm: &Hmm<A, Sensor>, other: &Self)
     where
-        A: LearnTransition<Control = ()>,
+        A: LearnTransition<Control = (), Statistics = MoveCounts>,
     {
         hmm.merge_expectations(&mut self.sum, &other.sum);
         self.drives += other.drives;
@@ -110,8 +107,7 @@ impl Expected {
     /// Number of the numbers in the sums, moves counted as three.
     #[cfg(feature = "sql")]
     pub(crate) fn numbers(&self) -> usize {
-        let moves: usize = self.sum.moves().iter().map(|counts| counts.moves().len()).sum();
-        self.sum.first().len() + self.sum.sensor().len() + 3 * moves
+        self.sum.first().len() + self.sum.sensor().len() + 3 * self.sum.moves().moves().len()
     }
 
     /// Log-likelihood of all drives that are not left out.
@@ -126,7 +122,7 @@ impl Expected {
         keep_prior: bool,
     ) -> Outcome<Hmm<A, Sensor>>
     where
-        A: LearnTransition<Control = ()>,
+        A: LearnTransition<Control = (), Statistics = MoveCounts>,
     {
         let options = LearningOptions { keep_prior, ..LearningOptions::default() };
         let learned = hmm.maximize(&self.sum, &options);

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use wayfix::Hmm;
-use wayfix::transition::LearnTransition;
+use wayfix::transition::{LearnTransition, MoveCounts};
 
 use crate::error::{FleetError, Outcome};
 use crate::expected::Expected;
@@ -87,7 +87,11 @@ pub(crate) fn iterate<A>(
     mut expect: impl FnMut(&Hmm<A, Sensor>, usize) -> Outcome<Expected>,
 ) -> Outcome<Course>
 where
-    A: LearnTransition<Control = ()> + Clone + Sync + Serialize + for<'de> Deserialize<'de>,
+    A: LearnTransition<Control = (), Statistics = MoveCounts>
+        + Clone
+        + Sync
+        + Serialize
+        + for<'de> Deserialize<'de>,
 {
     if !(job.tolerance >= 0.0 && job.tolerance.is_finite()) {
         let message = format!("the tolerance is {}, expected a value of at least 0", job.tolerance);
@@ -165,7 +169,7 @@ fn expect<A>(
     mut progress: impl FnMut(&Progress),
 ) -> Outcome<Expected>
 where
-    A: LearnTransition<Control = ()> + Sync,
+    A: LearnTransition<Control = (), Statistics = MoveCounts> + Sync,
 {
     let found = input::open(&job.input, &job.names, hmm.likelihood(), 0)?;
     let mut sum = Expected::nothing(hmm);

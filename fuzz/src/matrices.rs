@@ -6,8 +6,8 @@ use wayfix::motion::{
     ViewEvidence,
 };
 use wayfix::transition::{
-    EvidenceTransition, KroneckerTransition, RestartTransition, SwitchedTransition,
-    WindowTransition,
+    EvidenceTransition, GeneratorTransition, KroneckerTransition, RestartTransition,
+    SwitchedTransition, WindowTransition,
 };
 use wayfix::{Belief, DenseTransition, SparseTransition, TransitionEntries};
 
@@ -85,7 +85,7 @@ fn window(draw: &mut Draw<'_>, n: usize, range: Range) -> Option<(Plain, Matrix)
 /// matrix of each of its controls.
 pub(crate) fn driven(draw: &mut Draw<'_>, n: usize, range: Range) -> (Driven, Vec<Matrix>) {
     let count = 1 + draw.below(3);
-    match draw.below(7) {
+    match draw.below(8) {
         0 | 1 => {
             let matrices: Vec<Matrix> = (0..count).map(|_| matrix(draw, n, range)).collect();
             let switched = SwitchedTransition::new(matrices.iter().map(sparse).collect());
@@ -113,6 +113,17 @@ pub(crate) fn driven(draw: &mut Draw<'_>, n: usize, range: Range) -> (Driven, Ve
             (Driven::Distance(distance, controls), matrices)
         }
         3 | 4 => measured(draw, n, range, count),
+        7 => {
+            // Times after which no entry is below the least double.
+            let rates = [0.0, 0.0, 1e-3, 0.1, 1.0, 2.5];
+            let rates: Vec<_> = (0..n * n).map(|at| (at / n, at % n, draw.pick(&rates))).collect();
+            let moves = rates.into_iter().filter(|(to, from, _)| to != from);
+            let generator = GeneratorTransition::from_triplets(n, moves).expect("rates");
+            let times = [0.0, 1e-3, 0.4, 1.0, 3.0, 25.0];
+            let times: Vec<f64> = (0..count).map(|_| draw.pick(&times)).collect();
+            let matrices = times.iter().map(|u| logarithms(&listed(&generator, u))).collect();
+            (Driven::Generator(generator, times), matrices)
+        }
         5 if n.is_multiple_of(2) => pairs(draw, n, range, count),
         _ => {
             let route = route(draw, n);

@@ -4,8 +4,8 @@
 use wayfix::motion::{DistanceTransition, OdometryReading};
 use wayfix::motion::{RouteControl, RouteTransition};
 use wayfix::transition::{
-    EvidenceTransition, KroneckerTransition, LearnTransition, MoveCounts, RestartTransition,
-    Stored, SwitchedTransition, WindowTransition,
+    EvidenceTransition, GeneratorTransition, KroneckerTransition, LearnTransition, MoveCounts,
+    RestartTransition, Stored, SwitchedTransition, WindowTransition,
 };
 use wayfix::{DenseTransition, SparseTransition, Transition, TransitionEntries, TransitionError};
 
@@ -43,6 +43,7 @@ pub(crate) enum Driven {
     Switched(SwitchedTransition<SparseTransition>, Vec<usize>),
     Route(RouteTransition, Vec<RouteControl>),
     Distance(DistanceTransition, Vec<Option<OdometryReading>>),
+    Generator(GeneratorTransition, Vec<f64>),
     Measured(Measured, Vec<Measurement>),
     Restart(RestartTransition<Measured>, Vec<Measurement>),
     Pairs(KroneckerTransition<OneOfTwo, OneOfTwo>, Vec<[Measurement; 2]>),
@@ -73,6 +74,10 @@ macro_rules! driven {
                 $value
             }
             Driven::Distance($a, controls) => {
+                let $u = &controls[*$control];
+                $value
+            }
+            Driven::Generator($a, controls) => {
                 let $u = &controls[*$control];
                 $value
             }
@@ -144,11 +149,21 @@ impl TransitionEntries for Plain {
 
 /// Matrices are learned, others stay as they are.
 impl LearnTransition for Plain {
-    fn families(&self) -> usize {
-        usize::from(matches!(self, Self::Sparse(_) | Self::Dense(_)))
+    type Statistics = MoveCounts;
+
+    fn statistics(&self) -> MoveCounts {
+        MoveCounts::default()
     }
 
-    fn maximize(&self, counts: &[MoveCounts], pseudo_count: f64) -> Result<Self, TransitionError> {
+    fn merge(&self, counts: &mut MoveCounts, other: &MoveCounts) {
+        counts.merge(other);
+    }
+
+    fn counts<'s>(&self, counts: &'s mut MoveCounts, (): &()) -> Option<&'s mut MoveCounts> {
+        matches!(self, Self::Sparse(_) | Self::Dense(_)).then_some(counts)
+    }
+
+    fn maximize(&self, counts: &MoveCounts, pseudo_count: f64) -> Result<Self, TransitionError> {
         Ok(match self {
             Self::Sparse(a) => Self::Sparse(a.maximize(counts, pseudo_count)?),
             Self::Dense(a) => Self::Dense(a.maximize(counts, pseudo_count)?),
@@ -181,6 +196,7 @@ impl Transition for Driven {
             Self::Switched(a, _) => a.states(),
             Self::Route(a, _) => a.states(),
             Self::Distance(a, _) => a.states(),
+            Self::Generator(a, _) => a.states(),
             Self::Measured(a, _) => a.states(),
             Self::Restart(a, _) => a.states(),
             Self::Pairs(a, _) => a.states(),
@@ -220,6 +236,7 @@ impl Transition for Driven {
             Self::Switched(_, controls) => controls.len(),
             Self::Route(_, controls) => controls.len(),
             Self::Distance(_, controls) => controls.len(),
+            Self::Generator(_, controls) => controls.len(),
             Self::Measured(_, controls) | Self::Restart(_, controls) => controls.len(),
             Self::Pairs(_, controls) => controls.len(),
         };

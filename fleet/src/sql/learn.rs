@@ -8,7 +8,7 @@ use datafusion::prelude::SessionContext;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use wayfix::Hmm;
-use wayfix::transition::LearnTransition;
+use wayfix::transition::{LearnTransition, MoveCounts};
 
 use super::expect::{NAME, Sent};
 use super::query::{ATTEMPTS, Source, is_lost, session};
@@ -61,7 +61,11 @@ fn run<A>(
     mut progress: impl FnMut(usize),
 ) -> Outcome<Course>
 where
-    A: LearnTransition<Control = ()> + Clone + Sync + Serialize + DeserializeOwned,
+    A: LearnTransition<Control = (), Statistics = MoveCounts>
+        + Clone
+        + Sync
+        + Serialize
+        + DeserializeOwned,
 {
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(job.threads.max(1))

@@ -171,12 +171,10 @@ fn compare<B>(
         let column = |rows: &Matrix| rows.iter().map(|row| row[from]).collect::<Vec<f64>>();
         let mut found = vec![0.0; scene.states];
         model.transition().outgoing(&(), from).for_each(|(to, p)| found[to] = p);
-        let seen = if model.transition().families() > 0 {
-            column(&expected.moves)
-        } else {
-            vec![0.0; scene.states]
-        };
-        let pseudo = if model.transition().families() > 0 { pseudo } else { 0.0 };
+        let operator = model.transition();
+        let learned = operator.counts(&mut operator.statistics(), &()).is_some();
+        let seen = if learned { column(&expected.moves) } else { vec![0.0; scene.states] };
+        let pseudo = if learned { pseudo } else { 0.0 };
         distribution("column", &found, &column(matrix), &seen, pseudo);
     }
 }

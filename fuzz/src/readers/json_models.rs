@@ -4,8 +4,8 @@ use serde::{Serialize, de::DeserializeOwned};
 use wayfix::likelihood::{GroupedLikelihood, Groups, PooledLikelihood, SparseObservation};
 use wayfix::motion::{DistanceTransition, OffMapTransition};
 use wayfix::transition::{
-    DwellTransition, KroneckerTransition, PowerTransition, RestartTransition, SwitchedTransition,
-    TiedTransition,
+    ConstrainedTransition, DwellTransition, GeneratorTransition, KroneckerTransition,
+    PowerTransition, RestartTransition, SwitchedTransition,
 };
 use wayfix::{
     Belief, DenseTransition, FusedLikelihood, Hmm, Likelihood, LikelihoodVector,
@@ -47,14 +47,14 @@ fn sparse(draw: &mut Draw<'_>, n: usize, range: Range) -> SparseTransition {
 fn plain(draw: &mut Draw<'_>, n: usize, range: Range, belief: Belief, counts: &mut Counts) {
     let base = sparse(draw, n, range);
     let rate = draw.pick(&[0.5, 0.0, 1.0, 1e-9]);
-    match draw.below(9) {
+    match draw.below(10) {
         0 => operator(draw, &base, &(), counts),
         1 => {
             let dense = DenseTransition::from_fn(n, |to, from| base.get(to, from));
             operator(draw, &dense.expect("a matrix"), &(), counts);
         }
         2 => {
-            let tied = TiedTransition::new(base, |from, to| (from * 3 + to) % 2);
+            let tied = ConstrainedTransition::new(base).with_ties(|from, to| (from * 3 + to) % 2);
             operator(draw, &tied, &(), counts);
         }
         3 => {
@@ -86,6 +86,16 @@ fn plain(draw: &mut Draw<'_>, n: usize, range: Range, belief: Belief, counts: &m
             let pairs = KroneckerTransition::new(base, other).expect("few states");
             operator(draw, &pairs, &(), counts);
         }
+        8 => {
+            let moves = base.triplets().filter(|&(to, from, p)| to != from && p > 1e-290);
+            let generator = GeneratorTransition::from_triplets(n, moves).expect("rates");
+            let time = draw.pick(&[1.5, 0.0, 1e6, 1e300]);
+            if let Some(a) =
+                read(draw, &generator, counts).filter(|a| a.check_control(&time).is_ok())
+            {
+                usable(&a, &time, counts);
+            }
+        }
         _ => {
             if let (Plain::Window(window), _) = matrices::plain(draw, n, range) {
                 operator(draw, &window, &(), counts);
@@ -110,6 +120,7 @@ fn driven(draw: &mut Draw<'_>, n: usize, range: Range, counts: &mut Counts) {
         Driven::Distance(a, controls) => {
             operator::<DistanceTransition>(draw, &a, &controls[0], counts);
         }
+        Driven::Generator(a, times) => operator(draw, &a, &times[0], counts),
         // Functions are not stored.
         Driven::Measured(..) | Driven::Restart(..) | Driven::Pairs(..) => {}
     }
