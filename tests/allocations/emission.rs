@@ -5,8 +5,9 @@ use std::fmt::Debug;
 
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use wayfix::emission::{
-    Bernoulli, Gamma, Gaussian, GaussianMixture, Independent, LinearRegression, LogNormal,
-    Multinomial, Poisson, Product, StudentT, VonMises, VonMisesFisher,
+    Bernoulli, Beta, Binomial, Exponential, Gamma, Gaussian, GaussianMixture, Hurdle, Independent,
+    LinearRegression, LogNormal, Multinomial, NegativeBinomial, Poisson, Product, SkewedT,
+    StudentT, VonMises, VonMisesFisher, Weibull, WrappedCauchy, ZeroInflated,
 };
 use wayfix::likelihood::{LearnLikelihood, Likelihood, SampleObservation, Scratch};
 use wayfix::{Belief, DenseTransition, Hmm, Prior};
@@ -93,6 +94,10 @@ fn families_allocate_nothing_in_a_step() {
     drawn("mixture, diagonal", mixture, Some(GaussianMixture::with_missing));
     let mixture = GaussianMixture::full(&weights, &parts, &[[full; 2]; 2]).unwrap();
     drawn("mixture, full", mixture, Some(GaussianMixture::with_missing));
+    let mixture = GaussianMixture::spherical(&weights, &parts, &[[1.0; 2]; 2]).unwrap();
+    drawn("mixture, spherical", mixture, Some(GaussianMixture::with_missing));
+    let mixture = GaussianMixture::tied(&weights, &parts, &[full; 2]).unwrap();
+    drawn("mixture, tied", mixture, Some(GaussianMixture::with_missing));
     let missing = |heavy: StudentT| {
         StudentT::new(heavy.degrees(), heavy.gaussian().clone().with_missing()).unwrap()
     };
@@ -108,8 +113,27 @@ fn families_allocate_nothing_in_a_step() {
         Poisson::family(&[[2.0, 30.0], [7.0, 1.0]]).unwrap(),
         Some(Independent::with_missing),
     );
+    let counts = Binomial::family(&[9, 300], &rates).unwrap();
+    drawn("binomial", counts, Some(Independent::with_missing));
+    drawn("exponential", Exponential::family(&rates).unwrap(), Some(Independent::with_missing));
+    let counts = NegativeBinomial::family(&[[2.0, 30.0], [7.0, 1.0]], &rates).unwrap();
+    drawn("negative binomial", counts, Some(Independent::with_missing));
+    let few = [[Poisson::new(2.0).unwrap(); 2], [Poisson::new(7.0).unwrap(); 2]];
+    let counts = ZeroInflated::family(&rates, &few).unwrap();
+    drawn("zero-inflated", counts, Some(Independent::with_missing));
+    let counts = Hurdle::family(&rates, &few).unwrap();
+    drawn("hurdle", counts, Some(Independent::with_missing));
     let gamma = Gamma::family(&[[2.0, 3.0], [0.5, 9.0]], &[[1.0, 2.0], [3.0, 4.0]]).unwrap();
     drawn("gamma", gamma, Some(Independent::with_missing));
+    let shapes = [[2.0, 3.0], [0.5, 9.0]];
+    let weibull = Weibull::family(&shapes, &shapes).unwrap();
+    drawn("Weibull", weibull, Some(Independent::with_missing));
+    let beta = Beta::family(&shapes, &shapes).unwrap();
+    drawn("beta", beta, Some(Independent::with_missing));
+    let skewed = SkewedT::family(&shapes, &shapes, &shapes, &shapes).unwrap();
+    drawn("skewed t", skewed, Some(Independent::with_missing));
+    let turns = WrappedCauchy::family(&shapes, &rates).unwrap();
+    drawn("wrapped Cauchy", turns, Some(Independent::with_missing));
     let log_normal =
         LogNormal::family(&[[0.0, 1.0], [2.0, 3.0]], &[[1.0, 0.5], [0.2, 1.0]]).unwrap();
     drawn("log-normal", log_normal, Some(Independent::with_missing));

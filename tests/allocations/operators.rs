@@ -7,8 +7,8 @@ use wayfix::motion::{
     WheelTransition, Wheels,
 };
 use wayfix::transition::{
-    DwellTransition, EvidenceTransition, KroneckerTransition, PowerTransition, RestartTransition,
-    WindowTransition,
+    DwellTransition, EvidenceTransition, GeneratorTransition, KroneckerTransition, LearnTransition,
+    LogitTransition, PowerTransition, RestartTransition, WindowTransition,
 };
 use wayfix::{
     Belief, FusedLikelihood, Hmm, LikelihoodVector, OptionalLikelihood, Prior, SparseLikelihood,
@@ -56,7 +56,11 @@ fn products_allocate_nothing_after_the_first() {
     };
     let measured = EvidenceTransition::new(route(), near).unwrap();
     check_with("evidence", &measured, &60.0);
+    let by_inputs = LogitTransition::new(&route(), 2).unwrap();
+    let by_inputs = by_inputs.with_slopes(3, 4, &[1.0, -300.0]).unwrap();
+    check_with("by inputs", &by_inputs, &vec![0.5, -1.0]);
     check_wheels();
+    check_generator();
     let off = OffMapTransition::new(measured.clone(), 0.1, 0.1, Belief::uniform(20).unwrap());
     check_with("evidence off the map", &off.unwrap(), &60.0);
     check("power", &PowerTransition::new(lost(), 3));
@@ -102,6 +106,20 @@ fn products_allocate_nothing_after_the_first() {
     });
     assert_eq!(found, 0, "evidence");
 
+    // One with moves by inputs, near and below the range of doubles.
+    let prior = Prior::AtFirstObservation(Belief::uniform(20).unwrap());
+    let hmm = Hmm::new(prior, by_inputs, LikelihoodVector::linear(20)).unwrap();
+    let mut filter = hmm.filter();
+    let inputs = [vec![0.5, -1.0], vec![0.0, 4.0]];
+    inputs.iter().for_each(|u| _ = filter.step_with(u, &[0.5; 20]).unwrap());
+    let found = allocations(|| {
+        for k in 0..100 {
+            filter.step_with(&inputs[k % 2], &[0.5; 20]).unwrap();
+            filter.predict_with(&inputs[0]).unwrap();
+        }
+    });
+    assert_eq!(found, 0, "by inputs");
+
     // One of images, as numbers and as logarithms.
     let images = Groups::new((0..40).map(|image| image % 20).collect()).unwrap();
     for sensor in [LikelihoodVector::linear(40), LikelihoodVector::log(40)] {
@@ -120,6 +138,34 @@ fn products_allocate_nothing_after_the_first() {
         });
         assert_eq!(found, 0, "pooled");
     }
+}
+
+/// By a short series and a long one, and by a matrix; with a filter, and what a step adds to
+/// statistics.
+fn check_generator() {
+    let line = |n: usize| (1..n).flat_map(|i| [(i, i - 1, 1.0), (i - 1, i, 0.5)]);
+    let few = GeneratorTransition::from_triplets(20, line(20)).unwrap();
+    let many = GeneratorTransition::from_triplets(600, line(600)).unwrap();
+    for time in [0.0, 0.3, 40.0, 1e6] {
+        check_with("generator", &few, &time);
+        let (b, mut after, mut sums) = (vec![0.05; 20], vec![0.0; 20], few.statistics());
+        after[0] = 20.0;
+        few.add_step(&mut sums, &time, &b, &after, 1.0);
+        let found = allocations(|| _ = few.add_step(&mut sums, &time, &b, &after, 1.0));
+        assert_eq!(found, 0, "statistics of a step of {time}");
+    }
+    check_with("generator", &many, &2.0);
+    let prior = Prior::AtFirstObservation(Belief::uniform(20).unwrap());
+    let hmm = Hmm::new(prior, few, LikelihoodVector::linear(20)).unwrap();
+    let mut filter = hmm.filter();
+    let times = [0.1, 3.0, 500.0, 1e5];
+    times.iter().for_each(|time| _ = filter.step_with(time, &[0.5; 20]).unwrap());
+    let found = allocations(|| {
+        for k in 0..100 {
+            filter.step_with(&times[k % 4], &[0.5; 20]).unwrap();
+        }
+    });
+    assert_eq!(found, 0, "generator");
 }
 
 /// A step within a cell, and one in which scales change, which a filter takes.

@@ -6,14 +6,14 @@ use std::path::Path;
 
 /// From the lowest up; modules of one layer don't know each other.
 const LAYERS: [&[&str]; 13] = [
-    &["error", "random", "limits", "files"],
+    &["error", "random", "limits", "files", "standard_normal"],
     &["kernels", "sequence", "fixed", "reorder"],
-    &["belief"],
+    &["belief", "free_parameters"],
     &["groups"],
     &["transition", "likelihood"],
     &["hmm", "evaluate"],
-    &["inference", "map", "emission"],
-    &["motion"],
+    &["inference", "map"],
+    &["emission", "motion"],
     &["observation"],
     &["recognition", "matching", "canberra"],
     &["persistence"],
@@ -101,8 +101,8 @@ const ROOMS: [(&str, &[&[&str]]); 2] = [
         &[
             &["error"],
             &["check", "special", "rows"],
-            &["columns", "series"],
-            &["family", "clusters"],
+            &["columns", "series", "tails"],
+            &["family", "marginals", "clusters"],
             &["normal", "concentration"],
             &["independent", "gaussian"],
             &[
@@ -114,6 +114,7 @@ const ROOMS: [(&str, &[&[&str]]); 2] = [
             ],
             &["product"],
             &["start"],
+            &["symbols", "residuals", "predictive"],
         ],
     ),
 ];

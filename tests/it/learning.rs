@@ -4,7 +4,9 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use wayfix::inference::{LabelledSequence, LearnError, LearnedModel, LearningOptions, Simulation};
 use wayfix::likelihood::{GroupedLikelihood, Groups, LearnLikelihood, SparseObservation};
-use wayfix::transition::{EvidenceTransition, LearnTransition, SwitchedTransition, TiedTransition};
+use wayfix::transition::{
+    ConstrainedTransition, EvidenceTransition, LearnTransition, SwitchedTransition,
+};
 use wayfix::{
     Belief, Controlled, DenseTransition, Fixed, FusedLikelihood, Hmm, OptionalLikelihood, Prior,
     SparseLikelihood, SparseTransition, TableLikelihood, canberra,
@@ -295,9 +297,9 @@ proptest! {
         let label = |from: usize, to: usize| labels[from * 5 + to];
         let single = |m: &Vec<Vec<f64>>| {
             let entries = (0..n * n).map(|at| (at / n, at % n, m[at / n][at % n]));
-            TiedTransition::new(SparseTransition::from_triplets(n, entries).unwrap(), label)
+            ConstrainedTransition::new(SparseTransition::from_triplets(n, entries).unwrap()).with_ties(label)
         };
-        let tied: Vec<TiedTransition> = case.model.matrices.iter().map(single).collect();
+        let tied: Vec<ConstrainedTransition> = case.model.matrices.iter().map(single).collect();
         // Enumerate with the tied matrices.
         let mut tied_case = case.clone();
         for (matrix, tied) in tied_case.model.matrices.iter_mut().zip(&tied) {
@@ -343,10 +345,92 @@ proptest! {
     }
 }
 
+proptest! {
+    /// Fixed entries stay, the others share the rest by their counts and pseudo-counts, with ties
+    /// or without.
+    #[test]
+    fn fixed_entries_and_their_pseudo_counts_equal_enumeration(
+        case in instances(Kind::Plain), fixed in vec(any::<bool>(), 25),
+        sticky in 0.0..3.0_f64, is_tied: bool,
+    ) {
+        let (n, fixed) = (case.model.states, &fixed);
+        let (is_fixed, label) = (|from: usize, to: usize| fixed[from * 5 + to], |from: usize, to: usize| {
+            if is_tied { usize::from(from == to) } else { from * 5 + to }
+        });
+        let prior = |from: usize, to: usize| if from == to { sticky } else { 0.0 };
+        let single = |m: &Vec<Vec<f64>>| {
+            let entries = (0..n * n).map(|at| (at / n, at % n, m[at / n][at % n]));
+            ConstrainedTransition::new(SparseTransition::from_triplets(n, entries).unwrap())
+                .with_fixed(is_fixed)
+                .with_ties(label)
+                .with_pseudo_counts(prior)
+                .unwrap()
+        };
+        let constrained: Vec<ConstrainedTransition> = case.model.matrices.iter().map(single).collect();
+        let mut case = case;
+        for (matrix, a) in case.model.matrices.iter_mut().zip(&constrained) {
+            for (to, row) in matrix.iter_mut().enumerate() {
+                row.iter_mut().enumerate().for_each(|(from, p)| {
+                    if is_fixed(from, to) {
+                        assert_eq!(*p, a.get(to, from));
+                    }
+                    *p = a.get(to, from);
+                });
+            }
+        }
+        let counts = case.count();
+        let operator = SwitchedTransition::new(constrained).unwrap();
+        let Some(learned) = learn(&case, operator, 1) else { return Ok(()) };
+        for (u, matrix) in case.model.matrices.iter().enumerate() {
+            let free = |from: usize| (0..n).filter(move |&to| matrix[to][from] > 0.0 && !fixed[from * 5 + to]);
+            let kind = |from: usize| {
+                let mut kind: Vec<usize> = free(from).map(|to| label(from, to)).collect();
+                kind.sort_unstable();
+                kind
+            };
+            for from in 0..n {
+                let alike: Vec<usize> = (0..n).filter(|j| kind(*j) == kind(from)).collect();
+                let seen = |l: usize| -> f64 {
+                    let moves = |&j: &usize| -> f64 {
+                        let ways = free(j).filter(|to| label(j, *to) == l);
+                        ways.map(|to| counts.moves[u][to][j] + prior(j, to)).sum()
+                    };
+                    alike.iter().map(moves).sum::<f64>() + case.pseudo_counts[1]
+                };
+                let mut distinct = kind(from);
+                distinct.dedup();
+                let total: f64 = distinct.iter().map(|l| seen(*l)).sum();
+                let rest: f64 = free(from).map(|to| matrix[to][from]).sum();
+                for to in 0..n {
+                    let expected = if fixed[from * 5 + to] || matrix[to][from] == 0.0 || total == 0.0 {
+                        matrix[to][from]
+                    } else {
+                        let times = kind(from).iter().filter(|l| **l == label(from, to)).count();
+                        rest * seen(label(from, to)) / total / times as f64
+                    };
+                    close(entry(learned.model().transition(), u, to, from), expected, 1e-10, 1e-200)?;
+                }
+            }
+        }
+        let more = learn(&case, learned.model().transition().clone(), 10).unwrap();
+        prop_assert!(more.objectives().windows(2).all(|pair| pair[1] >= pair[0] - 1e-9 * pair[0].abs().max(1.0)));
+    }
+}
+
+#[test]
+fn pseudo_counts_are_finite_numbers() {
+    let a = SparseTransition::from_rows(&[[0.5, 0.5], [0.5, 0.5]]).unwrap();
+    for bad in [f64::NAN, -1.0, f64::INFINITY] {
+        let counts = |from: usize, to: usize| if (from, to) == (0, 1) { bad } else { 1.0 };
+        let error = ConstrainedTransition::new(a.clone()).with_pseudo_counts(counts).unwrap_err();
+        assert!(error.to_string().starts_with("the transition from state 0 to state 1 has weight"));
+    }
+}
+
 #[test]
 fn what_learning_drops_is_no_parameter_any_more() {
     let a = SparseTransition::from_rows(&[[0.5, 0.5], [0.5, 0.5]]).unwrap();
-    let tied = TiedTransition::new(a, |from, to| usize::from(from != to));
+    let tied = ConstrainedTransition::new(a).with_ties(|from, to| usize::from(from != to));
     assert_eq!(tied.parameters(), 2);
     let prior = Prior::AtFirstObservation(Belief::new(vec![1.0, 0.0]).unwrap());
     let sensor = TableLikelihood::from_rows(&[[1.0, 0.0], [0.0, 1.0]]).unwrap();
@@ -360,7 +444,7 @@ fn what_learning_drops_is_no_parameter_any_more() {
 fn tied_turning_probabilities_are_found_again() {
     let map = canberra::map();
     let truth = canberra::turning().tied(&map);
-    let hmm = |a: TiedTransition| {
+    let hmm = |a: ConstrainedTransition| {
         let prior = Prior::AtFirstObservation(Belief::uniform(canberra::PLACES).unwrap());
         Hmm::new(prior, a, Fixed(canberra::sensor(1.0).unwrap())).unwrap().with_rounded_tails()
     };
@@ -379,7 +463,7 @@ fn tied_turning_probabilities_are_found_again() {
         let road = map.roads_from(from).find(|road| road.0 == to);
         road.map_or(0, |(_, road)| 1 + road.class as usize)
     };
-    let start = TiedTransition::new(alike, labels);
+    let start = ConstrainedTransition::new(alike).with_ties(labels);
     let learning = LearningOptions {
         keep_prior: true,
         transition_pseudo_count: 1.0,
@@ -389,7 +473,7 @@ fn tied_turning_probabilities_are_found_again() {
     assert!(learned.converged());
     // The mean distance to the true turns (total variation, in the places that
     // drives stay in) is less than a third of what it was.
-    let distance = |a: &TiedTransition| -> f64 {
+    let distance = |a: &ConstrainedTransition| -> f64 {
         let turns =
             (0..canberra::PLACES).flat_map(|from| (0..canberra::PLACES).map(move |to| (to, from)));
         turns.map(|(to, from)| (a.get(to, from) - truth.get(to, from)).abs() / 2.0).sum()

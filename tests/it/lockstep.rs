@@ -329,7 +329,7 @@ fn a_lane_that_does_not_hold_costs_no_other_sequence_its_counts() {
         .iter()
         .filter_map(|drive| hmm.expected_moves(drive).ok())
         .for_each(|moves| counts.merge(&moves));
-    let expected = hmm.transition().maximize(&[counts], 0.0).unwrap();
+    let expected = hmm.transition().maximize(&counts, 0.0).unwrap();
     for (to, from) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
         let (found, expected) =
             (learned.model().transition().get(to, from), expected.get(to, from));

@@ -20,6 +20,7 @@ mod evidence;
 #[cfg(feature = "faer")]
 mod faer;
 mod fitted_turning;
+mod information;
 mod invariants;
 mod large;
 mod layers;
@@ -40,17 +41,22 @@ mod operators;
 mod persistence;
 mod place_recognition;
 mod pruned;
+#[cfg(feature = "emission")]
+mod published;
 mod recognition;
 mod reference_cases;
 #[cfg(feature = "roads")]
 mod road_import;
 mod routines;
+mod segments;
 mod sensors;
 mod shortest_path;
+mod silent_states;
 mod simulation;
 mod single;
 mod small;
 mod snapshots;
+mod stationary;
 mod steps_in_logs;
 mod streams;
 mod trellis;

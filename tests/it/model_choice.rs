@@ -8,10 +8,13 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use rand::RngExt;
 use wayfix::inference::{
-    Candidate, Expectations, LabelledSequence, LearnError, LearningOptions, ModelSelection,
+    Candidate, Expectations, LabelledSequence, LearnError, LearnedModel, LearningOptions,
+    ModelSelection,
 };
 use wayfix::likelihood::LearnLikelihood;
-use wayfix::transition::{LearnTransition, Move, MoveCounts, SwitchedTransition, TiedTransition};
+use wayfix::transition::{
+    ConstrainedTransition, LearnTransition, Move, MoveCounts, SwitchedTransition,
+};
 use wayfix::{
     Belief, DenseTransition, Diagonal, Fixed, Hmm, Likelihood, LikelihoodError, Prior, Scratch,
     SparseTransition, TableLikelihood,
@@ -79,10 +82,10 @@ proptest! {
                 let some: Vec<_> = sequences.iter().skip(part).step_by(parts).collect();
                 let (expected, failed) = model.expectations(&some);
                 prop_assert!(failed.is_empty());
-                let moves = expected.moves().iter().map(|m| MoveCounts::from_moves(m.moves()));
+                let moves = MoveCounts::from_moves(expected.moves().moves());
                 let sent = Expectations::<TableLikelihood>::new(
                     expected.first().to_vec(),
-                    moves.collect(),
+                    moves,
                     expected.sensor().clone(),
                     expected.log_likelihood(),
                 );
@@ -130,14 +133,13 @@ fn expectations_of_another_model_are_refused() {
     let (two, three) = (random_model(2, 3, 1), random_model(3, 3, 1));
     let error = three.maximize(&two.no_expectations(), &LearningOptions::default()).unwrap_err();
     assert_eq!(error.to_string(), "the expectations are of 2 states, the model has 3");
-    let (mut moves, none) = (two.no_expectations(), two.no_expectations());
-    moves = Expectations::new(moves.first().to_vec(), Vec::new(), none.sensor().clone(), 0.0);
-    assert!(matches!(
-        two.maximize(&moves, &LearningOptions::default()).unwrap_err(),
-        LearnError::Expectations { what: "families of moves", found: 0, expected: 1 }
-    ));
+    let none = two.no_expectations();
+    let one = SparseTransition::from_rows(&[[1.0]]).unwrap();
+    let switched = SwitchedTransition::new(vec![one]).unwrap();
+    let error = switched.maximize(&Vec::new(), 0.0).unwrap_err();
+    assert_eq!(error.to_string(), "statistics of 0 operators given, expected those of 1");
     let far = MoveCounts::from_moves([Move { from: 7, to: 0, weight: 1.0 }]);
-    let far = Expectations::new(vec![1.0, 0.0], vec![far], none.sensor().clone(), 0.0);
+    let far = Expectations::new(vec![1.0, 0.0], far, none.sensor().clone(), 0.0);
     assert!(matches!(
         two.maximize(&far, &LearningOptions::default()).unwrap_err(),
         LearnError::Transition(_)
@@ -307,6 +309,53 @@ fn the_best_of_several_starts_is_returned() {
     assert!(matches!(error, LearnError::Nothing { .. }));
 }
 
+/// Of twelve starts at least the better half are learned from to the end.
+#[test]
+fn the_worse_half_of_the_starts_is_left_after_a_short_run() {
+    let truth = random_model(3, 4, 8);
+    let sequences: Vec<_> =
+        (0..6).map(|seed| truth.simulate(60, &mut rng(seed)).observations().to_vec()).collect();
+    let starts: Vec<Model> = (0..12).map(|seed| random_model(3, 4, 100 + seed)).collect();
+    let learning = LearningOptions { iterations: 150, tolerance: 1e-4, ..Default::default() };
+    let ended = Mutex::new(Vec::new());
+    let best = Hmm::learn_best(&starts, &sequences, &learning, |start, learned| {
+        ended.lock().unwrap().push((start, learned.clone().unwrap()));
+    })
+    .unwrap();
+    let mut ended = ended.into_inner().unwrap();
+    ended.sort_by_key(|entry| entry.0);
+    let mut objectives = Vec::new();
+    for ((start, learned), model) in ended.iter().zip(&starts) {
+        let alone = model.learn(&sequences, &learning).unwrap();
+        let made = learned.objectives();
+        assert_eq!(made, &alone.objectives()[..made.len()], "start {start}");
+        assert_eq!(learned.stopped(), made.len() < alone.objectives().len());
+        if learned.stopped() {
+            assert_eq!(learned.iterations(), 30);
+        } else {
+            objectives.push(learned.objective());
+        }
+    }
+    assert_eq!(ended.len(), 12);
+    assert!((6..12).contains(&objectives.len()), "{objectives:?}");
+    // Those that were left were no better by then than those that went on.
+    let after = |learned: &LearnedModel<DenseTransition, TableLikelihood>| learned.objectives()[30];
+    let long = ended.iter().filter(|(_, learned)| learned.iterations() > 30);
+    let least = long.map(|(_, learned)| after(learned)).fold(f64::INFINITY, f64::min);
+    let left = ended.iter().filter(|(_, learned)| learned.stopped());
+    assert!(left.map(|(_, learned)| after(learned)).all(|objective| objective <= least));
+    objectives.sort_by(f64::total_cmp);
+    let gaps = objectives.windows(2).filter(|pair| pair[1] - pair[0] > 1e-4).count();
+    assert_eq!(best.ends(), gaps + 1);
+    let first = ended.iter().find(|(_, learned)| {
+        !learned.stopped() && learned.objective() >= objectives[objectives.len() - 1] - 1e-4
+    });
+    assert_eq!(best.start(), first.unwrap().0);
+    let same = [starts[1].clone(), starts[1].clone(), starts[1].clone()];
+    assert_eq!(Hmm::learn_best(&same, &sequences, &learning, |_, _| ()).unwrap().ends(), 1);
+    assert_eq!(starts[1].learn(&sequences, &learning).unwrap().ends(), 1);
+}
+
 /// Attempts whose likelihood may have no bound do not win, nor do such candidates.
 #[test]
 fn failed_fits_rank_last() {
@@ -327,6 +376,11 @@ fn failed_fits_rank_last() {
     assert_eq!(best.start(), 1);
     let best = Hmm::learn_best(&starts[..1], &sequences, &short, |_, _| ()).unwrap();
     assert!(best.failed());
+    // The better half, of equal ones the first, fails: the others go on.
+    let starts = [vec![failing.clone(); 4], vec![whole.clone(); 4]].concat();
+    let best = Hmm::learn_best(&starts, &sequences, &short, |_, _| ()).unwrap();
+    assert_eq!((best.start(), best.iterations(), best.failed()), (4, 61, false));
+    assert_eq!(best.ends(), 1);
 
     let learn = |&fails: &bool, some: &[&Vec<usize>]| {
         let (hmm, iterations) = if fails { (&failing, 61) } else { (&whole, 1) };
@@ -393,7 +447,8 @@ fn free_parameters_are_counted() {
     let hmm = Hmm::new(prior(), Fixed(sparse.clone()), Fixed(table)).unwrap();
     assert_eq!(hmm.free_parameters(), 1);
     // Stay or go on, the same everywhere.
-    let tied = TiedTransition::new(sparse.clone(), |from, to| usize::from(from == to));
+    let tied =
+        ConstrainedTransition::new(sparse.clone()).with_ties(|from, to| usize::from(from == to));
     assert_eq!((tied.parameters(), tied.free_parameters()), (2, 1));
     let switched = SwitchedTransition::new(vec![sparse.clone(), sparse]).unwrap();
     assert_eq!(switched.free_parameters(), 6);

@@ -9,8 +9,8 @@ use proptest::test_runner::TestCaseResult;
 use wayfix::inference::Pruning;
 use wayfix::motion::{DistanceTransition, OffMapTransition, RouteTransition, Speeds};
 use wayfix::transition::{
-    DwellTransition, EvidenceTransition, KroneckerTransition, PowerTransition, RestartTransition,
-    Stored, SwitchedTransition, TiedTransition, WindowTransition,
+    ConstrainedTransition, DwellTransition, EvidenceTransition, KroneckerTransition,
+    PowerTransition, RestartTransition, Stored, SwitchedTransition, WindowTransition,
 };
 use wayfix::{
     Belief, Fixed, Hmm, InferenceError, LikelihoodVector, Prior, SparseTransition, TableLikelihood,
@@ -67,7 +67,7 @@ fn operators_declare_to_have_no_control_or_not() {
     assert!(declares(still()));
     assert!(declares(dense(&vec![vec![1.0]])));
     assert!(declares(WindowTransition::new(1, 0, &[1.0], true).unwrap()));
-    assert!(declares(TiedTransition::new(still(), |_, _| 0)));
+    assert!(declares(ConstrainedTransition::new(still()).with_ties(|_, _| 0)));
 
     assert!(!declares(gears()));
     let speeds = Speeds::new(&[0.0]).unwrap();

@@ -1,6 +1,7 @@
 //! Families of observations.
 
 mod counts_and_directions;
+mod fits;
 mod gaussians;
 mod product;
 #[cfg(feature = "csv")]

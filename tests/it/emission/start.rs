@@ -2,12 +2,13 @@
 
 use proptest::collection::vec;
 use proptest::prelude::*;
+use rand::RngExt;
 use wayfix::emission::{
     Clusters, EmissionError, Gaussian, GaussianMixture, Poisson, Product, Rows, StartFromClusters,
-    starts,
+    StartKind, starts, table_starts,
 };
 use wayfix::inference::{LearnError, LearningOptions, Simulation};
-use wayfix::{Fixed, Hmm, HmmError};
+use wayfix::{Belief, DenseTransition, Fixed, Hmm, HmmError, Prior, TableLikelihood};
 
 use crate::kit::{cases, rng, says};
 
@@ -226,4 +227,122 @@ fn families_that_do_not_fit_clusters_are_errors() {
         let expected = "the observation has 1 components, expected 2";
         assert!(error.to_string().ends_with(expected), "{error}");
     }
+}
+
+/// Regimes that differ in spread alone, 0.6, 1.2 and 3, for 60, 25 and 8 days at a time.
+fn market(days: usize, seed: u64) -> Vec<Vec<f64>> {
+    let moves = [[59.0 / 60.0, 0.032, 0.0], [1.0 / 60.0, 0.96, 0.125], [0.0, 0.008, 0.875]];
+    let transition = DenseTransition::from_rows(&moves).unwrap();
+    let prior = Prior::AtFirstObservation(Belief::new(vec![0.7, 0.25, 0.05]).unwrap());
+    let family = Gaussian::diagonal(&[[0.0]; 3], &[[0.36], [1.44], [9.0]]).unwrap();
+    let truth = Hmm::new(prior, transition, family).unwrap();
+    truth.simulate(days, &mut rng(seed)).observations().to_vec()
+}
+
+/// As far as from half, once and twice the deviation of all, which a person would try.
+#[test]
+fn regimes_that_differ_in_spread_are_found() {
+    for seed in 0..4 {
+        let days = market(1000, seed);
+        let sequences = [&days[..]];
+        let mean = days.iter().map(|day| day[0]).sum::<f64>() / days.len() as f64;
+        let variance =
+            days.iter().map(|day| (day[0] - mean).powi(2)).sum::<f64>() / days.len() as f64;
+        let by_hand = [0.25, 1.0, 4.0].map(|factor| [factor * variance]);
+        let transition = DenseTransition::from_fn(3, |i, j| if i == j { 0.9 } else { 0.05 });
+        let prior = Prior::AtFirstObservation(Belief::uniform(3).unwrap());
+        let family = Gaussian::diagonal(&[[mean]; 3], &by_hand).unwrap();
+        let by_hand = Hmm::new(prior, transition.unwrap(), family.clone()).unwrap();
+        let learning = LearningOptions::default();
+        let expected = by_hand.learn(&sequences, &learning).unwrap().objective();
+        let starts = starts(&family, &sequences, 5, &mut rng(seed)).unwrap();
+        let best = Hmm::learn_best(&starts, &sequences, &learning, |_, _| ()).unwrap();
+        assert!(best.objective() > expected - 0.1, "seed {seed}: {best:?}");
+    }
+}
+
+/// Each kind tells apart what it says, on a series that has all of it: at first it is low and calm,
+/// then it trembles about the same mean, then it is high.
+#[test]
+fn kinds_of_starts_differ() {
+    let mut noise = rng(3);
+    let mut value = |k: usize| match k / 100 {
+        0 => 0.1 * (noise.random::<f64>() - 0.5),
+        1 => 4.0 * (noise.random::<f64>() - 0.5),
+        _ => 5.0 + 0.1 * (noise.random::<f64>() - 0.5),
+    };
+    let series: Vec<[f64; 1]> = (0..300).map(|k| [value(k)]).collect();
+    let family = Gaussian::diagonal(&[[0.0]; 2], &[[1.0]; 2]).unwrap();
+    let all = starts(&family, &[&series], 10, &mut rng(1)).unwrap();
+    let kinds: Vec<StartKind> = (0..10).map(StartKind::of).collect();
+    assert_eq!(kinds[..5], kinds[5..]);
+    let parameters = |start: &Hmm<DenseTransition, Gaussian>| {
+        let family = start.likelihood();
+        [family.means(), family.covariances()].concat().concat()
+    };
+    for (at, start) in all.iter().enumerate().take(5) {
+        for other in &all[at + 1..5] {
+            assert_ne!(parameters(start), parameters(other), "{}", kinds[at]);
+        }
+        // Means of clusters ascend.
+        let means = start.likelihood().means().concat();
+        assert!(means[0] <= means[1], "{}: {means:?}", kinds[at]);
+    }
+    let names: Vec<String> = kinds[..5].iter().map(StartKind::to_string).collect();
+    assert_eq!(names, ["position", "random", "spread", "segments", "surroundings"]);
+}
+
+/// Gaps, short sequences and few different values are no trouble for any kind.
+#[test]
+fn all_kinds_start_from_gaps_and_short_sequences() {
+    let family = Gaussian::diagonal(&[[0.0; 2]; 3], &[[1.0; 2]; 3]).unwrap().with_missing();
+    let row = |k: usize| {
+        let y = f64::from(u8::from(k % 7 > 3)) + f64::from(u8::from(k.is_multiple_of(5)));
+        [if k.is_multiple_of(3) { f64::NAN } else { y }, if k % 3 < 2 { f64::NAN } else { 2.0 * y }]
+    };
+    let all: Vec<[f64; 2]> = (0..60).map(row).collect();
+    let sequences = [&all[..1], &all[1..1], &all[1..4], &all[4..60]];
+    let found = starts(&family, &sequences, 10, &mut rng(2)).unwrap();
+    let again = starts(&family, &sequences, 10, &mut rng(2)).unwrap();
+    assert_eq!(format!("{found:?}"), format!("{again:?}"));
+    for start in &found {
+        let means = start.likelihood().means().concat();
+        assert!(means.iter().all(|mean| mean.is_finite()), "{means:?}");
+        assert!(start.transition().to_rows().concat().iter().all(|p| *p > 0.0));
+    }
+}
+
+#[test]
+fn tables_start_from_symbols() {
+    // Symbols 0 and 1 for a while, then 1 and 2; symbol 3 is never seen, 4 is impossible.
+    let mut drawn = rng(5);
+    let symbol = |k: usize| k / 40 % 2 + drawn.random_range(0..2_usize);
+    let seen: Vec<usize> = (0..400).map(symbol).collect();
+    let table = TableLikelihood::from_rows(&[[0.25, 0.25, 0.25, 0.25, 0.0]; 2]).unwrap();
+    let learning = LearningOptions { likelihood_pseudo_count: 0.1, ..Default::default() };
+    let starts = table_starts(&table, &[&seen], 5, &mut rng(1)).unwrap();
+    for start in &starts {
+        let table = start.likelihood();
+        assert!(table.probability(0, 3).unwrap() > 0.0);
+        assert_eq!(table.probability(1, 4), Some(0.0));
+    }
+    let best = Hmm::learn_best(&starts, &[&seen], &learning, |_, _| ()).unwrap();
+    let learned = best.model().likelihood();
+    let rare = [0, 1].map(|state| {
+        learned.probability(state, 0).unwrap().min(learned.probability(state, 2).unwrap())
+    });
+    assert!(rare.iter().all(|p| *p < 0.02), "{learned:?}");
+    assert!(best.model().transition().get(0, 0) > 0.9);
+
+    // More states than symbols.
+    let table = TableLikelihood::from_rows(&[[0.5, 0.5]; 3]).unwrap();
+    let two: Vec<usize> = (0..90).map(|k| usize::from(k % (2 + k / 30) == 0)).collect();
+    assert_eq!(table_starts(&table, &[&two], 5, &mut rng(1)).unwrap().len(), 5);
+    let error = table_starts(&table, &[&seen], 1, &mut rng(1)).unwrap_err();
+    assert!(matches!(&error, LearnError::Sequence(error) if error.sequence == 0), "{error}");
+    let none: [&[usize]; 1] = [&[]];
+    says(
+        table_starts(&table, &none, 1, &mut rng(1)),
+        "the sensor cannot be estimated: there are no observations",
+    );
 }

@@ -2,9 +2,9 @@
 
 use rand::RngExt;
 use wayfix::emission::{
-    Bernoulli, CovarianceType, Gamma, Gaussian, GaussianMixture, GaussianPrior, LinearRegression,
-    LogNormal, Multinomial, Poisson, Product, StartFromClusters, StudentT, VonMises,
-    VonMisesFisher, starts,
+    Bernoulli, Binomial, CovarianceType, Exponential, Gamma, Gaussian, GaussianMixture,
+    GaussianPrior, LinearRegression, LogNormal, Multinomial, NegativeBinomial, Poisson, Product,
+    StartFromClusters, StudentT, VonMises, VonMisesFisher, Weibull, starts,
 };
 use wayfix::inference::LearningOptions;
 use wayfix::likelihood::{GroupedLikelihood, Groups};
@@ -93,11 +93,13 @@ fn placeholders_of_vectors_make_no_difference() {
             GaussianMixture::diagonal(&weights, &means, &[[[1.0 + weight; 3]; 2]; 2]).unwrap(),
             GaussianMixture::full(&weights, &means, &vec![covariances(KINDS[2], weight); 2])
                 .unwrap(),
+            GaussianMixture::spherical(&weights, &means, &[[1.0 + weight; 2]; 2]).unwrap(),
+            GaussianMixture::tied(&weights, &means, &covariances(KINDS[2], weight)).unwrap(),
         ]
         .map(GaussianMixture::with_missing)
     };
-    let ([a, b], [c, d]) = (mixture(0.0, 0.5), mixture(1003.0, 0.1));
-    for pair in [[a, c], [b, d]] {
+    for (near, far) in mixture(0.0, 0.5).into_iter().zip(mixture(1003.0, 0.1)) {
+        let pair = [near, far];
         same(pair, &rows, |b| {
             let parts = [b.means(), b.covariances()].concat().concat().concat();
             let weights = (0..2).flat_map(|state| b.weights(state).unwrap().to_vec());
@@ -155,6 +157,23 @@ fn placeholders_of_counts_and_directions_make_no_difference() {
         [0.1, 3.0].map(|k| VonMises::family(&[[k; 2]; 2], &[[k; 2]; 2]).unwrap().with_missing());
     same(pair, &positive, |b| {
         [b.parameters(VonMises::mean), b.parameters(VonMises::concentration)].concat().concat()
+    });
+    let pair = [0.1, 3.0].map(|k| Exponential::family(&[[k; 2]; 2]).unwrap().with_missing());
+    same(pair, &positive, |b| b.parameters(Exponential::rate).concat());
+    let pair =
+        [0.1, 0.9].map(|p| Binomial::family(&[500; 2], &[[p; 2]; 2]).unwrap().with_missing());
+    same(pair, &counts, |b| b.parameters(Binomial::probability).concat());
+    let pair =
+        [0.5, 9.0].map(|k| Weibull::family(&[[k; 2]; 2], &[[k; 2]; 2]).unwrap().with_missing());
+    same(pair, &positive, |b| {
+        [b.parameters(Weibull::shape), b.parameters(Weibull::scale)].concat().concat()
+    });
+    let pair = [0.0, 9.0].map(|k| {
+        NegativeBinomial::family(&[[k + 1.0; 2]; 2], &[[k; 2]; 2]).unwrap().with_missing()
+    });
+    same(pair, &counts, |b| {
+        let means = b.parameters(NegativeBinomial::mean);
+        [means, b.parameters(NegativeBinomial::dispersion)].concat().concat()
     });
     // Whole rows alone may be missing.
     let rows: Vec<Vec<f64>> = counts

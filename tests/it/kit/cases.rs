@@ -15,7 +15,8 @@ pub(crate) fn cases_of(share: u32) -> ProptestConfig {
         Err(_) => 256_u32,
     };
     let config = ProptestConfig::with_cases((cases * share).div_ceil(2000));
-    ProptestConfig { failure_persistence: None, max_shrink_iters: 2000, ..config }
+    // What takes long is not made smaller for half an hour.
+    ProptestConfig { failure_persistence: None, max_shrink_iters: share, ..config }
 }
 
 /// Random numbers that are the same in each run.

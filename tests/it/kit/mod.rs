@@ -7,6 +7,7 @@ mod compare;
 mod draw;
 mod enumerate;
 mod errors;
+mod exponential;
 mod matrices;
 mod model;
 mod noise;
@@ -26,6 +27,7 @@ pub(crate) use draw::{
 };
 pub(crate) use enumerate::Answer;
 pub(crate) use errors::{says, text, with_causes};
+pub(crate) use exponential::exponential;
 pub(crate) use matrices::{
     Matrix, dense, dwell, kronecker, matrix, off_map, power, restart, sparse, still, switched,
     window,

@@ -3,10 +3,13 @@
 //! [`assert_operator`]: crate::kit::assert_operator
 
 pub(crate) mod distance;
+mod durations;
 mod dwell;
 mod evidence;
 mod faults;
+mod generator;
 mod kronecker;
+mod logit;
 mod nested;
 mod off_map;
 mod power;

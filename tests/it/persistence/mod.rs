@@ -14,8 +14,8 @@ use serde::{Serialize, de::DeserializeOwned};
 use wayfix::inference::{FixedLagSnapshot, LearningOptions};
 use wayfix::likelihood::{GroupedLikelihood, SparseObservation};
 use wayfix::transition::{
-    DwellTransition, KroneckerTransition, PowerTransition, RestartTransition, SwitchedTransition,
-    TiedTransition, WindowTransition,
+    ConstrainedTransition, DwellTransition, GeneratorTransition, KroneckerTransition,
+    LogitTransition, PowerTransition, RestartTransition, SwitchedTransition, WindowTransition,
 };
 use wayfix::{
     Belief, DenseTransition, Fixed, FusedLikelihood, Hmm, LikelihoodVector, OptionalLikelihood,
@@ -115,15 +115,25 @@ impl Parts {
         Belief::new(self.model.prior.clone()).unwrap()
     }
 
-    fn tied(&self) -> TiedTransition {
-        TiedTransition::new(self.sparse(), |from, to| (from * 3 + to) % 2)
+    fn tied(&self) -> ConstrainedTransition {
+        ConstrainedTransition::new(self.sparse()).with_ties(|from, to| (from * 3 + to) % 2)
+    }
+
+    /// Slopes that some moves share, and that others do not have.
+    fn logit(&self) -> LogitTransition {
+        let mut a = LogitTransition::new(&self.sparse(), 2).unwrap();
+        a = a.with_shared_slopes(|from, to| (from != to).then_some((from + to) % 3));
+        for (from, to) in a.moves().filter(|m| m.0 != m.1).collect::<Vec<_>>() {
+            a = a.with_slopes(from, to, &[0.1 * to as f64, self.rate - 0.3]).unwrap();
+        }
+        a.with_ridge(self.rate).unwrap()
     }
 
     fn window(&self) -> Option<WindowTransition> {
         WindowTransition::new(self.model.states, self.first, &self.weights, self.closed).ok()
     }
 
-    fn nested(&self) -> DwellTransition<RestartTransition<Fixed<TiedTransition>>> {
+    fn nested(&self) -> DwellTransition<RestartTransition<Fixed<ConstrainedTransition>>> {
         let restart = RestartTransition::new(Fixed(self.tied()), self.rate, self.belief()).unwrap();
         DwellTransition::new(restart, &self.dwell[..self.model.states]).unwrap()
     }
@@ -148,7 +158,7 @@ impl Parts {
 type Place =
     FusedLikelihood<OptionalLikelihood<TableLikelihood>, OptionalLikelihood<SparseLikelihood>>;
 type Nested =
-    Hmm<DwellTransition<RestartTransition<Fixed<TiedTransition>>>, GroupedLikelihood<Place>>;
+    Hmm<DwellTransition<RestartTransition<Fixed<ConstrainedTransition>>>, GroupedLikelihood<Place>>;
 type Pairs =
     Hmm<KroneckerTransition<WindowTransition, SparseTransition>, LikelihoodVector<Vec<f64>>>;
 
@@ -163,12 +173,18 @@ proptest! {
         operator(&parts.model.sparse(), &(parts.model.steps() - 1));
         operator(&parts.tied(), &());
         prop_assert_eq!(stored(&parts.tied()).parameters(), parts.tied().parameters());
+        operator(&parts.logit(), &vec![parts.rate, -2.5]);
         operator(&parts.nested(), &());
         operator(&PowerTransition::new(restart(parts.sparse()), parts.exponent), &());
         let leaving: Vec<_> = (0..n).map(|i| vec![parts.rate, 1.0 / (3.0 + i as f64)]).collect();
         let leaving = DwellTransition::from_leaving(parts.model.sparse(), &leaving).unwrap();
         operator(&RestartTransition::new(
             leaving.clone(), parts.rate, leaving.arriving(&parts.belief()).unwrap()).unwrap(), &0);
+        // Entries as rates, but for the smallest.
+        let moves = parts.sparse();
+        let rates = moves.triplets().filter(|&(to, from, p)| to != from && p > 1e-290);
+        let rates: Vec<_> = rates.map(|(to, from, p)| (to, from, p / (parts.rate + 0.1))).collect();
+        operator(&GeneratorTransition::from_triplets(n, rates).unwrap(), &2.5);
         if let Some(window) = parts.window() {
             operator(&window, &());
             let pairs = KroneckerTransition::new(window, parts.sparse()).unwrap();
@@ -264,6 +280,14 @@ proptest! {
             if let Ok(hmm) = serde_json::from_str::<Pairs>(&damage.of(&json(&hmm))) {
                 check_columns(hmm.transition(), &())?;
                 let _ = hmm.viterbi(&[vec![0.0; n * n], vec![-1.0; n * n]]);
+            }
+        }
+        let logit = damage.of(&json(&parts.logit()));
+        if let Ok(logit) = serde_json::from_str::<LogitTransition>(&logit) {
+            // Without slopes any number of inputs is valid, also one that memory does not hold.
+            let inputs = vec![0.5; logit.inputs().min(9)];
+            if logit.check_control(&inputs).is_ok() {
+                check_columns(&logit, &inputs)?;
             }
         }
         let dense = damage.of(&json(&parts.model.dense()));

@@ -12,8 +12,8 @@ use wayfix::motion::{
 use wayfix::observation::{Confusion, MatchOdds, Standardizer};
 use wayfix::recognition::{Options, Parameters, TrackSnapshot};
 use wayfix::transition::{
-    DwellTransition, KroneckerTransition, PowerTransition, RestartTransition, SwitchedTransition,
-    TiedTransition, WindowTransition,
+    ConstrainedTransition, DwellTransition, GeneratorTransition, KroneckerTransition,
+    LogitTransition, PowerTransition, RestartTransition, SwitchedTransition, WindowTransition,
 };
 use wayfix::{
     DenseTransition, FusedLikelihood, Hmm, LikelihoodVector, OptionalLikelihood, SparseLikelihood,
@@ -34,13 +34,15 @@ fn names_of_structs_stay() {
         (name::<Hmm<A, B>>(), "Hmm"),
         (name::<DenseTransition>(), "DenseTransition"),
         (name::<A>(), "SparseTransition"),
-        (name::<TiedTransition>(), "TiedTransition"),
+        (name::<ConstrainedTransition>(), "ConstrainedTransition"),
+        (name::<LogitTransition>(), "LogitTransition"),
         (name::<SwitchedTransition<A>>(), "SwitchedTransition"),
         (name::<WindowTransition>(), "WindowTransition"),
         (name::<RestartTransition<A>>(), "RestartTransition"),
         (name::<KroneckerTransition<A, A>>(), "KroneckerTransition"),
         (name::<PowerTransition<A>>(), "PowerTransition"),
         (name::<DwellTransition<A>>(), "DwellTransition"),
+        (name::<GeneratorTransition>(), "GeneratorTransition"),
         (name::<B>(), "TableLikelihood"),
         (name::<LikelihoodVector>(), "LikelihoodVector"),
         (name::<SparseLikelihood>(), "SparseLikelihood"),
@@ -77,8 +79,9 @@ fn names_of_structs_stay() {
 #[test]
 fn names_of_families_stay() {
     use wayfix::emission::{
-        Bernoulli, Gamma, Gaussian, GaussianMixture, GaussianPrior, Independent, LinearRegression,
-        LogNormal, Multinomial, Poisson, Product, StudentT, VonMises, VonMisesFisher,
+        Bernoulli, Beta, Binomial, Exponential, Gamma, Gaussian, GaussianMixture, GaussianPrior,
+        Hurdle, Independent, LinearRegression, LogNormal, Multinomial, NegativeBinomial, Poisson,
+        Product, SkewedT, StudentT, VonMises, VonMisesFisher, Weibull, WrappedCauchy, ZeroInflated,
     };
     let names = [
         (name::<Gaussian>(), "Gaussian"),
@@ -87,7 +90,16 @@ fn names_of_families_stay() {
         (name::<StudentT>(), "StudentT"),
         (name::<LinearRegression>(), "LinearRegression"),
         (name::<Independent<Bernoulli>>(), "Bernoulli"),
+        (name::<Independent<Binomial>>(), "Binomial"),
+        (name::<Independent<Exponential>>(), "Exponential"),
+        (name::<Independent<NegativeBinomial>>(), "NegativeBinomial"),
+        (name::<Independent<ZeroInflated<Gamma>>>(), "ZeroInflated"),
+        (name::<Independent<Hurdle<Poisson>>>(), "Hurdle"),
         (name::<Independent<Poisson>>(), "Poisson"),
+        (name::<Independent<Weibull>>(), "Weibull"),
+        (name::<Independent<Beta>>(), "Beta"),
+        (name::<Independent<SkewedT>>(), "SkewedT"),
+        (name::<Independent<WrappedCauchy>>(), "WrappedCauchy"),
         (name::<Independent<Gamma>>(), "Gamma"),
         (name::<Independent<LogNormal>>(), "LogNormal"),
         (name::<Independent<VonMises>>(), "VonMises"),

@@ -7,8 +7,8 @@ use wayfix::inference::{
 };
 use wayfix::likelihood::{GroupedLikelihood, Groups, SparseObservation};
 use wayfix::transition::{
-    DwellTransition, KroneckerTransition, PowerTransition, RestartTransition, SwitchedTransition,
-    TiedTransition, WindowTransition,
+    ConstrainedTransition, DwellTransition, GeneratorTransition, KroneckerTransition,
+    LogitTransition, PowerTransition, RestartTransition, SwitchedTransition, WindowTransition,
 };
 use wayfix::{
     Belief, DenseTransition, Fixed, FusedLikelihood, Hmm, LikelihoodVector, OptionalLikelihood,
@@ -36,10 +36,13 @@ fn the_format_is_as_documented() {
         json(&DenseTransition::from_rows(&[[0.5, 0.0], [0.5, 1.0]]).unwrap()),
         r#"{"version":1,"states":2,"columns":[0.5,0.5,0.0,1.0]}"#
     );
-    let tied = TiedTransition::new(sparse.clone(), |_, to| to);
+    let tied = ConstrainedTransition::new(sparse.clone()).with_ties(|_, to| to);
     assert_eq!(
         json(&tied),
-        format!(r#"{{"version":1,"transition":{},"parameters":[0,1,2]}}"#, json(&sparse))
+        format!(
+            r#"{{"version":1,"transition":{},"parameters":[0,1,2],"pseudo_counts":[]}}"#,
+            json(&sparse)
+        )
     );
     let window = WindowTransition::new(4, -2, &[0.0, 0.5, 0.0, 0.5, 0.0], false).unwrap();
     assert_eq!(
@@ -49,6 +52,11 @@ fn the_format_is_as_documented() {
     assert_eq!(
         json(&PowerTransition::new(Fixed(window.clone()), 3)),
         format!(r#"{{"version":1,"inner":{},"exponent":3}}"#, json(&window))
+    );
+    let rates = [(2, 0, 1.5), (1, 0, 0.5), (0, 2, 0.25)];
+    assert_eq!(
+        json(&GeneratorTransition::from_triplets(3, rates).unwrap()),
+        r#"{"version":1,"rates":[[[1,0.5],[2,1.5]],[],[[0,0.25]]]}"#
     );
     let still = SparseTransition::from_rows(&[[1.0]]).unwrap();
     let within = json(&still);
@@ -67,7 +75,9 @@ fn the_format_is_as_documented() {
     );
     assert_eq!(
         json(&DwellTransition::new(still.clone(), &[vec![0.5, 0.5]]).unwrap()),
-        format!(r#"{{"version":1,"moves":{within},"ages":[[[0.5,0.5],[1.0,0.0]]]}}"#)
+        format!(
+            r#"{{"version":1,"moves":{within},"ages":[[[0.5,0.5],[1.0,0.0]]],"durations":[]}}"#
+        )
     );
 
     let table = TableLikelihood::from_rows(&[[0.75, 0.25], [0.5, 0.5]]).unwrap();
@@ -248,7 +258,7 @@ fn what_is_no_structured_operator_is_refused() {
     restart("1", "[0,0]", "the restart belief has 2 states, expected 1 as the operator within");
     let dwell = |ages: &str, expected: &str| {
         refuses::<DwellTransition<DenseTransition>>(
-            &format!(r#"{{"version":1,"moves":{one},"ages":{ages}}}"#),
+            &format!(r#"{{"version":1,"moves":{one},"ages":{ages},"durations":[]}}"#),
             expected,
         );
     };
@@ -268,8 +278,10 @@ fn what_is_no_structured_operator_is_refused() {
     );
     let tied = |parameters: &str, expected: &str| {
         let two = r#"{"version":1,"states":2,"to":[0,1,0,1],"from":[0,0,1,1],"probability":[0.25,0.75,0.75,0.25]}"#;
-        refuses::<TiedTransition>(
-            &format!(r#"{{"version":1,"transition":{two},"parameters":{parameters}}}"#),
+        refuses::<ConstrainedTransition>(
+            &format!(
+                r#"{{"version":1,"transition":{two},"parameters":{parameters},"pseudo_counts":[]}}"#
+            ),
             expected,
         );
     };
@@ -286,13 +298,77 @@ fn what_is_no_structured_operator_is_refused() {
     tied("[0,0,1,2]", &unlike(0, 1, 0));
 }
 
+#[test]
+fn what_is_no_logit_is_refused() {
+    let logit = |field: &str, value: &str, expected: &str| {
+        let fields = [
+            ("states", "2"),
+            ("inputs", "1"),
+            ("to", "[0,1,0]"),
+            ("from", "[0,0,1]"),
+            ("intercept", "[0,0.5,-2]"),
+            ("group", "[null,0,1]"),
+            ("slopes", "[[0.5],[2.5]]"),
+            ("ridge", "0.5"),
+        ];
+        let fields = fields.map(|(name, usual)| {
+            format!("\"{name}\":{}", if name == field { value } else { usual })
+        });
+        let text = format!(r#"{{"version":1,{}}}"#, fields.join(","));
+        if expected.is_empty() {
+            serde_json::from_str::<LogitTransition>(&text).unwrap();
+        } else {
+            refuses::<LogitTransition>(&text, expected);
+        }
+    };
+    logit("", "", "");
+    logit("states", "0", "a transition operator needs at least one state, found none");
+    let none = |state: usize| {
+        format!(
+            "column {state} (the transitions out of state {state}) has no weight above 0, expected at least one"
+        )
+    };
+    logit("states", "4000000000000", &none(2));
+    logit("from", "[1,1,1]", &none(0));
+    logit("inputs", "2", "the number of slopes in a row is 1, expected the number of inputs");
+    logit(
+        "to",
+        "[0,2,0]",
+        "the transition from state 0 to state 2 is out of range, there are 2 states (0 to 1)",
+    );
+    logit("to", "[0,0,0]", "the transition from state 0 to state 0 is given twice");
+    logit(
+        "to",
+        "[1,0,0]",
+        "the state left by a move from state 0 to state 0 is 0, expected moves column by column, in ascending order",
+    );
+    logit("to", "[0,1]", "the number of values in `from` is 3, expected as many as in `to`");
+    logit(
+        "group",
+        "[null,0,2]",
+        "a number of slopes in `group` is 2, expected the number of one of the rows of `slopes`, from 0",
+    );
+    logit(
+        "group",
+        "[null,0,0]",
+        "a row of `slopes` without a move is 1, expected a number in `group`",
+    );
+    logit(
+        "intercept",
+        "[0,1e301,0]",
+        "the intercept of the move from state 0 to state 1 is 1e301, expected a value from -1e300 to 1e300",
+    );
+    logit("ridge", "-1", "the precision of the ridge is -1, expected a finite value of at least 0");
+}
+
 type Staying = Hmm<DwellTransition<DenseTransition>, SparseLikelihood>;
 
 #[test]
 fn what_is_no_model_is_refused_with_all_that_is_behind() {
     let hmm = |belief: &str, first: f64| {
         let a = r#"{"version":1,"states":1,"columns":[1]}"#;
-        let dwell = format!(r#"{{"version":1,"moves":{a},"ages":[[[{first},0.25]]]}}"#);
+        let dwell =
+            format!(r#"{{"version":1,"moves":{a},"ages":[[[{first},0.25]]],"durations":[]}}"#);
         let part = r#"{"version":1,"states":1}"#;
         format!(
             r#"{{"version":1,"prior":{{"at_first_observation":{belief}}},"transition":{dwell},"likelihood":{part},"rounds_tails":false}}"#
@@ -312,7 +388,7 @@ fn what_is_no_model_is_refused_with_all_that_is_behind() {
     );
     refuses::<Staying>(
         &hmm("[1]", 0.75).replace("at_first", "at_last"),
-        "unknown variant `at_last_observation`, expected `before_first_transition` or `at_first_observation`",
+        "unknown variant `at_last_observation`, expected one of `before_first_transition`, `at_first_observation`, `stationary`",
     );
 }
 

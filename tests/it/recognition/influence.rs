@@ -104,13 +104,13 @@ proptest! {
         prop_assert!(filter < far * most && smoother < far * most_smoothed, "{filter} {smoother}");
     }
 
-    /// 5% of the frames are replaced, or a distance in them. At all others, the probability of the
-    /// right place moves by 0.03 on average, 0.01 in the smoother (0.005 but for one drive in some
-    /// thousand). Where single images are mostly wrong, frames that name other places move it more:
-    /// by 0.026 in the mean of 3,200 drives, 0.12 in the worst (0.06 in the smoother), so the bounds
-    /// there are 0.2 and 0.1. In a fit, speeds stay, and the temperature goes to a neighbour on
-    /// its grid at most: answers on another drive then move by 0.06, else by 0.002. Usual scores move
-    /// by 0.4 deviations.
+    /// 5% of the frames are replaced, or a distance in them. Measured over 1,500 drives, the
+    /// probability of the right place at all other frames moves by 0.002 in the mean and 0.03 in the
+    /// worst (smoother: 0.00004, 0.005). Where single images are mostly wrong, it moves by 0.011 in
+    /// the mean and 0.09 in the worst (smoother: 0.0015, 0.064), and over another 3,200, whose frames
+    /// named other places, by 0.026 and 0.12. In a fit, speeds stay, and the temperature goes to a neighbour on its grid at most:
+    /// answers on another drive then move by 0.053 at most, else by 0.001. Usual scores move by 0.37
+    /// deviations at most. Bounds are some twice the worst.
     #[test]
     fn a_few_frames_move_no_other_answers(
         clear in any::<bool>(),
@@ -135,7 +135,7 @@ proptest! {
         let others = |k: usize| k >= FINDING && !frames.contains(&k);
         let (a, b) = (beliefs(&rows, Options::default()), beliefs(&other, Options::default()));
         let [filter, smoother] = [0, 1].map(|k| moved(&a[k], &b[k], others));
-        let [most, most_smoothed] = if clear { [0.03, 0.01] } else { [0.2, 0.1] };
+        let [most, most_smoothed] = if clear { [0.06, 0.01] } else { [0.24, 0.12] };
         prop_assert!(filter < most && smoother < most_smoothed, "{filter} {smoother}");
 
         let places: Vec<_> = drive().into_iter().map(|place| Some(place..=place)).collect();
@@ -150,7 +150,7 @@ proptest! {
         let next = recording(depth, seed + 1);
         let [a, b] = [fit, changed].map(|r| r.recording(&next, &[]).unwrap().filtered().unwrap());
         let apart = moved(&a, &b, others);
-        prop_assert!(apart < if before == after { 0.002 } else { 0.06 }, "{apart}");
+        prop_assert!(apart < if before == after { 0.002 } else { 0.1 }, "{apart}");
 
         let [a, b] = [&rows, &other].map(|rows| {
             let mut standard = Standardizer::new(PLACES).unwrap();
@@ -160,7 +160,7 @@ proptest! {
             scores
         });
         let apart = a.iter().zip(&b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-        prop_assert!(apart < 0.4, "{apart}");
+        prop_assert!(apart < 0.7, "{apart}");
     }
 
     /// Beliefs are the same to 1e-4 in whatever unit distances are, from whatever point.

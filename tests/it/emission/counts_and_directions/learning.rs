@@ -2,11 +2,14 @@
 
 use proptest::collection::vec;
 use proptest::prelude::*;
-use proptest::test_runner::TestRunner;
+use proptest::test_runner::{TestCaseResult, TestRunner};
 use wayfix::inference::{LearnError, LearningOptions};
 use wayfix::{Belief, DenseTransition, Hmm, Prior};
 
-use super::kit::{Family, density, fit, for_all_families, newton, objective, staying};
+use super::kit::{
+    Family, density, fit, fit_to_maximum, for_all_families, newton, objective, standard_errors,
+    staying,
+};
 use crate::kit::{cases_of, rng};
 
 for_all_families! {
@@ -30,22 +33,22 @@ fn observations<B: Family>(seed: u64) -> (B, Vec<(Vec<f64>, f64)>) {
 }
 
 fn re_estimation_is_the_maximum<B: Family>() {
-    for seed in 0..8 {
+    for seed in 0..B::SEEDS {
         let (start, seen) = observations::<B>(seed);
-        assert_maximum(&fit(&start, &seen, 0.0), |family| objective(family, &seen, 0.0));
+        assert_maximum(&fit_to_maximum(&start, &seen, 0.0), |family| objective(family, &seen, 0.0));
     }
 }
 
 fn re_estimation_with_a_prior_is_the_maximum<B: Family>() {
-    for seed in 0..8 {
+    for seed in 0..B::SEEDS {
         let (start, seen) = observations::<B>(seed);
         let with_prior = |family: B| family.and_prior(&B::parameters(&[0.3, 0.6, 0.2]), 2.5);
-        let learned = fit(&with_prior(start.clone()), &seen, 0.7);
+        let learned = fit_to_maximum(&with_prior(start.clone()), &seen, 0.7);
         let objective = |family: &B| objective(&with_prior(family.clone()), &seen, 0.7);
         assert_maximum(&learned, objective);
         assert!(learned.read() != fit(&start, &seen, 0.0).read());
         // A state that was never seen has the prior's parameters, where there is one.
-        let alone = with_prior(start.clone()).maximize(&start.statistics(), 0.0).unwrap();
+        let alone = fit_to_maximum(&with_prior(start.clone()), &[], 0.0);
         let expected = with_prior(start.clone());
         if expected != start {
             for (found, expected) in alone.read().iter().zip(B::parameters(&[0.3, 0.6, 0.2])) {
@@ -57,7 +60,7 @@ fn re_estimation_with_a_prior_is_the_maximum<B: Family>() {
 
 fn assert_maximum<B: Family>(learned: &B, objective: impl Fn(&B) -> f64) {
     for parameter in 0..B::FREE {
-        let (step, _) = newton(learned, parameter, &objective);
+        let step = newton(learned, parameter, &objective);
         let value = learned.read()[parameter];
         assert!(step.abs() < 1e-5 * value.abs(), "{step} from parameter {parameter} = {value}");
     }
@@ -69,71 +72,73 @@ fn learning_never_falls<B: Family>() {
     let states = vec(vec(unit(), 3), 2..=3);
     let lengths = vec(1..30_usize, 1..4);
     let input = (states, vec(unit(), 3), lengths, any::<u64>(), any::<bool>(), 0.0..0.4);
-    TestRunner::new(cases_of(400))
-        .run(&input, |(states, truth, lengths, seed, prior, gaps)| {
-            use rand::RngExt;
-            let mut rng = rng(seed);
-            let truth = B::build(&[B::parameters(&truth), B::parameters(&[0.5; 3])]);
-            let sequences: Vec<Vec<Vec<f64>>> = lengths
-                .iter()
-                .map(|&length| {
-                    let row = |step: usize| {
-                        let mut row = truth.sample(step / 4 % 2, &mut rng);
-                        if rng.random::<f64>() < gaps {
-                            row.fill(f64::NAN);
-                        }
-                        row
-                    };
-                    (0..length).map(row).collect()
-                })
-                .collect();
-            let n = states.len();
-            let starts: Vec<Vec<f64>> = states.iter().map(|state| B::parameters(state)).collect();
-            let mut family = B::build(&starts).missing();
-            if prior {
-                family = family.and_prior(&B::parameters(&[0.5; 3]), 1.5);
-            }
-            let row = |i: usize| {
-                (0..n).map(|j| if i == j { 0.9 } else { 0.1 / (n - 1) as f64 }).collect()
-            };
-            let rows: Vec<Vec<f64>> = (0..n).map(row).collect();
-            let transition = DenseTransition::from_rows(&rows).unwrap();
-            let start = Prior::AtFirstObservation(Belief::uniform(n).unwrap());
-            let hmm = Hmm::new(start, transition, family).unwrap();
-            let pseudo = if prior { 0.5 } else { 0.0 };
-            let options = LearningOptions {
-                iterations: 12,
-                tolerance: 0.0,
-                likelihood_pseudo_count: pseudo,
-                ..LearningOptions::default()
-            };
-            match hmm.learn(&sequences, &options) {
-                Ok(learned) => {
-                    let pairs = learned.objectives().windows(2);
-                    for pair in pairs {
-                        prop_assert!(
-                            pair[1] >= pair[0] - 1e-10 * pair[0].abs().max(1.0),
-                            "{pair:?}"
-                        );
-                    }
-                }
-                // Few observations may determine no spread, unless there is a prior.
-                Err(LearnError::Likelihood(error)) => {
-                    let text = error.to_string();
-                    prop_assert!(!prior && text.contains("give a prior"), "{text}");
-                }
-                Err(other) => prop_assert!(false, "{other}"),
-            }
-            Ok(())
-        })
+    TestRunner::new(cases_of(400)).run(&input, learns::<B>).unwrap();
+    // One state comes to hold a single observation, whose spread is rounding.
+    let states = vec![vec![0.638_923_610_989_951_9, 1.0, 0.0], vec![0.0; 3]];
+    learns::<B>((states, vec![0.0, 1.0, 0.0], vec![5], 17_862_460_953_318_621_996, false, 0.0))
         .unwrap();
 }
 
-/// Each parameter within three standard errors in nearly all of ten recordings, and in about two
+/// States, the truth, lengths of sequences, a seed, with a prior or not, and the share of gaps.
+type Case = (Vec<Vec<f64>>, Vec<f64>, Vec<usize>, u64, bool, f64);
+
+fn learns<B: Family>((states, truth, lengths, seed, prior, gaps): Case) -> TestCaseResult {
+    use rand::RngExt;
+    let mut rng = rng(seed);
+    let truth = B::build(&[B::parameters(&truth), B::parameters(&[0.5; 3])]);
+    let sequences: Vec<Vec<Vec<f64>>> = lengths
+        .iter()
+        .map(|&length| {
+            let row = |step: usize| {
+                let mut row = truth.sample(step / 4 % 2, &mut rng);
+                if rng.random::<f64>() < gaps {
+                    row.fill(f64::NAN);
+                }
+                row
+            };
+            (0..length).map(row).collect()
+        })
+        .collect();
+    let n = states.len();
+    let starts: Vec<Vec<f64>> = states.iter().map(|state| B::parameters(state)).collect();
+    let mut family = B::build(&starts).missing();
+    if prior {
+        family = family.and_prior(&B::parameters(&[0.5; 3]), 1.5);
+    }
+    let row = |i: usize| (0..n).map(|j| if i == j { 0.9 } else { 0.1 / (n - 1) as f64 }).collect();
+    let rows: Vec<Vec<f64>> = (0..n).map(row).collect();
+    let transition = DenseTransition::from_rows(&rows).unwrap();
+    let start = Prior::AtFirstObservation(Belief::uniform(n).unwrap());
+    let hmm = Hmm::new(start, transition, family).unwrap();
+    let pseudo = if prior { 0.5 } else { 0.0 };
+    let options = LearningOptions {
+        iterations: 12,
+        tolerance: 0.0,
+        likelihood_pseudo_count: pseudo,
+        ..LearningOptions::default()
+    };
+    match hmm.learn(&sequences, &options) {
+        Ok(learned) => {
+            let pairs = learned.objectives().windows(2);
+            for pair in pairs {
+                prop_assert!(pair[1] >= pair[0] - 1e-10 * pair[0].abs().max(1.0), "{pair:?}");
+            }
+        }
+        // Few observations may determine no spread, unless there is a prior.
+        Err(LearnError::Likelihood(error)) => {
+            let text = error.to_string();
+            prop_assert!(!prior && text.contains("give a prior"), "{text}");
+        }
+        Err(other) => prop_assert!(false, "{other}"),
+    }
+    Ok(())
+}
+
+/// Each parameter within three standard errors in nearly all of several recordings, and in about two
 /// thirds within one.
 fn parameters_are_found_back<B: Family>() {
     let (mut beyond_three, mut within_one, mut all) = (0, 0, 0);
-    for seed in 0..10 {
+    for seed in 0..if B::FREE == 1 { 20 } else { 10 } {
         let truth = B::parameters(&[0.4, 0.6, 0.5]);
         let model = staying(B::build(std::slice::from_ref(&truth)), 0);
         let seen = model.simulate(2000, &mut rng(seed)).observations().to_vec();
@@ -142,9 +147,9 @@ fn parameters_are_found_back<B: Family>() {
         let learned = start.learn(std::slice::from_ref(&seen), &options).unwrap();
         let learned = learned.model().likelihood();
         let seen: Vec<_> = seen.into_iter().map(|y| (y, 1.0)).collect();
-        for (parameter, truth) in truth.iter().enumerate() {
-            let (_, error) = newton(learned, parameter, |family| objective(family, &seen, 0.0));
-            let distance = (learned.read()[parameter] - truth).abs() / error;
+        let errors = standard_errors(learned, |family| objective(family, &seen, 0.0));
+        for ((found, truth), error) in learned.read().iter().zip(truth).zip(errors) {
+            let distance = (found - truth).abs() / error;
             beyond_three += usize::from(distance > 3.0);
             within_one += usize::from(distance < 1.0);
             all += 1;

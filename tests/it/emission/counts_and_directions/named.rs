@@ -2,8 +2,9 @@
 
 use wayfix::emission::Family as _;
 use wayfix::emission::{
-    Bernoulli, EmissionError, Gamma, Independent, LogNormal, Multinomial, Poisson, VonMises,
-    VonMisesFisher,
+    Bernoulli, Beta, Binomial, EmissionError, Exponential, Gamma, Hurdle, Independent, LogNormal,
+    Multinomial, NegativeBinomial, Poisson, SkewedT, VonMises, VonMisesFisher, Weibull,
+    WrappedCauchy, ZeroInflated,
 };
 
 use super::kit::{Family, density, for_all_families, try_density};
@@ -46,6 +47,15 @@ mod stored {
         comes_back::<Independent<Bernoulli>>();
         comes_back::<Multinomial>();
         comes_back::<Independent<Poisson>>();
+        comes_back::<Independent<Binomial>>();
+        comes_back::<Independent<Exponential>>();
+        comes_back::<Independent<NegativeBinomial>>();
+        comes_back::<Independent<ZeroInflated<Gamma>>>();
+        comes_back::<Independent<Hurdle<Poisson>>>();
+        comes_back::<Independent<Weibull>>();
+        comes_back::<Independent<Beta>>();
+        comes_back::<Independent<SkewedT>>();
+        comes_back::<Independent<WrappedCauchy>>();
         comes_back::<Independent<Gamma>>();
         comes_back::<Independent<LogNormal>>();
         comes_back::<Independent<VonMises>>();
@@ -62,6 +72,9 @@ mod stored {
             "the rate of state 1, component 0, is -2, expected a value from 0 to 2^53"
         );
         let prior = r#"{"version":1,"rates":[[1.0]],"missing":false,"prior":null}"#;
+        let text = r#"{"version":1,"probabilities":[[0.5]],"inner":{"version":1,"rates":[[1.0]],"missing":true,"prior":null},"missing":false,"prior":null}"#;
+        let error = serde_json::from_str::<Independent<ZeroInflated<Poisson>>>(text).unwrap_err();
+        assert_eq!(error.to_string(), "the inner family has settings of its own");
         assert_eq!(
             refused(&format!(
                 r#"{{"version":1,"rates":[[1.0]],"missing":false,"prior":[{prior},0.0]}}"#
@@ -141,6 +154,50 @@ fn errors_name_state_component_and_value() {
     ));
 }
 
+#[test]
+fn errors_of_further_distributions_do_so_too() {
+    says(
+        Binomial::family(&[5, 0], &[[0.5, 0.5]]),
+        "the number of trials of state 0, component 1, is 0, expected a whole number from 1 to 2^32 - 1",
+    );
+    says(
+        Binomial::family(&[5], &[[0.5, 0.5]]),
+        "the list of numbers of trials has 1 values, expected 2",
+    );
+    says(
+        ZeroInflated::family(&[[0.5], [1.5]], &[[Poisson::new(1.0).unwrap()]; 2]),
+        "the probability of 0 of state 1, component 0, is 1.5, expected a value from 0 to 1",
+    );
+    says(
+        Hurdle::family(&[[0.5]], &[[Poisson::new(0.0).unwrap()]]),
+        "the probability of 0 of the distribution of state 0, component 0, is 1, expected a value below 1",
+    );
+    says(
+        Hurdle::family(&[[0.5], [0.5]], &[[Poisson::new(1.0).unwrap()]]),
+        "the list of distributions has 1 values, expected 2",
+    );
+    says(
+        Exponential::family(&[[0.0]]),
+        "the rate of state 0, component 0, is 0, expected a value from 2.3e-308 to 4.4e307",
+    );
+    says(
+        Beta::family(&[[1.0]], &[[f64::NAN]]),
+        "the second shape of state 0, component 0, is NaN, expected a value from 1e-100 to 1e100",
+    );
+    says(
+        WrappedCauchy::family(&[[0.0]], &[[1.0]]),
+        "the concentration of state 0, component 0, is 1, expected a value from 0 to below 1",
+    );
+    says(
+        SkewedT::family(&[[0.0]], &[[1.0]], &[[1.0]], &[[0.01]]),
+        "the degrees of freedom of state 0, component 0, is 0.01, expected a finite value of at least 0.1",
+    );
+    says(
+        SkewedT::family(&[[0.0]], &[[1.0]], &[[1.0]], &[[1.0, 2.0]]),
+        "the list of degrees of freedom of state 0 has 2 values, expected 1",
+    );
+}
+
 /// NaN too, unless missing components are asked for.
 #[test]
 fn invalid_observations_are_named() {
@@ -171,6 +228,9 @@ fn invalid_observations_are_named() {
     of(&|y| text(try_density(&events, 0, y)), &[2.0], "is 2, expected 0 or 1");
     let gamma = Gamma::family(&[[1.0]], &[[1.0]]).unwrap();
     of(&|y| text(try_density(&gamma, 0, y)), &[0.0], "is 0, expected a finite value above 0");
+    let steps = ZeroInflated::family(&[[0.5]], &[[Gamma::new(1.0, 1.0).unwrap()]]).unwrap();
+    let expected = "is -1, expected 0, or a value of the distribution beside it";
+    of(&|y| text(try_density(&steps, 0, y)), &[-1.0], expected);
     let angles = VonMises::family(&[[1.0]], &[[1.0]]).unwrap();
     of(
         &|y| text(try_density(&angles, 0, y)),

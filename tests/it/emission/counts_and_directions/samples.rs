@@ -2,7 +2,8 @@
 
 use rand_chacha::ChaCha8Rng;
 use wayfix::emission::{
-    Bernoulli, Gamma, LogNormal, Multinomial, Poisson, VonMises, VonMisesFisher,
+    Bernoulli, Beta, Binomial, Exponential, Gamma, LogNormal, Multinomial, NegativeBinomial,
+    Poisson, SkewedT, VonMises, VonMisesFisher, Weibull, WrappedCauchy,
 };
 use wayfix::likelihood::SampleObservation;
 
@@ -52,6 +53,38 @@ fn moments_are_those_of_the_distribution() {
         assert_mean(&family, shape * scale, first);
         assert_mean(&family, shape * scale * scale, around(shape * scale));
     }
+    let family = Exponential::family(&[[0.25]]).unwrap();
+    assert_mean(&family, 4.0, first);
+    assert_mean(&family, 16.0, around(4.0));
+    for (trials, p) in [(1, 0.0), (7, 0.4), (u32::MAX, 0.7), (u32::MAX, 1e-9)] {
+        let family = Binomial::family(&[trials], &[[p]]).unwrap();
+        let mean = p * f64::from(trials);
+        assert_mean(&family, mean, first);
+        assert_mean(&family, mean * (1.0 - p), around(mean));
+    }
+    for (mean, dispersion) in [(0.0, 2.0), (0.4, 0.0), (7.0, 3.0), (5e4, 0.2), (3.0, 1e-320)] {
+        let family = NegativeBinomial::family(&[[mean]], &[[dispersion]]).unwrap();
+        assert_mean(&family, mean, first);
+        assert_mean(&family, mean + dispersion * mean * mean, around(mean));
+    }
+    // Γ(1.5) and Γ(2).
+    let family = Weibull::family(&[[2.0]], &[[3.0]]).unwrap();
+    assert_mean(&family, 1.5 * std::f64::consts::PI.sqrt(), first);
+    assert_mean(&family, 9.0, |y| y[0] * y[0]);
+    for (a, b) in [(0.5, 0.2), (2.0, 6.0), (1e6, 3e6)] {
+        let (family, mean) = (Beta::family(&[[a]], &[[b]]).unwrap(), a / (a + b));
+        assert_mean(&family, mean, first);
+        assert_mean(&family, mean * (1.0 - mean) / (a + b + 1.0), around(mean));
+    }
+    // The mean absolute value of Student's t of five degrees, stretched on either side.
+    for skewness in [1.0, 0.6, 2.5_f64] {
+        let family = SkewedT::family(&[[3.0]], &[[0.5]], &[[skewness]], &[[5.0]]).unwrap();
+        let share = skewness.powi(2) / (1.0 + skewness.powi(2));
+        assert_mean(&family, share, |y| f64::from(u8::from(y[0] >= 3.0)));
+        let absolute = 0.949_140_671_795_569_6; // 2 √5 Γ(3) / (√π Γ(2.5) 4)
+        let mean = 3.0 + 0.5 * absolute * (skewness - skewness.recip());
+        assert_mean(&family, mean, first);
+    }
     let family = LogNormal::family(&[[1.0]], &[[0.5]]).unwrap();
     assert_mean(&family, 1.0, |y| y[0].ln());
     assert_mean(&family, 0.25, |y| (y[0].ln() - 1.0).powi(2));
@@ -82,6 +115,13 @@ fn mean_vectors_are_those_of_the_distribution() {
         let family = VonMises::family(&[[3.0]], &[[concentration]]).unwrap();
         assert_mean(&family, length, |y| (y[0] - 3.0).cos());
         assert_mean(&family, 0.0, |y| (y[0] - 3.0).sin());
+        assert_mean(&family, 1.0, |y| f64::from(u8::from(y[0].abs() <= std::f64::consts::PI)));
+    }
+    for length in [0.0, 0.5, 0.95] {
+        let family = WrappedCauchy::family(&[[3.0]], &[[length]]).unwrap();
+        assert_mean(&family, length, |y| (y[0] - 3.0).cos());
+        assert_mean(&family, 0.0, |y| (y[0] - 3.0).sin());
+        assert_mean(&family, length * length, |y| (2.0 * (y[0] - 3.0)).cos());
         assert_mean(&family, 1.0, |y| f64::from(u8::from(y[0].abs() <= std::f64::consts::PI)));
     }
     for concentration in [0.1_f64, 1.0, 30.0, 1e12] {

@@ -4,7 +4,7 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use wayfix::ReorderStates;
 use wayfix::emission::Family as _;
-use wayfix::emission::{EmissionError, Gaussian, GaussianMixture, GaussianPrior};
+use wayfix::emission::{CovarianceType, EmissionError, Gaussian, GaussianMixture, GaussianPrior};
 use wayfix::inference::LearningOptions;
 use wayfix::likelihood::{LearnLikelihood, SampleObservation};
 
@@ -13,11 +13,20 @@ use crate::kit::{cases, rng};
 
 /// A family of n states with m parts from random numbers, with its parts as Gaussians of n m
 /// states.
-fn family(full: bool, [n, m, d]: [usize; 3], numbers: &[f64]) -> (GaussianMixture, Gaussian) {
+fn family(
+    kind: CovarianceType,
+    [n, m, d]: [usize; 3],
+    numbers: &[f64],
+) -> (GaussianMixture, Gaussian) {
     let means: Vec<Vec<f64>> = numbers.chunks(d).take(n * m).map(<[f64]>::to_vec).collect();
     let matrix = |i: usize| covariance(d, &numbers[i * d..][..d * d]);
     let covariances: Vec<Vec<f64>> = (0..n * m)
-        .map(|i| if full { matrix(i) } else { matrix(i).into_iter().step_by(d + 1).collect() })
+        .map(|i| match kind {
+            CovarianceType::Spherical => vec![matrix(i)[0]],
+            CovarianceType::Diagonal => matrix(i).into_iter().step_by(d + 1).collect(),
+            CovarianceType::Full => matrix(i),
+            CovarianceType::Tied => matrix(i / m),
+        })
         .collect();
     let weights: Vec<Vec<f64>> = (0..n)
         .map(|i| {
@@ -28,19 +37,33 @@ fn family(full: bool, [n, m, d]: [usize; 3], numbers: &[f64]) -> (GaussianMixtur
         .collect();
     let by_state = |rows: &[Vec<f64>]| rows.chunks(m).map(<[_]>::to_vec).collect::<Vec<_>>();
     let (nested, parts) = (by_state(&means), by_state(&covariances));
-    if full {
-        let mixture = GaussianMixture::full(&weights, &nested, &parts).unwrap();
-        (mixture, Gaussian::full(&means, &covariances).unwrap())
-    } else {
-        let mixture = GaussianMixture::diagonal(&weights, &nested, &parts).unwrap();
-        (mixture, Gaussian::diagonal(&means, &covariances).unwrap())
-    }
+    let first: Vec<Vec<f64>> = parts.iter().map(|parts| parts[0].clone()).collect();
+    let variances: Vec<Vec<f64>> = parts.iter().map(|parts| parts.concat()).collect();
+    let mixture = match kind {
+        CovarianceType::Spherical => GaussianMixture::spherical(&weights, &nested, &variances),
+        CovarianceType::Diagonal => GaussianMixture::diagonal(&weights, &nested, &parts),
+        CovarianceType::Full => GaussianMixture::full(&weights, &nested, &parts),
+        CovarianceType::Tied => GaussianMixture::tied(&weights, &nested, &first),
+    };
+    let of_parts = if kind == CovarianceType::Tied { CovarianceType::Full } else { kind };
+    (mixture.unwrap(), Gaussian::new(of_parts, &means, &covariances).unwrap())
+}
+
+const KINDS: [CovarianceType; 4] = [
+    CovarianceType::Spherical,
+    CovarianceType::Diagonal,
+    CovarianceType::Full,
+    CovarianceType::Tied,
+];
+
+fn kinds() -> impl Strategy<Value = CovarianceType> {
+    (0..4_usize).prop_map(|kind| KINDS[kind])
 }
 
 fn families() -> impl Strategy<Value = (GaussianMixture, Gaussian)> {
-    (any::<bool>(), 1..=4_usize, 1..=4_usize, 1..=3_usize).prop_flat_map(|(full, n, m, d)| {
+    (kinds(), 1..=4_usize, 1..=4_usize, 1..=3_usize).prop_flat_map(|(kind, n, m, d)| {
         vec(-2.0..2.0, n * m * d + d * d + n * m)
-            .prop_map(move |numbers| family(full, [n, m, d], &numbers))
+            .prop_map(move |numbers| family(kind, [n, m, d], &numbers))
     })
 }
 
@@ -64,7 +87,7 @@ proptest! {
 
     #[test]
     fn reestimate_never_lowers_the_objective(
-        full: bool,
+        kind in kinds(),
         n in 1..=2_usize,
         numbers in vec(-2.0..2.0, 30),
         rows in vec(vec(prop_oneof![1 => Just(f64::NAN), 4 => -3.0..3.0], 2), 20),
@@ -73,7 +96,7 @@ proptest! {
         with_prior: bool,
         fixed in 0..4_u8,
     ) {
-        let (mixture, _) = family(full, [n, 2, 2], &numbers);
+        let (mixture, _) = family(kind, [n, 2, 2], &numbers);
         let mixture = match fixed {
             1 => mixture.with_fixed_means(),
             2 => mixture.with_fixed_covariances(),
@@ -89,12 +112,12 @@ proptest! {
 
     #[test]
     fn hostile_rows_give_numbers_or_errors(
-        full: bool,
+        kind in kinds(),
         missing: bool,
         numbers in vec(-2.0..2.0, 20),
         sequences in vec(hostile(2), 1..3),
     ) {
-        let (mixture, _) = family(full, [2, 2, 2], &numbers);
+        let (mixture, _) = family(kind, [2, 2, 2], &numbers);
         assert_learns(&if missing { mixture.with_missing() } else { mixture }, &sequences);
     }
 }
@@ -123,6 +146,42 @@ fn reestimate_is_the_closed_form() {
         close(best.weights(0).unwrap()[part], (count + 1.5) / total);
         close(best.mean(0, part).unwrap()[0], mean);
         close(best.covariance(0, part).unwrap()[0], squares / count - mean * mean);
+    }
+}
+
+/// The covariances that one step learns are those of all parts, averaged with their weights: over
+/// the components if they are spherical, over the parts of a state if they are tied.
+#[test]
+fn shared_variances_are_averages_of_those_that_are_not() {
+    let numbers: Vec<f64> = (0..40).map(|i| (f64::from(i) * 0.7).cos()).collect();
+    let (tied, _) = family(CovarianceType::Tied, [2, 3, 2], &numbers);
+    let covariances = tied.covariances();
+    let repeated: Vec<Vec<Vec<f64>>> =
+        covariances.iter().map(|own| vec![own[0].clone(); 3]).collect();
+    let weights: Vec<Vec<f64>> =
+        (0..2).map(|state| tied.weights(state).unwrap().to_vec()).collect();
+    let full = GaussianMixture::full(&weights, &tied.means(), &repeated).unwrap();
+    let variances = [[0.5, 1.0, 2.0], [1.5, 0.7, 1.0]];
+    let spherical = GaussianMixture::spherical(&weights, &tied.means(), &variances).unwrap();
+    let repeated = variances.map(|row| row.map(|v| [v; 2]));
+    let diagonal = GaussianMixture::diagonal(&weights, &tied.means(), &repeated).unwrap();
+    let rows = noisy_rows(60, 2, 7);
+    let posterior: Vec<Vec<f64>> = (0..60).map(|k| vec![0.2 + 0.01 * f64::from(k), 0.5]).collect();
+    let [tied, full, spherical, diagonal] = [tied, full, spherical, diagonal]
+        .map(|start| reestimated(&start, &rows, &posterior, 0.0).unwrap());
+    let close = |a: f64, b: f64| assert!((a - b).abs() <= 1e-12 * b.abs().max(1.0), "{a} {b}");
+    for state in 0..2 {
+        let shares = full.weights(state).unwrap();
+        for entry in 0..4 {
+            let each =
+                (0..3).map(|part| shares[part] * full.covariance(state, part).unwrap()[entry]);
+            close(tied.covariance(state, 1).unwrap()[entry], each.sum());
+        }
+        for part in 0..3 {
+            let each = diagonal.covariance(state, part).unwrap();
+            close(spherical.covariance(state, part).unwrap()[0], 0.5 * (each[0] + each[3]));
+            assert_eq!(tied.mean(state, part), full.mean(state, part));
+        }
     }
 }
 
@@ -190,15 +249,18 @@ fn weights_of_zero_stay() {
 #[test]
 fn reordered_states() {
     let numbers: Vec<f64> = (0..40).map(|i| (f64::from(i) * 0.7).cos()).collect();
-    let (mixture, _) = family(true, [3, 2, 2], &numbers);
-    let other = mixture.reordered(&[1, 2, 0]);
-    for (new, old) in [1, 2, 0].into_iter().enumerate() {
-        let y = [0.3, -0.2];
-        assert_eq!(log_density(&other, new, &y), log_density(&mixture, old, &y));
-        assert_eq!(other.weights(new), mixture.weights(old));
-        assert_eq!(other.mean(new, 1), mixture.mean(old, 1));
+    for (kind, free) in KINDS.into_iter().zip([6, 6 * 2, 6 * 3, 3 * 3]) {
+        let (mixture, _) = family(kind, [3, 2, 2], &numbers);
+        let other = mixture.reordered(&[1, 2, 0]);
+        for (new, old) in [1, 2, 0].into_iter().enumerate() {
+            let y = [0.3, -0.2];
+            assert_eq!(log_density(&other, new, &y), log_density(&mixture, old, &y));
+            assert_eq!(other.weights(new), mixture.weights(old));
+            assert_eq!(other.mean(new, 1), mixture.mean(old, 1));
+            assert_eq!(other.covariance(new, 1), mixture.covariance(old, 1));
+        }
+        assert_eq!(mixture.free_parameters(), 3 + 6 * 2 + free);
     }
-    assert_eq!(mixture.free_parameters(), 3 + 6 * 2 + 6 * 3);
 }
 
 #[test]
@@ -226,6 +288,13 @@ fn errors_name_state_and_part() {
     assert!(
         text(infinite).starts_with("part 0 of a mixture: the covariance of state 0, component 1")
     );
+    let tied = |bad: &[f64]| GaussianMixture::tied(&halves, &means, &[&unit[..], bad]);
+    assert_eq!(
+        text(tied(&[1.0, 2.0, 2.0, 1.0])),
+        "the covariance of state 1 is not positive definite, at component 1"
+    );
+    assert!(text(tied(&[1.0, 0.5, 0.4, 1.0])).starts_with("the covariance of state 1, component"));
+    assert_eq!(text(tied(&[1.0])), "the covariance of state 1 has 1 values, expected 4");
     let none: [[[f64; 1]; 0]; 1] = [[]];
     assert!(text(GaussianMixture::diagonal(&[[0.0; 0]], &none, &none)).contains("at least one"));
     let short = GaussianMixture::full(&halves, &means[..1], &[[unit, unit]; 2]);
@@ -235,14 +304,20 @@ fn errors_name_state_and_part() {
     let same = reestimated(&start.unwrap(), &vec![vec![1.0]; 9], &vec![vec![1.0]; 9], 0.0);
     let same = same.unwrap_err().to_string();
     assert!(same.starts_with("part 0 of a mixture: the variance of state 0 cannot be"), "{same}");
+    let start = GaussianMixture::tied(&halves, &[[[0.0], [1.0]]; 2], &[[1.0], [1.0]]).unwrap();
+    let rows: Vec<Vec<f64>> = (0..9).map(|k| vec![f64::from(k % 4)]).chain([vec![1.0]]).collect();
+    let weights: Vec<Vec<f64>> =
+        (0..10).map(|k| if k < 9 { vec![1.0, 0.0] } else { vec![0.0, 1.0] }).collect();
+    let same = reestimated(&start, &rows, &weights, 0.0).unwrap_err().to_string();
+    assert!(same.starts_with("the covariance of state 1 cannot be estimated from 1 "), "{same}");
 }
 
 #[cfg(feature = "serde")]
 #[test]
 fn stored_to_the_bit() {
     let numbers: Vec<f64> = (0..40).map(|i| (f64::from(i) * 0.7).cos()).collect();
-    for full in [false, true] {
-        let (mixture, _) = family(full, [3, 2, 2], &numbers);
+    for kind in KINDS {
+        let (mixture, _) = family(kind, [3, 2, 2], &numbers);
         let prior = GaussianPrior::new(2).unwrap().with_mean(0.1, &[0.2, 0.3]).unwrap();
         let mixture = mixture.with_missing().with_prior(prior).unwrap();
         let text = serde_json::to_string(&mixture).unwrap();

@@ -1,16 +1,15 @@
 //! One face for all families, so that what holds for each is written once.
 
+mod families;
+mod others;
+
 use std::fmt::Debug;
 
 use wayfix::ReorderStates;
-use wayfix::emission::{
-    Bernoulli, Gamma, Independent, LogNormal, Multinomial, Poisson, VonMises, VonMisesFisher,
-};
 use wayfix::likelihood::{LearnLikelihood, SampleObservation};
 use wayfix::{Belief, DenseTransition, Hmm, InferenceError, Likelihood, Prior};
 
-/// A family with one component (or vector), and parameters that are free numbers, such that the
-/// information on one does not depend on the others.
+/// A family with one component (or vector), and parameters that are free numbers.
 pub(super) trait Family:
     LearnLikelihood<Observation = [f64], Statistics: Clone>
     + SampleObservation<Sample = Vec<f64>>
@@ -22,6 +21,12 @@ pub(super) trait Family:
 {
     /// Number of free parameters of a state.
     const FREE: usize;
+
+    /// Number of M steps after which the parameters are at the maximum.
+    const STEPS: usize = 1;
+
+    /// Number of recordings from which the maximum is found.
+    const SEEDS: u64 = 8;
 
     /// Parameters from numbers between 0 and 1.
     fn parameters(unit: &[f64]) -> Vec<f64>;
@@ -54,155 +59,7 @@ macro_rules! with_prior {
         }
     };
 }
-
-impl Family for Independent<Bernoulli> {
-    const FREE: usize = 1;
-
-    fn parameters(unit: &[f64]) -> Vec<f64> {
-        vec![0.05 + 0.9 * unit[0]]
-    }
-
-    fn build(states: &[Vec<f64>]) -> Self {
-        Bernoulli::family(&column(states, 0)).unwrap()
-    }
-
-    fn read(&self) -> Vec<f64> {
-        vec![self.component(0, 0).unwrap().probability()]
-    }
-
-    with_prior!();
-}
-
-impl Family for Independent<Poisson> {
-    const FREE: usize = 1;
-
-    fn parameters(unit: &[f64]) -> Vec<f64> {
-        vec![(6.0 * unit[0]).exp()]
-    }
-
-    fn build(states: &[Vec<f64>]) -> Self {
-        Poisson::family(&column(states, 0)).unwrap()
-    }
-
-    fn read(&self) -> Vec<f64> {
-        vec![self.component(0, 0).unwrap().rate()]
-    }
-
-    with_prior!();
-}
-
-/// By shape and mean.
-impl Family for Independent<Gamma> {
-    const FREE: usize = 2;
-
-    fn parameters(unit: &[f64]) -> Vec<f64> {
-        vec![(6.0 * unit[0] - 1.0).exp(), (10.0 * unit[1] - 5.0).exp()]
-    }
-
-    fn build(states: &[Vec<f64>]) -> Self {
-        let scales: Vec<[f64; 1]> = states.iter().map(|state| [state[1] / state[0]]).collect();
-        Gamma::family(&column(states, 0), &scales).unwrap()
-    }
-
-    fn read(&self) -> Vec<f64> {
-        let gamma = self.component(0, 0).unwrap();
-        vec![gamma.shape(), gamma.shape() * gamma.scale()]
-    }
-
-    with_prior!();
-}
-
-impl Family for Independent<LogNormal> {
-    const FREE: usize = 2;
-
-    fn parameters(unit: &[f64]) -> Vec<f64> {
-        vec![1.0 + 10.0 * unit[0], (3.0 * unit[1] - 2.0).exp()]
-    }
-
-    fn build(states: &[Vec<f64>]) -> Self {
-        LogNormal::family(&column(states, 0), &column(states, 1)).unwrap()
-    }
-
-    fn read(&self) -> Vec<f64> {
-        let log_normal = self.component(0, 0).unwrap();
-        vec![log_normal.mean(), log_normal.deviation()]
-    }
-
-    with_prior!();
-}
-
-impl Family for Independent<VonMises> {
-    const FREE: usize = 2;
-
-    fn parameters(unit: &[f64]) -> Vec<f64> {
-        vec![1.0 + 2.0 * unit[0], (6.0 * unit[1]).exp()]
-    }
-
-    fn build(states: &[Vec<f64>]) -> Self {
-        VonMises::family(&column(states, 0), &column(states, 1)).unwrap()
-    }
-
-    fn read(&self) -> Vec<f64> {
-        let angles = self.component(0, 0).unwrap();
-        vec![angles.mean(), angles.concentration()]
-    }
-
-    with_prior!();
-}
-
-/// Two of three shares, each in parts of what is left, in rows of five trials.
-impl Family for Multinomial {
-    const FREE: usize = 2;
-
-    fn parameters(unit: &[f64]) -> Vec<f64> {
-        vec![0.1 + 0.8 * unit[0], 0.1 + 0.8 * unit[1]]
-    }
-
-    fn build(states: &[Vec<f64>]) -> Self {
-        let row = |s: &Vec<f64>| [s[0], s[1] * (1.0 - s[0]), (1.0 - s[1]) * (1.0 - s[0])];
-        Self::new(&states.iter().map(row).collect::<Vec<_>>()).unwrap().with_trials(5)
-    }
-
-    fn read(&self) -> Vec<f64> {
-        let rows = self.probabilities();
-        let rest = rows[0][1] + rows[0][2];
-        vec![rows[0][0], if rest == 0.0 { 0.0 } else { rows[0][1] / rest }]
-    }
-
-    fn missing(self) -> Self {
-        self.with_missing()
-    }
-
-    fn and_prior(self, _: &[f64], _: f64) -> Self {
-        self
-    }
-}
-
-/// In three dimensions: polar angle, azimuth and concentration.
-impl Family for VonMisesFisher {
-    const FREE: usize = 3;
-
-    fn parameters(unit: &[f64]) -> Vec<f64> {
-        vec![0.7 + 1.5 * unit[0], 1.0 + unit[1], (6.0 * unit[2]).exp()]
-    }
-
-    fn build(states: &[Vec<f64>]) -> Self {
-        let mean = |s: &Vec<f64>| {
-            let ((sin, cos), (sin2, cos2)) = (s[0].sin_cos(), s[1].sin_cos());
-            [sin * cos2, sin * sin2, cos]
-        };
-        let concentrations: Vec<f64> = states.iter().map(|state| state[2]).collect();
-        Self::new(&states.iter().map(mean).collect::<Vec<_>>(), &concentrations).unwrap()
-    }
-
-    fn read(&self) -> Vec<f64> {
-        let mean = &self.means()[0];
-        let polar = mean[0].hypot(mean[1]).atan2(mean[2]);
-        vec![polar, mean[1].atan2(mean[0]), self.concentrations()[0]]
-    }
-
-    with_prior!();
-}
+use with_prior;
 
 /// Calls a generic test with each family.
 macro_rules! for_all_families {
@@ -221,6 +78,16 @@ macro_rules! for_all_families {
             of!(bernoulli, Independent<Bernoulli>);
             of!(multinomial, Multinomial);
             of!(poisson, Independent<Poisson>);
+            of!(binomial, Independent<Binomial>);
+            of!(negative_binomial, Independent<NegativeBinomial>);
+            of!(zero_inflated, Independent<ZeroInflated<Poisson>>);
+            of!(zeros_beside_gamma, Independent<ZeroInflated<Gamma>>);
+            of!(hurdle, Independent<Hurdle<Binomial>>);
+            of!(weibull, Independent<Weibull>);
+            of!(beta, Independent<Beta>);
+            of!(wrapped_cauchy, Independent<WrappedCauchy>);
+            of!(skewed_t, Independent<SkewedT>);
+            of!(exponential, Independent<Exponential>);
             of!(gamma, Independent<Gamma>);
             of!(log_normal, Independent<LogNormal>);
             of!(von_mises, Independent<VonMises>);
@@ -271,19 +138,34 @@ pub(super) fn fit<B: Family>(start: &B, seen: &[(Vec<f64>, f64)], pseudo_count: 
     start.maximize(&sums, pseudo_count).unwrap()
 }
 
+/// Re-estimates a family of one state as often as its maximum takes, of which no step leads down.
+pub(super) fn fit_to_maximum<B: Family>(
+    start: &B,
+    seen: &[(Vec<f64>, f64)],
+    pseudo_count: f64,
+) -> B {
+    (0..B::STEPS).fold(start.clone(), |before, _| {
+        let after = fit(&before, seen, pseudo_count);
+        if B::STEPS > 1 {
+            let [low, high] = [&before, &after].map(|at| objective(at, seen, pseudo_count));
+            assert!(high >= low - 1e-11 * low.abs().max(1.0), "{low} {before:?} {high} {after:?}");
+        }
+        after
+    })
+}
+
 /// Logarithm of what learning maximises, for a family of one state.
 pub(super) fn objective<B: Family>(family: &B, seen: &[(Vec<f64>, f64)], pseudo_count: f64) -> f64 {
     let fits = seen.iter().map(|(y, weight)| weight * density(family, 0, y));
     fits.sum::<f64>() + family.log_prior(pseudo_count)
 }
 
-/// Newton's step to the maximum of the objective in one parameter, and the standard error of that
-/// parameter.
+/// Newton's step to the maximum of the objective in one parameter.
 pub(super) fn newton<B: Family>(
     around: &B,
     parameter: usize,
     objective: impl Fn(&B) -> f64,
-) -> (f64, f64) {
+) -> f64 {
     let theta = around.read();
     let step = 1e-3 * theta[parameter].abs();
     let at = |shift: f64| {
@@ -294,5 +176,37 @@ pub(super) fn newton<B: Family>(
     let (below, here, above) = (at(-step), at(0.0), at(step));
     let curvature = (above - 2.0 * here + below) / (step * step);
     assert!(curvature < 0.0, "no maximum in parameter {parameter} of {around:?}");
-    (-(above - below) / (2.0 * step) / curvature, (-curvature).sqrt().recip())
+    -(above - below) / (2.0 * step) / curvature
+}
+
+/// Standard errors of all parameters: roots of the diagonal of the inverse of the negative second
+/// derivatives.
+pub(super) fn standard_errors<B: Family>(around: &B, objective: impl Fn(&B) -> f64) -> Vec<f64> {
+    let (theta, n) = (around.read(), B::FREE);
+    let at = |moves: &[(usize, f64)]| {
+        let mut moved = theta.clone();
+        moves.iter().for_each(|&(k, by)| moved[k] += by * 1e-3 * theta[k].abs());
+        objective(&B::build(&[moved]))
+    };
+    // In units of the steps, beside a unit matrix, to which it is reduced.
+    let mut rows: Vec<Vec<f64>> = (0..n)
+        .map(|i| {
+            let second = |j: usize| {
+                let sum = |a: f64, b: f64| at(&[(i, 0.5 * a), (j, 0.5 * b)]);
+                sum(1.0, -1.0) + sum(-1.0, 1.0) - sum(1.0, 1.0) - sum(-1.0, -1.0)
+            };
+            (0..n).map(second).chain((0..n).map(|j| f64::from(u8::from(i == j)))).collect()
+        })
+        .collect();
+    for i in 0..n {
+        let pivot = rows[i][i];
+        assert!(pivot > 0.0, "no maximum in parameter {i} of {around:?}");
+        rows[i].iter_mut().for_each(|value| *value /= pivot);
+        let row = rows[i].clone();
+        for other in (0..n).filter(|other| *other != i) {
+            let factor = rows[other][i];
+            rows[other].iter_mut().zip(&row).for_each(|(value, own)| *value -= factor * own);
+        }
+    }
+    (0..n).map(|k| rows[k][n + k].sqrt() * 1e-3 * theta[k].abs()).collect()
 }
