@@ -1,10 +1,13 @@
 //! A hidden Markov model: prior, transition and likelihood.
 
 use crate::belief::Belief;
-use crate::error::HmmError;
+use crate::error::{HmmError, TransitionError};
 use crate::likelihood::Likelihood;
 use crate::reorder::ReorderStates;
-use crate::transition::{self, Transition};
+use crate::transition::{self, Stationary, Transition, TransitionEntries, the_control};
+
+/// Largest Σ |A π − π| of a stationary prior: ten times as much as columns may miss one by.
+const STATIONARY_TOLERANCE: f64 = 1e-8;
 
 /// Belief before the first observation, and **when** it holds.
 ///
@@ -29,14 +32,63 @@ pub enum Prior {
     /// The distribution of X_1, the state of the first observation: α_1 = B(y_1) π. The
     /// convention of Rabiner (1989), hmmlearn and dynamax.
     AtFirstObservation(Belief),
+    /// The distribution of X_1, as in [`AtFirstObservation`](Self::AtFirstObservation), which is
+    /// that of any other step: A π = π. For a chain that had been running long before it was
+    /// observed; the convention of Zucchini, MacDonald and Langrock (2016), statsmodels and, on
+    /// request, R's HiddenMarkov. Made by [`stationary`](Self::stationary).
+    ///
+    /// The prior has no parameters of its own: [learning](Hmm::learn) takes π from A, and account
+    /// of this in A. For an operator with a control there is no such distribution.
+    Stationary(Belief),
 }
 
 impl Prior {
+    /// Creates the stationary prior of an operator that is the same at all steps, by elimination
+    /// of states (Grassmann, Taksar and Heyman 1985): without a subtraction, so that each
+    /// probability has small relative error, however slowly the chain mixes. States outside the
+    /// only closed class have probability 0. O(n³) at most, and much less for maps of places.
+    ///
+    /// ```
+    /// use wayfix::{DenseTransition, Hmm, Prior, TableLikelihood};
+    ///
+    /// let weather = DenseTransition::from_rows(&[[0.9, 0.3], [0.1, 0.7]])?;
+    /// let prior = Prior::stationary(&weather)?;
+    /// assert!((prior.belief().as_slice()[0] - 0.75).abs() < 1e-15);
+    /// let sensor = TableLikelihood::from_rows(&[[0.8, 0.2], [0.1, 0.9]])?;
+    /// let hmm = Hmm::new(prior, weather, sensor)?;
+    /// let always: f64 = 0.75 * 0.8 + 0.25 * 0.1;
+    /// assert!((hmm.log_likelihood(&[0])? - always.ln()).abs() < 1e-12);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError`] if the operator has a control, does not
+    /// [declare to have none](Transition::no_control), or has evidence on moves
+    /// ([`Stationary`](TransitionError::Stationary)); if the chain has several closed classes
+    /// ([`ClosedClasses`](TransitionError::ClosedClasses)); if the elimination takes more than
+    /// 2^26 entries ([`Elimination`](TransitionError::Elimination)), as for a large graph without
+    /// small cuts; and if a state is left with a probability out of the range of doubles.
+    pub fn stationary<A: TransitionEntries>(transition: &A) -> Result<Self, TransitionError> {
+        Ok(Self::Stationary(Stationary::of(transition)?.distribution()))
+    }
+
     /// Returns the distribution.
     #[must_use]
     pub fn belief(&self) -> &Belief {
         match self {
-            Self::BeforeFirstTransition(belief) | Self::AtFirstObservation(belief) => belief,
+            Self::BeforeFirstTransition(belief)
+            | Self::AtFirstObservation(belief)
+            | Self::Stationary(belief) => belief,
+        }
+    }
+
+    /// The same convention with another distribution.
+    pub(crate) fn with_belief(&self, belief: Belief) -> Self {
+        match self {
+            Self::BeforeFirstTransition(_) => Self::BeforeFirstTransition(belief),
+            Self::AtFirstObservation(_) => Self::AtFirstObservation(belief),
+            Self::Stationary(_) => Self::Stationary(belief),
         }
     }
 
@@ -86,8 +138,9 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     ///
     /// # Errors
     ///
-    /// [`HmmError`] if the parts differ in their number of states, or if the operator is not
-    /// stochastic.
+    /// [`HmmError`] if the parts differ in their number of states, if the operator is not
+    /// stochastic, or if a [stationary](Prior::Stationary) prior is not that of the operator: the sum
+    /// of the changes by a transition is above 1e-8, or the operator has a control.
     pub fn new(prior: Prior, transition: A, likelihood: B) -> Result<Self, HmmError> {
         let expected = prior.belief().states();
         for (part, found) in [
@@ -99,6 +152,9 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             }
         }
         transition::validate(&transition)?;
+        if let Prior::Stationary(belief) = &prior {
+            check_stationary(belief, &transition)?;
+        }
         Ok(Self { prior, transition, likelihood, rounds_tails: false })
     }
 
@@ -194,15 +250,29 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         }
         let probabilities = self.prior.belief().as_slice();
         let belief = Belief::known(order.iter().map(|&state| probabilities[state]).collect());
-        let prior = match self.prior {
-            Prior::BeforeFirstTransition(_) => Prior::BeforeFirstTransition(belief),
-            Prior::AtFirstObservation(_) => Prior::AtFirstObservation(belief),
-        };
         Ok(Self {
-            prior,
+            prior: self.prior.with_belief(belief),
             transition: self.transition.reordered(order),
             likelihood: self.likelihood.reordered(order),
             rounds_tails: self.rounds_tails,
         })
     }
+}
+
+/// Checks that a transition does not change a belief.
+fn check_stationary<A: Transition>(belief: &Belief, transition: &A) -> Result<(), HmmError> {
+    let control = the_control(transition).map_err(HmmError::Stationary)?;
+    let mut after = vec![0.0; belief.states()];
+    transition.apply(control, belief.as_slice(), &mut after);
+    let changes =
+        belief.as_slice().iter().zip(&after).map(|(before, after)| (after - before).abs());
+    let sum: f64 = changes.clone().sum();
+    if sum.is_nan() || sum > STATIONARY_TOLERANCE {
+        // From the back, since the last of equal ones is taken.
+        let largest = changes.enumerate().rev().max_by(|a, b| a.1.total_cmp(&b.1));
+        let (state, _) = largest.unwrap_or_default();
+        let before = belief.as_slice()[state];
+        return Err(HmmError::NotStationary { state, before, after: after[state] });
+    }
+    Ok(())
 }

@@ -57,9 +57,13 @@
 //! | [`Hmm::viterbi`], [`Hmm::k_best`], [`Hmm::beam_viterbi`] | the most probable paths |
 //! | [`Hmm::path_sampler`] | paths drawn given all observations |
 //! | [`Hmm::expected_moves`], [`Hmm::path_entropy`] | the expected count of each move; the entropy of the whole path |
-//! | [`Hmm::learn`], [`Hmm::fit`] | a maximum-likelihood model, from sequences without or with labels |
+//! | [`Hmm::learn`], [`Hmm::fit`] | a maximum-likelihood model, from sequences without labels or [with some](guide::labels); the same with all |
 //! | [`Hmm::learn_best`], [`Hmm::expectations`], [`Hmm::maximize`] | the same from several starts; an iteration in parts |
-//! | [`inference::LearnedModel::criteria`], [`inference::ModelSelection`], [`Hmm::jackknife`] | AIC, BIC and held-out likelihood; standard errors |
+//! | [`inference::LearnedModel::criteria`], [`inference::ModelSelection`] | AIC, BIC and held-out likelihood |
+//! | [`Hmm::standard_errors`], [`Hmm::jackknife`] | standard errors and intervals of what was learned: from the likelihood, for one long sequence too; from many sequences, for models that are not true |
+//!
+//! With the feature `emission`, `Hmm::pseudo_residuals` says whether a model fits, and
+//! `Filter::predictive` how the next observation is distributed.
 //!
 //! For **many sequences**, [`Hmm::forward_map_all`], [`Hmm::smooth_map_all`],
 //! [`Hmm::log_likelihood_map_all`] and [`Hmm::viterbi_map_all`] take any number from an iterator
@@ -85,12 +89,13 @@
 //! | `matching` | positions of vehicles on road networks, live and afterwards (feature `matching`) |
 //! | [`evaluate`] | recall, precision, calibration and other scores |
 //! | `canberra` | the paper's instance with 105 intersections, built from public items only (feature `canberra`) |
-//! | [`guide`] | chapters: [which routine](guide::routines), [formulas](guide::formulas), [performance](guide::performance), [from descriptors to a position](guide::from_descriptors), from GPS points to a route (`from_gps`, feature `matching`), [a lost robot on a grid](guide::lost_robot), [from hmmlearn](guide::from_hmmlearn), [from dynamax](guide::from_dynamax) |
+//! | [`guide`] | chapters: [which routine](guide::routines), [formulas](guide::formulas), [performance](guide::performance), [from descriptors to a position](guide::from_descriptors), from GPS points to a route (`from_gps`, feature `matching`), [a lost robot on a grid](guide::lost_robot), [labels of all steps or of some](guide::labels), [silent states](guide::silent_states), [from hmmlearn](guide::from_hmmlearn), [from dynamax](guide::from_dynamax), [from depmixS4, momentuHMM and others of R](guide::from_depmixs4_and_momentuhmm) |
 //!
 //! You can also implement [`Transition`] or [`Likelihood`] yourself: each has an example of a
 //! dozen lines; [`with_scratch`](transition::with_scratch) lends an operator memory. With
 //! [`LearnTransition`](transition::LearnTransition) or
-//! [`LearnLikelihood`](likelihood::LearnLikelihood), [`Hmm::learn`] estimates them, too.
+//! [`LearnLikelihood`](likelihood::LearnLikelihood), [`Hmm::learn`] estimates them, too, and with
+//! [`FreeParameters`](inference::FreeParameters) they have standard errors.
 //!
 //! # Conventions
 //!
@@ -99,8 +104,8 @@
 //! - A\[i, j\] = p(X_k = i | X_{k-1} = j): **columns** sum to one.
 //! - The prior is the distribution either of X_0, [before the first
 //!   transition](Prior::BeforeFirstTransition), or of X_1, [at the first
-//!   observation](Prior::AtFirstObservation). The choice is explicit, since libraries differ, and
-//!   so do the results.
+//!   observation](Prior::AtFirstObservation), which may be the [stationary](Prior::Stationary)
+//!   one. The choice is explicit, since libraries differ, and so do the results.
 //! - Entries are addressed as (to, from), like the indices of A; moves and turns as (from, to).
 //!   Rows of a [`TableLikelihood`] sum to one.
 //! - A **control** k drives the transition from k − 1 to k, the one before y_k.
@@ -129,11 +134,11 @@
 //!
 //! # Not included
 //!
-//! - Learning the parameters of structured operators (a window's weights, dwell times, rates).
+//! - Learning the parameters of structured operators (a window's weights, rates of restarts).
 //! - Continuous states (Kalman and particle filters).
 //! - Computer vision: descriptors of images, or their similarities, are inputs.
-//! - Silent states, which emit nothing and take no step; [`transition`] shows how to compose the
-//!   moves through them into an operator.
+//! - Silent states, which emit nothing and take no step; a [chapter](guide::silent_states) shows how to
+//!   compose the moves through them into an operator.
 //! - Reading `.npy` files: a crate such as `npyz` does, and every input here is a slice.
 //! - `no_std`.
 //!
@@ -186,6 +191,7 @@ mod belief;
 ))]
 mod files;
 mod fixed;
+mod free_parameters;
 mod groups;
 mod hmm;
 mod kernels;
@@ -193,6 +199,7 @@ mod limits;
 mod random;
 mod reorder;
 mod sequence;
+mod standard_normal;
 
 #[cfg(feature = "canberra")]
 pub mod canberra;

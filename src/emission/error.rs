@@ -80,6 +80,14 @@ pub enum EmissionError {
         /// Number of components expected.
         expected: usize,
     },
+    /// Observations have no such component.
+    #[error("there is no component {component}, observations have {components}")]
+    NoComponent {
+        /// The component asked for, from 0.
+        component: usize,
+        /// Number of components of an observation.
+        components: usize,
+    },
     /// An observation that is a direction does not have length one.
     #[error("the observation has length {value}, expected 1 within 1e-6", value = Number(*.value))]
     Norm {

@@ -10,8 +10,9 @@ use super::normal::{
     CovarianceType, GaussianStatistics, Normals, Settings, eights, flatten_covariances, in_blocks,
     settings,
 };
-use super::{EmissionError, Family, StartFromClusters};
+use super::{EmissionError, Family, Marginals, StartFromClusters, Tails};
 use crate::error::LikelihoodError;
+use crate::free_parameters::{Displacement, FreeParameters};
 use crate::likelihood::{Diagonal, LearnLikelihood, Likelihood, SampleObservation, Scratch};
 use crate::reorder::ReorderStates;
 
@@ -241,5 +242,31 @@ impl StartFromClusters for Gaussian {}
 impl ReorderStates for Gaussian {
     fn reordered(&self, order: &[usize]) -> Self {
         Self { normals: self.normals.select(order) }
+    }
+}
+
+/// Means, then variances or covariances, unless learning keeps them.
+impl FreeParameters for Gaussian {
+    fn displaced(&self, by: &mut Displacement<'_>) -> Result<Self, Box<dyn Error + Send + Sync>> {
+        Ok(Self { normals: self.normals.displaced(by)? })
+    }
+}
+
+/// Each component by itself, with its variance.
+impl Marginals for Gaussian {
+    fn numbers(&self) -> usize {
+        self.normals.components()
+    }
+
+    fn number(&self, row: &[f64], component: usize) -> Result<Option<f64>, LikelihoodError> {
+        Ok(self.normals.number(row, component)?)
+    }
+
+    fn log_density(&self, state: usize, component: usize, y: f64) -> f64 {
+        self.normals.log_marginal(state, component, y)
+    }
+
+    fn tails(&self, state: usize, component: usize, y: f64) -> Tails {
+        self.normals.tails(state, component, y)
     }
 }

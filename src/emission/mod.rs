@@ -11,9 +11,16 @@
 //! |---|---|
 //! | events that happen or not | [`Bernoulli::family`] |
 //! | counts of events | [`Poisson::family`] |
+//! | the same in clusters, of a variance above the mean | [`NegativeBinomial::family`] |
+//! | counts of successes in so many trials | [`Binomial::family`] |
 //! | counts of several kinds in so many trials | [`Multinomial`] |
-//! | durations and speeds | [`Gamma::family`], [`LogNormal::family`] |
-//! | headings and other angles | [`VonMises::family`] |
+//! | counts with more zeros than those have, or fewer | [`ZeroInflated`], [`Hurdle`] |
+//! | positive numbers, and at times exactly 0 | [`ZeroInflated`] |
+//! | times until the next event | [`Exponential::family`] |
+//! | durations and speeds | [`Gamma::family`], [`LogNormal::family`], [`Weibull::family`] |
+//! | shares | [`Beta::family`] |
+//! | headings and other angles | [`VonMises::family`], with heavy tails [`WrappedCauchy::family`] |
+//! | returns, skewed and with heavy tails | [`SkewedT::family`] |
 //! | directions in d ≥ 2 dimensions | [`VonMisesFisher`] |
 //! | vectors of real numbers | [`Gaussian`], [`GaussianMixture`] |
 //! | the same with outliers | [`StudentT`] |
@@ -21,8 +28,13 @@
 //! | components of a distribution of your own | [`Independent`] of a [`Univariate`] |
 //! | several sensors in one row, each with a family of its own | [`Product`] |
 //!
+//! The fit of a model shows in its [pseudo-residuals](crate::Hmm::pseudo_residuals), the places of
+//! observations in the distributions that the model gives them; the distribution of the next one is
+//! [`Filter::predictive`](crate::Filter::predictive). Both take one number of an observation: see
+//! [`Marginals`].
+//!
 //! Symbols (hmmlearn's `CategoricalHMM`) are observations of a
-//! [`TableLikelihood`](crate::TableLikelihood), which needs no feature.
+//! [`TableLikelihood`](crate::TableLikelihood), which needs no feature; [`table_starts`] is here.
 //!
 //! # Layers
 //!
@@ -31,12 +43,14 @@
 //!
 //! ```text
 //! error, check, special, rows, columns, series     errors, checks, functions, sequences of rows
-//! family, clusters                                 a row's width; families from clusters
+//! tails                                            probabilities on both sides of a number
+//! family, marginals, clusters                      a row's width; its numbers; families from clusters
 //! normal (Gaussian densities, their moments), concentration (of directions)
 //! independent (and its distributions), gaussian
 //! multinomial, von_mises_fisher, gaussian_mixture, student_t, linear_regression
 //! product                                          several families in one row
-//! start                                            models to begin learning with
+//! start, symbols                                   models to begin learning with; those of tables
+//! residuals, predictive                            whether a model fits; the next observation
 //! ```
 
 mod check;
@@ -49,30 +63,44 @@ mod gaussian;
 mod gaussian_mixture;
 mod independent;
 mod linear_regression;
+mod marginals;
 mod multinomial;
 mod normal;
+mod predictive;
 mod product;
+mod residuals;
 mod rows;
 #[cfg(feature = "csv")]
 mod series;
 mod special;
 mod start;
 mod student_t;
+mod symbols;
+mod tails;
 mod von_mises_fisher;
 
-pub use clusters::{Clusters, StartFromClusters};
+pub use clusters::{Clusters, StartFromClusters, StartKind};
 pub use error::EmissionError;
 pub use family::Family;
 pub use gaussian::Gaussian;
 pub use gaussian_mixture::GaussianMixture;
-pub use independent::{Bernoulli, Gamma, Independent, LogNormal, Poisson, Univariate, VonMises};
+pub use independent::{
+    Bernoulli, Beta, Binomial, Cumulative, Exponential, Gamma, Hurdle, Independent, LogNormal,
+    NegativeBinomial, Poisson, SkewedT, Sums, Univariate, VonMises, Weibull, WrappedCauchy,
+    ZeroInflated,
+};
 pub use linear_regression::LinearRegression;
+pub use marginals::Marginals;
 pub use multinomial::Multinomial;
 pub use normal::{CovarianceType, GaussianPrior, GaussianStatistics};
+pub use predictive::Predictive;
 pub use product::Product;
+pub use residuals::PseudoResiduals;
 pub use rows::Rows;
 #[cfg(feature = "csv")]
 pub use series::Series;
 pub use start::starts;
 pub use student_t::StudentT;
+pub use symbols::table_starts;
+pub use tails::Tails;
 pub use von_mises_fisher::VonMisesFisher;

@@ -12,6 +12,7 @@ use super::special::{ln_factorial, log_excess};
 use super::{EmissionError, Family, StartFromClusters};
 use crate::belief::SUM_TOLERANCE;
 use crate::error::LikelihoodError;
+use crate::free_parameters::{Displacement, FreeParameters};
 use crate::kernels;
 use crate::likelihood::{
     Diagonal, LearnLikelihood, Likelihood, SampleObservation, Scratch, shares,
@@ -62,8 +63,9 @@ pub struct Multinomial {
     /// Probability of outcome c in state i at c n + i, and its logarithm.
     probabilities: Vec<f64>,
     logs: Vec<f64>,
-    /// Sum of each state's probabilities, less 1.
+    /// Sum of each state's probabilities, less 1, and its logarithm.
     above_one: Vec<f64>,
+    ln_sums: Vec<f64>,
 }
 
 impl Multinomial {
@@ -95,8 +97,9 @@ impl Multinomial {
     /// Creates a family from valid probabilities, outcome by outcome.
     fn from_columns(probabilities: Vec<f64>, above_one: Vec<f64>) -> Self {
         let logs = probabilities.iter().map(|p| p.ln()).collect();
+        let ln_sums = above_one.iter().map(|above| above.ln_1p()).collect();
         let states = above_one.len();
-        Self { states, missing: false, trials: 1, probabilities, logs, above_one }
+        Self { states, missing: false, trials: 1, probabilities, logs, above_one, ln_sums }
     }
 
     /// Takes a row of NaN alone as a missing observation.
@@ -136,20 +139,19 @@ impl Multinomial {
         if self.missing && observation.iter().all(|y| y.is_nan()) {
             return Ok(None);
         }
-        let refused = |(component, &value): (usize, &f64), expected| {
-            Err(EmissionError::Observation { component, value, expected })
-        };
         let mut trials = 0.0;
-        for entry in observation.iter().enumerate() {
-            if !is_count(*entry.1) {
-                return refused(entry, "a whole number from 0 to 2^53");
-            }
-            trials += entry.1;
-            if !is_count(trials) {
-                return refused(entry, "counts with a sum of up to 2^53");
-            }
-        }
-        Ok(Some(trials))
+        let refused = observation.iter().position(|y| {
+            trials += y;
+            !is_count(*y) || !is_count(trials)
+        });
+        let Some(component) = refused else { return Ok(Some(trials)) };
+        let value = observation[component];
+        let expected = if is_count(value) {
+            "counts with a sum of up to 2^53"
+        } else {
+            "a whole number from 0 to 2^53"
+        };
+        Err(EmissionError::Observation { component, value, expected })
     }
 }
 
@@ -172,28 +174,31 @@ impl Likelihood for Multinomial {
             return Ok(Diagonal::log(logs));
         };
         let (whole, rest) = ln_factorial(number);
+        if number < MANY {
+            // Factorials are those of all states.
+            let of_counts: f64 = observation.iter().map(|value| ln_factorial(*value).0).sum();
+            for (log, ln_sum) in logs.iter_mut().zip(&self.ln_sums) {
+                *log = whole - of_counts - number * ln_sum;
+            }
+            for (value, ln_ps) in observation.iter().zip(self.logs.chunks_exact(n)) {
+                if *value > 0.0 {
+                    logs.iter_mut().zip(ln_ps).for_each(|(log, ln_p)| *log += value * ln_p);
+                }
+            }
+            return Ok(Diagonal::log(logs));
+        }
+        // Poisson counts, given their sum, are multinomial.
+        let ln = number.ln();
         let parts = self.probabilities.chunks_exact(n).zip(self.logs.chunks_exact(n));
         for (&value, (ps, ln_ps)) in observation.iter().zip(parts) {
             let factorial = ln_factorial(value);
-            let parts = logs.iter_mut().zip(ps.iter().zip(ln_ps));
-            if number >= MANY {
-                // Poisson counts, given their sum, are multinomial.
-                let ln = number.ln();
-                parts.for_each(|(log, (p, ln_p))| {
-                    *log += log_probability((value, factorial), (number * p, ln + ln_p));
-                });
-            } else if value > 0.0 {
-                parts.for_each(|(log, (_, ln_p))| *log += value * ln_p - factorial.0);
+            for (log, (p, ln_p)) in logs.iter_mut().zip(ps.iter().zip(ln_ps)) {
+                *log += log_probability((value, factorial), (number * p, ln + ln_p));
             }
         }
-        if number >= MANY {
-            // A sum of probabilities that is not one, such as by rounding, counts in its square.
-            let above = logs.iter_mut().zip(&self.above_one);
-            above.for_each(|(log, above)| *log += rest + number * log_excess(*above));
-        } else {
-            let above = logs.iter_mut().zip(&self.above_one);
-            above.for_each(|(log, above)| *log += whole - number * above.ln_1p());
-        }
+        // A sum of probabilities that is not one, such as by rounding, counts in its square.
+        let above = logs.iter_mut().zip(&self.above_one);
+        above.for_each(|(log, above)| *log += rest + number * log_excess(*above));
         Ok(Diagonal::log(logs))
     }
 }
@@ -280,5 +285,15 @@ impl ReorderStates for Multinomial {
         let above_one = order.iter().map(|&i| self.above_one[i]).collect();
         let (missing, trials) = (self.missing, self.trials);
         Self { missing, trials, ..Self::from_columns(columns, above_one) }
+    }
+}
+
+/// Log-odds of the probabilities above 0, state by state, to the largest of the state. Those of 0
+/// count as at a bound.
+impl FreeParameters for Multinomial {
+    fn displaced(&self, by: &mut Displacement<'_>) -> Result<Self, Box<dyn Error + Send + Sync>> {
+        let mut rows = self.probabilities();
+        rows.iter_mut().for_each(|row| by.distribution(row));
+        Ok(Self { missing: self.missing, trials: self.trials, ..Self::new(&rows)? })
     }
 }

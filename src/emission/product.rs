@@ -6,8 +6,9 @@ use rand::Rng;
 
 use super::check::check_length;
 use super::clusters::Outcome;
-use super::{Clusters, EmissionError, Family, StartFromClusters};
+use super::{Clusters, EmissionError, Family, Marginals, StartFromClusters, Tails};
 use crate::error::LikelihoodError;
+use crate::free_parameters::{Displacement, FreeParameters};
 use crate::likelihood::{
     Diagonal, LearnLikelihood, Likelihood, SampleObservation, Scratch, product_of,
 };
@@ -136,6 +137,39 @@ impl<A: Family, B: Family> Likelihood for Product<A, B> {
     }
 }
 
+impl<A: Family + Marginals, B: Family + Marginals> Marginals for Product<A, B> {
+    fn numbers(&self) -> usize {
+        self.components()
+    }
+
+    fn number(&self, row: &[f64], component: usize) -> Result<Option<f64>, LikelihoodError> {
+        let Some((first, second)) = self.split(row) else {
+            let (found, expected) = (row.len(), self.components());
+            return Err(EmissionError::Components { found, expected }.into());
+        };
+        let (from, to) = self.others();
+        if component < from {
+            let found = self.first.number(first, component);
+            return found.map_err(|error| in_factor(error, 0, from));
+        }
+        self.second.number(second, component - from).map_err(|error| in_factor(error, from, to))
+    }
+
+    fn log_density(&self, state: usize, component: usize, y: f64) -> f64 {
+        match component.checked_sub(self.first.components()) {
+            None => self.first.log_density(state, component, y),
+            Some(component) => self.second.log_density(state, component, y),
+        }
+    }
+
+    fn tails(&self, state: usize, component: usize, y: f64) -> Tails {
+        match component.checked_sub(self.first.components()) {
+            None => self.first.tails(state, component, y),
+            Some(component) => self.second.tails(state, component, y),
+        }
+    }
+}
+
 /// Returns an error of the family of components `from` to `to` as that of the whole row.
 fn in_factor(error: LikelihoodError, from: usize, to: usize) -> LikelihoodError {
     if let LikelihoodError::Sensor(failed) = &error
@@ -229,5 +263,12 @@ where
 impl<A: ReorderStates, B: ReorderStates> ReorderStates for Product<A, B> {
     fn reordered(&self, order: &[usize]) -> Self {
         Self { first: self.first.reordered(order), second: self.second.reordered(order) }
+    }
+}
+
+/// Parameters of the first family, then of the second.
+impl<A: FreeParameters, B: FreeParameters> FreeParameters for Product<A, B> {
+    fn displaced(&self, by: &mut Displacement<'_>) -> Outcome<Self> {
+        Ok(Self { first: self.first.displaced(by)?, second: self.second.displaced(by)? })
     }
 }

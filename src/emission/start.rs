@@ -1,26 +1,39 @@
 //! Models to begin learning with (section 9 of the formulas finds the maximum that is near).
 
-use rand::Rng;
+use rand::{Rng, RngExt};
 
-use super::{Clusters, EmissionError, StartFromClusters};
+use super::{Clusters, EmissionError, StartFromClusters, StartKind};
 use crate::belief::Belief;
 use crate::error::{InferenceError, LearnError, SequenceError};
 use crate::hmm::{Hmm, Prior};
+use crate::inference::LearningOptions;
+use crate::inference::engines::parallel;
 use crate::likelihood::Scratch;
 use crate::sequence::Sequence;
 use crate::transition::DenseTransition;
 
-/// Models to start learning from: as many as asked for, each from other random
-/// [`Clusters`], whose observations give the family its parameters.
+/// Candidates of each start.
+const CANDIDATES: usize = 8;
+/// Iterations of learning from each. On random problems, fewer of both find the highest end of ten
+/// starts less often: so few iterations say little of an end.
+const SHORT: usize = 15;
+
+/// Models to start learning from, as many as asked for, of several [kinds](StartKind) in turn:
+/// that of a start is [`StartKind::of`] its index.
 ///
-/// Parameters are estimated from the observations of each cluster, with a tenth of the weight from all
-/// observations. A transition is what the clusters of successive observations show, with one more
-/// of each; the prior is uniform at the first observation. [`Hmm::learn_best`] learns from all and
-/// keeps the best:
+/// A start is that of eight candidates from which 15 iterations of learning come furthest
+/// (Biernacki, Celeux and Govaert 2003, for mixtures). Each comes from random [`Clusters`] of its
+/// kind, whose observations give the family its parameters.
+///
+/// Parameters are estimated from the observations of each cluster, with a tenth of the weight from
+/// all observations. The transition of every other candidate is what the clusters of successive
+/// observations show, with one more of each; those between have a random one, in which few moves
+/// out of a state are probable. The prior is uniform at the first observation.
+/// [`Hmm::learn_best`] learns from all and keeps the best:
 ///
 /// ```
 /// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-/// use wayfix::emission::{Gaussian, GaussianPrior, starts};
+/// use wayfix::emission::{Gaussian, GaussianPrior, StartKind, starts};
 /// use wayfix::inference::LearningOptions;
 /// use wayfix::Hmm;
 ///
@@ -35,6 +48,7 @@ use crate::transition::DenseTransition;
 /// let learned = Hmm::learn_best(&starts, &[&series], &LearningOptions::default(), |_, _| ())?;
 /// let mean = |state| learned.model().likelihood().mean(state).unwrap()[0];
 /// assert!((mean(0) - 0.1).abs() < 0.01 && (mean(1) - 6.0).abs() < 0.01);
+/// assert_eq!(StartKind::of(learned.start()), StartKind::Position); // it was enough here
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 ///
@@ -45,21 +59,20 @@ use crate::transition::DenseTransition;
 /// number of a mixture's parts, which come from clusters within that of a state. It also keeps
 /// what is fixed (put fixed means in ascending order, as clusters are) and what observations do
 /// not give: probabilities of 0, and in the start, but not in learning, the degrees of freedom of a
-/// [`StudentT`](super::StudentT). Its other parameters have no influence,
-/// but for the choice among equals (a mean direction of observations that have none).
+/// [`StudentT`](super::StudentT). Its other parameters have no influence, but for the choice among equals (a mean direction of observations that have none).
 ///
 /// Without a prior a state may take hold of one observation, or of several that are the same:
 /// the likelihood then has no maximum, and learning ends there. `with_prior`, as above, avoids it
 /// in starts and in learning.
 ///
-/// Clusters are of observations near to each other, by Euclidean distances: states that differ
-/// only in spread, or in what follows what, start alike, and a group of headings around ±π is two
-/// clusters ([`Clusters`] says what to do).
+/// Distances are Euclidean, so that a group of headings around ±π is two clusters
+/// ([`Clusters`] says what to do).
 ///
 /// # Another transition
 ///
 /// Keep the family alone to learn with a transition of your own. States are in ascending order of
-/// the first component; [`Hmm::reordered`] puts them in the order in which they follow each other.
+/// the first component's mean in their clusters, which tells little where clusters differ in
+/// something else; [`Hmm::reordered`] puts them in the order in which they follow each other.
 ///
 /// ```
 /// # use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
@@ -86,8 +99,8 @@ use crate::transition::DenseTransition;
 ///
 /// # Complexity
 ///
-/// Each start costs as much as [`Clusters`] and one iteration of learning without its recursions;
-/// as four to seven iterations if components are missing, or for a [`StudentT`](super::StudentT).
+/// Each start costs as much as eight [`Clusters`] and 128 iterations of learning, one or two times
+/// as much as learning from it to the end. In parallel with the feature `rayon`.
 pub fn starts<B, S, R>(
     family: &B,
     sequences: &[S],
@@ -96,11 +109,15 @@ pub fn starts<B, S, R>(
 ) -> Result<Vec<Hmm<DenseTransition, B>>, LearnError>
 where
     B: StartFromClusters,
-    S: Sequence<(), [f64]>,
+    S: Sequence<(), [f64]> + Sync,
     R: Rng + ?Sized,
 {
     check(family, sequences)?;
-    (0..count).map(|_| start(family, sequences, rng)).collect()
+    if count > 0 {
+        // Kinds that look at more than a row could do with fewer different ones, families seldom.
+        clusters(StartKind::Position, sequences, family.states(), rng)?;
+    }
+    of_kinds(family, sequences, count, rng)
 }
 
 /// Checks that the family takes all observations, and that no component is missing in all.
@@ -128,9 +145,66 @@ where
     }
 }
 
-fn start<B, S, R>(
+/// Returns a start of each kind in turn. Segments take the place of a kind that does not tell
+/// enough observations apart.
+pub(super) fn of_kinds<B, S, R>(
     family: &B,
     sequences: &[S],
+    count: usize,
+    rng: &mut R,
+) -> Result<Vec<Hmm<DenseTransition, B>>, LearnError>
+where
+    B: StartFromClusters,
+    S: Sequence<(), [f64]> + Sync,
+    R: Rng + ?Sized,
+{
+    let mut of_kind = |kind| {
+        let draw = |at| candidate(family, sequences, kind, at % 2 == 1, rng);
+        furthest((0..CANDIDATES).map(draw).collect(), sequences)
+    };
+    let mut start =
+        |kind| of_kind(kind).or_else(|error| of_kind(StartKind::Segments).map_err(|_| error));
+    (0..count).map(|index| start(StartKind::of(index))).collect()
+}
+
+/// Returns the candidate from which a few iterations come furthest, the first of several.
+///
+/// # Errors
+///
+/// The first candidate's, if there is none that is no error.
+fn furthest<B, S>(
+    candidates: Vec<Result<Hmm<DenseTransition, B>, LearnError>>,
+    sequences: &[S],
+) -> Result<Hmm<DenseTransition, B>, LearnError>
+where
+    B: StartFromClusters,
+    S: Sequence<(), [f64]> + Sync,
+{
+    let few = LearningOptions { iterations: SHORT, ..LearningOptions::default() };
+    let ranked = parallel::map(candidates, |start: Result<Hmm<_, _>, _>, (): &mut ()| {
+        let start = start?;
+        // One that fails comes after all others: its likelihood may have no bound.
+        let rank = match start.learn(sequences, &few) {
+            Ok(end) => (!end.failed(), end.objective()),
+            Err(_) => (false, f64::NEG_INFINITY),
+        };
+        Ok((rank, start))
+    });
+    let further = |best, other| match (best, other) {
+        (Ok((best, _)), Ok((rank, start))) if rank > best => Ok((rank, start)),
+        (Err(_), other @ Ok(_)) => other,
+        (best, _) => best,
+    };
+    let nothing = Err(LearnError::nothing(sequences.len(), None));
+    ranked.into_iter().reduce(further).unwrap_or(nothing).map(|(_, start)| start)
+}
+
+/// Returns a model from clusters of a kind.
+fn candidate<B, S, R>(
+    family: &B,
+    sequences: &[S],
+    kind: StartKind,
+    draws_moves: bool,
     rng: &mut R,
 ) -> Result<Hmm<DenseTransition, B>, LearnError>
 where
@@ -139,16 +213,44 @@ where
     R: Rng + ?Sized,
 {
     let n = family.states();
-    let wrong = |error: EmissionError| LearnError::likelihood(error);
-    let clusters = Clusters::new(sequences, n, rng).map_err(|error| match error {
-        EmissionError::TooFewDifferent { found, expected, .. } => {
-            wrong(EmissionError::TooFewDifferent { found, expected, what: "states" })
-        }
-        other => wrong(other),
-    })?;
+    let clusters = clusters(kind, sequences, n, rng)?;
     let likelihood = family
         .start(&clusters, rng)
         .map_err(|error| LearnError::likelihood(clusters.explain(error)))?;
+    let moves =
+        if draws_moves { random_moves(n, rng) } else { shown_moves(n, sequences, &clusters) };
+    let sums: Vec<f64> = moves.chunks_exact(n).map(|row| row.iter().sum()).collect();
+    let transition = DenseTransition::from_fn(n, |to, from| moves[from * n + to] / sums[from])?;
+    let prior = Prior::AtFirstObservation(Belief::uniform(n)?);
+    Ok(Hmm::new(prior, transition, likelihood)?)
+}
+
+fn clusters<'a, S, R>(
+    kind: StartKind,
+    sequences: &'a [S],
+    states: usize,
+    rng: &mut R,
+) -> Result<Clusters<'a>, LearnError>
+where
+    S: Sequence<(), [f64]>,
+    R: Rng + ?Sized,
+{
+    Clusters::of_kind(kind, sequences, states, rng).map_err(|error| match error {
+        EmissionError::TooFewDifferent { found, expected, .. } => {
+            let what = "states";
+            LearnError::likelihood(EmissionError::TooFewDifferent { found, expected, what })
+        }
+        other => LearnError::likelihood(other),
+    })
+}
+
+/// Moves between the clusters of successive observations, out of each state in a row, and one more
+/// of each.
+fn shown_moves<S: Sequence<(), [f64]>>(
+    n: usize,
+    sequences: &[S],
+    clusters: &Clusters<'_>,
+) -> Vec<f64> {
     let mut moves = vec![1.0; n * n];
     for (sequence, labels) in sequences.iter().zip(clusters.labels()) {
         // An observation without a known component tells nothing of its state.
@@ -158,8 +260,13 @@ where
             moves[pair[0] * n + pair[1]] += 1.0;
         }
     }
-    let sums: Vec<f64> = moves.chunks_exact(n).map(|row| row.iter().sum()).collect();
-    let transition = DenseTransition::from_fn(n, |to, from| moves[from * n + to] / sums[from])?;
-    let prior = Prior::AtFirstObservation(Belief::uniform(n)?);
-    Ok(Hmm::new(prior, transition, likelihood)?)
+    moves
+}
+
+/// Random weights of the moves out of each state in a row, of which few are large: nearly those of
+/// a Dirichlet distribution with 1/n for each. None is 0, since that would stay so.
+fn random_moves<R: Rng + ?Sized>(n: usize, rng: &mut R) -> Vec<f64> {
+    // Above 0: the smallest is 2^-53, its power 2^-424.
+    let power = |p: f64| std::iter::repeat_n(p, n.min(8)).product::<f64>();
+    (0..n * n).map(|_| power(1.0 - rng.random::<f64>())).collect()
 }

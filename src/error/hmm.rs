@@ -1,6 +1,6 @@
 //! Errors of models.
 
-use super::TransitionError;
+use super::{Number, TransitionError};
 
 /// Parts that do not form a hidden Markov model.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -25,6 +25,23 @@ pub enum HmmError {
         state: usize,
         /// Number of states.
         states: usize,
+    },
+    /// The transition operator has no one stationary distribution, so that the prior can't be one.
+    #[error("the prior cannot be stationary: {0}")]
+    Stationary(TransitionError),
+    /// A prior that is said to be stationary changes by a transition.
+    #[error(
+        "the prior is not stationary: state {state} has probability {before}, and {after} after a transition",
+        before = Number(*.before),
+        after = Number(*.after)
+    )]
+    NotStationary {
+        /// The state that changes most.
+        state: usize,
+        /// Its probability by the prior.
+        before: f64,
+        /// The one after a transition.
+        after: f64,
     },
     /// The transition operator is not valid.
     #[error("the transition operator is not valid: {0}")]

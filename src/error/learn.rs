@@ -49,7 +49,8 @@ pub enum LearnError {
     #[error(transparent)]
     Sequence(#[from] SequenceError),
     /// A number in [`LearningOptions`](crate::inference::LearningOptions) is NaN, negative or
-    /// infinite.
+    /// infinite; or, for standard errors, a level is not between 0 and 1, or a function returned
+    /// numbers that are not finite, or not always as many.
     #[error(transparent)]
     Parameter(#[from] Parameter),
     /// There are fewer sequences than groups (folds, say) to divide them into, or one group.
@@ -119,11 +120,9 @@ pub enum LearnError {
         state: usize,
     },
     /// Expectations are those of another model.
-    #[error("the expectations are of {found} {what}, the model has {expected}")]
+    #[error("the expectations are of {found} states, the model has {expected}")]
     Expectations {
-        /// Name of the things that are counted.
-        what: &'static str,
-        /// Number found.
+        /// Number of states found.
         found: usize,
         /// Number that the model has.
         expected: usize,
@@ -137,6 +136,11 @@ pub enum LearnError {
     /// The sensor could not be estimated.
     #[error(transparent)]
     Likelihood(Failed<Arc<dyn Error + Send + Sync>>),
+    /// The prior is stationary, and the operator does not say how probable it makes moves.
+    #[error(
+        "with a stationary prior, learning needs `LearnTransition::log_probability` of the operator, which does not compute it: keep the prior, or the operator (`Fixed`)"
+    )]
+    Stationary,
     /// The estimated parts do not fit together.
     #[error(transparent)]
     Hmm(#[from] HmmError),
@@ -152,6 +156,38 @@ pub enum LearnError {
         /// Value found.
         value: f64,
     },
+    /// The sequences do not determine a free parameter of a model, given the others: the objective
+    /// stays the same, to the precision of differences, where it changes.
+    #[error(
+        "the sequences do not determine free parameter {number} of the {part} ({value}), alone or beside others",
+        value = Number(*.value)
+    )]
+    NotDetermined {
+        /// The part of the model.
+        part: &'static str,
+        /// Number of the parameter in it, from 0, in the order in which
+        /// [`FreeParameters`](crate::inference::FreeParameters) takes them.
+        number: usize,
+        /// Value of the parameter.
+        value: f64,
+    },
+    /// A model is not at a maximum of the objective.
+    #[error(
+        "the model is not at a maximum of the objective, as free parameter {number} of the {part} ({value}) shows: learn it from these sequences with the same options, to a smaller tolerance",
+        value = Number(*.value)
+    )]
+    NotAtMaximum {
+        /// The part of the model.
+        part: &'static str,
+        /// Number of the parameter in it, from 0, in the order in which
+        /// [`FreeParameters`](crate::inference::FreeParameters) takes them.
+        number: usize,
+        /// Value of the parameter.
+        value: f64,
+    },
+    /// A model with displaced parameters is not valid.
+    #[error(transparent)]
+    Displaced(Failed<Arc<dyn Error + Send + Sync>>),
     /// The objective decreased by more than rounding explains: a part's re-estimation does not
     /// maximise it.
     #[error(
@@ -177,6 +213,12 @@ impl LearnError {
             None => Self::Nothing { sequences },
             Some(first) => Self::AllFailed(At::new(words, sequences, first)),
         }
+    }
+
+    /// A part that is not valid once its parameters are displaced.
+    pub(crate) fn displaced(error: impl Into<Box<dyn Error + Send + Sync>>) -> Self {
+        let what = "a part of the model cannot be displaced";
+        Self::Displaced(Failed { what, cause: Arc::from(error.into()) })
     }
 
     /// A sensor that could not be estimated.

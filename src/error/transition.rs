@@ -101,6 +101,19 @@ pub enum TransitionError {
         /// Value found.
         value: f64,
     },
+    /// A rate is NaN, negative or infinite.
+    #[error(
+        "the transition from state {from} to state {to} has rate {value}, expected a finite value of at least 0",
+        value = Number(*.value)
+    )]
+    Rate {
+        /// Destination state.
+        to: usize,
+        /// Source state.
+        from: usize,
+        /// Value found.
+        value: f64,
+    },
     /// All transitions out of a state have weight 0.
     #[error(
         "column {column} (the transitions out of state {column}) has no weight above 0, expected at least one"
@@ -130,6 +143,14 @@ pub enum TransitionError {
         to: usize,
         /// Source state.
         from: usize,
+    },
+    /// Statistics of moves are those of another operator.
+    #[error("statistics of {found} operators given, expected those of {expected}")]
+    Statistics {
+        /// Number of operators that they are of.
+        found: usize,
+        /// Number of operators.
+        expected: usize,
     },
     /// There are more states or entries than 32-bit indices can address.
     #[error("{count} {what}, expected at most 4294967295 (32-bit indices)")]
@@ -161,6 +182,29 @@ pub enum TransitionError {
         found: usize,
         /// Number of states of the inner operator.
         expected: usize,
+    },
+    /// The operator is not the same at all steps, or its columns need not sum to one.
+    #[error("there is no one stationary distribution: {0}")]
+    Stationary(&'static str),
+    /// The chain has several closed classes of states, with a stationary distribution each.
+    #[error(
+        "there is no one stationary distribution: from state {first} and from state {second}, the transition operator leads to different closed classes"
+    )]
+    ClosedClasses {
+        /// A state from which `second` can't be reached.
+        first: usize,
+        /// A state from which `first` can't be reached.
+        second: usize,
+    },
+    /// The elimination of states that leads to the stationary distribution fills in too much.
+    #[error(
+        "the stationary distribution of {states} states takes an elimination of more than {most} entries: compute it by repeated products, and give it as `Prior::Stationary`"
+    )]
+    Elimination {
+        /// Number of states of the closed class.
+        states: usize,
+        /// Largest number of entries.
+        most: usize,
     },
     /// The operator does not accept the control.
     #[error("{0}")]

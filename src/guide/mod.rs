@@ -1,5 +1,6 @@
 //! Guides: which routine to take, the formulas of each and the limits of its speed, the ways from
-//! image descriptors to a position and from GPS points to a route, and a lost robot on a grid.
+//! image descriptors to a position and from GPS points to a route, a lost robot on a grid, labels,
+//! silent states, and the names of other libraries.
 
 #[doc = include_str!("routines.md")]
 pub mod routines {}
@@ -12,6 +13,15 @@ pub mod from_hmmlearn {}
 
 #[doc = include_str!("from_dynamax.md")]
 pub mod from_dynamax {}
+
+#[doc = include_str!("from_depmixs4_and_momentuhmm.md")]
+pub mod from_depmixs4_and_momentuhmm {}
+
+#[doc = include_str!("labels.md")]
+pub mod labels {}
+
+#[doc = include_str!("silent_states.md")]
+pub mod silent_states {}
 
 #[doc = include_str!("performance.md")]
 pub mod performance {}

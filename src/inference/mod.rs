@@ -18,10 +18,11 @@
 //! | [`Hmm::smooth_all`](crate::Hmm::smooth_all) and the like | the results of many sequences, in a vector | the same |
 //! | [`Hmm::simulate`](crate::Hmm::simulate) | [`Simulation`] | the entries out of a state |
 //! | [`Hmm::learn`](crate::Hmm::learn) | [`LearnedModel`], by [`LearningOptions`] | three products in each iteration |
-//! | [`Hmm::learn_best`](crate::Hmm::learn_best), from several starts | [`LearnedModel`] | as often |
+//! | [`Hmm::learn_best`](crate::Hmm::learn_best), from several starts | [`LearnedModel`] | as often at most |
 //! | [`Hmm::expectations`](crate::Hmm::expectations), [`Hmm::maximize`](crate::Hmm::maximize): an iteration in parts | [`Expectations`] | three products |
 //! | [`LearnedModel::criteria`], [`ModelSelection`]: to choose among models | [`Criteria`] | nothing; learning of all candidates and folds |
 //! | [`Hmm::jackknife`](crate::Hmm::jackknife): standard errors of what was learned | [`StandardErrors`] | learning, for each group of sequences |
+//! | [`Hmm::standard_errors`](crate::Hmm::standard_errors): the same from the curvature of the likelihood, for one sequence too | [`StandardErrors`] | a product, for each of 2 p² models |
 //! | [`Hmm::fit`](crate::Hmm::fit) | a model, from [`LabelledSequence`]s | one count |
 //!
 //! [`formulas`](crate::guide::formulas) derives each algorithm;
@@ -38,13 +39,14 @@ pub(crate) mod streams;
 mod trellis;
 
 pub use crate::error::{LearnError, SequenceError, SnapshotError};
+pub use crate::free_parameters::{Displacement, FreeParameters};
 pub use beam::BeamPath;
 pub use decoding::viterbi::ViterbiPath;
 pub use learning::criteria::Criteria;
 pub use learning::expectations::Expectations;
-pub use learning::jackknife::StandardErrors;
 pub use learning::learned_model::{LearnedModel, LearningOptions};
 pub use learning::model_selection::{Candidate, ModelSelection};
+pub use learning::standard_errors::StandardErrors;
 pub use pruned::{Certificate, PrunedFilter, PrunedFilterSnapshot, Pruning};
 pub use sequences::forward::FilteredSequence;
 pub use sequences::path_sampler::PathSampler;
@@ -60,6 +62,8 @@ pub use streams::online_viterbi::OnlineViterbi;
 pub use streams::online_viterbi_snapshot::OnlineViterbiSnapshot;
 pub use trellis::{SmoothedTrellis, Trellis};
 
+#[cfg(feature = "emission")]
+pub(crate) use sequences::left_out::left_out;
 pub(crate) use step::state::LogSum;
 #[cfg(feature = "places")]
 pub(crate) use step::state::MOST_STEPS;

@@ -8,7 +8,7 @@
 //! | `memory`, `parallel` | alignment and large pages; parts for several threads |
 //!
 //! Sums run in eight lanes, in an order that depends on no instruction set: results are the same
-//! to the bit with each. (Exponentials and natural logarithms are those of the platform.)
+//! to the bit with each. (Natural logarithms are those of the platform.)
 //!
 //! Which numbers can come up, and why no digit of one is lost unnoticed, is proved in
 //! [`limits`](crate::limits); what loops compute is derived in the guide, `src/guide/formulas.md`.
@@ -33,4 +33,4 @@ pub(crate) use ops::*;
 pub(crate) use simd::{Eight, LANES};
 #[cfg(any(feature = "places", feature = "emission"))]
 pub(crate) use simd::{Simd, WithSimd, run};
-pub(crate) use vector::{any_tiny, dot, lift, normalize, sum};
+pub(crate) use vector::{any_tiny, dot, lift, log_sum, normalize, sum};

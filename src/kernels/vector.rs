@@ -30,6 +30,24 @@ pub(crate) fn dot(x: &[f64], y: &[f64]) -> f64 {
     total(lanes) + x_rest.iter().zip(y_rest).map(|(x, y)| x * y).sum::<f64>()
 }
 
+/// ln Σ e^x, in logarithms that may be out of the range of sums: ±∞ if the largest x is.
+pub(crate) fn log_sum(terms: impl Iterator<Item = f64> + Clone) -> f64 {
+    let largest = terms.clone().fold(f64::NEG_INFINITY, f64::max);
+    if largest.is_infinite() {
+        return largest;
+    }
+    let mut sum = 0.0;
+    for term in terms {
+        let below = term - largest;
+        // The sum is at least 1, and e^-45 is 3e-20: thousands of such terms do not change its last
+        // digit.
+        if below > -45.0 {
+            sum += if below == 0.0 { 1.0 } else { below.exp() };
+        }
+    }
+    largest + sum.ln()
+}
+
 /// Writes x, lifted.
 pub(crate) fn lift(x: &[f64], out: &mut [f64]) {
     out.iter_mut().zip(x).for_each(|(out, x)| *out = x * LIFT);

@@ -9,7 +9,9 @@ use super::Likelihood;
 /// probability of the state.
 ///
 /// [`TableLikelihood`](crate::TableLikelihood) learns each row; compositions learn their parts;
-/// [`Fixed`](crate::Fixed) excludes a sensor from learning.
+/// [`Fixed`](crate::Fixed) excludes a sensor from learning. With
+/// [`FreeParameters`](crate::inference::FreeParameters), what was learned has
+/// [standard errors](crate::Hmm::standard_errors).
 ///
 /// # Implement it yourself
 ///

@@ -7,6 +7,7 @@ use super::{
     SparseLikelihood, SparseObservation, TableLikelihood,
 };
 use crate::fixed::Fixed;
+use crate::free_parameters::{Displacement, FreeParameters};
 
 type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;
 
@@ -65,6 +66,16 @@ impl LearnLikelihood for TableLikelihood {
     }
 }
 
+/// Log-odds of the probabilities above 0, row by row, to the largest of the row. Those of 0 count as
+/// at a bound.
+impl FreeParameters for TableLikelihood {
+    fn displaced(&self, by: &mut Displacement<'_>) -> Outcome<Self> {
+        let mut rows = self.to_rows();
+        rows.iter_mut().for_each(|row| by.distribution(row));
+        Ok(Self::from_rows(&rows)?)
+    }
+}
+
 /// Implements learning for a wrapper by learning the inner sensor.
 macro_rules! learns_the_inner {
     ($($wrapper:ident [$($bound:tt)*], $inner:tt,
@@ -96,6 +107,14 @@ macro_rules! learns_the_inner {
 
             fn free_parameters(&self) -> usize {
                 self.$inner.free_parameters()
+            }
+        }
+
+        /// Parameters of the sensor within.
+        impl<B: FreeParameters> FreeParameters for $wrapper<B> {
+            fn displaced(&$self, by: &mut Displacement<'_>) -> Outcome<Self> {
+                let $learned = $self.$inner.displaced(by)?;
+                Ok($with)
             }
         }
     )*};
@@ -151,6 +170,21 @@ where
 
     fn free_parameters(&self) -> usize {
         self.first.free_parameters() + self.second.free_parameters()
+    }
+}
+
+/// Parameters of the first sensor, then of the second.
+impl<B1: FreeParameters, B2: FreeParameters> FreeParameters for FusedLikelihood<B1, B2> {
+    fn displaced(&self, by: &mut Displacement<'_>) -> Outcome<Self> {
+        let (first, second) = (self.first.displaced(by)?, self.second.displaced(by)?);
+        Ok(Self { first, second })
+    }
+}
+
+/// No parameters.
+impl FreeParameters for SparseLikelihood {
+    fn displaced(&self, _: &mut Displacement<'_>) -> Outcome<Self> {
+        Ok(*self)
     }
 }
 

@@ -6,6 +6,7 @@ use rand::Rng;
 
 use super::Confusion;
 use crate::error::LikelihoodError;
+use crate::free_parameters::{Displacement, FreeParameters};
 use crate::likelihood::{
     Diagonal, LearnLikelihood, Likelihood, LocalLikelihood, SampleObservation, Scratch,
     SparseObservation,
@@ -109,5 +110,18 @@ impl LearnLikelihood for Confusion {
 
     fn free_parameters(&self) -> usize {
         self.entries() - self.places()
+    }
+}
+
+/// Log-odds of the entries above 0, place by place, to the largest of the place.
+impl FreeParameters for Confusion {
+    fn displaced(&self, by: &mut Displacement<'_>) -> Result<Self, Box<dyn Error + Send + Sync>> {
+        let mut entries = Vec::with_capacity(self.entries());
+        for place in 0..self.places() {
+            let (seen, mut shares): (Vec<usize>, Vec<f64>) = self.line(place).unzip();
+            by.distribution(&mut shares);
+            entries.extend(seen.into_iter().zip(shares).map(|(seen, p)| (place, seen, p)));
+        }
+        Ok(Self::from_entries(self.places(), entries)?)
     }
 }

@@ -9,9 +9,18 @@ pub(crate) mod families {
     use crate::emission::{self, Independent};
 
     pub(crate) type Bernoulli = Independent<emission::Bernoulli>;
+    pub(crate) type Binomial = Independent<emission::Binomial>;
+    pub(crate) type Exponential = Independent<emission::Exponential>;
     pub(crate) type Poisson = Independent<emission::Poisson>;
     pub(crate) type Gamma = Independent<emission::Gamma>;
     pub(crate) type LogNormal = Independent<emission::LogNormal>;
+    pub(crate) type NegativeBinomial = Independent<emission::NegativeBinomial>;
+    pub(crate) type ZeroInflated<F> = Independent<emission::ZeroInflated<F>>;
+    pub(crate) type Hurdle<F> = Independent<emission::Hurdle<F>>;
+    pub(crate) type Weibull = Independent<emission::Weibull>;
+    pub(crate) type Beta = Independent<emission::Beta>;
+    pub(crate) type SkewedT = Independent<emission::SkewedT>;
+    pub(crate) type WrappedCauchy = Independent<emission::WrappedCauchy>;
     pub(crate) type VonMises = Independent<emission::VonMises>;
 }
 
@@ -21,6 +30,13 @@ stored! {
         missing: bool = family.takes_missing(),
         prior: Option<(families::Bernoulli, f64)> = family.prior(),
     } => emission::Bernoulli::family(&probabilities).and_then(|new| with(new, missing, prior));
+
+    [] Binomial in persistence::counts_and_directions::families: [], |family| {
+        trials: Vec<Vec<f64>> = family.parameters(|part| part.trials().into()),
+        probabilities: Vec<Vec<f64>> = family.parameters(emission::Binomial::probability),
+        missing: bool = family.takes_missing(),
+        prior: Option<(families::Binomial, f64)> = family.prior(),
+    } => emission::Binomial::from_rows(&trials, &probabilities).and_then(|new| with(new, missing, prior));
 
     [] Multinomial in emission: [], |family| {
         probabilities: Vec<Vec<f64>> = family.probabilities(),
@@ -35,6 +51,12 @@ stored! {
         prior: Option<(families::Poisson, f64)> = family.prior(),
     } => emission::Poisson::family(&rates).and_then(|new| with(new, missing, prior));
 
+    [] Exponential in persistence::counts_and_directions::families: [], |family| {
+        rates: Vec<Vec<f64>> = family.parameters(emission::Exponential::rate),
+        missing: bool = family.takes_missing(),
+        prior: Option<(families::Exponential, f64)> = family.prior(),
+    } => emission::Exponential::family(&rates).and_then(|new| with(new, missing, prior));
+
     [] Gamma in persistence::counts_and_directions::families: [], |family| {
         shapes: Vec<Vec<f64>> = family.parameters(emission::Gamma::shape),
         scales: Vec<Vec<f64>> = family.parameters(emission::Gamma::scale),
@@ -48,6 +70,46 @@ stored! {
         missing: bool = family.takes_missing(),
         prior: Option<(families::LogNormal, f64)> = family.prior(),
     } => emission::LogNormal::family(&means, &deviations).and_then(|new| with(new, missing, prior));
+
+    [] NegativeBinomial in persistence::counts_and_directions::families: [], |family| {
+        means: Vec<Vec<f64>> = family.parameters(emission::NegativeBinomial::mean),
+        dispersions: Vec<Vec<f64>> = family.parameters(emission::NegativeBinomial::dispersion),
+        missing: bool = family.takes_missing(),
+        prior: Option<(families::NegativeBinomial, f64)> = family.prior(),
+    } => emission::NegativeBinomial::family(&means, &dispersions)
+        .and_then(|new| with(new, missing, prior));
+
+    [] Weibull in persistence::counts_and_directions::families: [], |family| {
+        shapes: Vec<Vec<f64>> = family.parameters(emission::Weibull::shape),
+        scales: Vec<Vec<f64>> = family.parameters(emission::Weibull::scale),
+        missing: bool = family.takes_missing(),
+        prior: Option<(families::Weibull, f64)> = family.prior(),
+    } => emission::Weibull::family(&shapes, &scales).and_then(|new| with(new, missing, prior));
+
+    [] Beta in persistence::counts_and_directions::families: [], |family| {
+        alphas: Vec<Vec<f64>> = family.parameters(emission::Beta::alpha),
+        betas: Vec<Vec<f64>> = family.parameters(emission::Beta::beta),
+        missing: bool = family.takes_missing(),
+        prior: Option<(families::Beta, f64)> = family.prior(),
+    } => emission::Beta::family(&alphas, &betas).and_then(|new| with(new, missing, prior));
+
+    [] SkewedT in persistence::counts_and_directions::families: [], |family| {
+        locations: Vec<Vec<f64>> = family.parameters(emission::SkewedT::location),
+        scales: Vec<Vec<f64>> = family.parameters(emission::SkewedT::scale),
+        skewnesses: Vec<Vec<f64>> = family.parameters(emission::SkewedT::skewness),
+        degrees: Vec<Vec<f64>> = family.parameters(emission::SkewedT::degrees),
+        missing: bool = family.takes_missing(),
+        prior: Option<(families::SkewedT, f64)> = family.prior(),
+    } => emission::SkewedT::family(&locations, &scales, &skewnesses, &degrees)
+        .and_then(|new| with(new, missing, prior));
+
+    [] WrappedCauchy in persistence::counts_and_directions::families: [], |family| {
+        means: Vec<Vec<f64>> = family.parameters(emission::WrappedCauchy::mean),
+        concentrations: Vec<Vec<f64>> = family.parameters(emission::WrappedCauchy::concentration),
+        missing: bool = family.takes_missing(),
+        prior: Option<(families::WrappedCauchy, f64)> = family.prior(),
+    } => emission::WrappedCauchy::family(&means, &concentrations)
+        .and_then(|new| with(new, missing, prior));
 
     [] VonMises in persistence::counts_and_directions::families: [], |family| {
         means: Vec<Vec<f64>> = family.parameters(emission::VonMises::mean),
@@ -67,7 +129,7 @@ stored! {
 }
 
 /// Returns a family with its settings.
-fn with<F: Clone>(
+pub(super) fn with<F: Clone>(
     family: Independent<F>,
     missing: bool,
     prior: Option<(Independent<F>, f64)>,

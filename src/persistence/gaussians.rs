@@ -26,7 +26,7 @@ stored! {
         .and_then(|new| prior.into_iter().try_fold(new, Self::with_prior));
 
     [] GaussianMixture in emission: [], |family| {
-        full: bool = (family.covariance_type() == CovarianceType::Full),
+        covariance_type: CovarianceType = family.covariance_type(),
         weights: Vec<Vec<f64>> = weights_of(family),
         means: Vec<Vec<Vec<f64>>> = family.means(),
         covariances: Vec<Vec<Vec<f64>>> = family.covariances(),
@@ -34,7 +34,7 @@ stored! {
         fixed_means: bool = family.has_fixed_means(),
         fixed_covariances: bool = family.has_fixed_covariances(),
         prior: Option<GaussianPrior> = family.prior(),
-    } => Self::new(matrices(full), &weights, &means, &covariances)
+    } => Self::new(covariance_type, &weights, &means, &covariances)
         .map(|new| when(missing, new, Self::with_missing))
         .map(|new| when(fixed_means, new, Self::with_fixed_means))
         .map(|new| when(fixed_covariances, new, Self::with_fixed_covariances))

@@ -69,8 +69,9 @@
 //! | `Hmm` | `prior`, `transition`, `likelihood`; `rounds_tails`, true if tails are rounded |
 //! | `DenseTransition` | `states`; `columns`, column after column |
 //! | `SparseTransition` | `states`; `to`, `from` and `probability` of each entry, in any order |
-//! | `TiedTransition` | `transition`, sparse; `parameters`, the number of each entry's, column by column |
+//! | `ConstrainedTransition` | `transition`, sparse; for each entry, column by column, `parameters`, the number of its own (null if it is fixed), and `pseudo_counts`, a list that may be empty |
 //! | `SwitchedTransition` | `operators` |
+//! | `LogitTransition` | `states`, `inputs`; `to`, `from` and `intercept` of each move, column by column; `group`, the number of its slopes, or null; `slopes`, a row for each number; `ridge` |
 //! | `WindowTransition` | `states`, `first`, `weights`, `closed` |
 //! | `Speeds` | `values`, ascending; `shares`; `nearby` and `anywhere`, the probabilities of a change; `slack` |
 //! | `RouteTransition` | `places`, `closed`, `speeds`; `odometry`: `scale`, `bias` and `deviation`; `views`: null or the rates `standing` and `moved`; `off_map`: null or `leave`, `back`, `near` and `within` |
@@ -79,7 +80,8 @@
 //! | `OffMapTransition` | `inner`; `leave`, λ; `stay`, 1 − ρ; `back`, ρ r; `evidence`, a log-likelihood, or null |
 //! | `KroneckerTransition` | `first`, `second` |
 //! | `PowerTransition` | `inner`, `exponent` |
-//! | `DwellTransition` | `moves`; `ages`: for each place a list of pairs, the probabilities of leaving and staying |
+//! | `GeneratorTransition` | `rates`: for each state a list of pairs, the state that it leads to and the rate |
+//! | `DwellTransition` | `moves`; `ages`: for each place a list of pairs, the probabilities of leaving and staying; `durations`: a list, empty or with one for each place |
 //! | `TableLikelihood` | `rows`, one for each state |
 //! | `LikelihoodVector` | `states`; `log`, true for logarithms |
 //! | `Confusion` | `places`; `place`, `seen_as` and `probability` of each entry, in any order |
@@ -91,15 +93,20 @@
 //! | `PooledLikelihood` | `sensor`, `groups` |
 //! | `emission::Gaussian` | `covariance_type` (`spherical`, `diagonal`, `full` or `tied`), `means`, `covariances`; `missing`, true if components may be; `prior`, or null |
 //! | `emission::GaussianPrior` | `mean_weight`, `mean`, `covariance_weight`, `scale`, row after row |
-//! | `emission::GaussianMixture` | `full`, true for covariances and false for variances; `weights`, `means` and `covariances`, by state and part; `missing`, `prior` |
+//! | `emission::GaussianMixture` | `covariance_type`, as above; `weights`, `means` and `covariances`, by state and part (one of a state if they are tied); `missing`, `prior` |
 //! | `emission::StudentT` | `scale_type`, `degrees`, `means`, `scales`; `fixed_degrees`, true if they are not learned; `missing`, `prior` |
-//! | `emission::LinearRegression` | `full`, as above; `coefficients` (d × p, row after row), `intercepts`, `covariances`; `missing`, `ridge`; `noise_prior`, or null |
+//! | `emission::LinearRegression` | `full`, true for covariances and false for variances; `coefficients` (d × p, row after row), `intercepts`, `covariances`; `missing`, `ridge`; `noise_prior`, or null |
 //! | `emission::Bernoulli` | `probabilities`, `missing`, `prior` |
 //! | `emission::Multinomial` | `probabilities`, `missing`; `trials` of rows that are drawn |
-//! | `emission::Poisson` | `rates`, `missing`, `prior` |
-//! | `emission::Gamma` | `shapes`, `scales`, `missing`, `prior` |
+//! | `emission::Binomial` | `trials`, `probabilities`, `missing`, `prior` |
+//! | `emission::Poisson`, `emission::Exponential` | `rates`, `missing`, `prior` |
+//! | `emission::NegativeBinomial` | `means`, `dispersions`, `missing`, `prior` |
+//! | `emission::ZeroInflated`, `emission::Hurdle` | `probabilities` of 0; `inner`, a family of the other distribution; `missing`, `prior` |
+//! | `emission::Beta` | `alphas`, `betas`, `missing`, `prior` |
+//! | `emission::SkewedT` | `locations`, `scales`, `skewnesses`, `degrees`, `missing`, `prior` |
+//! | `emission::Gamma`, `emission::Weibull` | `shapes`, `scales`, `missing`, `prior` |
 //! | `emission::LogNormal` | `means`, `deviations`, `missing`, `prior` |
-//! | `emission::VonMises`, `emission::VonMisesFisher` | `means`, `concentrations`, `missing`, `prior` |
+//! | `emission::VonMises`, `emission::WrappedCauchy`, `emission::VonMisesFisher` | `means`, `concentrations`, `missing`, `prior` |
 //! | `emission::Product` | `first`, `second` |
 //! | `FilterSnapshot` | `steps`, `steps_in_logs`, `belief`; `logs`, its logarithms (null for −∞), or null; `log_likelihood`, as sum and remainder |
 //! | `FixedLagSnapshot` | `lag`; `present`, a filter state; `past`: pairs of a filter state and the control after it |
@@ -115,7 +122,7 @@
 //! observations.
 //!
 //! Without a version: `Belief` is a list of probabilities, `Prior` an object with one field,
-//! `before_first_transition` or `at_first_observation`, `Groups` the list of each state's group,
+//! `before_first_transition`, `at_first_observation` or `stationary`, `Groups` the list of each state's group,
 //! `Fixed` its content, `OdometryReading` an object with `distance` and `variance`, and
 //! `RouteControl` one with `odometry`, null or a number of places, with `view`, null or `view`
 //! (`changed` or `unchanged`) and `weight`, and, if it is known, with `before`, as `driven` above.
@@ -124,6 +131,8 @@
 
 #[cfg(feature = "emission")]
 mod counts_and_directions;
+#[cfg(feature = "emission")]
+mod distributions_with_zeros;
 #[cfg(feature = "emission")]
 mod gaussians;
 mod likelihood;

@@ -109,3 +109,11 @@ pub(crate) fn with_two<T: Pooled, R>(
 ) -> R {
     with(count, |first| with(count, |second| work(first, second)))
 }
+
+/// Lends an empty buffer that may grow, and keeps its memory, as [`with`] does.
+pub(crate) fn with_growing<T: Pooled, R>(work: impl FnOnce(&mut Vec<T>) -> R) -> R {
+    let mut buffer = take(0);
+    let result = work(&mut buffer);
+    put_back(buffer);
+    result
+}

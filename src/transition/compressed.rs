@@ -119,6 +119,16 @@ impl Compressed {
         }
     }
 
+    /// Index and value of the entry at a position among all.
+    #[inline]
+    pub(super) fn entry(&self, at: usize) -> (usize, f64) {
+        let value = match &self.values {
+            Width::Double(values) => values[at],
+            Width::Single(values) => f64::from(values[at]),
+        };
+        (self.indices[at] as usize, value)
+    }
+
     /// The entries of a line, in ascending order of their index.
     #[inline]
     pub(crate) fn line(&self, line: usize) -> impl Iterator<Item = (usize, f64)> + Clone {

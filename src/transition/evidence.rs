@@ -1,12 +1,14 @@
 //! A likelihood of moves on any operator, given by a function.
 
+use std::error::Error;
 use std::fmt;
 use std::marker::PhantomData;
 
 use super::measured::{Measured, MoveLikelihood};
-use super::{LearnTransition, MoveCounts, delegate};
+use super::{LearnTransition, delegate};
 use super::{Transition, TransitionEntries, validate_with};
 use crate::error::TransitionError;
+use crate::free_parameters::{Displacement, FreeParameters};
 use crate::limits::LARGEST_LOG;
 
 /// An operator with evidence on moves: each control is a measurement u between two steps, whose
@@ -171,10 +173,24 @@ where
     F: Fn(&U, usize, usize) -> f64 + Clone,
     G: Fn(&U) -> f64 + Clone,
 {
-    delegate!(a, _measured => a.0.base, &(); families parameters);
+    type Statistics = A::Statistics;
 
-    fn maximize(&self, counts: &[MoveCounts], pseudo_count: f64) -> Result<Self, TransitionError> {
-        let base = self.0.base.maximize(counts, pseudo_count)?;
+    delegate!(a, _measured => a.0.base, &(); statistics parameters);
+
+    fn maximize(
+        &self,
+        statistics: &A::Statistics,
+        pseudo_count: f64,
+    ) -> Result<Self, TransitionError> {
+        let base = self.0.base.maximize(statistics, pseudo_count)?;
+        Ok(Self(Measured { base, likelihood: self.0.likelihood.clone() }))
+    }
+}
+
+/// Free parameters of the base; the likelihood has none.
+impl<A: FreeParameters, U, F: Clone, G: Clone> FreeParameters for EvidenceTransition<A, U, F, G> {
+    fn displaced(&self, by: &mut Displacement<'_>) -> Result<Self, Box<dyn Error + Send + Sync>> {
+        let base = self.0.base.displaced(by)?;
         Ok(Self(Measured { base, likelihood: self.0.likelihood.clone() }))
     }
 }

@@ -5,29 +5,57 @@ use crate::error::TransitionError;
 
 /// A transition operator that can be estimated from expected moves.
 ///
-/// [`SparseTransition`](crate::SparseTransition) and
-/// [`DenseTransition`](crate::DenseTransition) have a free parameter for each
-/// entry above 0, [`TiedTransition`](crate::transition::TiedTransition) shares some of them,
-/// [`SwitchedTransition`](crate::transition::SwitchedTransition) learns each of its
-/// operators, [`RestartTransition`](crate::transition::RestartTransition) and
-/// [`EvidenceTransition`](crate::transition::EvidenceTransition) learn the operator within, and
-/// [`Fixed`](crate::Fixed) keeps any operator as it is.
+/// | operator | learned |
+/// |---|---|
+/// | [`SparseTransition`](crate::SparseTransition), [`DenseTransition`](crate::DenseTransition) | each entry above 0 |
+/// | [`ConstrainedTransition`](crate::transition::ConstrainedTransition) | the same, but entries that are fixed, and tied ones together |
+/// | [`DwellTransition`](crate::transition::DwellTransition) | moves and durations |
+/// | [`GeneratorTransition`](crate::transition::GeneratorTransition) | rates |
+/// | [`LogitTransition`](crate::transition::LogitTransition) | coefficients of inputs |
+/// | [`SwitchedTransition`](crate::transition::SwitchedTransition) | each of its operators |
+/// | [`RestartTransition`](crate::transition::RestartTransition), [`EvidenceTransition`](crate::transition::EvidenceTransition) | the operator within |
+/// | [`Fixed`](crate::Fixed) | nothing |
+///
+/// With [`FreeParameters`](crate::inference::FreeParameters), what was learned has
+/// [standard errors](crate::Hmm::standard_errors).
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not say how it is learned",
     note = "to keep it as it is, wrap it in `wayfix::Fixed`"
 )]
 pub trait LearnTransition: TransitionEntries + Sized {
-    /// Number of separate sets of moves to count: one, unless controls choose
-    /// among several operators; 0, if nothing is learned from moves.
-    fn families(&self) -> usize {
-        1
-    }
+    /// Sums over steps that [`maximize`](Self::maximize) needs: [`MoveCounts`], unless the
+    /// operator depends on its control.
+    type Statistics: Clone + Send;
 
-    /// The set in which the moves of a step under this control are counted; moves of a set not
-    /// below [`families`](Self::families) are not counted.
-    fn family(&self, control: &Self::Control) -> usize {
-        let _ = control;
-        0
+    /// Statistics of no step.
+    fn statistics(&self) -> Self::Statistics;
+
+    /// Adds the statistics of other steps.
+    fn merge(&self, statistics: &mut Self::Statistics, other: &Self::Statistics);
+
+    /// The counts to which the moves of a step under this control are added; `None` if nothing is
+    /// learned from them.
+    fn counts<'s>(
+        &self,
+        statistics: &'s mut Self::Statistics,
+        control: &Self::Control,
+    ) -> Option<&'s mut MoveCounts>;
+
+    /// Adds the moves of a step without listing them, and returns their sum; `None`, the default,
+    /// if moves have to be listed and [counted](Self::counts).
+    ///
+    /// The expected number of moves from j to i is `before[j]` A\[i, j\] `after[i]` `scale`; where
+    /// no move leads, `after` may be NaN. For operators whose entries cost more than products.
+    fn add_step(
+        &self,
+        statistics: &mut Self::Statistics,
+        control: &Self::Control,
+        before: &[f64],
+        after: &[f64],
+        scale: f64,
+    ) -> Option<f64> {
+        let _ = (statistics, control, before, after, scale);
+        None
     }
 
     /// Lists the entries out of a state whose moves are counted: by default all, or those of A
@@ -55,15 +83,31 @@ pub trait LearnTransition: TransitionEntries + Sized {
         f64::NEG_INFINITY
     }
 
-    /// Returns the operator that makes these moves most probable, with `pseudo_count` added to the
-    /// count of each free parameter. Entries of 0 stay 0, and columns without counts (or less than
-    /// 2.2e-308 in all) stay as they are.
+    /// Returns the operator that makes the moves behind the statistics most probable, with
+    /// `pseudo_count` added to the count of each free parameter. Entries of 0 stay 0, and columns
+    /// without counts (or less than 2.2e-308 in all) stay as they are.
     ///
     /// # Errors
     ///
     /// [`TransitionError::Forbidden`] for a move that the operator does not
     /// allow.
-    fn maximize(&self, counts: &[MoveCounts], pseudo_count: f64) -> Result<Self, TransitionError>;
+    fn maximize(
+        &self,
+        statistics: &Self::Statistics,
+        pseudo_count: f64,
+    ) -> Result<Self, TransitionError>;
+
+    /// Log-probability of the moves behind the statistics, the sum that
+    /// [`maximize`](Self::maximize) maximises but for the prior: Σ counts ln A\[i, j\], −∞ if a move
+    /// that was counted has probability 0.
+    ///
+    /// Only learning with a [stationary prior](crate::Prior::Stationary) needs it, which also adds
+    /// moves to [`counts`](Self::counts): their effect on `maximize` must be that on this sum. With
+    /// `None`, the default, such learning is an error.
+    fn log_probability(&self, statistics: &Self::Statistics) -> Option<f64> {
+        let _ = statistics;
+        None
+    }
 
     /// Log-prior that the pseudo-counts stand for, a Dirichlet density but for a constant:
     /// `pseudo_count` Σ ln θ over the free parameters above 0.

@@ -2,7 +2,7 @@
 
 use super::{
     DenseTransition, LearnTransition, Move, MoveCounts, SparseTransition, SwitchedTransition,
-    Transition, TransitionEntries,
+    Transition, TransitionEntries, delegate,
 };
 use crate::error::TransitionError;
 use crate::fixed::Fixed;
@@ -27,10 +27,28 @@ pub(super) fn weights<A: TransitionEntries<Control = ()>>(
     }
 }
 
+/// Σ counts ln A\[i, j\]. O(E + moves).
+pub(super) fn log_probability<A: TransitionEntries<Control = ()>>(
+    transition: &A,
+    counts: &MoveCounts,
+) -> f64 {
+    let mut moves = counts.moves().filter(|m| m.weight > 0.0).peekable();
+    let mut sum = 0.0;
+    for from in 0..transition.states() {
+        for (to, p) in transition.outgoing(&(), from) {
+            if let Some(m) = moves.next_if(|m| (m.from, m.to) == (from, to)) {
+                sum += m.weight * p.ln();
+            }
+        }
+    }
+    // A move without an entry stops the others.
+    if moves.next().is_some() { f64::NEG_INFINITY } else { sum }
+}
+
 /// Normalises columns of weights; a column whose sum is below the smallest normal double keeps
 /// the entries of the operator. A NaN or infinite weight makes its column NaN, which no
 /// constructor accepts.
-pub(super) fn normalized<A: TransitionEntries<Control = ()>>(
+fn normalized<A: TransitionEntries<Control = ()>>(
     transition: &A,
     mut weights: Vec<(usize, usize, f64)>,
 ) -> Vec<(usize, usize, f64)> {
@@ -50,10 +68,10 @@ pub(super) fn normalized<A: TransitionEntries<Control = ()>>(
 /// The columns that make moves most probable, if each entry is a free parameter.
 fn free<A: TransitionEntries<Control = ()>>(
     transition: &A,
-    counts: &[MoveCounts],
+    counts: &MoveCounts,
     pseudo_count: f64,
 ) -> Result<Vec<(usize, usize, f64)>, TransitionError> {
-    let mut weights = weights(transition, &counts[0])?;
+    let mut weights = weights(transition, counts)?;
     weights.iter_mut().for_each(|entry| entry.2 += pseudo_count);
     Ok(normalized(transition, weights))
 }
@@ -75,7 +93,9 @@ fn free_entries<A: TransitionEntries<Control = ()>>(transition: &A) -> usize {
 
 /// Learned values have 64 bits, even if the operator has values of 32 bits.
 impl LearnTransition for SparseTransition {
-    fn maximize(&self, counts: &[MoveCounts], pseudo_count: f64) -> Result<Self, TransitionError> {
+    delegate!(move_counts);
+
+    fn maximize(&self, counts: &MoveCounts, pseudo_count: f64) -> Result<Self, TransitionError> {
         Self::from_triplets(self.states(), free(self, counts, pseudo_count)?)
     }
 
@@ -89,7 +109,9 @@ impl LearnTransition for SparseTransition {
 }
 
 impl LearnTransition for DenseTransition {
-    fn maximize(&self, counts: &[MoveCounts], pseudo_count: f64) -> Result<Self, TransitionError> {
+    delegate!(move_counts);
+
+    fn maximize(&self, counts: &MoveCounts, pseudo_count: f64) -> Result<Self, TransitionError> {
         let n = self.states();
         let mut matrix = vec![0.0; n * n];
         for (to, from, p) in free(self, counts, pseudo_count)? {
@@ -108,12 +130,36 @@ impl LearnTransition for DenseTransition {
 }
 
 impl<A: LearnTransition<Control = ()>> LearnTransition for SwitchedTransition<A> {
-    fn families(&self) -> usize {
-        self.operators.len()
+    /// Statistics of each operator.
+    type Statistics = Vec<A::Statistics>;
+
+    fn statistics(&self) -> Self::Statistics {
+        self.operators.iter().map(A::statistics).collect()
     }
 
-    fn family(&self, &control: &usize) -> usize {
-        control
+    fn merge(&self, statistics: &mut Self::Statistics, other: &Self::Statistics) {
+        let each = self.operators.iter().zip(statistics.iter_mut().zip(other));
+        each.for_each(|(a, (statistics, other))| a.merge(statistics, other));
+    }
+
+    fn counts<'s>(
+        &self,
+        statistics: &'s mut Self::Statistics,
+        &control: &usize,
+    ) -> Option<&'s mut MoveCounts> {
+        self.operators[control].counts(statistics.get_mut(control)?, &())
+    }
+
+    fn add_step(
+        &self,
+        statistics: &mut Self::Statistics,
+        &control: &usize,
+        before: &[f64],
+        after: &[f64],
+        scale: f64,
+    ) -> Option<f64> {
+        let statistics = statistics.get_mut(control)?;
+        self.operators[control].add_step(statistics, &(), before, after, scale)
     }
 
     fn counted(&self, &control: &usize, from: usize) -> impl Iterator<Item = (usize, f64)> {
@@ -128,13 +174,18 @@ impl<A: LearnTransition<Control = ()>> LearnTransition for SwitchedTransition<A>
         self.operators[control].restart_log2(&(), to)
     }
 
-    fn maximize(&self, counts: &[MoveCounts], pseudo_count: f64) -> Result<Self, TransitionError> {
-        let learned = self.operators.iter().zip(counts);
-        Self::new(
-            learned
-                .map(|(a, counts)| a.maximize(std::slice::from_ref(counts), pseudo_count))
-                .collect::<Result<_, _>>()?,
-        )
+    fn maximize(
+        &self,
+        statistics: &Self::Statistics,
+        pseudo_count: f64,
+    ) -> Result<Self, TransitionError> {
+        let (found, expected) = (statistics.len(), self.operators.len());
+        if found != expected {
+            return Err(TransitionError::Statistics { found, expected });
+        }
+        let learned = self.operators.iter().zip(statistics);
+        let learned = learned.map(|(a, statistics)| a.maximize(statistics, pseudo_count));
+        Self::new(learned.collect::<Result<_, _>>()?)
     }
 
     fn log_prior(&self, pseudo_count: f64) -> f64 {
@@ -147,13 +198,22 @@ impl<A: LearnTransition<Control = ()>> LearnTransition for SwitchedTransition<A>
 }
 
 impl<A: TransitionEntries + Clone> LearnTransition for Fixed<A> {
-    /// Returns 0: no moves need to be counted.
-    fn families(&self) -> usize {
-        0
+    type Statistics = ();
+
+    fn statistics(&self) {}
+
+    fn merge(&self, (): &mut (), (): &()) {}
+
+    fn counts<'s>(&self, (): &'s mut (), _: &A::Control) -> Option<&'s mut MoveCounts> {
+        None
     }
 
-    fn maximize(&self, _: &[MoveCounts], _: f64) -> Result<Self, TransitionError> {
+    fn maximize(&self, (): &(), _: f64) -> Result<Self, TransitionError> {
         Ok(self.clone())
+    }
+
+    fn log_probability(&self, (): &()) -> Option<f64> {
+        Some(0.0)
     }
 
     fn log_prior(&self, _: f64) -> f64 {

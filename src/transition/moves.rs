@@ -12,7 +12,7 @@ pub struct Move {
 }
 
 /// Sorts by `from`, then by `to`. One function, since each closure would instantiate a sort.
-pub(crate) fn sort(moves: &mut [Move]) {
+fn sort(moves: &mut [Move]) {
     moves.sort_by_key(|m| (m.from, m.to));
 }
 
@@ -69,6 +69,14 @@ impl MoveCounts {
     /// Adds the counts of another. O(moves).
     pub fn merge(&mut self, other: &Self) {
         self.add(other.moves());
+    }
+
+    /// Adds a move that comes after all others or is the last of them.
+    pub(crate) fn append(&mut self, m: Move) {
+        match self.moves.last_mut() {
+            Some(last) if (last.from, last.to) == (m.from, m.to) => last.weight += m.weight,
+            _ => self.moves.push(m),
+        }
     }
 
     /// Adds moves in ascending order, and returns the sum of their weights. A move that is there

@@ -4,7 +4,7 @@ use std::ops::{Add, Range};
 
 use super::jump::{Jumps, scaled, times};
 use super::log::add_log2;
-use super::{LearnTransition, MoveCounts, Transition, TransitionEntries};
+use super::{LearnTransition, Transition, TransitionEntries};
 use super::{best_of, check_probability, delegate, log, merge};
 use crate::belief::Belief;
 use crate::error::TransitionError;
@@ -223,7 +223,9 @@ impl<A: TransitionEntries> TransitionEntries for RestartTransition<A> {
 /// Re-estimates the inner operator, and keeps the rate and the states of restarts. O(moves of the
 /// inner operator + n) a step and of memory.
 impl<A: LearnTransition> LearnTransition for RestartTransition<A> {
-    delegate!(a, control => a.jumps.inner, control; families parameters);
+    type Statistics = A::Statistics;
+
+    delegate!(a, control => a.jumps.inner, control; statistics parameters);
 
     fn counted(&self, control: &A::Control, from: usize) -> impl Iterator<Item = (usize, f64)> {
         self.jumps.kept(self.jumps.inner.counted(control, from))
@@ -242,9 +244,17 @@ impl<A: LearnTransition> LearnTransition for RestartTransition<A> {
         add_log2(self.jumps.log2_to[to] + self.jumps.log2_factor(control), within)
     }
 
-    fn maximize(&self, counts: &[MoveCounts], pseudo_count: f64) -> Result<Self, TransitionError> {
-        let inner = self.jumps.inner.maximize(counts, pseudo_count)?;
+    fn maximize(
+        &self,
+        statistics: &A::Statistics,
+        pseudo_count: f64,
+    ) -> Result<Self, TransitionError> {
+        let inner = self.jumps.inner.maximize(statistics, pseudo_count)?;
         Ok(Self { jumps: self.jumps.beside(inner) })
+    }
+
+    fn log_probability(&self, statistics: &A::Statistics) -> Option<f64> {
+        self.jumps.inner.log_probability(statistics)
     }
 }
 

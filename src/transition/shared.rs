@@ -99,15 +99,52 @@ macro_rules! delegate {
             $inner.max_product($control, x, out, from);
         }
     };
-    (@families $a:ident, $u:ident => $inner:expr, $control:expr) => {
-        fn families(&self) -> usize {
+    (@statistics $a:ident, $u:ident => $inner:expr, $control:expr) => {
+        fn statistics(&self) -> Self::Statistics {
             let $a = self;
-            $inner.families()
+            $inner.statistics()
         }
 
-        fn family(&self, $u: &Self::Control) -> usize {
+        fn merge(&self, statistics: &mut Self::Statistics, other: &Self::Statistics) {
             let $a = self;
-            $inner.family($control)
+            $inner.merge(statistics, other);
+        }
+
+        fn counts<'s>(
+            &self,
+            statistics: &'s mut Self::Statistics,
+            $u: &Self::Control,
+        ) -> Option<&'s mut $crate::transition::MoveCounts> {
+            let $a = self;
+            $inner.counts(statistics, $control)
+        }
+    };
+    // The statistics of an operator that is the same at all steps.
+    (move_counts) => {
+        type Statistics = $crate::transition::MoveCounts;
+
+        fn statistics(&self) -> $crate::transition::MoveCounts {
+            $crate::transition::MoveCounts::default()
+        }
+
+        fn merge(
+            &self,
+            counts: &mut $crate::transition::MoveCounts,
+            other: &$crate::transition::MoveCounts,
+        ) {
+            counts.merge(other);
+        }
+
+        fn counts<'s>(
+            &self,
+            counts: &'s mut $crate::transition::MoveCounts,
+            _: &Self::Control,
+        ) -> Option<&'s mut $crate::transition::MoveCounts> {
+            Some(counts)
+        }
+
+        fn log_probability(&self, counts: &$crate::transition::MoveCounts) -> Option<f64> {
+            Some($crate::transition::maximize::log_probability(self, counts))
         }
     };
     (@parameters $a:ident, $u:ident => $inner:expr, $control:expr) => {

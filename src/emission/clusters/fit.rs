@@ -21,7 +21,7 @@ pub(in crate::emission) type Outcome<B> = Result<B, Box<dyn Error + Send + Sync>
 /// [`starts`](crate::emission::starts) asks for it. All families of this module have it; one of
 /// your own needs a single line, if the way that its parameters are estimated from complete
 /// observations does not depend on those that it has: `impl StartFromClusters for MyFamily {}`.
-pub trait StartFromClusters: LearnLikelihood<Observation = [f64]> {
+pub trait StartFromClusters: LearnLikelihood<Observation = [f64]> + Clone + Send + Sync {
     /// Returns the family with parameters from the clusters, one for each state. By default they
     /// are [fitted](Clusters::fit) as in learning.
     ///
@@ -38,8 +38,11 @@ pub trait StartFromClusters: LearnLikelihood<Observation = [f64]> {
     }
 }
 
-impl<B: LearnLikelihood<Observation = [f64]>> StartFromClusters for GroupedLikelihood<B> {}
-impl<B: Likelihood<Observation = [f64]> + Clone> StartFromClusters for Fixed<B> {}
+impl<B> StartFromClusters for GroupedLikelihood<B> where
+    B: LearnLikelihood<Observation = [f64]> + Clone + Send + Sync
+{
+}
+impl<B: Likelihood<Observation = [f64]> + Clone + Send + Sync> StartFromClusters for Fixed<B> {}
 
 impl Clusters<'_> {
     /// Fits a family to the observations of each state's cluster, with a tenth of the

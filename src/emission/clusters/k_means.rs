@@ -7,16 +7,8 @@ use crate::random::index;
 /// Most rounds of moving centres; learning goes on from wherever they are.
 const ROUNDS: usize = 50;
 
-/// Rows in clusters.
-pub(super) struct KMeans {
-    /// Centres one after the other, in the units of the rows.
-    pub(super) centres: Vec<f64>,
-    /// Cluster of each row.
-    pub(super) nearest: Vec<usize>,
-}
-
-/// Divides rows, of which there is at least one, into at least one cluster. Rows are of one length
-/// above 0, and their values finite or, if missing, NaN.
+/// Divides rows, of which there is at least one, into at least one cluster, and returns the cluster
+/// of each. Rows are of one length above 0, and their values finite or, if missing, NaN.
 ///
 /// # Errors
 ///
@@ -25,10 +17,10 @@ pub(super) fn k_means<R: Rng + ?Sized>(
     rows: &[&[f64]],
     count: usize,
     rng: &mut R,
-) -> Result<KMeans, usize> {
+) -> Result<Vec<usize>, usize> {
     let components = rows.first().map_or(1, |row| row.len());
     let mut scaled = rows.concat();
-    let units = standardize(&mut scaled, components);
+    standardize(&mut scaled, components);
     let scaled = scaled.chunks_exact(components);
     let mut centres = draw(&scaled, count, rng)?;
     let mut nearest = vec![0; scaled.len()];
@@ -44,13 +36,17 @@ pub(super) fn k_means<R: Rng + ?Sized>(
         }
         recentre(&mut centres, scaled.clone().zip(&nearest));
     }
-    centres.chunks_exact_mut(components).for_each(|centre| {
-        let units = centre.iter_mut().zip(&units);
-        units.for_each(|(c, (mean, deviation))| *c = mean + *c * deviation);
-    });
-    // From the observations themselves, whose digits a deviation of 1e150 would cover.
-    recentre(&mut centres, rows.iter().copied().zip(&nearest));
-    Ok(KMeans { centres, nearest })
+    Ok(nearest)
+}
+
+/// Mean of the rows of each of `count` clusters, one after the other; of all rows for what is known
+/// of none. From the rows themselves, whose digits a deviation of 1e150 would cover.
+pub(super) fn means(rows: &[&[f64]], clusters: &[usize], count: usize) -> Vec<f64> {
+    let mut all = vec![0.0; rows.first().map_or(0, |row| row.len())];
+    recentre(&mut all, rows.iter().copied().zip(std::iter::repeat(&0)));
+    let mut means = all.repeat(count);
+    recentre(&mut means, rows.iter().copied().zip(clusters));
+    means
 }
 
 /// Subtracts the mean of each component and divides by its standard deviation, and returns both.

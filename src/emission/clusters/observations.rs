@@ -5,7 +5,8 @@ use std::ops::Range;
 
 use rand::Rng;
 
-use super::k_means::{KMeans, k_means};
+use super::k_means::means;
+use super::kinds::{StartKind, labels};
 use crate::emission::EmissionError;
 use crate::emission::check::{check_components, check_values};
 use crate::sequence::Sequence;
@@ -63,14 +64,30 @@ impl<'a> Clusters<'a> {
         S: Sequence<(), [f64]>,
         R: Rng + ?Sized,
     {
+        Self::of_kind(StartKind::Position, sequences, count, rng)
+    }
+
+    /// Divides the observations by what a kind of start looks at.
+    pub(in crate::emission) fn of_kind<S, R>(
+        kind: StartKind,
+        sequences: &'a [S],
+        count: usize,
+        rng: &mut R,
+    ) -> Result<Self, EmissionError>
+    where
+        S: Sequence<(), [f64]>,
+        R: Rng + ?Sized,
+    {
         let rows = rows(sequences)?;
         let components = rows.first().ok_or(EmissionError::NoObservations)?.len();
         if count == 0 || components == 0 {
             return Err(EmissionError::Empty { states: count, components });
         }
-        let KMeans { centres, nearest } = k_means(&rows, count, rng).map_err(|found| {
+        let lengths: Vec<usize> = sequences.iter().map(S::steps).collect();
+        let nearest = labels(kind, &rows, &lengths, count, rng).map_err(|found| {
             EmissionError::TooFewDifferent { found, expected: count, what: "clusters" }
         })?;
+        let centres = means(&rows, &nearest, count);
         // In ascending order of their centres.
         let all: Vec<&[f64]> = centres.chunks_exact(components).collect();
         let ascending = |a: &[f64], b: &[f64]| {
@@ -83,8 +100,7 @@ impl<'a> Clusters<'a> {
         let centres = order.iter().flat_map(|&old| all[old]).copied().collect();
         let nearest: Vec<usize> = nearest.into_iter().map(|label| new[label]).collect();
         let mut each = nearest.iter().copied();
-        let steps = sequences.iter().map(S::steps);
-        let labels = steps.map(|steps| each.by_ref().take(steps).collect()).collect();
+        let labels = lengths.into_iter().map(|steps| each.by_ref().take(steps).collect()).collect();
         Ok(Self::of(labels, centres, count, rows.into_iter().zip(nearest)))
     }
 

@@ -3,7 +3,7 @@
 use rand::Rng;
 
 use super::fit::Outcome;
-use super::k_means::{KMeans, distance, k_means, standardize};
+use super::k_means::{distance, k_means, standardize};
 use super::observations::{Clusters, share};
 use crate::emission::EmissionError;
 use crate::likelihood::LearnLikelihood;
@@ -55,7 +55,7 @@ impl Clusters<'_> {
             let rows: Vec<&[f64]> = members.iter().map(|&at| self.rows[at]).collect();
             let found = if rows.is_empty() { Err(0) } else { k_means(&rows, parts.len(), rng) };
             match found {
-                Ok(KMeans { nearest, .. }) => {
+                Ok(nearest) => {
                     let mut counts: Vec<_> = parts.iter().map(|&part| (part, 0)).collect();
                     let mut own = vec![None; self.rows.len()];
                     for (at, cluster) in members.into_iter().zip(nearest) {

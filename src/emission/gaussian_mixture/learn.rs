@@ -4,7 +4,9 @@
 use std::error::Error;
 
 use super::GaussianMixture;
-use crate::emission::normal::GaussianStatistics;
+use crate::emission::EmissionError;
+use crate::emission::normal::{CovarianceType, GaussianStatistics};
+use crate::free_parameters::{Displacement, FreeParameters};
 use crate::likelihood::{LearnLikelihood, Likelihood, shares};
 
 impl LearnLikelihood for GaussianMixture {
@@ -48,7 +50,16 @@ impl LearnLikelihood for GaussianMixture {
         pseudo_count: f64,
     ) -> Result<Self, Box<dyn Error + Send + Sync>> {
         let normals = self.normals.maximize(&statistics.moments, None);
-        let normals = normals.map_err(|error| error.in_part(None, self.parts))?;
+        let tied = self.normals.kind() == CovarianceType::Tied;
+        let normals = normals.map_err(|error| match error.in_part(None, self.parts) {
+            // That of a covariance that all parts of the state have.
+            EmissionError::Part { cause, .. }
+                if tied && matches!(*cause, EmissionError::TooFew { .. }) =>
+            {
+                *cause
+            }
+            error => error,
+        })?;
         let states = self.weights.chunks_exact(self.parts);
         let counts = statistics.sums.chunks_exact(self.parts);
         let weights = states.zip(counts);
@@ -68,5 +79,15 @@ impl LearnLikelihood for GaussianMixture {
     fn free_parameters(&self) -> usize {
         let weights = self.weights.iter().filter(|weight| **weight > 0.0).count();
         weights - self.states() + self.normals.free_parameters()
+    }
+}
+
+/// Log-odds of the weights above 0, state by state, to the largest of the state, then means and
+/// covariances, unless learning keeps them.
+impl FreeParameters for GaussianMixture {
+    fn displaced(&self, by: &mut Displacement<'_>) -> Result<Self, Box<dyn Error + Send + Sync>> {
+        let mut weights = self.weights.clone();
+        weights.chunks_exact_mut(self.parts).for_each(|weights| by.distribution(weights));
+        Ok(Self::of(self.normals.displaced(by)?, self.parts, weights))
     }
 }

@@ -1,22 +1,24 @@
 //! Mixtures of Gaussians: their densities b_i(y), section 1 of the guide's formulas.
 
+mod check;
 mod learn;
 mod start;
 
 use rand::Rng;
 
-use super::check::{at, check, check_length, flatten};
+use self::check::{check_weights, of_parts};
+use super::check::{check_length, flatten};
 use super::normal::{CovarianceType, Normals, Settings, eights, flatten_covariances, settings};
-use super::{EmissionError, Family};
-use crate::belief::SUM_TOLERANCE;
+use super::{EmissionError, Family, Marginals, Tails};
 use crate::error::LikelihoodError;
-use crate::kernels::Eight;
+use crate::kernels::{Eight, log_sum};
 use crate::likelihood::{Diagonal, Likelihood, SampleObservation, Scratch};
 use crate::random::index;
 use crate::reorder::ReorderStates;
 
-/// Mixtures of m Gaussians for each state, with full covariances or variances: the counterpart of
-/// hmmlearn's `GMMHMM`.
+/// Mixtures of m Gaussians for each state, with covariances of one of four
+/// [types](CovarianceType): the counterpart of hmmlearn's `GMMHMM`. Tied covariances are those of all
+/// parts of a state.
 ///
 /// With the weights w, means μ and covariances Σ of a state's parts, the density of an observation
 /// of d numbers is
@@ -36,7 +38,7 @@ use crate::reorder::ReorderStates;
 /// Covariances are estimated about the new means. (hmmlearn's `GMMHMM` takes them about the means
 /// of the iteration before, which is no maximum; both have the same fixed points.)
 ///
-/// A step takes O(n m d) for variances, O(n m d²) for full covariances, and n m exponentials; it
+/// A step takes O(n m d) for variances, O(n m d²) for matrices, and n m exponentials; it
 /// allocates nothing. Missing components are as those of a [`Gaussian`](super::Gaussian).
 ///
 /// ```
@@ -72,6 +74,22 @@ pub struct GaussianMixture {
 }
 
 impl GaussianMixture {
+    /// Creates mixtures of Gaussians with one variance for all components: for each state the weights
+    /// of its parts, a mean for each of these, and their variances.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError`] as [`diagonal`](Self::diagonal).
+    pub fn spherical<P: AsRef<[f64]>>(
+        weights: &[impl AsRef<[f64]>],
+        means: &[impl AsRef<[P]>],
+        variances: &[impl AsRef<[f64]>],
+    ) -> Result<Self, EmissionError> {
+        let rows = variances.iter().map(|row| row.as_ref().iter().map(|v| [*v]).collect());
+        let rows: Vec<Vec<[f64; 1]>> = rows.collect();
+        Self::new(CovarianceType::Spherical, weights, means, &rows)
+    }
+
     /// Creates mixtures of Gaussians with variances: for each state the weights of its parts, and
     /// for each of these a mean and its variances.
     ///
@@ -103,7 +121,24 @@ impl GaussianMixture {
         Self::new(CovarianceType::Full, weights, means, covariances)
     }
 
-    /// Creates mixtures with covariances of this type, which are not tied.
+    /// Creates mixtures of Gaussians with a full covariance for each state, which all of its parts
+    /// have: for each state the weights of its parts, a mean for each of these, and d × d values, row
+    /// after row.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError`] as [`full`](Self::full); those of covariances say the state.
+    pub fn tied<P: AsRef<[f64]>>(
+        weights: &[impl AsRef<[f64]>],
+        means: &[impl AsRef<[P]>],
+        covariances: &[impl AsRef<[f64]>],
+    ) -> Result<Self, EmissionError> {
+        let rows: Vec<[&[f64]; 1]> = covariances.iter().map(|matrix| [matrix.as_ref()]).collect();
+        Self::new(CovarianceType::Tied, weights, means, &rows)
+    }
+
+    /// Creates mixtures with covariances of this type: one for each part, or one for each state, if
+    /// they are tied.
     pub(crate) fn new<P: AsRef<[f64]>, Q: AsRef<[f64]>>(
         kind: CovarianceType,
         weights: &[impl AsRef<[f64]>],
@@ -120,11 +155,24 @@ impl GaussianMixture {
         check_weights(&weights, parts)?;
         let mean = |rows: &[P]| flatten("mean", rows, d);
         let means = of_parts("list of means", means, [states, parts], mean)?;
-        let covariance = |rows: &[Q]| flatten_covariances(kind, rows, d);
-        let covariances =
-            of_parts("list of covariances", covariances, [states, parts], covariance)?;
-        let normals = Normals::new(kind, d, means, covariances, Settings::default())
-            .map_err(|error| error.in_part(None, parts))?;
+        let tied = kind == CovarianceType::Tied;
+        let what = "list of covariances";
+        let covariances = if tied {
+            check_length(what, None, covariances.len(), states)?;
+            let mut rows = Vec::with_capacity(states);
+            for (state, own) in covariances.iter().enumerate() {
+                check_length(what, Some(state), own.as_ref().len(), 1)?;
+                rows.push(own.as_ref()[0].as_ref());
+            }
+            flatten_covariances(kind, &rows, d)?
+        } else {
+            let covariance = |rows: &[Q]| flatten_covariances(kind, rows, d);
+            of_parts(what, covariances, [states, parts], covariance)?
+        };
+        let normals = Normals::new(kind, d, means, covariances, Settings::default());
+        // Tied covariances have the number of the state already.
+        let normals =
+            normals.map_err(|error| if tied { error } else { error.in_part(None, parts) })?;
         Ok(Self::of(normals, parts, weights))
     }
 
@@ -166,10 +214,12 @@ impl GaussianMixture {
         self.normals.means().chunks(self.parts).map(<[_]>::to_vec).collect()
     }
 
-    /// Covariances of all parts, as the constructor of their type takes them.
+    /// Covariances of the parts of each state, of which there is one if they are tied: a variance,
+    /// variances, or d × d values row after row.
     #[must_use]
     pub fn covariances(&self) -> Vec<Vec<Vec<f64>>> {
-        self.normals.covariances().chunks(self.parts).map(<[_]>::to_vec).collect()
+        let all = self.normals.covariances();
+        all.chunks(all.len() / self.states()).map(<[_]>::to_vec).collect()
     }
 
     /// Position of a part among those of all states.
@@ -187,36 +237,6 @@ impl GaussianMixture {
         logs.iter_mut().zip(&self.log_weights).for_each(|(log, weight)| *log += weight);
         Ok(logs)
     }
-}
-
-/// Checks the weights of all states.
-fn check_weights(weights: &[f64], parts: usize) -> Result<(), EmissionError> {
-    for (state, weights) in weights.chunks_exact(parts).enumerate() {
-        for (part, &weight) in weights.iter().enumerate() {
-            check("weight", weight, weight >= 0.0, "a value of at least 0")
-                .map_err(|error| at(error, state, Some(part)))?;
-        }
-        let sum: f64 = weights.iter().sum();
-        check("sum of the weights", sum, (sum - 1.0).abs() <= SUM_TOLERANCE, "1")
-            .map_err(|error| at(error, state, None))?;
-    }
-    Ok(())
-}
-
-/// Checks parameters of the parts of each state, and returns them one after the other.
-fn of_parts<M: AsRef<[P]>, P>(
-    what: &'static str,
-    all: &[M],
-    [states, parts]: [usize; 2],
-    flatten: impl Fn(&[P]) -> Result<Vec<f64>, EmissionError>,
-) -> Result<Vec<f64>, EmissionError> {
-    check_length(what, None, all.len(), states)?;
-    let mut flat = Vec::new();
-    for (state, rows) in all.iter().enumerate() {
-        check_length(what, Some(state), rows.as_ref().len(), parts)?;
-        flat.extend(flatten(rows.as_ref()).map_err(|error| error.in_part(Some(state), parts))?);
-    }
-    Ok(flat)
 }
 
 impl Likelihood for GaussianMixture {
@@ -268,5 +288,29 @@ impl ReorderStates for GaussianMixture {
         let parts: Vec<usize> = parts.collect();
         let weights = parts.iter().map(|at| self.weights[*at]).collect();
         Self::of(self.normals.select(&parts), m, weights)
+    }
+}
+
+/// Each component by itself: a mixture with the same weights.
+impl Marginals for GaussianMixture {
+    fn numbers(&self) -> usize {
+        self.normals.components()
+    }
+
+    fn number(&self, row: &[f64], component: usize) -> Result<Option<f64>, LikelihoodError> {
+        Ok(self.normals.number(row, component)?)
+    }
+
+    fn log_density(&self, state: usize, component: usize, y: f64) -> f64 {
+        let parts = state * self.parts..(state + 1) * self.parts;
+        log_sum(parts.map(|at| self.log_weights[at] + self.normals.log_marginal(at, component, y)))
+    }
+
+    fn tails(&self, state: usize, component: usize, y: f64) -> Tails {
+        let mut tails = Tails::default();
+        for at in state * self.parts..(state + 1) * self.parts {
+            tails.add(self.weights[at], self.normals.tails(at, component, y));
+        }
+        tails
     }
 }

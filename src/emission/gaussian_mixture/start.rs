@@ -5,7 +5,7 @@ use std::error::Error;
 use rand::Rng;
 
 use super::GaussianMixture;
-use crate::emission::normal::Normals;
+use crate::emission::normal::{CovarianceType, Normals};
 use crate::emission::{Clusters, EmissionError, Family, Gaussian, StartFromClusters};
 use crate::likelihood::Likelihood;
 
@@ -45,7 +45,9 @@ impl StartFromClusters for GaussianMixture {
         }
         let (kind, d) = (self.covariance_type(), self.components());
         let normals = Normals::new(kind, d, means, covariances, self.normals.settings().clone())
-            .map_err(|error| error.in_part(None, m))?;
+            .map_err(
+                |error| if kind == CovarianceType::Tied { error } else { error.in_part(None, m) },
+            )?;
         Ok(Self::of(normals, m, weights))
     }
 }

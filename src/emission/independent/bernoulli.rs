@@ -3,9 +3,9 @@
 use rand::{Rng, RngExt};
 
 use super::family::Independent;
-use super::univariate::Univariate;
-use crate::emission::EmissionError;
+use super::univariate::{Cumulative, Univariate};
 use crate::emission::check::check;
+use crate::emission::{EmissionError, Tails};
 
 /// Bernoulli distribution of an event: 1 if it happens, otherwise 0.
 ///
@@ -71,12 +71,17 @@ impl Bernoulli {
 
 impl Univariate for Bernoulli {
     const VALUES: &'static str = "0 or 1";
+    const HAS_ZERO: bool = true;
     type Point = bool;
     /// Numbers of all, of 0 and of 1.
     type Statistics = [f64; 3];
 
+    #[expect(
+        clippy::needless_bitwise_bool,
+        reason = "a branch at random costs more than a comparison"
+    )]
     fn point(value: f64) -> Option<bool> {
-        (value == 0.0 || value == 1.0).then_some(value == 1.0)
+        ((value == 0.0) | (value == 1.0)).then_some(value == 1.0)
     }
 
     fn log_density(&self, &happens: &bool) -> f64 {
@@ -85,7 +90,8 @@ impl Univariate for Bernoulli {
 
     #[inline]
     fn statistics(&self, &happens: &bool) -> [f64; 3] {
-        if happens { [1.0, 0.0, 1.0] } else { [1.0, 1.0, 0.0] }
+        let one = f64::from(u8::from(happens));
+        [1.0, 1.0 - one, one]
     }
 
     fn expectations(&self, of: &Self) -> [f64; 3] {
@@ -98,19 +104,11 @@ impl Univariate for Bernoulli {
     }
 
     fn add_pseudo_count(&self, sums: &mut [f64; 3], pseudo_count: f64) {
-        for (value, _) in self.logs.iter().enumerate().filter(|(_, log)| **log > f64::NEG_INFINITY)
-        {
-            sums[0] += pseudo_count;
-            sums[1 + value] += pseudo_count;
-        }
+        add_pseudo_count(&self.logs, sums, pseudo_count);
     }
 
     fn log_prior(&self, pseudo_count: f64) -> f64 {
-        if pseudo_count == 0.0 {
-            return 0.0;
-        }
-        let possible = self.logs.iter().filter(|log| **log > f64::NEG_INFINITY);
-        pseudo_count * possible.sum::<f64>()
+        log_prior(&self.logs, pseudo_count)
     }
 
     fn maximize(&self, &[_, zeros, ones]: &[f64; 3]) -> Result<Self, EmissionError> {
@@ -123,5 +121,35 @@ impl Univariate for Bernoulli {
 
     fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> f64 {
         f64::from(u8::from(rng.random::<f64>() < self.probability))
+    }
+}
+
+/// Adds the pseudo-count of each of two outcomes that is possible to their sums, which begin with
+/// that of the weights.
+pub(super) fn add_pseudo_count(logs: &[f64; 2], sums: &mut [f64; 3], pseudo_count: f64) {
+    for (value, _) in logs.iter().enumerate().filter(|(_, log)| **log > f64::NEG_INFINITY) {
+        sums[0] += pseudo_count;
+        sums[1 + value] += pseudo_count;
+    }
+}
+
+/// Log density of the prior that the pseudo-count of two outcomes stands for.
+pub(super) fn log_prior(logs: &[f64; 2], pseudo_count: f64) -> f64 {
+    if pseudo_count == 0.0 {
+        return 0.0;
+    }
+    pseudo_count * logs.iter().filter(|log| **log > f64::NEG_INFINITY).sum::<f64>()
+}
+
+impl Cumulative for Bernoulli {
+    fn tails(&self, y: f64) -> Tails {
+        let [zero, one] = [1.0 - self.probability, self.probability];
+        match y {
+            _ if y < 0.0 => Tails { below: 0.0, at: 0.0, above: 1.0 },
+            0.0 => Tails { below: 0.0, at: zero, above: one },
+            _ if y < 1.0 => Tails { below: zero, at: 0.0, above: one },
+            1.0 => Tails { below: zero, at: one, above: 0.0 },
+            _ => Tails { below: 1.0, at: 0.0, above: 0.0 },
+        }
     }
 }

@@ -1,11 +1,13 @@
 //! Families of independent components: b_i(y) is the product of their densities (section 1 of the
 //! formulas).
 
+use std::error::Error;
+
 use rand::Rng;
 
-use super::univariate::Univariate;
+use super::univariate::{Cumulative, Univariate};
 use crate::emission::check::{at, check, check_components, check_length, check_shape, shape};
-use crate::emission::{EmissionError, Family, StartFromClusters};
+use crate::emission::{Clusters, EmissionError, Family, Marginals, StartFromClusters, Tails};
 use crate::error::LikelihoodError;
 use crate::likelihood::{Diagonal, Likelihood, SampleObservation, Scratch};
 use crate::reorder::ReorderStates;
@@ -13,10 +15,8 @@ use crate::reorder::ReorderStates;
 /// A family of observations with d components that are independent of each other, given the
 /// state: for each state and component a distribution of one number.
 ///
-/// [`Bernoulli`](super::Bernoulli), [`Poisson`](super::Poisson), [`Gamma`](super::Gamma),
-/// [`LogNormal`](super::LogNormal) and [`VonMises`](super::VonMises) make families of themselves,
-/// such as [`Poisson::family`](super::Poisson::family). [`Univariate`] shows how to add a
-/// distribution of your own.
+/// Distributions make families of themselves, such as [`Poisson::family`](super::Poisson::family).
+/// [`Univariate`] shows how to add one of your own.
 ///
 /// # Missing components
 ///
@@ -81,7 +81,7 @@ impl<F> Independent<F> {
     }
 
     /// Creates a family from the distribution of each state and component.
-    fn build(
+    pub(super) fn build(
         (states, components): (usize, usize),
         part: impl Fn(usize, usize) -> Result<F, EmissionError>,
     ) -> Result<Self, EmissionError> {
@@ -165,6 +165,11 @@ impl<F> Independent<F> {
     /// are given: `family.parameters(Poisson::rate)`.
     #[must_use]
     pub fn parameters(&self, parameter: impl Fn(&F) -> f64) -> Vec<Vec<f64>> {
+        self.rows(parameter)
+    }
+
+    /// Returns one row for each state with a value for each component.
+    pub(crate) fn rows<T>(&self, parameter: impl Fn(&F) -> T) -> Vec<Vec<T>> {
         let row = |state| self.parts[state..].iter().step_by(self.states).map(&parameter).collect();
         (0..self.states).map(row).collect()
     }
@@ -220,7 +225,47 @@ impl<F: Univariate> Family for Independent<F> {
     }
 }
 
-impl<F: Univariate> StartFromClusters for Independent<F> {}
+impl<F: Cumulative> Marginals for Independent<F> {
+    fn numbers(&self) -> usize {
+        self.components
+    }
+
+    fn number(&self, row: &[f64], component: usize) -> Result<Option<f64>, LikelihoodError> {
+        check_components(row, self.components)?;
+        let (value, expected) = (row[component], F::VALUES);
+        if value.is_nan() && self.missing {
+            return Ok(None);
+        }
+        if value.is_nan() || F::point(value).is_none() {
+            return Err(EmissionError::Observation { component, value, expected }.into());
+        }
+        Ok(Some(F::principal(value)))
+    }
+
+    fn log_density(&self, state: usize, component: usize, y: f64) -> f64 {
+        let part = &self.parts[component * self.states + state];
+        let point = if y.is_nan() { None } else { F::point(y) };
+        point.map_or(f64::NEG_INFINITY, |point| part.log_density(&point))
+    }
+
+    fn tails(&self, state: usize, component: usize, y: f64) -> Tails {
+        self.parts[component * self.states + state].tails(y)
+    }
+}
+
+/// M steps that lead near the maximum, where one does not.
+const ROUNDS: usize = 20;
+
+impl<F: Univariate + Send + Sync> StartFromClusters for Independent<F> {
+    fn start<R: Rng + ?Sized>(
+        &self,
+        clusters: &Clusters<'_>,
+        _: &mut R,
+    ) -> Result<Self, Box<dyn Error + Send + Sync>> {
+        let rounds = if F::EXACT { 0 } else { ROUNDS };
+        (0..rounds).try_fold(clusters.fit(self)?, |family, _| clusters.round(&family))
+    }
+}
 
 impl<F: Univariate> SampleObservation for Independent<F> {
     type Sample = Vec<f64>;

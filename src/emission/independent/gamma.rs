@@ -6,10 +6,10 @@ use rand::Rng;
 use rand_distr::Distribution;
 
 use super::family::Independent;
-use super::univariate::{Univariate, positive};
-use crate::emission::EmissionError;
+use super::univariate::{Cumulative, Univariate, positive};
 use crate::emission::check::{LOWEST, check, spread};
-use crate::emission::special::{ln_minus_digamma, log_excess, root, stirling};
+use crate::emission::special::{Odds, ln_minus_digamma, log_excess, root, stirling};
+use crate::emission::{EmissionError, Tails};
 
 /// Gamma distribution of a positive number, such as a duration or a speed.
 ///
@@ -98,7 +98,8 @@ impl Gamma {
     /// Distance of y from the mean m, in parts of m, and y / m − 1 − ln(y / m).
     fn excess(&self, [y, ln]: [f64; 2]) -> (f64, f64) {
         let u = (y - self.mean) / self.mean;
-        (u, if u < -0.5 { u - (ln - self.ln_mean) } else { log_excess(u) })
+        // Far from the mean the difference of the logarithms has all the digits that are left.
+        (u, if (-0.4..=0.6).contains(&u) { log_excess(u) } else { u - (ln - self.ln_mean) })
     }
 }
 
@@ -157,5 +158,15 @@ impl Univariate for Gamma {
         let draw = rand_distr::Gamma::new(self.shape, self.scale);
         let draw = draw.map_or(self.mean, |draw| draw.sample(rng));
         draw.clamp(f64::from_bits(1), f64::MAX)
+    }
+}
+
+impl Cumulative for Gamma {
+    /// O(1): an integral of the density of ln y, in some hundred evaluations; with a relative error
+    /// below 1e-12 while the shape is below 1e4, and of that of y times its effect beyond.
+    fn tails(&self, y: f64) -> Tails {
+        let above = (y - self.mean) / self.mean;
+        let u = if above.abs() < 0.5 { above.ln_1p() } else { y.max(0.0).ln() - self.ln_mean };
+        Tails::between(Odds::gamma(self.shape).sides(u))
     }
 }

@@ -3,7 +3,7 @@
 use std::error::Error;
 
 use super::family::Independent;
-use super::univariate::Univariate;
+use super::univariate::{Sums, Univariate};
 use crate::emission::check::at;
 use crate::likelihood::LearnLikelihood;
 
@@ -23,7 +23,7 @@ impl<F: Univariate> LearnLikelihood for Independent<F> {
             let sums = &mut statistics[component * n..];
             for ((sums, part), &weight) in sums.iter_mut().zip(parts).zip(posterior) {
                 if weight > 0.0 {
-                    add(sums, weight, &part.statistics(&point));
+                    sums.add(weight, &part.statistics(&point));
                 }
             }
         });
@@ -31,7 +31,7 @@ impl<F: Univariate> LearnLikelihood for Independent<F> {
 
     fn merge(&self, statistics: &mut Vec<F::Statistics>, other: &Vec<F::Statistics>) {
         for (sums, other) in statistics.iter_mut().zip(other) {
-            add(sums, 1.0, other);
+            sums.add(1.0, other);
         }
     }
 
@@ -43,10 +43,10 @@ impl<F: Univariate> LearnLikelihood for Independent<F> {
         let maximize = |(index, part): (usize, &F)| {
             let mut sums = statistics[index].clone();
             if let Some((prior, count)) = &self.prior {
-                add(&mut sums, *count, &part.expectations(&prior[index]));
+                sums.add(*count, &part.expectations(&prior[index]));
             }
             part.add_pseudo_count(&mut sums, pseudo_count);
-            if sums.as_ref()[0] < f64::MIN_POSITIVE {
+            if sums.weight() < f64::MIN_POSITIVE {
                 return Ok(part.clone());
             }
             let (component, state) = (index / self.states, index % self.states);
@@ -70,11 +70,4 @@ impl<F: Univariate> LearnLikelihood for Independent<F> {
     fn free_parameters(&self) -> usize {
         self.parts.iter().map(Univariate::free_parameters).sum()
     }
-}
-
-/// Adds a factor times statistics to sums of them.
-#[inline]
-fn add<S: AsRef<[f64]> + AsMut<[f64]>>(sums: &mut S, factor: f64, statistics: &S) {
-    let sums = sums.as_mut().iter_mut();
-    sums.zip(statistics.as_ref()).for_each(|(sum, value)| *sum += factor * value);
 }

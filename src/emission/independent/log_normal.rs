@@ -6,9 +6,9 @@ use rand::Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::family::Independent;
-use super::univariate::{Univariate, positive};
-use crate::emission::EmissionError;
+use super::univariate::{Cumulative, Univariate, positive};
 use crate::emission::check::{LOWEST, check, spread};
+use crate::emission::{EmissionError, Tails};
 
 /// Log-normal distribution of a positive number, such as a duration or a speed: its logarithm is
 /// Gaussian.
@@ -132,5 +132,11 @@ impl Univariate for LogNormal {
         let z: f64 = StandardNormal.sample(rng);
         // A draw that a double does not hold is the nearest that it does.
         (self.mean + self.deviation * z).exp().clamp(f64::from_bits(1), f64::MAX)
+    }
+}
+
+impl Cumulative for LogNormal {
+    fn tails(&self, y: f64) -> Tails {
+        Tails::of_normal((y.max(0.0).ln() - self.mean) / self.deviation)
     }
 }

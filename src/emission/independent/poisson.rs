@@ -3,14 +3,15 @@
 use rand::Rng;
 use rand_distr::Distribution;
 
+use super::counts::tails;
 use super::family::Independent;
-use super::univariate::Univariate;
-use crate::emission::EmissionError;
+use super::univariate::{Cumulative, Univariate};
 use crate::emission::check::check;
-use crate::emission::special::{ln_factorial, log_excess};
+use crate::emission::special::{INTEGERS, Odds, ln_factorial, log_excess};
+use crate::emission::{EmissionError, Tails};
 
 /// Largest count: whole numbers up to it are doubles.
-const MOST: f64 = 9_007_199_254_740_992.0;
+pub(super) const MOST: f64 = 9_007_199_254_740_992.0;
 
 /// Count below which its logarithmic probability is a plain sum; above, that would lose digits.
 const PLAIN: f64 = 64.0;
@@ -72,11 +73,20 @@ impl Poisson {
     }
 }
 
+/// Probabilities of up to y counts, and of more: the time until the next one after y has a gamma
+/// distribution.
+pub(super) fn arrivals(y: f64, rate: f64) -> [f64; 2] {
+    let [until, after] = Odds::gamma(y + 1.0).sides((rate / (y + 1.0)).ln());
+    [after, until]
+}
+
 /// Returns true for a whole number from 0 to 2^53.
 #[inline]
 pub(in crate::emission) fn is_count(value: f64) -> bool {
-    // A cast, since there is no instruction for the fraction on every processor.
-    (0.0..=MOST).contains(&value) && value as i64 as f64 == value
+    // There is no instruction for the fraction on every processor, and a cast is checked. Beside 2^52
+    // there is no room for one.
+    let is_whole = value >= INTEGERS || (value + INTEGERS) - INTEGERS == value;
+    (0.0..=MOST).contains(&value) && is_whole
 }
 
 /// Logarithm of the probability of a count y in a Poisson distribution, of which ln(y!), and that
@@ -107,6 +117,7 @@ fn log_probability_of_many(y: f64, rest: f64, rate: f64, ln_rate: f64) -> f64 {
 
 impl Univariate for Poisson {
     const VALUES: &'static str = "a whole number from 0 to 2^53";
+    const HAS_ZERO: bool = true;
     /// The count y, with ln(y!), and that less y (ln y − 1).
     type Point = (f64, (f64, f64));
     type Statistics = [f64; 2];
@@ -146,5 +157,12 @@ impl Univariate for Poisson {
         // A rate of 0 is no Poisson distribution there; a draw above the largest count is that one.
         let draw = rand_distr::Poisson::new(self.rate).map_or(0.0, |counts| counts.sample(rng));
         draw.min(MOST)
+    }
+}
+
+impl Cumulative for Poisson {
+    /// O(1): an incomplete gamma function on either side, in some hundred evaluations each.
+    fn tails(&self, y: f64) -> Tails {
+        tails(y, self, |y| arrivals(y, self.rate))
     }
 }

@@ -4,7 +4,7 @@ use std::fmt::Debug;
 
 use rand::Rng;
 
-use crate::emission::EmissionError;
+use crate::emission::{EmissionError, Tails};
 
 /// A distribution of one number, with parameters that are learned.
 ///
@@ -68,12 +68,20 @@ pub trait Univariate: Clone + Debug {
     /// Valid observations, in words, for errors.
     const VALUES: &'static str;
 
+    /// True if 0 is an observation that has a probability, as among counts, and no density: by this
+    /// [`ZeroInflated`](super::ZeroInflated) and [`Hurdle`](super::Hurdle) know other zeros.
+    const HAS_ZERO: bool = false;
+
+    /// True if [`maximize`](Self::maximize) finds the maximum at once; false if it leads there in
+    /// several steps, which [`starts`](crate::emission::starts) then makes.
+    const EXACT: bool = true;
+
     /// An observation with what all states compute from it alike, such as its logarithm.
     type Point;
 
-    /// Sufficient statistics of one or more observations: an array that holds their number, or the
-    /// sum of their weights, first. Best centred on the present parameters, as a variance is.
-    type Statistics: AsRef<[f64]> + AsMut<[f64]> + Default + Clone + Send;
+    /// Sufficient statistics of one or more observations: as a rule an array that holds their number,
+    /// or the sum of their weights, first. Best centred on the present parameters, as a variance is.
+    type Statistics: Sums;
 
     /// Returns the observation if it is valid. It is never NaN.
     fn point(value: f64) -> Option<Self::Point>;
@@ -105,7 +113,9 @@ pub trait Univariate: Clone + Debug {
     }
 
     /// Returns the distribution that maximises the log-likelihood of the observations behind the
-    /// sums, which were added by `self`, and have a weight of at least 2.2e-308.
+    /// sums, which were added by `self`, and have a weight of at least 2.2e-308; or one with a
+    /// likelihood that is higher than that of `self`, if there is one, where no statistics of finite
+    /// number determine the maximum.
     ///
     /// # Errors
     ///
@@ -118,6 +128,59 @@ pub trait Univariate: Clone + Debug {
 
     /// Draws an observation.
     fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> f64;
+}
+
+/// A distribution of one number that knows the probabilities on both sides of a value, for
+/// [pseudo-residuals](crate::Hmm::pseudo_residuals) and [forecasts](crate::emission::Predictive).
+///
+/// All distributions of this module do. For one of your own, such as the waiting times of
+/// [`Univariate`]:
+///
+/// ```
+/// use wayfix::emission::Tails;
+///
+/// fn tails(mean: f64, y: f64) -> Tails {
+///     let y = y.max(0.0); // all is above what is below 0
+///     Tails { below: -(-y / mean).exp_m1(), at: 0.0, above: (-y / mean).exp() }
+/// }
+/// assert_eq!(tails(2.0, 1e3).above, (-500.0_f64).exp()); // 1 − below would be 0
+/// ```
+pub trait Cumulative: Univariate {
+    /// Probabilities below, at and above any number but NaN: also one that is no observation, such as
+    /// 0.5 among counts, and ±∞. Both tails should have digits, that of below not being 1 less that of
+    /// above.
+    fn tails(&self, y: f64) -> Tails;
+
+    /// A valid observation as the number that is counted with: of an angle the one from −π to π, which
+    /// has the same direction. By default the observation itself.
+    #[must_use]
+    fn principal(value: f64) -> f64 {
+        value
+    }
+}
+
+/// Sums of statistics of observations that have weights. Implemented for arrays that hold the sum
+/// of weights first.
+pub trait Sums: Default + Clone + Send {
+    /// Sum of the weights.
+    fn weight(&self) -> f64;
+
+    /// Adds a factor times the sums of other observations.
+    fn add(&mut self, factor: f64, other: &Self);
+}
+
+impl<const N: usize> Sums for [f64; N]
+where
+    Self: Default,
+{
+    fn weight(&self) -> f64 {
+        self[0]
+    }
+
+    #[inline]
+    fn add(&mut self, factor: f64, other: &Self) {
+        self.iter_mut().zip(other).for_each(|(sum, value)| *sum += factor * value);
+    }
 }
 
 /// Returns a finite number above 0 with its logarithm.

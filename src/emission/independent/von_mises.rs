@@ -5,11 +5,11 @@ use std::f64::consts::{PI, TAU};
 use rand::{Rng, RngExt};
 
 use super::family::Independent;
-use super::univariate::Univariate;
-use crate::emission::EmissionError;
+use super::univariate::{Cumulative, Univariate};
 use crate::emission::check::{LOWEST, check, spread};
 use crate::emission::concentration;
-use crate::emission::special::Bessel;
+use crate::emission::special::{Bessel, Circle, mass};
+use crate::emission::{EmissionError, Tails};
 
 /// Von Mises distribution of an angle in radians, such as a heading.
 ///
@@ -99,13 +99,13 @@ impl VonMises {
 }
 
 /// Sine and cosine of half an angle: those of half a difference take no further call.
-fn half(angle: f64) -> [f64; 2] {
+pub(super) fn half(angle: f64) -> [f64; 2] {
     let (sin, cos) = (0.5 * angle).sin_cos();
     [sin, cos]
 }
 
 /// Returns the same direction as an angle from −π to π.
-fn wrapped(angle: f64) -> f64 {
+pub(super) fn wrapped(angle: f64) -> f64 {
     // Sine and cosine know 2π to all its digits, a remainder only to those of a double.
     if angle.abs() <= PI { angle } else { angle.sin().atan2(angle.cos()) }
 }
@@ -162,5 +162,33 @@ impl Univariate for VonMises {
         let turn =
             2.0 * (0.5 * concentration::draw(2, self.concentration, rng)).sqrt().min(1.0).asin();
         wrapped(wrapped(self.mean) + if rng.random::<bool>() { turn } else { -turn })
+    }
+}
+
+impl Cumulative for VonMises {
+    /// Probabilities of angles from −π to π, counted from −π. O(1): integrals of the density, in some
+    /// hundred evaluations.
+    fn tails(&self, y: f64) -> Tails {
+        if y.abs() >= PI {
+            let below = f64::from(u8::from(y > 0.0));
+            return Tails::between([below, 1.0 - below]);
+        }
+        // If the mean is below 0, the tails of the mirror image.
+        let mean = wrapped(self.mean);
+        let (circle, cut, at) = (Circle(self.concentration), PI - mean.abs(), y - mean);
+        let at = if mean < 0.0 { -at } else { at };
+        // Angles from the mean begin at the cut, go up to π, and on from −π to the cut again.
+        let (before, after) = (mass(&circle, -PI, cut), mass(&circle, cut, PI));
+        let [below, above] = if at < -PI {
+            [mass(&circle, cut, at + TAU), before + mass(&circle, at + TAU, PI)]
+        } else {
+            [after + mass(&circle, -PI, at), mass(&circle, at, cut)]
+        };
+        let sides = [below / (before + after), above / (before + after)];
+        Tails::between(if mean < 0.0 { [sides[1], sides[0]] } else { sides })
+    }
+
+    fn principal(value: f64) -> f64 {
+        wrapped(value)
     }
 }

@@ -8,6 +8,7 @@ use crate::emission::normal::{
     CovarianceType, GaussianStatistics, Moments, Shape, add_missing, in_blocks, inverse_factor,
 };
 use crate::emission::{EmissionError, Family, Gaussian, StartFromClusters};
+use crate::free_parameters::{Displacement, FreeParameters};
 use crate::kernels::{Eight, LANES};
 use crate::likelihood::{LearnLikelihood, Likelihood};
 
@@ -195,5 +196,18 @@ impl LinearRegression {
             }
         }
         Ok((lines, covariance))
+    }
+}
+
+/// Intercept and coefficients of each output, state by state, then the covariances of the noise.
+impl FreeParameters for LinearRegression {
+    fn displaced(&self, by: &mut Displacement<'_>) -> Result<Self, Box<dyn Error + Send + Sync>> {
+        let lines = self.lines.iter().map(|value| by.real(*value)).collect();
+        // The noise has means of 0, which are no parameters.
+        let normals = self.noise.normals();
+        let known = normals.clone().with(|settings| settings.fixed_means = true);
+        let fixed_means = normals.settings().fixed_means;
+        let noise = known.displaced(by)?.with(|settings| settings.fixed_means = fixed_means);
+        Ok(Self::of(Gaussian::of(noise), self.inputs, lines, self.ridge))
     }
 }

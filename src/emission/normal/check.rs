@@ -16,7 +16,7 @@ pub(in crate::emission) fn flatten_covariances<V: AsRef<[f64]>>(
     Ok(flat)
 }
 
-/// Checks covariances in their stored form, one for each density, or one if they are tied.
+/// Checks covariances in their stored form, one for each density, or for several if they are tied.
 pub(super) fn check_covariances(
     kind: CovarianceType,
     d: usize,
@@ -24,7 +24,8 @@ pub(super) fn check_covariances(
 ) -> Result<(), EmissionError> {
     let what = kind.name();
     for (at, covariance) in covariances.chunks_exact(kind.values(d)).enumerate() {
-        let state = (kind != CovarianceType::Tied).then_some(at);
+        let single = covariances.len() == kind.values(d);
+        let state = (kind != CovarianceType::Tied || !single).then_some(at);
         let wrong = |component: usize, value, expected| {
             let component = (kind != CovarianceType::Spherical).then_some(component);
             Err(EmissionError::Parameter { what, state, component, value, expected })

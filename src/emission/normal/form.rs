@@ -11,7 +11,7 @@ pub enum CovarianceType {
     Diagonal,
     /// A symmetric matrix for each state.
     Full,
-    /// One symmetric matrix for all states.
+    /// One symmetric matrix for all states; in a mixture, one for all parts of a state.
     Tied,
 }
 

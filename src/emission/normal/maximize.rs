@@ -7,6 +7,7 @@ use super::moments::Moments;
 use super::normals::Normals;
 use crate::emission::EmissionError;
 use crate::emission::check::{at, check};
+use crate::free_parameters::Displacement;
 
 const REASON: &str = "they do not vary in all directions; give a prior (`with_prior`)";
 
@@ -64,6 +65,7 @@ impl Normals {
         let mut covariances = self.covariances.clone();
         let each = self.kind.values(d);
         let all_of = |at: usize| (0..d).map(move |c| counted(at, c)).sum::<f64>();
+        let sharing = |number: usize| number * self.sharing()..(number + 1) * self.sharing();
         let learned = if fixed_covariances { 0 } else { covariances.len() };
         for (position, value) in covariances[..learned].iter_mut().enumerate() {
             let at = position / each;
@@ -81,16 +83,17 @@ impl Normals {
                 CovarianceType::Full if known(at, 0) => {
                     *value = (scale(i, j) + scatter(at, i, j)) / (nu + counted(at, 0));
                 }
-                CovarianceType::Tied if (0..count).any(|at| known(at, 0)) => {
-                    let seen = (0..count).map(|at| scatter(at, i, j)).sum::<f64>();
-                    let total = (0..count).map(|at| counted(at, 0)).sum::<f64>();
+                CovarianceType::Tied if sharing(at).any(|at| known(at, 0)) => {
+                    let seen = sharing(at).map(|at| scatter(at, i, j)).sum::<f64>();
+                    let total = sharing(at).map(|at| counted(at, 0)).sum::<f64>();
                     *value = (scale(i, j) + seen) / (nu + total);
                 }
                 _ => {}
             }
         }
+        // The densities that share the covariance of this one.
         let total = |state: Option<usize>| match state {
-            Some(at) => all_of(at) / d as f64,
+            Some(at) => sharing(at / self.sharing()).map(all_of).sum::<f64>() / d as f64,
             None => (0..count).map(|at| counted(at, 0)).sum(),
         };
         let new = self.replaced(means, covariances, total)?;
@@ -124,8 +127,7 @@ impl Normals {
             prior.mean_weight * squares.sum::<f64>()
         });
         let means = if prior.mean_weight == 0.0 { 0.0 } else { means.sum::<f64>() };
-        let tied = self.kind == CovarianceType::Tied;
-        let covariances = (0..if tied { 1 } else { count }).map(|at| {
+        let covariances = (0..count).step_by(self.sharing()).map(|at| {
             // Σ w Ψ w' over the rows w of W
             let trace: f64 = (0..d)
                 .map(|row| {
@@ -167,13 +169,12 @@ impl Normals {
                 error
             }
             EmissionError::NotPositiveDefinite { state, .. }
-            | EmissionError::Parameter { state, .. } => EmissionError::TooFew {
-                state,
-                component: None,
-                what: self.kind.name(),
-                weight: weight(state),
-                reason: REASON,
-            },
+            | EmissionError::Parameter { state, .. } => {
+                // The first density that has this covariance.
+                let state = state.map(|number| number * self.sharing());
+                let (weight, component, what) = (weight(state), None, self.kind.name());
+                EmissionError::TooFew { state, component, what, weight, reason: REASON }
+            }
             other => other,
         })
     }
@@ -185,9 +186,32 @@ impl Normals {
 
     /// Number of parameters that may be chosen freely.
     pub(in crate::emission) fn free_parameters(&self) -> usize {
-        let covariances = if self.kind == CovarianceType::Tied { 1 } else { self.count() };
         let of_means = if self.settings.fixed_means { 0 } else { self.count() * self.d };
         of_means
-            + if self.settings.fixed_covariances { 0 } else { covariances * self.kind.free(self.d) }
+            + if self.settings.fixed_covariances {
+                0
+            } else {
+                self.matrices() * self.kind.free(self.d)
+            }
+    }
+
+    /// Moves means, then covariances, unless learning keeps them.
+    pub(in crate::emission) fn displaced(
+        &self,
+        by: &mut Displacement<'_>,
+    ) -> Result<Self, EmissionError> {
+        let (mut means, mut covariances) = (self.means.clone(), self.covariances.clone());
+        if !self.settings.fixed_means {
+            means.iter_mut().for_each(|mean| *mean = by.real(*mean));
+        }
+        if !self.settings.fixed_covariances {
+            for matrix in covariances.chunks_exact_mut(self.kind.values(self.d)) {
+                match self.kind.shape() {
+                    Shape::Diagonal => matrix.iter_mut().for_each(|v| *v = by.positive(*v)),
+                    Shape::Triangular => by.covariance(matrix, self.d),
+                }
+            }
+        }
+        Self::new(self.kind, self.d, means, covariances, self.settings.clone())
     }
 }

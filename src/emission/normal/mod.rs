@@ -2,12 +2,14 @@
 //!
 //! Files, each of which stands on those before it: `form` (types of covariances), `factor`
 //! (Cholesky), `lanes` (eight densities side by side), `moments` (the statistics of the M-step),
-//! `prior`, `settings`, `check`, `normals` (the densities), `step` (E-step) and `maximize` (M-step).
+//! `prior`, `settings`, `check`, `normals` (the densities), `step` (E-step), `marginals`
+//! (single components) and `maximize` (M-step).
 
 mod check;
 mod factor;
 mod form;
 mod lanes;
+mod marginals;
 mod maximize;
 mod moments;
 mod normals;

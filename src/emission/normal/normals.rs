@@ -21,7 +21,7 @@ pub(in crate::emission) struct Normals {
     pub(super) kind: CovarianceType,
     pub(super) d: usize,
     pub(super) means: Vec<f64>,
-    /// One covariance after the other; a single one if they are tied.
+    /// One covariance after the other; if they are tied, each is that of as many densities in turn.
     pub(super) covariances: Vec<f64>,
     pub(super) settings: Settings,
     pub(super) centres: Vec<Eight>,
@@ -57,11 +57,13 @@ impl Normals {
             log_norms: zeros(1),
             parts: Vec::new(),
         };
-        let tied = if kind == CovarianceType::Tied { Some(new.factor(0)?) } else { None };
+        let (each, mut factor) = (new.sharing(), Vec::new());
         for at in 0..count {
-            let own = if tied.is_none() { Some(new.factor(at)?) } else { None };
+            if at % each == 0 {
+                factor = new.factor(at)?;
+            }
             let (block, l) = (at / LANES, at % LANES);
-            for (entry, value) in own.iter().chain(&tied).flatten().enumerate() {
+            for (entry, value) in factor.iter().enumerate() {
                 new.factors[block * entries + entry][l] = *value;
             }
             new.log_norms[block][l] = -0.5 * (d as f64 * LN_2_PI + new.log_determinant(at));
@@ -88,14 +90,26 @@ impl Normals {
         Ok(new)
     }
 
-    /// Inverse Cholesky factor of a covariance, or inverse deviations.
+    /// Number of covariances.
+    pub(super) fn matrices(&self) -> usize {
+        self.covariances.len() / self.kind.values(self.d)
+    }
+
+    /// Number of densities that share a covariance.
+    pub(super) fn sharing(&self) -> usize {
+        self.count() / self.matrices()
+    }
+
+    /// Inverse Cholesky factor of the covariance of a density, or inverse deviations.
     fn factor(&self, at: usize) -> Result<Vec<f64>, EmissionError> {
         let d = self.d;
         if self.kind.shape() == Shape::Diagonal {
             return Ok((0..d).map(|c| 1.0 / self.covariance(at, c, c).sqrt()).collect());
         }
-        let matrix = &self.covariances[at * d * d..][..d * d];
-        let state = (self.kind == CovarianceType::Full).then_some(at);
+        let number = at / self.sharing();
+        let matrix = &self.covariances[number * d * d..][..d * d];
+        let single = self.kind == CovarianceType::Tied && self.matrices() == 1;
+        let state = (!single).then_some(number);
         inverse_factor(d, matrix)
             .map_err(|component| EmissionError::NotPositiveDefinite { state, component })
     }
@@ -170,7 +184,7 @@ impl Normals {
         let d = self.d;
         match self.kind {
             CovarianceType::Full => self.covariances[(at * d + i) * d + j],
-            CovarianceType::Tied => self.covariances[i * d + j],
+            CovarianceType::Tied => self.covariances[(at / self.sharing() * d + i) * d + j],
             _ if i != j => 0.0,
             CovarianceType::Spherical => self.covariances[at],
             CovarianceType::Diagonal => self.covariances[at * d + i],
@@ -218,18 +232,19 @@ impl Normals {
         x
     }
 
-    /// Returns the densities in another order, or some of them.
+    /// Returns the densities in another order, or some of them; those that share a covariance as one,
+    /// if there are others.
     pub(in crate::emission) fn select(&self, order: &[usize]) -> Self {
         let each = self.kind.values(self.d);
-        let pick = |values: &[f64], each: usize| -> Vec<f64> {
-            order.iter().flat_map(|at| &values[at * each..][..each]).copied().collect()
-        };
-        let covariances = if self.kind == CovarianceType::Tied {
+        let means = order.iter().flat_map(|at| &self.means[at * self.d..][..self.d]);
+        let covariances = if self.matrices() == 1 {
             self.covariances.clone()
         } else {
-            pick(&self.covariances, each)
+            let first = order.iter().step_by(self.sharing()).map(|at| at / self.sharing());
+            first.flat_map(|number| &self.covariances[number * each..][..each]).copied().collect()
         };
-        Self::new(self.kind, self.d, pick(&self.means, self.d), covariances, self.settings.clone())
+        let means = means.copied().collect();
+        Self::new(self.kind, self.d, means, covariances, self.settings.clone())
             .expect("these have been factored before")
     }
 }

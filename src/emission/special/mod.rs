@@ -1,7 +1,10 @@
 //! Special functions, to the last digits over the whole range of their arguments.
 
+mod integral;
 #[cfg(test)]
 mod tests;
+
+pub(super) use integral::{Circle, Odds, mass};
 
 use std::f64::consts::{FRAC_2_PI, TAU};
 use std::sync::LazyLock;
@@ -16,13 +19,28 @@ pub(super) fn log_excess(u: f64) -> f64 {
     }
     let v = u / (2.0 + u);
     let square = v * v;
-    let (mut sum, mut power, mut odd) = (1.0 / 3.0, square, 5.0);
-    while power > 1e-18 {
-        sum += power / odd;
-        power *= square;
-        odd += 2.0;
-    }
-    u * v - 2.0 * v * square * sum
+    u * v - 2.0 * v * square * artanh_rest(square)
+}
+
+/// Σ x^k / (2 k + 3), for x up to 1/16, where terms from the sixteenth on are below 1e-19.
+///
+/// By pairs of terms, as Estrin does: a sum term by term waits for each.
+fn artanh_rest(x: f64) -> f64 {
+    let pair = |k: u32| {
+        let of = |k: u32| 1.0 / f64::from(2 * k + 3);
+        of(k) + x * of(k + 1)
+    };
+    let x2 = x * x;
+    let x4 = x2 * x2;
+    let four = |k: u32| pair(k) + x2 * pair(k + 2);
+    let eight = |k: u32| four(k) + x4 * four(k + 4);
+    eight(0) + x4 * x4 * eight(8)
+}
+
+/// (u − ln(1 + u)) / u², which falls from ∞ at −1 by ½ at 0 to 0.
+pub(super) fn excess_ratio(u: f64) -> f64 {
+    // There the square of u may underflow, and its next term is below the last digit.
+    if u.abs() < 1e-8 { 0.5 - u / 3.0 } else { log_excess(u) / u / u }
 }
 
 /// ln(1 + 1 / a) for a > 0, also where 1 / a is beyond the range of doubles.
@@ -47,6 +65,9 @@ pub(super) fn stirling(mut a: f64) -> f64 {
     sum + x * series.iter().fold(1.0 / 1188.0, |sum, term| sum * square + term)
 }
 
+/// 2^52: doubles from here on have no fraction.
+pub(super) const INTEGERS: f64 = (1_u64 << 52) as f64;
+
 /// Number of factorials that are kept, of 0 and the counts after it.
 const KEPT: usize = 256;
 
@@ -55,9 +76,13 @@ static FACTORIALS: LazyLock<[(f64, f64); KEPT]> =
 
 /// ln(n!) of a whole number n, and n (ln n − 1) less than that.
 #[inline]
-#[expect(clippy::cast_sign_loss, reason = "a number of things is at least 0")]
 pub(super) fn ln_factorial(n: f64) -> (f64, f64) {
-    if n < KEPT as f64 { FACTORIALS[n as usize] } else { computed_ln_factorial(n) }
+    if n < KEPT as f64 {
+        // The last bits of 2^52 + n are those of n; a cast would be checked.
+        FACTORIALS[(n + INTEGERS).to_bits() as usize % KEPT]
+    } else {
+        computed_ln_factorial(n)
+    }
 }
 
 fn computed_ln_factorial(n: f64) -> (f64, f64) {
@@ -85,6 +110,29 @@ pub(super) fn ln_minus_digamma(start: f64) -> (f64, f64) {
     let series = series.iter().fold(1.0 / 30.0, |sum, term| sum * square + term);
     slope += start * square * (x * series - 0.5);
     (value, slope)
+}
+
+/// The a at which ln a − ψ(a) has this value, above 0. It falls as 1 / a, and as 1 / 2a for large
+/// a, so that Newton's method on logarithms is nearly exact.
+pub(super) fn inverse_ln_minus_digamma(value: f64, start: f64) -> f64 {
+    let mut log = start.ln();
+    for _ in 0..50 {
+        let (found, slope) = ln_minus_digamma(log.exp());
+        let step = (value / found).ln() * found / slope;
+        log += step;
+        if step.abs() <= 1e-14 * log.abs().max(1.0) {
+            break;
+        }
+    }
+    log.exp()
+}
+
+/// ln(Γ(a + h) / (Γ(a) a^h)) for k = 2 h components, by Stirling's formula with its error, in
+/// which what is large cancels.
+pub(super) fn ln_rising(a: f64, k: usize) -> f64 {
+    let h = k as f64 / 2.0;
+    let ratio = h / a;
+    (h - 0.5) * ratio - (a + h - 0.5) * log_excess(ratio) + stirling(a + h) - stirling(a)
 }
 
 /// Modified Bessel function I of the first kind.

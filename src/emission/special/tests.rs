@@ -24,6 +24,10 @@ fn excesses_of_logarithms() {
     ] {
         right("log_excess", u, log_excess(u), expected);
     }
+    for (u, expected) in [(-1e-12, 0.500_000_000_000_333_4), (1e-9, 0.499_999_999_666_666_7)] {
+        right("excess_ratio", u, excess_ratio(u), expected);
+    }
+    right("excess_ratio", 3.0, 9.0 * excess_ratio(3.0), 1.613_705_638_880_109_4);
     assert_eq!((log_excess(0.0), log_excess(-1.0)), (0.0, f64::INFINITY));
     assert_eq!(log_excess(f64::INFINITY), f64::INFINITY);
 }
@@ -59,6 +63,22 @@ fn gamma_functions() {
         right("ln_factorial and its rest", n, rest + n * (n.ln() - 1.0), expected);
     }
     assert_eq!((ln_factorial(0.0).0, ln_factorial(1.0).0), (0.0, 0.0));
+}
+
+#[test]
+fn ratios_of_gamma_functions_and_inverses() {
+    // ln Γ(a + 1) − ln Γ(a) − ln a is 0, and for one half: ln(Γ(a + ½) / (Γ(a) √a)).
+    for (a, half) in [
+        (0.05, -0.990_982_208_163_609_3),
+        (1.0, -0.120_782_237_635_245_22),
+        (40.0, -0.003_124_918_635_043_224_4),
+        (1e9, -1.25e-10),
+    ] {
+        assert!(ln_rising(a, 2).abs() < 1e-15, "{a}");
+        assert!((ln_rising(a, 1) - half).abs() < 1e-15, "{a}: {:e}", ln_rising(a, 1));
+        let back = inverse_ln_minus_digamma(ln_minus_digamma(a).0, 1.0);
+        assert!((back / a - 1.0).abs() < 1e-12, "{a}: {back:e}");
+    }
 }
 
 #[test]

@@ -4,8 +4,9 @@ use std::error::Error;
 
 use super::StudentT;
 use crate::emission::normal::{GaussianStatistics, in_blocks};
-use crate::emission::special::{ln_minus_digamma, log_excess};
+use crate::emission::special::{inverse_ln_minus_digamma, ln_minus_digamma, log_excess};
 use crate::emission::{Family, Gaussian};
+use crate::free_parameters::{Displacement, FreeParameters};
 use crate::likelihood::LearnLikelihood;
 
 impl LearnLikelihood for StudentT {
@@ -65,7 +66,7 @@ impl LearnLikelihood for StudentT {
             if self.fixed || *weight < f64::MIN_POSITIVE {
                 *nu
             } else {
-                2.0 * half_degrees(sum / weight, nu / 2.0)
+                2.0 * inverse_ln_minus_digamma(sum / weight, nu / 2.0)
             }
         });
         Ok(Self::of(gaussian, degrees.collect(), self.fixed)?)
@@ -80,17 +81,14 @@ impl LearnLikelihood for StudentT {
     }
 }
 
-/// The a at which ln a − ψ(a) has this value, above 0. It falls as 1 / a, and as 1 / 2a for large
-/// a, so that Newton's method on logarithms is nearly exact.
-fn half_degrees(value: f64, start: f64) -> f64 {
-    let mut log = start.ln();
-    for _ in 0..50 {
-        let (found, slope) = ln_minus_digamma(log.exp());
-        let step = (value / found).ln() * found / slope;
-        log += step;
-        if step.abs() <= 1e-14 * log.abs().max(1.0) {
-            break;
+/// Means, then scales, then degrees of freedom, unless learning keeps them.
+impl FreeParameters for StudentT {
+    fn displaced(&self, by: &mut Displacement<'_>) -> Result<Self, Box<dyn Error + Send + Sync>> {
+        let gaussian = self.gaussian.displaced(by)?;
+        let mut degrees = self.degrees.clone();
+        if !self.fixed {
+            degrees.iter_mut().for_each(|nu| *nu = by.positive(*nu));
         }
+        Ok(Self::of(gaussian, degrees, self.fixed)?)
     }
-    log.exp()
 }

@@ -3,14 +3,16 @@
 mod learn;
 mod start;
 
+use std::f64::consts::TAU;
+
 use rand::Rng;
 use rand_distr::{ChiSquared, Distribution};
 
 use super::check::{at, check, check_length};
 use super::gaussian::Gaussian;
 use super::normal::{density, eights};
-use super::special::{log_excess, stirling};
-use super::{EmissionError, Family};
+use super::special::{Odds, ln_rising};
+use super::{EmissionError, Family, Marginals, Tails};
 use crate::error::LikelihoodError;
 use crate::likelihood::{Diagonal, Likelihood, SampleObservation, Scratch};
 use crate::reorder::ReorderStates;
@@ -87,7 +89,7 @@ impl StudentT {
                 .map_err(|error| at(error, state, None))?;
         }
         let d = gaussian.components();
-        let norms = degrees.iter().flat_map(|nu| (0..=d).map(move |k| log_norm(nu / 2.0, k)));
+        let norms = degrees.iter().flat_map(|nu| (0..=d).map(move |k| ln_rising(nu / 2.0, k)));
         Ok(Self { log_norms: norms.collect(), gaussian, degrees, fixed })
     }
 
@@ -114,14 +116,6 @@ impl StudentT {
     pub fn has_fixed_degrees(&self) -> bool {
         self.fixed
     }
-}
-
-/// ln(Γ(a + h) / (Γ(a) a^h)) for k = 2 h components, by Stirling's formula with its error, in
-/// which what is large cancels.
-fn log_norm(a: f64, k: usize) -> f64 {
-    let h = k as f64 / 2.0;
-    let ratio = h / a;
-    (h - 0.5) * ratio - (a + h - 0.5) * log_excess(ratio) + stirling(a + h) - stirling(a)
 }
 
 impl Likelihood for StudentT {
@@ -186,5 +180,37 @@ impl ReorderStates for StudentT {
             fixed: self.fixed,
             log_norms: norms.copied().collect(),
         }
+    }
+}
+
+/// Each component by itself, with its scale. Tails take O(1): an incomplete beta function, in some
+/// hundred evaluations.
+impl Marginals for StudentT {
+    fn numbers(&self) -> usize {
+        self.gaussian.components()
+    }
+
+    fn number(&self, row: &[f64], component: usize) -> Result<Option<f64>, LikelihoodError> {
+        self.gaussian.number(row, component)
+    }
+
+    fn log_density(&self, state: usize, component: usize, y: f64) -> f64 {
+        if !y.is_finite() {
+            return f64::NEG_INFINITY;
+        }
+        let [z, ln_scale] = self.gaussian.normals().standardize(state, component, y);
+        let (nu, d) = (self.degrees[state], self.gaussian.components());
+        // ln(1 + z² / ν), whose square may be out of range.
+        let ratio = z.abs() / nu.sqrt();
+        let tail = if ratio < 1e100 { (ratio * ratio).ln_1p() } else { 2.0 * ratio.ln() };
+        let norm = self.log_norms[state * (d + 1) + 1] - 0.5 * TAU.ln() - ln_scale;
+        density(norm - 0.5 * (nu + 1.0) * tail)
+    }
+
+    fn tails(&self, state: usize, component: usize, y: f64) -> Tails {
+        let z = self.gaussian.normals().standardize(state, component, y)[0];
+        let [beyond, within] = Odds::student(self.degrees[state], z).map(|p| 0.5 * p);
+        let sides = [beyond, 0.5 + within];
+        Tails::between(if z < 0.0 { sides } else { [sides[1], sides[0]] })
     }
 }

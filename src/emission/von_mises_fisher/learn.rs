@@ -7,6 +7,7 @@ use crate::emission::check::{at, spread};
 use crate::emission::concentration::concentration;
 use crate::emission::special::Bessel;
 use crate::emission::{EmissionError, StartFromClusters};
+use crate::free_parameters::{Displacement, FreeParameters};
 use crate::likelihood::{LearnLikelihood, Likelihood};
 
 impl VonMisesFisher {
@@ -102,3 +103,16 @@ impl LearnLikelihood for VonMisesFisher {
 }
 
 impl StartFromClusters for VonMisesFisher {}
+
+/// The direction of each state with its concentration.
+impl FreeParameters for VonMisesFisher {
+    fn displaced(&self, by: &mut Displacement<'_>) -> Result<Self, Box<dyn Error + Send + Sync>> {
+        let (mut means, mut concentrations) = (self.means(), self.concentrations.clone());
+        for (mean, concentration) in means.iter_mut().zip(&mut concentrations) {
+            by.direction(mean);
+            *concentration = by.positive(*concentration);
+        }
+        let (missing, prior) = (self.missing, self.prior.clone());
+        Ok(Self { missing, prior, ..Self::new(&means, &concentrations)? })
+    }
+}

@@ -7,6 +7,8 @@
 //! | the same of more than 64 steps | no control, 2 to 4 states | [`Engine::Segments`] |
 //! | 4 sequences or more in an `_all` or `_map_all` | a stored matrix without small entries, more than 8 states; sparse ones only while a group fits the cache | eight sequences, one in each lane: [`lanes`](super::lanes) |
 //! | 2 sequences or more to learn from | the same, any number of states | the same |
+//! | a long sequence to learn from | the same, if the model forgets fast enough | eight segments of it, one in each lane: [`lanes`](super::lanes) |
+//! | a long sequence to smooth | as in `smooth_all`, likewise | the same |
 //! | all others | any | [`Engine::Steps`] |
 //!
 //! A sequence that leaves the range of an engine, or gives an error there, is taken in steps.
@@ -64,6 +66,22 @@ const MOST_IN_STEP: usize = 1 << 20;
 /// With fewer entries, most bytes that a group may keep: with the results, some two second caches.
 /// At 3 MB lanes take 0.9 of the time, at 13 MB 1.1.
 const MOST_CACHED: usize = 4 << 20;
+/// Fewest steps of a sequence that is cut into segments for lanes: 64 warm-ups of 32 steps.
+const FEWEST_TO_CUT: usize = 2048;
+/// Fewest lengths of a warm-up in a segment: with two warm-ups each, lanes then take half as long
+/// again, a fraction of one by one still.
+const FEWEST_WARM_UPS: usize = 4;
+/// Lengths of a warm-up in a segment where there are enough steps: warm-ups take a tenth of the
+/// time.
+const WARM_UPS: usize = 16;
+/// Bytes that a group of segments keeps if its warm-ups are short: half of a second cache.
+const KEPT_OF_SEGMENTS: usize = 1 << 20;
+/// Factor of a warm-up that was too short.
+pub(crate) const LONGER: usize = 4;
+/// Groups of segments that run before it is known whether they are valid, at first and later: if
+/// they are not, their time is lost.
+pub(crate) const FIRST_GROUPS: usize = 4;
+pub(crate) const GROUPS_AT_A_TIME: usize = 64;
 /// Most sequences of a chunk whose results are visited: enough to find groups of nearly the same
 /// length among them.
 const MOST_IN_CHUNK: usize = 64;
@@ -194,7 +212,62 @@ pub(crate) fn learns_in_lanes(states: usize, sequences: usize, longest: usize) -
 
 /// Returns true if beliefs and likelihoods of all steps of a group are not too many to keep.
 fn fits_in_lanes(states: usize, longest: usize) -> bool {
+    longest <= longest_kept(states, MOST_KEPT)
+}
+
+/// Returns the number of steps of a group whose beliefs and likelihoods take so many bytes.
+fn longest_kept(states: usize, bytes: usize) -> usize {
     // Saturating: a caller may ask for more than an address space.
-    let kept = states.saturating_mul(2 * size_of::<Packed>()).saturating_mul(longest);
-    kept <= MOST_KEPT
+    bytes / states.saturating_mul(2 * size_of::<Packed>())
+}
+
+/// Returns true if a sequence of so many steps may be cut into segments for lanes.
+pub(crate) fn is_worth_a_cut(steps: usize) -> bool {
+    steps >= FEWEST_TO_CUT
+}
+
+/// Returns true if so many sequences leave so many lanes empty that segments of one are faster,
+/// with their warm-ups.
+pub(crate) fn leaves_lanes_empty(sequences: usize) -> bool {
+    2 * sequences <= LANES
+}
+
+/// Returns true if the smoother may cut such a sequence; with few states it has a faster way.
+pub(crate) fn smooths_in_lanes(states: usize, steps: usize) -> bool {
+    states > MOST_FEW_STATES && is_worth_a_cut(steps)
+}
+
+/// Most steps of a group of segments to learn from.
+pub(crate) fn longest_segments_to_learn(states: usize) -> usize {
+    longest_kept(states, MOST_KEPT)
+}
+
+/// Most steps of a group of segments to smooth, by a matrix of so many entries; 0 if it is not for
+/// lanes.
+pub(crate) fn longest_segments_to_smooth(states: usize, entries: usize) -> usize {
+    let plan = ManyPlan { entries: Some(entries), ..ManyPlan::new(states, true, false) };
+    let longest = [MOST_KEPT, MOST_CACHED].map(|bytes| longest_kept(states, bytes));
+    longest.into_iter().find(|longest| plan.runs_in_lanes(LANES, *longest)).unwrap_or(0)
+}
+
+/// Most steps of a trial of how fast a model forgets, for a sequence of so many steps and at most
+/// so many in a group; `None` if it is not worth one.
+pub(crate) fn longest_trial(steps: usize, longest: usize) -> Option<usize> {
+    // A warm-up is twice as long as a trial, and a segment has a warm-up after it.
+    let most = (steps / LANES / FEWEST_WARM_UPS).min(longest / (FEWEST_WARM_UPS + 1)) / 2;
+    (is_worth_a_cut(steps) && most > 0).then_some(most)
+}
+
+/// Returns the number of groups of segments that a sequence is cut into; `None` if there is no room
+/// for warm-ups of so many steps.
+pub(crate) fn segment_groups(
+    states: usize,
+    steps: usize,
+    warm_up: usize,
+    longest: usize,
+) -> Option<usize> {
+    let length = (WARM_UPS * warm_up).max(longest_kept(states, KEPT_OF_SEGMENTS));
+    let length = length.min(longest.checked_sub(warm_up)?);
+    let groups = steps.div_ceil(LANES * length.max(1));
+    (steps / (LANES * groups) >= FEWEST_WARM_UPS * warm_up).then_some(groups)
 }

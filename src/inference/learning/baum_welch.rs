@@ -6,6 +6,7 @@
 
 use std::ops::ControlFlow;
 
+use super::expectations::Expectations;
 use super::learned_model::{LearnedModel, LearningOptions};
 use crate::error::LearnError;
 use crate::hmm::Hmm;
@@ -33,9 +34,23 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// in [`Fixed`](crate::Fixed). An iteration passes twice through each sequence, O(E) a step.
     /// With a stored matrix, eight sequences run in lanes, with 128 n T bytes for such a
     /// group; others, and those outside the range of `f64`, run one by one as in
-    /// [`smooth_each`](Self::smooth_each), with O(n + E) memory and the sensor's statistics for
+    /// [`smooth_each`](Self::smooth_each), with O(n √T + E) memory and the sensor's statistics for
     /// each of 64 that are processed together. Empty sequences have no influence. Runs in
     /// parallel with the feature `rayon`, with the same result to the bit.
+    ///
+    /// A [stationary](crate::Prior::Stationary) prior is learned with the operator that it follows
+    /// from, which takes some eliminations of states an iteration, O(n³) each for a full matrix;
+    /// sparse, dense, constrained and restart operators can, others are an error
+    /// ([`LearnError::Stationary`]) unless they are fixed.
+    ///
+    /// A long sequence (2,048 steps or more), if there are no more than four or it is too long for
+    /// a lane, runs in lanes, too, if the model forgets where it was within some hundred steps:
+    /// eight segments at a time, each from some steps before it to some after it, with 1 MB, or
+    /// more if the model forgets slowly, but no more than 64, for each thread, and the statistics
+    /// and expected moves of 64 such groups. This is exact: at every joint the two segments have the
+    /// same beliefs and the same γ / α, up to factors within 1e-13 of each other, or
+    /// the sequence runs in one piece; no step makes such a difference larger, so that relative
+    /// errors are bounded by 2e-13 for each joint, and usually are those of rounding.
     ///
     /// ```
     /// use wayfix::inference::LearningOptions;
@@ -110,9 +125,38 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         Self: Clone + Sync,
         S: Sequence<A::Control, B::Observation> + Sync,
     {
+        let mut course = Course::begin(self, sequences, learning)?;
+        course.go_on(learning, learning.iterations, &mut visit)?;
+        Ok(course.best)
+    }
+}
+
+/// Learning under way.
+pub(super) struct Course<'s, A: LearnTransition, B: LearnLikelihood, S> {
+    /// The model so far.
+    pub(super) best: LearnedModel<A, B>,
+    /// Expectations under it.
+    expected: Expectations<B, A::Statistics>,
+    /// Sequences that the given model does not rule out, with their indices.
+    remaining: Vec<(usize, &'s S)>,
+}
+
+impl<'s, A, B, S> Course<'s, A, B, S>
+where
+    A: LearnTransition,
+    B: LearnLikelihood,
+    Hmm<A, B>: Clone + Sync,
+    S: Sequence<A::Control, B::Observation> + Sync,
+{
+    /// Computes the expectations under the given model.
+    pub(super) fn begin(
+        hmm: &Hmm<A, B>,
+        sequences: &'s [S],
+        learning: &LearningOptions,
+    ) -> Result<Self, LearnError> {
         learning.check()?;
         let all: Vec<(usize, &S)> = sequences.iter().enumerate().collect();
-        let (mut expected, left_out) = self.expectations_of(&all);
+        let (expected, left_out) = hmm.expectations_of(&all);
         let out = |index: &usize| left_out.binary_search_by_key(index, |e| e.sequence).is_ok();
         // A sequence that this model rules out has likelihood 0 whatever is learned from the
         // others.
@@ -123,33 +167,49 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             return Err(LearnError::nothing(sequences, left_out.into_iter().next()));
         }
         let log_likelihood = expected.log_likelihood();
-        let of_prior = if learning.keep_prior { self.free_in_prior() } else { 0 };
-        let mut best = LearnedModel {
-            model: self.clone(),
+        let of_prior = if learning.keep_prior { hmm.free_in_prior() } else { 0 };
+        let best = LearnedModel {
+            model: hmm.clone(),
             start: 0,
-            objectives: vec![log_likelihood + self.log_prior(learning)],
+            ends: 1,
+            objectives: vec![log_likelihood + hmm.log_prior(learning)],
             log_likelihood,
             converged: false,
             stopped: false,
             cause: None,
             left_out,
-            parameters: self.free_parameters() - of_prior,
+            parameters: hmm.free_parameters() - of_prior,
             observations,
         };
-        for iteration in 1..=learning.iterations {
-            let next = best.model.maximize(&expected, learning).and_then(|model| {
-                let (expected, failed) = model.expectations_of(&remaining);
+        Ok(Self { best, expected, remaining })
+    }
+
+    /// Re-estimates the model until learning ends, or so many re-estimations were made in all.
+    pub(super) fn go_on(
+        &mut self,
+        learning: &LearningOptions,
+        iterations: usize,
+        visit: &mut impl FnMut(&LearnedModel<A, B>) -> ControlFlow<()>,
+    ) -> Result<(), LearnError> {
+        let best = &mut self.best;
+        best.stopped = false;
+        while !best.converged && best.cause.is_none() && best.iterations() < iterations {
+            let iteration = best.iterations() + 1;
+            let next = best.model.maximize(&self.expected, learning).and_then(|model| {
+                let (expected, failed) = model.expectations_of(&self.remaining);
                 match failed.into_iter().next() {
                     Some(error) => Err(error.into()),
                     None => Ok((model, expected)),
                 }
             });
-            let model;
-            (model, expected) = match next {
+            let (model, expected) = match next {
                 Ok(next) => next,
                 // The first model has nothing before it that was learned.
                 Err(error) if iteration == 1 => return Err(error),
-                Err(error) => return Ok(LearnedModel { cause: Some(error), ..best }),
+                Err(error) => {
+                    best.cause = Some(error);
+                    break;
+                }
             };
             let log_likelihood = expected.log_likelihood();
             let log_prior = model.log_prior(learning);
@@ -164,27 +224,28 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             if fall.is_nan() || fall > ROUNDING {
                 let fell = LearnError::Fell { iteration, before, after: objective };
                 // A NaN is no small fall.
-                return if fall <= SMALL_FALL {
-                    Ok(LearnedModel { cause: Some(fell), ..best })
-                } else {
-                    Err(fell)
-                };
+                if fall <= SMALL_FALL {
+                    best.cause = Some(fell);
+                    break;
+                }
+                return Err(fell);
             }
             best.objectives.push(objective);
-            best = LearnedModel { model, log_likelihood, ..best };
-            let stopped = visit(&best).is_break();
+            (best.model, best.log_likelihood, self.expected) = (model, log_likelihood, expected);
+            let stopped = visit(best).is_break();
             best.converged = objective - before < learning.tolerance;
             best.stopped = stopped && !best.converged;
-            if best.converged || stopped {
+            if best.stopped {
                 break;
             }
         }
-        Ok(best)
+        Ok(())
     }
 }
 
 impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
-    fn log_prior(&self, learning: &LearningOptions) -> f64 {
+    /// Log density of the priors that the options and the parts stand for, without its constant.
+    pub(super) fn log_prior(&self, learning: &LearningOptions) -> f64 {
         let prior = if learning.keep_prior || learning.prior_pseudo_count == 0.0 {
             0.0
         } else {

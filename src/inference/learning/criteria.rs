@@ -1,7 +1,7 @@
 //! Information criteria of models: their likelihood, against the number of their free parameters.
 
 use crate::error::LearnError;
-use crate::hmm::Hmm;
+use crate::hmm::{Hmm, Prior};
 use crate::inference::LogSum;
 use crate::likelihood::LearnLikelihood;
 use crate::sequence::Sequence;
@@ -36,8 +36,8 @@ impl Criteria {
 
 impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     /// Number of parameters that learning from this model may change: those of the prior (its
-    /// states above 0 less one), of the transition operator and of the sensor. Parts that are
-    /// [`Fixed`](crate::Fixed) have none.
+    /// states above 0 less one, or none if it is [stationary](Prior::Stationary)), of the transition
+    /// operator and of the sensor. Parts that are [`Fixed`](crate::Fixed) have none.
     ///
     /// For a model that was learned, [`LearnedModel::free_parameters`](crate::inference::LearnedModel::free_parameters) gives the number: here,
     /// probabilities that learning has taken to 0 would be missing.
@@ -49,6 +49,9 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     }
 
     pub(crate) fn free_in_prior(&self) -> usize {
+        if matches!(self.prior(), Prior::Stationary(_)) {
+            return 0; // it follows from the operator
+        }
         self.prior().belief().as_slice().iter().filter(|p| **p > 0.0).count() - 1
     }
 

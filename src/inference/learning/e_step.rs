@@ -8,7 +8,7 @@ use super::expectations::Expectations;
 use crate::error::SequenceError;
 use crate::hmm::Hmm;
 use crate::inference::engines::choice;
-use crate::inference::engines::lanes::{Group, LaneMemory, LaneModel};
+use crate::inference::engines::lanes::{Group, LaneExpectations, LaneMemory, LaneModel};
 use crate::inference::engines::parallel;
 use crate::inference::sequences::smooth_each::Order;
 use crate::kernels::LANES;
@@ -52,7 +52,10 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     ///
     /// Cost and memory are those of an iteration of [`learn`](Self::learn), in parallel with the
     /// feature `rayon`, with the same result to the bit.
-    pub fn expectations<S>(&self, sequences: &[S]) -> (Expectations<B>, Vec<SequenceError>)
+    pub fn expectations<S>(
+        &self,
+        sequences: &[S],
+    ) -> (Expectations<B, A::Statistics>, Vec<SequenceError>)
     where
         Self: Sync,
         S: Sequence<A::Control, B::Observation> + Sync,
@@ -66,15 +69,16 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     pub(crate) fn expectations_of<S>(
         &self,
         sequences: &[(usize, &S)],
-    ) -> (Expectations<B>, Vec<SequenceError>)
+    ) -> (Expectations<B, A::Statistics>, Vec<SequenceError>)
     where
         Self: Sync,
         S: Sequence<A::Control, B::Observation> + Sync,
     {
         let (mut sum, mut failed) = (self.no_expectations(), Vec::new());
-        // Lanes count the moves of one matrix. Lengths are not looked at yet: a group asks again.
+        // Lengths of others are not looked at yet: a group asks again.
+        let is_long = |(_, s): &(usize, &S)| choice::is_worth_a_cut(s.steps());
         let lanes = choice::learns_in_lanes(self.states(), sequences.len(), 0)
-            && self.transition().families() <= 1;
+            || sequences.iter().any(is_long);
         let model = if lanes { LaneModel::new(self) } else { None };
         let order = if model.is_some() {
             let steps: Vec<usize> = sequences.iter().map(|(_, s)| s.steps()).collect();
@@ -115,35 +119,74 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         model: &LaneModel<'_, A, B>,
         sequences: &[(usize, &S)],
         memory: &mut LaneMemory,
-    ) -> Vec<Result<Expectations<B>, SequenceError>>
+    ) -> Vec<Result<Expectations<B, A::Statistics>, SequenceError>>
     where
-        S: Sequence<A::Control, B::Observation>,
+        Self: Sync,
+        S: Sequence<A::Control, B::Observation> + Sync,
     {
         let states = self.states();
         let learns = |count, longest| choice::learns_in_lanes(states, count, longest);
-        let group = Group::new(sequences, learns);
-        let mut results = Vec::new();
+        let (mut results, mut whole) = (Vec::new(), Vec::with_capacity(sequences.len()));
+        let mut group = Group::new(sequences, learns);
+        // Segments of one sequence fill all lanes, which a few sequences do not.
+        if !group.in_lanes || choice::leaves_lanes_empty(sequences.len()) {
+            for &(number, sequence) in sequences {
+                match self.expectations_of_long(model, sequence) {
+                    Some(expected) => results.push(Ok(expected)),
+                    None => whole.push((number, sequence)),
+                }
+            }
+            group = Group::new(&whole, learns);
+        }
         let mut lanes = [None; LANES];
         if group.in_lanes {
             let found = model.expectations(&group, memory);
-            let mut expected = self.no_expectations();
-            (expected.first, expected.sensor) = (found.first, found.sensor);
-            // Without counted moves, such as those of a fixed operator, the families stay empty.
-            found.moves.into_iter().for_each(|moves| expected.moves = vec![moves]);
             lanes = found.log_likelihoods;
-            lanes.iter().flatten().for_each(|log| expected.log_likelihood.add(*log));
-            results.push(Ok(expected));
+            results.push(Ok(self.expectations_of_lanes(found)));
         }
-        let single = sequences.iter().zip(lanes).filter(|(_, lane)| lane.is_none());
+        let single = group.sequences.iter().zip(lanes).filter(|(_, lane)| lane.is_none());
         results.extend(single.map(|(&(sequence, s), _)| self.expectations_of_one(sequence, s)));
         results
+    }
+
+    /// Returns the expectations of a long sequence in segments, if it is for these.
+    fn expectations_of_long<S>(
+        &self,
+        model: &LaneModel<'_, A, B>,
+        sequence: &S,
+    ) -> Option<Expectations<B, A::Statistics>>
+    where
+        Self: Sync,
+        S: Sequence<A::Control, B::Observation> + Sync,
+    {
+        let mut sum = self.no_expectations();
+        model.expectations_in_segments(sequence, |found| {
+            self.merge_expectations(&mut sum, &self.expectations_of_lanes(found));
+        })?;
+        Some(sum)
+    }
+
+    fn expectations_of_lanes(
+        &self,
+        found: LaneExpectations<B::Statistics>,
+    ) -> Expectations<B, A::Statistics> {
+        let mut expected = self.no_expectations();
+        (expected.first, expected.sensor) = (found.first, found.sensor);
+        let control = self.transition().no_control();
+        let counts = control.and_then(|u| self.transition().counts(&mut expected.moves, u));
+        // Nothing is counted for a fixed operator.
+        if let (Some(counts), Some(moves)) = (counts, found.moves) {
+            *counts = moves;
+        }
+        found.log_likelihoods.iter().flatten().for_each(|log| expected.log_likelihood.add(*log));
+        expected
     }
 
     fn expectations_of_one<S>(
         &self,
         sequence: usize,
         observed: &S,
-    ) -> Result<Expectations<B>, SequenceError>
+    ) -> Result<Expectations<B, A::Statistics>, SequenceError>
     where
         S: Sequence<A::Control, B::Observation>,
     {
@@ -164,10 +207,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             // A visitor cannot stop the smoother. After an error it skips the moves, and the caller
             // returns the error instead of the sums.
             if let (Some(pairs), Ok(())) = (step.pairs(), &result) {
-                let family = self.transition().family(observed.control(number));
-                if let Some(moves) = expected.moves.get_mut(family) {
-                    result = pairs.count_to(moves, number);
-                }
+                result = pairs.count_to(&mut expected.moves, number);
             }
         });
         let log = log.map_err(wrap)?;

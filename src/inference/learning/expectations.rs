@@ -17,7 +17,7 @@ use crate::transition::{LearnTransition, MoveCounts};
 /// [added up](Hmm::merge_expectations), and [`Hmm::maximize`] makes the next model of the sum.
 ///
 /// To add up those of several machines, send their parts, of which [`new`](Self::new) makes them
-/// again: plain numbers if the statistics of the sensor are. Those of tables, counts, durations
+/// again: plain numbers if the statistics are. Those of tables, counts, durations
 /// and directions are; those of the Gaussian families cannot be sent.
 ///
 /// ```
@@ -39,30 +39,25 @@ use crate::transition::{LearnTransition, MoveCounts};
 /// assert!(after.log_likelihood() > sum.log_likelihood());
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-pub struct Expectations<B: LearnLikelihood> {
+pub struct Expectations<B: LearnLikelihood, M = MoveCounts> {
     /// Σ p(X_0 | y_1 … y_T), or of X_1, over the sequences.
     pub(crate) first: Vec<f64>,
-    pub(crate) moves: Vec<MoveCounts>,
+    pub(crate) moves: M,
     pub(crate) sensor: B::Statistics,
     pub(crate) log_likelihood: LogSum,
 }
 
-impl<B: LearnLikelihood> fmt::Debug for Expectations<B> {
+impl<B: LearnLikelihood, M> fmt::Debug for Expectations<B, M> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut fields = f.debug_struct("Expectations");
         fields.field("log_likelihood", &self.log_likelihood()).finish_non_exhaustive()
     }
 }
 
-impl<B: LearnLikelihood> Expectations<B> {
+impl<B: LearnLikelihood, M> Expectations<B, M> {
     /// Creates expectations from their parts, which [`Hmm::maximize`] checks.
     #[must_use]
-    pub fn new(
-        first: Vec<f64>,
-        moves: Vec<MoveCounts>,
-        sensor: B::Statistics,
-        log_likelihood: f64,
-    ) -> Self {
+    pub fn new(first: Vec<f64>, moves: M, sensor: B::Statistics, log_likelihood: f64) -> Self {
         let log_likelihood = LogSum { sum: log_likelihood, lost: 0.0 };
         Self { first, moves, sensor, log_likelihood }
     }
@@ -74,9 +69,9 @@ impl<B: LearnLikelihood> Expectations<B> {
         &self.first
     }
 
-    /// Expected moves, of each [family](LearnTransition::families) of the operator.
+    /// [Statistics](LearnTransition::Statistics) of the moves.
     #[must_use]
-    pub fn moves(&self) -> &[MoveCounts] {
+    pub fn moves(&self) -> &M {
         &self.moves
     }
 
@@ -96,10 +91,10 @@ impl<B: LearnLikelihood> Expectations<B> {
 impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     /// Expectations of no sequence, to start a sum with.
     #[must_use]
-    pub fn no_expectations(&self) -> Expectations<B> {
+    pub fn no_expectations(&self) -> Expectations<B, A::Statistics> {
         Expectations {
             first: vec![0.0; self.states()],
-            moves: vec![MoveCounts::default(); self.transition().families()],
+            moves: self.transition().statistics(),
             sensor: self.likelihood().statistics(),
             log_likelihood: LogSum::default(),
         }
@@ -108,9 +103,13 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     /// Adds expectations of other sequences under this model, which the caller must ensure: a sum
     /// over several models means nothing, and [`maximize`](Self::maximize) detects only some
     /// of them. O(n + moves + statistics).
-    pub fn merge_expectations(&self, sum: &mut Expectations<B>, other: &Expectations<B>) {
+    pub fn merge_expectations(
+        &self,
+        sum: &mut Expectations<B, A::Statistics>,
+        other: &Expectations<B, A::Statistics>,
+    ) {
         sum.first.iter_mut().zip(&other.first).for_each(|(sum, p)| *sum += p);
-        sum.moves.iter_mut().zip(&other.moves).for_each(|(sum, m)| sum.merge(m));
+        self.transition().merge(&mut sum.moves, &other.moves);
         self.likelihood().merge(&mut sum.sensor, &other.sensor);
         sum.log_likelihood.add(other.log_likelihood.value());
     }

@@ -1,36 +1,13 @@
-//! Standard errors of learned parameters.
+//! Standard errors of learned parameters, from learning without some of the sequences.
 
 use super::learned_model::LearningOptions;
+use super::standard_errors::StandardErrors;
 use crate::error::LearnError;
 use crate::hmm::Hmm;
 use crate::inference::engines::parallel;
 use crate::likelihood::LearnLikelihood;
 use crate::sequence::Sequence;
 use crate::transition::LearnTransition;
-
-/// Parameters of a learned model, or any other numbers that it determines, with their standard
-/// errors.
-///
-/// Made by [`Hmm::jackknife`].
-#[derive(Debug, Clone, PartialEq)]
-pub struct StandardErrors {
-    values: Vec<f64>,
-    errors: Vec<f64>,
-}
-
-impl StandardErrors {
-    /// The numbers, of the model that was learned from all sequences.
-    #[must_use]
-    pub fn values(&self) -> &[f64] {
-        &self.values
-    }
-
-    /// The standard error of each.
-    #[must_use]
-    pub fn errors(&self) -> &[f64] {
-        &self.errors
-    }
-}
 
 impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     /// Returns standard errors of numbers that `read` takes from this model, which was learned
@@ -46,7 +23,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     /// small tolerance: differences that learning leaves unfinished count as errors.
     ///
     /// Runs in parallel with the feature `rayon`. The cost is that of learning G times, from a
-    /// good start.
+    /// good start. For one sequence, or few, see [`standard_errors`](Self::standard_errors).
     ///
     /// ```
     /// use wayfix::inference::LearningOptions;
@@ -105,15 +82,15 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         let results = parallel::map((0..groups).collect(), without);
         let results = results.into_iter().collect::<Result<Vec<Vec<f64>>, LearnError>>()?;
         let count = groups as f64;
-        let error = |number: usize| {
+        let values = read(self);
+        let spread = |number: usize| -> Vec<f64> {
             let found = || results.iter().filter_map(|values| values.get(number));
             // About the mean of the results, not about the values of this model: the bias of
             // learning is common to all.
             let mean = found().sum::<f64>() / count;
-            ((count - 1.0) / count * found().map(|v| (v - mean).powi(2)).sum::<f64>()).sqrt()
+            found().map(|v| (v - mean) * ((count - 1.0) / count).sqrt()).collect()
         };
-        let values = read(self);
-        let errors = (0..values.len()).map(error).collect();
-        Ok(StandardErrors { values, errors })
+        let spread = (0..values.len()).map(spread).collect();
+        Ok(StandardErrors::new(values, spread, 0))
     }
 }

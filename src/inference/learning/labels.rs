@@ -7,14 +7,17 @@ use crate::inference::LabelledSequence;
 use crate::inference::step::Step;
 use crate::likelihood::{LearnLikelihood, Likelihood, Scratch};
 use crate::sequence::Sequence;
-use crate::transition::{self, LearnTransition, Move, Transition};
+use crate::transition::{LearnTransition, Move, Transition};
 
 impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// Estimates the model from labelled drives: relative frequencies, with the pseudo-counts of
     /// `learning` added to the entries that this model allows. O(T n) for each drive.
     ///
+    /// With a [stationary](Prior::Stationary) prior, where drives start counts for the operator, too.
+    ///
     /// Probabilities of 0 stay 0, so that smoothing adds no move where the map has no road;
-    /// parameters without observations and pseudo-counts keep their values.
+    /// parameters without observations and pseudo-counts keep their values. Where only some states
+    /// are known, [`learn`](Self::learn) takes [labels beside observations](crate::guide::labels).
     ///
     /// ```
     /// use wayfix::inference::{LabelledSequence, LearningOptions};
@@ -61,13 +64,15 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         let mut expected = self.no_expectations();
         // The counts of learning with posteriors that are certain: one state has 1 at each step.
         let mut certain = vec![0.0; self.states()];
-        let mut moves = vec![Vec::new(); expected.moves.len()];
+        let mut moves = Vec::new();
         for (number, drive) in drives.iter().enumerate() {
             self.check_drive(number, drive)?;
             // The prior is that of X_0, or of X_1 where nothing moves before it.
             let (mut before, first) = match self.prior() {
                 Prior::BeforeFirstTransition(_) => (drive.initial, drive.initial),
-                Prior::AtFirstObservation(_) => (None, drive.states.first().copied()),
+                Prior::AtFirstObservation(_) | Prior::Stationary(_) => {
+                    (None, drive.states.first().copied())
+                }
             };
             first.into_iter().for_each(|state| expected.first[state] += 1.0);
             for (step, &to) in (1..).zip(drive.states) {
@@ -76,19 +81,17 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
                 self.likelihood().add(&mut expected.sensor, observation, &certain);
                 certain[to] = 0.0;
                 if let Some(from) = before {
-                    let family = self.transition().family(drive.sequence.control(step));
-                    if let Some(moves) = moves.get_mut(family) {
-                        moves.push(Move { from, to, weight: 1.0 });
-                    }
+                    moves.push((from, to, drive.sequence.control(step)));
                 }
                 before = Some(to);
             }
         }
-        for (counts, mut moves) in expected.moves.iter_mut().zip(moves) {
-            // Counts are merged in the order of the entries; all drives at once, since each merge
-            // walks all of them.
-            transition::sort(&mut moves);
-            counts.add(moves);
+        // In the order of the entries, in which counts are added up at their end.
+        moves.sort_by_key(|&(from, to, _)| (from, to));
+        for (from, to, control) in moves {
+            if let Some(counts) = self.transition().counts(&mut expected.moves, control) {
+                counts.append(Move { from, to, weight: 1.0 });
+            }
         }
         self.maximize_unchecked(&expected, learning)
     }

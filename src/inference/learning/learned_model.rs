@@ -22,8 +22,9 @@ pub struct LearningOptions {
     /// Gain of a re-estimation below which learning stops, in nats of the objective; 1e-3 by
     /// default. With 0, all iterations are made.
     pub tolerance: f64,
-    /// True to keep the prior as it is. (Other parts of the model are kept by
-    /// [`Fixed`](crate::Fixed).)
+    /// True to keep the prior as it is; a [stationary](crate::Prior::Stationary) one becomes one at
+    /// the first observation, with the same numbers, since the operator changes. (Other parts of the
+    /// model are kept by [`Fixed`](crate::Fixed).)
     pub keep_prior: bool,
     /// Pseudo-count of the prior; 0 by default.
     pub prior_pseudo_count: f64,
@@ -73,6 +74,7 @@ impl LearningOptions {
 pub struct LearnedModel<A, B> {
     pub(super) model: Hmm<A, B>,
     pub(super) start: usize,
+    pub(super) ends: usize,
     pub(super) objectives: Vec<f64>,
     pub(super) log_likelihood: f64,
     pub(super) converged: bool,
@@ -103,6 +105,16 @@ impl<A, B> LearnedModel<A, B> {
     #[must_use]
     pub fn start(&self) -> usize {
         self.start
+    }
+
+    /// Number of different ends of the starts given to [`Hmm::learn_best`], of those that it learned
+    /// from to the end and that did not [fail](Self::failed): their objectives differ by more than
+    /// the [tolerance](LearningOptions::tolerance). 1 if there was one start alone.
+    ///
+    /// Where almost every start has an end of its own, others may end higher still.
+    #[must_use]
+    pub fn ends(&self) -> usize {
+        self.ends
     }
 
     /// Values of the objective, of the given model and after each re-estimation: ln p of all
@@ -172,8 +184,8 @@ impl<A, B> LearnedModel<A, B> {
         self.converged
     }
 
-    /// Returns true if the function given to [`Hmm::learn_with`] broke off, and the last
-    /// re-estimation had not converged.
+    /// Returns true if the function given to [`Hmm::learn_with`] broke off, or
+    /// [`Hmm::learn_best`] went on from other starts, and the last re-estimation had not converged.
     #[must_use]
     pub fn stopped(&self) -> bool {
         self.stopped

@@ -2,10 +2,11 @@
 //! [formulas](crate::guide::formulas)).
 //!
 //! Prior, operator and sensor are maximised by themselves, since the expected log-likelihood is a
-//! sum of a term for each. Probabilities of 0 stay 0.
+//! sum of a term for each; but a stationary prior with the operator. Probabilities of 0 stay 0.
 
 use super::expectations::Expectations;
 use super::learned_model::LearningOptions;
+use super::stationary;
 use crate::belief::Belief;
 use crate::error::LearnError;
 use crate::hmm::{Hmm, Prior};
@@ -24,18 +25,13 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     /// re-estimated.
     pub fn maximize(
         &self,
-        expectations: &Expectations<B>,
+        expectations: &Expectations<B, A::Statistics>,
         learning: &LearningOptions,
     ) -> Result<Self, LearnError> {
         learning.check()?;
-        let families = self.transition().families();
-        for (what, found, expected) in [
-            ("states", expectations.first.len(), self.states()),
-            ("families of moves", expectations.moves.len(), families),
-        ] {
-            if found != expected {
-                return Err(LearnError::Expectations { what, found, expected });
-            }
+        let (found, expected) = (expectations.first.len(), self.states());
+        if found != expected {
+            return Err(LearnError::Expectations { found, expected });
         }
         // Every sequence with an observation starts somewhere.
         if expectations.first.iter().all(|p| *p == 0.0) {
@@ -47,29 +43,42 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     /// Returns the model that fits the expectations best.
     pub(crate) fn maximize_unchecked(
         &self,
-        expected: &Expectations<B>,
+        expected: &Expectations<B, A::Statistics>,
         learning: &LearningOptions,
     ) -> Result<Self, LearnError> {
+        let (transition, pseudo_count) = (self.transition(), learning.transition_pseudo_count);
         let belief = self.prior().belief();
-        // Labelled drives may begin at unknown states: nothing is learned of the prior, which
-        // stays.
-        let unseen = learning.prior_pseudo_count == 0.0 && expected.first.iter().all(|p| *p == 0.0);
-        let prior = if learning.keep_prior || unseen {
-            belief.clone()
-        } else {
-            let known = belief.as_slice().iter().zip(&expected.first);
-            let weight = |(&old, &seen): (&f64, &f64)| {
+        let known = belief.as_slice().iter().zip(&expected.first);
+        let first: Vec<f64> = known
+            .map(|(&old, &seen)| {
                 // A pseudo-count must not make a state possible that the model rules out.
                 if old > 0.0 { seen + learning.prior_pseudo_count } else { 0.0 }
-            };
-            Belief::from_weights(known.map(weight).collect())?
+            })
+            .collect();
+        let (prior, transition) = match self.prior() {
+            Prior::Stationary(_) if learning.keep_prior => {
+                // The same numbers, but the operator changes beneath them.
+                let prior = Prior::AtFirstObservation(belief.clone());
+                (prior, transition.maximize(&expected.moves, pseudo_count)?)
+            }
+            Prior::Stationary(_) => {
+                let (transition, belief) =
+                    stationary::maximize(transition, &expected.moves, &first, pseudo_count)?;
+                (Prior::Stationary(belief), transition)
+            }
+            prior => {
+                // Labelled drives may begin at unknown states: nothing is learned of the prior,
+                // which stays.
+                let unseen =
+                    learning.prior_pseudo_count == 0.0 && expected.first.iter().all(|p| *p == 0.0);
+                let belief = if learning.keep_prior || unseen {
+                    belief.clone()
+                } else {
+                    Belief::from_weights(first)?
+                };
+                (prior.with_belief(belief), transition.maximize(&expected.moves, pseudo_count)?)
+            }
         };
-        let prior = match self.prior() {
-            Prior::BeforeFirstTransition(_) => Prior::BeforeFirstTransition(prior),
-            Prior::AtFirstObservation(_) => Prior::AtFirstObservation(prior),
-        };
-        let transition =
-            self.transition().maximize(&expected.moves, learning.transition_pseudo_count)?;
         let likelihood = self
             .likelihood()
             .maximize(&expected.sensor, learning.likelihood_pseudo_count)

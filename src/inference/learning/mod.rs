@@ -2,11 +2,15 @@
 
 pub(crate) mod baum_welch;
 pub(crate) mod criteria;
+mod curvature;
 mod e_step;
 pub(crate) mod expectations;
-pub(crate) mod jackknife;
+mod information;
+mod jackknife;
 pub(crate) mod labels;
 pub(crate) mod learned_model;
 mod m_step;
 pub(crate) mod model_selection;
 pub(crate) mod restarts;
+pub(crate) mod standard_errors;
+mod stationary;

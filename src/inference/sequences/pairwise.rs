@@ -115,15 +115,23 @@ impl<A: TransitionEntries> Pairs<'_, A> {
 }
 
 impl<A: LearnTransition> Pairs<'_, A> {
-    /// Adds the moves of this step that learning counts to others, as [`add_to`](Self::add_to)
-    /// does. Restarts, which may come from any state, are in the sum alone: Σ α_{k-1} times the
+    /// Adds the moves of this step that learning counts to its statistics, as
+    /// [`add_to`](Self::add_to) does. Restarts, which may come from any state, are in the sum alone: Σ α_{k-1} times the
     /// sum over i of the restart part of row i times its ratio γ_k(i) / p_k(i).
     pub(crate) fn count_to(
         &self,
-        counts: &mut MoveCounts,
+        statistics: &mut A::Statistics,
         step: usize,
     ) -> Result<(), InferenceError> {
         let (transition, states) = (self.transition, 0..self.ratio.len());
+        if !self.in_logs {
+            let (before, after) = (self.alpha.linear, self.ratio);
+            let added = transition.add_step(statistics, self.control, before, after, self.scale);
+            if let Some(sum) = added {
+                return one(sum, step);
+            }
+        }
+        let Some(counts) = transition.counts(statistics, self.control) else { return Ok(()) };
         let restart = |to: usize| transition.restart_log2(self.control, to);
         if !self.in_logs {
             let from = states.clone().filter(|&from| self.alpha.linear[from] > 0.0);

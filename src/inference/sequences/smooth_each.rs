@@ -84,7 +84,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// with the pairwise posterior of the move to it. Returns ln p(y_1 … y_T).
     ///
     /// Results equal those of [`smooth`](Self::smooth), to the bit (up to rounding, with up to
-    /// eight states and no control). Costs three products with A or A' a step in backward order
+    /// eight states and no control, or where `smooth` cuts a long sequence). Costs three products with A or A' a step in backward order
     /// and five in forward order (two in either, if n T is below 65,536), and O(n); more where
     /// the sensor has to compute its likelihoods.
     ///

@@ -4,7 +4,7 @@
 use super::posteriors::Posteriors;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::inference::engines::{choice, few_states};
+use crate::inference::engines::{choice, few_states, lanes};
 use crate::inference::step::Step;
 use crate::inference::step::backward::Backward;
 use crate::inference::step::forward_pass::ForwardPass;
@@ -60,7 +60,10 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// likelihoods). The result holds n (T + 1) numbers; other memory grows by one number a step,
     /// and by n for each step outside the range of `f64`. Models of up to eight states without a
     /// control take specialised paths, which are faster; from five states on they use n T
-    /// additional `f64`s. For long sequences there is [`smooth_each`](Self::smooth_each), for
+    /// additional `f64`s. With more states and a dense matrix, or a sparse one of some dozens,
+    /// a sequence of 2,048 steps or more runs in lanes if the model forgets fast enough: in segments
+    /// that are joined as those of [`learn`](Self::learn), with the same bound on the error and up
+    /// to 64 MB of other memory. For long sequences there is [`smooth_each`](Self::smooth_each), for
     /// live ones [`fixed_lag`](Self::fixed_lag).
     ///
     /// ```
@@ -82,10 +85,16 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
-        if choice::is_whole(self.states(), sequence.steps())
-            && let Some((rows, log_likelihood)) = few_states::smooth(self, sequence)
-        {
-            let posteriors = Posteriors::from_values(self.states(), rows);
+        let (states, steps) = (self.states(), sequence.steps());
+        let whole = if choice::is_whole(states, steps) {
+            few_states::smooth(self, sequence)
+        } else if choice::smooths_in_lanes(states, steps) {
+            lanes::smooth(self, sequence)
+        } else {
+            None
+        };
+        if let Some((rows, log_likelihood)) = whole {
+            let posteriors = Posteriors::from_values(states, rows);
             return Ok(SmoothedSequence::new(posteriors, log_likelihood));
         }
         let (mut pass, last) = ForwardPass::over(self, sequence, |_| ())?;

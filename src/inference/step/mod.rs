@@ -254,7 +254,8 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
             }
             Values::Log(_) if largest == f64::NEG_INFINITY => impossible,
             Values::Log(logs) => {
-                values.iter_mut().zip(logs).for_each(|(out, log)| *out = (log - largest).exp());
+                values.iter_mut().zip(logs).for_each(|(out, log)| *out = log - largest);
+                kernels::exp_in_place(values);
                 Ok(largest)
             }
         }

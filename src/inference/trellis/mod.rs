@@ -13,6 +13,7 @@ pub(crate) use smooth::TrellisForward;
 
 use crate::error::InferenceError;
 use crate::inference::LogSum;
+use crate::kernels::log_sum;
 
 /// A sequence of steps, each with states of its own: the log-likelihood of each, and the moves
 /// into it from the states of the step before, with their log weights.
@@ -252,22 +253,4 @@ impl Scale {
 fn largest(logs: impl Iterator<Item = f64>) -> f64 {
     let largest = logs.fold(f64::NEG_INFINITY, f64::max);
     if largest == f64::NEG_INFINITY { 0.0 } else { largest }
-}
-
-/// ln Σ e^x.
-pub(crate) fn log_sum(terms: impl Iterator<Item = f64> + Clone) -> f64 {
-    let largest = terms.clone().fold(f64::NEG_INFINITY, f64::max);
-    if largest == f64::NEG_INFINITY {
-        return largest;
-    }
-    let mut sum = 0.0;
-    for term in terms {
-        let below = term - largest;
-        // The sum is at least 1, and e^-45 is 3e-20: thousands of such terms do not change its last
-        // digit.
-        if below > -45.0 {
-            sum += if below == 0.0 { 1.0 } else { below.exp() };
-        }
-    }
-    largest + sum.ln()
 }

@@ -1,8 +1,9 @@
 //! Forward-backward on a trellis.
 
-use super::{Scale, Trellis, log_sum};
+use super::{Scale, Trellis};
 use crate::error::InferenceError;
 use crate::inference::LogSum;
+use crate::kernels::log_sum;
 
 /// Filtered and smoothed distributions of the states of each step of a [`Trellis`].
 #[derive(Debug, Clone, PartialEq)]

@@ -135,6 +135,23 @@ impl<V: Value> Factors<'_, V> {
         self,
         s: S,
         ring: R,
+        sum: R::Sum,
+        slots: Range<u32>,
+    ) -> R::Sum {
+        // The choice is made outside of the loop: inside, it took the compiler the registers for
+        // indices, and a slot of loads by AVX2 half as long again.
+        if s.gathers() {
+            self.gathered_by::<S, R, ORDERED, true>(s, ring, sum, slots)
+        } else {
+            self.gathered_by::<S, R, ORDERED, false>(s, ring, sum, slots)
+        }
+    }
+
+    #[inline(always)]
+    fn gathered_by<S: Simd, R: RowSums<S>, const ORDERED: bool, const INSTRUCTION: bool>(
+        self,
+        s: S,
+        ring: R,
         mut sum: R::Sum,
         slots: Range<u32>,
     ) -> R::Sum {
@@ -147,7 +164,7 @@ impl<V: Value> Factors<'_, V> {
             // below 2^31; lanes without an entry have the index of a line, too.
             let (indices, value, x) = unsafe {
                 let indices = matrix.indices.get_unchecked(slot);
-                (indices, values.gathered.get_unchecked(slot), s.gather(x, indices))
+                (indices, values.gathered.get_unchecked(slot), s.gather::<INSTRUCTION>(x, indices))
             };
             let (value, indices) = (V::load(s, value), s.load_indices(indices));
             // An empty lane adds 0 · x to a sum, and offers −∞ to a maximum: a sum stays as it is,

@@ -3,7 +3,11 @@
 //! e^x = 2^n e^r with n = round(x / ln 2), so that |r| ≤ ln 2 / 2, and e^r by its series up to
 //! r^13, whose rest is below 5e-18. The same to the bit with any instructions.
 
-use crate::kernels::simd::{LANES, Simd, kernels, row_block, store};
+use super::largest::{Valid, within};
+use super::packing::{PackedRange, flags};
+use crate::kernels::layout::Packed;
+use crate::kernels::simd::{Eight, LANES, Simd, kernels, row_block, store};
+use crate::limits::TINY;
 
 /// 1.5 · 2^52: beside it the last bit of a double is 1, so that adding it rounds to an integer.
 const ROUND: f64 = 6_755_399_441_055_744.0;
@@ -26,6 +30,13 @@ kernels! {
     /// Replaces numbers of at most 0 by their exponentials, to two units in the last place; 0 below
     /// e^−708, and NaN for NaN.
     pub(crate) fn exp_in_place = exp_all<'a>(x: &'a mut [f64]) -> ();
+
+    /// Replaces logarithms, in the lanes that have them, by their exponentials beside the largest of
+    /// the lane, and their range by that of these. Returns this largest logarithm; 0 for the other
+    /// lanes. The range of a lane has no number if a logarithm is not valid, or all are −∞.
+    pub(crate) fn batch_exp = exp_of_lanes<'a>(
+        x: &'a mut [Packed], in_logs: [bool; LANES], range: &'a mut PackedRange,
+    ) -> Eight;
 }
 
 #[inline(always)]
@@ -36,6 +47,38 @@ fn exp_all<S: Simd>(s: S, x: &mut [f64]) {
         let power = exp_lanes(s, row_block(s, (x.0, x.1), block));
         store(s, &mut x, block, power);
     }
+}
+
+#[inline(always)]
+fn exp_of_lanes<S: Simd>(
+    s: S,
+    x: &mut [Packed],
+    in_logs: [bool; LANES],
+    range: &mut PackedRange,
+) -> Eight {
+    let (zero, none) = (s.splat(0.0), s.splat(f64::NEG_INFINITY));
+    let bounds = Valid::Logs.bounds(s);
+    let mask = s.lt(zero, s.load(&in_logs.map(|flag| f64::from(u8::from(flag)))));
+    // The running value second: `max` returns it beside a NaN.
+    let largest = x.iter().fold(none, |largest, x| s.max(s.load(x), largest));
+    let (mut tiny, mut valid) = (s.lt(zero, zero), s.lt(none, largest));
+    for x in x {
+        let value = s.load(x);
+        valid = s.and(valid, within(s, value, bounds));
+        let below = s.sub(value, largest);
+        let power = exp_lanes(s, below);
+        // Also what the exponential has rounded to 0.
+        tiny = s.or(tiny, s.and(s.lt(power, s.splat(TINY)), s.lt(none, below)));
+        s.store(s.select(mask, power, value), x);
+    }
+    let one = s.select(valid, s.splat(1.0), s.splat(f64::NAN));
+    s.store(s.select(mask, zero, s.load(&range.least)), &mut range.least);
+    s.store(s.select(mask, one, s.load(&range.largest)), &mut range.largest);
+    let tiny = flags(s.bits(tiny));
+    for l in 0..LANES {
+        range.tiny[l] = if in_logs[l] { tiny[l] } else { range.tiny[l] };
+    }
+    s.to_array(s.select(mask, largest, zero))
 }
 
 #[inline(always)]
@@ -71,6 +114,7 @@ fn cubic<S: Simd>(s: S, k: usize, r: S::V, square: S::V) -> S::V {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::kernels::pack;
 
     #[test]
     fn exponentials_are_those_of_the_platform() {
@@ -81,6 +125,38 @@ mod tests {
         let off = numbers.iter().zip(powers).map(|(x, power)| (power / x.exp() - 1.0).abs());
         let worst = off.fold(0.0, f64::max);
         assert!(worst < 4.5e-16, "{worst:e}");
+    }
+
+    /// Lanes with logarithms and without, one with a NaN, one that rules all out, and one of a range
+    /// that is beyond doubles.
+    #[test]
+    fn lanes_have_the_exponentials_beside_their_largest() {
+        let ruled_out = f64::NEG_INFINITY;
+        let rows = [
+            [-3.0, 0.5, ruled_out],
+            [0.25, 1e-300, 7.0],
+            [700.0, 699.0, 690.5],
+            [f64::NAN, 1.0, 2.0],
+            [ruled_out; 3],
+            [f64::INFINITY, 1.0, 2.0],
+            [0.0, -630.0, -1.0],
+            [0.0, -800.0, -1.0],
+        ];
+        let in_logs = [true, false, true, true, true, true, true, true];
+        let mut x = [Packed::default(); 3];
+        let mut range = pack(rows.each_ref().map(|row| &row[..]), &mut x);
+        let largest = batch_exp(&mut x, in_logs, &mut range);
+        assert_eq!(largest[..3], [0.5, 0.0, 700.0]);
+        assert_eq!(range.least[..3], [0.0, 1e-300, 0.0]);
+        assert_eq!(range.largest[..3], [1.0, 7.0, 1.0]);
+        assert_eq!(range.tiny, [false, true, false, false, false, false, true, true]);
+        for (l, row) in rows.iter().enumerate().filter(|(l, _)| ![3, 4, 5].contains(l)) {
+            for (x, log) in x.iter().zip(row) {
+                let expected = if in_logs[l] { (log - largest[l]).exp() } else { *log };
+                assert!((x[l] - expected).abs() <= 4.5e-16 * expected, "{l}: {} {expected}", x[l]);
+            }
+        }
+        assert!(range.largest[3..6].iter().all(|largest| largest.is_nan()));
     }
 
     #[test]

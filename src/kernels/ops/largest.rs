@@ -40,6 +40,15 @@ impl Valid {
         }
     }
 
+    /// Its range, as [`within`] takes it.
+    #[inline(always)]
+    pub(super) fn bounds<S: Simd>(self, s: S) -> [S::V; 3] {
+        // `lt` is the only comparison that all instruction sets share: closed bounds become open
+        // ones, a double further out. Beyond the largest double that is infinity.
+        let [least, most, other] = self.range();
+        [s.splat(least.next_down()), s.splat(most.next_up()), s.splat(other)]
+    }
+
     /// Least and largest valid value, and one beside these.
     fn range(self) -> [f64; 3] {
         match self {
@@ -56,10 +65,7 @@ kernels! {
 
 #[inline(always)]
 fn checked<S: Simd>(s: S, x: &[f64], valid: Valid) -> (f64, bool) {
-    let [least, most, other] = valid.range();
-    // `lt` is the only comparison that all instruction sets share: closed bounds become open ones,
-    // a double further out. Beyond the largest double that is infinity.
-    let bounds = [s.splat(least.next_down()), s.splat(most.next_up()), s.splat(other)];
+    let (bounds, [.., other]) = (valid.bounds(s), valid.range());
     let (blocks, rest) = x.as_chunks::<LANES>();
     // Padding that is valid, and never the largest: 0 or −∞.
     let mut last = [other; LANES];
@@ -79,7 +85,7 @@ fn checked<S: Simd>(s: S, x: &[f64], valid: Valid) -> (f64, bool) {
 
 /// Between the first two bounds, exclusive, or equal to the third; never NaN.
 #[inline(always)]
-fn within<S: Simd>(s: S, x: S::V, [below, above, other]: [S::V; 3]) -> S::M {
+pub(super) fn within<S: Simd>(s: S, x: S::V, [below, above, other]: [S::V; 3]) -> S::M {
     s.or(s.and(s.lt(below, x), s.lt(x, above)), s.eq(x, other))
 }
 

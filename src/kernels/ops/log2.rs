@@ -67,6 +67,19 @@ pub(crate) fn log2(x: f64) -> f64 {
 kernels! {
     /// Replaces finite values of at least 0 by their [`log2`](fn@log2).
     pub(crate) fn log2_in_place = log2_all<'a>(x: &'a mut [f64]) -> ();
+
+    /// Replaces natural logarithms of at most 0 by those to base 2, on the grid.
+    pub(crate) fn ln_to_log2 = to_base_2<'a>(x: &'a mut [f64]) -> ();
+}
+
+#[inline(always)]
+fn to_base_2<S: Simd>(s: S, x: &mut [f64]) {
+    let blocks = x.len().div_ceil(LANES);
+    let mut x = x.as_chunks_mut::<LANES>();
+    for block in 0..blocks {
+        let log2 = log2_over(s, row_block(s, (x.0, x.1), block), 0.0);
+        store(s, &mut x, block, log2);
+    }
 }
 
 #[inline(always)]

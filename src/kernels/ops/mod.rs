@@ -3,7 +3,6 @@
 mod backward;
 mod batch;
 mod chain;
-#[cfg(feature = "matching")]
 mod exp;
 mod forward;
 mod largest;
@@ -21,13 +20,12 @@ pub(crate) use backward::{BackwardStep, backward_step, divide_by_prediction};
 pub(crate) use batch::{batch_backward, batch_forward, batch_max, batch_normalize};
 pub(crate) use batch::{batch_ratio, count_moves};
 pub(crate) use chain::{ChainPointers, ChainState, chain_backward, chain_decode, chain_forward};
-#[cfg(feature = "matching")]
-pub(crate) use exp::exp_in_place;
+pub(crate) use exp::{batch_exp, exp_in_place};
 pub(crate) use forward::normalize_in_place;
 pub(crate) use forward::{ForwardStep, ForwardSums, Watch, forward_step, normalize_and_lift};
 pub(crate) use largest::{Valid, largest};
 pub(crate) use lines::Lines;
-pub(crate) use log2::{log2, log2_in_place, on_grid};
+pub(crate) use log2::{ln_to_log2, log2, log2_in_place, on_grid};
 pub(crate) use max_product::{Scores, ScoresIn, add_scores, max_step};
 pub(crate) use packing::{pack, unpack, unpack_rows};
 pub(crate) use product::Product;

@@ -80,15 +80,19 @@ pub(crate) trait Simd: Copy {
     /// Exponents, as doubles, and mantissas from 1 to 2, of normal positive numbers.
     fn split_exponent(self, v: Self::V) -> (Self::V, Self::V);
     /// 2^n of integers from −1022 to 1023, given as n + 1.5 · 2^52.
-    #[cfg(feature = "matching")]
     fn power_of_two(self, n: Self::V) -> Self::V;
 
-    /// `x[index]` for each of eight indices.
+    /// True if there is an instruction for `gather`, which is faster than loads.
+    #[inline(always)]
+    fn gathers(self) -> bool {
+        false
+    }
+    /// `x[index]` for each of eight indices, by one instruction or by loads.
     ///
     /// # Safety
     ///
     /// All indices must be below `x.len()`, which must not exceed 2^31 − 1.
-    unsafe fn gather(self, x: &[f64], indices: &[u32; LANES]) -> Self::V;
+    unsafe fn gather<const INSTRUCTION: bool>(self, x: &[f64], indices: &[u32; LANES]) -> Self::V;
 
     /// Keeps the compiler from unrolling a loop of few turns: it does not repeat assembly, even if
     /// empty.

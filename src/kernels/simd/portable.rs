@@ -94,7 +94,6 @@ impl Simd for Portable {
         let mantissa = |x: f64| f64::from_bits(x.to_bits() & (u64::MAX >> 12) | 1.0_f64.to_bits());
         (lanes(|l| exponent(v[l]) - (WHOLE + 1023.0)), lanes(|l| mantissa(v[l])))
     }
-    #[cfg(feature = "matching")]
     #[inline(always)]
     fn power_of_two(self, n: Eight) -> Eight {
         // The last bits are those of n; beside the bits of 1 they count its exponent on.
@@ -110,7 +109,7 @@ impl Simd for Portable {
         lanes(|r| lanes(|l| rows[l][r]))
     }
     #[inline(always)]
-    unsafe fn gather(self, x: &[f64], indices: &[u32; LANES]) -> Eight {
+    unsafe fn gather<const INSTRUCTION: bool>(self, x: &[f64], indices: &[u32; LANES]) -> Eight {
         // SAFETY: the caller promises that all indices are below the number of values of x.
         lanes(|l| unsafe { *x.get_unchecked(indices[l] as usize) })
     }

@@ -3,7 +3,7 @@
 use super::rule::TurningRule;
 use crate::belief::SUM_TOLERANCE;
 use crate::map::{MapError, RoadClass, RoadMap};
-use crate::transition::{SparseTransition, TiedTransition, TransitionEntries};
+use crate::transition::{ConstrainedTransition, SparseTransition, TransitionEntries};
 
 /// Turning probabilities Φ\[i, j\] = p(next place is j | place is i), along
 /// roads or staying, whose rows sum to one (paper eq. 1).
@@ -115,8 +115,8 @@ impl TurningProbabilities {
     /// assert!(tied.parameters() < 100);
     /// ```
     #[must_use]
-    pub fn tied<P>(self, map: &RoadMap<P>) -> TiedTransition {
-        TiedTransition::new(self.transition, |from, to| {
+    pub fn tied<P>(self, map: &RoadMap<P>) -> ConstrainedTransition {
+        ConstrainedTransition::new(self.transition).with_ties(|from, to| {
             let road = map.roads_from(from).find(|road| road.0 == to);
             road.map_or(0, |(_, road)| 1 + road.class as usize)
         })

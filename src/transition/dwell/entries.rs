@@ -10,7 +10,7 @@ use crate::transition::{Transition, TransitionEntries, best_of, buffers, check_s
 
 impl<A: Transition> DwellTransition<A> {
     /// The place of a state, and true if the state is of the oldest age there.
-    fn place(&self, state: usize) -> (usize, bool) {
+    pub(super) fn place(&self, state: usize) -> (usize, bool) {
         let place = self.groups.as_slice()[state];
         (place, state + 1 == self.starts[place + 1])
     }

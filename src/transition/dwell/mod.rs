@@ -1,15 +1,19 @@
 //! Explicit durations of stays (semi-Markov): hazards by age (guide, section 10, Dwell times).
 
+mod build;
+mod durations;
 mod entries;
+mod learn;
 
 use std::ops::Range;
 
-use super::{Transition, buffers, check_count, check_slices, delegate};
-use super::{check_probability, check_sum, log};
+pub use durations::Durations;
+
+use super::{Transition, buffers, check_slices, delegate, log};
 use crate::belief::Belief;
 use crate::error::{BeliefError, Parameter, TransitionError};
 use crate::groups::Groups;
-use crate::kernels::{self, log2};
+use crate::kernels;
 
 /// A semi-Markov operator: dwell times in each place have any distribution, where those of a
 /// plain operator are geometric.
@@ -27,6 +31,15 @@ use crate::kernels::{self, log2};
 /// sensors are lifted to states by
 /// [`GroupedLikelihood`](crate::likelihood::GroupedLikelihood), results brought back to
 /// places by [`groups`](Self::groups).
+///
+/// # Learning
+///
+/// Durations are learned with the moves. Of [`Durations`] it is their parameters; otherwise the
+/// probability of leaving at each age, by the share of vehicles that left among those that reached
+/// it (Kaplan and Meier, 1958), so that stays that a sequence cuts off at its end count for what
+/// they show. A stay before the first step is as old as the prior says. An iteration takes
+/// O(states + entries of `moves`) a step, and learning without labels needs operators `moves`
+/// without a control. [`path`](Self::path) makes labels of places those of states.
 ///
 /// ```
 /// use wayfix::likelihood::GroupedLikelihood;
@@ -58,97 +71,52 @@ pub struct DwellTransition<A> {
     pub(crate) stay: Vec<f64>,
     log2_leave: Vec<f64>,
     log2_stay: Vec<f64>,
+    /// Distribution in each place, or none.
+    pub(crate) durations: Vec<Durations>,
 }
 
 impl<A: Transition> DwellTransition<A> {
-    /// Creates the operator from distributions of dwell times:
-    /// `dwell[i][d - 1]` = p(d steps in place i). O(states).
-    ///
-    /// A place has as many states as its longest dwell time has steps.
-    ///
-    /// # Errors
-    ///
-    /// [`TransitionError::PartStates`] unless there is a distribution for each state of
-    /// `moves`, [`TransitionError::Parameter`] for a probability that is NaN,
-    /// negative or infinite, or for probabilities that do not sum to one within
-    /// 1e-9, or [`TransitionError::TooMany`] for more than 2^32 − 1 states.
-    pub fn new<D: AsRef<[f64]>>(moves: A, dwell: &[D]) -> Result<Self, TransitionError> {
-        let split = |(place, dwell): (usize, &D)| {
-            let dwell = dwell.as_ref();
-            check_sum(dwell, format!("the sum of the dwell times of place {place}"), |at| {
-                format!("the probability of {} steps in place {place}", at + 1)
-            })?;
-            let end = dwell.iter().rposition(|p| *p > 0.0).map_or(0, |last| last + 1);
-            let mut ages = vec![(1.0, 0.0); end];
-            let mut longer = 0.0; // the probability of more steps than these
-            for (age, p) in ages.iter_mut().zip(&dwell[..end]).rev() {
-                let reached = p + longer;
-                *age = (p / reached, longer / reached);
-                longer = reached;
-            }
-            Ok(ages)
-        };
-        Self::from_ages(
-            moves,
-            dwell.iter().enumerate().map(split).collect::<Result<_, TransitionError>>()?,
-        )
+    /// Distribution of the durations in a place, as given to
+    /// [`from_durations`](Self::from_durations) or learned from there; otherwise `None`.
+    #[must_use]
+    pub fn durations(&self, place: usize) -> Option<Durations> {
+        self.durations.get(place).copied()
     }
 
-    /// Creates the operator from hazards: `leaving[i][c]` = p(place i is left
-    /// after c + 1 steps, given that it is not left before). The last value holds for all later
-    /// steps: a single value is a geometric dwell time, and a last value of 0
-    /// keeps the vehicle in the place. O(states).
+    /// Probability that a place is left after `steps` steps, given that it is not left before;
+    /// `None` for no such place, or 0 steps.
+    #[must_use]
+    pub fn leaving(&self, place: usize, steps: usize) -> Option<f64> {
+        let range = self.starts.get(place).copied()?..self.starts.get(place + 1).copied()?;
+        let state = range.start + steps.checked_sub(1)?.min(range.len() - 1);
+        Some(self.leave[state])
+    }
+
+    /// States of a path of places, for learning from labels: a stay begins where the place changes,
+    /// and with the first step.
     ///
     /// # Errors
     ///
-    /// As [`new`](Self::new); probabilities of leaving are from 0 to 1, and
-    /// each place has at least one.
-    pub fn from_leaving<D: AsRef<[f64]>>(moves: A, leaving: &[D]) -> Result<Self, TransitionError> {
-        let split = |(place, leaving): (usize, &D)| {
-            let leaving = leaving.as_ref();
-            if leaving.is_empty() {
-                let what = format!("the number of leaving probabilities of place {place}");
-                return Err(Parameter::new(what, 0.0, "at least 1").into());
-            }
-            let age = |(at, &leave): (usize, &f64)| {
-                check_probability(leave, || {
-                    format!("the probability of leaving place {place} after {} steps", at + 1)
-                })?;
-                Ok((leave, 1.0 - leave))
+    /// [`TransitionError::Parameter`] for a place that does not exist.
+    pub fn path(&self, places: &[usize]) -> Result<Vec<usize>, TransitionError> {
+        let mut states: Vec<usize> = Vec::with_capacity(places.len());
+        for (step, &place) in places.iter().enumerate() {
+            let Some(first) = self.arrival(place) else {
+                let what = format!("the place at step {}", step + 1);
+                return Err(Parameter::new(what, place as f64, "a place of the operator").into());
             };
-            leaving.iter().enumerate().map(age).collect()
-        };
-        Self::from_ages(
-            moves,
-            leaving.iter().enumerate().map(split).collect::<Result<_, TransitionError>>()?,
-        )
+            let stays = step > 0 && places[step - 1] == place;
+            let last = self.starts[place + 1] - 1;
+            let older = states.last().map(|state| (state + 1).min(last));
+            states.push(older.filter(|_| stays).unwrap_or(first));
+        }
+        Ok(states)
     }
 
     /// The operator of moves on leaving a place.
     #[must_use]
     pub fn moves(&self) -> &A {
         &self.moves
-    }
-
-    /// Builds the operator from the probabilities of leaving and staying at each age, with at least
-    /// one age for each place.
-    pub(crate) fn from_ages(moves: A, ages: Vec<Vec<(f64, f64)>>) -> Result<Self, TransitionError> {
-        let (found, expected) = (ages.len(), moves.states());
-        if found != expected {
-            return Err(TransitionError::PartStates { part: "dwell table", found, expected });
-        }
-        if found == 0 {
-            return Err(TransitionError::Empty);
-        }
-        let mut starts = vec![0];
-        ages.iter().for_each(|ages| starts.push(starts[starts.len() - 1] + ages.len()));
-        check_count("states", starts[expected])?;
-        let of = (0..expected).flat_map(|place| vec![place; ages[place].len()]).collect();
-        let groups = Groups::numbered(of, expected);
-        let (leave, stay): (Vec<_>, Vec<_>) = ages.into_iter().flatten().unzip();
-        let log2_leave = leave.iter().map(|&p| log2(p)).collect();
-        let log2_stay = stay.iter().map(|&p| log2(p)).collect();
-        Ok(Self { moves, groups, starts, leave, stay, log2_leave, log2_stay })
     }
 
     /// The place of each state.

@@ -1,6 +1,6 @@
 //! Likelihoods of consecutive steps, in one block.
 
-use std::f64::consts::{LN_2, LOG2_E};
+use std::f64::consts::LN_2;
 use std::ops::Range;
 
 use crate::hmm::Hmm;
@@ -10,6 +10,9 @@ use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
 use crate::limits::{LARGEST_LOG, LEAST_FACTOR, UNSCALED, UNSHIFTED, exponent, power};
 use crate::sequence::Sequence;
 use crate::transition::Transition;
+
+/// Logarithm of [`LEAST_FACTOR`], or more.
+const LEAST_LOG: f64 = -138.0;
 
 /// Likelihoods of a sequence, without its type: code that uses them is compiled once, with this
 /// crate.
@@ -91,6 +94,43 @@ where
         }
         (most <= *UNSCALED.end()).then_some(())
     }
+
+    /// Copies logarithms less the largest of each step, which is passed on with the number of the
+    /// step. `None` if a step has others than logarithms, a factor, or nothing that is possible.
+    fn copy_logs(
+        &mut self,
+        steps: Range<usize>,
+        out: &mut [f64],
+        take: impl FnMut(usize, f64),
+    ) -> Option<()> {
+        match self.hmm.states() {
+            2 => self.copy_logs_of::<2>(steps, out, take),
+            _ => self.copy_logs_of::<0>(steps, out, take),
+        }
+    }
+
+    #[inline(always)]
+    fn copy_logs_of<const N: usize>(
+        &mut self,
+        steps: Range<usize>,
+        out: &mut [f64],
+        mut take: impl FnMut(usize, f64),
+    ) -> Option<()> {
+        let states = if N > 0 { N } else { self.hmm.states() };
+        for (at, (step, row)) in steps.zip(out.chunks_exact_mut(states)).enumerate() {
+            let observation = self.sequence.observation(step);
+            let diagonal = self.hmm.likelihood().diagonal(observation, &mut self.scratch).ok()?;
+            let (Values::Log(logs), 0.0) = (&diagonal.values, diagonal.log_factor) else {
+                return None;
+            };
+            // One length for both, which the compiler knows for N states.
+            let logs = logs.get(..states).filter(|_| logs.len() == states)?;
+            let largest = largest_log(logs)?;
+            row.iter_mut().zip(logs).for_each(|(out, log)| *out = log - largest);
+            take(at, largest);
+        }
+        Some(())
+    }
 }
 
 impl<A, B, S> LikelihoodRows for SensorRows<'_, A, B, S>
@@ -118,6 +158,11 @@ where
         if plain.is_some() {
             return Some(false);
         }
+        if self.copy_logs(steps.clone(), out, |at, log| logs[at] = log).is_some() {
+            let lost = is_lost(out);
+            kernels::exp_in_place(out);
+            return (!lost).then_some(true);
+        }
         let rows = out.chunks_exact_mut(self.hmm.states());
         for ((step, row), log) in steps.zip(rows).zip(logs) {
             let observation = self.sequence.observation(step);
@@ -133,6 +178,12 @@ where
         out: &mut [f64],
         taken_out: &mut TakenOut,
     ) -> Option<()> {
+        let before = taken_out.clone();
+        if self.copy_logs(steps.clone(), out, |_, log| taken_out.factors.add(log)).is_some() {
+            kernels::ln_to_log2(out);
+            return Some(());
+        }
+        *taken_out = before;
         let (states, mut form, mut far) = (self.hmm.states(), None, false);
         let is_near = |largest: f64| UNSHIFTED.contains(&largest);
         for (step, row) in steps.zip(out.chunks_exact_mut(states)) {
@@ -151,16 +202,6 @@ where
                     copy(linear, row)?;
                     far |= !is_near(row.iter().fold(0.0, |a, b| if *b > a { *b } else { a }));
                     ScoresIn::Linear
-                }
-                Values::Log(logs) if diagonal.log_factor == 0.0 => {
-                    // The largest is taken out as `likelihood_scores` does, so that the scores are
-                    // the same to the bit.
-                    let largest = largest_log(logs, states)?;
-                    for (out, log) in row.iter_mut().zip(logs) {
-                        *out = kernels::on_grid((log - largest) * LOG2_E);
-                    }
-                    taken_out.factors.add(largest);
-                    ScoresIn::Log2
                 }
                 _ => {
                     write_scores(diagonal, row, taken_out)?;
@@ -200,11 +241,11 @@ fn copy(values: &[f64], out: &mut [f64]) -> Option<()> {
     Some(())
 }
 
-/// Returns the largest of the logarithms of so many likelihoods; `None` if they are not valid, or
-/// nothing is possible. (A call of a kernel takes longer than a few comparisons.)
-#[inline]
-fn largest_log(logs: &[f64], states: usize) -> Option<f64> {
-    let (mut largest, mut valid) = (f64::NEG_INFINITY, logs.len() == states);
+/// Returns the largest of the logarithms of likelihoods; `None` if they are not valid, or nothing is
+/// possible. (A call of a kernel takes longer than a few comparisons.)
+#[inline(always)]
+fn largest_log(logs: &[f64]) -> Option<f64> {
+    let (mut largest, mut valid) = (f64::NEG_INFINITY, true);
     for &log in logs {
         valid &= Valid::Logs.is(log);
         largest = if log > largest { log } else { largest };
@@ -221,6 +262,13 @@ fn write_scores(diagonal: Diagonal<'_>, out: &mut [f64], taken_out: &mut TakenOu
     Some(())
 }
 
+/// True if the logarithm of a likelihood is too low: a product in the chain could become less than
+/// 2^-700 (`limits`, "Few states").
+fn is_lost(logs: &[f64]) -> bool {
+    let lost = |log: f64| log < LEAST_LOG && log > f64::NEG_INFINITY;
+    logs.iter().fold(false, |any, log| any | lost(*log))
+}
+
 /// Likelihoods of any diagonal, with the largest near one. Returns the logarithm of what was taken
 /// out.
 #[inline(never)]
@@ -231,12 +279,11 @@ fn scale(diagonal: &Diagonal<'_>, out: &mut [f64]) -> Option<f64> {
     let (mut lost, mut log) = (false, diagonal.log_factor);
     match diagonal.values {
         Values::Log(logs) => {
-            let largest = largest_log(logs, out.len())?;
+            let largest = largest_log(logs).filter(|_| logs.len() == out.len())?;
             log += largest;
-            for (b, &log) in out.iter_mut().zip(logs) {
-                *b = (log - largest).exp();
-                lost |= *b < LEAST_FACTOR && log > f64::NEG_INFINITY;
-            }
+            out.iter_mut().zip(logs).for_each(|(b, log)| *b = log - largest);
+            lost = is_lost(out);
+            kernels::exp_in_place(out);
         }
         Values::Linear(linear) | Values::Checked { linear, .. } => {
             let largest = diagonal.check(out.len()).ok()?;

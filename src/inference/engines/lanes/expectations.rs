@@ -1,7 +1,11 @@
 //! Expectations of learning, in lanes: Σ γ and Σ ξ over the steps of eight sequences (section 9 of
 //! the [formulas](crate::guide::formulas)).
 
+use super::segments::SegmentGroup;
 use super::{Group, LaneMemory, LaneModel};
+use crate::hmm::Hmm;
+use crate::inference::engines::choice;
+use crate::inference::engines::parallel::{self, MemoryPool};
 use crate::kernels::{self, LANES, Lines, Packed};
 use crate::likelihood::LearnLikelihood;
 use crate::limits::BACK_LIFT;
@@ -12,7 +16,7 @@ use crate::transition::{LearnTransition, Move, MoveCounts};
 pub(crate) struct LaneExpectations<T> {
     /// Σ p(X_0 | y_1 … y_T).
     pub(crate) first: Vec<f64>,
-    /// Moves of the only family, if they are counted.
+    /// Moves, if they are counted.
     pub(crate) moves: Option<MoveCounts>,
     /// Statistics of the sensor.
     pub(crate) sensor: T,
@@ -32,13 +36,10 @@ impl<A: LearnTransition, B: LearnLikelihood> LaneModel<'_, A, B> {
     {
         let n = self.states();
         let mut forward = self.forward(group, memory, true, |_, _| ());
-        let transition = self.hmm.transition();
-        let in_family = |control| transition.family(control) < transition.families();
-        let counted = transition.no_control().is_some_and(in_family);
-        let entries = if counted { self.columns.values().len() } else { 0 };
         // Without A, which is the same at all steps and is multiplied in at the end.
-        let mut counts = vec![Packed::default(); entries];
-        self.backward(group, memory, &mut forward.valid, counted.then_some(&mut counts));
+        let mut counts = vec![Packed::default(); self.counted_entries()];
+        let counted = (!counts.is_empty()).then_some(&mut counts[..]);
+        self.backward(group, memory, &mut forward.valid, counted);
         let log_likelihoods = forward.log_likelihoods();
         let valid = forward.valid;
         let mut first = vec![0.0; n];
@@ -49,19 +50,99 @@ impl<A: LearnTransition, B: LearnLikelihood> LaneModel<'_, A, B> {
         // The sensor's statistics take a second walk over the steps: a lane may become invalid at
         // any step of the way back, and nothing of it may have been added then.
         let mut sensor = self.hmm.likelihood().statistics();
+        let steps = std::array::from_fn(|l| if valid[l] { group.steps[l] } else { 0 });
+        self.add_statistics(&mut sensor, memory, steps, |l, step| {
+            group.sequences[l].1.observation(step)
+        });
+        let moves = self.moves(&counts, valid);
+        LaneExpectations { first, moves, sensor, log_likelihoods }
+    }
+
+    /// Number of entries of the columns whose moves are counted.
+    fn counted_entries(&self) -> usize {
+        let transition = self.hmm.transition();
+        let mut statistics = transition.statistics();
+        let control = transition.no_control();
+        let counted = control.and_then(|u| transition.counts(&mut statistics, u)).is_some();
+        if counted { self.columns.values().len() } else { 0 }
+    }
+
+    /// Returns the moves of the valid lanes, if they are counted.
+    fn moves(&self, counts: &[Packed], valid: [bool; LANES]) -> Option<MoveCounts> {
+        let counted = !counts.is_empty();
+        counted.then(|| move_counts(self.columns, self.states(), counts, valid))
+    }
+
+    /// Adds observations with their smoothed beliefs to the statistics of the sensor, of each lane
+    /// so many steps.
+    fn add_statistics<'y>(
+        &self,
+        sensor: &mut B::Statistics,
+        memory: &LaneMemory,
+        steps: [usize; LANES],
+        observation: impl Fn(usize, usize) -> &'y B::Observation,
+    ) where
+        B::Observation: 'y,
+    {
+        let n = self.states();
         let mut rows = vec![0.0; n * LANES];
-        for step in 1..=group.longest {
+        for step in 1..=steps.into_iter().max().unwrap_or(0) {
             let mut row = rows.chunks_exact_mut(n);
             let out = std::array::from_fn(|_| row.next().unwrap_or_default());
             kernels::unpack(&memory.beliefs[step * n..][..n], out);
-            for (l, (row, (_, sequence))) in rows.chunks_exact(n).zip(group.sequences).enumerate() {
-                if valid[l] && step <= group.steps[l] {
-                    self.hmm.likelihood().add(&mut sensor, sequence.observation(step), row);
-                }
+            for (l, row) in rows.chunks_exact(n).enumerate().filter(|(l, _)| step <= steps[*l]) {
+                self.hmm.likelihood().add(sensor, observation(l, step), row);
             }
         }
-        let moves = counted.then(|| move_counts(self.columns, n, &counts, valid));
-        LaneExpectations { first, moves, sensor, log_likelihoods }
+    }
+
+    /// Returns the expectations of a long sequence, cut into segments: passes those of each group
+    /// to `take`. `None` if the sequence has to be taken by itself; then those mean nothing.
+    pub(crate) fn expectations_in_segments<S>(
+        &self,
+        sequence: &S,
+        mut take: impl FnMut(LaneExpectations<B::Statistics>),
+    ) -> Option<()>
+    where
+        Hmm<A, B>: Sync,
+        S: Sequence<A::Control, B::Observation> + Sync,
+    {
+        let (n, memories) = (self.states(), MemoryPool::<LaneMemory>::default());
+        let mut memory = LaneMemory::default();
+        let longest = choice::longest_segments_to_learn(n);
+        let segments = &self.segments(sequence, longest, &mut memory)?;
+        memories.push(memory);
+        let finish =
+            |group: &SegmentGroup, memory: &LaneMemory, counts: &[Packed], number: usize| {
+                let mut sensor = self.hmm.likelihood().statistics();
+                let mut first = vec![0.0; n];
+                if number == 0 {
+                    // The first n beliefs are those of step 0, or of step 1 if nothing moves
+                    // before it.
+                    first.iter_mut().zip(&memory.beliefs).for_each(|(p, gamma)| *p = gamma[0]);
+                    if segments.first == 1 {
+                        self.hmm.likelihood().add(&mut sensor, sequence.observation(1), &first);
+                    }
+                }
+                let bounds = segments.bounds(number);
+                self.add_statistics(&mut sensor, memory, group.lengths, |l, step| {
+                    sequence.observation(bounds[l] + step)
+                });
+                let moves = self.moves(counts, [true; LANES]);
+                LaneExpectations { first, moves, sensor, log_likelihoods: group.logs.map(Some) }
+            };
+        let run = |tasks| {
+            parallel::map(tasks, |task, (): &mut ()| {
+                let mut memory = memories.pop().unwrap_or_default();
+                let entries = self.counted_entries();
+                let done = self.run_task(segments, task, entries, &mut memory, |g, m, c, task| {
+                    finish(g, m, c, task.group)
+                });
+                memories.push(memory);
+                done
+            })
+        };
+        segments.visit(std::iter::repeat_n((), segments.groups), run, &mut take)
     }
 }
 

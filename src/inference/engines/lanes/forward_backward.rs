@@ -37,26 +37,41 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
         group: &Group<'_, S>,
         memory: &mut LaneMemory,
         stores: bool,
-        mut visit: impl FnMut(usize, f64),
+        visit: impl FnMut(usize, f64),
     ) -> LaneForward
     where
         S: Sequence<A::Control, B::Observation>,
     {
         let prior = self.hmm.prior();
-        let start = prior.belief().as_slice();
+        memory.fit(self.states(), 0, 0);
+        (0..LANES).for_each(|l| memory.start(l, prior.belief().as_slice()));
+        self.forward_on(group, memory, stores, prior.moves_at(1), visit)
+    }
+
+    /// Filters a group as [`forward`](Self::forward) does, from the beliefs in memory; with a
+    /// transition to the first step, if it `moves`.
+    pub(crate) fn forward_on<S>(
+        &self,
+        group: &Group<'_, S>,
+        memory: &mut LaneMemory,
+        stores: bool,
+        moves: bool,
+        mut visit: impl FnMut(usize, f64),
+    ) -> LaneForward
+    where
+        S: Sequence<A::Control, B::Observation>,
+    {
+        let start = self.hmm.prior().belief().as_slice();
         let n = self.states();
         memory.fit(n, if stores { group.longest } else { 0 }, group.longest);
         let LaneMemory { beliefs, likelihoods, inverse, x, next, lanes, .. } = memory;
-        for ((x, belief), p) in x.iter_mut().zip(&mut *beliefs).zip(start) {
-            (*x, *belief) = (Packed([p * LIFT; LANES]), Packed([*p; LANES]));
-        }
         let (mut valid, mut log_likelihoods) = (group.lanes(), [LogSum::default(); LANES]);
         for step in 1..=group.longest {
             let row = if stores { step } else { 0 };
             let belief = &mut beliefs[row * n..][..n];
             let likelihoods = &mut likelihoods[row.saturating_sub(1) * n..][..n];
             let scales = self.likelihoods(group, step, lanes, &mut valid, likelihoods);
-            let matrix = prior.moves_at(step).then_some(self.rows);
+            let matrix = (step > 1 || moves).then_some(self.rows);
             let sums = kernels::batch_forward(matrix, x, likelihoods, next);
             let lost = kernels::batch_normalize(next, belief, sums);
             std::mem::swap(x, next);
@@ -101,53 +116,65 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
         mut counts: Option<&mut [Packed]>,
     ) {
         let n = self.states();
-        // A lane whose sequence is shorter than the longest begins later, from these zeros: 0 times
-        // an infinity that an earlier group left would be NaN.
-        memory.q.fill(Packed::default());
         let mut sums = [1.0; LANES];
-        let LaneMemory { beliefs, likelihoods, inverse, q, ratio, .. } = memory;
+        memory.begin_back();
         for step in (1..=group.longest).rev() {
             if *valid == [false; LANES] {
                 break;
             }
             if !self.hmm.prior().moves_at(step) {
-                beliefs.copy_within(n..2 * n, 0); // X_0 is the same state as X_1
+                memory.beliefs.copy_within(n..2 * n, 0); // X_0 is the same state as X_1
                 continue;
             }
-            // A factor of 0 keeps the belief of a lane as it is.
-            let mut factors = [0.0; LANES];
-            for l in 0..LANES {
-                if step == group.steps[l] {
-                    // γ_T = α_T, so that γ / α is one in all states.
-                    q.iter_mut().for_each(|q| q[l] = BACK_LIFT);
-                    sums[l] = 1.0;
+            self.step_back(&group.steps, step, memory, valid, &mut sums, |before, ratio| {
+                if let Some(counts) = &mut counts {
+                    kernels::count_moves(self.columns, before, ratio, counts);
                 }
-                if step <= group.steps[l] && valid[l] {
-                    // Divided by the sum of the last γ, whose rounding would add up otherwise.
-                    factors[l] = inverse[step - 1][l] / sums[l];
-                }
+            });
+        }
+    }
+
+    /// Takes lanes of so many steps one step back, to the beliefs before `step`, and passes α and
+    /// γ / p to `count`. `sums` are those of γ at the step, and become those before it.
+    pub(crate) fn step_back(
+        &self,
+        steps: &[usize; LANES],
+        step: usize,
+        memory: &mut LaneMemory,
+        valid: &mut [bool; LANES],
+        sums: &mut Eight,
+        count: impl FnOnce(&[Packed], &[Packed]),
+    ) {
+        let n = self.states();
+        let LaneMemory { beliefs, likelihoods, inverse, q, ratio, .. } = memory;
+        // A factor of 0 keeps the belief of a lane as it is.
+        let mut factors = [0.0; LANES];
+        for l in 0..LANES {
+            if step == steps[l] {
+                // γ_T = α_T, so that γ / α is one in all states.
+                q.iter_mut().for_each(|q| q[l] = BACK_LIFT);
+                sums[l] = 1.0;
             }
-            let before = &mut beliefs[(step - 1) * n..][..n];
-            let likelihoods = &likelihoods[(step - 1) * n..][..n];
-            kernels::batch_ratio(q, likelihoods, factors, ratio);
-            if let Some(counts) = &mut counts {
-                kernels::count_moves(self.columns, before, ratio, counts);
+            if step <= steps[l] && valid[l] {
+                // Divided by the sum of the last γ, whose rounding would add up otherwise.
+                factors[l] = inverse[step - 1][l] / sums[l];
             }
-            sums = kernels::batch_backward(self.columns, factors, ratio, before, q);
-            for (l, valid) in valid.iter_mut().enumerate() {
-                // A step back conserves Σ γ. What overflows or is lost shows in it (`limits`, "The
-                // way back").
-                if *valid && step <= group.steps[l] && !limits::is_one(sums[l]) {
-                    *valid = false;
-                    q.iter_mut().for_each(|q| q[l] = 0.0);
-                }
+        }
+        let before = &mut beliefs[(step - 1) * n..][..n];
+        let likelihoods = &likelihoods[(step - 1) * n..][..n];
+        kernels::batch_ratio(q, likelihoods, factors, ratio);
+        count(before, ratio);
+        *sums = kernels::batch_backward(self.columns, factors, ratio, before, q);
+        for (l, valid) in valid.iter_mut().enumerate() {
+            // A step back conserves Σ γ. What overflows or is lost shows in it (`limits`, "The
+            // way back").
+            if *valid && step <= steps[l] && !limits::is_one(sums[l]) {
+                *valid = false;
+                q.iter_mut().for_each(|q| q[l] = 0.0);
             }
         }
     }
 }
-
-/// Stands for a likelihood below the range of exp: it is tiny, so that the lane becomes invalid.
-const LOST: f64 = f64::from_bits(1);
 
 /// Largest likelihood of each lane, and ln of what was taken out.
 pub(crate) struct LaneScales {
@@ -156,7 +183,11 @@ pub(crate) struct LaneScales {
 }
 
 impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
-    /// Packs the likelihoods of a step, 1 in lanes that have ended. Lanes whose likelihoods are not valid, or too small beside the largest, become invalid.
+    /// Packs the likelihoods of a step, 1 in lanes that have ended. Lanes whose likelihoods are not
+    /// valid, or too small beside the largest, become invalid.
+    // A function of its own: as part of the loop over the steps, its loops over the lanes took a
+    // tenth of an iteration more.
+    #[inline(never)]
     pub(crate) fn likelihoods<S>(
         &self,
         group: &Group<'_, S>,
@@ -168,20 +199,24 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
     where
         S: Sequence<A::Control, B::Observation>,
     {
-        let mut rows = [&self.ones[..]; LANES];
+        let (mut rows, mut in_logs) = ([&self.ones[..]; LANES], [false; LANES]);
         let rounded = self.hmm.rounds_tails();
         let mut scales = LaneScales { largest: [1.0; LANES], logs: [0.0; LANES] };
         for (l, ((_, sequence), lane)) in group.sequences.iter().zip(lanes).enumerate() {
             if valid[l] && step <= group.steps[l] {
                 match self.row(sequence.observation(step), lane) {
-                    Some(row) => (rows[l], scales.logs[l]) = row,
+                    Some(row) => (rows[l], in_logs[l], scales.logs[l]) = row,
                     // The routine for one sequence finds the error again, with its step.
                     None => valid[l] = false,
                 }
             }
         }
         // Rows as the sensors gave them: checked by their range, while they are packed.
-        let range = kernels::pack(rows, out);
+        let mut range = kernels::pack(rows, out);
+        if in_logs != [false; LANES] {
+            let largest = kernels::batch_exp(out, in_logs, &mut range);
+            scales.logs.iter_mut().zip(largest).for_each(|(log, largest)| *log += largest);
+        }
         for (l, valid) in valid.iter_mut().enumerate() {
             let mut tiny = range.tiny[l];
             scales.largest[l] = range.largest[l];
@@ -196,38 +231,23 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
         scales
     }
 
-    /// Returns the likelihoods of an observation, and ln of what was taken out; `None` if they are
-    /// not valid, or nothing is possible.
+    /// Returns the likelihoods of an observation, true if they are logarithms, and ln of what was
+    /// taken out; `None` if there are none.
     fn row<'a>(
         &'a self,
         observation: &'a B::Observation,
         lane: &'a mut Workspace,
-    ) -> Option<(&'a [f64], f64)> {
-        let n = self.states();
-        let Workspace { scratch, values } = lane;
-        let diagonal = self.hmm.likelihood().diagonal(observation, scratch).ok()?;
-        diagonal.check_shape(n).ok()?;
-        let logs = match diagonal.values {
+    ) -> Option<(&'a [f64], bool, f64)> {
+        let diagonal = self.hmm.likelihood().diagonal(observation, &mut lane.scratch).ok()?;
+        diagonal.check_shape(self.states()).ok()?;
+        Some(match diagonal.values {
             Values::Linear(values) | Values::Checked { linear: values, .. } => {
-                return Some((values, diagonal.log_factor));
+                (values, false, diagonal.log_factor)
             }
-            Values::Log(logs) => logs,
-        };
-        // Checked before exp, which would turn invalid logarithms into likelihoods that look valid.
-        let largest = diagonal.check(n).ok()?;
-        if largest == f64::NEG_INFINITY {
-            return None;
-        }
-        let lost = if self.hmm.rounds_tails() { 0.0 } else { LOST };
-        values.clear();
-        values.extend(logs.iter().map(|log| match (log - largest).exp() {
-            b if b >= f64::MIN_POSITIVE || *log == f64::NEG_INFINITY => b,
-            _ => lost,
-        }));
-        Some((values, diagonal.log_factor + largest))
+            Values::Log(logs) => (logs, true, diagonal.log_factor),
+        })
     }
 }
-
 /// Brings the largest likelihood of a lane near one, by a power of two. `None` if it is 0 or
 /// infinite.
 #[cold]

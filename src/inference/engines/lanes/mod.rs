@@ -7,10 +7,16 @@
 //! reason for an error, becomes invalid for good, and its sequence is taken by itself afterwards:
 //! the routine for one sequence knows about logarithms and errors. No lane reads what another has
 //! written, so that a result does not depend on the other sequences of the group.
+//!
+//! One long sequence fills the lanes with segments of its own, if the model forgets ([`segments`]).
 
 mod chunks;
+mod cut;
 mod expectations;
 mod forward_backward;
+mod segments;
+mod smooth_long;
+mod verified;
 mod viterbi;
 
 use std::sync::OnceLock;
@@ -19,10 +25,13 @@ use crate::hmm::Hmm;
 use crate::inference::step::Workspace;
 use crate::kernels::{LANES, Lines, Packed};
 use crate::likelihood::Likelihood;
+use crate::limits::LIFT;
 use crate::sequence::Sequence;
 use crate::transition::Transition;
 
 pub(crate) use chunks::{LaneRoutine, SharedRows, collect_all, visit_all};
+pub(crate) use expectations::LaneExpectations;
+pub(crate) use smooth_long::smooth;
 
 /// A model whose matrix is stored, without entries so small that linear space needs more care.
 pub(crate) struct LaneModel<'m, A, B> {
@@ -128,5 +137,18 @@ impl LaneMemory {
         for room in [&mut self.x, &mut self.next, &mut self.q, &mut self.ratio] {
             room.resize(states, Packed::default());
         }
+    }
+
+    /// Sets the belief that a lane starts from.
+    fn start(&mut self, lane: usize, belief: &[f64]) {
+        for ((x, first), p) in self.x.iter_mut().zip(&mut self.beliefs).zip(belief) {
+            (x[lane], first[lane]) = (p * LIFT, *p);
+        }
+    }
+
+    /// Prepares the way back. A lane whose sequence is shorter than the longest begins later, from
+    /// these zeros: 0 times an infinity that an earlier group left would be NaN.
+    fn begin_back(&mut self) {
+        self.q.fill(Packed::default());
     }
 }

@@ -61,7 +61,6 @@ impl Simd for Avx2 {
         }
     }
 
-    #[cfg(feature = "matching")]
     #[inline(always)]
     fn power_of_two(self, n: Pair) -> Pair {
         // SAFETY: `self` proves AVX2; the instructions touch no memory.
@@ -158,14 +157,18 @@ impl Simd for Avx2 {
         }
     }
     #[inline(always)]
-    unsafe fn gather(self, x: &[f64], indices: &[u32; LANES]) -> Pair {
+    fn gathers(self) -> bool {
+        self.0
+    }
+    #[inline(always)]
+    unsafe fn gather<const INSTRUCTION: bool>(self, x: &[f64], indices: &[u32; LANES]) -> Pair {
         let (low, high) = halves(*indices);
         // SAFETY: `self` proves AVX2. The caller promises that all indices are below the number of
         // values of x, so that `load_four` and the gathers read values of x, and that this is below
         // 2^31, so that gathers, which take indices with a sign, see none as negative. The loads of
         // indices read four each of eight.
         unsafe {
-            if !self.0 {
+            if !INSTRUCTION {
                 return (load_four(x.as_ptr(), low), load_four(x.as_ptr(), high));
             }
             let low = _mm_loadu_si128(indices.as_ptr().cast());

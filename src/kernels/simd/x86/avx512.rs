@@ -60,7 +60,6 @@ impl Simd for Avx512 {
         }
     }
 
-    #[cfg(feature = "matching")]
     #[inline(always)]
     fn power_of_two(self, n: __m512d) -> __m512d {
         // SAFETY: `self` proves AVX-512 F; the instructions touch no memory.
@@ -146,13 +145,17 @@ impl Simd for Avx512 {
         }
     }
     #[inline(always)]
-    unsafe fn gather(self, x: &[f64], indices: &[u32; LANES]) -> __m512d {
+    fn gathers(self) -> bool {
+        self.0
+    }
+    #[inline(always)]
+    unsafe fn gather<const INSTRUCTION: bool>(self, x: &[f64], indices: &[u32; LANES]) -> __m512d {
         // SAFETY: `self` proves AVX-512 F and AVX2. The caller promises that all indices are below
         // the number of values of x, so that `load_four` and the gather read values of x, and that
         // this is below 2^31, so that the gather, which takes indices with a sign, sees none as
         // negative. The load of indices reads the eight of the reference.
         unsafe {
-            if !self.0 {
+            if !INSTRUCTION {
                 let (low, high) = halves(*indices);
                 let (low, high) = (load_four(x.as_ptr(), low), load_four(x.as_ptr(), high));
                 return _mm512_insertf64x4::<1>(_mm512_castpd256_pd512(low), high);

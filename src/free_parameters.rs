@@ -1,0 +1,277 @@
+//! Free parameters of the parts of a model, as coordinates without bounds about their values.
+//!
+//! A part says once how it follows from its free parameters: it passes each through a
+//! [`Displacement`], which counts them if it moves nothing. Coordinates are 0 at the part itself, so
+//! that an infinitesimal step means the same for each kind of parameter, whatever its unit.
+
+use std::error::Error;
+
+use crate::fixed::Fixed;
+
+/// A part of a model (an operator, a sensor) whose free parameters can be moved: those that
+/// [learning](crate::Hmm::learn) changes, for [`Hmm::standard_errors`](crate::Hmm::standard_errors).
+///
+/// All operators and sensors that learn implement it; [`Fixed`](crate::Fixed) has no free parameter.
+///
+/// # Implement it yourself
+///
+/// Each free parameter is passed through the [`Displacement`], always in the same order:
+///
+/// ```
+/// use std::error::Error;
+/// use wayfix::inference::{Displacement, FreeParameters};
+///
+/// struct Readings {
+///     mean: f64,
+///     variance: f64,
+///     outliers: f64, // their share
+/// }
+///
+/// impl FreeParameters for Readings {
+///     fn displaced(&self, by: &mut Displacement<'_>) -> Result<Self, Box<dyn Error + Send + Sync>> {
+///         let (mean, variance) = (by.real(self.mean), by.positive(self.variance));
+///         Ok(Self { mean, variance, outliers: by.probability(self.outliers) })
+///     }
+/// }
+///
+/// let readings = Readings { mean: -3.0, variance: 4.0, outliers: 0.25 };
+/// let moved = readings.displaced(&mut Displacement::new(&[0.5, 2.0_f64.ln(), 3.0_f64.ln()]))?;
+/// assert_eq!(moved.mean, -2.5);
+/// assert!((moved.variance - 8.0).abs() < 1e-14);
+/// assert!((moved.outliers - 0.5).abs() < 1e-15); // three times the odds of 1 to 3
+/// # Ok::<(), Box<dyn Error + Send + Sync>>(())
+/// ```
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` does not say which of its parameters are free",
+    note = "to take it as known, wrap it in `wayfix::Fixed`"
+)]
+pub trait FreeParameters: Sized {
+    /// Returns the part with each free parameter moved: the part itself by a displacement of 0, up
+    /// to rounding. Parameters at a bound, such as probabilities of 0, stay.
+    ///
+    /// # Errors
+    ///
+    /// Any error, if the part would not be valid, such as one with a number that overflows.
+    fn displaced(&self, by: &mut Displacement<'_>) -> Result<Self, Box<dyn Error + Send + Sync>>;
+}
+
+impl<T: Clone> FreeParameters for Fixed<T> {
+    fn displaced(&self, _: &mut Displacement<'_>) -> Result<Self, Box<dyn Error + Send + Sync>> {
+        Ok(self.clone())
+    }
+}
+
+/// A step from the parameters of a model to others, one number for each free parameter, in
+/// coordinates that have no bounds and are 0 at the model itself:
+///
+/// | method | of | coordinates δ |
+/// |---|---|---|
+/// | [`real`](Self::real) | any number | x + δ |
+/// | [`logarithm`](Self::logarithm) | a logarithm, or log-odds | x + δ |
+/// | [`positive`](Self::positive) | a number above 0 | x e^δ |
+/// | [`probability`](Self::probability) | a number between 0 and 1 | log-odds of the smaller one of it and its complement |
+/// | [`distribution`](Self::distribution) | numbers of a fixed sum | log-odds to the largest of them |
+/// | [`covariance`](Self::covariance) | a symmetric, positive definite matrix L L' | L M M' L', with the lower triangle M = I + δ, of a diagonal e^δ |
+/// | [`direction`](Self::direction) | a vector of length 1 | an arc along the sphere |
+///
+/// Numbers that are at a bound (a positive number or a probability of 0, a probability of 1) stay,
+/// have no coordinate, and are [counted](Self::at_bound).
+///
+/// Passed to [`FreeParameters::displaced`], in which the parameters are taken in turn.
+#[derive(Debug, Clone)]
+pub struct Displacement<'d> {
+    by: &'d [f64],
+    at: usize,
+    at_bound: usize,
+    /// Parameters that have passed, if the displacement is by nothing.
+    seen: Vec<Seen>,
+}
+
+/// A parameter that a displacement by nothing has seen.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Seen {
+    /// Its value.
+    pub(crate) value: f64,
+    /// Scale of its coordinate.
+    pub(crate) scale: Scale,
+}
+
+/// Scale of a coordinate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Scale {
+    /// That of a number, without a bound.
+    Plain,
+    /// That of a logarithm, with a bound of the number at infinity.
+    Log,
+    /// That of the logarithm of odds to a number that is no smaller.
+    Odds,
+}
+
+impl<'d> Displacement<'d> {
+    /// Creates a displacement by these numbers, and by 0 of all parameters after them.
+    #[must_use]
+    pub fn new(by: &'d [f64]) -> Self {
+        Self { by, at: 0, at_bound: 0, seen: Vec::new() }
+    }
+
+    /// Number of free parameters that have passed.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.at
+    }
+
+    /// Number of parameters that have passed and are at a bound.
+    #[must_use]
+    pub fn at_bound(&self) -> usize {
+        self.at_bound
+    }
+
+    /// Parameters that have passed, if the displacement is by nothing.
+    pub(crate) fn into_seen(self) -> Vec<Seen> {
+        self.seen
+    }
+
+    /// Coordinate of the next free parameter.
+    fn next(&mut self, value: f64, scale: Scale) -> f64 {
+        let by = self.by.get(self.at).copied().unwrap_or(0.0);
+        self.at += 1;
+        if self.by.is_empty() {
+            self.seen.push(Seen { value, scale });
+        }
+        by
+    }
+
+    /// Moves a number that may have any value.
+    pub fn real(&mut self, x: f64) -> f64 {
+        x + self.next(x, Scale::Plain)
+    }
+
+    /// Moves a logarithm, or log-odds.
+    pub fn logarithm(&mut self, x: f64) -> f64 {
+        x + self.next(x, Scale::Log)
+    }
+
+    /// Moves a number above 0; one of 0 stays.
+    pub fn positive(&mut self, x: f64) -> f64 {
+        if x > 0.0 {
+            return x * self.next(x, Scale::Log).exp();
+        }
+        self.at_bound += 1;
+        x
+    }
+
+    /// Moves a number between 0 and 1; 0 and 1 stay.
+    pub fn probability(&mut self, p: f64) -> f64 {
+        let mut both = [p, 1.0 - p];
+        self.distribution(&mut both);
+        both[0]
+    }
+
+    /// Moves numbers that keep their sum, such as a distribution; those of 0 stay, each of them at a
+    /// bound. There is a coordinate for each of the others but the largest, to which it is the
+    /// log-odds.
+    pub fn distribution(&mut self, shares: &mut [f64]) {
+        let ahead = |best: usize, at: usize| if shares[at] > shares[best] { at } else { best };
+        let largest = (0..shares.len()).fold(0, ahead);
+        let mut by = vec![0.0; shares.len()];
+        for (at, (by, share)) in by.iter_mut().zip(shares.iter()).enumerate() {
+            if *share == 0.0 {
+                self.at_bound += 1;
+            } else if at != largest {
+                *by = self.next(*share, Scale::Odds);
+            }
+        }
+        if by.iter().all(|by| *by == 0.0) {
+            return;
+        }
+        // No factor is above 1, so that none overflows.
+        let most = by.iter().copied().fold(0.0, f64::max);
+        let before: f64 = shares.iter().sum();
+        shares.iter_mut().zip(&by).for_each(|(share, by)| *share *= (by - most).exp());
+        let scale = before / shares.iter().sum::<f64>();
+        shares.iter_mut().for_each(|share| *share *= scale);
+    }
+
+    /// Moves a symmetric matrix that is positive definite: d × d numbers, row after row. One that is
+    /// not becomes NaN.
+    pub fn covariance(&mut self, matrix: &mut [f64], d: usize) {
+        let mut lower = matrix.to_vec();
+        let factored = cholesky(d, &mut lower, 0.0);
+        // The product of two lower triangles is one.
+        let mut moved = vec![0.0; d * d];
+        let mut any = false;
+        for i in 0..d {
+            for j in 0..=i {
+                let value = matrix[i * d + j];
+                let by = self.next(value, if i == j { Scale::Log } else { Scale::Plain });
+                any |= by != 0.0;
+                let factor = if i == j { by.exp() } else { by };
+                for row in i..d {
+                    moved[row * d + j] += lower[row * d + i] * factor;
+                }
+            }
+        }
+        if factored.is_err() {
+            matrix.fill(f64::NAN);
+        } else if any {
+            for i in 0..d {
+                for j in 0..=i {
+                    let (a, b) = (&moved[i * d..][..=j], &moved[j * d..][..=j]);
+                    let entry = a.iter().zip(b).map(|(a, b)| a * b).sum();
+                    (matrix[i * d + j], matrix[j * d + i]) = (entry, entry);
+                }
+            }
+        }
+    }
+
+    /// Moves a vector of length 1 along the sphere, with a coordinate for each of its components but
+    /// the one of the largest size.
+    pub fn direction(&mut self, vector: &mut [f64]) {
+        let ahead =
+            |best: usize, at: usize| if vector[at].abs() > vector[best].abs() { at } else { best };
+        let largest = (0..vector.len()).fold(0, ahead);
+        let mut by: Vec<f64> = Vec::with_capacity(vector.len());
+        for (at, x) in vector.iter().enumerate() {
+            by.push(if at == largest { 0.0 } else { self.next(*x, Scale::Plain) });
+        }
+        let arc = by.iter().map(|by| by * by).sum::<f64>().sqrt();
+        if arc == 0.0 {
+            return;
+        }
+        // The reflection of the largest axis e to −s times the vector, where s is the sign of its
+        // largest component, so that nothing cancels: I − w w' / w_e with w = e + s vector. It takes
+        // the other axes to a basis of the tangents.
+        let sign = vector[largest].signum();
+        let mut w: Vec<f64> = vector.iter().map(|x| sign * x).collect();
+        w[largest] += 1.0;
+        let dot = by.iter().zip(&w).map(|(by, w)| by * w).sum::<f64>() / w[largest];
+        let tangents = by.iter().zip(&w).map(|(by, w)| by - w * dot);
+        let (sin, cos) = arc.sin_cos();
+        vector.iter_mut().zip(tangents).for_each(|(x, t)| *x = *x * cos + t * (sin / arc));
+    }
+}
+
+/// Replaces a symmetric matrix, of which the lower triangle is read, by its Cholesky factor L, with
+/// zeros above the diagonal.
+///
+/// # Errors
+///
+/// The first row of whose diagonal no more than this part is left by the rows before it.
+pub(crate) fn cholesky(size: usize, matrix: &mut [f64], least: f64) -> Result<(), usize> {
+    for i in 0..size {
+        let (above, row) = matrix.split_at_mut(i * size);
+        for j in 0..i {
+            let other = &above[j * size..][..=j];
+            let dot: f64 = row[..j].iter().zip(other).map(|(a, b)| a * b).sum();
+            row[j] = (row[j] - dot) / other[j];
+        }
+        let pivot = row[i] - row[..i].iter().map(|value| value * value).sum::<f64>();
+        // Negated, so that a NaN is refused.
+        if !(pivot > least * row[i] && pivot > 0.0) {
+            return Err(i);
+        }
+        row[i] = pivot.sqrt();
+        row[i + 1..size].fill(0.0);
+    }
+    Ok(())
+}

@@ -1,0 +1,71 @@
+//! Distributions of each step without its own observation: given those before it, and given all
+//! others (sections 2 and 3 of the [formulas](crate::guide::formulas)).
+//!
+//! γ_k divided by the likelihood of y_k would lose the states that y_k rules out. So the way back takes
+//! β_k itself, in logarithms, as it may leave the range of doubles at any step.
+
+use crate::error::InferenceError;
+use crate::hmm::Hmm;
+use crate::inference::step::Step;
+use crate::inference::step::in_logs::normalize_logs;
+use crate::inference::step::state::{FilterSnapshot, StepScratch};
+use crate::likelihood::{Likelihood, Scratch};
+use crate::sequence::Sequence;
+use crate::transition::Transition;
+
+/// Distributions of X_k for k = 1 … T, a row of n numbers each.
+pub(crate) struct LeftOut {
+    /// p(X_k | y_1 … y_{k-1})
+    pub(crate) predicted: Vec<f64>,
+    /// p(X_k | y_1 … y_{k-1}, y_{k+1} … y_T)
+    pub(crate) others: Vec<f64>,
+}
+
+/// Returns both distributions of all steps. One product with A a step, and one with A' in logarithms.
+///
+/// # Errors
+///
+/// [`InferenceError`] with the step, as for the smoother.
+pub(crate) fn left_out<A, B, S>(hmm: &Hmm<A, B>, sequence: &S) -> Result<LeftOut, InferenceError>
+where
+    A: Transition,
+    B: Likelihood,
+    S: Sequence<A::Control, B::Observation> + ?Sized,
+{
+    let (n, steps, prior) = (hmm.states(), sequence.steps(), hmm.prior().belief().as_slice());
+    let (mut state, mut scratch) = (FilterSnapshot::start(prior), StepScratch::new(prior));
+    // Logarithms of predictions first, which the way back replaces by the distributions.
+    let (mut predicted, mut others) = (Vec::with_capacity(n * steps), vec![0.0; n * steps]);
+    for (number, row) in (1..).zip(others.chunks_exact_mut(n)) {
+        let step = Step::of(hmm, sequence, number);
+        let outcome = step.advance_unseen(state.held(), &mut scratch)?;
+        state.commit(number, &outcome, &mut scratch);
+        predicted.extend_from_slice(state.held().linear);
+        state.held().logs_to(row);
+        let update = Step { hmm, number, control: None };
+        state.advance(&update, sequence.observation(number), &mut scratch)?;
+    }
+    let (mut back, mut next) = (vec![0.0; n], vec![0.0; n]);
+    let mut memory = Scratch::default();
+    for (before, row) in others.chunks_exact_mut(n).enumerate().rev() {
+        let number = before + 1;
+        row.iter_mut().zip(&back).for_each(|(log, back)| *log += back);
+        let sum = normalize_logs(row, &mut next);
+        sum.ok_or(InferenceError::PredictedSum { step: number, sum: 0.0 })?;
+        row.copy_from_slice(&next);
+
+        let step = Step::of(hmm, sequence, number);
+        let (diagonal, _) = step.diagonal(sequence.observation(number), &mut memory)?;
+        back.iter_mut().zip(diagonal.logs()).for_each(|(back, log)| *back += log);
+        if let Some(control) = step.control {
+            hmm.transition().apply_transpose_log(control, &back, &mut next);
+            std::mem::swap(&mut back, &mut next);
+        }
+        // Any scale is as good; without one, the logarithms would grow and lose their digits.
+        let largest = back.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        if largest.is_finite() {
+            back.iter_mut().for_each(|back| *back -= largest);
+        }
+    }
+    Ok(LeftOut { predicted, others })
+}

@@ -1,0 +1,242 @@
+//! The stationary distribution of an operator, A π = π, and the derivatives of functions of it.
+//!
+//! States are eliminated one by one, as a vehicle that skips them would move (Grassmann, Taksar and
+//! Heyman 1985): only sums, products and quotients of numbers above 0, so that each probability
+//! has small relative error, however slowly the chain mixes. The state with the fewest pairs of
+//! moves into and out of it goes first, so that maps of places fill in little.
+
+use std::collections::BTreeSet;
+
+use super::{Transition, TransitionEntries};
+use crate::belief::Belief;
+use crate::error::{Parameter, TransitionError};
+
+/// Most entries of an elimination: about 1 GB.
+const MOST_ENTRIES: usize = 1 << 26;
+/// Weights above it are scaled, with all others.
+const LARGE: f64 = 1e150;
+
+/// Control of an operator that is the same at all steps, and has distributions as columns.
+pub(crate) fn the_control<A: Transition>(
+    transition: &A,
+) -> Result<&'static A::Control, TransitionError> {
+    let Some(control) = transition.no_control() else {
+        let cause = "the operator has a control, or does not declare to have none";
+        return Err(TransitionError::Stationary(cause));
+    };
+    if transition.evidence(control).is_some() {
+        return Err(TransitionError::Stationary("the operator has evidence on moves"));
+    }
+    Ok(control)
+}
+
+/// The closed class of a chain, with its states eliminated.
+pub(crate) struct Stationary {
+    states: usize,
+    /// All states of the class but the last, in the order of elimination.
+    eliminated: Vec<Eliminated>,
+    last: usize,
+}
+
+/// A state, with the moves of the chain on it and those that were eliminated after it.
+struct Eliminated {
+    state: usize,
+    /// Probability of leaving it.
+    leaves: f64,
+    /// Pairs (from, probability).
+    into: Vec<(u32, f64)>,
+    /// Pairs (to, share of the moves that leave).
+    out: Vec<(u32, f64)>,
+}
+
+impl Stationary {
+    /// Eliminates the states of the closed class. O(n³) for a full matrix, and for maps of places
+    /// little more than O(n √n).
+    pub(crate) fn of<A: TransitionEntries>(transition: &A) -> Result<Self, TransitionError> {
+        let control = the_control(transition)?;
+        let states = transition.states();
+        // Moves out of each state but those back to it, which only take time.
+        let column = |from: usize| {
+            let others = transition.outgoing(control, from).filter(|entry| entry.0 != from);
+            others.map(|(to, p)| (to as u32, p)).collect::<Vec<_>>()
+        };
+        let out: Vec<Vec<(u32, f64)>> = (0..states).map(column).collect();
+        let mut into = vec![Vec::new(); states];
+        for (from, column) in (0..).zip(&out) {
+            column.iter().for_each(|(to, _)| into[*to as usize].push(from));
+        }
+        let class = closed_class(&out, &into)?;
+        eliminate(states, &class, out, into)
+    }
+
+    /// The distribution π with A π = π; 0 outside the closed class.
+    pub(crate) fn distribution(&self) -> Belief {
+        let mut weights = vec![0.0; self.states];
+        weights[self.last] = 1.0;
+        for Eliminated { state, leaves, into, .. } in self.eliminated.iter().rev() {
+            let mut flow: f64 = into.iter().map(|(from, p)| weights[*from as usize] * p).sum();
+            while flow / leaves > LARGE {
+                flow /= LARGE;
+                weights.iter_mut().for_each(|weight| *weight /= LARGE);
+            }
+            weights[*state] = flow / leaves;
+        }
+        let sum: f64 = weights.iter().sum();
+        Belief::known(weights.iter().map(|weight| weight / sum).collect())
+    }
+
+    /// Derivatives of Σ `rewards[i]` `π[i]`: moving probability in column j from state a to state b
+    /// changes it by `π[j]` (h_b − h_a) for each unit, to first order. Returns h = Z' `rewards`, with
+    /// the fundamental matrix Z = (I − A + π 1')⁻¹ (Kemeny and Snell 1960; Schweitzer 1968), but for
+    /// a constant, and 0 outside the closed class.
+    pub(crate) fn potentials(&self, rewards: &[f64]) -> Vec<f64> {
+        // h_i = rewards_i − g + Σ_j p(j | i) h_j, with the mean reward g, so that h is a sum until
+        // the last state is met, of rewards and times, to which eliminated states add theirs.
+        let mut sums: Vec<[f64; 2]> = rewards.iter().map(|reward| [*reward, 1.0]).collect();
+        for Eliminated { state, leaves, into, .. } in &self.eliminated {
+            let [reward, time] = sums[*state].map(|sum| sum / leaves);
+            for (from, p) in into {
+                let [of_reward, of_time] = &mut sums[*from as usize];
+                *of_reward += p * reward;
+                *of_time += p * time;
+            }
+        }
+        let [reward, time] = sums[self.last];
+        let mean = reward / time;
+        let mut potentials = vec![0.0; self.states];
+        for Eliminated { state, leaves, out, .. } in self.eliminated.iter().rev() {
+            let [reward, time] = sums[*state];
+            let next = out.iter().map(|(to, share)| share * potentials[*to as usize]);
+            potentials[*state] = (reward - mean * time) / leaves + next.sum::<f64>();
+        }
+        potentials
+    }
+
+    /// States of the closed class.
+    pub(crate) fn class(&self) -> impl Iterator<Item = usize> {
+        self.eliminated.iter().map(|eliminated| eliminated.state).chain([self.last])
+    }
+}
+
+/// The states of the only closed class, ascending; an error if there are several.
+fn closed_class(out: &[Vec<(u32, f64)>], into: &[Vec<u32>]) -> Result<Vec<u32>, TransitionError> {
+    // All states that lead to state 0, then those that lead to the first of the others, and so on.
+    // If some state is reached from all, so is the last one that a search began with: no search
+    // before has found it, so that it leads to none of what they found.
+    let mut seen = vec![false; out.len()];
+    let mut last = 0;
+    for state in 0..out.len() {
+        if !seen[state] {
+            last = state;
+            search(state, &mut seen, |at| into[at].iter().copied());
+        }
+    }
+    let mut seen = vec![false; out.len()];
+    search(last, &mut seen, |at| into[at].iter().copied());
+    if let Some(first) = seen.iter().position(|seen| !seen) {
+        return Err(TransitionError::ClosedClasses { first, second: last });
+    }
+    seen.fill(false);
+    search(last, &mut seen, |at| out[at].iter().map(|entry| entry.0));
+    Ok((0..).zip(seen).filter(|(_, seen)| *seen).map(|(state, _)| state).collect())
+}
+
+/// Marks the states that are found from one.
+fn search<I: Iterator<Item = u32>>(from: usize, seen: &mut [bool], next: impl Fn(usize) -> I) {
+    let mut waiting = vec![from];
+    seen[from] = true;
+    while let Some(state) = waiting.pop() {
+        for to in next(state) {
+            if !std::mem::replace(&mut seen[to as usize], true) {
+                waiting.push(to as usize);
+            }
+        }
+    }
+}
+
+fn eliminate(
+    states: usize,
+    class: &[u32],
+    mut out: Vec<Vec<(u32, f64)>>,
+    mut into: Vec<Vec<u32>>,
+) -> Result<Stationary, TransitionError> {
+    // No move leaves the class, but some may lead into it.
+    let mut inside = vec![false; states];
+    class.iter().for_each(|state| inside[*state as usize] = true);
+    into.iter_mut().for_each(|into| into.retain(|from| inside[*from as usize]));
+    let cost = |out: &[Vec<_>], into: &[Vec<_>], at: u32| {
+        out[at as usize].len().saturating_mul(into[at as usize].len())
+    };
+    let mut costs = vec![0; states];
+    let mut queue = BTreeSet::new();
+    for &state in class {
+        costs[state as usize] = cost(&out, &into, state);
+        queue.insert((costs[state as usize], state));
+    }
+    let mut eliminated = Vec::with_capacity(class.len() - 1);
+    let mut entries = 0;
+    while let Some((_, k)) = queue.pop_first() {
+        let state = k as usize;
+        if queue.is_empty() {
+            return Ok(Stationary { states, eliminated, last: state });
+        }
+        let mut shares = std::mem::take(&mut out[state]);
+        let leaves: f64 = shares.iter().map(|entry| entry.1).sum();
+        if leaves == 0.0 {
+            let what = format!("the probability of leaving state {state}");
+            return Err(Parameter::new(what, leaves, "a value in the range of doubles").into());
+        }
+        shares.iter_mut().for_each(|entry| entry.1 /= leaves);
+        let mut from_others = Vec::new();
+        for from in std::mem::take(&mut into[state]) {
+            let column = std::mem::take(&mut out[from as usize]);
+            let (column, p) = through(from, column, k, &shares, |to| into[to as usize].push(from));
+            out[from as usize] = column;
+            from_others.push((from, p));
+        }
+        shares.iter().for_each(|(to, _)| into[*to as usize].retain(|from| *from != k));
+        for other in shares.iter().map(|share| share.0).chain(from_others.iter().map(|m| m.0)) {
+            let now = cost(&out, &into, other);
+            let before = std::mem::replace(&mut costs[other as usize], now);
+            if before != now {
+                queue.remove(&(before, other));
+                queue.insert((now, other));
+            }
+        }
+        entries += shares.len() + from_others.len();
+        if entries > MOST_ENTRIES {
+            return Err(TransitionError::Elimination { states: class.len(), most: MOST_ENTRIES });
+        }
+        eliminated.push(Eliminated { state, leaves, into: from_others, out: shares });
+    }
+    Err(TransitionError::Empty)
+}
+
+/// The moves out of a state, after those to state k have been led on where k leads, and the
+/// probability of these. Calls `new` for each state to which no move led before.
+fn through(
+    from: u32,
+    column: Vec<(u32, f64)>,
+    k: u32,
+    shares: &[(u32, f64)],
+    mut new: impl FnMut(u32),
+) -> (Vec<(u32, f64)>, f64) {
+    let p = column.iter().find(|entry| entry.0 == k).map_or(0.0, |entry| entry.1);
+    let mut merged = Vec::with_capacity(column.len() + shares.len());
+    let mut shares = shares.iter().filter(|share| share.0 != from).peekable();
+    for (to, known) in column {
+        while let Some((other, share)) = shares.next_if(|share| share.0 < to) {
+            merged.push((*other, p * share));
+            new(*other);
+        }
+        let more = shares.next_if(|share| share.0 == to).map_or(0.0, |share| p * share.1);
+        if to != k {
+            merged.push((to, known + more));
+        }
+    }
+    for (other, share) in shares {
+        merged.push((*other, p * share));
+        new(*other);
+    }
+    (merged, p)
+}
