@@ -96,7 +96,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             return Ok(FilteredSequence::new(posteriors, logs, log_likelihood));
         }
         let mut log_likelihoods = Vec::with_capacity(sequence.steps());
-        let (pass, last) = ForwardPass::over(self, sequence, |log| log_likelihoods.push(log))?;
+        let (pass, last) = ForwardPass::over(self, sequence, 0, |log| log_likelihoods.push(log))?;
         let posteriors = Posteriors::from_values(self.states(), pass.rows.into_values());
         let (log_likelihood, steps_in_logs) = (last.log_likelihood(), last.steps_in_logs());
         Ok(FilteredSequence { posteriors, log_likelihoods, log_likelihood, steps_in_logs })

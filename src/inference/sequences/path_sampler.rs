@@ -65,7 +65,7 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
-        let (block, _) = ForwardPass::over(self, sequence, |_| ())?;
+        let (block, _) = ForwardPass::over(self, sequence, 0, |_| ())?;
         let mut in_logs = Vec::new();
         for number in 1..=sequence.steps() {
             let step = Step::of(self, sequence, number);

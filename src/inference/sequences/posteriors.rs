@@ -33,14 +33,19 @@ pub struct Posteriors {
 enum Values {
     // Results of many sequences come in lanes, into one block: copies of its parts would take as
     // long as the smoother itself.
-    Own(Vec<f64>),
+    Own { values: Vec<f64>, start: usize },
     Shared(SharedRows),
 }
 
 impl Posteriors {
     /// Creates the posteriors from a row for each step from 0.
     pub(crate) fn from_values(states: usize, values: Vec<f64>) -> Self {
-        Self { states, values: Values::Own(values) }
+        Self { states, values: Values::Own { values, start: 0 } }
+    }
+
+    /// The same, after a row that is none of them.
+    pub(crate) fn after_a_row(states: usize, values: Vec<f64>) -> Self {
+        Self { states, values: Values::Own { values, start: states } }
     }
 
     /// Creates the posteriors from rows in a shared block.
@@ -117,7 +122,7 @@ impl Posteriors {
     #[must_use]
     pub fn as_slice(&self) -> &[f64] {
         match &self.values {
-            Values::Own(values) => values,
+            Values::Own { values, start } => &values[*start..],
             Values::Shared(rows) => rows,
         }
     }

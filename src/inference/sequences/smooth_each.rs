@@ -127,7 +127,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         let mut segments = Segments {
             hmm: self,
             sequence,
-            block: ForwardPass::new(n, length.min(steps)),
+            block: ForwardPass::new(n, length.min(steps), 0),
             smoothed: Rows::zeros(n, length.min(steps) + 1),
             ratios: vec![0.0; n * length.min(steps)],
             forms: vec![(false, 1.0); length.min(steps)],
@@ -269,9 +269,8 @@ where
         for row in (1..=rows).rev() {
             let step = Step::of(self.hmm, self.sequence, start.steps() + row);
             let seen = self.block.seen(row, self.sequence.observation(step.number));
-            let (alpha, gamma) = (self.block.held(row - 1), self.smoothed.row(row));
-            self.backward.step_back_from(&step, &seen, alpha, gamma)?;
-            self.smoothed.row_mut(row - 1).copy_from_slice(&self.backward.gamma);
+            let (out, gamma) = self.smoothed.row_and_next(row - 1);
+            self.backward.step_back_from(&step, &seen, self.block.held(row - 1), gamma, out)?;
             // Kept, since the next step back overwrites the ratio, and pairs are read later.
             self.ratios[(row - 1) * n..row * n].copy_from_slice(&self.backward.ratio);
             self.forms[row - 1] = (self.backward.in_logs, self.backward.ratio_scale);

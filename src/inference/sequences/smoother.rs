@@ -1,5 +1,5 @@
-//! Batch smoother: a forward pass, then a backward pass over the same block, in which α is
-//! overwritten by γ. Section 3 of the [formulas](crate::guide::formulas); at T both are the same.
+//! Batch smoother: a forward pass, then a backward pass over the same block, in which γ overwrites
+//! α, one row further up. Section 3 of the [formulas](crate::guide::formulas); at T both are the same.
 
 use super::posteriors::Posteriors;
 use crate::error::InferenceError;
@@ -57,7 +57,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// An empty sequence is allowed: the posterior of X_0 is then the prior.
     ///
     /// Costs two products with A or A' and O(n) a step (three where the sensor has to compute its
-    /// likelihoods). The result holds n (T + 1) numbers; other memory grows by one number a step,
+    /// likelihoods). The result holds n (T + 2) numbers; other memory grows by one number a step,
     /// and by n for each step outside the range of `f64`. Models of up to eight states without a
     /// control take specialised paths, which are faster; from five states on they use n T
     /// additional `f64`s. With more states and a dense matrix, or a sparse one of some dozens,
@@ -97,21 +97,18 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             let posteriors = Posteriors::from_values(states, rows);
             return Ok(SmoothedSequence::new(posteriors, log_likelihood));
         }
-        let (mut pass, last) = ForwardPass::over(self, sequence, |_| ())?;
+        let (mut pass, last) = ForwardPass::over(self, sequence, 1, |_| ())?;
         let mut backward = Backward::new(self.states());
-        // γ_T = α_T, the last row: where the backward pass begins.
+        pass.turn();
         let mut steps_in_logs = 0;
         for number in (1..=sequence.steps()).rev() {
             let step = Step::of(self, sequence, number);
             let seen = pass.seen(number, sequence.observation(number));
-            let gamma = pass.rows.row(number);
-            backward.step_back_from(&step, &seen, pass.held(number - 1), gamma)?;
+            let (alpha, out, gamma) = pass.way_back(number);
+            backward.step_back_from(&step, &seen, alpha, gamma, out)?;
             steps_in_logs += usize::from(pass.by_logs(number) || backward.in_logs);
-            // γ_{k-1} takes the place of α_{k-1}, which no further step back reads: the next one
-            // starts from γ_{k-1} and α_{k-2}.
-            pass.rows.row_mut(number - 1).copy_from_slice(&backward.gamma);
         }
-        let posteriors = Posteriors::from_values(self.states(), pass.rows.into_values());
+        let posteriors = Posteriors::after_a_row(self.states(), pass.rows.into_values());
         let log_likelihood = last.log_likelihood.value();
         Ok(SmoothedSequence { posteriors, log_likelihood, steps_in_logs })
     }

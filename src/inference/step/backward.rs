@@ -26,11 +26,9 @@ use crate::likelihood::{Likelihood, Scratch};
 use crate::limits::{self, BACK_LIFT, LIFT};
 use crate::transition::Transition;
 
-/// Memory for backward steps, and the result of the last one.
+/// Memory for backward steps, and what the last one left besides γ_{k-1}.
 #[derive(Debug, Clone)]
 pub(crate) struct Backward {
-    /// γ_{k-1}.
-    pub(crate) gamma: Aligned,
     /// γ_k / p_k times `ratio_scale`, or its logarithm.
     pub(crate) ratio: Aligned,
     pub(crate) ratio_scale: f64,
@@ -65,7 +63,6 @@ impl Backward {
     pub(crate) fn new(states: usize) -> Self {
         let zeros = Aligned::new(states, 0.0);
         Self {
-            gamma: zeros.clone(),
             ratio: zeros.clone(),
             ratio_scale: 1.0,
             in_logs: false,
@@ -86,34 +83,36 @@ impl Backward {
         self.carried.clone_from(carried);
     }
 
-    /// Goes back as [`step_back`](Self::step_back), with the ratio from the observation if possible.
+    /// Goes back as [`step_back`](Self::step_back), with the ratio from the observation if
+    /// possible.
     pub(crate) fn step_back_from<A: Transition, B: Likelihood>(
         &mut self,
         step: &Step<'_, A, B>,
         seen: &Observed<'_, B::Observation>,
         alpha: BeliefRef<'_>,
         gamma: &[f64],
+        out: &mut [f64],
     ) -> Result<(), InferenceError> {
-        let Some(control) = step.control else { return self.step_back(step, alpha, gamma) };
+        let Some(control) = step.control else { return self.step_back(step, alpha, gamma, out) };
         // α_k = b ∘ p / N holds up to rounding of the step forward. A step in logarithms has left no
         // N; q belongs to γ_k only while each step since the last one was held.
         if alpha.logs.is_some() || !self.carried.held || !self.weigh(step.hmm.likelihood(), seen) {
-            return self.step_back(step, alpha, gamma);
+            return self.step_back(step, alpha, gamma, out);
         }
-        let Self { ratio, carried: BackwardState { q, .. }, gamma: result, values, .. } = self;
+        let Self { ratio, carried: BackwardState { q, .. }, values, .. } = self;
         let product = if let Some(matrix) = step.stored(control) {
             Product::Sparse { matrix: &matrix.sliced_columns, x: ratio }
         } else {
             step.hmm.transition().apply_transpose(control, ratio, values);
             Product::Computed(values)
         };
-        let back = BackwardStep { product, alpha: alpha.linear, gamma: result, q };
+        let back = BackwardStep { product, alpha: alpha.linear, gamma: &mut *out, q };
         let sum = kernels::backward_step(back);
         // Whatever left the range, in q, in the ratio or in their products, is missing in the sum
         // or makes it infinite ("The way back" in `limits`). Then q is wrong, too; the step with
         // predictions makes a new one, if it can.
         if !limits::is_one(sum) {
-            return self.step_back(step, alpha, gamma);
+            return self.step_back(step, alpha, gamma, out);
         }
         (self.carried.sum, self.in_logs, self.ratio_scale) = (sum, false, 1.0 / BACK_LIFT);
         Ok(())
@@ -144,16 +143,17 @@ impl Backward {
         true
     }
 
-    /// Goes from γ_k to γ_{k-1} by the step that leads from α_{k-1}. Without a transition they
-    /// are equal, and there is no ratio.
+    /// Goes from γ_k to γ_{k-1}, which it writes to `out`, by the step that leads from α_{k-1}.
+    /// Without a transition they are equal, and there is no ratio.
     pub(crate) fn step_back<A: Transition, B: Likelihood>(
         &mut self,
         step: &Step<'_, A, B>,
         alpha: BeliefRef<'_>,
         gamma: &[f64],
+        out: &mut [f64],
     ) -> Result<(), InferenceError> {
         let Some(control) = step.control else {
-            self.gamma.copy_from_slice(gamma);
+            out.copy_from_slice(gamma);
             self.in_logs = false;
             return Ok(());
         };
@@ -166,9 +166,9 @@ impl Backward {
             kernels::lift(alpha.linear, &mut self.values);
             step.predict(&self.values, &mut self.predicted);
             let held = divide(gamma, &self.predicted, &mut self.ratio);
-            !(held && self.multiply(step.hmm.transition(), control, alpha.linear))
+            !(held && self.multiply(step.hmm.transition(), control, alpha.linear, out))
         };
-        if self.in_logs { self.step_back_in_logs(step, control, alpha, gamma) } else { Ok(()) }
+        if self.in_logs { self.step_back_in_logs(step, control, alpha, gamma, out) } else { Ok(()) }
     }
 
     /// Computes γ_{k-1} from γ_k / p_k. Returns false if the result left the range of `f64`,
@@ -178,12 +178,13 @@ impl Backward {
         transition: &A,
         control: &A::Control,
         alpha: &[f64],
+        out: &mut [f64],
     ) -> bool {
         transition.apply_transpose(control, &self.ratio, &mut self.values);
-        kernels::lift(alpha, &mut self.gamma);
-        self.gamma.iter_mut().zip(&*self.values).for_each(|(gamma, back)| *gamma *= *back);
-        let sum = kernels::sum(&self.gamma);
-        kernels::normalize(&mut self.gamma, sum);
+        kernels::lift(alpha, out);
+        out.iter_mut().zip(&*self.values).for_each(|(gamma, back)| *gamma *= *back);
+        let sum = kernels::sum(out);
+        kernels::normalize(out, sum);
         // From here on, ratios can come from observations again. (If q overflows, the next sum is
         // not one.)
         let carried = &mut self.carried;
@@ -201,27 +202,28 @@ impl Backward {
         step: &Step<'_, A, B>,
         control: &A::Control,
         alpha: BeliefRef<'_>,
-        gamma_after: &[f64],
+        gamma: &[f64],
+        out: &mut [f64],
     ) -> Result<(), InferenceError> {
-        let Self { gamma, ratio, predicted, values, .. } = self;
+        let Self { ratio, predicted, values, .. } = self;
         let (predicted, values) = (&mut **predicted, &mut **values);
         let transition = step.hmm.transition();
         alpha.logs_to(values);
         transition.apply_log(control, values, predicted);
-        for ((ratio, &g), &predicted) in ratio.iter_mut().zip(gamma_after).zip(&*predicted) {
+        for ((ratio, &g), &predicted) in ratio.iter_mut().zip(gamma).zip(&*predicted) {
             *ratio = if g > 0.0 { g.ln() - predicted } else { f64::NEG_INFINITY };
         }
         transition.apply_transpose_log(control, ratio, predicted);
         // As in linear space, the sum of γ must have stayed one, up to the digits of the
         // logarithms. (−∞ stays −∞, also where the backward term is finite.)
         let mut size = 0.0_f64;
-        for (out, &back) in values.iter_mut().zip(&*predicted) {
-            if out.is_finite() {
-                size = size.max(out.abs()).max(back.abs());
+        for (log, &back) in values.iter_mut().zip(&*predicted) {
+            if log.is_finite() {
+                size = size.max(log.abs()).max(back.abs());
             }
-            *out += back;
+            *log += back;
         }
-        match normalize_logs(values, gamma) {
+        match normalize_logs(values, out) {
             Some(log) if log.abs() <= limits::log_rounding(size) => Ok(()),
             sum => {
                 let sum = sum.map_or(0.0, f64::exp);

@@ -2,14 +2,14 @@
 //! pass of all routines, α_k of sections 2 and 3 of the [formulas](crate::guide::formulas).
 //!
 //! It takes the steps of a filter, so that its rows are those of a stream to the bit; what a step
-//! left is copied into the next row.
+//! leaves is appended as the next row.
 
 use std::collections::HashMap;
 
 use super::Step;
 use super::backward::Observed;
 use super::in_logs::BeliefRef;
-use super::state::{FilterSnapshot, StepScratch};
+use super::state::{BeliefForm, FilterSnapshot, StepScratch};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::kernels::in_large_pages;
@@ -43,6 +43,13 @@ impl Rows {
         &mut self.values[row * self.states..(row + 1) * self.states]
     }
 
+    /// Returns a row, and the next one.
+    pub(crate) fn row_and_next(&mut self, row: usize) -> (&mut [f64], &[f64]) {
+        let pair = &mut self.values[row * self.states..(row + 2) * self.states];
+        let (row, next) = pair.split_at_mut(self.states);
+        (row, next)
+    }
+
     pub(crate) fn into_values(self) -> Vec<f64> {
         self.values
     }
@@ -62,19 +69,21 @@ pub(crate) struct ForwardPass {
 }
 
 impl ForwardPass {
-    pub(crate) fn new(states: usize, steps: usize) -> Self {
+    /// Creates an empty pass over so many steps, with room for some rows more.
+    pub(crate) fn new(states: usize, steps: usize, more: usize) -> Self {
         // Rows are pushed, not overwritten: zeros that nobody reads would be one more pass over
         // all of the memory.
-        let rows = Rows::with_capacity(states, steps + 1);
+        let rows = Rows::with_capacity(states, steps + 1 + more);
         let normalizers = vec![0.0; steps + 1];
         Self { rows, logs: HashMap::new(), normalizers, by_logs: Vec::new() }
     }
 
-    /// Filters a whole sequence from the prior. Returns the pass with the last state. Passes
-    /// ln p(y_k | y_1 … y_{k-1}) of each step to `each`.
+    /// Filters a whole sequence from the prior, with room for some rows more. Returns the pass with
+    /// the last state. Passes ln p(y_k | y_1 … y_{k-1}) of each step to `each`.
     pub(crate) fn over<A, B, S>(
         hmm: &Hmm<A, B>,
         sequence: &S,
+        more: usize,
         each: impl FnMut(f64),
     ) -> Result<(Self, FilterSnapshot), InferenceError>
     where
@@ -84,7 +93,7 @@ impl ForwardPass {
     {
         let (prior, steps) = (hmm.prior().belief().as_slice(), sequence.steps());
         let (mut state, mut scratch) = (FilterSnapshot::start(prior), StepScratch::new(prior));
-        let mut pass = Self::new(prior.len(), steps);
+        let mut pass = Self::new(prior.len(), steps, more);
         pass.fill(hmm, (&mut state, &mut scratch), sequence, steps, each)?;
         Ok((pass, state))
     }
@@ -107,26 +116,31 @@ impl ForwardPass {
         self.rows.values.clear();
         self.logs.clear();
         self.by_logs.clear();
-        self.keep(0, state.held());
+        self.rows.values.extend_from_slice(&state.belief);
+        self.keep_logs(0, state);
         for row in 1..=steps {
             // The state counts, so that a pass from a checkpoint names steps as one from the prior.
             let number = state.steps + 1;
             let step = Step::of(hmm, sequence, number);
-            let advanced = state.advance(&step, sequence.observation(number), scratch)?;
+            let (rows, observation) = (&mut self.rows.values, sequence.observation(number));
+            let advanced = step.advance(observation, state.held(), scratch, Some(rows))?;
+            state.commit(number, &advanced, scratch);
+            if !matches!(advanced.form, BeliefForm::Plain { .. }) {
+                self.rows.values.extend_from_slice(&state.belief);
+            }
             each(advanced.log);
             // 0 where the likelihoods were scaled: the way back then takes predictions.
             self.normalizers[row] = advanced.normalizer;
             if advanced.by_logs {
                 self.by_logs.push(row);
             }
-            self.keep(row, state.held());
+            self.keep_logs(row, state);
         }
         Ok(())
     }
 
-    fn keep(&mut self, row: usize, belief: BeliefRef<'_>) {
-        self.rows.values.extend_from_slice(belief.linear);
-        if let Some(logs) = belief.logs {
+    fn keep_logs(&mut self, row: usize, state: &FilterSnapshot) {
+        if let Some(logs) = state.held().logs {
             self.logs.insert(row, logs.to_vec());
         }
     }
@@ -139,6 +153,23 @@ impl ForwardPass {
     /// Returns the observation of the step to a row, with its normaliser.
     pub(crate) fn seen<'a, Y: ?Sized>(&self, row: usize, observation: &'a Y) -> Observed<'a, Y> {
         Observed { observation, normalizer: self.normalizers[row] }
+    }
+
+    /// Begins the way back: the last row, which is γ_T too, is there twice. From here on γ of a row
+    /// has its place one row up.
+    pub(crate) fn turn(&mut self) {
+        let last = self.rows.values.len() - self.rows.states;
+        self.rows.values.extend_from_within(last..);
+    }
+
+    /// Returns α before the step to a row, the place of γ before it (where α of the row was, which
+    /// no further step back reads), and γ of the row.
+    pub(crate) fn way_back(&mut self, row: usize) -> (BeliefRef<'_>, &mut [f64], &[f64]) {
+        let states = self.rows.states;
+        let (before, after) = self.rows.values.split_at_mut(row * states);
+        let (out, gamma) = after[..2 * states].split_at_mut(states);
+        let logs = self.logs.get(&(row - 1)).map(Vec::as_slice);
+        (BeliefRef { linear: &before[(row - 1) * states..], logs }, out, gamma)
     }
 
     pub(crate) fn held(&self, row: usize) -> BeliefRef<'_> {

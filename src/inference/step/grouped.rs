@@ -26,6 +26,7 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
         before: BeliefRef<'_>,
         lifted: &mut LiftedBelief,
         output: &mut StepOutput,
+        rows: Option<&mut Vec<f64>>,
     ) -> Option<(f64, BeliefForm)> {
         let (transition, control) = (self.hmm.transition(), self.control?);
         let likelihoods = diagonal.linear_values()?;
@@ -78,7 +79,7 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
         if !is_valid(predicted) || !holds(&updated, predicted) {
             return None;
         }
-        let tiny = kernels::normalize_in_place(&mut output.lifted, updated.products);
+        let tiny = kernels::normalize_in_place(&mut output.lifted, updated.products, rows);
         Some((updated.products, BeliefForm::Plain { tiny }))
     }
 }

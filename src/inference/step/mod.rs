@@ -85,7 +85,9 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         transition.evidence(control).is_none().then_some(matrix)
     }
 
-    /// Advances from the last belief to the one after the observation.
+    /// Advances from the last belief to the one after the observation. A belief that needs no
+    /// other form than the [plain](BeliefForm::Plain) one is appended to rows, if there are some,
+    /// while it is normalised.
     ///
     /// The step is taken in linear space unless it needs logarithms: because the belief before is
     /// kept in logarithms, because the observation contradicts the prediction by more than 2^32
@@ -96,6 +98,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         observation: &B::Observation,
         before: BeliefRef<'_>,
         scratch: &mut StepScratch,
+        mut rows: Option<&mut Vec<f64>>,
     ) -> Result<StepOutcome, InferenceError> {
         let StepScratch { lifted, output, work: Workspace { scratch, values } } = scratch;
         if let Some(found) = self.hmm.likelihood().by_groups(observation, scratch)
@@ -106,8 +109,9 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
             // knows all errors; this one only has to be right where it succeeds.
             let evidence = self.evidence()?;
             let likelihoods = (&diagonal, groups);
+            let (rows, has_evidence) = (rows.as_deref_mut(), evidence.is_some());
             let advanced =
-                self.advance_by_blocks(likelihoods, evidence.is_some(), before, lifted, output);
+                self.advance_by_blocks(likelihoods, has_evidence, before, lifted, output, rows);
             if let Some((normalizer, form)) = advanced {
                 let log = normalizer.ln() + diagonal.log_factor + evidence.unwrap_or(0.0);
                 return Ok(StepOutcome::linear(log, normalizer, form));
@@ -133,8 +137,14 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         // Unscaled if possible; the update checks on the way that likelihoods are valid, which
         // saves a pass over them.
         if let (None, None, Some(linear)) = (before.logs, evidence, linear)
-            && let Some((n, form)) =
-                self.advance_in_doubles(linear, before.linear, false, lifted, output)?
+            && let Some((n, form)) = self.advance_in_doubles(
+                linear,
+                before.linear,
+                false,
+                lifted,
+                output,
+                rows.as_deref_mut(),
+            )?
         {
             return Ok(StepOutcome::linear(n.ln() + log_factors, n, form));
         }
@@ -155,6 +165,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
                 evidence.is_some(),
                 lifted,
                 output,
+                rows,
             )?
         {
             // The way back cannot use the N of likelihoods that are gone.
@@ -178,6 +189,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         has_evidence: bool,
         lifted: &mut LiftedBelief,
         output: &mut StepOutput,
+        rows: Option<&mut Vec<f64>>,
     ) -> Result<Option<(f64, BeliefForm)>, InferenceError> {
         let StepOutput { predicted, after, lifted: out, .. } = output;
         // With evidence there is no matrix, and no plain step: nothing says how small entries are.
@@ -194,7 +206,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
                 return Ok(None);
             }
             if !updated.small {
-                let tiny = kernels::normalize_in_place(out, updated.products);
+                let tiny = kernels::normalize_in_place(out, updated.products, rows);
                 return Ok(Some((updated.products, BeliefForm::Plain { tiny })));
             }
             // A result below 2^-1000 may lack digits that the lifted step has.

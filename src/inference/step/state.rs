@@ -133,7 +133,7 @@ impl FilterSnapshot {
         observation: &B::Observation,
         scratch: &mut StepScratch,
     ) -> Result<StepOutcome, InferenceError> {
-        let outcome = step.advance(observation, self.held(), scratch)?;
+        let outcome = step.advance(observation, self.held(), scratch, None)?;
         self.commit(step.number, &outcome, scratch);
         Ok(outcome)
     }

@@ -52,8 +52,8 @@ impl<U> Window<U> {
         smoothed[0].copy_from_slice(filtered);
         for (row, (state, control)) in (1..=back).zip(self.past.iter().rev()) {
             let step = Step::after(hmm, state.steps(), control)?;
-            backward.step_back(&step, state.held(), &smoothed[row - 1])?;
-            smoothed[row].copy_from_slice(&backward.gamma);
+            let (gammas, out) = smoothed.split_at_mut(row);
+            backward.step_back(&step, state.held(), &gammas[row - 1], &mut out[0])?;
         }
         Ok(())
     }

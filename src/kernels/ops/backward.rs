@@ -11,7 +11,9 @@
 use super::product::{Product, ProductRows, SparseRows};
 use super::row_sums::Sink;
 use crate::kernels::parallel::{Splits, run_in_parts};
-use crate::kernels::simd::{Blocks, BlocksMut, LANES, Simd, WithSimd, row_block, store, total};
+use crate::kernels::simd::{
+    Blocks, BlocksMut, LANES, Simd, WithSimd, row_block, row_block_ahead, store, total,
+};
 use crate::limits::BACK_LIFT;
 
 /// `ratio = q ∘ b` times a factor; what unlifted is below the smallest normal double becomes 0.
@@ -137,7 +139,7 @@ struct BackwardSink<'a, S: Simd> {
 impl<S: Simd> Sink<S, S::V> for BackwardSink<'_, S> {
     #[inline(always)]
     fn take(&mut self, s: S, block: usize, q: S::V) {
-        let gamma = smoothed(s, row_block(s, self.alpha, block), q);
+        let gamma = smoothed(s, row_block_ahead(s, self.alpha, block), q);
         // q is stored as it is, not rounded: the next step needs γ / α where γ itself is too small.
         store(s, &mut self.gamma, block, gamma);
         store(s, &mut self.q, block, q);

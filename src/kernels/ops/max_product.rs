@@ -8,7 +8,9 @@ use super::log2::{log2_lanes, log2_over};
 use super::row_sums::{Maxima, Sink};
 use super::semiring::MaxPlus;
 use crate::kernels::layout::{EntryValues, Sliced, store_indices};
-use crate::kernels::simd::{Blocks, BlocksMut, LANES, Simd, kernels, row_block, store};
+use crate::kernels::simd::{
+    Blocks, BlocksMut, LANES, Simd, kernels, row_block, row_block_ahead, store,
+};
 
 /// Scores of an observation, each to be lowered by `shift`.
 #[derive(Debug, Clone, Copy)]
@@ -29,10 +31,9 @@ pub(crate) enum ScoresIn {
 }
 
 impl Scores<'_> {
-    /// Scores of a block.
+    /// Scores of given values.
     #[inline(always)]
-    fn block<S: Simd>(self, s: S, values: Blocks<'_>, number: usize) -> S::V {
-        let b = row_block(s, values, number);
+    fn score<S: Simd>(self, s: S, b: S::V) -> S::V {
         // The form is the same for all blocks: the branch is taken out of the loop, or predicted.
         let b = match self.form {
             ScoresIn::Log2 => b,
@@ -100,7 +101,7 @@ impl<S: Simd> Sink<S, Maxima<S>> for MaxSink<'_, S> {
     #[inline(always)]
     fn take(&mut self, s: S, block: usize, Maxima { mut value, index }: Maxima<S>) {
         if let Some((likelihoods, values)) = self.likelihoods {
-            value = s.add(value, likelihoods.block(s, values, block));
+            value = s.add(value, likelihoods.score(s, row_block_ahead(s, values, block)));
         }
         store(s, &mut self.next, block, value);
         store_indices(s, &mut self.from, block, index);
@@ -128,7 +129,7 @@ fn add<S: Simd>(s: S, scores: &mut [f64], added: Option<Scores<'_>>) -> f64 {
     for block in 0..blocks {
         let mut sum = row_block(s, (sums.0, sums.1), block);
         if let Some(added) = added {
-            sum = s.add(sum, added.block(s, values, block));
+            sum = s.add(sum, added.score(s, row_block(s, values, block)));
         }
         store(s, &mut sums, block, sum);
         // `row_block` fills the rest with zeros, which may exceed all scores.

@@ -151,6 +151,27 @@ pub(crate) fn row_block<S: Simd>(s: S, (blocks, rest): Blocks<'_>, number: usize
     }
 }
 
+/// Blocks from one that is loaded to one that is asked for: more than the time of a cache miss, in
+/// steps on a large map (with 16 the least time on Zen 4, with 48 nearly so).
+const AHEAD: usize = 16;
+
+/// Loads as [`row_block`], and asks the caches for a block further on: for vectors that are new in
+/// each step and are read beside a matrix, among whose many streams the processor does not see one
+/// more.
+#[inline(always)]
+pub(crate) fn row_block_ahead<S: Simd>(s: S, blocks: Blocks<'_>, number: usize) -> S::V {
+    #[cfg(target_arch = "x86_64")]
+    {
+        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+        // The end of the slice instead of what lies beyond it, which nobody may need.
+        let ahead = blocks.0.as_ptr().wrapping_add(blocks.0.len().min(number + AHEAD));
+        // SAFETY: a hint, part of all x86-64 processors. It takes any address, and reads nothing
+        // that a program could see.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(ahead.cast()) };
+    }
+    row_block(s, blocks, number)
+}
+
 /// Stores to the block with this number, or to the rest.
 #[inline(always)]
 pub(crate) fn store<S: Simd>(s: S, (blocks, rest): &mut BlocksMut<'_>, number: usize, v: S::V) {

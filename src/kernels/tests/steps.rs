@@ -91,8 +91,11 @@ proptest! {
         let expected: Vec<f64> = x.iter().map(|x| x / sum).collect();
         let any_tiny = |p: &[f64]| p.iter().any(|&p| 0.0 < p && p < 2.0_f64.powi(-900));
         let (normalized, tiny) = everywhere(|| {
-            let mut x = x.clone();
-            let tiny = normalize_in_place(&mut x, sum);
+            let (mut x, mut alone, mut rows) = (x.clone(), x.clone(), vec![2.0]);
+            let tiny = normalize_in_place(&mut x, sum, Some(&mut rows));
+            assert_eq!((&rows[..1], &rows[1..]), (&[2.0][..], &x[..]));
+            assert_eq!(normalize_in_place(&mut alone, sum, None), tiny);
+            assert_eq!(alone, x);
             (x, tiny)
         });
         if factor > 1e-300 {

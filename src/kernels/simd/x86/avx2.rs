@@ -162,14 +162,14 @@ impl Simd for Avx2 {
     }
     #[inline(always)]
     unsafe fn gather<const INSTRUCTION: bool>(self, x: &[f64], indices: &[u32; LANES]) -> Pair {
-        let (low, high) = halves(*indices);
         // SAFETY: `self` proves AVX2. The caller promises that all indices are below the number of
         // values of x, so that `load_four` and the gathers read values of x, and that this is below
         // 2^31, so that gathers, which take indices with a sign, see none as negative. The loads of
         // indices read four each of eight.
         unsafe {
             if !INSTRUCTION {
-                return (load_four(x.as_ptr(), low), load_four(x.as_ptr(), high));
+                let (x, first) = (x.as_ptr(), indices.as_ptr());
+                return (load_four(x, first), load_four(x, first.add(4)));
             }
             let low = _mm_loadu_si128(indices.as_ptr().cast());
             let high = _mm_loadu_si128(indices[4..].as_ptr().cast());
@@ -279,27 +279,26 @@ pub(super) fn is_line(eight: &Eight) -> bool {
     eight.as_ptr().addr().is_multiple_of(size_of::<Eight>())
 }
 
-/// Four values at these indices, by loads.
+/// Four values, at the indices from the first that is given, by loads.
 ///
 /// # Safety
 ///
-/// All indices must be within the allocation of `x`, and the processor must have AVX2.
+/// Four indices must be there, all within the allocation of `x`, and the processor must have AVX2.
 #[inline(always)]
-pub(super) unsafe fn load_four(x: *const f64, [a, b, c, d]: [u32; 4]) -> __m256d {
-    // SAFETY: the caller promises that indices are within the allocation of x, where all four loads
-    // are of one double. It calls from a method of a proof of AVX2, which the insertion needs.
+pub(super) unsafe fn load_four(x: *const f64, first: *const u32) -> __m256d {
+    // SAFETY: the caller promises four indices, that is two pairs, and that they are within the
+    // allocation of x, where all four loads are of one double. It calls from a method of a proof of
+    // AVX2, which the insertion needs.
     unsafe {
         // Two pairs: a load into each half of a register, and the halves are put together. Four loads
-        // and three instructions take less time than a gather in microcode.
-        let at = |i: u32| x.add(i as usize);
-        let low = _mm_loadh_pd(_mm_load_sd(at(a)), at(b));
-        let high = _mm_loadh_pd(_mm_load_sd(at(c)), at(d));
+        // and three instructions take less time than a gather in microcode. Indices come two at a
+        // time, since loads are what there are too many of: 8% of a product on a large map (Zen 4).
+        let pair = |pair: *const u32| {
+            let both = pair.cast::<u64>().read_unaligned();
+            let at = |index: u64| x.add(index as usize);
+            _mm_loadh_pd(_mm_load_sd(at(both & u64::from(u32::MAX))), at(both >> 32))
+        };
+        let (low, high) = (pair(first), pair(first.add(2)));
         _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(low), high)
     }
-}
-
-/// The lower and upper half of eight indices.
-#[inline(always)]
-pub(super) fn halves([a, b, c, d, e, f, g, h]: [u32; LANES]) -> ([u32; 4], [u32; 4]) {
-    ([a, b, c, d], [e, f, g, h])
 }

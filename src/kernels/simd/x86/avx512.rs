@@ -3,7 +3,7 @@
 #[allow(clippy::wildcard_imports, reason = "intrinsics carry the names of instructions")]
 use std::arch::{asm, x86_64::*};
 
-use super::avx2::{halves, is_line, load_four};
+use super::avx2::{is_line, load_four};
 use crate::kernels::simd::{Eight, LANES, Simd};
 
 /// Proof of AVX-512 F and VL, and AVX2. True if gathers are instructions.
@@ -156,8 +156,8 @@ impl Simd for Avx512 {
         // negative. The load of indices reads the eight of the reference.
         unsafe {
             if !INSTRUCTION {
-                let (low, high) = halves(*indices);
-                let (low, high) = (load_four(x.as_ptr(), low), load_four(x.as_ptr(), high));
+                let (x, first) = (x.as_ptr(), indices.as_ptr());
+                let (low, high) = (load_four(x, first), load_four(x, first.add(4)));
                 return _mm512_insertf64x4::<1>(_mm512_castpd256_pd512(low), high);
             }
             let indices = _mm256_loadu_si256(indices.as_ptr().cast());
