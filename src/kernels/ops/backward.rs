@@ -139,7 +139,7 @@ struct BackwardSink<'a, S: Simd> {
 impl<S: Simd> Sink<S, S::V> for BackwardSink<'_, S> {
     #[inline(always)]
     fn take(&mut self, s: S, block: usize, q: S::V) {
-        let gamma = smoothed(s, row_block_ahead(s, self.alpha, block), q);
+        let gamma = smoothed(s, row_block_ahead::<S, false>(s, self.alpha, block), q);
         // q is stored as it is, not rounded: the next step needs γ / α where γ itself is too small.
         store(s, &mut self.gamma, block, gamma);
         store(s, &mut self.q, block, q);

@@ -153,7 +153,7 @@ struct ForwardSink<'a, S: Simd, P> {
 impl<S: Simd, P: ProductRows> Sink<S, S::V> for ForwardSink<'_, S, P> {
     #[inline(always)]
     fn take(&mut self, s: S, block: usize, p: S::V) {
-        let b = row_block_ahead(s, self.likelihoods, block);
+        let b = row_block_ahead::<S, true>(s, self.likelihoods, block);
         let after = s.mul(p, b);
         store(s, &mut self.out, block, after);
         // A NaN or an infinite value among p and b stays in this sum: no test of its own.

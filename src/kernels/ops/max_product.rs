@@ -101,7 +101,8 @@ impl<S: Simd> Sink<S, Maxima<S>> for MaxSink<'_, S> {
     #[inline(always)]
     fn take(&mut self, s: S, block: usize, Maxima { mut value, index }: Maxima<S>) {
         if let Some((likelihoods, values)) = self.likelihoods {
-            value = s.add(value, likelihoods.score(s, row_block_ahead(s, values, block)));
+            value =
+                s.add(value, likelihoods.score(s, row_block_ahead::<S, true>(s, values, block)));
         }
         store(s, &mut self.next, block, value);
         store_indices(s, &mut self.from, block, index);

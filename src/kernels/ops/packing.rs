@@ -2,7 +2,7 @@
 //! eight values of eight rows, instead of 64 moves.
 
 use crate::kernels::layout::Packed;
-use crate::kernels::simd::{Eight, LANES, Simd, kernels, row_block, store};
+use crate::kernels::simd::{Eight, LANES, Simd, kernels, row_block_ahead, store};
 use crate::limits::TINY;
 
 /// Range of the packed values of each lane.
@@ -43,7 +43,7 @@ fn pack_rows<S: Simd>(s: S, rows: [&[f64]; LANES], out: &mut [Packed]) -> Packed
     for (number, out) in out.chunks_mut(LANES).enumerate() {
         let mut eight = [zero; LANES];
         for l in 0..LANES {
-            eight[l] = row_block(s, blocks[l], number);
+            eight[l] = row_block_ahead::<S, true>(s, blocks[l], number);
         }
         // `row_block` pads the last block with zeros; `zip` ends with `out`, and none is looked at.
         for (packed, out) in s.transpose(eight).into_iter().zip(out) {

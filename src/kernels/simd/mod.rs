@@ -157,14 +157,19 @@ const AHEAD: usize = 16;
 
 /// Loads as [`row_block`], and asks the caches for a block further on: for vectors that are new in
 /// each step and are read beside a matrix, among whose many streams the processor does not see one
-/// more.
+/// more. With `BEYOND` it goes on beyond the vector: to the next row, if rows are side by side.
 #[inline(always)]
-pub(crate) fn row_block_ahead<S: Simd>(s: S, blocks: Blocks<'_>, number: usize) -> S::V {
+pub(crate) fn row_block_ahead<S: Simd, const BEYOND: bool>(
+    s: S,
+    blocks: Blocks<'_>,
+    number: usize,
+) -> S::V {
     #[cfg(target_arch = "x86_64")]
     {
         use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-        // The end of the slice instead of what lies beyond it, which nobody may need.
-        let ahead = blocks.0.as_ptr().wrapping_add(blocks.0.len().min(number + AHEAD));
+        let number = number + AHEAD;
+        let number = if BEYOND { number } else { number.min(blocks.0.len()) };
+        let ahead = blocks.0.as_ptr().wrapping_add(number);
         // SAFETY: a hint, part of all x86-64 processors. It takes any address, and reads nothing
         // that a program could see.
         unsafe { _mm_prefetch::<_MM_HINT_T0>(ahead.cast()) };
