@@ -73,8 +73,8 @@ impl Univariate for Bernoulli {
     const VALUES: &'static str = "0 or 1";
     const HAS_ZERO: bool = true;
     type Point = bool;
-    /// Numbers of all, of 0 and of 1.
-    type Statistics = [f64; 3];
+    /// Numbers of 0 and of 1.
+    type Statistics = (f64, [f64; 1]);
 
     #[expect(
         clippy::needless_bitwise_bool,
@@ -89,29 +89,33 @@ impl Univariate for Bernoulli {
     }
 
     #[inline]
-    fn statistics(&self, &happens: &bool) -> [f64; 3] {
+    fn statistics(&self, &happens: &bool) -> (f64, [f64; 1]) {
         let one = f64::from(u8::from(happens));
-        [1.0, 1.0 - one, one]
+        (1.0 - one, [one])
     }
 
-    fn expectations(&self, of: &Self) -> [f64; 3] {
-        [1.0, 1.0 - of.probability, of.probability]
+    fn expectations(&self, of: &Self) -> (f64, [f64; 1]) {
+        (1.0 - of.probability, [of.probability])
     }
 
-    fn expected_log_density(&self, &[_, zeros, ones]: &[f64; 3]) -> f64 {
+    fn expected_log_density(&self, &(zeros, [ones]): &(f64, [f64; 1])) -> f64 {
         let shares = [zeros, ones].into_iter().zip(self.logs);
         shares.filter(|(share, _)| *share > 0.0).map(|(share, log)| share * log).sum()
     }
 
-    fn add_pseudo_count(&self, sums: &mut [f64; 3], pseudo_count: f64) {
-        add_pseudo_count(&self.logs, sums, pseudo_count);
+    fn add_pseudo_count(&self, (zeros, [ones]): &mut (f64, [f64; 1]), pseudo_count: f64) {
+        for (sum, log) in [zeros, ones].into_iter().zip(self.logs) {
+            if log > f64::NEG_INFINITY {
+                *sum += pseudo_count;
+            }
+        }
     }
 
     fn log_prior(&self, pseudo_count: f64) -> f64 {
         log_prior(&self.logs, pseudo_count)
     }
 
-    fn maximize(&self, &[_, zeros, ones]: &[f64; 3]) -> Result<Self, EmissionError> {
+    fn maximize(&self, &(zeros, [ones]): &(f64, [f64; 1])) -> Result<Self, EmissionError> {
         Self::new(ones / (zeros + ones))
     }
 
@@ -121,15 +125,6 @@ impl Univariate for Bernoulli {
 
     fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> f64 {
         f64::from(u8::from(rng.random::<f64>() < self.probability))
-    }
-}
-
-/// Adds the pseudo-count of each of two outcomes that is possible to their sums, which begin with
-/// that of the weights.
-pub(super) fn add_pseudo_count(logs: &[f64; 2], sums: &mut [f64; 3], pseudo_count: f64) {
-    for (value, _) in logs.iter().enumerate().filter(|(_, log)| **log > f64::NEG_INFINITY) {
-        sums[0] += pseudo_count;
-        sums[1 + value] += pseudo_count;
     }
 }
 

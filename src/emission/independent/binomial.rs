@@ -3,7 +3,7 @@
 use rand::Rng;
 use rand_distr::Distribution;
 
-use super::bernoulli::{add_pseudo_count, log_prior};
+use super::bernoulli::log_prior;
 use super::counts::tails;
 use super::family::Independent;
 use super::poisson::{MOST, is_count, log_probability};
@@ -162,7 +162,12 @@ impl Univariate for Binomial {
     }
 
     fn add_pseudo_count(&self, sums: &mut [f64; 3], pseudo_count: f64) {
-        add_pseudo_count(&self.logs, sums, pseudo_count);
+        for (outcome, log) in self.logs.iter().enumerate() {
+            if *log > f64::NEG_INFINITY {
+                sums[0] += pseudo_count;
+                sums[1 + outcome] += pseudo_count;
+            }
+        }
     }
 
     fn log_prior(&self, pseudo_count: f64) -> f64 {
