@@ -4,7 +4,7 @@
 //! part. A line that was cut off counts as not written.
 
 use std::fs::{self, File, OpenOptions, TryLockError};
-use std::io::{Read, Seek, SeekFrom, Write};
+use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -43,20 +43,7 @@ impl Journal {
     /// written are an error, unless `restart` forgets what is written.
     pub(crate) fn open(path: &Path, settings: &Value, restart: bool) -> Outcome<Self> {
         let wrong = FleetError::file(path);
-        let mut file = OpenOptions::new()
-            .read(true)
-            .write(true)
-            .create(true)
-            .truncate(false)
-            .open(path)
-            .map_err(&wrong)?;
-        file.try_lock().map_err(|error| match error {
-            TryLockError::WouldBlock => {
-                let path = path.display();
-                FleetError::Settings(format!("another run has locked {path}"))
-            }
-            TryLockError::Error(error) => wrong(error),
-        })?;
+        let mut file = open_locked(path)?;
         let mut bytes = Vec::new();
         file.read_to_end(&mut bytes).map_err(&wrong)?;
         let path = path.to_owned();
@@ -124,6 +111,46 @@ impl Journal {
         self.file.seek(SeekFrom::Start(length)).map_err(&wrong)?;
         Ok(())
     }
+}
+
+/// Opens a file that one run at a time may write to, or creates it. Its lock is held as long as the
+/// file is open.
+pub(crate) fn open_locked(path: &Path) -> Outcome<File> {
+    let wrong = FleetError::file(path);
+    loop {
+        let mut options = OpenOptions::new();
+        options.read(true).write(true).create(true).truncate(false);
+        let file = options.open(path).map_err(&wrong)?;
+        file.try_lock().map_err(|error| match error {
+            TryLockError::WouldBlock => {
+                let path = path.display();
+                FleetError::Settings(format!("another run has locked {path}"))
+            }
+            TryLockError::Error(error) => wrong(error),
+        })?;
+        // A run that ended since the file was opened has removed it, or given it another name.
+        if is_at(&file, path).map_err(&wrong)? {
+            return Ok(file);
+        }
+    }
+}
+
+/// Returns true if the path still leads to the file.
+#[cfg(unix)]
+fn is_at(file: &File, path: &Path) -> io::Result<bool> {
+    use std::os::unix::fs::MetadataExt;
+    let place = |found: fs::Metadata| (found.dev(), found.ino());
+    match fs::metadata(path) {
+        Ok(found) => Ok(place(found) == place(file.metadata()?)),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(false),
+        Err(error) => Err(error),
+    }
+}
+
+/// Elsewhere a file that is open keeps its name.
+#[cfg(not(unix))]
+fn is_at(_: &File, _: &Path) -> io::Result<bool> {
+    Ok(true)
 }
 
 /// Names the settings that differ.

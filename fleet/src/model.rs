@@ -10,6 +10,9 @@ use wayfix::{DenseTransition, Hmm, SparseTransition};
 use crate::error::{FleetError, Outcome};
 use crate::sensor::Sensor;
 
+/// Bytes of a file, at most: those of some twenty million places with five roads each.
+const LARGEST: u64 = 4 << 30;
+
 /// A model with either of the stored operators.
 #[derive(Debug, Clone)]
 #[expect(clippy::large_enum_variant, reason = "there is one of them")]
@@ -46,9 +49,20 @@ impl Model {
     ///
     /// # Errors
     ///
-    /// [`FleetError`] if the file cannot be read, or is not such a model.
+    /// [`FleetError`] if the file cannot be read, is a folder, a pipe or a device, has more than
+    /// 4 GiB, or is not such a model.
     pub fn load(path: &Path) -> Outcome<Self> {
-        let text = fs::read(path).map_err(FleetError::file(path))?;
+        let wrong = FleetError::file(path);
+        // Before it is opened: that would wait for whoever writes to a pipe.
+        let found = fs::metadata(path).map_err(&wrong)?;
+        if !found.is_file() {
+            return Err(FleetError::format(path, "is not a file"));
+        }
+        if found.len() > LARGEST {
+            let message = format!("has {} bytes, expected at most {LARGEST}", found.len());
+            return Err(FleetError::format(path, message));
+        }
+        let text = fs::read(path).map_err(wrong)?;
         Self::from_json(&text).map_err(|message| FleetError::format(path, message))
     }
 

@@ -28,7 +28,8 @@ const FEW: usize = 64;
 pub struct LiveJob {
     /// Model, a file.
     pub model: PathBuf,
-    /// Snapshot to begin with.
+    /// Snapshot to begin with. If it is also that at the end, and not there yet, there are no
+    /// vehicles at first.
     pub restore: Option<PathBuf>,
     /// File for the snapshot at the end.
     pub snapshot: Option<PathBuf>,
@@ -80,9 +81,10 @@ fn run<A: Transition<Control = ()> + Send + Sync>(
     let to_output = FleetError::file(Path::new("standard output"));
     // A line has at most a number for each state.
     let longest = (1 << 20) + 64 * model.states();
+    let is_first = |path: &PathBuf| job.snapshot.as_ref() == Some(path) && !path.exists();
     let mut pool = match &job.restore {
-        Some(path) => Pool::restore(path, model, hash, &job.options)?,
-        None => Pool::new(model, hash, &job.options)?,
+        Some(path) if !is_first(path) => Pool::restore(path, model, hash, &job.options)?,
+        _ => Pool::new(model, hash, &job.options)?,
     };
     let chunks = read_ahead(input);
     let mut lines = Lines { waiting: Vec::new(), is_too_long: false, longest };

@@ -148,12 +148,16 @@ impl Shard {
         B: Likelihood<Observation: Sized>,
     {
         let found = self.find(hash, &update.vehicle);
+        // Also of one that begins again: a line that comes twice must not make it forget what came
+        // between.
+        if let Some(at) = found {
+            let last = self.entries[at as usize].time;
+            if update.time <= last {
+                return Err(UpdateError::Time { time: update.time, last });
+            }
+        }
         match found {
             Some(at) if !update.restart => {
-                let last = self.entries[at as usize].time;
-                if update.time <= last {
-                    return Err(UpdateError::Time { time: update.time, last });
-                }
                 let state = self.load(at).map_err(|error| UpdateError::Disk(Box::new(error)))?;
                 filter.restore(state)?;
             }

@@ -91,8 +91,8 @@ pub struct Update<Y> {
     pub time: i64,
     /// What was seen.
     pub observation: Y,
-    /// True if the vehicle begins at the prior again, for example after it was towed. Its time is
-    /// then not compared with that before.
+    /// True if the vehicle begins at the prior again, for example after it was towed. Its time must
+    /// be above that of the last update, too; one whose clock went back has to be removed first.
     pub restart: bool,
 }
 

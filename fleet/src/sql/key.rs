@@ -14,6 +14,11 @@ use crate::error::{FleetError, Outcome};
 /// DataFusion believes such an order, and gives wrong results if it is not one.
 pub(super) async fn check(mut rows: SendableRecordBatchStream) -> Outcome<()> {
     let schema = rows.schema();
+    if let Some(field) = schema.fields().iter().find(|field| field.data_type().is_nested()) {
+        let message =
+            format!("--order: column `{}` has lists, expected numbers or texts", field.name());
+        return Err(FleetError::Settings(message));
+    }
     let names: Vec<&str> = schema.fields().iter().map(|field| field.name().as_str()).collect();
     let names = names.join("`, `");
     let mut first_row = 0;

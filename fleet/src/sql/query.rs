@@ -1,6 +1,7 @@
 //! A query over files, with its rows in a Parquet file.
 
 use std::fs::{self, File};
+use std::io::Seek;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -21,6 +22,7 @@ use parquet::file::properties::{EnabledStatistics, WriterProperties};
 
 use super::{key, register};
 use crate::error::{FleetError, Outcome};
+use crate::journal::open_locked;
 use crate::partial::beside;
 use crate::run::Pack;
 
@@ -85,18 +87,32 @@ pub fn context(threads: usize, batch: usize) -> SessionContext {
 /// Runs a query, and returns the number of rows.
 ///
 /// The output appears under its name when it is complete; until then it has the ending
-/// `.unfinished`. Rows have an order if the query has one, or the table and all that is done to
+/// `.unfinished`, and is locked: a second run with the same output is refused. Rows have an order if the query has one, or the table and all that is done to
 /// it.
 ///
 /// # Errors
 ///
-/// [`FleetError`] if a file cannot be read or written, a table is not sorted as it should be, or
-/// the query fails; without an output then.
+/// [`FleetError`] if a file cannot be read or written, another run writes the same output, a table
+/// is not sorted as it should be, or the query fails; without an output then.
 pub fn query(query: &Query) -> Outcome<u64> {
-    if query.output.exists() && !query.force {
-        let message = format!("{} exists; replace it with --force", query.output.display());
-        return Err(FleetError::Settings(message));
+    let unfinished = beside(&query.output, ".unfinished");
+    query.check_output()?;
+    let file = open_locked(&unfinished)?;
+    // Another run may have ended in between.
+    let done = query.check_output().and_then(|()| run(query, &file, &unfinished));
+    let done = done.and_then(|rows| {
+        fs::rename(&unfinished, &query.output).map_err(FleetError::file(&query.output))?;
+        Ok(rows)
+    });
+    if done.is_err() {
+        // The first error says more. The lock is still held: it is no other run's file.
+        _ = fs::remove_file(&unfinished);
     }
+    done
+}
+
+/// Writes the rows to a file.
+fn run(query: &Query, file: &File, path: &Path) -> Outcome<u64> {
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(query.threads.max(1))
         .enable_all()
@@ -116,13 +132,23 @@ pub fn query(query: &Query) -> Outcome<u64> {
         let mut left = if query.scheduler.is_some() { ATTEMPTS } else { 1 };
         loop {
             left -= 1;
-            let done = write(rows(frame.clone()).await?, &query.output, query.pack).await;
+            let done = write(rows(frame.clone()).await?, file, path, query.pack).await;
             match done {
                 Err(FleetError::Query(error)) if left > 0 && is_lost(&error) => {}
                 done => return done,
             }
         }
     })
+}
+
+impl Query {
+    fn check_output(&self) -> Outcome<()> {
+        if self.output.exists() && !self.force {
+            let message = format!("{} exists; replace it with --force", self.output.display());
+            return Err(FleetError::Settings(message));
+        }
+        Ok(())
+    }
 }
 
 /// True if rows did not arrive, though the cluster did not say that the query failed: it lost an
@@ -206,24 +232,16 @@ async fn rows(frame: DataFrame) -> Outcome<SendableRecordBatchStream> {
     Ok(execute_stream(plan, task)?)
 }
 
-/// Writes rows to a file that gets its name when it is complete.
-async fn write(rows: SendableRecordBatchStream, output: &Path, pack: Pack) -> Outcome<u64> {
-    let unfinished = beside(output, ".unfinished");
-    let done = write_to(rows, &unfinished, pack).await;
-    let done = done.and_then(|rows| {
-        fs::rename(&unfinished, output).map_err(FleetError::file(output))?;
-        Ok(rows)
-    });
-    if done.is_err() {
-        // The first error says more.
-        _ = fs::remove_file(&unfinished);
-    }
-    done
-}
-
-async fn write_to(mut rows: SendableRecordBatchStream, path: &Path, pack: Pack) -> Outcome<u64> {
+/// Writes rows to a file, from its begin.
+async fn write(
+    mut rows: SendableRecordBatchStream,
+    file: &File,
+    path: &Path,
+    pack: Pack,
+) -> Outcome<u64> {
     let (wrong, failed) = (FleetError::file(path), FleetError::parquet(path));
-    let file = File::create(path).map_err(&wrong)?;
+    let mut file = file.try_clone().map_err(&wrong)?;
+    file.set_len(0).and_then(|()| file.rewind()).map_err(&wrong)?;
     let schema = rows.schema();
     let mut writer = ArrowWriter::try_new(file, schema.clone(), Some(properties(&schema, pack)))
         .map_err(&failed)?;

@@ -47,10 +47,11 @@ where
     }
 
     fn take(&mut self, update: &Update<B::Observation>) -> Expected {
-        let known = self.vehicles.get(&update.vehicle).filter(|_| !update.restart);
+        let known = self.vehicles.get(&update.vehicle);
         if known.is_some_and(|known| update.time <= known.0) {
             return Err("time");
         }
+        let known = known.filter(|_| !update.restart);
         let mut filter = known.map_or_else(|| self.hmm.filter(), |known| known.1.clone());
         let log = filter.step(&update.observation).map_err(|error| match error {
             InferenceError::Impossible { .. } => "impossible",
@@ -263,7 +264,7 @@ fn those_not_seen_for_longest_go_to_the_disk() {
     assert!(pool.snapshot(&file).is_err());
     assert!(!file.exists() && !folder.path().join("pool.bin.partial").exists());
     // It can be begun again, or given up.
-    let again = Update { restart: true, ..Update::new(lost, 0, 3) };
+    let again = Update { restart: true, ..Update::new(lost, 1, 3) };
     assert!(pool.update(&again).is_ok());
     assert!(pool.remove(&lost.into()) && !pool.remove(&lost.into()));
     assert_eq!((pool.time(&lost.into()), pool.usage().vehicles), (None, 499));
@@ -423,6 +424,38 @@ fn compare_lines<B: Likelihood<Observation: Sized>>(
         }
     }
     assert_eq!((summary.errors, summary.vehicles), (errors, filters.vehicles.len()));
+}
+
+#[test]
+fn a_restart_that_comes_twice_is_refused() {
+    let folder = Folder::new(&model(1));
+    let line = |time: i64, seen: usize, restart: bool| {
+        json!({"vehicle": 7, "time": time, "observation": seen, "restart": restart}).to_string()
+    };
+    let (again, last) = (line(1, 4, true), line(3, 2, false));
+    let begin = [line(0, 3, false), again.clone(), line(2, 3, false)];
+    let once = [&begin[..], &[last.clone()]].concat();
+    let twice = [&begin[..], &[again, last]].concat();
+    let (_, once) = answers(&job(&folder), &once.join("\n"));
+    let (summary, twice) = answers(&job(&folder), &twice.join("\n"));
+    assert_eq!((summary.errors, &twice[3]["error_kind"]), (1, &json!("time")));
+    assert_eq!((&twice[..3], &twice[4]), (&once[..3], &once[3]));
+}
+
+#[test]
+fn the_first_run_has_no_snapshot_to_restore() {
+    let folder = Folder::new(&model(1));
+    let snapshot = Some(folder.path("pool.bin"));
+    let job = LiveJob { restore: snapshot.clone(), snapshot, ..job(&folder) };
+    let line = |time: i64| json!({"vehicle": 7, "time": time, "observation": 3}).to_string();
+    let (summary, _) = answers(&job, &line(0));
+    assert_eq!((summary.errors, summary.vehicles), (0, 1));
+    // The second goes on where it ended.
+    let (summary, found) = answers(&job, &line(0));
+    assert_eq!((summary.errors, &found[0]["error_kind"]), (1, &json!("time")));
+    // A snapshot from elsewhere has to be there.
+    let job = LiveJob { restore: Some(folder.path("other.bin")), ..job };
+    assert!(live(&job, Cursor::new(Vec::new()), &mut Vec::new(), |_| ()).is_err());
 }
 
 #[test]

@@ -194,6 +194,9 @@ fn a_table_must_be_in_the_order_that_is_said() {
     }
     let query = over(&folder, "drives.parquet", &["other"], "SELECT * FROM drives");
     contains(&error(&query).to_string(), "other");
+    folder.write("drives.parquet", &symbols(&[some(&[0]), some(&[1])]), 2);
+    let query = over(&folder, "drives.parquet", &["seen"], "SELECT * FROM drives");
+    contains(&error(&query).to_string(), "column `seen` has lists, expected numbers or texts");
 }
 
 #[test]
@@ -231,4 +234,51 @@ fn files_and_queries() {
     let job = folder.job("nested.parquet", "out", Verb::Smooth, Table::Steps);
     let (_, expected) = folder.results(&job);
     assert_eq!(list(&found, found.schema().field(0).name()), list(&expected, "results"));
+}
+
+#[test]
+fn runs_do_not_share_an_output() {
+    let folder = Folder::new(&model(1));
+    folder.write("drives.parquet", &symbols(&vec![some(&[0, 1, 2, 3]); 2000]), 100);
+    let run = |k: i64, round: usize, force: bool| {
+        let sql = format!("SELECT {k} AS k FROM drives");
+        let mut query = over(&folder, "drives.parquet", &[], &sql);
+        query.output = folder.path(&format!("rows {round}.parquet"));
+        query.force = force;
+        wayfix_fleet::sql::query(&query)
+    };
+    for round in 0..20 {
+        let force = round % 2 == 1;
+        let (a, b) = std::thread::scope(|scope| {
+            let other = scope.spawn(|| run(1, round, force));
+            (run(0, round, force), other.join().unwrap())
+        });
+        // Both only if one began after the other had ended, and may replace it.
+        assert!(a.is_ok() || b.is_ok());
+        assert!(force || a.is_err() || b.is_err());
+        for refused in [&a, &b].into_iter().filter_map(|done| done.as_ref().err()) {
+            let message = refused.to_string();
+            assert!(message.contains("locked") || message.contains("exists"), "{message}");
+        }
+        let found = integers(&read(&folder.path(&format!("rows {round}.parquet"))), "k");
+        assert_eq!(found.len(), 2000);
+        assert!(found.iter().all(|k| *k == found[0]), "rows of both");
+        let of = [a, b].map(|done| done.is_ok());
+        assert!(of[usize::from(found[0] == Some(1))], "rows of a run that was refused");
+        assert!(!folder.path(&format!("rows {round}.parquet.unfinished")).exists());
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_model_is_a_file() {
+    let folder = Folder::new(&model(1));
+    let table = symbols(&[some(&[0, 1])]);
+    let pipe = folder.path("pipe");
+    let made = std::process::Command::new("mkfifo").arg(&pipe).status().unwrap();
+    assert!(made.success());
+    for name in [pipe.to_str().unwrap(), "/dev/zero", "/"] {
+        let sql = format!("SELECT wayfix_score('{name}', seen) FROM drives");
+        contains(&refused(&folder, &table, &sql), "is not a file");
+    }
 }
