@@ -434,7 +434,7 @@ fn a_restart_that_comes_twice_is_refused() {
     };
     let (again, last) = (line(1, 4, true), line(3, 2, false));
     let begin = [line(0, 3, false), again.clone(), line(2, 3, false)];
-    let once = [&begin[..], &[last.clone()]].concat();
+    let once = [&begin[..], std::slice::from_ref(&last)].concat();
     let twice = [&begin[..], &[again, last]].concat();
     let (_, once) = answers(&job(&folder), &once.join("\n"));
     let (summary, twice) = answers(&job(&folder), &twice.join("\n"));
