@@ -151,10 +151,6 @@ pub(crate) fn row_block<S: Simd>(s: S, (blocks, rest): Blocks<'_>, number: usize
     }
 }
 
-/// Blocks from one that is loaded to one that is asked for: more than the time of a cache miss, in
-/// steps on a large map (with 16 the least time on Zen 4, with 48 nearly so).
-const AHEAD: usize = 16;
-
 /// Loads as [`row_block`], and asks the caches for a block further on: for vectors that are new in
 /// each step and are read beside a matrix, among whose many streams the processor does not see one
 /// more. With `BEYOND` it goes on beyond the vector: to the next row, if rows are side by side.
@@ -167,6 +163,9 @@ pub(crate) fn row_block_ahead<S: Simd, const BEYOND: bool>(
     #[cfg(target_arch = "x86_64")]
     {
         use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+        /// Blocks from one that is loaded to one that is asked for: more than the time of a cache
+        /// miss, in steps on a large map (with 16 the least time on Zen 4, with 48 nearly so).
+        const AHEAD: usize = 16;
         let number = number + AHEAD;
         let number = if BEYOND { number } else { number.min(blocks.0.len()) };
         let ahead = blocks.0.as_ptr().wrapping_add(number);
