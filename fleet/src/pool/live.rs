@@ -81,7 +81,9 @@ fn run<A: Transition<Control = ()> + Send + Sync>(
     let to_output = FleetError::file(Path::new("standard output"));
     // A line has at most a number for each state.
     let longest = (1 << 20) + 64 * model.states();
-    let is_first = |path: &PathBuf| job.snapshot.as_ref() == Some(path) && !path.exists();
+    // What cannot be looked at may be there: it must not be replaced at the end.
+    let is_missing = |path: &PathBuf| matches!(path.try_exists(), Ok(false));
+    let is_first = |path: &PathBuf| job.snapshot.as_ref() == Some(path) && is_missing(path);
     let mut pool = match &job.restore {
         Some(path) if !is_first(path) => Pool::restore(path, model, hash, &job.options)?,
         _ => Pool::new(model, hash, &job.options)?,
