@@ -85,13 +85,14 @@ impl Partial {
     ) -> Outcome<Opened> {
         let partial = beside(output, ".partial");
         let path = beside(output, ".journal");
-        let (exists, left) = (output.exists(), path.exists());
-        if exists && !left && !start.force {
+        if output.exists() && !path.exists() && !start.force {
             let output = output.display();
             let message = format!("{output} exists; replace it with --force");
             return Err(FleetError::Settings(message));
         }
         let mut journal = Journal::open(&path, settings, start.restart)?;
+        // Under the lock: another run may have ended since.
+        let exists = output.exists();
         // Settings are written after the partial file is made, which gets the name of the output
         // at the end.
         if exists && journal.begun && !partial.exists() {

@@ -15,8 +15,10 @@ use crate::error::{FleetError, Outcome};
 pub(super) async fn check(mut rows: SendableRecordBatchStream) -> Outcome<()> {
     let schema = rows.schema();
     if let Some(field) = schema.fields().iter().find(|field| field.data_type().is_nested()) {
-        let message =
-            format!("--order: column `{}` has lists, expected numbers or texts", field.name());
+        let message = format!(
+            "--order: column `{}` is nested, expected numbers, texts or times",
+            field.name()
+        );
         return Err(FleetError::Settings(message));
     }
     let names: Vec<&str> = schema.fields().iter().map(|field| field.name().as_str()).collect();

@@ -87,8 +87,8 @@ pub fn context(threads: usize, batch: usize) -> SessionContext {
 /// Runs a query, and returns the number of rows.
 ///
 /// The output appears under its name when it is complete; until then it has the ending
-/// `.unfinished`, and is locked: a second run with the same output is refused. Rows have an order if the query has one, or the table and all that is done to
-/// it.
+/// `.unfinished`, and is locked: a second run with the same output is refused. Rows have an order if
+/// the query has one, or the table and all that is done to it.
 ///
 /// # Errors
 ///
@@ -232,7 +232,7 @@ async fn rows(frame: DataFrame) -> Outcome<SendableRecordBatchStream> {
     Ok(execute_stream(plan, task)?)
 }
 
-/// Writes rows to a file, from its begin.
+/// Writes rows to a file, from the beginning.
 async fn write(
     mut rows: SendableRecordBatchStream,
     file: &File,

@@ -196,7 +196,10 @@ fn a_table_must_be_in_the_order_that_is_said() {
     contains(&error(&query).to_string(), "other");
     folder.write("drives.parquet", &symbols(&[some(&[0]), some(&[1])]), 2);
     let query = over(&folder, "drives.parquet", &["seen"], "SELECT * FROM drives");
-    contains(&error(&query).to_string(), "column `seen` has lists, expected numbers or texts");
+    contains(
+        &error(&query).to_string(),
+        "column `seen` is nested, expected numbers, texts or times",
+    );
 }
 
 #[test]

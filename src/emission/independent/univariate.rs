@@ -79,8 +79,8 @@ pub trait Univariate: Clone + Debug {
     /// An observation with what all states compute from it alike, such as its logarithm.
     type Point;
 
-    /// Sufficient statistics of one or more observations: as a rule an array that holds their number,
-    /// or the sum of their weights, first. Best centred on the present parameters, as a variance is.
+    /// Sufficient statistics of one or more observations: an array that holds their number, or the sum
+    /// of their weights, first, or a pair of such a number and other [`Sums`]. Best centred on the present parameters, as a variance is.
     type Statistics: Sums;
 
     /// Returns the observation if it is valid. It is never NaN.
@@ -160,7 +160,7 @@ pub trait Cumulative: Univariate {
 }
 
 /// Sums of statistics of observations that have weights. Implemented for arrays that hold the sum
-/// of weights first.
+/// of weights first, and for pairs of one weight and other sums.
 pub trait Sums: Default + Clone + Send {
     /// Sum of the weights.
     fn weight(&self) -> f64;

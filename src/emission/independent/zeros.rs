@@ -25,16 +25,19 @@ pub(super) fn statistics<F: Univariate>(inner: &F, y: Option<&F::Point>) -> (f64
     }
 }
 
+/// The observation 0, if it has a probability.
+fn zero_point<F: Univariate>() -> Option<F::Point> {
+    if F::HAS_ZERO { F::point(0.0) } else { None }
+}
+
 /// Statistics of a zero, if it has a probability.
 fn zero<F: Univariate>(inner: &F) -> Option<F::Statistics> {
-    let zero = if F::HAS_ZERO { F::point(0.0) } else { None };
-    zero.map(|zero| inner.statistics(&zero))
+    zero_point::<F>().map(|zero| inner.statistics(&zero))
 }
 
 /// Logarithm of the probability of 0.
 pub(super) fn log_zero<F: Univariate>(inner: &F) -> f64 {
-    let zero = if F::HAS_ZERO { F::point(0.0) } else { None };
-    zero.map_or(f64::NEG_INFINITY, |zero| inner.log_density(&zero))
+    zero_point::<F>().map_or(f64::NEG_INFINITY, |zero| inner.log_density(&zero))
 }
 
 /// Logarithm of the probability of all values but 0, from that of 0.

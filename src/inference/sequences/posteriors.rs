@@ -43,7 +43,7 @@ impl Posteriors {
         Self { states, values: Values::Own { values, start: 0 } }
     }
 
-    /// The same, after a row that is none of them.
+    /// Creates the posteriors from a block whose first row is not one of them.
     pub(crate) fn after_a_row(states: usize, values: Vec<f64>) -> Self {
         Self { states, values: Values::Own { values, start: states } }
     }

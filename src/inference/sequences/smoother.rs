@@ -1,5 +1,6 @@
-//! Batch smoother: a forward pass, then a backward pass over the same block, in which γ overwrites
-//! α, one row further up. Section 3 of the [formulas](crate::guide::formulas); at T both are the same.
+//! Batch smoother: a forward pass, then a backward pass over the same block, in which γ of
+//! each step overwrites α of the next. Section 3 of the [formulas](crate::guide::formulas); at T both
+//! are the same.
 
 use super::posteriors::Posteriors;
 use crate::error::InferenceError;
@@ -57,7 +58,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// An empty sequence is allowed: the posterior of X_0 is then the prior.
     ///
     /// Costs two products with A or A' and O(n) a step (three where the sensor has to compute its
-    /// likelihoods). The result holds n (T + 2) numbers; other memory grows by one number a step,
+    /// likelihoods). The result holds at most n (T + 2) numbers; other memory grows by one number a step,
     /// and by n for each step outside the range of `f64`. Models of up to eight states without a
     /// control take specialised paths, which are faster; from five states on they use n T
     /// additional `f64`s. With more states and a dense matrix, or a sparse one of some dozens,

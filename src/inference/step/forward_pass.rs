@@ -156,7 +156,7 @@ impl ForwardPass {
     }
 
     /// Begins the way back: the last row, which is γ_T too, is there twice. From here on γ of a row
-    /// has its place one row up.
+    /// has its place one row later.
     pub(crate) fn turn(&mut self) {
         let last = self.rows.values.len() - self.rows.states;
         self.rows.values.extend_from_within(last..);

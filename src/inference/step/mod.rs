@@ -85,9 +85,9 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         transition.evidence(control).is_none().then_some(matrix)
     }
 
-    /// Advances from the last belief to the one after the observation. A belief that needs no
-    /// other form than the [plain](BeliefForm::Plain) one is appended to rows, if there are some,
-    /// while it is normalised.
+    /// Advances from the last belief to the one after the observation. A belief of the
+    /// [plain](BeliefForm::Plain) form is appended to `rows`, if they are given, while it is
+    /// normalised; one of another form is left to the caller.
     ///
     /// The step is taken in linear space unless it needs logarithms: because the belief before is
     /// kept in logarithms, because the observation contradicts the prediction by more than 2^32

@@ -273,7 +273,7 @@ impl WithSimd for NormalizeOnto<'_> {
         let mut tiny = false;
         for block in blocks {
             tiny |= Normalize::<false> { x: block, out: &mut [], sum }.run(s);
-            // Of known length: no call.
+            // The length is known here: no call.
             rows.extend_from_slice(block);
         }
         tiny |= Normalize::<false> { x: rest, out: &mut [], sum }.run(s);

@@ -34,7 +34,7 @@ pub use counts::InputCounts;
 /// weather, a dose: an input–output HMM (Bengio and Frasconi 1995), or a Markov switching model
 /// with time-varying probabilities (Filardo 1994).
 ///
-/// Of the moves out of a state one is the *reference*: the stay if it is legal, else the move to
+/// One of the moves out of a state is the *reference*: the stay if it is legal, else the move to
 /// the lowest state. It has no slopes, so that the others are the log-odds against it. Other
 /// choices, and slopes that several moves share, are made by
 /// [`with_shared_slopes`](Self::with_shared_slopes). Inputs are best centred and of similar size; a

@@ -279,11 +279,12 @@ pub(super) fn is_line(eight: &Eight) -> bool {
     eight.as_ptr().addr().is_multiple_of(size_of::<Eight>())
 }
 
-/// Four values, at the indices from the first that is given, by loads.
+/// Four values at the four indices that `first` points to, by loads.
 ///
 /// # Safety
 ///
-/// Four indices must be there, all within the allocation of `x`, and the processor must have AVX2.
+/// `first` must point to four indices, all within the allocation of `x`, and the processor must have
+/// AVX2.
 #[inline(always)]
 pub(super) unsafe fn load_four(x: *const f64, first: *const u32) -> __m256d {
     // SAFETY: the caller promises four indices, that is two pairs, and that they are within the

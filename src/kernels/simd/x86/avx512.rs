@@ -153,7 +153,7 @@ impl Simd for Avx512 {
         // SAFETY: `self` proves AVX-512 F and AVX2. The caller promises that all indices are below
         // the number of values of x, so that `load_four` and the gather read values of x, and that
         // this is below 2^31, so that the gather, which takes indices with a sign, sees none as
-        // negative. The load of indices reads the eight of the reference.
+        // negative. The loads of indices read the eight of the reference, `load_four` four each.
         unsafe {
             if !INSTRUCTION {
                 let (x, first) = (x.as_ptr(), indices.as_ptr());
