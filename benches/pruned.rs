@@ -6,7 +6,7 @@
 //! ```
 //!
 //! The country takes some 3 GB and half a minute. From anywhere, the first steps go
-//! through all places; the times are for a step thereafter.
+//! through all places: three of them, beside those of the exact filter, and then a step thereafter.
 
 use std::hint::black_box;
 use std::time::{Duration, Instant};
@@ -105,6 +105,22 @@ fn tracking(criterion: &mut Criterion) {
             begun.elapsed(),
             active / (seen.len() - 10)
         );
+        let mut group = criterion.benchmark_group("three steps from anywhere");
+        let mut exact = hmm.filter();
+        group.bench_function(BenchmarkId::new("exact", places), |bencher| {
+            bencher.iter(|| {
+                exact.restart();
+                seen[..3].iter().for_each(|y| _ = black_box(exact.step(y)));
+            });
+        });
+        group.bench_function(BenchmarkId::new("pruned", places), |bencher| {
+            bencher.iter(|| {
+                filter.restart();
+                seen[..3].iter().for_each(|y| _ = black_box(filter.step(y)));
+            });
+        });
+        group.finish();
+        drop(exact);
         let begun = Instant::now();
         let found = hmm.beam_viterbi(&seen, 60.0).expect("no place is ruled out");
         println!(

@@ -1,6 +1,7 @@
 //! The pruned filter against the exact one: the bound that it proves holds, and it
 //! leaves out nothing that it must not.
 
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 use proptest::collection::vec;
@@ -91,8 +92,13 @@ fn weight() -> impl Strategy<Value = f64> {
     prop_oneof![4 => Just(0.0), 3 => 0.05..1.0, 1 => Just(1e-6), 1 => Just(1e-12)]
 }
 
+/// Models of few states, and of as many as exact steps are for while these are active.
 fn instances() -> impl Strategy<Value = Case> {
-    (2..=9_usize, 1..=25_usize, 1..=3_usize).prop_flat_map(|(n, steps, symbols)| {
+    prop_oneof![3 => models(2..=9), 1 => models(17..=40)]
+}
+
+fn models(states: RangeInclusive<usize>) -> impl Strategy<Value = Case> {
+    (states, 1..=25_usize, 1..=3_usize).prop_flat_map(|(n, steps, symbols)| {
         let distribution = move |n| weighted(weight(), n);
         let list = (vec((0..n, weight()), 0..=n), prop_oneof![1 => Just(0.0), 4 => 1e-3..1.0]);
         let list = list.prop_map(|(mut listed, elsewhere)| {
@@ -102,7 +108,7 @@ fn instances() -> impl Strategy<Value = Case> {
         });
         let symbol = prop_oneof![1 => Just(None), 3 => (0..symbols).prop_map(Some)];
         let tolerance = prop_oneof![Just(0.0), Just(1e-12), Just(1e-3), Just(1.0), Just(1e8)];
-        let most_active = prop_oneof![1 => Just(usize::MAX), 2 => 1..=n];
+        let most_active = prop_oneof![if n < 10 { 1 } else { 4 } => Just(usize::MAX), 2 => 1..=n];
         (
             any::<bool>(),
             distribution(n),
@@ -365,7 +371,9 @@ fn a_wide_start_goes_over_to_lists() {
             assert!(range.start() - 1e-9 <= log && log <= range.end() + 1e-9, "{range:?} {log}");
             let [one_bound, other_bound] = bounds.map(Certificate::bound);
             assert!((one_bound - other_bound).abs() <= 1e-3 * other_bound + 1e-12);
-            assert_eq!(one.active().len(), other.active().len());
+            // Exact steps drop nothing before few states are left, and keep what lists drop earlier.
+            let (by_products, by_lists) = (one.active().len(), other.active().len());
+            assert!(by_products >= by_lists, "{by_products}, {by_lists}");
             counts.push(one.active().len());
         }
         let many = if most_active < n { most_active } else { n };

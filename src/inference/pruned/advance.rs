@@ -1,15 +1,13 @@
 //! Prediction and update of a pruned belief, with its bounds.
 
 use super::active_set::ActiveSet;
-use super::envelope::{Envelope, LOST, PRUNED_LIFT, Raw};
+use super::envelope::{Envelope, LOST, PRUNED_LIFT, ROUNDED_UP, Raw};
 use super::moves::Moves;
 use super::weights::{Weight, Weights};
 use crate::transition::TransitionEntries;
 
 /// Lifted number below which digits may be lost, for which [`LOST`] is counted.
 const SMALL: f64 = 1e-270;
-/// Factor on a bound that covers a dozen roundings.
-const ROUNDED_UP: f64 = 1.0 + 12.0 * f64::EPSILON;
 
 /// Sums of a prediction.
 pub(crate) struct Predicted {

@@ -9,6 +9,8 @@ pub(crate) const PRUNED_LIFT: f64 = power(900);
 pub(crate) const LOST: f64 = 1e-290;
 /// Largest value that is dropped in any case.
 pub(crate) const LEAST_KEPT: f64 = 1e-290;
+/// Factor on a bound that covers a dozen roundings.
+pub(crate) const ROUNDED_UP: f64 = 1.0 + 12.0 * f64::EPSILON;
 /// Factor by which a dropped upper bound may exceed a dropped estimate: otherwise a state that
 /// only the sensor names would be followed, with all that it leads to.
 const IDLE: f64 = 256.0;
@@ -177,7 +179,7 @@ impl Envelope {
     }
 
     /// Normalizes the lower bounds. Returns the logarithm of their sum.
-    fn normalize(&mut self) -> f64 {
+    pub(crate) fn normalize(&mut self) -> f64 {
         // A sum of non-negative numbers has as many roundings as terms.
         let up = 1.0 + (self.states.len() + 4) as f64 * f64::EPSILON;
         self.others.outside *= up;

@@ -8,6 +8,7 @@ use std::ops::Deref;
 
 use super::active_set::ActiveSet;
 use super::envelope::{Envelope, LEAST_KEPT};
+use super::exact::Exact;
 use super::moves::Moves;
 use super::weights::Weights;
 use super::wide::Wide;
@@ -40,6 +41,7 @@ pub(super) struct PrunedScratch {
     pub(super) next: Envelope,
     /// Follows the belief of the state.
     pub(super) active_set: ActiveSet,
+    exact: Exact,
     wide: Wide,
     wanted: Vec<usize>,
     values: Vec<f64>,
@@ -51,6 +53,7 @@ impl PrunedScratch {
         Self {
             next: Envelope::default(),
             active_set: ActiveSet::new(states),
+            exact: Exact::default(),
             wide: Wide::default(),
             wanted: Vec::new(),
             values: Vec::new(),
@@ -65,6 +68,7 @@ impl PrunedScratch {
         state: &mut PrunedFilterSnapshot,
         other: &PrunedFilterSnapshot,
     ) {
+        self.exact.forget();
         // Touches the states of both beliefs alone: the index of n entries is never cleared.
         self.active_set.follow(&state.belief.states, &self.next.states);
         mem::swap(&mut state.belief, &mut self.next);
@@ -167,10 +171,14 @@ where
         observation: Option<&B::Observation>,
     ) -> Result<Certificate, InferenceError> {
         let Self { model, bounds, state, scratch } = self;
-        let PrunedFilterSnapshot { pruning, belief, share, .. } = state;
-        let PrunedScratch { next, active_set, wide, wanted, values, sensor } = scratch;
+        let PrunedScratch { next, active_set, exact, wide, wanted, values, sensor } = scratch;
         let step = Step { hmm: &**model, number, control };
+        if exact.advance(&step, observation, bounds.as_ref(), state, active_set) {
+            state.adapt();
+            return Ok(state.certificate());
+        }
         let evidence = step.evidence()?;
+        let PrunedFilterSnapshot { belief, .. } = state;
         wanted.clear();
         // If nothing was ever dropped, no other state can have any mass.
         if let Some(observation) = observation.filter(|_| belief.is_open()) {
@@ -241,13 +249,12 @@ where
                 InferenceError::Pruned { step: number }
             });
         }
-        // A threshold below the mean of the candidates, so that the largest is kept.
-        let count = candidates.len() as f64;
-        let threshold = pruning.tolerance.max(0.0) * *share / count;
-        let threshold = threshold.clamp(LEAST_KEPT, 0.5 / count);
+        let threshold = state.threshold(candidates.len());
+        let PrunedFilterSnapshot { pruning, belief, .. } = state;
         let log = next.settle(&raw, threshold, pruning.most_active.max(1), values);
         let (rescaled, unknown) = next.rebase();
         // From here on nothing fails.
+        exact.forget();
         active_set.follow(&belief.states, &next.states);
         mem::swap(belief, next);
         state.steps = number;
@@ -264,6 +271,14 @@ where
 }
 
 impl PrunedFilterSnapshot {
+    /// Returns the probability up to which a step with so many candidates drops states: below
+    /// their mean, so that the largest is kept.
+    pub(super) fn threshold(&self, candidates: usize) -> f64 {
+        let count = candidates as f64;
+        let threshold = self.pruning.tolerance.max(0.0) * self.share / count;
+        threshold.clamp(LEAST_KEPT, 0.5 / count)
+    }
+
     /// Drops less where the bound nears the tolerance, and slowly more where it is far from it.
     fn adapt(&mut self) {
         let used = self.bound / self.pruning.tolerance;

@@ -10,9 +10,9 @@ use crate::transition::Transition;
 /// Share of all states above which products go through the whole matrix: at this share they take
 /// about as long as listing the states and looking up each entry, on 27,143 places with five
 /// entries each; with all states active, half as long.
-const WIDE: f64 = 0.2;
+pub(crate) const WIDE: f64 = 0.2;
 /// Smallest entry whose products with the kept parts of a belief are above 0.
-const LEAST_ENTRY: f64 = 1e-200;
+pub(crate) const LEAST_ENTRY: f64 = 1e-200;
 /// Limit on the excess for sums over all states not to overflow.
 const LARGEST_EXCESS: f64 = 1e20;
 

@@ -1,0 +1,223 @@
+//! Exact steps while most states are active and nothing has been dropped, as from a wide prior.
+//!
+//! Then the [`Envelope`] has one relative width: lower(i) ≤ s α(i) ≤ (1 + r) lower(i) with the same
+//! r for all states, and the lower bounds are the estimate. A step of the filter keeps that. It is
+//! linear and not negative, so that the limits go through it, and each of its results has a
+//! relative error e of at most d, its roundings together: s absorbs the lower side, 1 + e ≥ 1 − d,
+//! and r grows to (1 + r) (1 + d) / (1 − d) − 1. Here d is at most a quarter of the constant that
+//! [`Exact::advance`] adds to r. A result has all its digits if neither it nor what led to it is
+//! near the smallest double, which is asked of each step; a step for which it cannot be said is
+//! left to the general way.
+
+use super::PrunedFilterSnapshot;
+use super::active_set::ActiveSet;
+use super::envelope::{Envelope, Others, ROUNDED_UP};
+use super::moves::Bounds;
+use super::wide::LEAST_ENTRY;
+use crate::inference::step::Step;
+use crate::inference::step::in_logs::BeliefRef;
+use crate::inference::step::state::{BeliefForm, FilterSnapshot, StepScratch};
+use crate::likelihood::Likelihood;
+use crate::transition::Transition;
+
+/// Probability from which on a result of a step has all its digits: with entries of at least
+/// [`LEAST_ENTRY`] and the lift of a step, all that leads to it is a normal double.
+const SMALL: f64 = 1e-270;
+/// Share of all states above which exact steps are taken. At this share lists take as long, on
+/// 27,143 places with five entries each; on few places they always do.
+const SHARE: f64 = 0.02;
+/// Number of states above which exact steps are taken on a small map.
+const FEW: f64 = 16.0;
+/// Largest relative width; no other has to be told from what was dropped.
+const WIDEST: f64 = 1e-6;
+/// Relative width that likelihoods scaled or in logarithms add: an exponential of up to −750
+/// has that times an epsilon, and its own roundings.
+const SCALED: f64 = 1000.0 * f64::EPSILON;
+/// Upper bound on twice what [`on_the_grid`] changes, relative to a width.
+const GRID: f64 = 1.0 / (1 << 27) as f64;
+
+/// Memory of exact steps, and the belief as they take it.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Exact {
+    memory: Option<Box<Memory>>,
+    /// Relative width of the belief in `memory`, while that is the belief of the filter.
+    width: Option<f64>,
+}
+
+#[derive(Debug, Clone)]
+struct Memory {
+    belief: FilterSnapshot,
+    scratch: StepScratch,
+}
+
+impl Exact {
+    /// Notes that the belief of the filter is another.
+    pub(super) fn forget(&mut self) {
+        self.width = None;
+    }
+
+    /// Takes a step, if it is exact: replaces belief, bound and log-likelihood of the state, and
+    /// returns true. Otherwise nothing has changed.
+    pub(super) fn advance<A: Transition, B: Likelihood>(
+        &mut self,
+        step: &Step<'_, A, B>,
+        observation: Option<&B::Observation>,
+        bounds: Option<&Bounds>,
+        state: &mut PrunedFilterSnapshot,
+        active_set: &mut ActiveSet,
+    ) -> bool {
+        let terms = match step.control {
+            None => 1,
+            Some(control) => match bounds {
+                Some(bounds) if bounds.smallest >= LEAST_ENTRY => {
+                    // Of a stored matrix it is known that a product sums its entries.
+                    if step.hmm.transition().stored(control).is_none() {
+                        return false;
+                    }
+                    bounds.terms
+                }
+                _ => return false,
+            },
+        };
+        let Some(width) = self.width.or_else(|| self.begin(state)) else { return false };
+        let Some(memory) = self.memory.as_deref_mut() else { return false };
+        let Memory { belief, scratch } = memory;
+        let held = BeliefRef { linear: &belief.belief, logs: None };
+        let outcome = match observation {
+            Some(observation) => step.advance(observation, held, scratch, None),
+            None => step.advance_unseen(held, scratch),
+        };
+        // The general way has the errors of a pruned filter.
+        let Ok(outcome) = outcome else { return false };
+        let (after, watched) = match outcome.form {
+            BeliefForm::Plain { .. } => (&scratch.output.lifted, true),
+            _ => (&scratch.output.after, !step.hmm.rounds_tails()),
+        };
+        let is_scaled = observation.is_some() && outcome.normalizer == 0.0;
+        let rounding = 2.0 * (terms + 16) as f64 * f64::EPSILON;
+        let rounding = rounding + if is_scaled { SCALED } else { 0.0 };
+        let width = on_the_grid((width + rounding) * (1.0 + rounding) * (1.0 + GRID));
+        if outcome.by_logs || !watched || width > WIDEST {
+            return false;
+        }
+        let threshold = state.threshold(after.len());
+        let Counts { kept, possible, small } = Counts::of(after, threshold);
+        let stays = are_many(kept, after.len());
+        if stays && small {
+            return false;
+        }
+        let active = &mut state.belief;
+        state.log.add(outcome.log);
+        if stays && possible == after.len() && active.states.len() == after.len() {
+            active.estimate.copy_from_slice(after);
+            active.lower.copy_from_slice(after);
+            active.excess.iter_mut().zip(&**after).for_each(|(excess, p)| *excess = width * p);
+        } else {
+            active_set.follow(&active.states, &[]);
+            active.keep_exact(after, if stays { 0.0 } else { threshold }, width);
+            active_set.follow(&[], &active.states);
+        }
+        if stays {
+            // D / (K + D) of the envelope, without its sums.
+            let rounding = (after.len() + 8) as f64 * f64::EPSILON;
+            state.bound = (width / (1.0 + width) + rounding).min(1.0);
+            belief.commit(step.number, &outcome, scratch);
+            self.width = Some(width);
+        } else {
+            let sum: f64 = active.estimate.iter().sum();
+            active.estimate.iter_mut().for_each(|p| *p /= sum);
+            state.log.add(active.normalize());
+            let (rescaled, unknown) = active.rebase();
+            state.log.add(rescaled);
+            state.log_excess.add(unknown);
+            state.bound = active.bound();
+            self.width = None;
+        }
+        state.steps = step.number;
+        true
+    }
+
+    /// Takes over the belief of a state, if it has one relative width. Returns that.
+    fn begin(&mut self, state: &PrunedFilterSnapshot) -> Option<f64> {
+        let Envelope { states, estimate, lower, excess, .. } = &state.belief;
+        let n = state.states;
+        // A limit on the number of states may drop any of them.
+        if !are_many(states.len(), n) || state.belief.is_open() || state.pruning.most_active < n {
+            return None;
+        }
+        let mut widest = 0.0;
+        for ((p, lower), excess) in estimate.iter().zip(lower).zip(excess) {
+            if p != lower || *lower < SMALL {
+                return None;
+            }
+            widest = f64::max(widest, excess / lower);
+        }
+        if widest > WIDEST {
+            return None;
+        }
+        let new = || {
+            let belief = FilterSnapshot::start(&vec![0.0; n]);
+            let scratch = StepScratch::new(&belief.belief);
+            Box::new(Memory { belief, scratch })
+        };
+        let Memory { belief, scratch } = &mut **self.memory.get_or_insert_with(new);
+        let linear = &mut belief.belief;
+        linear.fill(0.0);
+        states.iter().zip(lower).for_each(|(state, p)| linear[*state] = *p);
+        scratch.lifted.follow(linear);
+        Some(on_the_grid(widest))
+    }
+}
+
+/// Returns true if exact steps are no slower for so many of all states than lists of them.
+fn are_many(active: usize, states: usize) -> bool {
+    active as f64 > FEW + SHARE * states as f64
+}
+
+/// Counts of the results of a step.
+struct Counts {
+    /// Number above the threshold.
+    kept: usize,
+    /// Number above 0.
+    possible: usize,
+    /// True if one of these may lack digits.
+    small: bool,
+}
+
+impl Counts {
+    fn of(after: &[f64], threshold: f64) -> Self {
+        let (mut kept, mut possible, mut large) = (0, 0, 0);
+        for &p in after {
+            kept += usize::from(p > threshold);
+            possible += usize::from(p > 0.0);
+            large += usize::from(p >= SMALL);
+        }
+        Self { kept, possible, small: large < possible }
+    }
+}
+
+/// Rounds a width to one of 28 binary digits, so that the quotient of any excess and its lower
+/// bound leads to the same to the bit: a snapshot need not have it. What is rounded away at first,
+/// below 4e-15, is less than a step adds beyond its roundings.
+fn on_the_grid(width: f64) -> f64 {
+    const UNIT: u64 = 1 << 25;
+    f64::from_bits((width.to_bits() + UNIT / 2) & !(UNIT - 1))
+}
+
+impl Envelope {
+    /// Replaces the envelope by that of exact probabilities with one relative width, and counts
+    /// those up to a threshold as inactive.
+    fn keep_exact(&mut self, exact: &[f64], threshold: f64, width: f64) {
+        self.clear();
+        self.others = Others::default();
+        for (state, &p) in exact.iter().enumerate().filter(|entry| *entry.1 > 0.0) {
+            if p > threshold {
+                self.push(state, p, p, width * p);
+            } else {
+                let most = (p * (1.0 + width) * ROUNDED_UP).max(SMALL);
+                self.others.elsewhere = self.others.elsewhere.max(most);
+                self.others.outside += most;
+            }
+        }
+    }
+}
