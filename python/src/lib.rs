@@ -1,0 +1,38 @@
+//! The compiled part of the Python package `wayfix`: arrays in, arrays out, and the global lock
+//! released meanwhile. What it does is the library's; nothing is computed here.
+
+mod array;
+mod densities;
+mod error;
+mod filter;
+mod kinds;
+mod many;
+mod model;
+mod parts;
+mod results;
+mod sequences;
+
+use pyo3::prelude::*;
+
+#[pymodule]
+mod _wayfix {
+    use pyo3::prelude::*;
+
+    #[pymodule_export]
+    use crate::densities::{gaussian_log_densities, poisson_log_densities};
+    #[pymodule_export]
+    use crate::error::{Error, ImpossibleError};
+    #[pymodule_export]
+    use crate::filter::PyFilter;
+    #[pymodule_export]
+    use crate::model::PyHmm;
+    #[pymodule_export]
+    use crate::results::{PyPath, PySmoothed};
+    #[pymodule_export]
+    use crate::sequences::{expectations, log_likelihoods, rows_sum_to_one, smooth, viterbi};
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        module.add("__version__", env!("CARGO_PKG_VERSION"))
+    }
+}

@@ -1,0 +1,12 @@
+"""hmmlearn's classes, with wayfix inside: ``from wayfix.hmmlearn import hmm``.
+
+Constructors, attributes and methods are those of hmmlearn 0.3.3. The README of the package lists
+where answers differ, and why.
+"""
+
+from . import base, hmm
+from .hmm import CategoricalHMM, GaussianHMM, GMMHMM, MultinomialHMM, PoissonHMM
+
+__all__ = [
+    "CategoricalHMM", "GMMHMM", "GaussianHMM", "MultinomialHMM", "PoissonHMM", "base", "hmm",
+]
