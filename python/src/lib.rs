@@ -4,6 +4,7 @@
 mod array;
 mod densities;
 mod error;
+mod few;
 mod filter;
 mod kinds;
 mod many;

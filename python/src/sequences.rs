@@ -14,13 +14,14 @@ use wayfix::{Belief, DenseTransition, Hmm, Likelihood, LikelihoodVector, Prior};
 
 use crate::array::{contiguous, matrix};
 use crate::error::{invalid, of_sequence};
+use crate::few;
 use crate::many::{check, collect};
 
 /// Log-likelihoods of all rows, and where the sequences end.
-struct Input<'a> {
-    values: &'a [f64],
-    states: usize,
-    lengths: &'a [usize],
+pub(crate) struct Input<'a> {
+    pub(crate) values: &'a [f64],
+    pub(crate) states: usize,
+    pub(crate) lengths: &'a [usize],
 }
 
 impl<'a> Input<'a> {
@@ -36,7 +37,7 @@ impl<'a> Input<'a> {
         Ok(Self { values, states, lengths })
     }
 
-    fn sequences(&self) -> PyResult<Vec<Rows<'a>>> {
+    pub(crate) fn sequences(&self) -> PyResult<Vec<Rows<'a>>> {
         let mut rest = self.values;
         let part = |&length: &usize| {
             let (part, after) = rest.split_at(length * self.states);
@@ -48,19 +49,27 @@ impl<'a> Input<'a> {
 }
 
 /// Creates a model whose observations are rows of log-likelihoods, from probabilities of the
-/// first states and rows of transitions that both sum to one up to 1e-5, or to 0: a state that is
-/// never left.
-fn model<B: Likelihood>(
+/// first states and rows of transitions, each of which is divided by its sum.
+pub(crate) fn model<B: Likelihood>(
     start: &[f64],
     transitions: &[f64],
     sensor: B,
 ) -> PyResult<Hmm<DenseTransition, B>> {
     let n = start.len();
     let prior = Prior::AtFirstObservation(Belief::from_weights(start.to_vec()).map_err(invalid)?);
-    let sums: Vec<f64> = transitions.chunks_exact(n).map(|row| row.iter().sum()).collect();
-    let entry = |to: usize, from: usize| transitions[from * n + to] / sums[from];
-    let dense = DenseTransition::from_fn(n, entry).map_err(invalid)?;
+    let rows = normalized(transitions, n);
+    let dense = DenseTransition::from_fn(n, |to, from| rows[from * n + to]).map_err(invalid)?;
     Hmm::new(prior, dense, sensor).map_err(invalid)
+}
+
+/// Returns rows divided by their sums, which are one up to 1e-5.
+pub(crate) fn normalized(rows: &[f64], n: usize) -> Vec<f64> {
+    let mut rows = rows.to_vec();
+    for row in rows.chunks_exact_mut(n) {
+        let sum: f64 = row.iter().sum();
+        row.iter_mut().for_each(|p| *p /= sum);
+    }
+    rows
 }
 
 /// Returns true if each row sums to one, up to 1e-5.
@@ -154,6 +163,12 @@ pub(crate) fn expectations<'py>(
     let (n, start, transitions) = parameters(&start, &transitions)?;
     let values = matrix(&logs, n, "log-likelihoods")?;
     let input = Input::new(values, n, &lengths)?;
+    if let Some(found) = few::expectations(py, start, transitions, &input)? {
+        let few::Expected { log_likelihood, posteriors, first, moves } = found;
+        let posteriors = PyArray1::from_vec(py, posteriors).reshape([values.len() / n, n])?;
+        let moves = PyArray1::from_vec(py, moves).reshape([n, n])?;
+        return Ok((log_likelihood, posteriors, first.to_pyarray(py), moves));
+    }
     let posteriors: Vec<AtomicU64> = values.iter().map(|_| AtomicU64::new(0)).collect();
     let recorder = Recorder { states: n, values, posteriors: &posteriors };
     let hmm = model(start, transitions, recorder)?;

@@ -98,6 +98,37 @@ def test_twenty_iterations_are_the_same(name, options, prior):
             np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-8)
 
 
+@pytest.mark.parametrize("lengths", [[256], [3000], [100, 156], [20] * 10 + [1] * 56])
+def test_expectations_of_any_lengths_are_the_same(lengths):
+    model = ours.PoissonHMM(3, init_params="", n_iter=1)
+    rng = np.random.RandomState(4)
+    model.startprob_, model.transmat_ = rng.dirichlet(np.ones(3)), rng.dirichlet([3, 0.2, 1], 3)
+    model.transmat_[0] = [0.5, 0.5, 0]
+    model.lambdas_ = [[1.0], [4.0], [9.0]]
+    X = rng.poisson(4, (sum(lengths), 1))
+    stats, log_prob = model._do_estep(X, lengths)
+    expected, begin = np.zeros((3, 3)), 0
+    for length in lengths:
+        rows = X[begin:begin + length]
+        begin += length
+        # Moves by the definition, with logarithms.
+        logs = model._compute_log_likelihood(rows)
+        with np.errstate(divide="ignore"):
+            start, moves = np.log(model.startprob_), np.log(model.transmat_)
+        alpha, beta = [start + logs[0]], [np.zeros(3)]
+        for log in logs[1:]:
+            alpha.append(np.logaddexp.reduce(alpha[-1][:, None] + moves, axis=0) + log)
+        for log in logs[:0:-1]:
+            beta.append(np.logaddexp.reduce(moves + log + beta[-1], axis=1))
+        beta.reverse()
+        total = np.logaddexp.reduce(alpha[-1])
+        for k in range(1, length):
+            expected += np.exp(alpha[k - 1][:, None] + moves + logs[k] + beta[k] - total)
+    np.testing.assert_allclose(stats["trans"], expected, rtol=1e-8, atol=1e-9)
+    assert stats["start"].sum() == pytest.approx(len(lengths))
+    assert log_prob == pytest.approx(model.score(X, lengths), rel=1e-12)
+
+
 @pytest.mark.parametrize("kind", COVARIANCES)
 def test_a_mixture_never_gets_worse(kind):
     model, X, lengths = case(ours, "GMMHMM", {"covariance_type": kind, "n_mix": 2}, n_iter=60,
