@@ -67,7 +67,9 @@ pub(crate) fn normalized(rows: &[f64], n: usize) -> Vec<f64> {
     let mut rows = rows.to_vec();
     for row in rows.chunks_exact_mut(n) {
         let sum: f64 = row.iter().sum();
-        row.iter_mut().for_each(|p| *p /= sum);
+        for p in row {
+            *p /= sum;
+        }
     }
     rows
 }

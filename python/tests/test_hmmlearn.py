@@ -106,6 +106,7 @@ def test_expectations_of_any_lengths_are_the_same(lengths):
     model.transmat_[0] = [0.5, 0.5, 0]
     model.lambdas_ = [[1.0], [4.0], [9.0]]
     X = rng.poisson(4, (sum(lengths), 1))
+    model._check()
     stats, log_prob = model._do_estep(X, lengths)
     expected, begin = np.zeros((3, 3)), 0
     for length in lengths:
