@@ -43,6 +43,22 @@ pub enum FleetError {
         /// Cause, in words.
         message: String,
     },
+    /// A file is not the one that the finished parts were made of, or changes while it is read.
+    #[error("{}: {message}", path.display())]
+    Changed {
+        /// The file.
+        path: PathBuf,
+        /// Piece that differs, in words.
+        message: String,
+    },
+    /// One of several files of the input is at fault.
+    #[error("{}: {source}", path.display())]
+    InFile {
+        /// The file.
+        path: PathBuf,
+        /// Cause.
+        source: Box<FleetError>,
+    },
     /// Settings contradict each other, the model, or the run that they continue.
     #[error("{0}")]
     Settings(String),
@@ -83,18 +99,26 @@ impl FleetError {
         Self::Format { path: path.to_owned(), message: message.to_string() }
     }
 
+    pub(crate) fn changed(path: &Path, message: impl Into<String>) -> Self {
+        Self::Changed { path: path.to_owned(), message: message.into() }
+    }
+
+    /// Names the file, if the error does not.
+    pub(crate) fn in_file(self, path: &Path) -> Self {
+        match self {
+            Self::Column { .. } | Self::Value { .. } | Self::Arrow(_) => {
+                Self::InFile { path: path.to_owned(), source: Box::new(self) }
+            }
+            other => other,
+        }
+    }
+
     pub(crate) fn column(column: &str, message: impl Into<String>) -> Self {
         Self::Column { column: column.to_owned(), message: message.into() }
     }
 
     pub(crate) fn value(column: &str, row: u64, message: impl Into<String>) -> Self {
         Self::Value { column: column.to_owned(), row, message: message.into() }
-    }
-
-    /// True if the input itself is at fault, so that what has been done cannot be continued.
-    #[must_use]
-    pub fn is_of_input(&self) -> bool {
-        matches!(self, Self::Column { .. } | Self::Value { .. } | Self::Format { .. })
     }
 }
 

@@ -11,18 +11,27 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::error::{FleetError, Outcome};
+use crate::input::pieces::Piece;
 
 /// A complete part: a row group of the output.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Part {
-    /// Row of the input after the last one that the part is made of.
+    /// File of the input that the last row of the part comes from.
+    pub(crate) file: usize,
+    /// Row of that file after the last one that the part is made of.
     pub(crate) end_row: u64,
+    /// Hash of the names of all files up to that one.
+    pub(crate) names: u64,
+    /// Pieces of the input that the part is made of, without those of the parts before.
+    pub(crate) pieces: Vec<Piece>,
+    /// End of the lines about drives that are left out, and their hash since the part before.
+    pub(crate) lines: (u64, u64),
     /// Byte of the output after the last one of the part.
     pub(crate) end: u64,
     /// Hash of the bytes since the part before (XXH3).
     pub(crate) hash: u64,
-    /// Drives, steps, and drives that failed, in this part and all before.
-    pub(crate) counts: [u64; 3],
+    /// Drives, steps, drives that failed and those left out, in this part and all before.
+    pub(crate) counts: [u64; 4],
     /// Metadata of the row group as a Parquet footer, in hexadecimal digits.
     pub(crate) metadata: String,
 }

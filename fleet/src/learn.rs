@@ -10,11 +10,14 @@ use wayfix::transition::{LearnTransition, MoveCounts};
 
 use crate::error::{FleetError, Outcome};
 use crate::expected::Expected;
-use crate::input::{self, ColumnNames, Drives};
+use crate::input::files::find;
+use crate::input::pieces::Digest;
+use crate::input::source::Source;
+use crate::input::{ColumnNames, Drives};
 use crate::model::{Model, with_hmm};
 use crate::partial::beside;
 use crate::pipeline;
-use crate::run::{Progress, Start, stamp};
+use crate::run::{Progress, Start};
 use crate::sensor::Sensor;
 
 /// Batches for each thread that are under way.
@@ -25,7 +28,7 @@ const AHEAD: usize = 2;
 pub struct LearnJob {
     /// File of the model to start from.
     pub model: PathBuf,
-    /// File of the drives, Parquet or CSV.
+    /// File of the drives, Parquet or CSV; a folder of such files, or a pattern.
     pub input: PathBuf,
     /// File of the learned model, JSON.
     pub output: PathBuf,
@@ -73,18 +76,36 @@ struct State {
 /// is possible under the model.
 pub fn learn(job: &LearnJob, mut progress: impl FnMut(usize, &Progress)) -> Outcome<Course> {
     let model = Model::load(&job.model)?;
-    with_hmm!(model, hmm => iterate(hmm, &model, job, |hmm, iteration| {
-        expect(hmm, job, |done| progress(iteration, done))
+    with_hmm!(model, hmm => iterate_checked(hmm, &model, job, |hmm, iteration, content| {
+        expect(hmm, job, content, |done| progress(iteration, done))
     }))
 }
 
 /// Iterates with expectations from wherever they are computed, given a model and the number of
 /// re-estimations before it.
+#[cfg(feature = "sql")]
 pub(crate) fn iterate<A>(
     hmm: &Hmm<A, Sensor>,
     model: &Model,
     job: &LearnJob,
     mut expect: impl FnMut(&Hmm<A, Sensor>, usize) -> Outcome<Expected>,
+) -> Outcome<Course>
+where
+    A: LearnTransition<Control = (), Statistics = MoveCounts>
+        + Clone
+        + Sync
+        + Serialize
+        + for<'de> Deserialize<'de>,
+{
+    iterate_checked(hmm, model, job, |hmm, iteration, _| expect(hmm, iteration))
+}
+
+/// Iterates likewise; the expectations are also given the hash of the input that they should read.
+fn iterate_checked<A>(
+    hmm: &Hmm<A, Sensor>,
+    model: &Model,
+    job: &LearnJob,
+    mut expect: impl FnMut(&Hmm<A, Sensor>, usize, &str) -> Outcome<Expected>,
 ) -> Outcome<Course>
 where
     A: LearnTransition<Control = (), Statistics = MoveCounts>
@@ -102,10 +123,11 @@ where
         let message = format!("{} exists; replace it with --force", job.output.display());
         return Err(FleetError::Settings(message));
     }
-    let [size, modified] = stamp(&job.input)?;
+    let files = find(std::slice::from_ref(&job.input))?;
+    let content = Source::new(&files, &job.names, hmm.likelihood(), false)?.digest()?.text();
     let settings = json!({
-        "version": env!("CARGO_PKG_VERSION"), "model": model.hash(), "input size": size,
-        "input modified": modified, "keep prior": job.keep_prior,
+        "version": env!("CARGO_PKG_VERSION"), "model": model.hash(), "input": content,
+        "keep prior": job.keep_prior,
     });
     let (mut hmm, mut course) = (hmm.clone(), Course::default());
     if path.exists() && !job.start.restart {
@@ -121,7 +143,7 @@ where
     }
     loop {
         let iteration = course.log_likelihoods.len();
-        let expected = expect(&hmm, iteration)?;
+        let expected = expect(&hmm, iteration, &content)?;
         if expected.drives == expected.left_out {
             let message = format!("none of {} drives is possible", expected.drives);
             return Err(FleetError::Learning(message));
@@ -162,25 +184,38 @@ pub(crate) fn save(path: &Path, value: &impl Serialize) -> Outcome<()> {
     fs::rename(&written, path).map_err(FleetError::file(path))
 }
 
-/// Adds up the expectations of all drives of the file.
+/// Adds up the expectations of all drives of the input, which has a hash.
 fn expect<A>(
     hmm: &Hmm<A, Sensor>,
     job: &LearnJob,
+    content: &str,
     mut progress: impl FnMut(&Progress),
 ) -> Outcome<Expected>
 where
     A: LearnTransition<Control = (), Statistics = MoveCounts> + Sync,
 {
-    let found = input::open(&job.input, &job.names, hmm.likelihood(), 0)?;
+    let files = find(std::slice::from_ref(&job.input))?;
+    let source = Source::new(&files, &job.names, hmm.likelihood(), false)?;
     let mut sum = Expected::nothing(hmm);
-    let mut state = Progress { all_rows: found.rows, ..Progress::default() };
-    let work = |drives: Drives| Ok((Expected::of(hmm, &drives)?, drives.end_row));
-    pipeline::in_order(found.batches, job.threads, AHEAD, work, |done: Outcome<_>| {
-        let (some, end_row) = done?;
+    let mut state = Progress { all_rows: source.rows, ..Progress::default() };
+    let mut digest = Digest::default();
+    let work = |(file, drives): (usize, Drives)| {
+        let some = Expected::of(hmm, &drives).map_err(|error| source.name(file, error))?;
+        Ok((some, file, drives.end_row))
+    };
+    let drives = source.drives(0, 0);
+    pipeline::in_order(drives, job.threads, AHEAD, work, |done: Outcome<_>| {
+        let (some, file, end_row) = done?;
         sum.merge(hmm, &some);
-        state = Progress { rows: end_row, drives: sum.drives, ..state };
+        source.pieces.take(file, end_row).iter().for_each(|piece| digest.add(piece));
+        state = Progress { rows: source.rows_until(file, end_row), drives: sum.drives, ..state };
         progress(&state);
         Ok(())
     })?;
+    source.pieces.take(usize::MAX, u64::MAX).iter().for_each(|piece| digest.add(piece));
+    if digest.text() != content {
+        let message = "is not as it was when learning began; start over with --restart";
+        return Err(FleetError::changed(&job.input, message));
+    }
     Ok(sum)
 }

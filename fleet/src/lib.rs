@@ -12,17 +12,23 @@
 pub mod cluster;
 pub mod error;
 mod expected;
+mod finished;
+mod folder;
 pub mod input;
 #[doc = include_str!("guide.md")]
 pub mod guide {}
 mod journal;
 mod learn;
+mod left_out;
 pub mod model;
+mod names;
 pub mod output;
 mod partial;
 mod pipeline;
 pub mod places;
 pub mod pool;
+mod properties;
+mod row_groups;
 mod run;
 pub mod sensor;
 mod spool;

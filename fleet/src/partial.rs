@@ -18,24 +18,19 @@ use parquet::arrow::ArrowWriter;
 use parquet::arrow::arrow_writer::{
     ArrowColumnWriter, ArrowRowGroupWriterFactory, ArrowWriterOptions, compute_leaves,
 };
-use parquet::column::writer::ColumnCloseResult;
-use parquet::errors::ParquetError;
-use parquet::file::metadata::{
-    ColumnChunkMetaData, FileMetaData, ParquetMetaDataBuilder, ParquetMetaDataOptions,
-    ParquetMetaDataReader, ParquetMetaDataWriter, RowGroupMetaData,
-};
 use parquet::file::properties::WriterProperties;
-use parquet::file::statistics::Statistics;
 use parquet::file::writer::SerializedFileWriter;
 use serde_json::Value;
 use twox_hash::XxHash3_64;
 
 use crate::error::{FleetError, Outcome};
+use crate::finished::Finished;
+use crate::input::Invalid;
+use crate::input::pieces::{Digest, Piece, Pieces};
 use crate::journal::{Journal, Part};
-use crate::spool::{Disk, Nothing, Spool};
-
-/// Bytes of the end of a footer: the length of the metadata, and a mark.
-const FOOTER_TAIL: usize = 8;
+use crate::left_out::LeftOut;
+use crate::row_groups::{append, footer, hex, replay};
+use crate::spool::{Disk, Spool};
 
 /// Way to begin an output.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -56,14 +51,33 @@ pub(crate) struct Partial {
     factory: ArrowRowGroupWriterFactory,
     /// Columns of the part under construction, and its weight.
     part: Option<(Vec<ArrowColumnWriter>, usize)>,
-    counts: [u64; 3],
+    counts: [u64; 4],
     disk: Disk,
+    left_out: Option<LeftOut>,
+    /// Pieces of the input that were read.
+    pieces: Pieces,
+    /// Last piece that is noted, and the hash of all up to it.
+    noted: (Option<(usize, u64)>, Digest),
+    settings: Value,
+}
+
+/// What an output under construction is made of, and how.
+pub(crate) struct Plan<'a> {
+    pub(crate) output: &'a Path,
+    /// File for drives that are left out.
+    pub(crate) left_out: Option<&'a Path>,
+    /// Settings that two runs must share for one to continue the other.
+    pub(crate) settings: &'a Value,
+    pub(crate) schema: &'a Arc<Schema>,
+    pub(crate) properties: WriterProperties,
+    pub(crate) start: Start,
+    pub(crate) pieces: Pieces,
 }
 
 /// Output that is finished already, or can be continued.
 pub(crate) enum Opened {
     /// It was complete but for the removal of the journal.
-    Finished([u64; 3]),
+    Finished([u64; 4]),
     Partial(Box<Partial>),
 }
 
@@ -76,38 +90,36 @@ pub(crate) fn beside(output: &Path, ending: &str) -> PathBuf {
 
 impl Partial {
     /// Begins an output, or continues one with the same settings.
-    pub(crate) fn open(
-        output: &Path,
-        settings: &Value,
-        schema: &Arc<Schema>,
-        properties: WriterProperties,
-        start: Start,
-    ) -> Outcome<Opened> {
+    pub(crate) fn open(plan: Plan<'_>) -> Outcome<Opened> {
+        let Plan { output, settings, schema, properties, start, pieces, .. } = plan;
+        let exists = |path: &Path| {
+            let message = format!("{} exists; replace it with --force", path.display());
+            Err(FleetError::Settings(message))
+        };
         let partial = beside(output, ".partial");
         let path = beside(output, ".journal");
         if output.exists() && !path.exists() && !start.force {
-            let output = output.display();
-            let message = format!("{output} exists; replace it with --force");
-            return Err(FleetError::Settings(message));
+            return exists(output);
         }
         let mut journal = Journal::open(&path, settings, start.restart)?;
         // Under the lock: another run may have ended since.
-        let exists = output.exists();
         // Settings are written after the partial file is made, which gets the name of the output
         // at the end.
-        if exists && journal.begun && !partial.exists() {
-            let counts = journal.parts.last().map_or([0; 3], |part| part.counts);
+        if output.exists() && journal.begun && !partial.exists() {
+            let counts = Finished::read(output)?.map_or([0; 4], |finished| finished.counts);
+            plan.left_out.map_or(Ok(()), LeftOut::rename)?;
             journal.remove()?;
             return Ok(Opened::Finished(counts));
         }
-        if exists && !start.force {
-            if !journal.begun {
-                journal.remove()?;
+        for path in [Some(output), plan.left_out].into_iter().flatten() {
+            if path.exists() && !start.force {
+                if !journal.begun {
+                    journal.remove()?;
+                }
+                return exists(path);
             }
-            let output = output.display();
-            let message = format!("{output} exists; replace it with --force");
-            return Err(FleetError::Settings(message));
         }
+        let left_out = LeftOut::open(plan.left_out, &journal.parts)?;
         let at = partial.clone();
         let (wrong, failed) = (FleetError::file(&at), FleetError::parquet(&at));
         let mut file = OpenOptions::new()
@@ -117,10 +129,19 @@ impl Partial {
             .truncate(false)
             .open(&partial)
             .map_err(&wrong)?;
-        let valid = intact(&mut file, &journal.parts).map_err(&wrong)?;
+        let ends = journal.parts.iter().map(|part| (part.end, part.hash));
+        let mut valid = intact(&mut file, ends).map_err(&wrong)?;
+        let left_out = match left_out {
+            Some((left_out, lines)) => {
+                valid = valid.min(lines);
+                Some(left_out)
+            }
+            None => None,
+        };
         journal.keep(valid, settings)?;
         let (end, counts) =
-            journal.parts.last().map_or((0, [0; 3]), |part| (part.end, part.counts));
+            journal.parts.last().map_or((0, [0; 4]), |part| (part.end, part.counts));
+        let left_out = left_out.map(|left_out| left_out.cut(&journal.parts)).transpose()?;
         file.set_len(end).map_err(&wrong)?;
         file.seek(SeekFrom::Start(end)).map_err(&wrong)?;
         if !journal.begun {
@@ -141,7 +162,11 @@ impl Partial {
             let message = "its parts do not follow each other as the journal says";
             return Err(FleetError::format(&partial, message));
         }
-        let (output, schema) = (output.to_owned(), schema.clone());
+        let (output, schema, settings) = (output.to_owned(), schema.clone(), settings.clone());
+        let mut noted = (None, Digest::default());
+        journal.parts.iter().flat_map(|part| &part.pieces).for_each(|piece| {
+            note(&mut noted, piece);
+        });
         Ok(Opened::Partial(Box::new(Self {
             output,
             path: partial,
@@ -152,7 +177,16 @@ impl Partial {
             part: None,
             counts,
             disk,
+            left_out,
+            pieces,
+            noted,
+            settings,
         })))
+    }
+
+    /// Parts that are complete.
+    pub(crate) fn made(&self) -> &[Part] {
+        &self.journal.parts
     }
 
     /// Number of complete parts.
@@ -160,13 +194,13 @@ impl Partial {
         self.journal.parts.len()
     }
 
-    /// Rows of the input that complete parts are made of.
-    pub(crate) fn end_row(&self) -> u64 {
-        self.journal.parts.last().map_or(0, |part| part.end_row)
+    /// File and row of the input up to which complete parts are made.
+    pub(crate) fn position(&self) -> (usize, u64) {
+        self.journal.parts.last().map_or((0, 0), |part| (part.file, part.end_row))
     }
 
-    /// Drives, steps, and drives that failed, of all rows so far.
-    pub(crate) fn counts(&self) -> [u64; 3] {
+    /// Drives, steps, drives that failed and those left out, of all rows so far.
+    pub(crate) fn counts(&self) -> [u64; 4] {
         self.counts
     }
 
@@ -180,7 +214,7 @@ impl Partial {
         &mut self,
         batch: &RecordBatch,
         weight: usize,
-        counts: [u64; 3],
+        counts: [u64; 4],
     ) -> Outcome<()> {
         let wrong = FleetError::parquet(&self.path);
         let index = self.journal.parts.len();
@@ -204,8 +238,15 @@ impl Partial {
         Ok(())
     }
 
-    /// Completes the part, of which the input ends before a row.
-    pub(crate) fn end_part(&mut self, end_row: u64) -> Outcome<()> {
+    /// Writes drives that are left out.
+    pub(crate) fn leave_out(&mut self, file: &str, invalid: &[Invalid]) -> Outcome<()> {
+        self.counts[3] += invalid.len() as u64;
+        self.left_out.as_mut().map_or(Ok(()), |left_out| left_out.write(file, invalid))
+    }
+
+    /// Completes the part, of which the input ends before a row of a file. The hash is that of the
+    /// names of all files up to this one.
+    pub(crate) fn end_part(&mut self, file: usize, end_row: u64, names: u64) -> Outcome<()> {
         let Some((columns, _)) = self.part.take() else { return Ok(()) };
         let wrong = FleetError::parquet(&self.path);
         let group = append(&mut self.writer, columns).map_err(&wrong)?;
@@ -213,18 +254,34 @@ impl Partial {
         let end = self.writer.bytes_written() as u64;
         let hash = std::mem::take(&mut self.writer.inner_mut().hash).finish();
         let metadata = hex(&footer(&self.writer, group).map_err(&wrong)?);
+        let lines = match &mut self.left_out {
+            Some(left_out) => left_out.end_part()?,
+            None => (0, XxHash3_64::default().finish()),
+        };
+        let mut pieces = self.pieces.take(file, end_row);
+        pieces.retain(|piece| note(&mut self.noted, piece));
+        let counts = self.counts;
         self.disk.push();
-        self.journal.add(Part { end_row, end, hash, counts: self.counts, metadata })
+        self.journal.add(Part { file, end_row, names, pieces, lines, end, hash, counts, metadata })
     }
 
-    /// Writes the footer, and gives the file its name.
-    pub(crate) fn finish(self) -> Outcome<[u64; 3]> {
+    /// Writes the footer, and gives the file its name. The hash is that of the names of all files.
+    pub(crate) fn finish(self, names: u64) -> Outcome<[u64; 4]> {
         let Self { output, path: partial, journal, mut writer, counts, disk, .. } = self;
+        let (mut left_out, pieces, mut noted) = (self.left_out, self.pieces, self.noted);
+        for piece in pieces.take(usize::MAX, u64::MAX) {
+            note(&mut noted, &piece);
+        }
+        let about = Finished { settings: self.settings, content: noted.1.text(), names, counts };
+        writer.append_key_value_metadata(about.metadata());
         writer.finish().map_err(FleetError::parquet(&partial))?;
         writer.flush().map_err(FleetError::file(&partial))?;
         disk.end();
         writer.inner().file.sync_all().map_err(FleetError::file(&partial))?;
+        left_out.as_mut().map_or(Ok(()), LeftOut::sync)?;
         fs::rename(&partial, &output).map_err(FleetError::file(&output))?;
+        // A run that ends here does this when it is made again.
+        left_out.map_or(Ok(()), LeftOut::finish)?;
         let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty());
         // Not all systems can do this, and the file is complete in any case.
         _ = File::open(folder.unwrap_or(Path::new("."))).and_then(|folder| folder.sync_all());
@@ -235,17 +292,32 @@ impl Partial {
     /// Removes what has been written.
     pub(crate) fn discard(self) -> Outcome<()> {
         fs::remove_file(&self.path).map_err(FleetError::file(&self.path))?;
+        self.left_out.map_or(Ok(()), LeftOut::discard)?;
         self.journal.remove()
     }
 }
 
+/// Takes note of a piece, unless it is noted already.
+fn note(noted: &mut (Option<(usize, u64)>, Digest), piece: &Piece) -> bool {
+    let place = Some((piece.file, piece.number));
+    let is_new = place > noted.0;
+    if is_new {
+        noted.0 = place;
+        noted.1.add(piece);
+    }
+    is_new
+}
+
 /// Number of parts, from the first, whose bytes are as they were written.
-fn intact(file: &mut File, parts: &[Part]) -> io::Result<usize> {
+pub(crate) fn intact(
+    file: &mut File,
+    parts: impl Iterator<Item = (u64, u64)>,
+) -> io::Result<usize> {
     file.seek(SeekFrom::Start(0))?;
-    let (mut start, mut buffer) = (0, vec![0; 1 << 20]);
-    for (number, part) in parts.iter().enumerate() {
+    let (mut start, mut number, mut buffer) = (0, 0, vec![0; 1 << 20]);
+    for (end, written) in parts {
         let mut hash = XxHash3_64::default();
-        let mut left = part.end.saturating_sub(start);
+        let mut left: u64 = end.saturating_sub(start);
         while left > 0 {
             let most = buffer.len().min(usize::try_from(left).unwrap_or(usize::MAX));
             let read = file.read(&mut buffer[..most])?;
@@ -255,87 +327,10 @@ fn intact(file: &mut File, parts: &[Part]) -> io::Result<usize> {
             hash.write(&buffer[..read]);
             left -= read as u64;
         }
-        if hash.finish() != part.hash {
+        if hash.finish() != written {
             return Ok(number);
         }
-        start = part.end;
+        (start, number) = (end, number + 1);
     }
-    Ok(parts.len())
-}
-
-/// Writes the columns of a row group.
-fn append(
-    writer: &mut SerializedFileWriter<Spool>,
-    columns: Vec<ArrowColumnWriter>,
-) -> Result<RowGroupMetaData, ParquetError> {
-    let mut group = writer.next_row_group()?;
-    for column in columns {
-        column.close()?.append_to_row_group(&mut group)?;
-    }
-    Ok(Arc::unwrap_or_clone(group.close()?))
-}
-
-/// Tells the writer of a row group that is in the file already.
-fn replay(writer: &mut SerializedFileWriter<Spool>, part: &Part) -> Result<(), ParquetError> {
-    let damaged = || ParquetError::General("the journal has damaged metadata".to_owned());
-    let bytes = unhex(&part.metadata).ok_or_else(damaged)?;
-    let length = bytes.len().checked_sub(FOOTER_TAIL).ok_or_else(damaged)?;
-    // As they were, so that the file gets the same footer as without an interruption.
-    let whole = ParquetMetaDataOptions::new().with_encoding_stats_as_mask(false);
-    let metadata =
-        ParquetMetaDataReader::decode_metadata_with_options(&bytes[..length], Some(&whole))?;
-    let group = metadata.row_groups().first().ok_or_else(damaged)?;
-    let mut out = writer.next_row_group()?;
-    for column in group.columns() {
-        let close = ColumnCloseResult {
-            bytes_written: column.compressed_size().max(0).cast_unsigned(),
-            rows_written: group.num_rows().max(0).cast_unsigned(),
-            metadata: as_written(column)?,
-            bloom_filter: None,
-            column_index: None,
-            offset_index: None,
-        };
-        out.append_column(&Nothing, close)?;
-    }
-    out.close()?;
-    Ok(())
-}
-
-/// Metadata as the writer had it: what is read no longer says that bounds of integers also stand
-/// in the fields of old readers.
-fn as_written(column: &ColumnChunkMetaData) -> Result<ColumnChunkMetaData, ParquetError> {
-    let Some(Statistics::Int64(bounds)) = column.statistics() else { return Ok(column.clone()) };
-    let bounds = bounds.clone().with_backwards_compatible_min_max(true);
-    column.clone().into_builder().set_statistics(Statistics::Int64(bounds)).build()
-}
-
-/// Metadata of a row group as a file would end with it.
-fn footer(
-    writer: &SerializedFileWriter<Spool>,
-    group: RowGroupMetaData,
-) -> Result<Vec<u8>, ParquetError> {
-    let schema = group.schema_descr_ptr();
-    let file = FileMetaData::new(
-        writer.properties().writer_version().as_num(),
-        group.num_rows(),
-        None,
-        None,
-        schema,
-        None,
-    );
-    let metadata = ParquetMetaDataBuilder::new(file).add_row_group(group).build();
-    let mut bytes = Vec::new();
-    ParquetMetaDataWriter::new(&mut bytes, &metadata).finish()?;
-    Ok(bytes)
-}
-
-fn hex(bytes: &[u8]) -> String {
-    let digit = |half: u8| char::from_digit(u32::from(half), 16).unwrap_or('0');
-    bytes.iter().flat_map(|byte| [digit(byte >> 4), digit(byte & 15)]).collect()
-}
-
-fn unhex(digits: &str) -> Option<Vec<u8>> {
-    let pairs = digits.as_bytes().chunks(2);
-    let byte = |pair| u8::from_str_radix(std::str::from_utf8(pair).ok()?, 16).ok();
-    pairs.map(byte).collect()
+    Ok(number)
 }

@@ -1,59 +1,43 @@
-//! A routine over a file of drives, batch by batch.
+//! A routine over files of drives, batch by batch.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use arrow::datatypes::DataType;
-use parquet::basic::{Compression, Encoding, ZstdLevel};
-use parquet::file::metadata::KeyValue;
-use parquet::file::properties::{EnabledStatistics, WriterProperties};
-use parquet::schema::types::ColumnPath;
+use arrow::datatypes::{DataType, Schema};
 use serde_json::{Value, json};
 
 use crate::error::{FleetError, Outcome};
-use crate::input::{self, ColumnNames, Form};
+use crate::finished::Finished;
+use crate::folder;
+use crate::input::files::{InputFiles, find};
+use crate::input::invalid::halves;
+use crate::input::source::Source;
+use crate::input::{ColumnNames, Drives, Form, Invalid};
 use crate::model::Model;
-use crate::output::{self, Results, Table, Verb};
+use crate::names::{hashes, named, with_file};
+use crate::output::{self, Batch, Results, Table, Verb};
 pub use crate::partial::Start;
-use crate::partial::{Opened, Partial};
+use crate::partial::{Opened, Partial, Plan};
 use crate::pipeline;
+pub use crate::properties::Pack;
+use crate::properties::properties;
 
 /// Batches for each thread that are under way or wait to be written.
 const AHEAD: usize = 4;
 
-/// Compression of the pages of an output.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub enum Pack {
-    /// As they are: doubles with all their digits hardly get smaller.
-    None,
-    /// Fast.
-    Lz4,
-    /// Fast, and read everywhere.
-    Snappy,
-    /// Small.
-    Zstd,
-}
-
-impl From<Pack> for Compression {
-    fn from(pack: Pack) -> Self {
-        match pack {
-            Pack::None => Self::UNCOMPRESSED,
-            Pack::Lz4 => Self::LZ4_RAW,
-            Pack::Snappy => Self::SNAPPY,
-            Pack::Zstd => Self::ZSTD(ZstdLevel::default()),
-        }
-    }
-}
-
-/// A routine over a file of drives.
+/// A routine over files of drives.
 #[derive(Debug, Clone)]
 pub struct Job {
     /// File of the model.
     pub model: PathBuf,
-    /// File of the drives, Parquet or CSV.
-    pub input: PathBuf,
-    /// File of the results, Parquet.
+    /// Files of the drives, Parquet or CSV; folders of such files, or patterns.
+    pub inputs: Vec<PathBuf>,
+    /// File of the results, Parquet; or a folder, which exists or whose name ends with a slash,
+    /// for a file for each one of the input.
     pub output: PathBuf,
+    /// File (or folder, like the output) for drives that are no valid input; without it these end
+    /// the run.
+    pub left_out: Option<PathBuf>,
     /// Names of the columns of the input.
     pub names: ColumnNames,
     /// Routine.
@@ -93,145 +77,230 @@ pub struct Summary {
     pub steps: u64,
     /// Number of drives that have an error.
     pub failed: u64,
+    /// Number of drives that were no valid input, and are left out.
+    pub left_out: u64,
     /// Number of parts of the output.
     pub parts: usize,
     /// Number of these parts that were made by an earlier run.
     pub resumed: usize,
+    /// Number of outputs.
+    pub outputs: usize,
+    /// Number of these outputs that an earlier run has finished.
+    pub finished: usize,
 }
 
-/// Runs a routine over a file, or continues a run that was interrupted.
+impl Summary {
+    pub(crate) fn finished([drives, steps, failed, left_out]: [u64; 4]) -> Self {
+        Self { drives, steps, failed, left_out, outputs: 1, finished: 1, ..Self::default() }
+    }
+}
+
+/// Runs a routine over files, or continues a run that was interrupted.
 ///
 /// Results are in the order of the input. Their file appears under its name when it is complete;
-/// until then it has the ending `.partial`, beside a file with the ending `.journal`. An error of
-/// the input removes both; after any other error the same call continues.
+/// until then it has the ending `.partial`, beside a file with the ending `.journal`. After an
+/// error the same call continues. If an output with these settings and this input exists already,
+/// nothing is done.
 ///
 /// # Errors
 ///
 /// [`FleetError`] if a file cannot be read or written, or settings or input are not valid.
 pub fn run(job: &Job, mut progress: impl FnMut(&Progress)) -> Outcome<Summary> {
     let model = Model::load(&job.model)?;
-    let found = input::open(&job.input, &job.names, model.sensor(), 0)?;
-    let form = job.form.unwrap_or(found.form);
+    let files = find(&job.inputs)?;
+    let results = job.left_out.iter().chain([&job.output]);
+    results.into_iter().try_for_each(|path| folder::outside(&files, path))?;
+    if folder::is_folder(&job.output) {
+        return folder::run(job, &model, &files, &mut progress);
+    }
+    let has_names = !files.is_one;
+    let out = Target { output: &job.output, left_out: job.left_out.as_deref(), has_names };
+    run_into(job, &model, &files, out, &mut progress)
+}
+
+/// Files of the results of some files.
+#[derive(Clone, Copy)]
+pub(crate) struct Target<'a> {
+    pub(crate) output: &'a Path,
+    pub(crate) left_out: Option<&'a Path>,
+    /// True if rows have the name of the file that they come from.
+    pub(crate) has_names: bool,
+}
+
+pub(crate) fn run_into(
+    job: &Job,
+    model: &Model,
+    files: &InputFiles,
+    target: Target<'_>,
+    progress: &mut dyn FnMut(&Progress),
+) -> Outcome<Summary> {
+    let leave_out = target.left_out.is_some();
+    let source = Source::new(files, &job.names, model.sensor(), leave_out)?;
+    let form = job.form.unwrap_or(source.form);
     let results = Results::new(job.verb, job.table, form)?;
-    let schema = Arc::new(results.schema(&found.id_type));
-    let settings = settings(job, &model, form)?;
-    let properties = properties(job, &model, &found.id_type, form);
-    let mut out = match Partial::open(&job.output, &settings, &schema, properties, job.start)? {
-        Opened::Finished([drives, steps, failed]) => {
-            return Ok(Summary { drives, steps, failed, parts: 0, resumed: 0 });
-        }
+    let schema = Arc::new(results.schema(&source.id_type));
+    let settings = settings(job, model, form, &source.id_type, target.has_names);
+    let names = if target.has_names { hashes(files) } else { vec![0; files.files.len()] };
+    let all_names = names.last().copied().unwrap_or(0);
+    if let Some(counts) = finished(job, target.output, &settings, &source, all_names)? {
+        return Ok(Summary::finished(counts));
+    }
+    let schema_of_files = with_file(&schema);
+    let plan = Plan {
+        output: target.output,
+        left_out: target.left_out,
+        settings: &settings,
+        schema: if target.has_names { &schema_of_files } else { &schema },
+        properties: properties(job, model, &source.id_type, form),
+        start: job.start,
+        pieces: source.pieces.clone(),
+    };
+    let mut out = match Partial::open(plan)? {
+        Opened::Finished(counts) => return Ok(Summary::finished(counts)),
         Opened::Partial(out) => out,
     };
-    let (resumed, all_rows) = (out.parts(), found.rows);
-    let mut state = Progress { rows: out.end_row(), all_rows, drives: out.counts()[0] };
+    let resumed = out.parts();
+    check(&out, &source, &names, target)?;
+    let (file, row) = out.position();
+    let mut place = (file, row);
+    let mut state = Progress {
+        rows: source.rows_until(file, row),
+        all_rows: source.rows,
+        drives: out.counts()[0],
+    };
     progress(&state);
-    let batches = match state.rows {
-        0 => found.batches,
-        rows => input::open(&job.input, &job.names, model.sensor(), rows)?.batches,
-    };
-    let work = |drives: input::Drives| {
-        let done = output::results(&model, &results, &schema, &drives)?;
-        Ok((done, drives.end_row))
-    };
-    let done = pipeline::in_order(batches, job.threads, AHEAD, work, |done: Outcome<_>| {
-        let (batch, end_row) = done?;
-        let weight = if form == Form::Nested && job.table != Table::Drives {
-            batch.steps as usize
-        } else {
-            batch.rows.num_rows()
-        };
-        out.write(&batch.rows, weight, [batch.drives, batch.steps, batch.failed])?;
-        if out.weight() >= job.part {
-            out.end_part(end_row)?;
+    let work = |(file, drives): (usize, Drives)| {
+        let made = make(model, &results, &schema, &drives, leave_out);
+        let (mut batches, invalid) = made.map_err(|error| source.name(file, error))?;
+        let name = source.path(file).to_string_lossy();
+        if target.has_names {
+            for batch in &mut batches {
+                batch.rows = named(&batch.rows, &schema_of_files, &name)?;
+            }
         }
-        state = Progress { rows: end_row, drives: out.counts()[0], ..state };
+        Ok(Made { place: (file, drives.end_row), batches, invalid, name })
+    };
+    let drives = source.drives(file, row);
+    let done = pipeline::in_order(drives, job.threads, AHEAD, work, |made: Outcome<Made<'_>>| {
+        let Made { place: at, batches, invalid, name } = made?;
+        for batch in &batches {
+            let weight = if form == Form::Nested && job.table != Table::Drives {
+                batch.steps as usize
+            } else {
+                batch.rows.num_rows()
+            };
+            out.write(&batch.rows, weight, [batch.drives, batch.steps, batch.failed, 0])?;
+        }
+        out.leave_out(&name, &invalid)?;
+        place = at;
+        if out.weight() >= job.part {
+            out.end_part(at.0, at.1, names[at.0])?;
+        }
+        state.rows = source.rows_until(at.0, at.1);
+        state.drives = out.counts()[0];
         progress(&state);
         Ok(())
     });
-    let done = done.and_then(|()| out.end_part(state.rows));
+    let done = done.and_then(|()| out.end_part(place.0, place.1, names[place.0]));
     if let Err(error) = done {
-        if error.is_of_input() {
+        if out.parts() == 0 {
             out.discard()?;
         }
         return Err(error);
     }
     let parts = out.parts();
-    let [drives, steps, failed] = out.finish()?;
-    Ok(Summary { drives, steps, failed, parts, resumed })
+    let [drives, steps, failed, left_out] = out.finish(all_names)?;
+    Ok(Summary { drives, steps, failed, left_out, parts, resumed, outputs: 1, finished: 0 })
+}
+
+/// Results of a batch of drives.
+struct Made<'a> {
+    place: (usize, u64),
+    batches: Vec<Batch>,
+    invalid: Vec<Invalid>,
+    name: std::borrow::Cow<'a, str>,
+}
+
+/// Results of drives; those that turn out not to be valid are an error, or are left out.
+fn make(
+    model: &Model,
+    results: &Results,
+    schema: &Arc<Schema>,
+    drives: &Drives,
+    leave_out: bool,
+) -> Outcome<(Vec<Batch>, Vec<Invalid>)> {
+    if drives.is_empty() {
+        return Ok((Vec::new(), drives.invalid.clone()));
+    }
+    let (mut batches, mut invalid) = (Vec::new(), drives.invalid.clone());
+    let make = |drives: &Drives| output::results(model, results, schema, drives);
+    match make(drives) {
+        Err(FleetError::Value { .. }) if leave_out => halves(
+            0..drives.len(),
+            &mut |range| make(&drives.part(range)),
+            &mut |_, batch| batches.push(batch),
+            &mut |drive, error| {
+                invalid.push(drives.invalid(drive, error)?);
+                Ok(())
+            },
+        )?,
+        done => batches.push(done?),
+    }
+    invalid.sort_by_key(|invalid| invalid.row);
+    Ok((batches, invalid))
+}
+
+/// Checks that the input is the one that finished parts were made of.
+fn check(out: &Partial, source: &Source<'_>, names: &[u64], target: Target<'_>) -> Outcome<()> {
+    let parts = out.made();
+    for part in parts {
+        if names.get(part.file) != Some(&part.names) {
+            return Err(FleetError::Settings(format!(
+                "the files of the input up to number {} are not those that parts of {} were made \
+                 of; make that run again, or start over with --restart",
+                part.file + 1,
+                target.output.display()
+            )));
+        }
+    }
+    source.check(parts.iter().flat_map(|part| &part.pieces))
+}
+
+/// Counts of the run that made an output, if it was this one.
+fn finished(
+    job: &Job,
+    output: &Path,
+    settings: &Value,
+    source: &Source<'_>,
+    names: u64,
+) -> Outcome<Option<[u64; 4]>> {
+    if job.start.force || !output.is_file() || crate::partial::beside(output, ".journal").exists() {
+        return Ok(None);
+    }
+    let found = Finished::read(output)?;
+    let Some(found) = found.filter(|found| found.settings == *settings && found.names == names)
+    else {
+        return Ok(None);
+    };
+    Ok((source.digest()?.text() == found.content).then_some(found.counts))
 }
 
 /// Settings that two runs must share for one to continue the other.
-fn settings(job: &Job, model: &Model, form: Form) -> Outcome<Value> {
-    let [size, modified] = stamp(&job.input)?;
+fn settings(job: &Job, model: &Model, form: Form, id_type: &DataType, has_names: bool) -> Value {
     let names = &job.names;
-    Ok(json!({
+    json!({
         "version": env!("CARGO_PKG_VERSION"),
         "model": model.hash(),
-        "input size": size,
-        "input modified": modified,
         "columns": [
             names.trace_id, names.step, names.observation, names.elsewhere, names.latitude,
             names.longitude, names.deviation,
         ],
+        "type of ids": format!("{id_type}"),
+        "names of files": has_names,
         "routine": format!("{:?}", job.verb),
         "table": format!("{:?}", job.table),
         "form": format!("{form:?}"),
         "part": job.part,
         "compression": format!("{:?}", job.pack),
-    }))
-}
-
-/// Size of a file, and nanoseconds since 1970 of its last change.
-pub(crate) fn stamp(path: &Path) -> Outcome<[String; 2]> {
-    let wrong = FleetError::file(path);
-    let metadata = std::fs::metadata(path).map_err(&wrong)?;
-    let modified = metadata.modified().map_err(&wrong)?;
-    let since = modified.duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
-    Ok([metadata.len().to_string(), since.as_nanos().to_string()])
-}
-
-/// Encodings: integers as differences, doubles as they are.
-fn properties(job: &Job, model: &Model, id_type: &DataType, form: Form) -> WriterProperties {
-    let about = |key: &str, value: String| KeyValue::new(format!("wayfix.{key}"), value);
-    let mut properties = WriterProperties::builder()
-        .set_compression(job.pack.into())
-        .set_dictionary_enabled(false)
-        // Their place is after all parts, so that they would have to be kept until then.
-        .set_offset_index_disabled(true)
-        .set_statistics_enabled(EnabledStatistics::None)
-        .set_max_row_group_row_count(None)
-        .set_key_value_metadata(Some(vec![
-            about("model", model.hash().to_owned()),
-            about("routine", format!("{:?}", job.verb).to_lowercase()),
-        ]));
-    let path = |list: &[&str], name: &str| {
-        let parts = list.iter().copied().chain([name]);
-        ColumnPath::new(parts.map(str::to_owned).collect())
-    };
-    for list in [
-        &[][..],
-        &["results", "list", "item"],
-        &["best", "list", "item"],
-        &["path", "list", "item"],
-    ] {
-        for name in ["step", "steps", "rank", "state", "error_step"] {
-            let column = path(list, name);
-            properties = properties.set_column_encoding(column, Encoding::DELTA_BINARY_PACKED);
-        }
-    }
-    let id = path(&[], "trace_id");
-    properties = if *id_type == DataType::Int64 {
-        properties.set_column_encoding(id.clone(), Encoding::DELTA_BINARY_PACKED)
-    } else {
-        properties.set_column_dictionary_enabled(id.clone(), true)
-    };
-    properties = properties.set_column_dictionary_enabled(path(&[], "error_kind"), true);
-    if form == Form::Long && job.table != Table::Drives {
-        // The same in all rows of a drive.
-        for name in ["log_likelihood", "log_probability"] {
-            let is_of_step = job.verb == Verb::Filter;
-            properties = properties.set_column_dictionary_enabled(path(&[], name), !is_of_step);
-        }
-    }
-    properties.set_column_statistics_enabled(id, EnabledStatistics::Chunk).build()
+    })
 }

@@ -51,10 +51,11 @@ struct Files {
     /// Model, the JSON of a wayfix `Hmm`.
     #[arg(long)]
     model: PathBuf,
-    /// Drives, a CSV file if its name ends so, else a Parquet file.
-    #[arg(long)]
-    input: PathBuf,
-    /// Results.
+    /// Drives, a CSV file if its name ends so, else a Parquet file; a folder of files, or a
+    /// pattern in quotes. May be given several times, but to learn.
+    #[arg(long, required = true)]
+    input: Vec<PathBuf>,
+    /// Results; a folder for a file of results for each file of the input.
     #[arg(long)]
     output: PathBuf,
     /// Column with the id of the drive.
@@ -107,6 +108,10 @@ struct Run {
     /// Compression of the output.
     #[arg(long, default_value = "none")]
     compression: Pack,
+    /// Leaves out drives that are no valid input, and writes them into a file: a line of JSON with
+    /// file, row, trace_id, column and reason. A folder if the output is one.
+    #[arg(long, value_name = "FILE")]
+    skip_invalid: Option<PathBuf>,
 }
 
 #[derive(Debug, Args)]
@@ -235,8 +240,9 @@ fn start(verb: Verb, options: &Run) -> Result<String, FleetError> {
     });
     let job = Job {
         model: files.model.clone(),
-        input: files.input.clone(),
+        inputs: files.input.clone(),
         output: files.output.clone(),
+        left_out: options.skip_invalid.clone(),
         names: files.names(),
         verb,
         table: match content {
@@ -257,8 +263,16 @@ fn start(verb: Verb, options: &Run) -> Result<String, FleetError> {
     let bar = bar(files.quiet);
     let done = run(&job, |progress| show(&bar, progress));
     bar.finish_and_clear();
-    let Summary { drives, steps, failed, parts, resumed } = done?;
+    let Summary { drives, steps, failed, left_out, parts, resumed, outputs, finished } = done?;
     let mut text = format!("{drives} drives, {steps} steps, {failed} drives with an error");
+    if left_out > 0 {
+        text += &format!(", {left_out} drives left out");
+    }
+    if finished == outputs {
+        text += "; finished already";
+    } else if finished > 0 {
+        text += &format!("; {finished} of {outputs} outputs were finished already");
+    }
     if resumed > 0 {
         text += &format!("; {resumed} of {parts} parts were there already");
     }
@@ -267,9 +281,13 @@ fn start(verb: Verb, options: &Run) -> Result<String, FleetError> {
 
 fn start_learning(options: &Learn) -> Result<String, FleetError> {
     let files = &options.files;
+    let [input] = &files.input[..] else {
+        let message = "learning has one --input: a file, a folder or a pattern";
+        return Err(FleetError::Settings(message.to_owned()));
+    };
     let job = LearnJob {
         model: files.model.clone(),
-        input: files.input.clone(),
+        input: input.clone(),
         output: files.output.clone(),
         names: files.names(),
         iterations: options.iterations,

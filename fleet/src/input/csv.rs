@@ -1,7 +1,7 @@
 //! CSV files in the long form, with a header.
 
 use std::fs::File;
-use std::io::BufReader;
+use std::io::{self, BufReader};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -11,11 +11,12 @@ use arrow::array::{
 };
 use arrow::compute::{CastOptions, cast_with_options};
 use arrow::csv::ReaderBuilder;
-use arrow::csv::reader::Format;
+use arrow::csv::reader::{Decoder, Format};
 use arrow::datatypes::{DataType, Field, Fields, Schema};
 
 use super::columns::{ColumnNames, Layout};
-use super::{Batches, without};
+use super::pieces::{self, BLOCK, Piece};
+use super::{Batches, Reading, Rows, without};
 use crate::error::{FleetError, Outcome};
 use crate::sensor::{Kind, Sensor};
 
@@ -32,6 +33,7 @@ pub(super) fn open(
     names: &ColumnNames,
     sensor: &Sensor,
     skip: u64,
+    reading: &Reading,
 ) -> Outcome<(Batches, Layout)> {
     let (header, ids) = head(path, &names.trace_id)?;
     let numbered = ids.as_deref().is_none_or(|id| id.parse::<i64>().is_ok());
@@ -56,23 +58,92 @@ pub(super) fn open(
     let text = header.iter().map(|name| Field::new(name, DataType::Utf8, true));
     let text = Arc::new(Schema::new(text.collect::<Vec<_>>()));
     let cut = skip as usize % ROWS;
-    let reader = ReaderBuilder::new(text)
+    let decoder = ReaderBuilder::new(text)
         .with_header(true)
         .with_batch_size(ROWS)
         .with_projection(projection)
         .with_bounds(skip as usize - cut, usize::MAX >> 1)
-        .build(File::open(path).map_err(FleetError::file(path))?)
-        .map_err(|error| FleetError::format(path, error))?;
-    let (path, schema, mut row) = (path.to_owned(), Arc::new(schema), skip - cut as u64);
-    let batches = reader.map(move |batch| {
-        let batch = batch.map_err(|error| FleetError::format(&path, error))?;
-        let columns = batch.columns().iter().zip(schema.fields());
-        let columns = columns.map(|(text, field)| typed(text, field, row));
-        let typed = RecordBatch::try_new(schema.clone(), columns.collect::<Outcome<_>>()?)?;
-        row += batch.num_rows() as u64;
-        Ok(typed)
+        .build_decoder();
+    let file = File::open(path).map_err(FleetError::file(path))?;
+    let row = skip - cut as u64;
+    let (buffer, schema, reading) = (Vec::with_capacity(BLOCK), Arc::new(schema), reading.clone());
+    let mut blocks = Blocks { file, decoder, buffer, at: 0, number: 0, row, reading };
+    let path = path.to_owned();
+    let batches = std::iter::from_fn(move || {
+        let first_row = blocks.row;
+        let batch = blocks.next(&path).transpose()?;
+        Some(batch.and_then(|batch| rows(&batch, &schema, first_row, blocks.reading.leave_out)))
     });
     Ok((without(batches, cut as u64), layout))
+}
+
+/// Text of a file, in blocks that are noted as they are read.
+struct Blocks {
+    file: File,
+    decoder: Decoder,
+    buffer: Vec<u8>,
+    /// Byte of the block that comes next.
+    at: usize,
+    /// Number of the next block.
+    number: u64,
+    /// First row of the batch that comes next.
+    row: u64,
+    reading: Reading,
+}
+
+impl Blocks {
+    fn next(&mut self, path: &Path) -> Outcome<Option<RecordBatch>> {
+        let wrong = |error| FleetError::format(path, error);
+        loop {
+            if self.at == self.buffer.len() {
+                self.fill().map_err(FleetError::file(path))?;
+            }
+            let read = self.decoder.decode(&self.buffer[self.at..]).map_err(wrong)?;
+            self.at += read;
+            if read == 0 || self.decoder.capacity() == 0 {
+                break;
+            }
+        }
+        let batch = self.decoder.flush().map_err(wrong)?;
+        self.row += batch.as_ref().map_or(0, RecordBatch::num_rows) as u64;
+        Ok(batch)
+    }
+
+    fn fill(&mut self) -> io::Result<()> {
+        pieces::block(&mut self.file, &mut self.buffer)?;
+        self.at = 0;
+        if let Some(pieces) = self.reading.pieces.as_ref().filter(|_| !self.buffer.is_empty()) {
+            // Rows that are skipped are not counted here, and their blocks are known.
+            let first_row = self.row + (ROWS - self.decoder.capacity()) as u64;
+            let hash = pieces::hash_of(&self.buffer);
+            pieces.add(Piece { file: self.reading.file, number: self.number, first_row, hash });
+            self.number += 1;
+        }
+        Ok(())
+    }
+}
+
+/// Reads columns of text as their types.
+fn rows(
+    batch: &RecordBatch,
+    schema: &Arc<Schema>,
+    first_row: u64,
+    leave_out: bool,
+) -> Outcome<Rows> {
+    let mut wrong = Vec::new();
+    let mut refuse = |row: usize, error: FleetError| {
+        if !leave_out {
+            return Err(error);
+        }
+        wrong.push((row, error));
+        Ok(())
+    };
+    let columns = batch.columns().iter().zip(schema.fields());
+    let columns = columns.map(|(text, field)| typed(text, field, first_row, &mut refuse));
+    let columns = columns.collect::<Outcome<_>>()?;
+    let batch = RecordBatch::try_new(schema.clone(), columns)?;
+    wrong.sort_by_key(|(row, _)| *row);
+    Ok(Rows { batch, wrong: wrong.into() })
 }
 
 /// Returns the header, and the first trace id.
@@ -117,21 +188,22 @@ fn pair() -> Fields {
     ])
 }
 
-/// Reads a column of text as a type.
-fn typed(text: &ArrayRef, field: &Field, first_row: u64) -> Outcome<ArrayRef> {
-    let refuse = |row: usize, what: &str| {
-        let value = text.as_string::<i32>().value(row);
-        let message = format!("`{value}` is not {what}");
-        FleetError::value(field.name(), first_row + row as u64, message)
-    };
+/// Takes a row that cannot be read, and may end the work.
+type Refuse<'a> = &'a mut dyn FnMut(usize, FleetError) -> Outcome<()>;
+
+/// Reads a column of text as a type; what cannot be read is null.
+fn typed(text: &ArrayRef, field: &Field, first_row: u64, refuse: Refuse<'_>) -> Outcome<ArrayRef> {
     let strings = text.as_string::<i32>();
+    let mut refuse = |row: usize, what: &str| {
+        let message = format!("`{}` is not {what}", strings.value(row));
+        refuse(row, FleetError::value(field.name(), first_row + row as u64, message))
+    };
     match field.data_type() {
         DataType::List(inner) if inner.data_type().is_floating() => {
             let row = |out: &mut ListBuilder<Float64Builder>, text: &str| {
                 for value in parts(text) {
                     out.values().append_value(value.parse().ok()?);
                 }
-                out.append(true);
                 Some(())
             };
             let what = "a list of numbers";
@@ -149,7 +221,6 @@ fn typed(text: &ArrayRef, field: &Field, first_row: u64) -> Outcome<ArrayRef> {
                     pairs.field_builder::<Float64Builder>(1)?.append_value(likelihood);
                     pairs.append(true);
                 }
-                out.append(true);
                 Some(())
             };
             let pairs = ListBuilder::new(StructBuilder::new(pair(), fields));
@@ -159,10 +230,9 @@ fn typed(text: &ArrayRef, field: &Field, first_row: u64) -> Outcome<ArrayRef> {
             let options = CastOptions { safe: true, ..CastOptions::default() };
             let done = cast_with_options(text, to, &options)?;
             if done.null_count() > text.null_count() {
-                let lost = |&row: &usize| done.is_null(row) && !text.is_null(row);
-                let row = (0..text.len()).find(lost).unwrap_or(0);
                 let what = if to.is_integer() { "a 64-bit integer" } else { "a number" };
-                return Err(refuse(row, what));
+                let lost = |&row: &usize| done.is_null(row) && !text.is_null(row);
+                (0..text.len()).filter(lost).try_for_each(|row| refuse(row, what))?;
             }
             Ok(done)
         }
@@ -179,13 +249,14 @@ fn list<B: arrow::array::ArrayBuilder>(
     texts: &StringArray,
     mut out: ListBuilder<B>,
     mut row: impl FnMut(&mut ListBuilder<B>, &str) -> Option<()>,
-    refuse: impl Fn(usize) -> FleetError,
+    mut refuse: impl FnMut(usize) -> Outcome<()>,
 ) -> Outcome<ArrayRef> {
     for (at, text) in texts.iter().enumerate() {
-        match text {
-            None => out.append(false),
-            Some(text) => row(&mut out, text).ok_or_else(|| refuse(at))?,
+        let read = text.and_then(|text| row(&mut out, text));
+        if text.is_some() && read.is_none() {
+            refuse(at)?;
         }
+        out.append(read.is_some());
     }
     Ok(Arc::new(out.finish()))
 }

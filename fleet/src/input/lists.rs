@@ -1,8 +1,11 @@
 //! Lists, integers and numbers of any width, as one type each.
 
+use std::cmp::Ordering;
+
 use arrow::array::{Array, ArrayRef, AsArray, Float64Array, Int64Array, StringArray};
 use arrow::compute::{CastOptions, cast_with_options};
 use arrow::datatypes::{DataType, Float64Type, Int64Type};
+use serde::Serialize;
 
 use crate::error::{FleetError, Outcome};
 
@@ -104,11 +107,25 @@ pub(super) fn ids(
     Ok(done)
 }
 
-/// One trace id.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) enum Id {
+/// Trace id of a drive.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[serde(untagged)]
+pub enum Id {
+    /// An integer.
     Number(i64),
+    /// Text.
     Text(String),
+}
+
+impl Id {
+    /// Order in a table: numbers by value, text by its bytes.
+    pub(super) fn order(&self, other: &Self) -> Ordering {
+        match (self, other) {
+            (Self::Number(id), Self::Number(other)) => id.cmp(other),
+            (Self::Text(id), Self::Text(other)) => id.cmp(other),
+            _ => Ordering::Greater,
+        }
+    }
 }
 
 impl std::fmt::Display for Id {

@@ -1,5 +1,7 @@
 //! Tables with a row for each step, sorted by drive and step.
 
+use std::collections::VecDeque;
+
 use arrow::array::{ArrayRef, Int64Array, RecordBatch, UInt64Array};
 use arrow::compute::{concat_batches, take};
 
@@ -7,35 +9,76 @@ use super::columns::{Form, Layout};
 use super::lists::{Id, Ids, ids, integers, no_nulls};
 use super::nested::column;
 use super::observed::Observed;
-use super::{Batches, Drives, locate};
+use super::strays::Faults;
+use super::{Batches, Drives, Rows, locate};
 use crate::error::{FleetError, Outcome};
 
 /// Drives of rows that arrive in batches, which end anywhere.
 pub(super) struct LongDrives {
     batches: Batches,
-    layout: Layout,
+    pub(super) layout: Layout,
+    /// True if drives that are not valid are left out, false if they are an error.
+    pub(super) leave_out: bool,
     /// Rows of a drive that may go on, with the first of its rows first.
-    begun: Vec<RecordBatch>,
+    pub(super) begun: Vec<RecordBatch>,
     /// Trace id and step of the last row.
-    last: Option<(Id, i64)>,
-    /// Number of the first row that was not handed out.
-    first_row: u64,
+    pub(super) last: Option<(Id, i64)>,
+    /// Number of the first row of the drive that may go on.
+    pub(super) first_row: u64,
     /// Number of the next row to come.
-    next_row: u64,
+    pub(super) next_row: u64,
+    /// Drives that are complete.
+    pub(super) ready: VecDeque<Drives>,
+    pub(super) faults: Faults,
     ended: bool,
 }
 
 impl LongDrives {
-    pub(super) fn new(batches: Batches, layout: Layout, first_row: u64) -> Self {
-        let (next_row, begun) = (first_row, Vec::new());
-        Self { batches, layout, begun, last: None, first_row, next_row, ended: false }
+    pub(super) fn new(batches: Batches, layout: Layout, first_row: u64, leave_out: bool) -> Self {
+        Self {
+            batches,
+            layout,
+            leave_out,
+            begun: Vec::new(),
+            last: None,
+            first_row,
+            next_row: first_row,
+            ready: VecDeque::new(),
+            faults: Faults::default(),
+            ended: false,
+        }
     }
 
-    /// Adds rows, and returns the drives that are complete.
-    fn add(&mut self, batch: &RecordBatch) -> Outcome<Option<Drives>> {
-        if batch.num_rows() == 0 {
-            return Ok(None);
+    /// Adds rows; drives that are complete become ready.
+    fn add(&mut self, rows: Rows) -> Outcome<()> {
+        if rows.batch.num_rows() == 0 {
+            return Ok(());
         }
+        if self.leave_out && (self.faults.is_open() || !rows.wrong.is_empty()) {
+            return self.sort_out(rows);
+        }
+        let (steps, ids, starts) = match self.in_order(&rows.batch) {
+            Err(FleetError::Value { .. }) if self.leave_out => return self.sort_out(rows),
+            done => done?,
+        };
+        let (end, batch) = (rows.batch.num_rows(), rows.batch);
+        self.last = Some((Ids::of(&ids).get(end - 1), steps.value(end - 1)));
+        let first = self.next_row;
+        self.next_row += end as u64;
+        // The last drive of these rows may go on.
+        let Some(&cut) = starts.last().filter(|&&cut| cut > 0 || !self.begun.is_empty()) else {
+            self.begun.push(batch);
+            return Ok(());
+        };
+        self.begun.push(batch.slice(0, cut));
+        let rows = concat_batches(&batch.schema(), &self.begun)?;
+        self.begun = vec![batch.slice(cut, end - cut)];
+        let first_row = std::mem::replace(&mut self.first_row, first + cut as u64);
+        self.emit(&rows, first_row, self.first_row)
+    }
+
+    /// Ids and steps of rows in order, and the rows at which a drive starts.
+    fn in_order(&self, batch: &RecordBatch) -> Outcome<(Int64Array, ArrayRef, Vec<usize>)> {
         let names = &self.layout.names;
         let first_row = self.next_row;
         let by_row = |row: usize, message: &str| (first_row + row as u64, message.to_owned());
@@ -47,24 +90,12 @@ impl LongDrives {
             let name = if wrong.is_step { step } else { trace_id };
             FleetError::value(name, first_row + row as u64, wrong.message)
         })?;
-        let end = batch.num_rows();
-        self.last = Some((Ids::of(&ids).get(end - 1), steps.value(end - 1)));
-        self.next_row += end as u64;
-        // The last drive of these rows may go on.
-        let Some(&cut) = starts.last().filter(|&&cut| cut > 0 || !self.begun.is_empty()) else {
-            self.begun.push(batch.clone());
-            return Ok(None);
-        };
-        self.begun.push(batch.slice(0, cut));
-        let rows = concat_batches(&batch.schema(), &self.begun)?;
-        self.begun = vec![batch.slice(cut, end - cut)];
-        self.drives(&rows).map(Some)
+        Ok((steps, ids, starts))
     }
 
     /// Reads rows of complete drives, which are known to be in order.
-    fn drives(&mut self, rows: &RecordBatch) -> Outcome<Drives> {
+    pub(super) fn drives(&self, rows: &RecordBatch, first_row: u64) -> Outcome<Drives> {
         let names = &self.layout.names;
-        let first_row = self.first_row;
         let by_row = |row: usize, message: &str| locate(Form::Long, first_row, &[], row, message);
         let trace_id = names.trace_id.as_str();
         let all = ids(column(rows, trace_id)?, &self.layout.id_type, trace_id, &by_row)?;
@@ -78,26 +109,28 @@ impl LongDrives {
         let columns = needed[2..].iter().map(|&name| Ok((name, column(rows, name)?.clone())));
         let columns = columns.collect::<Outcome<Vec<_>>>()?;
         let observed = Observed::new(&self.layout.sensor, &columns, &by_row)?;
-        self.first_row += rows.num_rows() as u64;
-        let (steps, end_row) = (Some(steps), self.first_row);
-        Ok(Drives { ids, offsets, steps, observed, form: Form::Long, first_row, end_row })
+        let (form, invalid, end_row) = (Form::Long, Vec::new(), first_row + rows.num_rows() as u64);
+        Ok(Drives { ids, offsets, steps: Some(steps), observed, form, first_row, end_row, invalid })
     }
 
     fn advance(&mut self) -> Outcome<Option<Drives>> {
-        while !self.ended {
-            match self.batches.next() {
-                Some(batch) => {
-                    if let Some(drives) = self.add(&batch?)? {
-                        return Ok(Some(drives));
-                    }
-                }
-                None => self.ended = true,
+        while self.ready.is_empty() && !self.ended {
+            if let Some(batch) = self.batches.next() {
+                self.add(batch?)?;
+            } else {
+                self.ended = true;
+                self.end()?;
             }
         }
+        Ok(self.ready.pop_front())
+    }
+
+    /// Completes the last drive.
+    fn end(&mut self) -> Outcome<()> {
         let begun = std::mem::take(&mut self.begun);
-        let Some(schema) = begun.first().map(RecordBatch::schema) else { return Ok(None) };
+        let Some(schema) = begun.first().map(RecordBatch::schema) else { return self.end_faults() };
         let rows = concat_batches(&schema, &begun)?;
-        self.drives(&rows).map(Some)
+        self.emit(&rows, self.first_row, self.next_row)
     }
 }
 
@@ -115,13 +148,13 @@ impl Iterator for LongDrives {
 }
 
 /// Rows out of order.
-struct Disorder {
+pub(super) struct Disorder {
     is_step: bool,
-    message: String,
+    pub(super) message: String,
 }
 
 /// Returns the rows at which a drive starts, given the row before the first.
-fn starts(
+pub(super) fn starts(
     ids: &ArrayRef,
     steps: &Int64Array,
     last: Option<&(Id, i64)>,
@@ -136,11 +169,7 @@ fn starts(
             None => starts.push(row),
             Some((id, step)) => {
                 let next = all.get(row);
-                let order = match (&next, id) {
-                    (Id::Number(next), Id::Number(id)) => next.cmp(id),
-                    (Id::Text(next), Id::Text(id)) => next.cmp(id),
-                    _ => std::cmp::Ordering::Greater,
-                };
+                let order = next.order(id);
                 if order.is_gt() {
                     starts.push(row);
                 } else if order.is_lt() {
@@ -193,7 +222,7 @@ fn find(
     None
 }
 
-fn unsorted(next: &Id, last: &Id) -> Disorder {
+pub(super) fn unsorted(next: &Id, last: &Id) -> Disorder {
     let message = format!(
         "drive {next} follows drive {last}, expected rows sorted by drive (numbers by value, text \
          by its bytes)"
@@ -201,7 +230,7 @@ fn unsorted(next: &Id, last: &Id) -> Disorder {
     Disorder { is_step: false, message }
 }
 
-fn not_rising(next: i64, last: i64, id: &Id) -> Disorder {
+pub(super) fn not_rising(next: i64, last: i64, id: &Id) -> Disorder {
     let message = if next == last {
         format!("step {next} of drive {id} is there twice")
     } else {

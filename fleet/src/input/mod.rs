@@ -2,12 +2,18 @@
 
 mod columns;
 mod csv;
+pub(crate) mod files;
+pub(crate) mod invalid;
 mod lists;
 mod long;
 mod nested;
 mod observed;
 mod parquet;
+pub(crate) mod pieces;
+pub(crate) mod source;
+mod strays;
 
+use std::collections::VecDeque;
 use std::path::Path;
 
 use arrow::array::{Array, ArrayRef, Int64Array, RecordBatch};
@@ -16,7 +22,10 @@ use arrow::datatypes::DataType;
 use crate::error::{FleetError, Outcome};
 use crate::sensor::{Observation, Sensor};
 pub use columns::{ColumnNames, Form, Layout};
+pub use invalid::Invalid;
+pub use lists::Id as TraceId;
 pub use observed::Observed;
+use pieces::Pieces;
 
 /// Whole drives, in the order of the input.
 ///
@@ -37,6 +46,8 @@ pub struct Drives {
     pub first_row: u64,
     /// Row of the input after the last that these drives come from.
     pub end_row: u64,
+    /// Drives before that row that are no valid input, and after those of the last batch.
+    pub invalid: Vec<Invalid>,
 }
 
 impl Drives {
@@ -82,6 +93,27 @@ impl Drives {
             self.observed.get(element).map_err(refused)
         };
         (0..self.elements()).map(observation).collect()
+    }
+
+    /// Some of the drives, one after the other.
+    pub(crate) fn part(&self, drives: std::ops::Range<usize>) -> Self {
+        let elements = self.offsets[drives.start]..self.offsets[drives.end];
+        let (first, count) = (elements.start, elements.len());
+        let offsets = &self.offsets[drives.start..=drives.end];
+        let rows = match self.form {
+            Form::Long => elements.clone(),
+            Form::Nested => drives.clone(),
+        };
+        Self {
+            ids: self.ids.slice(drives.start, drives.len()),
+            offsets: offsets.iter().map(|offset| offset - first).collect(),
+            steps: self.steps.as_ref().map(|steps| steps.slice(first, count)),
+            observed: self.observed.part(elements),
+            form: self.form,
+            first_row: self.first_row + rows.start as u64,
+            end_row: self.first_row + rows.end as u64,
+            invalid: Vec::new(),
+        }
     }
 
     /// Error about the observation of an element.
@@ -132,18 +164,44 @@ pub struct Input {
 ///
 /// [`FleetError`] if the file cannot be read, is damaged, or lacks a column that the sensor needs.
 pub fn open(path: &Path, names: &ColumnNames, sensor: &Sensor, skip: u64) -> Outcome<Input> {
-    let is_csv = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"));
-    let (batches, rows, layout) = if is_csv {
-        let (batches, layout) = csv::open(path, names, sensor, skip)?;
+    open_with(path, names, sensor, skip, &Reading::default())
+}
+
+/// Way to read a file.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Reading {
+    /// Number of the file.
+    file: usize,
+    /// Takes note of the pieces that are read.
+    pieces: Option<Pieces>,
+    /// True if drives that are not valid are left out, false if they are an error.
+    leave_out: bool,
+}
+
+/// True for a CSV file, by its name.
+fn is_csv(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"))
+}
+
+fn open_with(
+    path: &Path,
+    names: &ColumnNames,
+    sensor: &Sensor,
+    skip: u64,
+    reading: &Reading,
+) -> Outcome<Input> {
+    let (batches, rows, layout) = if is_csv(path) {
+        let (batches, layout) = csv::open(path, names, sensor, skip, reading)?;
         (batches, None, layout)
     } else {
-        let (batches, rows, layout) = parquet::open(path, names, sensor, skip)?;
+        let (batches, rows, layout) = parquet::open(path, names, sensor, skip, reading)?;
         (batches, Some(rows), layout)
     };
     let (id_type, form) = (layout.id_type.clone(), layout.form);
+    let leave_out = reading.leave_out;
     let batches: Box<dyn Iterator<Item = Outcome<Drives>> + Send> = match form {
-        Form::Long => Box::new(long::LongDrives::new(batches, layout, skip)),
-        Form::Nested => Box::new(nested::nested(batches, layout, skip)),
+        Form::Long => Box::new(long::LongDrives::new(batches, layout, skip, leave_out)),
+        Form::Nested => Box::new(nested::nested(batches, layout, skip, leave_out)),
     };
     Ok(Input { batches, rows, id_type, form })
 }
@@ -160,20 +218,36 @@ pub fn drives(batch: &RecordBatch, layout: &Layout, first_row: u64) -> Outcome<D
 /// Leaves out rows before those that are wanted: readers begin where a batch begins that is the
 /// same in every run.
 fn without(
-    batches: impl Iterator<Item = Outcome<RecordBatch>> + Send + 'static,
+    batches: impl Iterator<Item = Outcome<Rows>> + Send + 'static,
     mut rows: u64,
 ) -> Batches {
     Box::new(batches.filter_map(move |batch| {
-        let batch = match batch {
+        let Rows { batch, wrong } = match batch {
             Ok(batch) => batch,
             Err(error) => return Some(Err(error)),
         };
         let all = batch.num_rows();
         let cut = usize::try_from(rows).unwrap_or(usize::MAX).min(all);
         rows -= cut as u64;
-        (cut < all).then(|| Ok(batch.slice(cut, all - cut)))
+        let after = |(row, error): (usize, FleetError)| Some((row.checked_sub(cut)?, error));
+        let wrong = wrong.into_iter().filter_map(after).collect();
+        (cut < all).then(|| Ok(Rows { batch: batch.slice(cut, all - cut), wrong }))
     }))
 }
 
+/// Rows as a reader has them.
+#[derive(Debug)]
+struct Rows {
+    batch: RecordBatch,
+    /// Rows with text that cannot be read, in their order; its place has a null.
+    wrong: VecDeque<(usize, FleetError)>,
+}
+
+impl From<RecordBatch> for Rows {
+    fn from(batch: RecordBatch) -> Self {
+        Self { batch, wrong: VecDeque::new() }
+    }
+}
+
 /// Batches of rows as a reader has them.
-type Batches = Box<dyn Iterator<Item = Outcome<RecordBatch>> + Send>;
+type Batches = Box<dyn Iterator<Item = Outcome<Rows>> + Send>;

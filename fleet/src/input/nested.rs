@@ -1,11 +1,14 @@
 //! Tables with a row for each drive.
 
+use std::ops::Range;
+
 use arrow::array::{ArrayRef, RecordBatch};
 
 use super::columns::{Form, Layout};
-use super::lists::{ids, integers, lists, no_nulls};
+use super::invalid::{Invalid, halves, joined};
+use super::lists::{Ids, ids, integers, lists, no_nulls};
 use super::observed::Observed;
-use super::{Batches, Drives, locate};
+use super::{Batches, Drives, Rows, locate};
 use crate::error::{FleetError, Outcome};
 
 /// Drives of each batch of rows; the first row has this number.
@@ -13,12 +16,57 @@ pub(super) fn nested(
     batches: Batches,
     layout: Layout,
     mut first_row: u64,
+    leave_out: bool,
 ) -> impl Iterator<Item = Outcome<Drives>> + Send {
-    batches.map(move |batch| {
-        let drives = drives(&batch?, &layout, first_row)?;
-        first_row = drives.end_row;
-        Ok(drives)
+    batches.flat_map(move |batch| {
+        let done = batch.and_then(|Rows { batch, .. }| {
+            let done = match drives(&batch, &layout, first_row) {
+                Err(FleetError::Value { .. }) if leave_out => good(&batch, &layout, first_row)?,
+                done => vec![done?],
+            };
+            first_row += batch.num_rows() as u64;
+            Ok(done)
+        });
+        let (done, error) = match done {
+            Ok(done) => (done, None),
+            Err(error) => (Vec::new(), Some(Err(error))),
+        };
+        done.into_iter().map(Ok).chain(error)
     })
+}
+
+/// Drives of rows that are valid, with those that are not.
+fn good(batch: &RecordBatch, layout: &Layout, first_row: u64) -> Outcome<Vec<Drives>> {
+    let rows = |range: Range<usize>| {
+        drives(&batch.slice(range.start, range.len()), layout, first_row + range.start as u64)
+    };
+    let trace_id = &layout.names.trace_id;
+    let id = |row: usize| {
+        let known = column(batch, trace_id).ok()?.slice(row, 1);
+        let by_row = |_: usize, message: &str| (0, message.to_owned());
+        let id = ids(&known, &layout.id_type, trace_id, &by_row).ok()?;
+        Some(Ids::of(&id).get(0))
+    };
+    let (mut found, mut invalid) = (Vec::new(), Vec::new());
+    halves(
+        0..batch.num_rows(),
+        &mut |range| rows(range).map(drop),
+        &mut |range, ()| found.push(range),
+        &mut |row, error| {
+            invalid.push(Invalid::new(error, id(row))?);
+            Ok(())
+        },
+    )?;
+    let mut good = joined(found).into_iter().map(rows).collect::<Outcome<Vec<_>>>()?;
+    if !invalid.is_empty() {
+        // For those after the last that is valid.
+        good.push(rows(batch.num_rows()..batch.num_rows())?);
+    }
+    for drives in &mut good {
+        let count = invalid.partition_point(|invalid: &Invalid| invalid.row < drives.end_row);
+        drives.invalid = invalid.drain(..count).collect();
+    }
+    Ok(good)
 }
 
 /// Column of a batch.
@@ -83,6 +131,6 @@ pub(super) fn drives(batch: &RecordBatch, layout: &Layout, first_row: u64) -> Ou
         }
     };
     let observed = Observed::new(&layout.sensor, &columns, &by_element)?;
-    let end_row = first_row + batch.num_rows() as u64;
-    Ok(Drives { ids, offsets, steps, observed, form: Form::Nested, first_row, end_row })
+    let (form, end_row) = (Form::Nested, first_row + batch.num_rows() as u64);
+    Ok(Drives { ids, offsets, steps, observed, form, first_row, end_row, invalid: Vec::new() })
 }

@@ -1,5 +1,7 @@
 //! Observations of many steps, in columns.
 
+use std::ops::Range;
+
 use arrow::array::{Array, ArrayRef, AsArray, Float64Array, Int64Array};
 use arrow::buffer::{NullBuffer, ScalarBuffer};
 use wayfix::Likelihood;
@@ -127,6 +129,27 @@ impl Observed {
             }
         };
         Ok(Self { column: column.to_owned(), missing, values })
+    }
+
+    /// Observations of some of the steps, one after the other.
+    pub(super) fn part(&self, steps: Range<usize>) -> Self {
+        let (first, count) = (steps.start, steps.len());
+        let lists = |offsets: &[usize]| offsets[first..=first + count].to_vec();
+        let values = match &self.values {
+            Values::Symbols(symbols) => Values::Symbols(symbols.slice(first, count)),
+            Values::Vectors(offsets, values) => Values::Vectors(lists(offsets), values.clone()),
+            Values::Sparse { offsets, states, likelihoods, elsewhere } => Values::Sparse {
+                offsets: lists(offsets),
+                states: states.clone(),
+                likelihoods: likelihoods.clone(),
+                elsewhere: elsewhere.as_ref().map(|values| values.slice(first, count)),
+            },
+            Values::Fixes(fixes) => {
+                Values::Fixes(fixes.each_ref().map(|values| values.slice(first, count)))
+            }
+        };
+        let missing = self.missing.as_ref().map(|missing| missing.slice(first, count));
+        Self { column: self.column.clone(), missing, values }
     }
 
     /// Symbols, if that is what is observed, and none is missing.

@@ -1,7 +1,10 @@
 //! Parquet files.
 
 use std::fs::File;
+use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::SystemTime;
 
 use arrow::error::ArrowError;
 use parquet::arrow::ProjectionMask;
@@ -13,7 +16,8 @@ use parquet::errors::ParquetError;
 use parquet::file::metadata::ParquetMetaData;
 
 use super::columns::{ColumnNames, Layout};
-use super::{Batches, without};
+use super::pieces::Piece;
+use super::{Batches, Reading, Rows, without};
 use crate::error::{FleetError, Outcome};
 use crate::sensor::{Kind, Sensor};
 
@@ -28,18 +32,11 @@ pub(super) fn open(
     names: &ColumnNames,
     sensor: &Sensor,
     skip: u64,
+    reading: &Reading,
 ) -> Outcome<(Batches, u64, Layout)> {
-    let file = File::open(path).map_err(FleetError::file(path))?;
+    let file = FileOf::new(path)?;
     let wrong = FleetError::parquet(path);
-    let builder = ParquetRecordBatchReaderBuilder::try_new(file).map_err(&wrong)?;
-    let layout = Layout::new(builder.schema(), names, sensor)?;
-    let needed = layout.needed();
-    let is_needed = |field: &&str| needed.contains(field);
-    let fields = builder.schema().fields().iter().enumerate();
-    let roots = fields.filter(|(_, field)| is_needed(&field.name().as_str()));
-    let roots: Vec<usize> = roots.map(|(root, _)| root).collect();
-    let mask = ProjectionMask::roots(builder.parquet_schema(), roots);
-    let metadata = builder.metadata().clone();
+    let (metadata, mask, layout) = layout(path, &file.file, names, sensor)?;
     let values = match sensor.kind() {
         Kind::Vector { .. } | Kind::Sparse(_) => MANY_VALUES,
         _ => FEW_VALUES,
@@ -49,42 +46,96 @@ pub(super) fn open(
     let (mut left, mut first) = (skip, 0);
     for group in metadata.row_groups() {
         let rows = group.num_rows().max(0).cast_unsigned();
-        if left < rows {
+        if left < rows || left == 0 {
             break;
         }
         (left, first) = (left - rows, first + 1);
     }
     // Each row group by itself: where batches begin does not depend on where reading begins.
-    let (file, arrow) = (
-        FileOf::new(path)?,
-        ArrowReaderMetadata::try_new(metadata.clone(), ArrowReaderOptions::new())
-            .map_err(&wrong)?,
-    );
-    let batches = (first..metadata.num_row_groups()).flat_map(move |group| {
-        let opened = file.read(&arrow, &mask, group, rows);
-        let (batches, error) = match opened {
-            Ok(batches) => (Some(batches), None),
+    let arrow = ArrowReaderMetadata::try_new(metadata.clone(), ArrowReaderOptions::new())
+        .map_err(&wrong)?;
+    let all = metadata.file_metadata().num_rows().max(0).cast_unsigned();
+    let (mut first_row, reading, count) = (skip - left, reading.clone(), metadata.num_row_groups());
+    // Once more after the last, to see whether the file is still the same.
+    let batches = (first..=count).flat_map(move |group| {
+        let open = || {
+            file.is_unchanged()?;
+            if group == count {
+                return Ok(None);
+            }
+            if let Some(pieces) = &reading.pieces {
+                let hash = super::pieces::group(&file.file, &metadata, &mask, group)
+                    .map_err(FleetError::file(&file.path))?;
+                pieces.add(Piece { file: reading.file, number: group as u64, first_row, hash });
+            }
+            file.read(&arrow, &mask, group, rows).map(Some)
+        };
+        let (batches, error) = match open() {
+            Ok(batches) => (batches, None),
             Err(error) => (None, Some(Err(error))),
         };
+        if group < count {
+            first_row += metadata.row_group(group).num_rows().max(0).cast_unsigned();
+        }
         let path = file.path.clone();
         let wrong = move |error| refused(&path, error);
         let batches = batches.into_iter().flatten();
-        batches.map(move |batch| batch.map_err(&wrong)).chain(error)
+        batches.map(move |batch| batch.map(Rows::from).map_err(&wrong)).chain(error)
     });
-    let all = metadata.file_metadata().num_rows().max(0).cast_unsigned();
     Ok((without(batches, left), all, layout))
 }
 
-/// An open file, and its name.
+/// Opens a file, and finds the columns that are read.
+pub(super) fn columns(
+    path: &Path,
+    names: &ColumnNames,
+    sensor: &Sensor,
+) -> Outcome<(File, Arc<ParquetMetaData>, ProjectionMask)> {
+    let file = File::open(path).map_err(FleetError::file(path))?;
+    let (metadata, mask, _) = layout(path, &file, names, sensor)?;
+    Ok((file, metadata, mask))
+}
+
+fn layout(
+    path: &Path,
+    file: &File,
+    names: &ColumnNames,
+    sensor: &Sensor,
+) -> Outcome<(Arc<ParquetMetaData>, ProjectionMask, Layout)> {
+    let file = file.try_clone().map_err(FleetError::file(path))?;
+    let builder =
+        ParquetRecordBatchReaderBuilder::try_new(file).map_err(FleetError::parquet(path))?;
+    let layout = Layout::new(builder.schema(), names, sensor)?;
+    let needed = layout.needed();
+    let is_needed = |field: &&str| needed.contains(field);
+    let fields = builder.schema().fields().iter().enumerate();
+    let roots = fields.filter(|(_, field)| is_needed(&field.name().as_str()));
+    let roots: Vec<usize> = roots.map(|(root, _)| root).collect();
+    let mask = ProjectionMask::roots(builder.parquet_schema(), roots);
+    Ok((builder.metadata().clone(), mask, layout))
+}
+
+/// An open file, its name, and its size and last change when it was opened.
 struct FileOf {
     path: PathBuf,
     file: File,
+    stamp: (u64, Option<SystemTime>),
 }
 
 impl FileOf {
     fn new(path: &Path) -> Outcome<Self> {
-        let file = File::open(path).map_err(FleetError::file(path))?;
-        Ok(Self { path: path.to_owned(), file })
+        let wrong = FleetError::file(path);
+        let file = File::open(path).map_err(&wrong)?;
+        let stamp = stamp(&file).map_err(&wrong)?;
+        Ok(Self { path: path.to_owned(), file, stamp })
+    }
+
+    /// Row groups are hashed before they are read: this tells of a change in between.
+    fn is_unchanged(&self) -> Outcome<()> {
+        if stamp(&self.file).map_err(FleetError::file(&self.path))? == self.stamp {
+            return Ok(());
+        }
+        Err(FleetError::changed(&self.path, "was written to while it was read"))
     }
 
     /// Reads a row group.
@@ -103,6 +154,12 @@ impl FileOf {
             .build()
             .map_err(FleetError::parquet(&self.path))
     }
+}
+
+/// Size and last change.
+fn stamp(file: &File) -> io::Result<(u64, Option<SystemTime>)> {
+    let metadata = file.metadata()?;
+    Ok((metadata.len(), metadata.modified().ok()))
 }
 
 /// Error of a batch. Those of the system keep their kind: another run may succeed.

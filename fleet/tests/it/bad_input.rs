@@ -1,4 +1,4 @@
-//! Errors name the column and the row, and leave nothing behind.
+//! Errors name the column and the row, and leave nothing behind if no part was finished.
 
 use std::fs;
 use std::sync::Arc;
@@ -232,7 +232,11 @@ fn damaged_files_are_refused() {
         wayfix_fleet::output::Table::Steps,
     );
     assert!(wayfix_fleet::run(&job, |_| {}).is_err());
-    assert!(!job.output.exists() && !folder.has_leftovers());
+    // What was finished before stays for the next run.
+    assert!(!job.output.exists() && folder.has_leftovers());
+    fs::write(folder.path("bad.parquet"), &whole).unwrap();
+    assert!(wayfix_fleet::run(&job, |_| {}).unwrap().resumed > 0);
+    assert!(!folder.has_leftovers());
 }
 
 #[test]

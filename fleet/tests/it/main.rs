@@ -2,9 +2,12 @@
 
 mod bad_input;
 mod equality;
+mod files;
+mod identity;
 mod kit;
 mod learn;
 mod memory;
 mod observations;
 mod pool;
 mod resume;
+mod skip;

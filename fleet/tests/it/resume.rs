@@ -13,7 +13,7 @@ use wayfix_fleet::{Start, run};
 use crate::kit::*;
 
 /// A command on 6,000 drives, and the results without an interruption.
-fn prepare(form: &str) -> (Folder, Vec<u8>) {
+pub(crate) fn prepare(form: &str) -> (Folder, Vec<u8>) {
     let folder = Folder::new(&model(3));
     let drives = drives(33, 6000, 1, 60);
     let rows = if form == "long" { long(&drives) } else { nested(&drives) };
@@ -79,7 +79,7 @@ fn a_killed_run_goes_on() {
 }
 
 /// Leaves a run with some parts, by a panic in its middle.
-fn interrupt(folder: &Folder) -> wayfix_fleet::Job {
+pub(crate) fn interrupt(folder: &Folder) -> wayfix_fleet::Job {
     let job = folder.job("drives.parquet", "out.parquet", Verb::Smooth, Table::Steps);
     let limited = job.clone();
     let stopped = thread::spawn(move || {
@@ -152,8 +152,10 @@ fn another_run_does_not_go_on() {
 
     // A complete output is not replaced without being told.
     job.start = Start::default();
+    job.part = 400;
     let error = run(&job, |_| {}).unwrap_err().to_string();
     assert!(error.contains("exists; replace it with --force"), "{error}");
+    job.part = 300;
     job.start.force = true;
     run(&job, |_| {}).unwrap();
     assert!(!folder.has_leftovers());

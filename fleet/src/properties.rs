@@ -1,0 +1,90 @@
+//! Encodings and compression of an output.
+
+use arrow::datatypes::DataType;
+use parquet::basic::{Compression, Encoding, ZstdLevel};
+use parquet::file::metadata::KeyValue;
+use parquet::file::properties::{EnabledStatistics, WriterProperties};
+use parquet::schema::types::ColumnPath;
+
+use crate::input::Form;
+use crate::model::Model;
+use crate::names::FILE;
+use crate::output::{Table, Verb};
+use crate::run::Job;
+
+/// Compression of the pages of an output.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Pack {
+    /// As they are: doubles with all their digits hardly get smaller.
+    None,
+    /// Fast.
+    Lz4,
+    /// Fast, and read everywhere.
+    Snappy,
+    /// Small.
+    Zstd,
+}
+
+impl From<Pack> for Compression {
+    fn from(pack: Pack) -> Self {
+        match pack {
+            Pack::None => Self::UNCOMPRESSED,
+            Pack::Lz4 => Self::LZ4_RAW,
+            Pack::Snappy => Self::SNAPPY,
+            Pack::Zstd => Self::ZSTD(ZstdLevel::default()),
+        }
+    }
+}
+
+/// Encodings: integers as differences, doubles as they are.
+pub(crate) fn properties(
+    job: &Job,
+    model: &Model,
+    id_type: &DataType,
+    form: Form,
+) -> WriterProperties {
+    let about = |key: &str, value: String| KeyValue::new(format!("wayfix.{key}"), value);
+    let mut properties = WriterProperties::builder()
+        .set_compression(job.pack.into())
+        .set_dictionary_enabled(false)
+        // Their place is after all parts, so that they would have to be kept until then.
+        .set_offset_index_disabled(true)
+        .set_statistics_enabled(EnabledStatistics::None)
+        .set_max_row_group_row_count(None)
+        .set_key_value_metadata(Some(vec![
+            about("model", model.hash().to_owned()),
+            about("routine", format!("{:?}", job.verb).to_lowercase()),
+        ]));
+    let path = |list: &[&str], name: &str| {
+        let parts = list.iter().copied().chain([name]);
+        ColumnPath::new(parts.map(str::to_owned).collect())
+    };
+    for list in [
+        &[][..],
+        &["results", "list", "item"],
+        &["best", "list", "item"],
+        &["path", "list", "item"],
+    ] {
+        for name in ["step", "steps", "rank", "state", "error_step"] {
+            let column = path(list, name);
+            properties = properties.set_column_encoding(column, Encoding::DELTA_BINARY_PACKED);
+        }
+    }
+    let id = path(&[], "trace_id");
+    properties = if *id_type == DataType::Int64 {
+        properties.set_column_encoding(id.clone(), Encoding::DELTA_BINARY_PACKED)
+    } else {
+        properties.set_column_dictionary_enabled(id.clone(), true)
+    };
+    for name in [FILE, "error_kind"] {
+        properties = properties.set_column_dictionary_enabled(path(&[], name), true);
+    }
+    if form == Form::Long && job.table != Table::Drives {
+        // The same in all rows of a drive.
+        for name in ["log_likelihood", "log_probability"] {
+            let is_of_step = job.verb == Verb::Filter;
+            properties = properties.set_column_dictionary_enabled(path(&[], name), !is_of_step);
+        }
+    }
+    properties.set_column_statistics_enabled(id, EnabledStatistics::Chunk).build()
+}
