@@ -100,7 +100,7 @@ fn a_file_of_results_for_each_file() {
     let days = days(&folder);
     fs::write(folder.path("days/day=2/more.csv"), "trace_id,step,observation\na,1,0\n").unwrap();
     let job = job(&folder, &["days"], "results/");
-    let summary = run(&job, |_| {}).unwrap();
+    let summary = go_on(&job).unwrap();
     assert_eq!((summary.outputs, summary.finished, summary.drives), (6, 0, 152));
     for (name, _) in &days {
         let one = format!("{}.one", name.replace('/', "-"));
@@ -112,9 +112,9 @@ fn a_file_of_results_for_each_file() {
     }
     assert_eq!(read(&folder.path("results/day=2/more.csv.parquet")).num_rows(), 1);
     // Again, with a file more.
-    assert_eq!(run(&job, |_| {}).unwrap().finished, 6);
+    assert_eq!(go_on(&job).unwrap().finished, 6);
     folder.write("days/day=3.parquet", &nested(&drives(7, 5, 1, 9)), 10);
-    let summary = run(&job, |_| {}).unwrap();
+    let summary = go_on(&job).unwrap();
     assert_eq!((summary.outputs, summary.finished, summary.drives), (7, 6, 157));
 }
 
@@ -136,7 +136,7 @@ fn columns_may_come_and_must_not_go() {
 
     fs::remove_file(&job.output).unwrap();
     folder.write("days/3.parquet", &some.project(&[0, 1]).unwrap(), 50);
-    let error = run(&job, |_| {}).unwrap_err().to_string();
+    let error = go_on(&job).unwrap_err().to_string();
     assert!(error.contains("days/3.parquet: column `observation`: is missing"), "{error}");
     assert!(!folder.has_leftovers());
     // Ids of another type.
@@ -146,13 +146,13 @@ fn columns_may_come_and_must_not_go() {
     let names = ["trace_id", "step", "observation"];
     let other = RecordBatch::try_from_iter(names.into_iter().zip(columns)).unwrap();
     folder.write("days/3.parquet", &other, 50);
-    let error = run(&job, |_| {}).unwrap_err().to_string();
+    let error = go_on(&job).unwrap_err().to_string();
     assert!(error.contains("days/3.parquet: column `trace_id`: is read as Utf8, but as Int64 in"));
     // A value is named with its file, too.
     let mut bad = drives(1, 20, 3, 9);
     bad[3][1] = 9;
     folder.write("days/3.parquet", &long(&bad), 50);
-    let error = run(&job, |_| {}).unwrap_err().to_string();
+    let error = go_on(&job).unwrap_err().to_string();
     assert!(error.contains("days/3.parquet: column `observation`, row "), "{error}");
 }
 
@@ -201,12 +201,12 @@ fn a_run_goes_on_with_the_same_files_before_it() {
     other[30] ^= 1;
     fs::write(&first, other).unwrap();
     fs::File::options().append(true).open(&first).unwrap().set_modified(modified).unwrap();
-    let error = run(&job, |_| {}).unwrap_err().to_string();
+    let error = go_on(&job).unwrap_err().to_string();
     assert!(error.contains("day=1/part-0.parquet: row group 0"), "{error}");
     fs::write(&first, bytes).unwrap();
     // A file more among those that were read, and one after them.
     folder.write("days/day=1/part-2.parquet", &nested(&drives(7, 5, 1, 9)), 10);
-    let error = run(&job, |_| {}).unwrap_err().to_string();
+    let error = go_on(&job).unwrap_err().to_string();
     assert!(error.contains("are not those that parts of"), "{error}");
     fs::remove_file(folder.path("days/day=1/part-2.parquet")).unwrap();
     folder.write("days/day=3.parquet", &nested(&drives(7, 5, 1, 9)), 10);

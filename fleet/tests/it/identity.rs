@@ -31,18 +31,18 @@ fn other_content_of_the_same_size_and_time_is_refused() {
         let job = interrupt(&folder);
         // A symbol in the first row group.
         change(&job.inputs[0], 2000, |byte| !byte);
-        let error = run(&job, |_| {}).unwrap_err();
+        let error = go_on(&job).unwrap_err();
         assert!(matches!(error, FleetError::Changed { .. }), "{error:?}");
         let text = error.to_string();
         assert!(text.contains("drives.parquet: row group 0 (rows 0 to "), "{text}");
         // Nothing is lost by that.
         change(&job.inputs[0], 2000, |byte| !byte);
-        assert!(run(&job, |_| {}).unwrap().resumed > 0);
+        assert!(go_on(&job).unwrap().resumed > 0);
         assert!(fs::read(&job.output).unwrap() == expected);
         // Nor is the output taken for that of another input.
-        assert_eq!(run(&job, |_| {}).unwrap().finished, 1);
+        assert_eq!(go_on(&job).unwrap().finished, 1);
         change(&job.inputs[0], 2000, |byte| !byte);
-        let error = run(&job, |_| {}).unwrap_err().to_string();
+        let error = go_on(&job).unwrap_err().to_string();
         assert!(error.contains("exists; replace it with --force"), "{error}");
     }
 }
@@ -57,7 +57,7 @@ fn the_same_content_at_another_time_goes_on() {
     let later = fs::metadata(&job.inputs[0]).unwrap().modified().unwrap()
         + std::time::Duration::from_secs(1000);
     File::options().append(true).open(&job.inputs[0]).unwrap().set_modified(later).unwrap();
-    assert!(run(&job, |_| {}).unwrap().resumed > 0);
+    assert!(go_on(&job).unwrap().resumed > 0);
     assert!(fs::read(&job.output).unwrap() == expected);
 }
 
@@ -91,15 +91,15 @@ fn text_is_the_same_up_to_the_block_of_the_last_row() {
     };
     for changed in [0, 1500] {
         write(changed);
-        let error = run(&job, |_| {}).unwrap_err().to_string();
+        let error = go_on(&job).unwrap_err().to_string();
         assert!(error.contains("drives.parquet.csv: the block of 65536 bytes at byte "), "{error}");
     }
     // Not yet read: the result is that of the new content.
     write(5900);
-    assert!(run(&job, |_| {}).unwrap().resumed > 0);
+    assert!(go_on(&job).unwrap().resumed > 0);
     let went_on = fs::read(&job.output).unwrap();
     job.output = folder.path("whole.parquet");
-    assert_eq!(run(&job, |_| {}).unwrap().resumed, 0);
+    assert_eq!(go_on(&job).unwrap().resumed, 0);
     assert!(fs::read(&job.output).unwrap() == went_on);
 }
 
