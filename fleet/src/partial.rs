@@ -119,7 +119,13 @@ impl Partial {
                 return exists(path);
             }
         }
-        let left_out = LeftOut::open(plan.left_out, &journal.parts)?;
+        let left_out = match LeftOut::open(plan.left_out, &journal.parts) {
+            Err(error) if !journal.begun => {
+                journal.remove()?;
+                return Err(error);
+            }
+            opened => opened?,
+        };
         let at = partial.clone();
         let (wrong, failed) = (FleetError::file(&at), FleetError::parquet(&at));
         let mut file = OpenOptions::new()
