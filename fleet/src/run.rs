@@ -111,7 +111,8 @@ pub fn run(job: &Job, mut progress: impl FnMut(&Progress)) -> Outcome<Summary> {
     let results = job.left_out.iter().chain([&job.output]);
     results.into_iter().try_for_each(|path| folder::outside(&files, path))?;
     if let Some(left_out) = &job.left_out
-        && (*left_out == job.output || folder::is_folder(left_out) > folder::is_folder(&job.output))
+        && (*left_out == job.output
+            || (folder::is_folder(left_out) && !folder::is_folder(&job.output)))
     {
         let message = "the file of --skip-invalid must be another than the output, and a folder \
                        only if that is one";
