@@ -5,7 +5,8 @@
 //! ```
 
 use std::io::{self, Write};
-use std::path::PathBuf;
+use std::num::NonZeroU64;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::thread;
 use std::time::Duration;
@@ -14,7 +15,10 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use wayfix_fleet::input::{ColumnNames, Form};
 use wayfix_fleet::output::{Table, Verb};
-use wayfix_fleet::pool::{LiveJob, LiveSummary, PoolOptions, live};
+use wayfix_fleet::pool::{
+    Control, LiveJob, LiveSummary, Notice, PoolOptions, ServiceJob, Timing, position, serve,
+    signals,
+};
 use wayfix_fleet::{Course, FleetError, Job, LearnJob, Pack, Progress, Start, Summary, learn, run};
 
 /// One wayfix model over any number of drives, from Parquet or CSV to Parquet. A run that was
@@ -44,6 +48,11 @@ enum Routine {
     /// The position of each of many vehicles, as they are seen: lines of JSON to standard output
     /// for those on standard input.
     Live(Live),
+    /// Where the input of `live` goes on after a snapshot: a line of JSON.
+    Position {
+        /// Snapshot of a run of `live`.
+        snapshot: PathBuf,
+    },
 }
 
 #[derive(Debug, Args)]
@@ -142,9 +151,45 @@ struct Live {
     /// Snapshot to go on from.
     #[arg(long)]
     restore: Option<PathBuf>,
-    /// Snapshot that is written at the end of the input.
+    /// Snapshot that is written at the end of the input, on SIGTERM, SIGINT and SIGUSR1, and as
+    /// `--every` says.
     #[arg(long)]
     snapshot: Option<PathBuf>,
+    /// Seconds between two snapshots while lines come.
+    #[arg(long, value_parser = seconds, requires = "snapshot")]
+    every: Option<Duration>,
+    /// File that is read instead of standard input, from the position of the snapshot on.
+    #[arg(long, conflicts_with = "replay")]
+    input: Option<PathBuf>,
+    /// Standard input begins again from the first line of all: what the snapshot has is skipped.
+    #[arg(long)]
+    replay: bool,
+    /// File for the answers instead of standard output. What follows those of the snapshot is cut
+    /// off.
+    #[arg(long)]
+    output: Option<PathBuf>,
+    /// Forgets vehicles that were last seen so many units of `time` before the latest update.
+    #[arg(long, value_name = "UNITS")]
+    forget_after: Option<u64>,
+    /// Units of `time` of a step of the model; every update is one step by default.
+    #[arg(long, value_name = "UNITS")]
+    step: Option<NonZeroU64>,
+    /// Most steps of an update with `--step`.
+    #[arg(long, default_value = "1000", requires = "step")]
+    most_steps: NonZeroU64,
+    /// Takes updates in the order of their times, if they are so many units of `time` behind the
+    /// latest at most; refuses others.
+    #[arg(long, value_name = "UNITS")]
+    lateness: Option<u64>,
+    /// Folder of the models that a line may name.
+    #[arg(long)]
+    models: Option<PathBuf>,
+    /// Address at which `/metrics` and `/health` are answered, as 127.0.0.1:9100.
+    #[arg(long, value_name = "HOST:PORT")]
+    metrics: Option<String>,
+    /// Form of the log on standard error.
+    #[arg(long, default_value = "text")]
+    log: Log,
     /// Memory for vehicles, in bytes, or with K, M or G (of 1024); no limit by default.
     #[arg(long, value_parser = bytes, requires = "spill")]
     memory: Option<usize>,
@@ -154,6 +199,20 @@ struct Live {
     /// Threads; all cores by default.
     #[arg(long)]
     threads: Option<usize>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Log {
+    /// What is wrong, and a summary.
+    Text,
+    /// All, as lines of JSON.
+    Json,
+}
+
+/// Reads a number of seconds.
+fn seconds(text: &str) -> Result<Duration, String> {
+    let seconds: f64 = text.parse().map_err(|error| format!("{error}"))?;
+    Duration::try_from_secs_f64(seconds).map_err(|error| error.to_string())
 }
 
 /// Reads a number of bytes.
@@ -215,6 +274,7 @@ fn main() -> ExitCode {
         #[cfg(feature = "sql")]
         Routine::Sql(command) => command.run(),
         Routine::Live(options) => start_live(options),
+        Routine::Position { snapshot } => show_position(&snapshot),
     };
     match done {
         Ok(text) => {
@@ -331,23 +391,61 @@ fn iterations(
 fn start_live(options: Live) -> Result<String, FleetError> {
     let all = PoolOptions::default();
     let threads = options.threads.unwrap_or(all.threads);
-    let job = LiveJob {
-        model: options.model,
-        restore: options.restore,
-        snapshot: options.snapshot,
-        options: PoolOptions { threads, memory: options.memory, spill: options.spill },
+    let job = ServiceJob {
+        every: options.every,
+        input: options.input,
+        replay: options.replay,
+        output: options.output,
+        timing: Timing {
+            forget_after: options.forget_after,
+            step: options.step,
+            most_steps: Some(options.most_steps),
+        },
+        lateness: options.lateness,
+        models: options.models,
+        metrics: options.metrics,
+        ..ServiceJob::new(LiveJob {
+            model: options.model,
+            restore: options.restore,
+            snapshot: options.snapshot,
+            options: PoolOptions { threads, memory: options.memory, spill: options.spill },
+        })
+    };
+    let control = Control::new();
+    signals(&control)
+        .map_err(|error| FleetError::Settings(format!("signals cannot be taken: {error}")))?;
+    let is_json = options.log == Log::Json;
+    let say = |notice: &Notice| {
+        // Standard output has answers.
+        let _ = if is_json {
+            writeln!(io::stderr(), "{}", notice.to_json())
+        } else if notice.is_warning() || matches!(notice, Notice::Model { .. }) {
+            writeln!(io::stderr(), "{notice}")
+        } else {
+            Ok(())
+        };
     };
     let LiveSummary { lines, errors, vehicles, snapshot } =
-        live(&job, io::stdin(), io::stdout().lock(), |error| {
-            let _ = writeln!(io::stderr(), "vehicles stay in memory: {error}");
-        })?;
+        serve(&job, &control, io::stdin(), io::stdout().lock(), say)?;
     let mut text = format!("{lines} lines, {errors} with an error, {vehicles} vehicles");
     if let Some(bytes) = snapshot {
         text += &format!(", snapshot of {bytes} bytes");
     }
-    // Standard output has answers.
+    if is_json {
+        text = format!(
+            r#"{{"level":"info","event":"end","lines":{lines},"errors":{errors},"vehicles":{vehicles}}}"#
+        );
+    }
     let _ = writeln!(io::stderr(), "{text}");
     Ok(String::new())
+}
+
+fn show_position(snapshot: &Path) -> Result<String, FleetError> {
+    match position(snapshot)? {
+        Some(position) => serde_json::to_string(&position)
+            .map_err(|error| FleetError::Settings(format!("no position: {error}"))),
+        None => Err(FleetError::Settings(format!("{}: has no position", snapshot.display()))),
+    }
 }
 
 fn bar(quiet: bool) -> ProgressBar {

@@ -3,9 +3,10 @@
 //! | bytes | content |
 //! |---|---|
 //! | 8 | `wayfixpl` |
-//! | 4, 4 | version, 1; length of the hash of the model |
+//! | 4, 4 | version, 2; length of the hash of the model |
 //! | 8, 8 | number of states of the model; number of vehicles |
-//! | | the hash of the model |
+//! | 8 | length of the note (none in version 1) |
+//! | | the hash of the model; the note, what the writer wants to find again |
 //! | 8 | checksum of all before |
 //!
 //! Then come blocks: the number of vehicles (4 bytes), the number of bytes of them (8), these
@@ -16,7 +17,7 @@
 //! little-endian; checksums are XXH3 of 64 bits.
 
 use std::fs::{self, File};
-use std::io::{self, BufReader, Read, Write};
+use std::io::Write;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -24,15 +25,18 @@ use twox_hash::XxHash3_64;
 use wayfix::inference::FilterSnapshot;
 use wayfix::{Hmm, Likelihood, Transition};
 
-use super::{LONGEST_HASH, Pool, PoolOptions, VehicleId, lock};
+use super::block::{Block, Fields, Source};
+use super::{LONGEST_HASH, Pool, PoolOptions, lock};
 use crate::error::{FleetError, Outcome};
 use crate::partial::beside;
 use crate::pipeline::in_order;
 
 const MAGIC: &[u8; 8] = b"wayfixpl";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
+/// The version without notes, which is read too.
+const WITHOUT_NOTE: u32 = 1;
 /// Bytes of states in a block, about.
-const BLOCK: usize = 1 << 20;
+pub(super) const BLOCK: usize = 1 << 20;
 /// Blocks that are under way for each thread.
 const AHEAD: usize = 3;
 
@@ -49,24 +53,18 @@ where
     /// [`FleetError`] if the file cannot be written, or a state cannot be read back; a file of that
     /// name is then as it was.
     pub fn snapshot(&self, path: &Path) -> Outcome<u64> {
-        let partial = beside(path, ".partial");
-        let written = self.write(&partial).and_then(|length| {
-            fs::rename(&partial, path).map_err(FleetError::file(path))?;
-            Ok(length)
-        });
-        if written.is_err() {
-            // It may not even exist.
-            _ = fs::remove_file(&partial);
-            return written;
-        }
-        sync_folder(path);
-        written
+        self.snapshot_with(path, &[])
     }
 
-    fn write(&self, path: &Path) -> Outcome<u64> {
+    /// The same, with a note.
+    pub(super) fn snapshot_with(&self, path: &Path, note: &[u8]) -> Outcome<u64> {
+        named(path, |partial| self.write(partial, note))
+    }
+
+    fn write(&self, path: &Path, note: &[u8]) -> Outcome<u64> {
         let wrong = FleetError::file(path);
         let mut file = File::create(path).map_err(&wrong)?;
-        let header = self.header();
+        let header = self.header(note);
         file.write_all(&header).map_err(&wrong)?;
         let mut length = header.len() as u64;
         let threads = self.filters.len();
@@ -100,13 +98,15 @@ where
         Ok(length)
     }
 
-    fn header(&self) -> Vec<u8> {
+    pub(super) fn header(&self, note: &[u8]) -> Vec<u8> {
         let mut header = MAGIC.to_vec();
         header.extend(VERSION.to_le_bytes());
         header.extend((self.hash.len() as u32).to_le_bytes());
         header.extend((self.model.states() as u64).to_le_bytes());
         header.extend((self.usage().vehicles as u64).to_le_bytes());
+        header.extend((note.len() as u64).to_le_bytes());
         header.extend(self.hash.as_bytes());
+        header.extend(note);
         header.extend(XxHash3_64::oneshot(&header).to_le_bytes());
         header
     }
@@ -133,9 +133,7 @@ where
     }
 
     fn read(&self, path: &Path) -> Outcome<()> {
-        let file = File::open(path).map_err(FleetError::file(path))?;
-        let left = file.metadata().map_err(FleetError::file(path))?.len();
-        let mut source = Source { file: BufReader::new(file), path, left };
+        let mut source = Source::open(path)?;
         let expected = self.read_header(&mut source)?;
         let mut number = 0;
         let mut is_last = false;
@@ -175,36 +173,15 @@ where
 
     /// Reads the header, and returns the number of vehicles.
     fn read_header(&self, source: &mut Source<'_>) -> Outcome<u64> {
-        let path = source.path;
-        let other = |message: String| FleetError::format(path, message);
-        let mut header = source.bytes(MAGIC.len() as u64)?;
-        if header != MAGIC {
-            return Err(other("not a snapshot of a pool".to_owned()));
-        }
-        header.extend(source.bytes(24)?);
-        let mut fields = Fields { bytes: &header[MAGIC.len()..] };
-        let damaged = || other("damaged: the header is cut off".to_owned());
-        let version = fields.u32().ok_or_else(damaged)?;
-        if version != VERSION {
-            let message = format!("version {version} of a snapshot, expected {VERSION}");
-            return Err(other(message));
-        }
-        let length = fields.u32().ok_or_else(damaged)?;
-        let states = fields.u64().ok_or_else(damaged)?;
-        let vehicles = fields.u64().ok_or_else(damaged)?;
-        if length as usize > LONGEST_HASH {
-            return Err(other(format!("damaged: a hash of {length} bytes")));
-        }
-        let hash = source.bytes(u64::from(length))?;
-        header.extend(&hash);
-        source.check(XxHash3_64::oneshot(&header), "the header")?;
+        let Header { states, vehicles, hash, .. } = Header::read(source)?;
         if hash != self.hash.as_bytes() || states != self.model.states() as u64 {
-            return Err(other(format!(
+            let message = format!(
                 "a snapshot with another model: {states} states and hash {}, expected {} and {}",
                 String::from_utf8_lossy(&hash),
                 self.model.states(),
                 self.hash
-            )));
+            );
+            return Err(FleetError::format(source.path, message));
         }
         Ok(vehicles)
     }
@@ -239,146 +216,71 @@ where
     }
 }
 
+/// Begin of a snapshot.
+pub(super) struct Header {
+    states: u64,
+    vehicles: u64,
+    hash: Vec<u8>,
+    pub(super) note: Vec<u8>,
+}
+
+impl Header {
+    pub(super) fn read(source: &mut Source<'_>) -> Outcome<Self> {
+        let path = source.path;
+        let other = |message: String| FleetError::format(path, message);
+        let mut header = source.bytes(MAGIC.len() as u64)?;
+        if header != MAGIC {
+            return Err(other("not a snapshot of a pool".to_owned()));
+        }
+        header.extend(source.bytes(24)?);
+        let mut fields = Fields { bytes: &header[MAGIC.len()..] };
+        let damaged = || other("damaged: the header is cut off".to_owned());
+        let version = fields.u32().ok_or_else(damaged)?;
+        if version != VERSION && version != WITHOUT_NOTE {
+            let message = format!("version {version} of a snapshot, expected {VERSION}");
+            return Err(other(message));
+        }
+        let length = fields.u32().ok_or_else(damaged)?;
+        let states = fields.u64().ok_or_else(damaged)?;
+        let vehicles = fields.u64().ok_or_else(damaged)?;
+        if length as usize > LONGEST_HASH {
+            return Err(other(format!("damaged: a hash of {length} bytes")));
+        }
+        let mut of_note = 0;
+        if version == VERSION {
+            let bytes = source.bytes(8)?;
+            of_note = Fields { bytes: &bytes }.u64().ok_or_else(damaged)?;
+            header.extend(bytes);
+        }
+        let hash = source.bytes(u64::from(length))?;
+        header.extend(&hash);
+        let note = source.bytes(of_note)?;
+        header.extend(&note);
+        source.check(XxHash3_64::oneshot(&header), "the header")?;
+        Ok(Self { states, vehicles, hash, note })
+    }
+}
+
+/// Writes a file under a temporary name, and gives it its name when it is complete.
+pub(super) fn named(path: &Path, write: impl FnOnce(&Path) -> Outcome<u64>) -> Outcome<u64> {
+    let partial = beside(path, ".partial");
+    let written = write(&partial).and_then(|length| {
+        fs::rename(&partial, path).map_err(FleetError::file(path))?;
+        Ok(length)
+    });
+    if written.is_err() {
+        // It may not even exist.
+        _ = fs::remove_file(&partial);
+        return written;
+    }
+    sync_folder(path);
+    written
+}
+
 /// Puts the new name of a file on the disk, where the system can.
 fn sync_folder(path: &Path) {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
     if let Ok(folder) = File::open(folder.unwrap_or(Path::new("."))) {
         _ = folder.sync_all();
-    }
-}
-
-/// Vehicles of a file.
-pub(super) struct Block {
-    vehicles: u32,
-    /// With the head and the sum, in a block that is written.
-    bytes: Vec<u8>,
-}
-
-/// Bytes of the head of a block.
-const HEAD: usize = 12;
-
-impl Block {
-    fn new() -> Self {
-        Self { vehicles: 0, bytes: vec![0; HEAD] }
-    }
-
-    /// Adds a vehicle.
-    pub(super) fn push(&mut self, vehicle: &VehicleId, time: i64, state: &FilterSnapshot) {
-        let bytes = &mut self.bytes;
-        match vehicle {
-            VehicleId::Number(number) => {
-                bytes.push(0);
-                bytes.extend(number.to_le_bytes());
-            }
-            VehicleId::Text(text) => {
-                bytes.push(1);
-                bytes.extend((text.len() as u32).to_le_bytes());
-                bytes.extend(text.as_bytes());
-            }
-        }
-        bytes.extend(time.to_le_bytes());
-        let state = state.to_bytes();
-        bytes.extend((state.len() as u32).to_le_bytes());
-        bytes.extend(state);
-        self.vehicles += 1;
-    }
-
-    /// Returns the bytes of the block of this number.
-    fn seal(&mut self, number: u64) -> &[u8] {
-        let length = (self.bytes.len() - HEAD) as u64;
-        self.bytes[..4].copy_from_slice(&self.vehicles.to_le_bytes());
-        self.bytes[4..HEAD].copy_from_slice(&length.to_le_bytes());
-        let sum = XxHash3_64::oneshot_with_seed(number, &self.bytes);
-        self.bytes.extend(sum.to_le_bytes());
-        &self.bytes
-    }
-}
-
-/// A file that is read.
-struct Source<'a> {
-    file: BufReader<File>,
-    path: &'a Path,
-    /// Bytes that are left, so that no damage makes it ask for more memory.
-    left: u64,
-}
-
-impl Source<'_> {
-    fn bytes(&mut self, count: u64) -> Outcome<Vec<u8>> {
-        if count > self.left {
-            return Err(FleetError::format(self.path, "damaged: the end is missing"));
-        }
-        let mut bytes = vec![0; count as usize];
-        self.file.read_exact(&mut bytes).map_err(|error| match error.kind() {
-            io::ErrorKind::UnexpectedEof => FleetError::format(self.path, "damaged: cut off"),
-            _ => FleetError::file(self.path)(error),
-        })?;
-        self.left -= count;
-        Ok(bytes)
-    }
-
-    fn check(&mut self, sum: u64, part: &str) -> Outcome<()> {
-        if self.bytes(8)? == sum.to_le_bytes() {
-            return Ok(());
-        }
-        Err(FleetError::format(self.path, format!("damaged: the checksum of {part} is wrong")))
-    }
-
-    /// Reads the block of this number, without its head.
-    fn block(&mut self, number: u64) -> Outcome<Block> {
-        let head = self.bytes(HEAD as u64)?;
-        let mut fields = Fields { bytes: &head };
-        let (Some(vehicles), Some(length)) = (fields.u32(), fields.u64()) else {
-            return Err(FleetError::format(self.path, "damaged: cut off"));
-        };
-        let bytes = self.bytes(length)?;
-        let mut hasher = XxHash3_64::with_seed(number);
-        std::hash::Hasher::write(&mut hasher, &head);
-        std::hash::Hasher::write(&mut hasher, &bytes);
-        self.check(std::hash::Hasher::finish(&hasher), &format!("block {number}"))?;
-        Ok(Block { vehicles, bytes })
-    }
-}
-
-/// Fields of a block or a header.
-struct Fields<'a> {
-    bytes: &'a [u8],
-}
-
-impl<'a> Fields<'a> {
-    fn take(&mut self, count: usize) -> Option<&'a [u8]> {
-        let (taken, rest) = self.bytes.split_at_checked(count)?;
-        self.bytes = rest;
-        Some(taken)
-    }
-
-    fn array<const N: usize>(&mut self) -> Option<[u8; N]> {
-        self.take(N)?.try_into().ok()
-    }
-
-    fn u32(&mut self) -> Option<u32> {
-        self.array().map(u32::from_le_bytes)
-    }
-
-    fn u64(&mut self) -> Option<u64> {
-        self.array().map(u64::from_le_bytes)
-    }
-
-    fn i64(&mut self) -> Option<i64> {
-        self.array().map(i64::from_le_bytes)
-    }
-
-    /// Reads the id, the time and the bytes of the state of a vehicle.
-    fn vehicle(&mut self) -> Option<(VehicleId, i64, &'a [u8])> {
-        let vehicle = match self.array()? {
-            [0] => VehicleId::Number(self.i64()?),
-            [1] => {
-                let length = self.u32()? as usize;
-                VehicleId::from(std::str::from_utf8(self.take(length)?).ok()?)
-            }
-            _ => return None,
-        };
-        let time = self.i64()?;
-        let length = self.u32()? as usize;
-        Some((vehicle, time, self.take(length)?))
     }
 }

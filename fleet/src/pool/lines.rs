@@ -14,12 +14,26 @@ use crate::sensor::{Kind, Observation, Sensor};
 pub(super) struct BadLine {
     pub(super) vehicle: Option<VehicleId>,
     pub(super) time: Option<i64>,
+    pub(super) offset: Option<VehicleId>,
+    pub(super) kind: &'static str,
     pub(super) message: String,
+}
+
+/// What a line asks for.
+#[derive(Debug)]
+pub(super) enum Line {
+    /// With its offset, if it has one.
+    Update(Update<Observation>, Option<VehicleId>),
+    /// A vehicle is to be removed.
+    Remove(VehicleId, Option<VehicleId>),
+    /// A model is to be gone on with, a file of this name.
+    Model(String, Option<VehicleId>),
+    Bad(Box<BadLine>),
 }
 
 impl BadLine {
     pub(super) fn new(message: impl Into<String>) -> Self {
-        Self { vehicle: None, time: None, message: message.into() }
+        Self { vehicle: None, time: None, offset: None, kind: "line", message: message.into() }
     }
 }
 
@@ -36,6 +50,9 @@ struct Fields<Y, E> {
     elsewhere: E,
     #[serde(default)]
     restart: bool,
+    offset: Option<VehicleId>,
+    #[serde(default)]
+    remove: bool,
 }
 
 /// A state and its likelihood.
@@ -64,7 +81,7 @@ impl<'de> Deserialize<'de> for Logarithm {
 }
 
 /// Reads a line.
-pub(super) fn parse(sensor: &Sensor, line: &[u8]) -> Result<Update<Observation>, BadLine> {
+pub(super) fn parse(sensor: &Sensor, line: &[u8]) -> Line {
     let read = || match sensor.kind() {
         Kind::Table(_) | Kind::SparseTable(_) => {
             fields::<usize, IgnoredAny>(sensor, line, |symbol, _| Ok(Observation::Symbol(symbol)))
@@ -90,32 +107,49 @@ pub(super) fn parse(sensor: &Sensor, line: &[u8]) -> Result<Update<Observation>,
             Ok(Observation::Fix(Fix { latitude, longitude, deviation }))
         }),
     };
-    read().map_err(|message| {
-        // Bad lines are few.
-        let value: Value = serde_json::from_slice(line).unwrap_or_default();
-        let vehicle = VehicleId::deserialize(&value["vehicle"]).ok();
-        BadLine { vehicle, time: value["time"].as_i64(), message }
-    })
+    match read() {
+        Ok(Some((update, offset))) => Line::Update(update, offset),
+        Ok(None) => other(line, String::new()),
+        Err(message) => other(line, message),
+    }
+}
+
+/// Reads a line that is not an update. There are few.
+fn other(line: &[u8], message: String) -> Line {
+    let value: Value = serde_json::from_slice(line).unwrap_or_default();
+    let id = |field: &str| VehicleId::deserialize(&value[field]).ok();
+    let (vehicle, offset) = (id("vehicle"), id("offset"));
+    let message = match (value["remove"].as_bool(), vehicle, value["model"].as_str()) {
+        (Some(true), Some(vehicle), None) => return Line::Remove(vehicle, offset),
+        (Some(true), ..) => "`remove` needs the `vehicle`".to_owned(),
+        (_, None, Some(name)) => return Line::Model(name.to_owned(), offset),
+        _ => message,
+    };
+    let (vehicle, time) = (id("vehicle"), value["time"].as_i64());
+    Line::Bad(Box::new(BadLine { vehicle, time, offset, kind: "line", message }))
 }
 
 fn fields<'de, Y, E>(
     sensor: &Sensor,
     line: &'de [u8],
     observation: impl FnOnce(Y, E) -> Result<Observation, String>,
-) -> Result<Update<Observation>, String>
+) -> Result<Option<(Update<Observation>, Option<VehicleId>)>, String>
 where
     Y: Deserialize<'de>,
     E: Deserialize<'de> + Default,
 {
     let fields: Fields<Y, E> = serde_json::from_slice(line).map_err(|error| describe(&error))?;
+    if fields.remove {
+        return Ok(None);
+    }
     let seen = match fields.observation {
         Some(seen) => observation(seen, fields.elsewhere)
             .map_err(|message| format!("field `observation`: {message}"))?,
         None if sensor.is_optional() => Observation::Missing,
         None => return Err("field `observation`: is null, expected a value".to_owned()),
     };
-    let Fields { vehicle, time, restart, .. } = fields;
-    Ok(Update { vehicle, time, observation: seen, restart })
+    let Fields { vehicle, time, restart, offset, .. } = fields;
+    Ok(Some((Update { vehicle, time, observation: seen, restart }, offset)))
 }
 
 /// Describes an error without the line of the text, which has one.
@@ -130,6 +164,8 @@ fn describe(error: &serde_json::Error) -> String {
 
 #[derive(Serialize)]
 struct Accepted<'a> {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    offset: Option<&'a VehicleId>,
     vehicle: &'a VehicleId,
     time: i64,
     state: usize,
@@ -140,6 +176,8 @@ struct Accepted<'a> {
 #[derive(Serialize)]
 struct Refused<'a> {
     line: u64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    offset: Option<&'a VehicleId>,
     #[serde(skip_serializing_if = "Option::is_none")]
     vehicle: Option<&'a VehicleId>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -152,6 +190,7 @@ struct Refused<'a> {
 pub(super) fn answer(
     out: &mut Vec<u8>,
     line: u64,
+    offset: Option<&VehicleId>,
     (vehicle, time): (&VehicleId, i64),
     answer: &UpdateResult,
 ) {
@@ -159,12 +198,13 @@ pub(super) fn answer(
         Ok(answer) => {
             let (state, probability) = (answer.state, answer.probability);
             let log_likelihood = answer.log_likelihood;
-            write(out, &Accepted { vehicle, time, state, probability, log_likelihood });
+            write(out, &Accepted { offset, vehicle, time, state, probability, log_likelihood });
         }
         Err(error) => write(
             out,
             &Refused {
                 line,
+                offset,
                 vehicle: Some(vehicle),
                 time: Some(time),
                 error_kind: error.kind(),
@@ -176,17 +216,60 @@ pub(super) fn answer(
 
 /// Writes the answer to a line that is not an update.
 pub(super) fn refuse(out: &mut Vec<u8>, line: u64, bad: &BadLine) {
-    let BadLine { vehicle, time, message } = bad;
+    let BadLine { vehicle, time, offset, kind, message } = bad;
     write(
         out,
         &Refused {
             line,
+            offset: offset.as_ref(),
             vehicle: vehicle.as_ref(),
             time: *time,
-            error_kind: "line",
+            error_kind: kind,
             error: message.clone(),
         },
     );
+}
+
+#[derive(Serialize)]
+struct Removed<'a> {
+    line: u64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    offset: Option<&'a VehicleId>,
+    vehicle: &'a VehicleId,
+    removed: bool,
+}
+
+/// Writes the answer to a line that removes a vehicle, which may not have been there.
+pub(super) fn removed(
+    out: &mut Vec<u8>,
+    line: u64,
+    offset: Option<&VehicleId>,
+    (vehicle, removed): (&VehicleId, bool),
+) {
+    write(out, &Removed { line, offset, vehicle, removed });
+}
+
+#[derive(Serialize)]
+struct Exchanged<'a> {
+    line: u64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    offset: Option<&'a VehicleId>,
+    model: &'a str,
+    hash: &'a str,
+    vehicles_kept: usize,
+    vehicles_begun_anew: usize,
+}
+
+/// Writes the answer to a line that exchanges the model: its name and hash, and how many vehicles
+/// kept their belief, or lost it.
+pub(super) fn exchanged(
+    out: &mut Vec<u8>,
+    line: u64,
+    offset: Option<&VehicleId>,
+    (model, hash): (&str, &str),
+    (vehicles_kept, vehicles_begun_anew): (usize, usize),
+) {
+    write(out, &Exchanged { line, offset, model, hash, vehicles_kept, vehicles_begun_anew });
 }
 
 fn write(out: &mut Vec<u8>, line: &impl Serialize) {

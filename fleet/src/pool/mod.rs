@@ -27,12 +27,16 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod block;
 mod file;
 mod lines;
 mod live;
+mod service;
 mod shard;
 mod spill;
+mod timing;
 mod vehicle;
+mod writing;
 
 use std::fmt;
 use std::hash::{BuildHasher, RandomState};
@@ -46,9 +50,13 @@ use wayfix::inference::FilterSnapshot;
 use wayfix::{Filter, Hmm, Likelihood, Transition};
 
 pub use live::{LiveJob, LiveSummary, live};
+pub use service::{Control, Notice, Position, ServiceJob, position, serve, signals};
 use shard::Shard;
 use spill::{Disk, Folder};
+use timing::Moment;
+pub use timing::Timing;
 pub use vehicle::{Answer, Update, UpdateError, VehicleId};
+pub use writing::Writing;
 
 use crate::error::{FleetError, Outcome};
 
@@ -121,9 +129,17 @@ pub struct Pool<A: Transition, B: Likelihood> {
     model: Arc<Hmm<A, B>>,
     hash: String,
     hasher: RandomState,
-    shards: Vec<Mutex<Shard>>,
+    /// Shared with a snapshot that is being written.
+    shards: Arc<[Mutex<Shard>]>,
     /// One for each thread.
     filters: Vec<Filter<Arc<Hmm<A, B>>>>,
+    timing: Timing,
+    /// Largest time of all updates.
+    latest: i64,
+    /// That when forgotten vehicles were last removed, and the shards that are left to look
+    /// through.
+    swept: i64,
+    to_sweep: usize,
 }
 
 impl<A: Transition, B: Likelihood> fmt::Debug for Pool<A, B> {
@@ -171,9 +187,11 @@ impl<A: Transition, B: Likelihood> Pool<A, B> {
             let disk = folder.as_ref().map(|folder| Disk::new(folder, number, model.states()));
             Mutex::new(Shard::new(hasher.clone(), limit, disk))
         };
-        let shards = (0..count).map(shard).collect();
+        let shards: Arc<[_]> = (0..count).map(shard).collect();
         let filters = (0..threads).map(|_| Filter::new(Arc::clone(&model))).collect();
-        Ok(Self { model, hash, hasher, shards, filters })
+        let (timing, latest) = (Timing::default(), i64::MIN);
+        let (swept, to_sweep) = (i64::MIN, 0);
+        Ok(Self { model, hash, hasher, shards, filters, timing, latest, swept, to_sweep })
     }
 
     /// The model.
@@ -186,7 +204,7 @@ impl<A: Transition, B: Likelihood> Pool<A, B> {
     #[must_use]
     pub fn usage(&self) -> Usage {
         let mut usage = Usage { vehicles: 0, in_memory: 0, bytes: 0, file_bytes: 0 };
-        for shard in &self.shards {
+        for shard in self.shards.iter() {
             let shard = lock(shard);
             usage.vehicles += shard.vehicles();
             usage.in_memory += shard.in_memory();
@@ -205,7 +223,8 @@ impl<A: Transition, B: Likelihood> Pool<A, B> {
     pub fn state(&self, vehicle: &VehicleId) -> Outcome<Option<FilterSnapshot>> {
         let (hash, shard) = self.place(vehicle);
         let mut shard = lock(&self.shards[shard]);
-        shard.find(hash, vehicle).map(|at| shard.state(at)).transpose()
+        let found = shard.find(hash, vehicle).filter(|&at| self.is_kept(shard.time(at)));
+        found.map(|at| shard.state(at)).transpose()
     }
 
     /// Time of the last update of a vehicle, or `None` if there is no such vehicle.
@@ -213,13 +232,15 @@ impl<A: Transition, B: Likelihood> Pool<A, B> {
     pub fn time(&self, vehicle: &VehicleId) -> Option<i64> {
         let (hash, shard) = self.place(vehicle);
         let shard = lock(&self.shards[shard]);
-        shard.find(hash, vehicle).map(|at| shard.time(at))
+        shard.find(hash, vehicle).map(|at| shard.time(at)).filter(|&time| self.is_kept(time))
     }
 
     /// Forgets a vehicle. Returns false if there is none of the id.
     pub fn remove(&mut self, vehicle: &VehicleId) -> bool {
         let (hash, shard) = self.place(vehicle);
-        lock(&self.shards[shard]).remove(hash, vehicle)
+        let mut shard = lock(&self.shards[shard]);
+        let time = shard.find(hash, vehicle).map(|at| shard.time(at));
+        shard.remove(hash, vehicle) && time.is_some_and(|time| self.is_kept(time))
     }
 
     /// First failure to move a vehicle to the disk since the last call. Such vehicles stay in
@@ -248,7 +269,11 @@ where
     /// [`UpdateError`] if the update is refused; the vehicle is as it was.
     pub fn update(&mut self, update: &Update<B::Observation>) -> UpdateResult {
         let (hash, shard) = self.place(&update.vehicle);
-        lock(&self.shards[shard]).update(&mut self.filters[0], hash, update)
+        self.latest = self.latest.max(update.time);
+        let moment = Moment { timing: &self.timing, latest: self.latest };
+        let answer = lock(&self.shards[shard]).update(&mut self.filters[0], hash, update, &moment);
+        self.forget_some();
+        answer
     }
 
     /// Takes many updates with all threads. Those of a vehicle are taken in their order, and answers
@@ -278,13 +303,24 @@ where
         let mut jobs: Vec<Vec<(u64, u32)>> = vec![Vec::new(); self.shards.len()];
         let room = updates.len() / jobs.len();
         jobs.iter_mut().for_each(|job| job.reserve(room + room / 4));
+        // The largest time up to each update, if it matters.
+        let forgets = self.timing.forget_after.is_some();
+        let mut latests = Vec::with_capacity(if forgets { updates.len() } else { 0 });
         for (number, update) in (0..).zip(updates) {
             let (hash, shard) = self.place(&update.vehicle);
             jobs[shard].push((hash, number));
+            self.latest = self.latest.max(update.time);
+            if forgets {
+                latests.push(self.latest);
+            }
         }
         let next = AtomicUsize::new(0);
         let together = (TOGETHER / self.model.states()).clamp(1, MOST_TOGETHER);
-        let Self { shards, filters, .. } = self;
+        let Self { shards, filters, timing, latest, .. } = self;
+        let moment = |number: u32| {
+            let latest = latests.get(number as usize).copied().unwrap_or(*latest);
+            Moment { timing, latest }
+        };
         let work = |filter: &mut Filter<Arc<Hmm<A, B>>>| {
             let mut answers = Vec::with_capacity(updates.len());
             loop {
@@ -298,7 +334,8 @@ where
                         job.iter().map(|&(hash, number)| (hash, &updates[number as usize].vehicle)),
                     );
                     answers.extend(job.iter().map(|&(hash, number)| {
-                        (number, shard.update(filter, hash, &updates[number as usize]))
+                        let update = &updates[number as usize];
+                        (number, shard.update(filter, hash, update, &moment(number)))
                     }));
                 }
             }
@@ -320,6 +357,7 @@ where
         });
         // Every update is a job of one thread.
         answers.extend(in_order.into_iter().flatten());
+        self.forget_some();
     }
 }
 

@@ -1,17 +1,21 @@
 //! A part of the vehicles of a pool, which one thread works on at a time.
 
+mod cut;
+
 use std::hash::{BuildHasher, RandomState};
 use std::hint::black_box;
 use std::sync::Arc;
 
 use hashbrown::HashTable;
 use wayfix::inference::FilterSnapshot;
-use wayfix::{Filter, Hmm, Likelihood, Transition};
+use wayfix::{Filter, Hmm, InferenceError, Likelihood, Transition};
 
-use super::file::Block;
+use super::block::Block;
 use super::spill::{Disk, Slot};
+use super::timing::Moment;
 use super::vehicle::{Answer, Update, UpdateError, VehicleId};
 use crate::error::{FleetError, Outcome};
+use cut::Cut;
 
 /// Numbers in a line of the cache.
 const LINE: usize = 8;
@@ -55,6 +59,8 @@ pub(super) struct Shard {
     heap: usize,
     limit: usize,
     disk: Option<Disk>,
+    /// A snapshot that is being taken.
+    cut: Option<Box<Cut>>,
     /// First failure to move a state to the disk.
     pub(super) failure: Option<FleetError>,
 }
@@ -78,6 +84,7 @@ impl Shard {
             heap: 0,
             limit,
             disk,
+            cut: None,
             failure: None,
         }
     }
@@ -142,28 +149,33 @@ impl Shard {
         filter: &mut Filter<Arc<Hmm<A, B>>>,
         hash: u64,
         update: &Update<B::Observation>,
+        moment: &Moment<'_>,
     ) -> Result<Answer, UpdateError>
     where
         A: Transition<Control = ()>,
         B: Likelihood<Observation: Sized>,
     {
         let found = self.find(hash, &update.vehicle);
+        let last = found.map(|at| self.entries[at as usize].time);
+        // Whether it is still here must not depend on when the vehicles were last looked through.
+        let last = last.filter(|&last| !moment.is_forgotten(last));
         // Also of one that begins again: a line that comes twice must not make it forget what came
         // between.
-        if let Some(at) = found {
-            let last = self.entries[at as usize].time;
-            if update.time <= last {
-                return Err(UpdateError::Time { time: update.time, last });
-            }
+        if let Some(last) = last
+            && update.time <= last
+        {
+            return Err(UpdateError::Time { time: update.time, last });
         }
-        match found {
-            Some(at) if !update.restart => {
+        let mut steps = 1;
+        match (found, last) {
+            (Some(at), Some(last)) if !update.restart => {
                 let state = self.load(at).map_err(|error| UpdateError::Disk(Box::new(error)))?;
                 filter.restore(state)?;
+                steps = moment.steps(last, update.time);
             }
             _ => filter.restart(),
         }
-        let log_likelihood = match filter.step_with(&(), &update.observation) {
+        let log_likelihood = match take_steps(filter, steps, &update.observation) {
             Ok(log_likelihood) => log_likelihood,
             Err(error) => {
                 // Its state may just have been loaded.
@@ -215,6 +227,7 @@ impl Shard {
         let place = Place::Memory(state);
         let entry = Entry { vehicle, time, newer: NONE, older: NONE, place };
         let at = if let Some(at) = self.free.pop() {
+            self.keep(at);
             self.entries[at as usize] = entry;
             at
         } else {
@@ -233,6 +246,8 @@ impl Shard {
 
     /// Removes a vehicle. Returns false if it is not there.
     pub(super) fn remove(&mut self, hash: u64, vehicle: &VehicleId) -> bool {
+        let Some(at) = self.find(hash, vehicle) else { return false };
+        self.keep(at);
         let Self { index, entries, .. } = self;
         let same = |at: &u32| entries[*at as usize].vehicle == *vehicle;
         let Ok(found) = index.find_entry(hash, same) else { return false };
@@ -250,6 +265,7 @@ impl Shard {
         A: Transition,
         B: Likelihood,
     {
+        self.keep(at);
         if let Place::Memory(state) = &mut self.entries[at as usize].place {
             self.heap -= bytes_of(state);
             filter.snapshot_to(state);
@@ -360,6 +376,25 @@ impl Shard {
             _ => self.entries[older as usize].newer = newer,
         }
     }
+}
+
+/// Moves a filter so many steps, and shows it what was seen after the last.
+fn take_steps<A, B>(
+    filter: &mut Filter<Arc<Hmm<A, B>>>,
+    steps: u64,
+    observation: &B::Observation,
+) -> Result<f64, InferenceError>
+where
+    A: Transition<Control = ()>,
+    B: Likelihood<Observation: Sized>,
+{
+    if steps == 0 {
+        return filter.update(observation);
+    }
+    for _ in 1..steps {
+        filter.predict_with(&())?;
+    }
+    filter.step_with(&(), observation)
 }
 
 /// Most probable state and its probability; ties go to the lowest.

@@ -61,7 +61,7 @@ impl<'de> Deserialize<'de> for VehicleId {
             type Value = VehicleId;
 
             fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("a text, or an integer from -2^63 to 2^63 - 1, as the id of a vehicle")
+                f.write_str("a text, or an integer from -2^63 to 2^63 - 1, as an id")
             }
 
             fn visit_i64<E: de::Error>(self, number: i64) -> Result<VehicleId, E> {

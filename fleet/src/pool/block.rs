@@ -1,0 +1,159 @@
+//! Blocks of a snapshot, and its fields.
+
+use std::fs::File;
+use std::io::{self, BufReader, Read};
+use std::path::Path;
+
+use twox_hash::XxHash3_64;
+use wayfix::inference::FilterSnapshot;
+
+use super::VehicleId;
+use crate::error::{FleetError, Outcome};
+
+/// Vehicles of a file.
+#[derive(Debug)]
+pub(super) struct Block {
+    pub(super) vehicles: u32,
+    /// With the head and the sum, in a block that is written.
+    pub(super) bytes: Vec<u8>,
+}
+
+/// Bytes of the head of a block.
+const HEAD: usize = 12;
+
+impl Block {
+    pub(super) fn new() -> Self {
+        Self { vehicles: 0, bytes: vec![0; HEAD] }
+    }
+
+    /// Adds a vehicle.
+    pub(super) fn push(&mut self, vehicle: &VehicleId, time: i64, state: &FilterSnapshot) {
+        let bytes = &mut self.bytes;
+        match vehicle {
+            VehicleId::Number(number) => {
+                bytes.push(0);
+                bytes.extend(number.to_le_bytes());
+            }
+            VehicleId::Text(text) => {
+                bytes.push(1);
+                bytes.extend((text.len() as u32).to_le_bytes());
+                bytes.extend(text.as_bytes());
+            }
+        }
+        bytes.extend(time.to_le_bytes());
+        let state = state.to_bytes();
+        bytes.extend((state.len() as u32).to_le_bytes());
+        bytes.extend(state);
+        self.vehicles += 1;
+    }
+
+    /// Bytes of its vehicles.
+    pub(super) fn length(&self) -> usize {
+        self.bytes.len() - HEAD
+    }
+
+    /// Returns the bytes of the block of this number.
+    pub(super) fn seal(&mut self, number: u64) -> &[u8] {
+        let length = (self.bytes.len() - HEAD) as u64;
+        self.bytes[..4].copy_from_slice(&self.vehicles.to_le_bytes());
+        self.bytes[4..HEAD].copy_from_slice(&length.to_le_bytes());
+        let sum = XxHash3_64::oneshot_with_seed(number, &self.bytes);
+        self.bytes.extend(sum.to_le_bytes());
+        &self.bytes
+    }
+}
+
+/// A file that is read.
+pub(super) struct Source<'a> {
+    file: BufReader<File>,
+    pub(super) path: &'a Path,
+    /// Bytes that are left, so that no damage makes it ask for more memory.
+    pub(super) left: u64,
+}
+
+impl<'a> Source<'a> {
+    pub(super) fn open(path: &'a Path) -> Outcome<Self> {
+        let file = File::open(path).map_err(FleetError::file(path))?;
+        let left = file.metadata().map_err(FleetError::file(path))?.len();
+        Ok(Self { file: BufReader::new(file), path, left })
+    }
+
+    pub(super) fn bytes(&mut self, count: u64) -> Outcome<Vec<u8>> {
+        if count > self.left {
+            return Err(FleetError::format(self.path, "damaged: the end is missing"));
+        }
+        let mut bytes = vec![0; count as usize];
+        self.file.read_exact(&mut bytes).map_err(|error| match error.kind() {
+            io::ErrorKind::UnexpectedEof => FleetError::format(self.path, "damaged: cut off"),
+            _ => FleetError::file(self.path)(error),
+        })?;
+        self.left -= count;
+        Ok(bytes)
+    }
+
+    pub(super) fn check(&mut self, sum: u64, part: &str) -> Outcome<()> {
+        if self.bytes(8)? == sum.to_le_bytes() {
+            return Ok(());
+        }
+        Err(FleetError::format(self.path, format!("damaged: the checksum of {part} is wrong")))
+    }
+
+    /// Reads the block of this number, without its head.
+    pub(super) fn block(&mut self, number: u64) -> Outcome<Block> {
+        let head = self.bytes(HEAD as u64)?;
+        let mut fields = Fields { bytes: &head };
+        let (Some(vehicles), Some(length)) = (fields.u32(), fields.u64()) else {
+            return Err(FleetError::format(self.path, "damaged: cut off"));
+        };
+        let bytes = self.bytes(length)?;
+        let mut hasher = XxHash3_64::with_seed(number);
+        std::hash::Hasher::write(&mut hasher, &head);
+        std::hash::Hasher::write(&mut hasher, &bytes);
+        self.check(std::hash::Hasher::finish(&hasher), &format!("block {number}"))?;
+        Ok(Block { vehicles, bytes })
+    }
+}
+
+/// Fields of a block or a header.
+pub(super) struct Fields<'a> {
+    pub(super) bytes: &'a [u8],
+}
+
+impl<'a> Fields<'a> {
+    pub(super) fn take(&mut self, count: usize) -> Option<&'a [u8]> {
+        let (taken, rest) = self.bytes.split_at_checked(count)?;
+        self.bytes = rest;
+        Some(taken)
+    }
+
+    pub(super) fn array<const N: usize>(&mut self) -> Option<[u8; N]> {
+        self.take(N)?.try_into().ok()
+    }
+
+    pub(super) fn u32(&mut self) -> Option<u32> {
+        self.array().map(u32::from_le_bytes)
+    }
+
+    pub(super) fn u64(&mut self) -> Option<u64> {
+        self.array().map(u64::from_le_bytes)
+    }
+
+    pub(super) fn i64(&mut self) -> Option<i64> {
+        self.array().map(i64::from_le_bytes)
+    }
+
+    /// Reads the id, the time and the bytes of the state of a vehicle.
+    pub(super) fn vehicle(&mut self) -> Option<(VehicleId, i64, &'a [u8])> {
+        let vehicle = match self.array()? {
+            [0] => VehicleId::Number(self.i64()?),
+            [1] => {
+                let length = self.u32()? as usize;
+                VehicleId::from(std::str::from_utf8(self.take(length)?).ok()?)
+            }
+            _ => return None,
+        };
+        let time = self.i64()?;
+        let length = self.u32()? as usize;
+        Some((vehicle, time, self.take(length)?))
+    }
+}

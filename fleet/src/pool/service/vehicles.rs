@@ -1,0 +1,97 @@
+//! Pools with either of the operators behind one face.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use wayfix::Transition;
+
+use crate::error::{FleetError, Outcome};
+use crate::model::{Model, with_hmm};
+use crate::pool::{Pool, PoolOptions, Timing, Update, UpdateResult, Usage, VehicleId, Writing};
+use crate::sensor::{Observation, Sensor};
+
+/// What is done before a snapshot has its name.
+pub(super) type Before = Box<dyn FnOnce() -> Outcome<()> + Send>;
+
+/// A pool with a model from a file.
+pub(super) trait Vehicles {
+    fn update_all(&mut self, updates: &[Update<Observation>]) -> Vec<UpdateResult>;
+    fn remove(&mut self, vehicle: &VehicleId) -> bool;
+    fn sensor(&self) -> &Sensor;
+    fn usage(&self) -> Usage;
+    fn set_timing(&mut self, timing: Timing, latest: Option<i64>);
+    fn latest(&self) -> Option<i64>;
+    fn forget(&mut self);
+    fn take_spill_error(&mut self) -> Option<FleetError>;
+    fn snapshot(&self, path: &Path, note: &[u8]) -> Outcome<u64>;
+    fn begin_snapshot(&mut self, path: &Path, note: &[u8], before: Before) -> Outcome<Writing>;
+    /// Leaves one that is of no use.
+    fn exchange(&mut self, model: &Model, options: &PoolOptions) -> Outcome<Box<dyn Vehicles>>;
+}
+
+/// Opens a pool, with the vehicles of a snapshot.
+pub(super) fn open(
+    model: &Model,
+    restore: Option<&Path>,
+    options: &PoolOptions,
+) -> Outcome<Box<dyn Vehicles>> {
+    with_hmm!(model, hmm => {
+        let hmm = Arc::new(hmm.clone());
+        Ok(match restore {
+            Some(path) => Box::new(Pool::restore(path, hmm, model.hash(), options)?),
+            None => Box::new(Pool::new(hmm, model.hash(), options)?),
+        })
+    })
+}
+
+impl<A> Vehicles for Pool<A, Sensor>
+where
+    A: Transition<Control = ()> + Send + Sync + 'static,
+{
+    fn update_all(&mut self, updates: &[Update<Observation>]) -> Vec<UpdateResult> {
+        Self::update_all(self, updates)
+    }
+
+    fn remove(&mut self, vehicle: &VehicleId) -> bool {
+        Self::remove(self, vehicle)
+    }
+
+    fn sensor(&self) -> &Sensor {
+        self.model().likelihood()
+    }
+
+    fn usage(&self) -> Usage {
+        Self::usage(self)
+    }
+
+    fn set_timing(&mut self, timing: Timing, latest: Option<i64>) {
+        Self::set_timing(self, timing, latest);
+    }
+
+    fn latest(&self) -> Option<i64> {
+        Self::latest(self)
+    }
+
+    fn forget(&mut self) {
+        Self::forget(self);
+    }
+
+    fn take_spill_error(&mut self) -> Option<FleetError> {
+        Self::take_spill_error(self)
+    }
+
+    fn snapshot(&self, path: &Path, note: &[u8]) -> Outcome<u64> {
+        self.snapshot_with(path, note)
+    }
+
+    fn begin_snapshot(&mut self, path: &Path, note: &[u8], before: Before) -> Outcome<Writing> {
+        self.begin_snapshot_with(path, note, before)
+    }
+
+    fn exchange(&mut self, model: &Model, options: &PoolOptions) -> Outcome<Box<dyn Vehicles>> {
+        with_hmm!(model, hmm => {
+            let hash = model.hash().to_owned();
+            Ok(Box::new(self.take_with_model(Arc::new(hmm.clone()), hash, options)?))
+        })
+    }
+}

@@ -1,0 +1,100 @@
+//! A snapshot of a shard as it was at one moment, which is written while updates go on.
+//!
+//! Entries are written from the first to the last. One that is about to change before its turn is
+//! written first, so that an update waits for the encoding of one vehicle at most.
+
+use std::hash::BuildHasher;
+
+use super::{Place, Shard};
+use crate::error::{FleetError, Outcome};
+use crate::pool::block::Block;
+
+/// What has been written of a shard.
+#[derive(Debug)]
+pub(super) struct Cut {
+    /// Entries before it have been written.
+    next: usize,
+    /// Number of entries when it began.
+    end: usize,
+    /// A bit for each entry that was written before its turn.
+    early: Vec<u64>,
+    block: Block,
+    failure: Option<FleetError>,
+}
+
+impl Cut {
+    fn is_early(&self, at: usize) -> bool {
+        self.early[at / 64] & 1 << (at % 64) != 0
+    }
+}
+
+impl Shard {
+    /// Begins a snapshot of the shard as it is.
+    pub(crate) fn begin_cut(&mut self) {
+        let end = self.entries.len();
+        let early = vec![0; end.div_ceil(64)];
+        self.cut = Some(Box::new(Cut { next: 0, end, early, block: Block::new(), failure: None }));
+    }
+
+    /// Gives the snapshot up.
+    pub(crate) fn end_cut(&mut self) {
+        self.cut = None;
+    }
+
+    /// Writes the next entries of the snapshot. Returns the vehicles if there are enough for a
+    /// block, or if these are the last; and whether they are.
+    pub(crate) fn next_of_cut(&mut self, count: usize, block: usize) -> Outcome<(Block, bool)> {
+        let Some(mut cut) = self.cut.take() else { return Ok((Block::new(), true)) };
+        let end = cut.end.min(cut.next + count);
+        for at in cut.next..end {
+            if !cut.is_early(at) {
+                self.write(at, &mut cut.block)?;
+            }
+        }
+        cut.next = end;
+        if let Some(error) = cut.failure.take() {
+            return Err(error);
+        }
+        let is_last = end == cut.end;
+        if !is_last && cut.block.length() < block {
+            self.cut = Some(cut);
+            return Ok((Block::new(), false));
+        }
+        let full = std::mem::replace(&mut cut.block, Block::new());
+        if !is_last {
+            self.cut = Some(cut);
+        }
+        Ok((full, is_last))
+    }
+
+    /// Writes an entry that is about to change, if a snapshot needs it.
+    #[inline]
+    pub(super) fn keep(&mut self, at: u32) {
+        if self.cut.is_some() {
+            self.keep_now(at as usize);
+        }
+    }
+
+    #[cold]
+    fn keep_now(&mut self, at: usize) {
+        let Some(mut cut) = self.cut.take() else { return };
+        if at >= cut.next && at < cut.end && !cut.is_early(at) {
+            cut.early[at / 64] |= 1 << (at % 64);
+            if let Err(error) = self.write(at, &mut cut.block) {
+                cut.failure.get_or_insert(error);
+            }
+        }
+        self.cut = Some(cut);
+    }
+
+    /// Removes the vehicles that were last seen before a time.
+    pub(crate) fn forget_before(&mut self, time: i64) {
+        for at in 0..self.entries.len() {
+            let entry = &self.entries[at];
+            if entry.time < time && !matches!(entry.place, Place::Free) {
+                let vehicle = entry.vehicle.clone();
+                self.remove(self.hasher.hash_one(&vehicle), &vehicle);
+            }
+        }
+    }
+}

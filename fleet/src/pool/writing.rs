@@ -1,0 +1,118 @@
+//! Snapshots that are written while updates go on.
+
+use std::fs::File;
+use std::io::{self, Write};
+use std::path::Path;
+use std::sync::{Arc, Mutex};
+use std::thread::{self, JoinHandle};
+
+use wayfix::{Likelihood, Transition};
+
+use super::block::Block;
+use super::file::{BLOCK, named};
+use super::{Pool, Shard, lock};
+use crate::error::{FleetError, Outcome};
+
+/// Bytes that are encoded while a shard is locked, about.
+const SLICE: usize = 1 << 16;
+
+/// A snapshot that is being written on a thread of its own.
+#[derive(Debug)]
+pub struct Writing {
+    thread: JoinHandle<Outcome<u64>>,
+}
+
+impl Writing {
+    /// True if the file is there, or has failed.
+    #[must_use]
+    pub fn is_finished(&self) -> bool {
+        self.thread.is_finished()
+    }
+
+    /// Waits for the file, and returns its length in bytes.
+    ///
+    /// # Errors
+    ///
+    /// As [`Pool::snapshot`].
+    pub fn wait(self) -> Outcome<u64> {
+        self.thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+    }
+}
+
+impl<A, B> Pool<A, B>
+where
+    A: Transition + Send + Sync,
+    B: Likelihood + Send + Sync,
+{
+    /// Begins a snapshot of all vehicles as they are now, and returns at once: updates go on while
+    /// it is written. Vehicles that change before they are written are encoded first, which takes
+    /// memory for as many.
+    ///
+    /// # Errors
+    ///
+    /// [`FleetError`] if one is under way already.
+    pub fn begin_snapshot(&mut self, path: &Path) -> Outcome<Writing> {
+        self.begin_snapshot_with(path, &[], || Ok(()))
+    }
+
+    /// The same with a note, and with what has to be done before the file has its name.
+    pub(super) fn begin_snapshot_with(
+        &mut self,
+        path: &Path,
+        note: &[u8],
+        before: impl FnOnce() -> Outcome<()> + Send + 'static,
+    ) -> Outcome<Writing> {
+        // The thread of the one before has the shards until it ends.
+        if Arc::strong_count(&self.shards) > 1 {
+            return Err(FleetError::Settings("a snapshot is under way already".to_owned()));
+        }
+        self.shards.iter().for_each(|shard| lock(shard).begin_cut());
+        let shards = Arc::clone(&self.shards);
+        let (path, header) = (path.to_owned(), self.header(note));
+        let count = (SLICE / (8 * self.model.states() + 64)).max(1);
+        let thread = thread::spawn(move || {
+            let written = named(&path, |partial| {
+                let length = write(&shards, partial, &header, count)?;
+                before()?;
+                Ok(length)
+            });
+            if written.is_err() {
+                shards.iter().for_each(|shard| lock(shard).end_cut());
+            }
+            written
+        });
+        Ok(Writing { thread })
+    }
+}
+
+/// Writes the shards bit by bit, each in turn, so that none keeps what changes for long.
+fn write(shards: &[Mutex<Shard>], path: &Path, header: &[u8], count: usize) -> Outcome<u64> {
+    let wrong = FleetError::file(path);
+    let mut file = File::create(path).map_err(&wrong)?;
+    let mut length = 0;
+    let mut put = |bytes: &[u8]| -> io::Result<()> {
+        length += bytes.len() as u64;
+        file.write_all(bytes)
+    };
+    put(header).map_err(&wrong)?;
+    let mut blocks = 0;
+    let mut left: Vec<&Mutex<Shard>> = shards.iter().collect();
+    while !left.is_empty() {
+        let mut open = Vec::with_capacity(left.len());
+        for shard in left {
+            let (mut block, is_last) = lock(shard).next_of_cut(count, BLOCK)?;
+            // An empty one would be the last.
+            if block.vehicles > 0 {
+                put(block.seal(blocks)).map_err(&wrong)?;
+                blocks += 1;
+            }
+            if !is_last {
+                open.push(shard);
+            }
+        }
+        left = open;
+    }
+    put(Block::new().seal(blocks)).map_err(&wrong)?;
+    file.sync_all().map_err(&wrong)?;
+    Ok(length)
+}
