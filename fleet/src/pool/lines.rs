@@ -129,11 +129,15 @@ fn other(line: &[u8], message: String) -> Line {
     Line::Bad(Box::new(BadLine { vehicle, time, offset, kind: "line", message }))
 }
 
+/// An update, and its offset.
+type Seen = (Update<Observation>, Option<VehicleId>);
+
+/// Reads an update; `None` if the line is another one.
 fn fields<'de, Y, E>(
     sensor: &Sensor,
     line: &'de [u8],
     observation: impl FnOnce(Y, E) -> Result<Observation, String>,
-) -> Result<Option<(Update<Observation>, Option<VehicleId>)>, String>
+) -> Result<Option<Seen>, String>
 where
     Y: Deserialize<'de>,
     E: Deserialize<'de> + Default,
@@ -231,7 +235,7 @@ pub(super) fn refuse(out: &mut Vec<u8>, line: u64, bad: &BadLine) {
 }
 
 #[derive(Serialize)]
-struct Removed<'a> {
+struct Removal<'a> {
     line: u64,
     #[serde(skip_serializing_if = "Option::is_none")]
     offset: Option<&'a VehicleId>,
@@ -246,7 +250,7 @@ pub(super) fn removed(
     offset: Option<&VehicleId>,
     (vehicle, removed): (&VehicleId, bool),
 ) {
-    write(out, &Removed { line, offset, vehicle, removed });
+    write(out, &Removal { line, offset, vehicle, removed });
 }
 
 #[derive(Serialize)]

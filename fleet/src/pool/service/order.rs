@@ -12,8 +12,11 @@ pub(super) struct Order {
     /// Largest time of all updates.
     latest: Option<i64>,
     /// By time, then by number: what is asked, and the text.
-    waiting: BTreeMap<(i64, u64), (Line, Box<[u8]>)>,
+    waiting: BTreeMap<(i64, u64), Waiting>,
 }
+
+/// An update, and its text.
+type Waiting = (Line, Box<[u8]>);
 
 impl Order {
     pub(super) fn new(lateness: u64) -> Self {

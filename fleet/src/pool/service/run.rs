@@ -1,4 +1,6 @@
-//! A run: events, batches of lines, snapshots.
+//! A run: events, and batches of lines.
+
+mod snapshots;
 
 use std::fs::File;
 use std::io::{Read, Write};
@@ -9,7 +11,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
 use super::input::{Event, Lines, read_ahead};
-use super::metrics::{Metrics, now};
+use super::metrics::Metrics;
 use super::order::Order;
 use super::position::{self, Position};
 use super::vehicles::{self, Vehicles};
@@ -52,15 +54,14 @@ pub fn serve(
         // So that a run that is killed early leaves no output of which nobody knows what counts.
         vehicles.snapshot(path, &position.note())?;
     }
-    let at_end = job.input.is_none() && !job.replay;
-    let (events, queue) = match &job.input {
-        Some(path) => read_ahead(position::open_input(path, position.bytes)?),
-        None => {
-            if job.replay {
-                position::skip(&mut input, position.bytes)?;
-            }
-            read_ahead(input)
+    let is_rest = job.input.is_none() && !job.replay;
+    let (events, queue) = if let Some(path) = &job.input {
+        read_ahead(position::open_input(path, position.bytes)?)
+    } else {
+        if job.replay {
+            position::skip(&mut input, position.bytes)?;
         }
+        read_ahead(input)
     };
     control.attach(events);
     let metrics = Arc::new(Metrics::default());
@@ -69,7 +70,7 @@ pub fn serve(
         // A line has at most a number for each state.
         lines: Lines::new((1 << 20) + 64 * vehicles.sensor().states(), position.bytes),
         order: job.lateness.map(Order::new),
-        before: if at_end { position.lines } else { 0 },
+        before: if is_rest { position.lines } else { 0 },
         first: position.lines,
         position,
         vehicles,
@@ -78,6 +79,7 @@ pub fn serve(
         asked: false,
         last: (u64::MAX, Instant::now()),
         figures: None,
+        is_beyond: false,
         metrics,
         file,
         output: &mut output,
@@ -137,6 +139,8 @@ struct Run<'a, W, R> {
     /// Lines that the last snapshot has, and when it was begun.
     last: (u64, Instant),
     figures: Option<Instant>,
+    /// True if it was said that memory is beyond its limit.
+    is_beyond: bool,
     metrics: Arc<Metrics>,
     file: Option<File>,
     output: &'a mut W,
@@ -347,73 +351,6 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
         Ok((kept, before - kept))
     }
 
-    /// The position, as it is now.
-    fn note(&mut self) -> Vec<u8> {
-        self.position.latest = self.vehicles.latest();
-        if let Some(order) = &self.order {
-            self.position.latest = order.latest();
-            self.position.waiting = order.waiting();
-        }
-        let note = self.position.note();
-        self.position.waiting.clear();
-        note
-    }
-
-    /// Begins a snapshot if it is time, and looks after one that is being written.
-    fn snapshot(&mut self) -> Outcome<()> {
-        if self.writing.as_ref().is_some_and(|(writing, _)| writing.is_finished()) {
-            self.wait_for_snapshot();
-        }
-        let Some(path) = &self.job.live.snapshot else {
-            self.asked = false;
-            return Ok(());
-        };
-        let is_due = self.job.every.is_some_and(|every| self.last.1.elapsed() >= every)
-            && self.position.lines != self.last.0;
-        if self.writing.is_some() || !(self.asked || is_due) {
-            return Ok(());
-        }
-        self.asked = false;
-        let answers = self.file.as_ref().map(File::try_clone).transpose();
-        let answers = answers.map_err(FleetError::file(path))?;
-        let name = self.job.output.clone().unwrap_or_default();
-        let before = move || match answers {
-            // The snapshot must not know of answers that the disk does not.
-            Some(file) => file.sync_data().map_err(FleetError::file(&name)),
-            None => Ok(()),
-        };
-        let note = self.note();
-        self.last = (self.position.lines, Instant::now());
-        let writing = self.vehicles.begin_snapshot(path, &note, Box::new(before))?;
-        self.writing = Some((writing, Instant::now()));
-        Ok(())
-    }
-
-    fn wait_for_snapshot(&mut self) {
-        let Some((writing, start)) = self.writing.take() else { return };
-        let written = writing.wait();
-        self.tell(start, written.as_ref().ok().copied());
-        if let Err(error) = written {
-            // The next one is to have what this one has not.
-            self.last.0 = u64::MAX;
-            (self.report)(&Notice::SnapshotFailed(error));
-        }
-    }
-
-    /// Reports a snapshot of so many bytes, or that it failed.
-    fn tell(&mut self, start: Instant, bytes: Option<u64>) {
-        let metrics = &self.metrics;
-        metrics.is_ill.store(u64::from(bytes.is_none()), Relaxed);
-        if let Some(bytes) = bytes {
-            metrics.snapshots.fetch_add(1, Relaxed);
-            metrics.snapshot_at.store(now(), Relaxed);
-            metrics.snapshot_took.store(start.elapsed().as_millis() as u64, Relaxed);
-            (self.report)(&Notice::Snapshot { bytes, seconds: start.elapsed().as_secs_f64() });
-        } else {
-            metrics.snapshots_failed.fetch_add(1, Relaxed);
-        }
-    }
-
     /// Looks at the memory.
     fn look(&mut self) {
         if self.figures.is_some_and(|last| last.elapsed() < FIGURES) {
@@ -425,34 +362,15 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
         metrics.in_memory.store(usage.in_memory as u64, Relaxed);
         metrics.memory_bytes.store(usage.bytes as u64, Relaxed);
         metrics.disk_bytes.store(usage.file_bytes, Relaxed);
+        // Each shard keeps a vehicle at least.
+        let limit = self.job.live.options.memory.filter(|&limit| usage.bytes > limit);
+        let limit = limit.filter(|_| usage.in_memory < usage.vehicles / 16);
+        if let Some(limit) = limit.filter(|_| !self.is_beyond) {
+            self.is_beyond = true;
+            (self.report)(&Notice::Ids { bytes: usage.bytes, limit });
+        }
         metrics.waiting.store(self.order.as_ref().map_or(0, Order::len) as u64, Relaxed);
         let latest = self.order.as_ref().map_or(self.vehicles.latest(), Order::latest);
         metrics.latest.store(latest.unwrap_or(i64::MIN), Relaxed);
-    }
-
-    /// Writes the last snapshot.
-    fn end(&mut self) -> Outcome<LiveSummary> {
-        self.wait_for_snapshot();
-        self.vehicles.forget();
-        let mut bytes = None;
-        if let Some(path) = &self.job.live.snapshot {
-            if let Some(file) = &self.file {
-                let name = self.job.output.clone().unwrap_or_default();
-                file.sync_data().map_err(FleetError::file(&name))?;
-            }
-            let note = self.note();
-            let start = Instant::now();
-            let length = self.vehicles.snapshot(path, &note)?;
-            self.tell(start, Some(length));
-            bytes = Some(length);
-        }
-        self.figures = None;
-        self.look();
-        Ok(LiveSummary {
-            lines: self.position.lines - self.first,
-            errors: self.errors,
-            vehicles: self.vehicles.usage().vehicles,
-            snapshot: bytes,
-        })
     }
 }

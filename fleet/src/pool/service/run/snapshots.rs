@@ -1,0 +1,107 @@
+//! Snapshots of a run.
+
+use std::fs::File;
+use std::io::Write;
+use std::sync::atomic::Ordering::Relaxed;
+use std::time::Instant;
+
+use super::super::Notice;
+use super::super::metrics::now;
+use super::Run;
+use crate::error::{FleetError, Outcome};
+use crate::pool::LiveSummary;
+
+impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
+    /// The position, as it is now.
+    pub(super) fn note(&mut self) -> Vec<u8> {
+        self.position.latest = self.vehicles.latest();
+        if let Some(order) = &self.order {
+            self.position.latest = order.latest();
+            self.position.waiting = order.waiting();
+        }
+        let note = self.position.note();
+        self.position.waiting.clear();
+        note
+    }
+
+    /// Begins a snapshot if it is time, and looks after one that is being written.
+    pub(super) fn snapshot(&mut self) -> Outcome<()> {
+        if self.writing.as_ref().is_some_and(|(writing, _)| writing.is_finished()) {
+            self.wait_for_snapshot();
+        }
+        let Some(path) = &self.job.live.snapshot else {
+            self.asked = false;
+            return Ok(());
+        };
+        let is_due = self.job.every.is_some_and(|every| self.last.1.elapsed() >= every)
+            && self.position.lines != self.last.0;
+        if self.writing.is_some() || !(self.asked || is_due) {
+            return Ok(());
+        }
+        self.asked = false;
+        let answers = self.file.as_ref().map(File::try_clone).transpose();
+        let answers = answers.map_err(FleetError::file(path))?;
+        let name = self.job.output.clone().unwrap_or_default();
+        let before = move || match answers {
+            // The snapshot must not know of answers that the disk does not.
+            Some(file) => file.sync_data().map_err(FleetError::file(&name)),
+            None => Ok(()),
+        };
+        let note = self.note();
+        self.last = (self.position.lines, Instant::now());
+        let writing = self.vehicles.begin_snapshot(path, &note, Box::new(before))?;
+        self.writing = Some((writing, Instant::now()));
+        Ok(())
+    }
+
+    pub(super) fn wait_for_snapshot(&mut self) {
+        let Some((writing, start)) = self.writing.take() else { return };
+        let written = writing.wait();
+        self.tell(start, written.as_ref().ok().copied());
+        if let Err(error) = written {
+            // The next one is to have what this one has not.
+            self.last.0 = u64::MAX;
+            (self.report)(&Notice::SnapshotFailed(error));
+        }
+    }
+
+    /// Reports a snapshot of so many bytes, or that it failed.
+    fn tell(&mut self, start: Instant, bytes: Option<u64>) {
+        let metrics = &self.metrics;
+        metrics.is_ill.store(u64::from(bytes.is_none()), Relaxed);
+        if let Some(bytes) = bytes {
+            metrics.snapshots.fetch_add(1, Relaxed);
+            metrics.snapshot_at.store(now(), Relaxed);
+            metrics.snapshot_took.store(start.elapsed().as_millis() as u64, Relaxed);
+            (self.report)(&Notice::Snapshot { bytes, seconds: start.elapsed().as_secs_f64() });
+        } else {
+            metrics.snapshots_failed.fetch_add(1, Relaxed);
+        }
+    }
+
+    /// Writes the last snapshot.
+    pub(super) fn end(&mut self) -> Outcome<LiveSummary> {
+        self.wait_for_snapshot();
+        self.vehicles.forget();
+        let mut bytes = None;
+        if let Some(path) = &self.job.live.snapshot {
+            if let Some(file) = &self.file {
+                let name = self.job.output.clone().unwrap_or_default();
+                file.sync_data().map_err(FleetError::file(&name))?;
+            }
+            let note = self.note();
+            let start = Instant::now();
+            let length = self.vehicles.snapshot(path, &note)?;
+            self.tell(start, Some(length));
+            bytes = Some(length);
+        }
+        self.figures = None;
+        self.look();
+        Ok(LiveSummary {
+            lines: self.position.lines - self.first,
+            errors: self.errors,
+            vehicles: self.vehicles.usage().vehicles,
+            snapshot: bytes,
+        })
+    }
+}
