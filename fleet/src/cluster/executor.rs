@@ -10,7 +10,7 @@ use ballista_executor::executor_process::{ExecutorProcessConfig, start_executor_
 use clap::Parser;
 use datafusion::prelude::SessionConfig;
 
-use super::{serve, state};
+use super::{models, serve, state};
 use crate::error::{FleetError, Outcome};
 
 /// Executes tasks of queries with the functions of wayfix.
@@ -36,6 +36,10 @@ pub struct ExecutorCommand {
     /// Folder for rows between tasks.
     #[arg(long)]
     work_dir: PathBuf,
+    /// Folder of the models: names in queries are relative to it, and no file outside can be named.
+    /// The same for all processes of the cluster. Without it, a query opens any file.
+    #[arg(long, value_name = "FOLDER")]
+    models: Option<PathBuf>,
     /// Seconds between signs of life.
     #[arg(long, default_value_t = 5)]
     heartbeat: u64,
@@ -61,7 +65,7 @@ impl ExecutorCommand {
             return Err(FleetError::format(&self.work_dir, "its path is not Unicode"));
         };
         std::fs::create_dir_all(&self.work_dir).map_err(FleetError::file(&self.work_dir))?;
-        let known = state(SessionConfig::new())?;
+        let known = state(SessionConfig::new(), &models(self.models.as_deref())?)?;
         let config = ExecutorProcessConfig {
             bind_host: self.host.to_string(),
             external_host: Some(self.host.to_string()),

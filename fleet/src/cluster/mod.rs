@@ -10,6 +10,7 @@ mod log;
 mod scheduler;
 
 use std::future::Future;
+use std::path::Path;
 
 use ballista::prelude::SessionContextExt;
 use ballista_core::error::BallistaError;
@@ -17,12 +18,17 @@ use datafusion::execution::{FunctionRegistry, SessionState, SessionStateBuilder}
 use datafusion::prelude::{SessionConfig, SessionContext};
 
 use crate::error::{FleetError, Outcome};
-use crate::sql;
+use crate::sql::{self, Models};
 pub use executor::ExecutorCommand;
 pub use scheduler::SchedulerCommand;
 
 /// Stack of a thread: plans are trees, and are read by recursion.
 const STACK: usize = 32 << 20;
+
+/// Models that the queries of others may name: all files, or those of a folder.
+fn models(folder: Option<&Path>) -> Outcome<Models> {
+    folder.map_or_else(|| Ok(Models::default()), Models::in_folder)
+}
 
 /// Context whose queries run on the cluster of a scheduler, at `host:port`.
 ///
@@ -37,7 +43,7 @@ pub async fn context(scheduler: &str, tasks: usize, batch: usize) -> Outcome<Ses
         .with_batch_size(batch.max(1))
         // Parts of a file are work for several executors, however small they are.
         .with_repartition_file_min_size(0);
-    let state = state(config)?;
+    let state = state(config, &Models::default())?;
     let context = SessionContext::remote_with_state(&format!("df://{scheduler}"), state).await?;
     // Ballista replaces all functions by its own.
     sql::register(&context);
@@ -45,12 +51,12 @@ pub async fn context(scheduler: &str, tasks: usize, batch: usize) -> Outcome<Ses
 }
 
 /// State of a session that knows the functions.
-fn state(config: SessionConfig) -> datafusion::common::Result<SessionState> {
+fn state(config: SessionConfig, models: &Models) -> datafusion::common::Result<SessionState> {
     let mut state = SessionStateBuilder::new().with_default_features().with_config(config).build();
-    for function in sql::functions() {
+    for function in sql::functions(models) {
         state.register_udf(function)?;
     }
-    for aggregate in sql::aggregates() {
+    for aggregate in sql::aggregates(models) {
         state.register_udaf(aggregate)?;
     }
     Ok(state)

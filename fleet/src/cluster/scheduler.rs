@@ -1,6 +1,7 @@
 //! The scheduler of a cluster.
 
 use std::net::{IpAddr, SocketAddr};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use ballista_scheduler::cluster::BallistaCluster;
@@ -8,7 +9,7 @@ use ballista_scheduler::config::SchedulerConfig;
 use ballista_scheduler::scheduler_process::start_server;
 use clap::Parser;
 
-use super::{serve, state};
+use super::{models, serve, state};
 use crate::error::Outcome;
 
 /// Schedules queries with the functions of wayfix on the executors of a cluster.
@@ -22,6 +23,10 @@ pub struct SchedulerCommand {
     /// Port.
     #[arg(long, default_value_t = 50050)]
     port: u16,
+    /// Folder of the models: names in queries are relative to it, and no file outside can be named.
+    /// The same for all processes of the cluster. Without it, a query opens any file.
+    #[arg(long, value_name = "FOLDER")]
+    models: Option<PathBuf>,
     /// Seconds without a sign of life after which an executor is lost.
     #[arg(long, default_value_t = 20)]
     timeout: u64,
@@ -32,12 +37,13 @@ impl SchedulerCommand {
     ///
     /// # Errors
     ///
-    /// [`FleetError`](crate::FleetError) if the port cannot be opened.
+    /// [`FleetError`](crate::FleetError) if the port cannot be opened, or the folder is none.
     pub fn run(&self) -> Outcome<()> {
+        let models = models(self.models.as_deref())?;
         let mut config = SchedulerConfig::default()
             .with_hostname(self.host.to_string())
             .with_port(self.port)
-            .with_override_session_builder(Arc::new(state));
+            .with_override_session_builder(Arc::new(move |config| state(config, &models)));
         config.bind_host = self.host.to_string();
         config.executor_timeout_seconds = self.timeout;
         config.expire_dead_executor_interval_seconds = self.timeout.div_ceil(4).max(1);

@@ -38,6 +38,10 @@ pub struct Command {
     /// executors find tables and models under the same paths.
     #[arg(long, value_name = "HOST:PORT")]
     scheduler: Option<String>,
+    /// Folder of the models: names in the query are relative to it, and no file outside can be
+    /// named. Without it, a query opens any file. On a cluster, an option of its processes instead.
+    #[arg(long, value_name = "FOLDER")]
+    models: Option<PathBuf>,
     /// Rows of a batch: drives, if the table has a row for each.
     #[arg(long, default_value_t = 1024)]
     batch: usize,
@@ -94,6 +98,7 @@ impl Command {
                 None => thread::available_parallelism().map_or(1, Into::into),
             }),
             scheduler: self.scheduler.clone(),
+            models: self.models.clone(),
             batch: self.batch,
             force: self.force,
         })

@@ -12,7 +12,7 @@ use datafusion::scalar::ScalarValue;
 use serde::{Deserialize, Serialize};
 
 use super::function::{drives, failure};
-use super::models;
+use super::models::Models;
 use crate::error::{FleetError, Outcome};
 use crate::expected::{Expected, Sums};
 use crate::model::{Model, with_hmm};
@@ -23,13 +23,14 @@ pub(super) const NAME: &str = "wayfix_expect";
 /// The expectations of all drives of a group, as JSON; null without drives.
 #[derive(Debug, PartialEq, Eq, Hash)]
 pub(super) struct Expect {
+    models: Models,
     signature: Signature,
 }
 
-impl Default for Expect {
-    fn default() -> Self {
+impl Expect {
+    pub(super) fn new(models: Models) -> Self {
         let counts = [2, 3, 4].map(TypeSignature::Any).to_vec();
-        Self { signature: Signature::one_of(counts, Volatility::Stable) }
+        Self { models, signature: Signature::one_of(counts, Volatility::Stable) }
     }
 }
 
@@ -51,13 +52,14 @@ impl AggregateUDFImpl for Expect {
     }
 
     fn accumulator(&self, _: AccumulatorArgs<'_>) -> Result<Box<dyn Accumulator>> {
-        Ok(Box::new(Sum::default()))
+        Ok(Box::new(Sum { models: self.models.clone(), known: None }))
     }
 }
 
 /// Sum of the expectations so far, with the name of the model.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct Sum {
+    models: Models,
     known: Option<(String, Expected)>,
 }
 
@@ -106,7 +108,7 @@ impl Accumulator for Sum {
             return plan_err!("the model of {NAME} is null, expected the path of its file");
         };
         let run = |sum: &mut Self| {
-            let loaded = models::model(&name)?;
+            let loaded = sum.models.model(&name)?;
             let drives = drives(&loaded, arguments)?;
             let expected = with_hmm!(loaded.model, hmm => Expected::of(hmm, &drives)?);
             sum.add(&name, &loaded.model, expected)
@@ -121,7 +123,7 @@ impl Accumulator for Sum {
             let run = |sum: &mut Self| -> Outcome<()> {
                 let Sent { model, sums } = serde_json::from_slice(state)
                     .map_err(|error| FleetError::Learning(format!("{NAME}: {error}")))?;
-                let loaded = models::model(&model)?;
+                let loaded = sum.models.model(&model)?;
                 let expected = with_hmm!(loaded.model, hmm => Expected::from_sums(hmm, sums)?);
                 sum.add(&model, &loaded.model, expected)
             };

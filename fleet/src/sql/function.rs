@@ -13,7 +13,7 @@ use datafusion::logical_expr::{
 };
 use datafusion::scalar::ScalarValue;
 
-use super::models::{self, Loaded};
+use super::models::{Loaded, Models};
 use crate::error::{FleetError, Outcome};
 use crate::input::{self, ColumnNames, Drives, Form};
 use crate::output::{self, Results, Table, Verb};
@@ -37,14 +37,15 @@ pub struct FunctionError {
 #[derive(Debug, PartialEq, Eq, Hash)]
 pub(super) struct Function {
     verb: Verb,
+    models: Models,
     signature: Signature,
 }
 
 impl Function {
-    pub(super) fn new(verb: Verb) -> Self {
+    pub(super) fn new(verb: Verb, models: Models) -> Self {
         let counts = [2, 3, 4].map(TypeSignature::Any).to_vec();
         // A file may change between two queries.
-        Self { verb, signature: Signature::one_of(counts, Volatility::Stable) }
+        Self { verb, models, signature: Signature::one_of(counts, Volatility::Stable) }
     }
 
     fn name(&self) -> &'static str {
@@ -68,7 +69,7 @@ impl Function {
     /// Results of drives, one for each row.
     fn compute(&self, model: &str, arguments: &[ArrayRef]) -> Result<ArrayRef> {
         let run = || -> Outcome<ArrayRef> {
-            let loaded = models::model(model)?;
+            let loaded = self.models.model(model)?;
             let drives = drives(&loaded, arguments)?;
             let results = self.results()?;
             let schema = Arc::new(results.schema(drives.ids.data_type()));

@@ -11,6 +11,7 @@ use wayfix::Hmm;
 use wayfix::transition::{LearnTransition, MoveCounts};
 
 use super::expect::{NAME, Sent};
+use super::models::Models;
 use super::query::{ATTEMPTS, Source, is_lost, session};
 use crate::error::{FleetError, Outcome};
 use crate::expected::Expected;
@@ -73,7 +74,7 @@ where
         .build()
         .map_err(|error| FleetError::Settings(format!("no threads: {error}")))?;
     let (context, (columns, table)) = runtime.block_on(async {
-        let context = session(scheduler, job.threads, BATCH).await?;
+        let context = session(scheduler, job.threads, BATCH, &Models::default()).await?;
         let source = Source { name: TABLE.to_owned(), path: job.input.clone(), key: Vec::new() };
         source.register(&context, false).await?;
         let table = drives(&context, job, hmm.likelihood()).await?;

@@ -29,7 +29,8 @@
 //! The model is a literal text: the path of its file, or `path#hash` with its hash
 //! ([`Model::hash`](crate::model::Model::hash)), which is then checked. It is read once a process,
 //! when a first batch of drives comes, and plans have its path only. A process that goes on while a
-//! file changes needs the hash to see the change.
+//! file changes needs the hash to see the change. A query can open any file by it, unless models
+//! are those of a folder ([`register_with`]).
 
 mod command;
 mod expect;
@@ -38,6 +39,7 @@ mod key;
 mod learn;
 mod models;
 mod query;
+mod unordered;
 
 use std::sync::Arc;
 
@@ -50,27 +52,39 @@ use expect::Expect;
 use function::Function;
 pub use function::FunctionError;
 pub use learn::learn;
+pub use models::Models;
 pub use query::{Query, Source, context, query};
+use unordered::Unordered;
 
 /// The functions, to be registered wherever DataFusion takes functions.
 #[must_use]
-pub fn functions() -> Vec<Arc<ScalarUDF>> {
+pub fn functions(models: &Models) -> Vec<Arc<ScalarUDF>> {
     let verbs = [Verb::Score, Verb::Smooth, Verb::Filter, Verb::Decode];
-    verbs.into_iter().map(|verb| Arc::new(ScalarUDF::from(Function::new(verb)))).collect()
+    let function = |verb| Arc::new(ScalarUDF::from(Function::new(verb, models.clone())));
+    verbs.into_iter().map(function).collect()
 }
 
 /// The aggregates, to be registered beside the functions.
 #[must_use]
-pub fn aggregates() -> Vec<Arc<AggregateUDF>> {
-    vec![Arc::new(AggregateUDF::from(Expect::default()))]
+pub fn aggregates(models: &Models) -> Vec<Arc<AggregateUDF>> {
+    vec![Arc::new(AggregateUDF::from(Expect::new(models.clone())))]
 }
 
-/// Registers the functions and aggregates.
+/// Registers the functions and aggregates, which then open models anywhere: for queries that one
+/// wrote oneself. Also a rule for plans: a function over lists that `array_agg` gathered without
+/// `ORDER BY` is refused. Tables that only look so, and lists from other aggregates, it does not
+/// know.
 pub fn register(context: &SessionContext) {
-    for aggregate in aggregates() {
+    register_with(context, &Models::default());
+}
+
+/// As [`register`], with models from a folder: for queries of others.
+pub fn register_with(context: &SessionContext, models: &Models) {
+    for aggregate in aggregates(models) {
         context.register_udaf(Arc::unwrap_or_clone(aggregate));
     }
-    for function in functions() {
+    for function in functions(models) {
         context.register_udf(Arc::unwrap_or_clone(function));
     }
+    context.add_analyzer_rule(Arc::new(Unordered));
 }

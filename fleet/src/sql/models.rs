@@ -1,7 +1,8 @@
-//! Models that this process has read.
+//! Models that queries name, and that this process has read.
 
 use std::collections::{HashMap, VecDeque};
-use std::path::Path;
+use std::fs;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
 use arrow::datatypes::Schema;
@@ -35,36 +36,76 @@ impl Loaded {
     }
 }
 
-/// Models by their names, in the order in which they were read.
-type Models = VecDeque<(String, Arc<Loaded>)>;
+/// Models by their places and names, in the order in which they were read.
+type Read = VecDeque<(Models, String, Arc<Loaded>)>;
 
-static MODELS: LazyLock<Mutex<Models>> = LazyLock::new(Mutex::default);
+static READ: LazyLock<Mutex<Read>> = LazyLock::new(Mutex::default);
 
-/// Returns the model of a name, a path or `path#hash`; reads its file if no call did so before.
-///
-/// # Errors
-///
-/// [`FleetError`] if the file cannot be read, is not a model, or has another hash.
-pub(super) fn model(name: &str) -> Outcome<Arc<Loaded>> {
-    // Others wait while it is read, and so do not read it a second time.
-    let mut models = MODELS.lock().unwrap_or_else(PoisonError::into_inner);
-    if let Some((_, loaded)) = models.iter().find(|(known, _)| known == name) {
-        return Ok(loaded.clone());
+/// Files that queries may name as models: by default all that the process can read.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Hash)]
+pub struct Models {
+    /// Folder, without links in its path.
+    folder: Option<PathBuf>,
+}
+
+impl Models {
+    /// The files of a folder and of those in it: names are relative to it, and links are followed
+    /// if they end in it. All that is outside looks as if it were not there.
+    ///
+    /// Whoever may write in the folder can still change it between two looks; this is about
+    /// those who write queries.
+    ///
+    /// # Errors
+    ///
+    /// [`FleetError`] if the folder is none.
+    pub fn in_folder(folder: &Path) -> Outcome<Self> {
+        let known = fs::canonicalize(folder).map_err(FleetError::file(folder))?;
+        if !known.is_dir() {
+            return Err(FleetError::format(folder, "is not a folder, expected that of the models"));
+        }
+        Ok(Self { folder: Some(known) })
     }
-    let (path, hash) = split(name);
-    let model = Model::load(Path::new(path))?;
-    if let Some(hash) = hash
-        && !hash.eq_ignore_ascii_case(model.hash())
-    {
-        let message = format!("has the hash {}, expected {hash}", model.hash());
-        return Err(FleetError::format(Path::new(path), message));
+
+    /// Path of a name.
+    fn path(&self, name: &str) -> Outcome<PathBuf> {
+        let Some(folder) = &self.folder else { return Ok(PathBuf::from(name)) };
+        // The same words whether a file outside exists or not.
+        match fs::canonicalize(folder.join(name)) {
+            Ok(path) if path.starts_with(folder) => Ok(path),
+            _ => {
+                let message = "is none of the models, expected the name of a file in their folder";
+                Err(FleetError::format(Path::new(name), message))
+            }
+        }
     }
-    let loaded = Arc::new(Loaded { model, layouts: Mutex::default() });
-    if models.len() == MOST {
-        models.pop_front();
+
+    /// Returns the model of a name, a path or `path#hash`; reads its file if no call did so before.
+    ///
+    /// # Errors
+    ///
+    /// [`FleetError`] if the file cannot be read, is not a model, or has another hash.
+    pub(super) fn model(&self, name: &str) -> Outcome<Arc<Loaded>> {
+        // Others wait while it is read, and so do not read it a second time.
+        let mut read = READ.lock().unwrap_or_else(PoisonError::into_inner);
+        let found = read.iter().find(|(models, known, _)| known == name && models == self);
+        if let Some((_, _, loaded)) = found {
+            return Ok(loaded.clone());
+        }
+        let (path, hash) = split(name);
+        let model = Model::load(&self.path(path)?)?;
+        if let Some(hash) = hash
+            && !hash.eq_ignore_ascii_case(model.hash())
+        {
+            let message = format!("has the hash {}, expected {hash}", model.hash());
+            return Err(FleetError::format(Path::new(path), message));
+        }
+        let loaded = Arc::new(Loaded { model, layouts: Mutex::default() });
+        if read.len() == MOST {
+            read.pop_front();
+        }
+        read.push_back((self.clone(), name.to_owned(), loaded.clone()));
+        Ok(loaded)
     }
-    models.push_back((name.to_owned(), loaded.clone()));
-    Ok(loaded)
 }
 
 /// Path and hash of a name; a `#` that no hash follows belongs to the path.
@@ -80,7 +121,7 @@ fn split(name: &str) -> (&str, Option<&str>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::{fs, thread};
+    use std::thread;
 
     #[test]
     fn a_name_may_end_with_a_hash() {
@@ -101,6 +142,7 @@ mod tests {
         );
         fs::write(&path, serde_json::to_vec(&hmm.unwrap()).unwrap()).unwrap();
         let name = path.to_str().unwrap();
+        let model = |name: &str| Models::default().model(name);
         let read = || model(name).unwrap();
         let first = thread::scope(|scope| {
             let threads: Vec<_> = (0..4).map(|_| scope.spawn(read)).collect();

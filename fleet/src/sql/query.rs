@@ -20,7 +20,7 @@ use parquet::arrow::ArrowWriter;
 use parquet::basic::Encoding;
 use parquet::file::properties::{EnabledStatistics, WriterProperties};
 
-use super::{key, register};
+use super::{Models, key, register_with};
 use crate::error::{FleetError, Outcome};
 use crate::journal::open_locked;
 use crate::partial::beside;
@@ -60,6 +60,9 @@ pub struct Query {
     pub threads: usize,
     /// Scheduler of a cluster, `host:port`, that runs the query; needs the feature `ballista`.
     pub scheduler: Option<String>,
+    /// Folder of the models, if only its files can be named; see [`Models::in_folder`]. Executors
+    /// of a cluster have an option of their own.
+    pub models: Option<PathBuf>,
     /// Rows of a batch.
     pub batch: usize,
     /// Replaces an output that exists.
@@ -73,6 +76,11 @@ pub struct Query {
 /// for one half of a file while the other is read.
 #[must_use]
 pub fn context(threads: usize, batch: usize) -> SessionContext {
+    context_with(threads, batch, &Models::default())
+}
+
+/// As [`context`], with models from a folder.
+fn context_with(threads: usize, batch: usize, models: &Models) -> SessionContext {
     let mut config = SessionConfig::new()
         .with_target_partitions(threads.max(1))
         .with_batch_size(batch.max(1))
@@ -80,7 +88,7 @@ pub fn context(threads: usize, batch: usize) -> SessionContext {
     // Texts of the output as other tools have them.
     config.options_mut().execution.parquet.schema_force_view_types = false;
     let context = SessionContext::new_with_config(config);
-    register(&context);
+    register_with(&context, models);
     context
 }
 
@@ -113,13 +121,22 @@ pub fn query(query: &Query) -> Outcome<u64> {
 
 /// Writes the rows to a file.
 fn run(query: &Query, file: &File, path: &Path) -> Outcome<u64> {
+    let models = match &query.models {
+        Some(_) if query.scheduler.is_some() => {
+            let message = "--models is an option of executors and scheduler if they run the query";
+            return Err(FleetError::Settings(message.to_owned()));
+        }
+        Some(folder) => Models::in_folder(folder)?,
+        None => Models::default(),
+    };
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(query.threads.max(1))
         .enable_all()
         .build()
         .map_err(|error| FleetError::Settings(format!("no threads: {error}")))?;
     runtime.block_on(async {
-        let context = session(query.scheduler.as_deref(), query.threads, query.batch).await?;
+        let context =
+            session(query.scheduler.as_deref(), query.threads, query.batch, &models).await?;
         for table in &query.tables {
             table.check().await?;
             table.register(&context, true).await?;
@@ -163,9 +180,10 @@ pub(super) async fn session(
     scheduler: Option<&str>,
     threads: usize,
     batch: usize,
+    models: &Models,
 ) -> Outcome<SessionContext> {
     match scheduler {
-        None => Ok(context(threads, batch)),
+        None => Ok(context_with(threads, batch, models)),
         Some(scheduler) => on_cluster(scheduler, threads, batch).await,
     }
 }

@@ -2,6 +2,7 @@
 
 mod bad_input;
 mod equality;
+mod folder;
 #[path = "../it/kit.rs"]
 #[allow(dead_code, reason = "shared with the tests of files")]
 mod kit;
@@ -10,3 +11,4 @@ mod long;
 mod memory;
 mod observations;
 mod tables;
+mod unordered;

@@ -18,6 +18,7 @@ pub(crate) fn over(folder: &Folder, input: &str, key: &[&str], sql: &str) -> Que
         pack: Pack::None,
         threads: 3,
         scheduler: None,
+        models: None,
         batch: 16,
         force: true,
     }
