@@ -17,6 +17,7 @@ mod folder;
 pub mod input;
 #[doc = include_str!("guide.md")]
 pub mod guide {}
+pub mod inspect;
 mod journal;
 mod learn;
 mod left_out;
@@ -31,6 +32,7 @@ mod properties;
 mod row_groups;
 mod run;
 pub mod sensor;
+mod simulate;
 mod spool;
 #[cfg(feature = "sql")]
 pub mod sql;
@@ -38,3 +40,4 @@ pub mod sql;
 pub use error::{FleetError, Outcome};
 pub use learn::{Course, LearnJob, learn};
 pub use run::{Job, Pack, Progress, Start, Summary, run};
+pub use simulate::{SimulateCommand, SimulatedForm};

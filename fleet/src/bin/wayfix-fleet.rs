@@ -14,12 +14,15 @@ use std::time::Duration;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use wayfix_fleet::input::{ColumnNames, Form};
+use wayfix_fleet::inspect::ModelCommand;
 use wayfix_fleet::output::{Table, Verb};
 use wayfix_fleet::pool::{
     Control, LiveJob, LiveSummary, Notice, PoolOptions, ServiceJob, Timing, position, serve,
     signals,
 };
-use wayfix_fleet::{Course, FleetError, Job, LearnJob, Pack, Progress, Start, Summary, learn, run};
+use wayfix_fleet::{
+    Course, FleetError, Job, LearnJob, Pack, Progress, SimulateCommand, Start, Summary, learn, run,
+};
 
 /// One wayfix model over any number of drives, from Parquet or CSV to Parquet. A run that was
 /// interrupted goes on where it was when the same command is given again.
@@ -53,6 +56,11 @@ enum Routine {
         /// Snapshot of a run of `live`.
         snapshot: PathBuf,
     },
+    /// What the file of a model says, and whether it is valid.
+    #[command(subcommand)]
+    Model(ModelCommand),
+    /// Drives that are drawn from a model, with their true states, for trying things.
+    Simulate(SimulateCommand),
 }
 
 #[derive(Debug, Args)]
@@ -275,6 +283,8 @@ fn main() -> ExitCode {
         Routine::Sql(command) => command.run(),
         Routine::Live(options) => start_live(options),
         Routine::Position { snapshot } => show_position(&snapshot),
+        Routine::Model(command) => command.run(),
+        Routine::Simulate(command) => command.run(),
     };
     match done {
         Ok(text) => {
