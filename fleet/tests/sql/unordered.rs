@@ -1,6 +1,6 @@
 //! Drives whose steps come in any order are refused.
 
-use datafusion::prelude::SessionContext;
+use datafusion::prelude::{ParquetReadOptions, SessionContext};
 use wayfix_fleet::sql::register;
 
 use crate::kit::*;
@@ -75,7 +75,7 @@ fn a_program_is_told_too() {
         register(&context);
         let path = folder.path("drives.parquet");
         context
-            .register_parquet("drives", path.to_str().unwrap(), Default::default())
+            .register_parquet("drives", path.to_str().unwrap(), ParquetReadOptions::default())
             .await
             .unwrap();
         let ask = |sql: &str| {
