@@ -4,7 +4,7 @@
 //! The k best paths to a state extend paths that are among the k best to the states before. Scores
 //! are those of [`Hmm::viterbi`], so that the first path is the same.
 
-use super::ranked_paths::{self, RankedPath, best_ends, extend, keep_best};
+use super::ranked_paths::{self, Best, Lists, RankedPath, best_ends};
 use super::viterbi::ViterbiPath;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
@@ -23,7 +23,8 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
     /// so on; [`viterbi`](Self::viterbi) says which paths count as equal. As there, X_0 is summed
     /// over. An empty sequence has one path, the empty one. A `count` of 0 gives no path.
     ///
-    /// O(E K + n K log K) a step for K paths; 16 n K T bytes for the backpointers, and 24 n T.
+    /// O(E K + n K log K) a step for K paths; 16 n K T bytes for the backpointers, and 16 n T; 16 E
+    /// more for a matrix that is the same at all steps.
     ///
     /// ```
     /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
@@ -51,40 +52,75 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
         }
         let mut work = Workspace::new(n);
         let mut taken_out = TakenOut::default();
+        let moves = Moves::new(self, steps);
         // Paths to each state of each step, best first.
-        let mut lists: Vec<Vec<Vec<RankedPath>>> = Vec::with_capacity(steps);
-        let mut added = vec![0.0; n];
+        let mut lists: Vec<Lists> = Vec::with_capacity(steps);
+        let (mut added, mut best) = (vec![0.0; n], vec![0.0; n]);
         for number in 1..=steps {
             let step = Step::of(self, sequence, number);
             let mut list = match lists.last() {
                 None => step.first_paths(&mut added, &mut taken_out)?,
                 // At least one, to detect impossible observations.
-                Some(before) => step.best_paths(before, count.max(1), &mut taken_out)?,
+                Some(before) => step.best_paths(before, &moves, count.max(1), &mut taken_out)?,
             };
             added.fill(0.0);
             let observation = sequence.observation(number);
             step.observe(observation, &mut work, &mut added, &mut taken_out)?;
-            let mut best: Vec<f64> = (list.iter().zip(&added))
-                .map(|(paths, added)| paths.first().map_or(f64::NEG_INFINITY, |p| p.score + added))
-                .collect();
+            for ((best, paths), added) in best.iter_mut().zip(list.iter()).zip(&added) {
+                *best = paths.first().map_or(f64::NEG_INFINITY, |path| path.score + added);
+            }
             // Only the best path to each state says how much may come out: the same number as in
             // Viterbi.
             let floor = step.settle(&mut best, &mut taken_out)?;
-            for ((paths, best), added) in list.iter_mut().zip(&best).zip(&added) {
+            for (state, (best, added)) in best.iter().zip(&added).enumerate() {
                 if *best == f64::NEG_INFINITY {
-                    paths.clear();
+                    list.clear(state);
                 }
                 // Whole numbers come off last, without rounding, as in Viterbi: the same scores.
-                paths.iter_mut().for_each(|path| path.score = (path.score + added) - floor);
+                for path in list.of_mut(state) {
+                    path.score = (path.score + added) - floor;
+                }
             }
             lists.push(list);
         }
-        let ends = lists.last().map_or_else(Vec::new, |last| best_ends(last, count));
+        let ends = lists.last().map_or_else(Vec::new, |last| best_ends(last.iter(), count));
         let path = |end: RankedPath| ViterbiPath {
-            states: ranked_paths::states(end, steps, |step, state| &lists[step][state]),
+            states: ranked_paths::states(end, steps, |step, state| lists[step].of(state)),
             log_probability: taken_out.log_probability(end.score),
         };
         Ok(ends.into_iter().map(path).collect())
+    }
+}
+
+/// Logarithms of the entries of a matrix that is the same at all steps: each takes longer to
+/// compute than a path to extend.
+struct Moves {
+    /// Where the entries into each state begin; empty if an operator has to be asked at each step.
+    starts: Vec<usize>,
+    entries: Vec<(usize, f64)>,
+}
+
+impl Moves {
+    fn new<A: TransitionEntries, B: Likelihood>(hmm: &Hmm<A, B>, steps: usize) -> Self {
+        let mut moves = Self { starts: Vec::new(), entries: Vec::new() };
+        // Two moves make up for it. Of an operator that is not stored, the entries may be n².
+        if let (Some(control), 3..) = (hmm.transition().no_control(), steps)
+            && hmm.transition().stored(control).is_some()
+        {
+            for state in 0..hmm.states() {
+                moves.starts.push(moves.entries.len());
+                moves.entries.extend(hmm.transition().incoming_log2(control, state));
+            }
+            moves.starts.push(moves.entries.len());
+        }
+        moves
+    }
+
+    /// Entries into a state, if they are known.
+    #[inline]
+    fn into(&self, state: usize) -> Option<&[(usize, f64)]> {
+        let (start, end) = (self.starts.get(state)?, self.starts.get(state + 1)?);
+        Some(&self.entries[*start..*end])
     }
 }
 
@@ -94,34 +130,39 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         &self,
         scores: &mut [f64],
         taken_out: &mut TakenOut,
-    ) -> Result<Vec<Vec<RankedPath>>, InferenceError> {
+    ) -> Result<Lists, InferenceError> {
         self.first_scores(scores, taken_out)?;
-        let possible = |score: &&f64| **score > f64::NEG_INFINITY;
-        let path = |score: &f64| RankedPath::start(*score);
-        Ok(scores
-            .iter()
-            .map(|s| Some(s).filter(possible).map(path).into_iter().collect())
-            .collect())
+        let mut lists = Lists::with_capacity(scores.len(), scores.len());
+        for score in scores {
+            let path = RankedPath::start(*score);
+            lists.push(if *score > f64::NEG_INFINITY { std::slice::from_ref(&path) } else { &[] });
+        }
+        Ok(lists)
     }
 
     /// Extends the paths to the states before to the best paths to each state.
     fn best_paths(
         &self,
-        before: &[Vec<RankedPath>],
+        before: &Lists,
+        moves: &Moves,
         count: usize,
         taken_out: &mut TakenOut,
-    ) -> Result<Vec<Vec<RankedPath>>, InferenceError> {
-        let Some(control) = self.control else { return Ok(Vec::new()) }; // only step 1 has none
+    ) -> Result<Lists, InferenceError> {
+        let Some(control) = self.control else { return Ok(Lists::default()) }; // only step 1 has none
         let evidence = self.take_out_evidence(taken_out)?;
-        let into = |i: usize| {
-            let mut paths = Vec::new();
-            for (j, log2) in self.hmm.transition().incoming_log2(control, i) {
-                extend(&mut paths, j, &before[j], log2);
+        let states = self.hmm.states();
+        let mut lists = Lists::with_capacity(states, states * count.min(64));
+        let mut best = Best::new(count);
+        for state in 0..states {
+            best.paths.clear();
+            let extend = |(from, log2): (usize, f64)| best.extend(from, before.of(from), log2);
+            match moves.into(state) {
+                Some(entries) => entries.iter().copied().for_each(extend),
+                None => self.hmm.transition().incoming_log2(control, state).for_each(extend),
             }
-            keep_best(&mut paths, count);
-            paths
-        };
-        let lists: Vec<Vec<RankedPath>> = (0..before.len()).map(into).collect();
+            best.finish();
+            lists.push(&best.paths);
+        }
         if evidence {
             // Only then can all paths have gone, or an entry be infinite.
             let first = lists.iter().filter_map(|paths| Some(paths.first()?.score));

@@ -20,6 +20,101 @@ impl RankedPath {
     }
 }
 
+/// Largest number of paths that are kept in order while others come.
+const FEW: usize = 16;
+
+/// Best paths to each state of a step.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Lists {
+    paths: Vec<RankedPath>,
+    /// Place of the first path to each state, and number of paths.
+    ranges: Vec<(usize, u32)>,
+}
+
+impl Lists {
+    pub(crate) fn with_capacity(states: usize, paths: usize) -> Self {
+        Self { paths: Vec::with_capacity(paths), ranges: Vec::with_capacity(states) }
+    }
+
+    /// Adds the paths to the next state.
+    #[inline]
+    pub(crate) fn push(&mut self, paths: &[RankedPath]) {
+        self.ranges.push((self.paths.len(), paths.len() as u32));
+        self.paths.extend_from_slice(paths);
+    }
+
+    /// Paths to a state, best first.
+    #[inline]
+    pub(crate) fn of(&self, state: usize) -> &[RankedPath] {
+        let (start, count) = self.ranges[state];
+        &self.paths[start..start + count as usize]
+    }
+
+    /// Paths to a state, whose scores may change in a way that keeps their order.
+    #[inline]
+    pub(crate) fn of_mut(&mut self, state: usize) -> &mut [RankedPath] {
+        let (start, count) = self.ranges[state];
+        &mut self.paths[start..start + count as usize]
+    }
+
+    /// Removes the paths to a state.
+    pub(crate) fn clear(&mut self, state: usize) {
+        self.ranges[state].1 = 0;
+    }
+
+    /// Lists of all states, in order.
+    pub(crate) fn iter(&self) -> impl Iterator<Item = &[RankedPath]> {
+        (0..self.ranges.len()).map(|state| self.of(state))
+    }
+}
+
+/// The best paths to a state, while moves to it are added.
+#[derive(Debug)]
+pub(crate) struct Best {
+    pub(crate) paths: Vec<RankedPath>,
+    count: usize,
+}
+
+impl Best {
+    pub(crate) fn new(count: usize) -> Self {
+        Self { paths: Vec::new(), count }
+    }
+
+    /// Adds the paths to the state `from`, best first, each extended by a move with this score.
+    #[inline]
+    pub(crate) fn extend(&mut self, from: usize, before: &[RankedPath], added: f64) {
+        if self.count > FEW {
+            return extend(&mut self.paths, from, before, added);
+        }
+        for (rank, path) in (0..).zip(before) {
+            let path = RankedPath { score: path.score + added, from: from as u32, rank };
+            let worse = |other: &RankedPath| order(&path, other).is_lt();
+            let after = self.paths.iter().rev().take_while(|other| worse(other)).count();
+            let place = self.paths.len() - after;
+            // Those that follow from the same state are no better.
+            if place == self.count {
+                break;
+            }
+            if self.paths.len() == self.count {
+                self.paths.pop();
+            }
+            self.paths.insert(place, path);
+        }
+    }
+
+    /// Orders the best paths, once all moves are added.
+    pub(crate) fn finish(&mut self) {
+        if self.count > FEW {
+            keep_best(&mut self.paths, self.count);
+        }
+    }
+}
+
+/// Best first; ties go to the lowest `from`, then to the best rank. A total order.
+fn order(a: &RankedPath, b: &RankedPath) -> std::cmp::Ordering {
+    b.score.total_cmp(&a.score).then((a.from, a.rank).cmp(&(b.from, b.rank)))
+}
+
 /// Appends the paths to the state `from`, each extended by a move with this score.
 pub(crate) fn extend(paths: &mut Vec<RankedPath>, from: usize, before: &[RankedPath], added: f64) {
     paths.extend((0..).zip(before).map(|(rank, path)| RankedPath {
@@ -29,25 +124,24 @@ pub(crate) fn extend(paths: &mut Vec<RankedPath>, from: usize, before: &[RankedP
     }));
 }
 
-/// Keeps the best paths, in order; ties go to the lowest `from`, then to the best rank. The order is
-/// total: an unstable selection and sort, which are faster, find the same.
+/// Keeps the best paths, in order. The order is total: an unstable selection and sort, which are
+/// faster, find the same.
 pub(crate) fn keep_best(paths: &mut Vec<RankedPath>, count: usize) {
-    let order = |a: &RankedPath, b: &RankedPath| {
-        b.score.total_cmp(&a.score).then((a.from, a.rank).cmp(&(b.from, b.rank)))
-    };
     if count < paths.len() {
         // The best are selected before they are sorted: of E K paths K are kept.
         paths.select_nth_unstable_by(count, order);
         paths.truncate(count);
     }
     paths.sort_unstable_by(order);
-    paths.shrink_to_fit();
 }
 
 /// Returns the best of the paths to all states of the last step.
-pub(crate) fn best_ends(last: &[Vec<RankedPath>], count: usize) -> Vec<RankedPath> {
+pub(crate) fn best_ends<'a>(
+    last: impl Iterator<Item = &'a [RankedPath]>,
+    count: usize,
+) -> Vec<RankedPath> {
     let mut ends = Vec::new();
-    last.iter().enumerate().for_each(|(state, paths)| extend(&mut ends, state, paths, 0.0));
+    last.enumerate().for_each(|(state, paths)| extend(&mut ends, state, paths, 0.0));
     keep_best(&mut ends, count);
     ends
 }

@@ -35,6 +35,7 @@ impl Trellis {
                 // Sorted before the likelihood is added, whose size may hide small differences;
                 // at least one is kept, to find out whether the step is possible.
                 keep_best(&mut paths, count.max(1));
+                paths.shrink_to_fit();
                 paths.iter_mut().for_each(|path| path.from = self.from[path.from as usize]);
                 paths
             };
@@ -60,6 +61,6 @@ impl Trellis {
             let states = ranked_paths::states(end, self.steps(), paths);
             ViterbiPath { states, log_probability: log_probability.value() }
         };
-        Ok(best_ends(last, count).into_iter().map(path).collect())
+        Ok(best_ends(last.iter().map(Vec::as_slice), count).into_iter().map(path).collect())
     }
 }
