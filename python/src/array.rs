@@ -32,6 +32,12 @@ fn converted<'py>(
     axes: usize,
 ) -> PyResult<Bound<'py, PyAny>> {
     let numpy = values.py().import("numpy")?;
+    // What is masked would be taken for a value.
+    if values.hasattr("mask")?
+        && numpy.getattr("ma")?.call_method1("is_masked", (values,))?.is_truthy()?
+    {
+        return Err(invalid(format!("{what} have masked values, expected numbers")));
+    }
     let array = numpy.call_method1("asarray", (values,)).map_err(invalid)?;
     let found: String = array.getattr("dtype")?.getattr("kind")?.extract()?;
     // An empty list has some type.

@@ -160,6 +160,8 @@ HOSTILE = {
     "negative": np.array([[1.0, -1.0]]),
     "infinite": np.array([[1.0, np.inf]]),
     "no columns": np.ones((3, 0)),
+    "masked": np.ma.masked_array(np.ones((2, 2)), mask=[[0, 1], [0, 0]]),
+    "dates": np.zeros((2, 2), dtype="M8[D]"),
 }
 
 

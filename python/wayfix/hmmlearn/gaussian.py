@@ -39,6 +39,14 @@ def log_densities(X, means, covars, covariance_type):
         return _wayfix.gaussian_log_densities(rows, means, covars.reshape(n, -1))
 
 
+def covariance_of_all(X, least):
+    """Returns the covariance of all rows, with more on its diagonal."""
+    count, d = X.shape
+    if count < 2:
+        raise ValueError(f"X has {count} sample, expected at least 2 to start covariances from")
+    return np.cov(X.T).reshape(d, d) + least * np.eye(d)
+
+
 class GaussianHMM(BaseHMM):
     """Hidden Markov model of vectors with a Gaussian distribution.
 
@@ -102,7 +110,7 @@ class GaussianHMM(BaseHMM):
             clusters = KMeans(n, random_state=self.random_state, n_init=10).fit(X)
             self.means_ = clusters.cluster_centers_
         if self._needs_init("c", "covars_"):
-            of_all = np.cov(X.T).reshape(d, d) + self.min_covar * np.eye(d)
+            of_all = covariance_of_all(X, self.min_covar)
             self.covars_ = {
                 "spherical": lambda: np.full((n, d), of_all.mean()),
                 "diag": lambda: np.tile(np.diag(of_all), (n, 1)),

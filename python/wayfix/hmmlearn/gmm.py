@@ -8,7 +8,7 @@ from sklearn.cluster import KMeans
 from sklearn.utils import check_random_state
 
 from .base import BaseHMM
-from .gaussian import COVARIANCE_TYPES, log_densities
+from .gaussian import COVARIANCE_TYPES, covariance_of_all, log_densities
 from .utils import fill_covars
 
 _log = logging.getLogger(__name__)
@@ -82,8 +82,8 @@ class GMMHMM(BaseHMM):
     def _init(self, X, lengths=None):
         super()._init(X, lengths)
         self._fill_priors()
-        n, m, d = self.n_components, self.n_mix, self.n_features
-        of_all = np.cov(X.T).reshape(d, d) + self.min_covar * np.eye(d)
+        n, m = self.n_components, self.n_mix
+        of_all = covariance_of_all(X, self.min_covar)
         if self._needs_init("w", "weights_"):
             self.weights_ = np.full((n, m), 1 / m)
         if self._needs_init("m", "means_"):
