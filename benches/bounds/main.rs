@@ -18,14 +18,14 @@
 //! then the time that fresh memory takes, in which the processor is the system's:
 //!
 //! - **Bytes**, at the rate measured with a working set of the same size. A sparse product
-//!   reads 8 E bytes of values and 4 G of indices, for E entries of which G have to be
-//!   gathered; a dense one 8 n². A filter reads a belief, writes one (16 n), and reads
+//!   reads 8 E bytes of values and 4 G of indices, for E entries that take G
+//!   loads of x; a dense one 8 n². A filter reads a belief, writes one (16 n), and reads
 //!   likelihoods (8 n), which come from where all that is seen fits. The smoother does so
 //!   twice, and reads and writes a row of the result (16 n). A decoder has scores for the
 //!   belief. What differs in where it fits is counted apart; the longest counts.
-//! - **Gathers**: loads at indices that are loaded first. G counts what lies on a diagonal
-//!   by itself among eight rows; the others can be loaded side by side. They are timed
-//!   with the case's own indices.
+//! - **Gathers**: loads at indices that are loaded first. G counts the diagonals that eight rows
+//!   have, each of which takes a load of x however many entries lie on it: those can be loaded side
+//!   by side. They are timed with the case's own indices.
 //! - **Operations**: two for each entry and product, of a decoder four (add, compare, and
 //!   select a value and a state), of learning two more, at half of faer's peak: it fuses two
 //!   to one, which the library doesn't, so as to give the same bits everywhere.

@@ -1,6 +1,6 @@
 //! What a step can't do without, and how long that takes at least.
 
-use std::collections::HashMap;
+use std::collections::HashSet;
 
 use wayfix::{SparseTransition, Transition, TransitionEntries};
 
@@ -107,20 +107,17 @@ impl Matrix {
     }
 }
 
-/// The indices, row after row, of entries that have their diagonal for themselves among
-/// eight rows.
+/// The indices of the loads of x: one for each diagonal among eight rows, since entries on one
+/// diagonal can be loaded side by side.
 fn gathered(a: &SparseTransition) -> Vec<u32> {
     let n = a.states();
     let mut indices = Vec::new();
     for first in (0..n).step_by(8) {
         let rows = first..(first + 8).min(n);
-        let entries: Vec<(usize, usize)> =
-            rows.flat_map(|to| a.incoming(&(), to).map(move |(from, _)| (to, from))).collect();
-        let diagonal = |&(to, from): &(usize, usize)| n + from - to;
-        let mut shared: HashMap<usize, usize> = HashMap::new();
-        entries.iter().for_each(|entry| *shared.entry(diagonal(entry)).or_default() += 1);
-        let alone = entries.iter().filter(|entry| shared[&diagonal(entry)] == 1);
-        indices.extend(alone.map(|entry| entry.1 as u32));
+        let entries = rows.flat_map(|to| a.incoming(&(), to).map(move |(from, _)| (to, from)));
+        let mut seen = HashSet::new();
+        let is_new = |&(to, from): &(usize, usize)| seen.insert(n + from - to);
+        indices.extend(entries.filter(is_new).map(|entry| entry.1 as u32));
     }
     indices
 }
