@@ -52,7 +52,7 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
         }
         let mut work = Workspace::new(n);
         let mut taken_out = TakenOut::default();
-        let moves = Moves::new(self, steps);
+        let logs = EntryLogs::new(self, steps);
         // Paths to each state of each step, best first.
         let mut lists: Vec<Lists> = Vec::with_capacity(steps);
         let (mut added, mut best) = (vec![0.0; n], vec![0.0; n]);
@@ -61,7 +61,7 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
             let mut list = match lists.last() {
                 None => step.first_paths(&mut added, &mut taken_out)?,
                 // At least one, to detect impossible observations.
-                Some(before) => step.best_paths(before, &moves, count.max(1), &mut taken_out)?,
+                Some(before) => step.best_paths(before, &logs, count.max(1), &mut taken_out)?,
             };
             added.fill(0.0);
             let observation = sequence.observation(number);
@@ -92,28 +92,29 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
     }
 }
 
-/// Logarithms of the entries of a matrix that is the same at all steps: each takes longer to
-/// compute than a path to extend.
-struct Moves {
+/// Logarithms of the entries of a matrix that is the same at all steps, by the state moved to: each
+/// takes longer to compute than a path to extend. (Those that Viterbi keeps are in the order of
+/// its slots.)
+struct EntryLogs {
     /// Where the entries into each state begin; empty if an operator has to be asked at each step.
     starts: Vec<usize>,
     entries: Vec<(usize, f64)>,
 }
 
-impl Moves {
+impl EntryLogs {
     fn new<A: TransitionEntries, B: Likelihood>(hmm: &Hmm<A, B>, steps: usize) -> Self {
-        let mut moves = Self { starts: Vec::new(), entries: Vec::new() };
-        // Two moves make up for it. Of an operator that is not stored, the entries may be n².
+        let mut logs = Self { starts: Vec::new(), entries: Vec::new() };
+        // Two moves make up for it. An operator that is not stored may have n² entries.
         if let (Some(control), 3..) = (hmm.transition().no_control(), steps)
             && hmm.transition().stored(control).is_some()
         {
             for state in 0..hmm.states() {
-                moves.starts.push(moves.entries.len());
-                moves.entries.extend(hmm.transition().incoming_log2(control, state));
+                logs.starts.push(logs.entries.len());
+                logs.entries.extend(hmm.transition().incoming_log2(control, state));
             }
-            moves.starts.push(moves.entries.len());
+            logs.starts.push(logs.entries.len());
         }
-        moves
+        logs
     }
 
     /// Entries into a state, if they are known.
@@ -144,7 +145,7 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
     fn best_paths(
         &self,
         before: &Lists,
-        moves: &Moves,
+        logs: &EntryLogs,
         count: usize,
         taken_out: &mut TakenOut,
     ) -> Result<Lists, InferenceError> {
@@ -156,7 +157,7 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         for state in 0..states {
             best.paths.clear();
             let extend = |(from, log2): (usize, f64)| best.extend(from, before.of(from), log2);
-            match moves.into(state) {
+            match logs.into(state) {
                 Some(entries) => entries.iter().copied().for_each(extend),
                 None => self.hmm.transition().incoming_log2(control, state).for_each(extend),
             }

@@ -83,15 +83,20 @@ impl Best {
     /// Adds the paths to the state `from`, best first, each extended by a move with this score.
     #[inline]
     pub(crate) fn extend(&mut self, from: usize, before: &[RankedPath], added: f64) {
+        let extended = |(rank, path): (u32, &RankedPath)| RankedPath {
+            score: path.score + added,
+            from: from as u32,
+            rank,
+        };
+        let all = (0..).zip(before).map(extended);
         if self.count > FEW {
-            return extend(&mut self.paths, from, before, added);
+            return self.paths.extend(all);
         }
-        for (rank, path) in (0..).zip(before) {
-            let path = RankedPath { score: path.score + added, from: from as u32, rank };
+        for path in all {
             let worse = |other: &RankedPath| order(&path, other).is_lt();
             let after = self.paths.iter().rev().take_while(|other| worse(other)).count();
             let place = self.paths.len() - after;
-            // Those that follow from the same state are no better.
+            // No later path from the same state is better.
             if place == self.count {
                 break;
             }
@@ -102,11 +107,18 @@ impl Best {
         }
     }
 
-    /// Orders the best paths, once all moves are added.
+    /// Keeps the best paths, in order, once all moves are added. The order is total: an unstable
+    /// selection and sort, which are faster, find the same as a list that is kept in order.
     pub(crate) fn finish(&mut self) {
-        if self.count > FEW {
-            keep_best(&mut self.paths, self.count);
+        if self.count <= FEW {
+            return;
         }
+        if self.count < self.paths.len() {
+            // The best are selected before they are sorted: of E K paths K are kept.
+            self.paths.select_nth_unstable_by(self.count, order);
+            self.paths.truncate(self.count);
+        }
+        self.paths.sort_unstable_by(order);
     }
 }
 
@@ -115,35 +127,15 @@ fn order(a: &RankedPath, b: &RankedPath) -> std::cmp::Ordering {
     b.score.total_cmp(&a.score).then((a.from, a.rank).cmp(&(b.from, b.rank)))
 }
 
-/// Appends the paths to the state `from`, each extended by a move with this score.
-pub(crate) fn extend(paths: &mut Vec<RankedPath>, from: usize, before: &[RankedPath], added: f64) {
-    paths.extend((0..).zip(before).map(|(rank, path)| RankedPath {
-        score: path.score + added,
-        from: from as u32,
-        rank,
-    }));
-}
-
-/// Keeps the best paths, in order. The order is total: an unstable selection and sort, which are
-/// faster, find the same.
-pub(crate) fn keep_best(paths: &mut Vec<RankedPath>, count: usize) {
-    if count < paths.len() {
-        // The best are selected before they are sorted: of E K paths K are kept.
-        paths.select_nth_unstable_by(count, order);
-        paths.truncate(count);
-    }
-    paths.sort_unstable_by(order);
-}
-
 /// Returns the best of the paths to all states of the last step.
 pub(crate) fn best_ends<'a>(
     last: impl Iterator<Item = &'a [RankedPath]>,
     count: usize,
 ) -> Vec<RankedPath> {
-    let mut ends = Vec::new();
-    last.enumerate().for_each(|(state, paths)| extend(&mut ends, state, paths, 0.0));
-    keep_best(&mut ends, count);
-    ends
+    let mut ends = Best::new(count);
+    last.enumerate().for_each(|(state, paths)| ends.extend(state, paths, 0.0));
+    ends.finish();
+    ends.paths
 }
 
 /// Returns the states of a path, back from its end; `paths` has those to a state of a step, from 0.

@@ -151,11 +151,9 @@ impl Envelope {
                 estimate > cut || tie
             });
         }
-        let sum: f64 = self.estimate.iter().sum();
-        self.estimate.iter_mut().for_each(|p| *p /= sum);
         let unlifted = scale / PRUNED_LIFT;
         let log = if unlifted.is_normal() { unlifted.ln() } else { scale.ln() - PRUNED_LIFT.ln() };
-        log + self.normalize()
+        log + self.close()
     }
 
     /// Keeps the states for which `keep` is true of estimate and excess, and counts the others as
@@ -178,8 +176,16 @@ impl Envelope {
         self.truncate(kept);
     }
 
+    /// Normalizes estimates and lower bounds, after states were dropped. Returns the logarithm of the
+    /// sum of the latter.
+    pub(crate) fn close(&mut self) -> f64 {
+        let sum: f64 = self.estimate.iter().sum();
+        self.estimate.iter_mut().for_each(|p| *p /= sum);
+        self.normalize()
+    }
+
     /// Normalizes the lower bounds. Returns the logarithm of their sum.
-    pub(crate) fn normalize(&mut self) -> f64 {
+    fn normalize(&mut self) -> f64 {
         // A sum of non-negative numbers has as many roundings as terms.
         let up = 1.0 + (self.states.len() + 4) as f64 * f64::EPSILON;
         self.others.outside *= up;

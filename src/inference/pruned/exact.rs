@@ -70,7 +70,7 @@ impl Exact {
             None => 1,
             Some(control) => match bounds {
                 Some(bounds) if bounds.smallest >= LEAST_ENTRY => {
-                    // Of a stored matrix it is known that a product sums its entries.
+                    // A product with a stored matrix is known to sum its entries.
                     if step.hmm.transition().stored(control).is_none() {
                         return false;
                     }
@@ -124,9 +124,7 @@ impl Exact {
             belief.commit(step.number, &outcome, scratch);
             self.width = Some(width);
         } else {
-            let sum: f64 = active.estimate.iter().sum();
-            active.estimate.iter_mut().for_each(|p| *p /= sum);
-            state.log.add(active.normalize());
+            state.log.add(active.close());
             let (rescaled, unknown) = active.rebase();
             state.log.add(rescaled);
             state.log_excess.add(unknown);

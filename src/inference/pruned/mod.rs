@@ -87,11 +87,12 @@ use step::PrunedScratch;
 /// All states that the prior allows are active at first. From a uniform prior the first steps
 /// cost O(n), until the sensor has told some places from the others. As long as nothing has been
 /// dropped and more than a fiftieth of all states are active, a step is that of an exact
-/// [`Filter`](crate::Filter), at less than twice its cost; nothing is dropped meanwhile. That
-/// takes a matrix that is stored ([`Transition::stored`](crate::Transition::stored)), the same at all
-/// steps; the filter has some 90 n bytes more of memory from then on. If more than a
-/// fifth of all states become active later on, after something was dropped, a step computes its sums by
-/// three or four products with that matrix, and takes 40 n bytes more.
+/// [`Filter`](crate::Filter), at less than twice its cost from the second one on; nothing is
+/// dropped meanwhile. That takes a matrix that is stored
+/// ([`Transition::stored`](crate::Transition::stored)), the same at all steps; the filter has
+/// some 90 n bytes more of memory from then on. If more than a fifth of all states become active
+/// after something was dropped, a step computes its sums by three or four products with that
+/// matrix, and takes 40 n bytes more.
 ///
 /// Likelihoods are taken as the sensor gives them, divided by a factor near the largest of those
 /// to which the belief leads; for one outside the range of `f64` beside them, a bound is counted.

@@ -3,7 +3,7 @@
 
 use super::Trellis;
 use crate::error::InferenceError;
-use crate::inference::decoding::ranked_paths::{self, RankedPath, best_ends, extend, keep_best};
+use crate::inference::decoding::ranked_paths::{self, Best, RankedPath, best_ends};
 use crate::inference::{LogSum, ViterbiPath};
 
 impl Trellis {
@@ -19,23 +19,24 @@ impl Trellis {
         let mut lists: Vec<Vec<RankedPath>> = Vec::with_capacity(self.log_likelihoods.len());
         let mut taken_out = LogSum::default();
         let start = [vec![RankedPath::start(0.0)]];
+        // At least one is kept, to find out whether a step is possible.
+        let mut best_paths = Best::new(count.max(1));
         for step in 1..=self.steps() {
             let range = self.range(step);
             let before = if step == 1 { &start[..] } else { &lists[self.range(step - 1)] };
             let largest_weight = self.largest_weight(step, |from| !before[from].is_empty());
             let into = |state: usize| {
-                let mut paths = Vec::new();
+                best_paths.paths.clear();
                 if self.log_likelihoods[state] > f64::NEG_INFINITY {
                     // By the number of the move, since ties go to the move that was added first.
                     let moves = (self.moves[state] as usize..).zip(self.moves_into(state));
                     for (number, (from, weight)) in moves.filter(|(_, m)| m.1 > f64::NEG_INFINITY) {
-                        extend(&mut paths, number, &before[from], weight - largest_weight);
+                        best_paths.extend(number, &before[from], weight - largest_weight);
                     }
                 }
-                // Sorted before the likelihood is added, whose size may hide small differences;
-                // at least one is kept, to find out whether the step is possible.
-                keep_best(&mut paths, count.max(1));
-                paths.shrink_to_fit();
+                // Sorted before the likelihood is added, whose size may hide small differences.
+                best_paths.finish();
+                let mut paths = best_paths.paths.clone();
                 paths.iter_mut().for_each(|path| path.from = self.from[path.from as usize]);
                 paths
             };
