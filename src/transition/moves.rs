@@ -1,5 +1,7 @@
 //! Moves between states, and their expected numbers.
 
+use crate::kernels::Lines;
+
 /// One move between two steps, with its probability or expected number.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Move {
@@ -51,6 +53,39 @@ impl MoveCounts {
         let mut counts = Self::default();
         counts.add(moves);
         counts
+    }
+
+    /// Counts of the moves of all entries of a matrix, by its columns: each entry, times its part of
+    /// the sum, by its place among all that are stored.
+    pub(crate) fn of_entries(
+        columns: Lines<'_>,
+        states: usize,
+        sum: impl Fn(usize) -> f64,
+    ) -> Self {
+        let mut moves = Self::default();
+        match columns {
+            Lines::Sparse { starts, indices, values } => {
+                let column = |j: usize| starts[j] as usize..starts[j + 1] as usize;
+                let entries = (0..states).flat_map(|j| column(j).map(move |at| (j, at)));
+                moves.add(entries.map(|(from, at)| Move {
+                    from,
+                    to: indices[at] as usize,
+                    weight: values[at] * sum(at),
+                }));
+            }
+            Lines::Dense { values } | Lines::DenseTransposed { values } => {
+                let stride = values.len() / states;
+                // Entries that are 0, and the padding of lines, are no moves: they would be listed
+                // as such.
+                let entries = values.iter().enumerate().filter(|entry| *entry.1 > 0.0);
+                moves.add(entries.map(|(at, p)| Move {
+                    from: at / stride,
+                    to: at % stride,
+                    weight: p * sum(at),
+                }));
+            }
+        }
+        moves
     }
 
     /// The moves with their counts, sorted by the state that is left, then by the one reached.

@@ -4,6 +4,7 @@
 //! Sequences run in lanes, eight at a time, or one by one; the sums are added up in an order that
 //! does not depend on the threads, so that learning gives the same bits on any machine.
 
+use super::entry_sums::EntrySums;
 use super::expectations::Expectations;
 use crate::error::SequenceError;
 use crate::hmm::Hmm;
@@ -196,6 +197,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             return Ok(expected); // X_0 without an observation tells nothing about the prior
         }
         let mut result = Ok(());
+        let mut entries = EntrySums::new(self, &mut expected.moves);
         let log = self.smooth_each(observed, Order::Backward, |step| {
             let (number, posterior) = (step.step(), step.smoothed().as_slice());
             if number == 0 {
@@ -206,12 +208,20 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             self.likelihood().add(&mut expected.sensor, observation, posterior);
             // A visitor cannot stop the smoother. After an error it skips the moves, and the caller
             // returns the error instead of the sums.
-            if let (Some(pairs), Ok(())) = (step.pairs(), &result) {
+            if let (Some(pairs), Ok(())) = (step.pairs(), &result)
+                && !entries.as_mut().is_some_and(|entries| entries.add(pairs))
+            {
                 result = pairs.count_to(&mut expected.moves, number);
             }
         });
         let log = log.map_err(wrap)?;
         result.map_err(wrap)?;
+        let control = self.transition().no_control();
+        if let (Some(entries), Some(control)) = (entries, control)
+            && let Some(counts) = self.transition().counts(&mut expected.moves, control)
+        {
+            counts.merge(&entries.counts());
+        }
         expected.log_likelihood.add(log);
         Ok(expected)
     }

@@ -4,6 +4,7 @@ pub(crate) mod baum_welch;
 pub(crate) mod criteria;
 mod curvature;
 mod e_step;
+mod entry_sums;
 pub(crate) mod expectations;
 mod information;
 mod jackknife;

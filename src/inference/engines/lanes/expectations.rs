@@ -6,11 +6,11 @@ use super::{Group, LaneMemory, LaneModel};
 use crate::hmm::Hmm;
 use crate::inference::engines::choice;
 use crate::inference::engines::parallel::{self, MemoryPool};
-use crate::kernels::{self, LANES, Lines, Packed};
+use crate::kernels::{self, LANES, Packed};
 use crate::likelihood::LearnLikelihood;
 use crate::limits::BACK_LIFT;
 use crate::sequence::Sequence;
-use crate::transition::{LearnTransition, Move, MoveCounts};
+use crate::transition::{LearnTransition, MoveCounts};
 
 /// Expectations of the sequences of a group, added up over its valid lanes.
 pub(crate) struct LaneExpectations<T> {
@@ -69,8 +69,12 @@ impl<A: LearnTransition, B: LearnLikelihood> LaneModel<'_, A, B> {
 
     /// Returns the moves of the valid lanes, if they are counted.
     fn moves(&self, counts: &[Packed], valid: [bool; LANES]) -> Option<MoveCounts> {
+        // α(j) γ(i) / p(i), summed over the steps; A is multiplied in at the end.
+        let sum = |at: usize| -> f64 {
+            counts[at].iter().zip(valid).filter(|c| c.1).map(|c| c.0 / BACK_LIFT).sum()
+        };
         let counted = !counts.is_empty();
-        counted.then(|| move_counts(self.columns, self.states(), counts, valid))
+        counted.then(|| MoveCounts::of_entries(self.columns, self.states(), sum))
     }
 
     /// Adds observations with their smoothed beliefs to the statistics of the sensor, of each lane
@@ -144,39 +148,4 @@ impl<A: LearnTransition, B: LearnLikelihood> LaneModel<'_, A, B> {
         };
         segments.visit(std::iter::repeat_n((), segments.groups), run, &mut take)
     }
-}
-
-/// Moves of the valid lanes: α(j) A\[i, j\] γ(i) / p(i), where `counts` has the sums over
-/// the steps but for A.
-fn move_counts(
-    columns: Lines<'_>,
-    n: usize,
-    counts: &[Packed],
-    valid: [bool; LANES],
-) -> MoveCounts {
-    let weight = |p: f64, counts: &Packed| {
-        let sum: f64 = counts.iter().zip(valid).filter(|c| c.1).map(|c| c.0).sum();
-        p * sum / BACK_LIFT
-    };
-    let mut moves = MoveCounts::default();
-    match columns {
-        Lines::Sparse { starts, indices, values } => {
-            let column = |j: usize| starts[j] as usize..starts[j + 1] as usize;
-            moves.add((0..n).flat_map(|j| column(j).map(move |at| (j, at))).map(|(from, at)| {
-                Move { from, to: indices[at] as usize, weight: weight(values[at], &counts[at]) }
-            }));
-        }
-        Lines::Dense { values } | Lines::DenseTransposed { values } => {
-            let stride = values.len() / n;
-            // Entries that are 0, and the padding of lines, are no moves: they would be listed as
-            // such.
-            let entries = values.iter().zip(counts).enumerate().filter(|entry| *entry.1.0 > 0.0);
-            moves.add(entries.map(|(at, (p, counts))| Move {
-                from: at / stride,
-                to: at % stride,
-                weight: weight(*p, counts),
-            }));
-        }
-    }
-    moves
 }
