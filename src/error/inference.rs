@@ -141,6 +141,35 @@ pub enum InferenceError {
 }
 
 impl InferenceError {
+    /// Returns the step, from 1, if the error is about one.
+    ///
+    /// ```
+    /// use wayfix::InferenceError;
+    ///
+    /// assert_eq!(InferenceError::Impossible { step: 3 }.step(), Some(3));
+    /// assert_eq!(InferenceError::TooMany { steps: 3 }.step(), None);
+    /// ```
+    #[must_use]
+    pub fn step(&self) -> Option<usize> {
+        match self {
+            Self::Impossible { step }
+            | Self::ImpossibleMove { step }
+            | Self::Pruned { step }
+            | Self::Predicted { step, .. }
+            | Self::EvidenceFactor { step, .. }
+            | Self::SimulatedEvidence { step }
+            | Self::PredictedSum { step, .. }
+            | Self::TrellisValue { step, .. }
+            | Self::TrellisState { step, .. } => Some(*step),
+            Self::Likelihood(at) => Some(at.number),
+            Self::Control(at) => Some(at.number),
+            Self::TooMany { .. }
+            | Self::ControlCount { .. }
+            | Self::StateCount { .. }
+            | Self::TrellisStep => None,
+        }
+    }
+
     /// A step whose likelihood could not be computed, or is invalid.
     pub(crate) fn likelihood(step: usize, cause: LikelihoodError) -> Self {
         Self::Likelihood(At::new(&["step ", " has no valid likelihood"], step, cause))

@@ -56,6 +56,10 @@ proptest! {
             let filtering = hmm.forward(&model).unwrap();
             prop_assert_eq!(filtering.posteriors().get(end), smoothing.posteriors().get(end));
             prop_assert!(smoothing.posteriors().get(end + 1).is_none());
+            let kept = smoothing.clone().into_posteriors().into_vec();
+            prop_assert_eq!(&kept, smoothing.posteriors().as_slice());
+            let moved = smoothing.into_posteriors().into_vec();
+            prop_assert_eq!(moved, kept);
         }
     }
 

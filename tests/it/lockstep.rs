@@ -130,6 +130,13 @@ where
         |i| smoothed[i].clone().map_err(|e| e.source),
         PartialEq::eq,
     )?;
+    // Some share a block.
+    for (moved, kept) in hmm.smooth_all(drives).into_iter().zip(&smoothed) {
+        if let (Ok(moved), Ok(kept)) = (moved, kept) {
+            let moved = moved.into_posteriors().into_vec();
+            prop_assert_eq!(moved.as_slice(), kept.posteriors().as_slice());
+        }
+    }
     same_results(
         &filtered,
         drives.len(),

@@ -39,6 +39,12 @@ impl FilteredSequence {
         &self.posteriors
     }
 
+    /// Returns the distributions without the rest of the result.
+    #[must_use]
+    pub fn into_posteriors(self) -> Posteriors {
+        self.posteriors
+    }
+
     /// Log-likelihoods ln p(y_k | y_1 … y_{k-1}) at index k − 1, for k = 1 … T.
     #[must_use]
     pub fn log_likelihoods(&self) -> &[f64] {

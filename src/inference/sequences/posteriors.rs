@@ -126,6 +126,19 @@ impl Posteriors {
             Values::Shared(rows) => rows,
         }
     }
+
+    /// Returns all numbers, in the order of [`as_slice`](Self::as_slice). They are moved, and copied
+    /// only if the results of several sequences share a block.
+    #[must_use]
+    pub fn into_vec(self) -> Vec<f64> {
+        match self.values {
+            Values::Own { mut values, start } => {
+                values.drain(..start);
+                values
+            }
+            Values::Shared(rows) => rows.to_vec(),
+        }
+    }
 }
 
 impl fmt::Debug for Posteriors {

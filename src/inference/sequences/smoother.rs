@@ -35,6 +35,12 @@ impl SmoothedSequence {
         &self.posteriors
     }
 
+    /// Returns the distributions without the rest of the result.
+    #[must_use]
+    pub fn into_posteriors(self) -> Posteriors {
+        self.posteriors
+    }
+
     /// Log-likelihood ln p(y_1 … y_T).
     #[must_use]
     pub fn log_likelihood(&self) -> f64 {
