@@ -1,7 +1,12 @@
 //! Arrays as slices.
 
-use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::ndarray::Dimension;
+use numpy::{
+    PyArray, PyArrayMethods, PyReadonlyArray, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArray,
+    PyUntypedArrayMethods,
+};
 use pyo3::prelude::*;
+use pyo3::types::PyList;
 
 use crate::error::invalid;
 
@@ -32,10 +37,7 @@ fn converted<'py>(
     axes: usize,
 ) -> PyResult<Bound<'py, PyAny>> {
     let numpy = values.py().import("numpy")?;
-    // What is masked would be taken for a value.
-    if values.hasattr("mask")?
-        && numpy.getattr("ma")?.call_method1("is_masked", (values,))?.is_truthy()?
-    {
+    if is_masked(values, &numpy)? {
         return Err(invalid(format!("{what} have masked values, expected numbers")));
     }
     let array = numpy.call_method1("asarray", (values,)).map_err(invalid)?;
@@ -50,7 +52,27 @@ fn converted<'py>(
     if found != axes {
         return Err(invalid(format!("{what} have {found} axes, expected {axes}")));
     }
-    numpy.call_method1("ascontiguousarray", (array, kind)).map_err(invalid)
+    numpy.call_method1("require", (array, kind, ["C", "A"])).map_err(invalid)
+}
+
+/// Returns true if something is masked, which numpy takes for a value, in the array or in one of a
+/// list of arrays.
+fn is_masked(values: &Bound<'_, PyAny>, numpy: &Bound<'_, PyModule>) -> PyResult<bool> {
+    let ma = numpy.getattr("ma")?;
+    let class = ma.getattr("MaskedArray")?;
+    let masked = |value: &Bound<'_, PyAny>| {
+        Ok::<_, PyErr>(
+            value.is_instance(&class)? && ma.call_method1("is_masked", (value,))?.is_truthy()?,
+        )
+    };
+    if let Ok(list) = values.cast::<PyList>() {
+        for value in list {
+            if masked(&value)? {
+                return Ok(true);
+            }
+        }
+    }
+    masked(values)
 }
 
 /// Reads a list of doubles.
@@ -58,6 +80,9 @@ pub(crate) fn doubles<'py>(
     values: &Bound<'py, PyAny>,
     what: &str,
 ) -> PyResult<PyReadonlyArray1<'py, f64>> {
+    if let Some(array) = borrowed(values) {
+        return Ok(array);
+    }
     converted(values, what, ("fiub", "float64"), 1)?.extract()
 }
 
@@ -66,13 +91,30 @@ pub(crate) fn rows<'py>(
     values: &Bound<'py, PyAny>,
     what: &str,
 ) -> PyResult<PyReadonlyArray2<'py, f64>> {
+    if let Some(array) = borrowed(values) {
+        return Ok(array);
+    }
     converted(values, what, ("fiub", "float64"), 2)?.extract()
+}
+
+/// Borrows an array that is as it should be. One of a subclass may have a mask.
+fn borrowed<'py, D: Dimension>(values: &Bound<'py, PyAny>) -> Option<PyReadonlyArray<'py, f64, D>> {
+    let array = values.cast_exact::<PyUntypedArray>().ok()?;
+    let array = array.cast::<PyArray<f64, D>>().ok()?.try_readonly().ok()?;
+    array.as_slice().is_ok().then_some(array)
+}
+
+/// Reads integers.
+pub(crate) fn integers<'py>(
+    values: &Bound<'py, PyAny>,
+    what: &str,
+) -> PyResult<PyReadonlyArray1<'py, i64>> {
+    converted(values, what, ("iu", "int64"), 1)?.extract()
 }
 
 /// Reads indices: integers from 0.
 pub(crate) fn indices(values: &Bound<'_, PyAny>, what: &str) -> PyResult<Vec<usize>> {
-    let array: PyReadonlyArray1<'_, i64> =
-        converted(values, what, ("iu", "int64"), 1)?.extract()?;
+    let array = integers(values, what)?;
     let values = contiguous(array.as_slice(), what)?;
     let index = |(at, value): (usize, &i64)| {
         let error = |_| invalid(format!("{what} have {value} at {at}, expected at least 0"));

@@ -6,11 +6,25 @@ use wayfix::Likelihood;
 use wayfix::emission::{Gaussian, Poisson};
 use wayfix::likelihood::Scratch;
 
-use crate::array::{contiguous, matrix};
+use crate::array::matrix;
 use crate::error::invalid;
 
-/// Returns log densities of Gaussians: `covariances` has one row for each state, with one
-/// variance, one for each column, or a matrix row by row.
+/// Returns log densities of Gaussians without covariances, from a row of variances for each state.
+#[pyfunction]
+pub(crate) fn diagonal_log_densities<'py>(
+    py: Python<'py>,
+    rows: PyReadonlyArray2<'py, f64>,
+    means: PyReadonlyArray2<'py, f64>,
+    variances: PyReadonlyArray2<'py, f64>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let d = rows.shape()[1];
+    let values = matrix(&rows, d, "rows")?;
+    let means: Vec<&[f64]> = matrix(&means, d, "means")?.chunks_exact(d.max(1)).collect();
+    let variances = matrix(&variances, d, "variances")?.chunks_exact(d.max(1)).collect::<Vec<_>>();
+    log_densities(py, &Gaussian::diagonal(&means, &variances).map_err(invalid)?, values, d)
+}
+
+/// Returns log densities of Gaussians, from a covariance matrix for each state, row by row.
 #[pyfunction]
 pub(crate) fn gaussian_log_densities<'py>(
     py: Python<'py>,
@@ -21,17 +35,9 @@ pub(crate) fn gaussian_log_densities<'py>(
     let d = rows.shape()[1];
     let values = matrix(&rows, d, "rows")?;
     let means: Vec<&[f64]> = matrix(&means, d, "means")?.chunks_exact(d.max(1)).collect();
-    let width = covariances.shape()[1];
-    let covariances = contiguous(covariances.as_slice(), "covariances")?;
-    let parts: Vec<&[f64]> = covariances.chunks_exact(width.max(1)).collect();
-    let family = if width == d {
-        Gaussian::diagonal(&means, &parts)
-    } else if width == 1 {
-        Gaussian::spherical(&means, covariances)
-    } else {
-        Gaussian::full(&means, &parts)
-    };
-    log_densities(py, &family.map_err(invalid)?, values, d)
+    let covariances = matrix(&covariances, d * d, "covariance matrices")?;
+    let covariances: Vec<&[f64]> = covariances.chunks_exact((d * d).max(1)).collect();
+    log_densities(py, &Gaussian::full(&means, &covariances).map_err(invalid)?, values, d)
 }
 
 /// Returns log-probabilities of counts under Poisson distributions.

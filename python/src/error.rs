@@ -10,13 +10,14 @@ create_exception!(
     wayfix,
     Error,
     PyValueError,
-    "An input that is not valid; the message says which, and what was expected."
+    "An input that is not valid; the message says which, and what was expected. If it is about one \
+     step, `step` is its number, from 1, and `sequence` that of its sequence, from 0."
 );
 create_exception!(
     wayfix,
     ImpossibleError,
     Error,
-    "Observations that the model rules out; `step` counts from 1, `sequence` from 0."
+    "Observations that the model rules out: the log-likelihood is minus infinity."
 );
 
 /// Makes an exception of an error that is none of a step.
@@ -26,20 +27,30 @@ pub(crate) fn invalid(error: impl std::fmt::Display) -> PyErr {
 
 /// Makes an exception of an error of inference, with its step and its sequence.
 pub(crate) fn inference(py: Python<'_>, sequence: usize, error: &InferenceError) -> PyErr {
-    let impossible = match error {
-        InferenceError::Impossible { step } | InferenceError::ImpossibleMove { step } => {
-            Some(*step)
-        }
-        _ => None,
-    };
-    let Some(step) = impossible else { return invalid(error) };
-    let exception = ImpossibleError::new_err(error.to_string());
-    let value = exception.value(py);
-    let noted = value.setattr("step", step).and_then(|()| value.setattr("sequence", sequence));
-    noted.map_or_else(|error| error, |()| exception)
+    noted(py, sequence, error, error.to_string())
 }
 
 /// Makes an exception of the error of one of several sequences.
 pub(crate) fn of_sequence(py: Python<'_>, error: &SequenceError) -> PyErr {
-    inference(py, error.sequence, &error.source)
+    noted(py, error.sequence, &error.source, error.to_string())
+}
+
+fn noted(py: Python<'_>, sequence: usize, error: &InferenceError, message: String) -> PyErr {
+    let exception = match error {
+        InferenceError::Impossible { .. } | InferenceError::ImpossibleMove { .. } => {
+            ImpossibleError::new_err(message)
+        }
+        _ => Error::new_err(message),
+    };
+    let value = exception.value(py);
+    let set =
+        value.setattr("step", error.step()).and_then(|()| value.setattr("sequence", sequence));
+    set.map_or_else(|error| error, |()| exception)
+}
+
+/// Gives exceptions without a step or a sequence the attributes all the same.
+pub(crate) fn add_attributes(py: Python<'_>) -> PyResult<()> {
+    let class = py.get_type::<Error>();
+    class.setattr("step", py.None())?;
+    class.setattr("sequence", py.None())
 }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use numpy::{PyArray1, PyReadonlyArray1, ToPyArray};
+use numpy::{PyArray1, ToPyArray};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use wayfix::inference::FilterSnapshot;
@@ -73,11 +73,6 @@ impl PyFilter {
             ys: &Bound<'_, PyAny>,
             then: impl FnOnce(&[f64]) -> Result<T, InferenceError>,
         ) -> PyResult<Result<T, InferenceError>> {
-            if let Ok(array) = ys.extract::<PyReadonlyArray1<'_, f64>>()
-                && let Ok(values) = array.as_slice()
-            {
-                return Ok(then(values));
-            }
             let array = array::doubles(ys, "likelihoods")?;
             Ok(then(contiguous(array.as_slice(), "an observation")?))
         }
@@ -90,16 +85,23 @@ impl PyFilter {
                 rows(observation, |y| if moves { filter.step(y) } else { filter.update(y) })?
             }
             Live::DenseTable(filter) => {
-                let y = observation.extract()?;
+                let y = symbol(observation)?;
                 if moves { filter.step(&y) } else { filter.update(&y) }
             }
             Live::SparseTable(filter) => {
-                let y = observation.extract()?;
+                let y = symbol(observation)?;
                 if moves { filter.step(&y) } else { filter.update(&y) }
             }
         };
         done.map_err(|error| inference(py, 0, &error))
     }
+}
+
+/// Reads a symbol.
+fn symbol(value: &Bound<'_, PyAny>) -> PyResult<usize> {
+    value
+        .extract()
+        .map_err(|_| invalid(format!("the symbol is {value}, expected an integer from 0")))
 }
 
 #[pymethods]

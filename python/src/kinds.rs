@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use numpy::PyReadonlyArray2;
+use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use wayfix::emission::Rows;
 use wayfix::{DenseTransition, Hmm, LikelihoodVector, SparseTransition, TableLikelihood};
@@ -29,21 +29,21 @@ pub(crate) enum Observed<'py> {
 macro_rules! with_sequence {
     ($model:expr, $observed:expr, |$hmm:ident, $ys:ident| $body:expr) => {
         match ($model, $observed) {
-            (Model::DenseVector($hmm), Observed::Rows(rows)) => {
+            (Model::DenseVector($hmm), $crate::kinds::Observed::Rows(rows)) => {
                 let $ys = $crate::kinds::rows_of(rows, $hmm.states())?;
                 let $ys = &$ys;
                 $body
             }
-            (Model::SparseVector($hmm), Observed::Rows(rows)) => {
+            (Model::SparseVector($hmm), $crate::kinds::Observed::Rows(rows)) => {
                 let $ys = $crate::kinds::rows_of(rows, $hmm.states())?;
                 let $ys = &$ys;
                 $body
             }
-            (Model::DenseTable($hmm), Observed::Symbols(symbols)) => {
+            (Model::DenseTable($hmm), $crate::kinds::Observed::Symbols(symbols)) => {
                 let $ys = &symbols[..];
                 $body
             }
-            (Model::SparseTable($hmm), Observed::Symbols(symbols)) => {
+            (Model::SparseTable($hmm), $crate::kinds::Observed::Symbols(symbols)) => {
                 let $ys = &symbols[..];
                 $body
             }
@@ -57,19 +57,19 @@ macro_rules! with_sequences {
     ($model:expr, $all:expr, |$hmm:ident, $ys:ident| $body:expr) => {
         match $model {
             Model::DenseVector($hmm) => {
-                let $ys = &$crate::kinds::all_rows($all, $hmm.states())?[..];
+                let $ys = $all.rows($hmm.states())?;
                 $body
             }
             Model::SparseVector($hmm) => {
-                let $ys = &$crate::kinds::all_rows($all, $hmm.states())?[..];
+                let $ys = $all.rows($hmm.states())?;
                 $body
             }
             Model::DenseTable($hmm) => {
-                let $ys = &$crate::kinds::all_symbols($all)?[..];
+                let $ys = $all.symbols()?;
                 $body
             }
             Model::SparseTable($hmm) => {
-                let $ys = &$crate::kinds::all_symbols($all)?[..];
+                let $ys = $all.symbols()?;
                 $body
             }
         }
@@ -78,20 +78,74 @@ macro_rules! with_sequences {
 
 pub(crate) const OTHER_SENSOR: &str = "observations are not those of the model's sensor";
 
-pub(crate) fn all_rows<'a>(all: &'a [Observed<'_>], states: usize) -> PyResult<Vec<Rows<'a>>> {
-    let rows = |observed: &'a Observed<'_>| match observed {
-        Observed::Rows(rows) => rows_of(rows, states),
-        Observed::Symbols(_) => Err(invalid(OTHER_SENSOR)),
-    };
-    all.iter().map(rows).collect()
+/// Observations of many sequences: of each by itself, or in one array, with their lengths.
+pub(crate) enum Many<'py> {
+    Each(Vec<Observed<'py>>),
+    Joined(Observed<'py>, Vec<usize>),
 }
 
-pub(crate) fn all_symbols<'a>(all: &'a [Observed<'_>]) -> PyResult<Vec<&'a [usize]>> {
-    let symbols = |observed: &'a Observed<'_>| match observed {
-        Observed::Symbols(symbols) => Ok(&symbols[..]),
-        Observed::Rows(_) => Err(invalid(OTHER_SENSOR)),
+impl Many<'_> {
+    pub(crate) fn rows(&self, states: usize) -> PyResult<Vec<Rows<'_>>> {
+        let of = |values| Rows::new(values, states).map_err(invalid);
+        match self {
+            Self::Each(all) => all.iter().map(|observed| of(observed.values(states)?)).collect(),
+            Self::Joined(observed, lengths) => {
+                split(observed.values(states)?, lengths, states)?.into_iter().map(of).collect()
+            }
+        }
+    }
+
+    pub(crate) fn symbols(&self) -> PyResult<Vec<&[usize]>> {
+        match self {
+            Self::Each(all) => all.iter().map(Observed::symbols).collect(),
+            Self::Joined(observed, lengths) => split(observed.symbols()?, lengths, 1),
+        }
+    }
+}
+
+/// Returns the parts of these lengths, in rows of so many values.
+pub(crate) fn split<'a, T>(
+    values: &'a [T],
+    lengths: &[usize],
+    width: usize,
+) -> PyResult<Vec<&'a [T]>> {
+    let rows = values.len() / width;
+    let sum = lengths.iter().try_fold(0_usize, |sum, length| sum.checked_add(*length));
+    if sum != Some(rows) {
+        let count = lengths.len();
+        return Err(invalid(format!("lengths of {count} sequences do not sum to {rows} rows")));
+    }
+    let mut rest = values;
+    let part = |length: &usize| {
+        let (part, after) = rest.split_at(length * width);
+        rest = after;
+        part
     };
-    all.iter().map(symbols).collect()
+    Ok(lengths.iter().map(part).collect())
+}
+
+impl Observed<'_> {
+    fn values(&self, states: usize) -> PyResult<&[f64]> {
+        match self {
+            Self::Rows(rows) => matrix(rows, states, "observations"),
+            Self::Symbols(_) => Err(invalid(OTHER_SENSOR)),
+        }
+    }
+
+    fn symbols(&self) -> PyResult<&[usize]> {
+        match self {
+            Self::Symbols(symbols) => Ok(symbols),
+            Self::Rows(_) => Err(invalid(OTHER_SENSOR)),
+        }
+    }
+
+    /// Number of steps.
+    pub(crate) fn steps(&self) -> usize {
+        match self {
+            Self::Rows(rows) => rows.shape()[0],
+            Self::Symbols(symbols) => symbols.len(),
+        }
+    }
 }
 
 pub(crate) fn rows_of<'a>(
@@ -102,6 +156,19 @@ pub(crate) fn rows_of<'a>(
 }
 
 impl Model {
+    /// Reads the observations of many sequences: a list of them, or one array with their lengths.
+    pub(crate) fn many<'py>(
+        &self,
+        all: &Bound<'py, PyAny>,
+        lengths: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Many<'py>> {
+        if let Some(lengths) = lengths {
+            return Ok(Many::Joined(self.observed(all)?, array::indices(lengths, "lengths")?));
+        }
+        let all = all.try_iter()?.map(|ys| self.observed(&ys?));
+        Ok(Many::Each(all.collect::<PyResult<_>>()?))
+    }
+
     /// Reads the observations of a sequence.
     pub(crate) fn observed<'py>(&self, ys: &Bound<'py, PyAny>) -> PyResult<Observed<'py>> {
         match self {

@@ -4,14 +4,15 @@
 mod array;
 mod densities;
 mod error;
-mod few;
 mod filter;
 mod kinds;
 mod many;
 mod model;
 mod parts;
+mod recorder;
 mod results;
 mod sequences;
+mod watch;
 
 use pyo3::prelude::*;
 
@@ -20,7 +21,7 @@ mod _wayfix {
     use pyo3::prelude::*;
 
     #[pymodule_export]
-    use crate::densities::{gaussian_log_densities, poisson_log_densities};
+    use crate::densities::{diagonal_log_densities, gaussian_log_densities, poisson_log_densities};
     #[pymodule_export]
     use crate::error::{Error, ImpossibleError};
     #[pymodule_export]
@@ -30,10 +31,11 @@ mod _wayfix {
     #[pymodule_export]
     use crate::results::{PyPath, PySmoothed};
     #[pymodule_export]
-    use crate::sequences::{expectations, log_likelihoods, rows_sum_to_one, smooth, viterbi};
+    use crate::sequences::{are_distributions, expectations, log_likelihoods, smooth, viterbi};
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        crate::error::add_attributes(module.py())?;
         module.add("__version__", env!("CARGO_PKG_VERSION"))
     }
 }

@@ -1,55 +1,148 @@
-//! Results of many sequences, one after another, with a look for signals between them.
+//! Many sequences, on as many threads as asked, with their results in order.
 
 use std::ops::ControlFlow;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc;
+use std::time::Duration;
 
 use pyo3::prelude::*;
 use wayfix::error::SequenceError;
 
 use crate::error::of_sequence;
+use crate::watch::{Watch, Watched, caught, computed, defect};
 
-/// Cause for which the results end early.
-pub(crate) enum Stopped {
-    Failed(SequenceError),
-    /// A signal handler raised.
-    Raised(PyErr),
-}
+/// Takes the result of a sequence by its number.
+pub(crate) type Visit<'v, R> =
+    dyn FnMut(usize, Result<R, SequenceError>) -> ControlFlow<SequenceError> + 'v;
 
-/// Number of sequences between two looks for signals.
-const OFTEN: usize = 64;
-
-/// Returns a visitor that keeps what is made of each result, until there is an error.
+/// Returns a visitor that keeps a part of each result, until there is an error.
 pub(crate) fn collect<R, T>(
     results: &mut Vec<T>,
     mut make: impl FnMut(R) -> T,
-) -> impl FnMut(usize, Result<R, SequenceError>) -> ControlFlow<Stopped> {
-    move |index, result| {
-        if index % OFTEN == OFTEN - 1
-            && let Err(raised) = signals()
-        {
-            return ControlFlow::Break(Stopped::Raised(raised));
+) -> impl FnMut(usize, Result<R, SequenceError>) -> ControlFlow<SequenceError> {
+    move |_, result| match result {
+        Ok(result) => {
+            results.push(make(result));
+            ControlFlow::Continue(())
         }
-        match result {
-            Ok(result) => {
-                results.push(make(result));
-                ControlFlow::Continue(())
-            }
-            Err(error) => ControlFlow::Break(Stopped::Failed(error)),
-        }
+        Err(error) => ControlFlow::Break(error),
     }
 }
 
-fn signals() -> PyResult<()> {
-    Python::attach(|py| {
-        py.check_signals()?;
-        Ok(())
-    })
-}
-
-/// Raises what the results ended with.
-pub(crate) fn check(py: Python<'_>, stopped: ControlFlow<Stopped>) -> PyResult<()> {
-    match stopped {
+/// Raises the error that the results ended with.
+pub(crate) fn check(py: Python<'_>, ended: ControlFlow<SequenceError>) -> PyResult<()> {
+    match ended {
         ControlFlow::Continue(()) => Ok(()),
-        ControlFlow::Break(Stopped::Raised(raised)) => Err(raised),
-        ControlFlow::Break(Stopped::Failed(error)) => Err(of_sequence(py, &error)),
+        ControlFlow::Break(error) => Err(of_sequence(py, &error)),
     }
+}
+
+/// Parts that a thread takes, on average: some take longer than others.
+const PARTS: usize = 8;
+/// Time between two looks for signals, and calls of the user's function for the progress.
+const PAUSE: Duration = Duration::from_millis(100);
+
+/// Threads and progress, as the user asks for them.
+pub(crate) struct Way<'a, 'py> {
+    pub(crate) jobs: usize,
+    /// Called with the number of sequences that are done, and of all.
+    pub(crate) progress: Option<&'a Bound<'py, PyAny>>,
+}
+
+/// Returns a part of the result of each sequence, in order, or raises the first error.
+pub(crate) fn results<S: Send, R, T: Send>(
+    py: Python<'_>,
+    way: &Way<'_, '_>,
+    sequences: Vec<S>,
+    run: impl Fn(Vec<Watched<'_, S>>, &mut Visit<'_, R>) -> ControlFlow<SequenceError> + Sync,
+    make: impl Fn(R) -> T + Sync,
+) -> PyResult<Vec<T>> {
+    let (all, done) = (sequences.len(), AtomicUsize::new(0));
+    let part = |sequences: Vec<S>, watch: &Watch| -> Result<Vec<T>, SequenceError> {
+        let mut kept = Vec::with_capacity(sequences.len());
+        let count = |result| {
+            done.fetch_add(1, Ordering::Relaxed);
+            make(result)
+        };
+        let ended = run(watch.over_all(sequences), &mut collect(&mut kept, count));
+        ended.break_value().map_or(Ok(kept), Err)
+    };
+    if way.jobs <= 1 && way.progress.is_none() {
+        let found = computed(py, |watch| part(sequences, watch))?;
+        return found.map_err(|error| of_sequence(py, &error));
+    }
+    let report = || {
+        way.progress
+            .map_or(Ok(()), |call| call.call1((done.load(Ordering::Relaxed), all)).map(|_| ()))
+    };
+    let parts = on_threads(py, way.jobs.max(1), sequences, &part, report)?;
+    let mut kept = Vec::with_capacity(all);
+    for found in parts {
+        match found {
+            Ok(found) => kept.extend(found),
+            Err(error) => {
+                let sequence = kept.len() + error.sequence;
+                return Err(of_sequence(py, &SequenceError { sequence, ..error }));
+            }
+        }
+    }
+    Ok(kept)
+}
+
+/// Works on contiguous parts of the sequences, and returns what was made of each, in order. This
+/// thread meanwhile looks for signals, and reports.
+fn on_threads<S: Send, T: Send>(
+    py: Python<'_>,
+    jobs: usize,
+    sequences: Vec<S>,
+    work: &(impl Fn(Vec<S>, &Watch) -> T + Sync),
+    report: impl Fn() -> PyResult<()>,
+) -> PyResult<Vec<T>> {
+    let size = sequences.len().div_ceil(jobs * PARTS).max(1);
+    let mut rest = sequences.into_iter();
+    let parts = std::iter::from_fn(|| Some(rest.by_ref().take(size).collect::<Vec<S>>()));
+    let parts: Vec<Vec<S>> = parts.take_while(|part| !part.is_empty()).collect();
+    let mut found: Vec<Option<T>> = parts.iter().map(|_| None).collect();
+    let queue = Mutex::new(parts.into_iter().enumerate());
+    let watch = Watch::new();
+    std::thread::scope(|scope| {
+        let (sender, mut receiver) = mpsc::channel();
+        for _ in 0..jobs.min(found.len()) {
+            let (sender, queue, watch) = (sender.clone(), &queue, &watch);
+            scope.spawn(move || {
+                let next = || queue.lock().ok()?.next();
+                while let Some((number, part)) = next() {
+                    let made = caught(|| work(part, watch));
+                    if sender.send((number, made)).is_err() {
+                        return;
+                    }
+                }
+            });
+        }
+        drop(sender);
+        let mut missing = found.len();
+        while missing > 0 {
+            let waiting = &mut receiver;
+            match py.detach(move || waiting.recv_timeout(PAUSE)) {
+                Ok((number, Ok(made))) => {
+                    found[number] = Some(made);
+                    missing -= 1;
+                    continue;
+                }
+                Ok((_, Err(payload))) => {
+                    watch.stop();
+                    return Err(defect(payload));
+                }
+                Err(mpsc::RecvTimeoutError::Timeout) => {}
+                Err(mpsc::RecvTimeoutError::Disconnected) => break,
+            }
+            if let Err(raised) = py.check_signals().and_then(|()| report()) {
+                watch.stop();
+                return Err(raised);
+            }
+        }
+        report()
+    })?;
+    Ok(found.into_iter().flatten().collect())
 }

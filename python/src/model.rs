@@ -1,18 +1,19 @@
 //! Models, as Python sees them.
 
 use numpy::{PyArray1, ToPyArray};
+use pyo3::exceptions::PyMemoryError;
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyTuple};
-use wayfix::inference::{SmoothedSequence, ViterbiPath};
-use wayfix::{Belief, InferenceError, LikelihoodVector, Prior};
+use pyo3::types::PyDict;
+use wayfix::{Belief, LikelihoodVector, Prior};
 
 use crate::array::{self, contiguous};
 use crate::error::{inference, invalid};
 use crate::filter::PyFilter;
-use crate::kinds::{Model, Observed, with_sequence, with_sequences};
-use crate::many::{check, collect};
+use crate::kinds::{Model, with_sequence, with_sequences};
+use crate::many::{Way, results};
 use crate::parts::{Operator, dense_moves, join, operator, rows, sparse_moves, table_of};
 use crate::results::{PyPath, PySmoothed};
+use crate::watch::computed;
 
 /// Hidden Markov model: where it starts, how it moves, and how likely each observation is.
 ///
@@ -53,13 +54,24 @@ pub(crate) struct PyHmm {
 }
 
 impl PyHmm {
-    fn all_observed<'py>(&self, all: &[Bound<'py, PyAny>]) -> PyResult<Vec<Observed<'py>>> {
-        all.iter().map(|ys| self.model.observed(ys)).collect()
-    }
-
     pub(crate) fn model(&self) -> &Model {
         &self.model
     }
+}
+
+/// Raises MemoryError if so many paths are more than there is memory, which would end the process.
+fn paths_fit(states: usize, steps: usize, count: usize) -> PyResult<()> {
+    let (mut bytes, mut paths) = (0_usize, 1);
+    for _ in 0..steps {
+        // Paths to each state, of 16 bytes; there are no more than those to all states before.
+        bytes = bytes.saturating_add(states.saturating_mul(paths).saturating_mul(16));
+        paths = states.saturating_mul(paths).min(count);
+    }
+    bytes = bytes.saturating_add(paths.saturating_mul(steps).saturating_mul(8));
+    let reserved = Vec::<u8>::new().try_reserve_exact(bytes);
+    reserved.map_err(|_| {
+        PyMemoryError::new_err(format!("{count} paths of {steps} steps need up to {bytes} bytes"))
+    })
 }
 
 #[pymethods]
@@ -95,10 +107,7 @@ impl PyHmm {
     }
 
     /// What a pickle keeps: the arguments.
-    fn __getnewargs_ex__<'py>(
-        &self,
-        py: Python<'py>,
-    ) -> PyResult<(Bound<'py, PyTuple>, Bound<'py, PyDict>)> {
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
         let (prior, moves, table) = match &self.model {
             Model::DenseVector(hmm) => (hmm.prior(), dense_moves(py, hmm.transition())?, None),
             Model::DenseTable(hmm) => {
@@ -111,12 +120,14 @@ impl PyHmm {
                 Some(rows(py, hmm.likelihood())?),
             ),
         };
-        let arguments = (prior.belief().as_slice().to_pyarray(py), moves).into_pyobject(py)?;
+        let arguments = (prior.belief().as_slice().to_pyarray(py), moves);
         let named = PyDict::new(py);
         named.set_item("table", table)?;
         named.set_item("logarithms", self.logarithms)?;
         named.set_item("start_before_move", matches!(prior, Prior::BeforeFirstTransition(_)))?;
-        Ok((arguments, named))
+        let with_names = py.import("copyreg")?.getattr("__newobj_ex__")?;
+        let all = (py.get_type::<Self>(), arguments, named).into_pyobject(py)?;
+        Ok((with_names, all.into_any()))
     }
 
     /// Returns a filter with the state that `Filter.to_bytes` returned.
@@ -135,48 +146,41 @@ impl PyHmm {
     /// Returns the log-likelihood of a sequence.
     fn score(&self, py: Python<'_>, observations: &Bound<'_, PyAny>) -> PyResult<f64> {
         let observed = &self.model.observed(observations)?;
-        let found: Result<f64, InferenceError> =
-            with_sequence!(&self.model, observed, |hmm, ys| py.detach(|| hmm.log_likelihood(ys)));
+        let found = with_sequence!(&self.model, observed, |hmm, ys| {
+            computed(py, |watch| hmm.log_likelihood(&watch.over(ys)))?
+        });
         found.map_err(|error| inference(py, 0, &error))
     }
 
     /// Returns the probabilities of all states at each step given all observations.
     fn smooth(&self, py: Python<'_>, observations: &Bound<'_, PyAny>) -> PyResult<PySmoothed> {
         let observed = &self.model.observed(observations)?;
-        let found = with_sequence!(&self.model, observed, |hmm, ys| py.detach(|| {
-            let smoothed = hmm.smooth(ys)?;
-            Ok((smoothed.posteriors().as_slice().to_vec(), smoothed.log_likelihood()))
-        }));
-        let (rows, log_likelihood) =
-            found.map_err(|error: InferenceError| inference(py, 0, &error))?;
-        PySmoothed::new(py, rows, self.model.states(), log_likelihood)
+        let found = with_sequence!(&self.model, observed, |hmm, ys| {
+            computed(py, |watch| hmm.smooth(&watch.over(ys)))?
+        });
+        PySmoothed::smoothed(py, found.map_err(|error| inference(py, 0, &error))?)
     }
 
     /// Returns the probabilities of all states at each step given the observations so far.
     fn forward(&self, py: Python<'_>, observations: &Bound<'_, PyAny>) -> PyResult<PySmoothed> {
         let observed = &self.model.observed(observations)?;
-        let found = with_sequence!(&self.model, observed, |hmm, ys| py.detach(|| {
-            let filtered = hmm.forward(ys)?;
-            Ok((filtered.posteriors().as_slice().to_vec(), filtered.log_likelihood()))
-        }));
-        let (rows, log_likelihood) =
-            found.map_err(|error: InferenceError| inference(py, 0, &error))?;
-        PySmoothed::new(py, rows, self.model.states(), log_likelihood)
+        let found = with_sequence!(&self.model, observed, |hmm, ys| {
+            computed(py, |watch| hmm.forward(&watch.over(ys)))?
+        });
+        PySmoothed::filtered(py, found.map_err(|error| inference(py, 0, &error))?)
     }
 
     /// Returns the most probable path; ties go to the lowest state.
     fn viterbi(&self, py: Python<'_>, observations: &Bound<'_, PyAny>) -> PyResult<PyPath> {
         let observed = &self.model.observed(observations)?;
-        let found: Result<_, InferenceError> = with_sequence!(&self.model, observed, |hmm, ys| {
-            py.detach(|| {
-                hmm.viterbi(ys).map(|path| (path.states().to_vec(), path.log_probability()))
-            })
+        let found = with_sequence!(&self.model, observed, |hmm, ys| {
+            computed(py, |watch| hmm.viterbi(&watch.over(ys)))?
         });
-        let (states, log_probability) = found.map_err(|error| inference(py, 0, &error))?;
-        Ok(PyPath::new(py, &states, log_probability))
+        Ok(PyPath::of(py, found.map_err(|error| inference(py, 0, &error))?))
     }
 
-    /// Returns the `count` most probable paths, best first.
+    /// Returns the `count` most probable paths, best first. Raises MemoryError for more paths than
+    /// there is memory.
     fn k_best(
         &self,
         py: Python<'_>,
@@ -184,69 +188,79 @@ impl PyHmm {
         count: usize,
     ) -> PyResult<Vec<PyPath>> {
         let observed = &self.model.observed(observations)?;
-        let found: Result<Vec<(Vec<usize>, f64)>, InferenceError> =
-            with_sequence!(&self.model, observed, |hmm, ys| {
-                py.detach(|| {
-                    let paths = hmm.k_best(ys, count)?;
-                    Ok(paths
-                        .iter()
-                        .map(|path| (path.states().to_vec(), path.log_probability()))
-                        .collect())
-                })
-            });
+        paths_fit(self.model.states(), observed.steps(), count)?;
+        let found = with_sequence!(&self.model, observed, |hmm, ys| {
+            computed(py, |watch| hmm.k_best(&watch.over(ys), count))?
+        });
         let paths = found.map_err(|error| inference(py, 0, &error))?;
-        Ok(paths.iter().map(|(states, log)| PyPath::new(py, states, *log)).collect())
+        Ok(paths.into_iter().map(|path| PyPath::of(py, path)).collect())
     }
 
     /// Returns the log-likelihoods of many sequences, of any lengths; some five times as fast as
     /// one by one if they are short.
+    ///
+    /// Parameters
+    /// ----------
+    /// sequences : list of observations, or observations with `lengths`
+    ///     A list has a sequence in each place. With lengths, sequences follow one another in one
+    ///     array.
+    /// lengths : array of int, optional
+    ///     Number of observations of each sequence.
+    /// n_jobs : int
+    ///     Number of threads.
+    /// progress : callable, optional
+    ///     Called with the number of sequences that are done, and of all, ten times a second and at
+    ///     the end.
+    #[pyo3(signature = (sequences, lengths=None, *, n_jobs=1, progress=None))]
     fn score_all<'py>(
         &self,
         py: Python<'py>,
-        sequences: Vec<Bound<'py, PyAny>>,
+        sequences: &Bound<'py, PyAny>,
+        lengths: Option<&Bound<'py, PyAny>>,
+        n_jobs: usize,
+        progress: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        let all = &self.all_observed(&sequences)?;
-        let mut scores = Vec::with_capacity(all.len());
-        let stopped = with_sequences!(&self.model, all, |hmm, ys| {
-            py.detach(|| hmm.log_likelihood_map_all(ys, collect(&mut scores, |score| score)))
+        let (all, way) = (self.model.many(sequences, lengths)?, Way { jobs: n_jobs, progress });
+        let scores = with_sequences!(&self.model, &all, |hmm, ys| {
+            results(py, &way, ys, |ys, visit| hmm.log_likelihood_map_all(ys, visit), |score| score)?
         });
-        check(py, stopped)?;
-        Ok(scores.to_pyarray(py))
+        Ok(PyArray1::from_vec(py, scores))
     }
 
     /// Returns the probabilities of all states at each step of many sequences, of any lengths.
+    /// Arguments are those of `score_all`.
+    #[pyo3(signature = (sequences, lengths=None, *, n_jobs=1, progress=None))]
     fn smooth_all<'py>(
         &self,
         py: Python<'py>,
-        sequences: Vec<Bound<'py, PyAny>>,
+        sequences: &Bound<'py, PyAny>,
+        lengths: Option<&Bound<'py, PyAny>>,
+        n_jobs: usize,
+        progress: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Vec<PySmoothed>> {
-        let all = &self.all_observed(&sequences)?;
-        let mut results = Vec::with_capacity(all.len());
-        let stopped = with_sequences!(&self.model, all, |hmm, ys| py.detach(|| {
-            let copy = |smoothed: SmoothedSequence| {
-                (smoothed.posteriors().as_slice().to_vec(), smoothed.log_likelihood())
-            };
-            hmm.smooth_map_all(ys, collect(&mut results, copy))
-        }));
-        check(py, stopped)?;
-        let states = self.model.states();
-        results.into_iter().map(|(rows, log)| PySmoothed::new(py, rows, states, log)).collect()
+        let (all, way) = (self.model.many(sequences, lengths)?, Way { jobs: n_jobs, progress });
+        let smoothed = with_sequences!(&self.model, &all, |hmm, ys| {
+            results(py, &way, ys, |ys, visit| hmm.smooth_map_all(ys, visit), |smoothed| smoothed)?
+        });
+        smoothed.into_iter().map(|smoothed| PySmoothed::smoothed(py, smoothed)).collect()
     }
 
-    /// Returns the most probable paths of many sequences, of any lengths.
+    /// Returns the most probable paths of many sequences, of any lengths. Arguments are those of
+    /// `score_all`.
+    #[pyo3(signature = (sequences, lengths=None, *, n_jobs=1, progress=None))]
     fn viterbi_all<'py>(
         &self,
         py: Python<'py>,
-        sequences: Vec<Bound<'py, PyAny>>,
+        sequences: &Bound<'py, PyAny>,
+        lengths: Option<&Bound<'py, PyAny>>,
+        n_jobs: usize,
+        progress: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Vec<PyPath>> {
-        let all = &self.all_observed(&sequences)?;
-        let mut paths = Vec::with_capacity(all.len());
-        let stopped = with_sequences!(&self.model, all, |hmm, ys| py.detach(|| {
-            let copy = |path: ViterbiPath| (path.states().to_vec(), path.log_probability());
-            hmm.viterbi_map_all(ys, collect(&mut paths, copy))
-        }));
-        check(py, stopped)?;
-        Ok(paths.iter().map(|(states, log)| PyPath::new(py, states, *log)).collect())
+        let (all, way) = (self.model.many(sequences, lengths)?, Way { jobs: n_jobs, progress });
+        let paths = with_sequences!(&self.model, &all, |hmm, ys| {
+            results(py, &way, ys, |ys, visit| hmm.viterbi_map_all(ys, visit), |path| path)?
+        });
+        Ok(paths.into_iter().map(|path| PyPath::of(py, path)).collect())
     }
 
     /// Returns a live filter at the start.

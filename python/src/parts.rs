@@ -42,7 +42,8 @@ pub(crate) fn operator(moves: &Bound<'_, PyAny>, n: usize) -> PyResult<Operator>
         if shape != (n, n) {
             return Err(invalid(format!("moves have shape {shape:?}, expected ({n}, {n})")));
         }
-        let entries = moves.call_method0("tocoo")?;
+        let entries = moves.call_method1("tocoo", (true,))?;
+        entries.call_method0("sum_duplicates")?;
         let part = |name: &str| entries.getattr(name);
         return sparse(&part("row")?, &part("col")?, &part("data")?, n);
     }

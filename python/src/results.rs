@@ -1,7 +1,11 @@
 //! Results, as Python sees them.
 
-use numpy::{PyArray1, PyArray2, PyArrayMethods, ToPyArray};
+use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
+use pyo3::types::PyType;
+use wayfix::inference::{FilteredSequence, SmoothedSequence, ViterbiPath};
+
+use crate::array;
 
 /// Probabilities of all states at each step.
 ///
@@ -21,8 +25,8 @@ pub(crate) struct PySmoothed {
 }
 
 impl PySmoothed {
-    /// Creates the result from rows of all steps from 0 on, of which the first is left out.
-    pub(crate) fn new(
+    /// Creates the result over the numbers of all steps from 0 on, of which the first is left out.
+    fn over(
         py: Python<'_>,
         mut rows: Vec<f64>,
         states: usize,
@@ -33,10 +37,30 @@ impl PySmoothed {
         let probabilities = PyArray1::from_vec(py, rows).reshape([steps, states])?.unbind();
         Ok(Self { probabilities, log_likelihood })
     }
+
+    pub(crate) fn smoothed(py: Python<'_>, result: SmoothedSequence) -> PyResult<Self> {
+        let (states, log_likelihood) = (result.posteriors().states(), result.log_likelihood());
+        Self::over(py, result.into_posteriors().into_vec(), states, log_likelihood)
+    }
+
+    pub(crate) fn filtered(py: Python<'_>, result: FilteredSequence) -> PyResult<Self> {
+        let (states, log_likelihood) = (result.posteriors().states(), result.log_likelihood());
+        Self::over(py, result.into_posteriors().into_vec(), states, log_likelihood)
+    }
 }
 
 #[pymethods]
 impl PySmoothed {
+    #[new]
+    fn new(probabilities: &Bound<'_, PyAny>, log_likelihood: f64) -> PyResult<Self> {
+        let probabilities = (*array::rows(probabilities, "probabilities")?).clone().unbind();
+        Ok(Self { probabilities, log_likelihood })
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> (Bound<'py, PyType>, (Py<PyArray2<f64>>, f64)) {
+        (py.get_type::<Self>(), (self.probabilities.clone_ref(py), self.log_likelihood))
+    }
+
     fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
         let shape: (usize, usize) = self.probabilities.bind(py).getattr("shape")?.extract()?;
         let (steps, states) = shape;
@@ -64,16 +88,31 @@ pub(crate) struct PyPath {
     log_probability: f64,
 }
 
+/// Returns the states of a path in numpy's type of indices, in the same memory.
+pub(crate) fn states_of(path: ViterbiPath) -> Vec<i64> {
+    let signed = |state| i64::try_from(state).expect("a state has an index of 32 bits");
+    path.into_states().into_iter().map(signed).collect()
+}
+
 impl PyPath {
-    pub(crate) fn new(py: Python<'_>, states: &[usize], log_probability: f64) -> Self {
-        let states: Vec<i64> =
-            states.iter().map(|s| i64::try_from(*s).unwrap_or(i64::MAX)).collect();
-        Self { states: states.to_pyarray(py).unbind(), log_probability }
+    pub(crate) fn of(py: Python<'_>, path: ViterbiPath) -> Self {
+        let log_probability = path.log_probability();
+        Self { states: PyArray1::from_vec(py, states_of(path)).unbind(), log_probability }
     }
 }
 
 #[pymethods]
 impl PyPath {
+    #[new]
+    fn new(states: &Bound<'_, PyAny>, log_probability: f64) -> PyResult<Self> {
+        let states = (*array::integers(states, "states")?).clone().unbind();
+        Ok(Self { states, log_probability })
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> (Bound<'py, PyType>, (Py<PyArray1<i64>>, f64)) {
+        (py.get_type::<Self>(), (self.states.clone_ref(py), self.log_probability))
+    }
+
     fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
         let steps = self.states.bind(py).len()?;
         Ok(format!("<Path: {steps} steps, log-probability {}>", self.log_probability))

@@ -1,84 +1,96 @@
 //! Functions of a dense model and the log-likelihoods of all states at each step of several
 //! sequences, one after another: what `wayfix.hmmlearn` is built on.
 
-use std::error::Error;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::AtomicU64;
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, ToPyArray};
 use pyo3::prelude::*;
 use wayfix::emission::Rows;
-use wayfix::error::LikelihoodError;
 use wayfix::inference::{SmoothedSequence, ViterbiPath};
-use wayfix::likelihood::{Diagonal, LearnLikelihood, Scratch};
 use wayfix::{Belief, DenseTransition, Hmm, Likelihood, LikelihoodVector, Prior};
 
 use crate::array::{contiguous, matrix};
 use crate::error::{invalid, of_sequence};
-use crate::few;
+use crate::kinds::split;
 use crate::many::{check, collect};
+use crate::recorder::Recorder;
+use crate::results::states_of;
+use crate::watch::{Watch, Watched, computed};
 
-/// Log-likelihoods of all rows, and where the sequences end.
-pub(crate) struct Input<'a> {
-    pub(crate) values: &'a [f64],
-    pub(crate) states: usize,
-    pub(crate) lengths: &'a [usize],
+/// Parameters of a chain, and log-likelihoods of all rows with the lengths of the sequences.
+struct Input<'a> {
+    states: usize,
+    start: &'a [f64],
+    transitions: &'a [f64],
+    values: &'a [f64],
+    sequences: Vec<Rows<'a>>,
 }
 
 impl<'a> Input<'a> {
-    fn new(values: &'a [f64], states: usize, lengths: &'a [usize]) -> PyResult<Self> {
-        let rows = values.len() / states.max(1);
-        let sum: usize = lengths.iter().sum();
-        if sum != rows || lengths.contains(&0) {
-            return Err(invalid(format!(
-                "lengths of {} sequences sum to {sum}, expected {rows}, each above 0",
-                lengths.len()
-            )));
+    fn new(
+        start: &'a PyReadonlyArray1<'_, f64>,
+        transitions: &'a PyReadonlyArray2<'_, f64>,
+        logs: &'a PyReadonlyArray2<'_, f64>,
+        lengths: &[usize],
+    ) -> PyResult<Self> {
+        let start = contiguous(start.as_slice(), "start probabilities")?;
+        let states = start.len();
+        if states == 0 {
+            return Err(invalid("there is no state, expected at least one"));
         }
-        Ok(Self { values, states, lengths })
-    }
-
-    pub(crate) fn sequences(&self) -> PyResult<Vec<Rows<'a>>> {
-        let mut rest = self.values;
-        let part = |&length: &usize| {
-            let (part, after) = rest.split_at(length * self.states);
-            rest = after;
-            Rows::new(part, self.states).map_err(invalid)
-        };
-        self.lengths.iter().map(part).collect()
-    }
-}
-
-/// Creates a model whose observations are rows of log-likelihoods, from probabilities of the
-/// first states and rows of transitions, each of which is divided by its sum.
-pub(crate) fn model<B: Likelihood>(
-    start: &[f64],
-    transitions: &[f64],
-    sensor: B,
-) -> PyResult<Hmm<DenseTransition, B>> {
-    let n = start.len();
-    let prior = Prior::AtFirstObservation(Belief::from_weights(start.to_vec()).map_err(invalid)?);
-    let rows = normalized(transitions, n);
-    let dense = DenseTransition::from_fn(n, |to, from| rows[from * n + to]).map_err(invalid)?;
-    Hmm::new(prior, dense, sensor).map_err(invalid)
-}
-
-/// Returns rows divided by their sums, which are one up to 1e-5.
-pub(crate) fn normalized(rows: &[f64], n: usize) -> Vec<f64> {
-    let mut rows = rows.to_vec();
-    for row in rows.chunks_exact_mut(n) {
-        let sum: f64 = row.iter().sum();
-        for p in row {
-            *p /= sum;
+        let transitions = matrix(transitions, states, "transitions")?;
+        if transitions.len() != states * states {
+            let rows = transitions.len() / states;
+            return Err(invalid(format!("transitions have {rows} rows, expected {states}")));
         }
+        let values = matrix(logs, states, "log-likelihoods")?;
+        let parts = split(values, lengths, states)?;
+        let rows = |part| Rows::new(part, states).map_err(invalid);
+        let sequences = parts.into_iter().map(rows).collect::<PyResult<_>>()?;
+        Ok(Self { states, start, transitions, values, sequences })
     }
-    rows
+
+    /// Creates a model with this sensor; rows of transitions are divided by their sums, which are
+    /// one up to 1e-5.
+    fn model<B: Likelihood>(&self, sensor: B) -> PyResult<Hmm<DenseTransition, B>> {
+        let n = self.states;
+        let belief = Belief::from_weights(self.start.to_vec()).map_err(invalid)?;
+        let mut rows = self.transitions.to_vec();
+        for row in rows.chunks_exact_mut(n) {
+            let sum: f64 = row.iter().sum();
+            for p in row {
+                *p /= sum;
+            }
+        }
+        let dense = DenseTransition::from_fn(n, |to, from| rows[from * n + to]);
+        let prior = Prior::AtFirstObservation(belief);
+        Hmm::new(prior, dense.map_err(invalid)?, sensor).map_err(invalid)
+    }
+
+    /// Creates a model whose observations are rows of log-likelihoods.
+    fn of_rows(&self) -> PyResult<Hmm<DenseTransition, LikelihoodVector>> {
+        self.model(LikelihoodVector::log(self.states))
+    }
+
+    fn watched<'w>(&self, watch: &'w Watch) -> Vec<Watched<'w, Rows<'a>>> {
+        watch.over_all(self.sequences.clone())
+    }
+
+    /// Makes an array of the values of all rows.
+    fn rows<'py>(&self, py: Python<'py>, values: Vec<f64>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let rows = values.len() / self.states;
+        PyArray1::from_vec(py, values).reshape([rows, self.states])
+    }
 }
 
-/// Returns true if each row sums to one, up to 1e-5.
+/// Returns true if each row is a distribution: no number below 0, and a sum of one up to 1e-5.
 #[pyfunction]
-pub(crate) fn rows_sum_to_one(rows: PyReadonlyArray2<'_, f64>) -> bool {
+pub(crate) fn are_distributions(rows: PyReadonlyArray2<'_, f64>) -> bool {
     let array = rows.as_array();
-    array.rows().into_iter().all(|row| (row.sum() - 1.0).abs() <= 1e-5)
+    let is_one = |row: &[f64]| {
+        row.iter().all(|p| *p >= 0.0) && (row.iter().sum::<f64>() - 1.0).abs() <= 1e-5
+    };
+    array.rows().into_iter().all(|row| row.as_slice().map_or_else(|| is_one(&row.to_vec()), is_one))
 }
 
 /// Returns the log-likelihood of each sequence.
@@ -90,13 +102,14 @@ pub(crate) fn log_likelihoods<'py>(
     logs: PyReadonlyArray2<'py, f64>,
     lengths: Vec<usize>,
 ) -> PyResult<Bound<'py, PyArray1<f64>>> {
-    let (n, start, transitions) = parameters(&start, &transitions)?;
-    let input = Input::new(matrix(&logs, n, "log-likelihoods")?, n, &lengths)?;
-    let hmm = model(start, transitions, LikelihoodVector::log(n))?;
-    let sequences = input.sequences()?;
+    let input = Input::new(&start, &transitions, &logs, &lengths)?;
+    let hmm = input.of_rows()?;
     let mut scores = Vec::with_capacity(lengths.len());
-    check(py, py.detach(|| hmm.log_likelihood_map_all(sequences, collect(&mut scores, |s| s))))?;
-    Ok(scores.to_pyarray(py))
+    let run = |watch: &Watch| {
+        hmm.log_likelihood_map_all(input.watched(watch), collect(&mut scores, |score| score))
+    };
+    check(py, computed(py, run)?)?;
+    Ok(PyArray1::from_vec(py, scores))
 }
 
 /// Returns the log-likelihood of each sequence, and the probabilities of all states at each step.
@@ -109,21 +122,28 @@ pub(crate) fn smooth<'py>(
     logs: PyReadonlyArray2<'py, f64>,
     lengths: Vec<usize>,
 ) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>)> {
-    let (n, start, transitions) = parameters(&start, &transitions)?;
-    let input = Input::new(matrix(&logs, n, "log-likelihoods")?, n, &lengths)?;
-    let hmm = model(start, transitions, LikelihoodVector::log(n))?;
-    let sequences = input.sequences()?;
+    let input = Input::new(&start, &transitions, &logs, &lengths)?;
+    let (hmm, n) = (input.of_rows()?, input.states);
     let mut scores = Vec::with_capacity(lengths.len());
-    let mut posteriors = Vec::with_capacity(input.values.len());
-    let keep = |smoothed: SmoothedSequence| {
-        // Step 0 is before the first observation.
-        posteriors.extend_from_slice(&smoothed.posteriors().as_slice()[n..]);
-        smoothed.log_likelihood()
+    let mut posteriors = Vec::new();
+    let run = |watch: &Watch| {
+        // Step 0 is before the first observation. One result is kept as it is: a copy may be more
+        // than the memory holds.
+        let keep = |smoothed: SmoothedSequence| {
+            let log_likelihood = smoothed.log_likelihood();
+            if lengths.len() == 1 {
+                posteriors = smoothed.into_posteriors().into_vec();
+                posteriors.drain(..n);
+            } else {
+                posteriors.reserve_exact(input.values.len() - posteriors.len());
+                posteriors.extend_from_slice(&smoothed.posteriors().as_slice()[n..]);
+            }
+            log_likelihood
+        };
+        hmm.smooth_map_all(input.watched(watch), collect(&mut scores, keep))
     };
-    check(py, py.detach(|| hmm.smooth_map_all(sequences, collect(&mut scores, keep))))?;
-    let rows = posteriors.len() / n;
-    let posteriors = PyArray1::from_vec(py, posteriors).reshape([rows, n])?;
-    Ok((scores.to_pyarray(py), posteriors))
+    check(py, computed(py, run)?)?;
+    Ok((PyArray1::from_vec(py, scores), input.rows(py, posteriors)?))
 }
 
 /// Returns the log-probability of each best path, and the states of all steps.
@@ -136,18 +156,20 @@ pub(crate) fn viterbi<'py>(
     logs: PyReadonlyArray2<'py, f64>,
     lengths: Vec<usize>,
 ) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<i64>>)> {
-    let (n, start, transitions) = parameters(&start, &transitions)?;
-    let input = Input::new(matrix(&logs, n, "log-likelihoods")?, n, &lengths)?;
-    let hmm = model(start, transitions, LikelihoodVector::log(n))?;
-    let sequences = input.sequences()?;
+    let input = Input::new(&start, &transitions, &logs, &lengths)?;
+    let hmm = input.of_rows()?;
     let mut scores = Vec::with_capacity(lengths.len());
-    let mut states = Vec::with_capacity(input.values.len() / n);
-    let keep = |path: ViterbiPath| {
-        states.extend(path.states().iter().map(|state| i64::try_from(*state).unwrap_or(i64::MAX)));
-        path.log_probability()
+    let mut states = Vec::with_capacity(input.values.len() / input.states);
+    let run = |watch: &Watch| {
+        let keep = |path: ViterbiPath| {
+            let score = path.log_probability();
+            states.extend(states_of(path));
+            score
+        };
+        hmm.viterbi_map_all(input.watched(watch), collect(&mut scores, keep))
     };
-    check(py, py.detach(|| hmm.viterbi_map_all(sequences, collect(&mut scores, keep))))?;
-    Ok((scores.to_pyarray(py), states.to_pyarray(py)))
+    check(py, computed(py, run)?)?;
+    Ok((PyArray1::from_vec(py, scores), PyArray1::from_vec(py, states)))
 }
 
 /// Returns what a re-estimation needs: the log-likelihood of all sequences, the probabilities of
@@ -162,20 +184,12 @@ pub(crate) fn expectations<'py>(
     lengths: Vec<usize>,
 ) -> PyResult<(f64, Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>)>
 {
-    let (n, start, transitions) = parameters(&start, &transitions)?;
-    let values = matrix(&logs, n, "log-likelihoods")?;
-    let input = Input::new(values, n, &lengths)?;
-    if let Some(found) = few::expectations(py, start, transitions, &input)? {
-        let few::Expected { log_likelihood, posteriors, first, moves } = found;
-        let posteriors = PyArray1::from_vec(py, posteriors).reshape([values.len() / n, n])?;
-        let moves = PyArray1::from_vec(py, moves).reshape([n, n])?;
-        return Ok((log_likelihood, posteriors, first.to_pyarray(py), moves));
-    }
-    let posteriors: Vec<AtomicU64> = values.iter().map(|_| AtomicU64::new(0)).collect();
-    let recorder = Recorder { states: n, values, posteriors: &posteriors };
-    let hmm = model(start, transitions, recorder)?;
-    let sequences = input.sequences()?;
-    let (expected, failed) = py.detach(|| hmm.expectations(&sequences));
+    let input = Input::new(&start, &transitions, &logs, &lengths)?;
+    let n = input.states;
+    let bits: Vec<AtomicU64> = input.values.iter().map(|_| AtomicU64::new(0)).collect();
+    let hmm = input.model(Recorder::new(n, input.values, &bits))?;
+    let run = |watch: &Watch| hmm.expectations(&input.watched(watch));
+    let (expected, failed) = computed(py, run)?;
     if let Some(error) = failed.first() {
         return Err(of_sequence(py, error));
     }
@@ -183,79 +197,8 @@ pub(crate) fn expectations<'py>(
     expected.moves().moves().for_each(|m| moves[m.from * n + m.to] += m.weight);
     let log_likelihood = expected.log_likelihood();
     let first = expected.first().to_pyarray(py);
-    let posteriors: Vec<f64> =
-        posteriors.into_iter().map(|bits| f64::from_bits(bits.into_inner())).collect();
-    let posteriors = PyArray1::from_vec(py, posteriors).reshape([values.len() / n, n])?;
+    let posteriors = bits.into_iter().map(|bits| f64::from_bits(bits.into_inner())).collect();
+    let posteriors = input.rows(py, posteriors)?;
     let moves = PyArray1::from_vec(py, moves).reshape([n, n])?;
     Ok((log_likelihood, posteriors, first, moves))
-}
-
-/// A sensor whose observations are rows of log-likelihoods, and whose statistics are the
-/// probabilities of the states at each of them.
-#[derive(Debug)]
-struct Recorder<'a> {
-    states: usize,
-    values: &'a [f64],
-    /// Bits of the probabilities, in the places of `values`: each is written once, by whatever
-    /// thread has it.
-    posteriors: &'a [AtomicU64],
-}
-
-impl Likelihood for Recorder<'_> {
-    type Observation = [f64];
-
-    fn states(&self) -> usize {
-        self.states
-    }
-
-    fn diagonal<'a>(
-        &'a self,
-        observation: &'a [f64],
-        _: &'a mut Scratch,
-    ) -> Result<Diagonal<'a>, LikelihoodError> {
-        Ok(Diagonal::log(observation))
-    }
-
-    fn is_precomputed(&self) -> bool {
-        true
-    }
-}
-
-impl LearnLikelihood for Recorder<'_> {
-    type Statistics = ();
-
-    fn statistics(&self) {}
-
-    fn add(&self, (): &mut (), observation: &[f64], posterior: &[f64]) {
-        // Observations are slices of the values.
-        let bytes = observation.as_ptr().addr() - self.values.as_ptr().addr();
-        let place = bytes / size_of::<f64>();
-        let out = &self.posteriors[place..place + self.states];
-        out.iter().zip(posterior).for_each(|(out, p)| out.store(p.to_bits(), Ordering::Relaxed));
-    }
-
-    fn merge(&self, (): &mut (), (): &()) {}
-
-    fn maximize(&self, (): &(), _: f64) -> Result<Self, Box<dyn Error + Send + Sync>> {
-        Err("the caller re-estimates".into())
-    }
-
-    fn free_parameters(&self) -> usize {
-        0
-    }
-}
-
-/// Returns the number of states, and the checked parameters of a model.
-fn parameters<'a>(
-    start: &'a PyReadonlyArray1<'_, f64>,
-    transitions: &'a PyReadonlyArray2<'_, f64>,
-) -> PyResult<(usize, &'a [f64], &'a [f64])> {
-    let start = contiguous(start.as_slice(), "start probabilities")?;
-    let n = start.len();
-    let transitions = matrix(transitions, n, "transitions")?;
-    if transitions.len() != n * n {
-        let rows = transitions.len() / n.max(1);
-        return Err(invalid(format!("transitions have {rows} rows, expected {n}")));
-    }
-    Ok((n, start, transitions))
 }

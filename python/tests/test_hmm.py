@@ -96,6 +96,41 @@ def test_many_are_as_one():
     assert hmm.score_all([]).shape == (0,)
 
 
+@pytest.mark.parametrize("n_jobs", [1, 3])
+@pytest.mark.parametrize("table", [False, True])
+def test_lengths_threads_and_progress(table, n_jobs):
+    rng = np.random.default_rng(5)
+    start, moves, symbols = random_model(rng, zeros=0)
+    hmm = wayfix.Hmm(start, moves, table=symbols if table else None)
+    lengths = rng.integers(0, 30, 100)
+    ys = rng.integers(0, symbols.shape[1], lengths.sum()) if table else rng.random((lengths.sum(), len(start)))
+    parts = np.split(ys, np.cumsum(lengths)[:-1])
+    calls = []
+    found = hmm.score_all(ys, lengths, n_jobs=n_jobs, progress=lambda *call: calls.append(call))
+    assert calls[-1] == (100, 100) and all(0 <= done <= total == 100 for done, total in calls)
+    np.testing.assert_allclose(found, [hmm.score(part) for part in parts], rtol=1e-12)
+    for part, smoothed, path in zip(parts, hmm.smooth_all(parts, n_jobs=n_jobs),
+                                    hmm.viterbi_all(ys, lengths, n_jobs=n_jobs), strict=True):
+        np.testing.assert_allclose(smoothed.probabilities, hmm.smooth(part).probabilities, atol=1e-12)
+        assert (path.states == hmm.viterbi(part).states).all()
+    for bad in [lengths[1:], [-1], lengths + 0.5, [2**62] * 4]:
+        with pytest.raises(wayfix.Error):
+            hmm.score_all(ys, bad, n_jobs=n_jobs)
+    with pytest.raises(KeyError):
+        hmm.score_all(ys, lengths, n_jobs=n_jobs, progress=lambda *_: {}["missing"])
+    assert hmm.score_all([], n_jobs=n_jobs).shape == (0,)
+
+
+@pytest.mark.parametrize("n_jobs", [1, 4])
+def test_the_first_error_is_raised(n_jobs):
+    hmm = wayfix.Hmm([1, 0], [[1, 0], [0, 1]], table=[[1, 0], [0, 1]])
+    many = [[0, 0]] * 300 + [[0, 0, 1]] + [[0]] * 50 + [[1]]
+    for verb in [hmm.score_all, hmm.smooth_all, hmm.viterbi_all]:
+        with pytest.raises(wayfix.ImpossibleError) as raised:
+            verb(many, n_jobs=n_jobs)
+        assert (raised.value.sequence, raised.value.step) == (300, 3)
+
+
 def test_paths_in_order():
     rng = np.random.default_rng(2)
     start, moves, table = random_model(rng, zeros=0)

@@ -1,6 +1,6 @@
 """Types of the compiled part."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, final
 
 import numpy as np
@@ -8,14 +8,15 @@ from numpy.typing import ArrayLike, NDArray
 
 __version__: str
 
-class Error(ValueError): ...
+class Error(ValueError):
+    step: int | None
+    sequence: int | None
 
-class ImpossibleError(Error):
-    step: int
-    sequence: int
+class ImpossibleError(Error): ...
 
 @final
 class Smoothed:
+    def __new__(cls, probabilities: ArrayLike, log_likelihood: float) -> Smoothed: ...
     @property
     def probabilities(self) -> NDArray[np.float64]: ...
     @property
@@ -23,6 +24,7 @@ class Smoothed:
 
 @final
 class Path:
+    def __new__(cls, states: ArrayLike, log_probability: float) -> Path: ...
     @property
     def states(self) -> NDArray[np.int64]: ...
     @property
@@ -65,20 +67,43 @@ class Hmm:
     def forward(self, observations: ArrayLike) -> Smoothed: ...
     def viterbi(self, observations: ArrayLike) -> Path: ...
     def k_best(self, observations: ArrayLike, count: int) -> list[Path]: ...
-    def score_all(self, sequences: Sequence[ArrayLike]) -> NDArray[np.float64]: ...
-    def smooth_all(self, sequences: Sequence[ArrayLike]) -> list[Smoothed]: ...
-    def viterbi_all(self, sequences: Sequence[ArrayLike]) -> list[Path]: ...
+    def score_all(
+        self,
+        sequences: Iterable[ArrayLike] | ArrayLike,
+        lengths: ArrayLike | None = None,
+        *,
+        n_jobs: int = 1,
+        progress: Callable[[int, int], object] | None = None,
+    ) -> NDArray[np.float64]: ...
+    def smooth_all(
+        self,
+        sequences: Iterable[ArrayLike] | ArrayLike,
+        lengths: ArrayLike | None = None,
+        *,
+        n_jobs: int = 1,
+        progress: Callable[[int, int], object] | None = None,
+    ) -> list[Smoothed]: ...
+    def viterbi_all(
+        self,
+        sequences: Iterable[ArrayLike] | ArrayLike,
+        lengths: ArrayLike | None = None,
+        *,
+        n_jobs: int = 1,
+        progress: Callable[[int, int], object] | None = None,
+    ) -> list[Path]: ...
     def filter(self) -> Filter: ...
     def filter_from_bytes(self, bytes: bytes) -> Filter: ...
-    def __getnewargs_ex__(self) -> tuple[tuple[Any, ...], dict[str, Any]]: ...
 
+def diagonal_log_densities(
+    rows: NDArray[np.float64], means: NDArray[np.float64], variances: NDArray[np.float64]
+) -> NDArray[np.float64]: ...
 def gaussian_log_densities(
     rows: NDArray[np.float64], means: NDArray[np.float64], covariances: NDArray[np.float64]
 ) -> NDArray[np.float64]: ...
 def poisson_log_densities(
     rows: NDArray[np.float64], rates: NDArray[np.float64]
 ) -> NDArray[np.float64]: ...
-def rows_sum_to_one(rows: NDArray[np.float64]) -> bool: ...
+def are_distributions(rows: NDArray[np.float64]) -> bool: ...
 def log_likelihoods(
     start: NDArray[np.float64],
     transitions: NDArray[np.float64],

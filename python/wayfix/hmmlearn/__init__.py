@@ -4,9 +4,11 @@ Constructors, attributes and methods are those of hmmlearn 0.3.3. The README of 
 where answers differ, and why.
 """
 
+from .. import __version__
 from . import base, hmm
 from .hmm import CategoricalHMM, GaussianHMM, GMMHMM, MultinomialHMM, PoissonHMM
 
 __all__ = [
-    "CategoricalHMM", "GMMHMM", "GaussianHMM", "MultinomialHMM", "PoissonHMM", "base", "hmm",
+    "CategoricalHMM", "GMMHMM", "GaussianHMM", "MultinomialHMM", "PoissonHMM", "__version__", "base",
+    "hmm",
 ]

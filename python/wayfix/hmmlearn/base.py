@@ -11,7 +11,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from .. import _wayfix
 from .monitor import ConvergenceMonitor
-from .utils import normalize
+from .utils import distributions
 
 __all__ = ["DECODER_ALGORITHMS", "BaseHMM", "ConvergenceMonitor"]
 
@@ -56,7 +56,7 @@ class BaseHMM(BaseEstimator):
         Log-likelihoods of the iterations of ``fit``.
     """
 
-    #: True if statistics may be added for all sequences at once.
+    #: True if the class's statistics may be added for all sequences at once.
     _adds_all_at_once = False
 
     def __init__(self, n_components=1, startprob_prior=1.0, transmat_prior=1.0,
@@ -134,6 +134,8 @@ class BaseHMM(BaseEstimator):
         """
         check_is_fitted(self, "startprob_")
         self._check()
+        if n_samples < 1:
+            raise ValueError(f"n_samples is {n_samples}, expected at least 1")
         rng = check_random_state(self.random_state if random_state is None else random_state)
         start, moves = np.cumsum(self.startprob_), np.cumsum(self.transmat_, axis=1)
 
@@ -195,27 +197,30 @@ class BaseHMM(BaseEstimator):
             monitor.report(self._compute_lower_bound(log_prob))
             if monitor.converged:
                 break
-            if (self.transmat_.sum(axis=1) == 0).any():
-                _log.warning("A row of transmat_ is all 0: no move from its state was expected.")
         return self
 
     def _do_estep(self, X, lengths):
         stats = self._initialize_sufficient_statistics()
         logs = self._log_likelihoods(X)
-        log_prob, posteriors, start, moves = self._expectations(logs, lengths)
-        stats["nobs"] += len(lengths)
+        log_prob, posteriors, start, moves = self._by_model(_wayfix.expectations, logs, lengths)
+        stats["nobs"] += np.count_nonzero(lengths)
         if "s" in self.params:
             stats["start"] += start
         if "t" in self.params:
             stats["trans"] += moves
-        ends = [len(X)] if self._adds_all_at_once else np.cumsum(lengths)
         begin = 0
-        for end in ends:
-            rows = slice(begin, end)
+        for length in [len(X)] if self._may_add_all_at_once() else filter(None, lengths):
+            rows = slice(begin, begin + length)
             self._accumulate_sufficient_statistics(
                 stats, X[rows], logs[rows], posteriors[rows], None, None)
-            begin = end
+            begin += length
         return stats, log_prob
+
+    def _may_add_all_at_once(self):
+        # A subclass with statistics of its own gets the sequences one by one.
+        name = "_accumulate_sufficient_statistics"
+        owner = next(kind for kind in type(self).__mro__ if name in vars(kind))
+        return vars(owner).get("_adds_all_at_once", False)
 
     def _initialize_sufficient_statistics(self):
         n = self.n_components
@@ -229,15 +234,13 @@ class BaseHMM(BaseEstimator):
         """
 
     def _do_mstep(self, stats):
-        # A prior below one may leave less than nothing; what is 0 is a structure that stays.
+        # What is 0 is a structure that stays.
         if "s" in self.params:
-            start = np.maximum(self.startprob_prior - 1 + stats["start"], 0)
-            self.startprob_ = np.where(self.startprob_ == 0, 0, start)
-            normalize(self.startprob_)
+            start = np.where(self.startprob_ == 0, 0, self.startprob_prior - 1 + stats["start"])
+            self.startprob_ = distributions(start, self.startprob_)
         if "t" in self.params:
-            moves = np.maximum(self.transmat_prior - 1 + stats["trans"], 0)
-            self.transmat_ = np.where(self.transmat_ == 0, 0, moves)
-            normalize(self.transmat_, axis=1)
+            moves = np.where(self.transmat_ == 0, 0, self.transmat_prior - 1 + stats["trans"])
+            self.transmat_ = distributions(moves, self.transmat_)
 
     def _compute_lower_bound(self, log_prob):
         return log_prob
@@ -272,6 +275,9 @@ class BaseHMM(BaseEstimator):
         self.n_features = found
 
     def _check(self):
+        if self.implementation not in ("log", "scaling"):
+            raise ValueError(f"implementation is {self.implementation!r}, "
+                             "expected 'log' or 'scaling'")
         n = self.n_components
         self.startprob_ = np.asarray(self.startprob_)
         if self.startprob_.shape != (n,):
@@ -284,8 +290,9 @@ class BaseHMM(BaseEstimator):
 
     def _check_sum_1(self, name):
         values = np.ascontiguousarray(getattr(self, name), dtype=np.float64)
-        if not _wayfix.rows_sum_to_one(np.atleast_2d(values)):
-            raise ValueError(f"{name} must sum to 1, found {values.sum(axis=-1)}")
+        if not _wayfix.are_distributions(np.atleast_2d(values)):
+            raise ValueError(f"{name} must sum to 1, with no number below 0; "
+                             f"found sums {values.sum(axis=-1)}, least {values.min()}")
 
     def _get_n_fit_scalars_per_param(self):
         raise NotImplementedError("a family says how many parameters it has")
@@ -325,32 +332,24 @@ class BaseHMM(BaseEstimator):
         moves = np.ascontiguousarray(self.transmat_, dtype=np.float64)
         return function(start, moves, logs, lengths)
 
-    def _expectations(self, logs, lengths):
-        never_left = self.transmat_.sum(axis=1) == 0
-        if not never_left.any():
-            return self._by_model(_wayfix.expectations, logs, lengths)
-        # Such states lead to one more, which is never seen.
-        n = len(self.startprob_)
-        more = np.zeros((n + 1, n + 1))
-        more[:n, :n], more[:n, n], more[n, n] = self.transmat_, never_left, 1
-        logs = np.column_stack([logs, np.full(len(logs), -np.inf)])
-        log_prob, posteriors, start, moves = _wayfix.expectations(
-            np.append(self.startprob_, 0.0), more, logs, lengths)
-        return log_prob, posteriors[:, :n], start[:n], moves[:n, :n]
-
 
 def _rows(X):
     """Returns a checked array of observations; one that is valid already takes no time."""
     if type(X) is np.ndarray and X.ndim == 2 and X.size and X.dtype.kind in "fiu":
         if X.dtype.kind != "f" or math.isfinite(X.sum(dtype=np.float64)):
             return X
+    if np.ma.is_masked(X):
+        raise ValueError("X has masked values, expected numbers")
     return check_array(X)
 
 
 def _lengths(X, lengths):
     if lengths is None:
         return [len(X)]
-    lengths = [int(length) for length in np.ravel(lengths)]
-    if sum(lengths) != len(X):
-        raise ValueError(f"lengths sum to {sum(lengths)}, expected {len(X)}, the rows of X")
-    return [length for length in lengths if length]
+    found = np.ravel(lengths)
+    if found.dtype.kind not in "iuf" or (found < 0).any() or (found % 1 != 0).any():
+        raise ValueError(f"lengths are {found}, expected integers from 0")
+    found = found.astype(int)
+    if found.sum() != len(X):
+        raise ValueError(f"lengths sum to {found.sum()}, expected {len(X)}, the rows of X")
+    return found.tolist()

@@ -8,7 +8,7 @@ from sklearn.utils import check_random_state
 
 from .. import _wayfix
 from .base import BaseHMM
-from .utils import normalize
+from .utils import distributions, normalize
 
 _log = logging.getLogger(__name__)
 
@@ -17,7 +17,45 @@ def _are_counts(X):
     return np.issubdtype(X.dtype, np.integer) and (X.size == 0 or X.min() >= 0)
 
 
-class CategoricalHMM(BaseHMM):
+class _EmissionHMM(BaseHMM):
+    """Hidden Markov model with a table ``emissionprob_``, a row for each state; letter e."""
+
+    emissionprob_prior = 1.0
+
+    def _get_n_fit_scalars_per_param(self):
+        n, m = self.n_components, self.n_features
+        return {"s": n - 1, "t": n * (n - 1), "e": n * (m - 1)}
+
+    def _init(self, X, lengths=None):
+        super()._init(X, lengths)
+        self.random_state = check_random_state(self.random_state)
+        if self._needs_init("e", "emissionprob_"):
+            self.emissionprob_ = self.random_state.rand(self.n_components, self.n_features)
+            normalize(self.emissionprob_, axis=1)
+
+    def _check(self):
+        super()._check()
+        self.emissionprob_ = np.atleast_2d(self.emissionprob_)
+        if getattr(self, "n_features", None) is None:
+            self.n_features = self.emissionprob_.shape[1]
+        expected = (self.n_components, self.n_features)
+        if self.emissionprob_.shape != expected:
+            raise ValueError(f"emissionprob_ has shape {self.emissionprob_.shape}, expected {expected}")
+        self._check_sum_1("emissionprob_")
+
+    def _initialize_sufficient_statistics(self):
+        stats = super()._initialize_sufficient_statistics()
+        stats["obs"] = np.zeros((self.n_components, self.n_features))
+        return stats
+
+    def _do_mstep(self, stats):
+        super()._do_mstep(stats)
+        if "e" in self.params:
+            weights = self.emissionprob_prior - 1 + stats["obs"]
+            self.emissionprob_ = distributions(weights, self.emissionprob_)
+
+
+class CategoricalHMM(_EmissionHMM):
     """Hidden Markov model of symbols 0, 1, …; X has shape (n_samples, 1).
 
     Parameters
@@ -53,27 +91,6 @@ class CategoricalHMM(BaseHMM):
         elif X.max() >= self.n_features:
             raise ValueError(f"symbol {X.max()}, expected at most {self.n_features - 1}")
 
-    def _get_n_fit_scalars_per_param(self):
-        n, m = self.n_components, self.n_features
-        return {"s": n - 1, "t": n * (n - 1), "e": n * (m - 1)}
-
-    def _init(self, X, lengths=None):
-        super()._init(X, lengths)
-        self.random_state = check_random_state(self.random_state)
-        if self._needs_init("e", "emissionprob_"):
-            self.emissionprob_ = self.random_state.rand(self.n_components, self.n_features)
-            normalize(self.emissionprob_, axis=1)
-
-    def _check(self):
-        super()._check()
-        self.emissionprob_ = np.atleast_2d(self.emissionprob_)
-        if self.n_features is None:
-            self.n_features = self.emissionprob_.shape[1]
-        expected = (self.n_components, self.n_features)
-        if self.emissionprob_.shape != expected:
-            raise ValueError(f"emissionprob_ has shape {self.emissionprob_.shape}, expected {expected}")
-        self._check_sum_1("emissionprob_")
-
     def _symbols(self, X):
         if X.shape[1] != 1:
             raise ValueError(f"X has {X.shape[1]} columns, expected 1")
@@ -88,11 +105,6 @@ class CategoricalHMM(BaseHMM):
         with np.errstate(divide="ignore"):
             return np.log(self.emissionprob_.T)[self._symbols(X)]
 
-    def _initialize_sufficient_statistics(self):
-        stats = super()._initialize_sufficient_statistics()
-        stats["obs"] = np.zeros((self.n_components, self.n_features))
-        return stats
-
     def _accumulate_sufficient_statistics(
             self, stats, X, lattice, posteriors, fwdlattice, bwdlattice):
         if "e" in self.params:
@@ -101,18 +113,12 @@ class CategoricalHMM(BaseHMM):
                 stats["obs"][state] += np.bincount(
                     symbols, weights=posteriors[:, state], minlength=self.n_features)
 
-    def _do_mstep(self, stats):
-        super()._do_mstep(stats)
-        if "e" in self.params:
-            self.emissionprob_ = np.maximum(self.emissionprob_prior - 1 + stats["obs"], 0)
-            normalize(self.emissionprob_, axis=1)
-
     def _generate_sample_from_state(self, state, random_state):
         cumulative = np.cumsum(self.emissionprob_[state])
         return [int((cumulative > random_state.rand() * cumulative[-1]).argmax())]
 
 
-class MultinomialHMM(BaseHMM):
+class MultinomialHMM(_EmissionHMM):
     """Hidden Markov model of counts of outcomes in a number of trials.
 
     Parameters
@@ -146,48 +152,25 @@ class MultinomialHMM(BaseHMM):
         elif not (trials == self.n_trials).all():
             raise ValueError("the counts of a row must sum to its number of trials")
 
-    def _get_n_fit_scalars_per_param(self):
-        n, m = self.n_components, self.n_features
-        return {"s": n - 1, "t": n * (n - 1), "e": n * (m - 1)}
-
-    def _init(self, X, lengths=None):
-        super()._init(X, lengths)
-        self.random_state = check_random_state(self.random_state)
-        if "e" in self.init_params:
-            self.emissionprob_ = self.random_state.rand(self.n_components, self.n_features)
-            normalize(self.emissionprob_, axis=1)
-
     def _check(self):
         super()._check()
-        self.emissionprob_ = np.atleast_2d(self.emissionprob_)
-        expected = (self.n_components, getattr(self, "n_features", self.emissionprob_.shape[1]))
-        if self.emissionprob_.shape != expected:
-            raise ValueError(f"emissionprob_ has shape {self.emissionprob_.shape}, expected {expected}")
-        self.n_features = expected[1]
         if self.n_trials is None:
             raise ValueError("n_trials must be set")
 
     def _compute_log_likelihood(self, X):
+        # As doubles, since a narrow integer would overflow.
+        X = np.asarray(X, dtype=np.float64)
+        if (X < 0).any() or (X != np.floor(X)).any():
+            raise ValueError("counts must be integers from 0")
         orders = special.gammaln(X.sum(axis=1) + 1) - special.gammaln(X + 1).sum(axis=1)
         # An outcome of probability 0 that does not occur rules nothing out.
         logs = [special.xlogy(X, row).sum(axis=1) for row in self.emissionprob_]
         return orders[:, None] + np.stack(logs, axis=1)
 
-    def _initialize_sufficient_statistics(self):
-        stats = super()._initialize_sufficient_statistics()
-        stats["obs"] = np.zeros((self.n_components, self.n_features))
-        return stats
-
     def _accumulate_sufficient_statistics(
             self, stats, X, lattice, posteriors, fwdlattice, bwdlattice):
         if "e" in self.params:
             stats["obs"] += posteriors.T @ X
-
-    def _do_mstep(self, stats):
-        super()._do_mstep(stats)
-        if "e" in self.params:
-            self.emissionprob_ = stats["obs"].copy()
-            normalize(self.emissionprob_, axis=1)
 
     def _generate_sample_from_state(self, state, random_state):
         trials = np.unique(self.n_trials)
@@ -232,9 +215,11 @@ class PoissonHMM(BaseHMM):
         self.random_state = check_random_state(self.random_state)
         if self._needs_init("l", "lambdas_"):
             # A gamma distribution with the mean and the variance of the data.
-            mean, variance = X.mean(), X.var()
-            self.lambdas_ = self.random_state.gamma(
-                mean**2 / variance, variance / mean, (self.n_components, self.n_features))
+            mean, variance, shape = X.mean(), X.var(), (self.n_components, self.n_features)
+            if variance > 0:
+                self.lambdas_ = self.random_state.gamma(mean**2 / variance, variance / mean, shape)
+            else:
+                self.lambdas_ = np.full(shape, mean)
 
     def _check(self):
         super()._check()

@@ -20,15 +20,16 @@ def log_densities(X, means, covars, covariance_type):
     ``covars`` has a variance, variances or a matrix for each mean, or one matrix if tied.
     """
     covars = np.asarray(covars, dtype=np.float64)
-    n = len(means)
+    n, d = np.shape(means)
     if covariance_type == "tied":
         covars = np.broadcast_to(covars, (n, *covars.shape[-2:]))
-    if covariance_type in ("spherical", "diag"):
-        covars = np.maximum(covars, _LEAST)
     rows = np.ascontiguousarray(X, dtype=np.float64)
     means = np.ascontiguousarray(means, dtype=np.float64)
-    if covars.ndim < 3:
-        return _wayfix.gaussian_log_densities(rows, means, np.ascontiguousarray(covars.reshape(n, -1)))
+    if covariance_type in ("spherical", "diag"):
+        covars = np.maximum(covars, _LEAST)
+        if covariance_type == "spherical":
+            covars = np.repeat(covars, d).reshape(n, d)
+        return _wayfix.diagonal_log_densities(rows, means, np.ascontiguousarray(covars))
     try:
         return _wayfix.gaussian_log_densities(rows, means, covars.reshape(n, -1))
     except _wayfix.Error:
@@ -94,6 +95,8 @@ class GaussianHMM(BaseHMM):
     @covars_.setter
     def covars_(self, covars):
         covars = np.array(covars, dtype=float)
+        if self.covariance_type == "spherical" and covars.ndim > 2:
+            covars = covars.reshape(len(covars), -1)
         check_covars(covars, self.covariance_type, self.n_components)
         self._covars_ = covars
 
@@ -107,8 +110,8 @@ class GaussianHMM(BaseHMM):
         super()._init(X, lengths)
         n, d = self.n_components, X.shape[1]
         if self._needs_init("m", "means_"):
-            clusters = KMeans(n, random_state=self.random_state, n_init=10).fit(X)
-            self.means_ = clusters.cluster_centers_
+            clusters = KMeans(n, random_state=self.random_state, n_init=10)
+            self.means_ = clusters.fit(np.asarray(X, dtype=float)).cluster_centers_
         if self._needs_init("c", "covars_"):
             of_all = covariance_of_all(X, self.min_covar)
             self.covars_ = {
@@ -124,13 +127,20 @@ class GaussianHMM(BaseHMM):
             raise ValueError(f"covariance_type is {self.covariance_type!r}, "
                              f"expected one of {sorted(COVARIANCE_TYPES)}")
         self.means_ = np.asarray(self.means_)
-        self.n_features = self.means_.shape[1]
+        n, d = self.n_components, self.means_.shape[-1]
+        if self.means_.shape != (n, d):
+            raise ValueError(f"means_ has shape {self.means_.shape}, expected ({n}, columns)")
+        self.n_features = d
+        shapes = {"spherical": [(n,), (n, 1), (n, d)], "diag": [(n, d)], "full": [(n, d, d)],
+                  "tied": [(d, d)]}[self.covariance_type]
+        if self._covars_.shape not in shapes:
+            raise ValueError(f"covars_ has shape {self._covars_.shape}, expected {shapes[0]}")
 
     def _compute_log_likelihood(self, X):
         covars = self._covars_
         if self.covariance_type == "spherical":
             # One a state, or the same for each column.
-            covars = covars.reshape(self.n_components, -1)[:, :1]
+            covars = covars.reshape(self.n_components, -1)[:, 0]
         return log_densities(X, self.means_, covars, self.covariance_type)
 
     def _initialize_sufficient_statistics(self):
@@ -150,7 +160,8 @@ class GaussianHMM(BaseHMM):
         if "c" not in self.params:
             return
         if self.covariance_type in ("spherical", "diag"):
-            stats["obs**2"] += posteriors.T @ X**2
+            # A narrow integer would overflow.
+            stats["obs**2"] += posteriors.T @ np.square(X, dtype=np.float64)
             return
         for state, weights in enumerate(posteriors.T):
             stats["obs*obs.T"][state] += (X * weights[:, None]).T @ X

@@ -46,6 +46,8 @@ class GMMHMM(BaseHMM):
 
     _adds_all_at_once = True
 
+    _adds_all_at_once = True
+
     def __init__(self, n_components=1, n_mix=1, min_covar=1e-3, startprob_prior=1.0,
                  transmat_prior=1.0, weights_prior=1.0, means_prior=0.0, means_weight=0.0,
                  covars_prior=None, covars_weight=None, algorithm="viterbi",
@@ -83,18 +85,19 @@ class GMMHMM(BaseHMM):
         super()._init(X, lengths)
         self._fill_priors()
         n, m = self.n_components, self.n_mix
-        of_all = covariance_of_all(X, self.min_covar)
         if self._needs_init("w", "weights_"):
             self.weights_ = np.full((n, m), 1 / m)
         if self._needs_init("m", "means_"):
-            self.means_ = self._starts(X, of_all)
+            self.means_ = self._starts(X)
         if self._needs_init("c", "covars_"):
+            of_all = covariance_of_all(X, self.min_covar)
             start = {"spherical": of_all.mean(), "diag": np.diag(of_all)}
             start = start.get(self.covariance_type, of_all)
             self.covars_ = np.broadcast_to(start, self._shape()).copy()
 
-    def _starts(self, X, of_all):
+    def _starts(self, X):
         """Centres of clusters within clusters."""
+        X = np.asarray(X, dtype=float)
         clusters = KMeans(self.n_components, random_state=self.random_state, n_init=10)
         labels = clusters.fit_predict(X)
         rng = check_random_state(self.random_state)
@@ -106,6 +109,7 @@ class GMMHMM(BaseHMM):
                 means.append(parts.cluster_centers_)
             else:
                 centre = clusters.cluster_centers_.mean(axis=0)
+                of_all = covariance_of_all(X, self.min_covar)
                 means.append(rng.multivariate_normal(centre, of_all, self.n_mix))
         return np.stack(means)
 

@@ -11,6 +11,15 @@ def normalize(a, axis=None):
     a /= sums
 
 
+def distributions(weights, before):
+    """Returns weights, of which those below 0 are 0, divided by the sum of their row; a row without
+    any stays as it was before."""
+    # A prior below one may leave less than nothing.
+    weights = np.maximum(weights, 0)
+    sums = weights.sum(axis=-1, keepdims=True)
+    return np.where(sums > 0, weights / np.where(sums > 0, sums, 1), before)
+
+
 def fill_covars(covars, covariance_type="full", n_components=1, n_features=1):
     """Returns covariance matrices, one for each state, from any of the four forms."""
     covars = np.asarray(covars)
@@ -20,7 +29,8 @@ def fill_covars(covars, covariance_type="full", n_components=1, n_features=1):
         return np.tile(covars, (n_components, 1, 1))
     if covariance_type == "diag":
         return np.stack([np.diag(variances) for variances in covars])
-    return np.ravel(covars)[:, None, None] * np.eye(n_features)
+    # One a state, or the same for each column.
+    return covars.reshape(len(covars), -1)[:, 0, None, None] * np.eye(n_features)
 
 
 def check_covars(covars, covariance_type, n_components):
@@ -37,6 +47,8 @@ def check_covars(covars, covariance_type, n_components):
     if covariance_type in ("spherical", "diag"):
         if not (covars > 0).all():
             raise ValueError("variances must be above 0")
+        if covariance_type == "spherical" and (covars.T != covars.reshape(len(covars), -1)[:, 0]).any():
+            raise ValueError("spherical variances must be the same for each column")
         return
     for matrix in [covars] if covariance_type == "tied" else covars:
         if matrix.shape[0] != matrix.shape[1]:

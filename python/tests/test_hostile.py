@@ -1,0 +1,154 @@
+"""What arrays may not be, memory that ends, and signals."""
+
+import copy
+import pickle
+import signal
+import time
+
+import numpy as np
+import pytest
+import scipy.sparse
+import wayfix
+
+MOVES = [[0.9, 0.1], [0.2, 0.8]]
+
+
+def vectors():
+    return wayfix.Hmm([0.5, 0.5], MOVES)
+
+
+def table():
+    return wayfix.Hmm([0.5, 0.5], MOVES, table=[[0.8, 0.2], [0.1, 0.9]])
+
+
+def test_masked_values_anywhere():
+    row = np.ma.masked_array([0.5, 0.5], mask=[0, 1])
+    with pytest.raises(wayfix.Error, match="masked"):
+        vectors().filter().step(row)
+    for ys in [[[0.5, 0.5], row], [row]]:
+        with pytest.raises(wayfix.Error, match="masked"):
+            vectors().score(ys)
+    with pytest.raises(wayfix.Error, match="masked"):
+        table().score([0, np.ma.masked])
+    shown = np.ma.masked_array([0.5, 0.5], mask=[0, 0])
+    assert np.isfinite(vectors().filter().step(shown))
+
+
+@pytest.mark.parametrize("symbol", [-1, 2**70, 0.5, "a", None, 2, [0]])
+def test_a_symbol_that_does_not_exist(symbol):
+    live = table().filter()
+    with pytest.raises(wayfix.Error):
+        live.step(symbol)
+    assert live.steps == 0
+
+
+def test_arrays_out_of_line_are_converted():
+    rows = np.random.default_rng(0).random((20, 2))
+    bytes_ = np.zeros(rows.nbytes + 1, dtype=np.uint8)
+    unaligned = bytes_[1:].view(np.float64).reshape(20, 2)
+    unaligned[:] = rows
+    swapped = rows.astype(rows.dtype.newbyteorder())
+    expected = vectors().smooth(rows).probabilities
+    for ys in [unaligned, swapped]:
+        assert (vectors().smooth(ys).probabilities == expected).all()
+        assert vectors().filter().step(ys[0]) == vectors().filter().step(rows[0])
+
+
+def test_entries_that_come_twice_add_up():
+    rows, columns, values = [0, 0, 0, 1, 1], [0, 0, 1, 0, 1], [0.4, 0.5, 0.1, 0.2, 0.8]
+    moves = scipy.sparse.coo_array((values, (rows, columns)), shape=(2, 2))
+    ys = np.random.default_rng(1).random((20, 2))
+    assert wayfix.Hmm([0.5, 0.5], moves).score(ys) == pytest.approx(vectors().score(ys), rel=1e-14)
+    assert moves.nnz == 5
+
+
+@pytest.mark.parametrize("protocol", range(pickle.HIGHEST_PROTOCOL + 1))
+def test_every_protocol(protocol):
+    hmm = table()
+    ys = [0, 1, 1]
+    smoothed, path, live = hmm.smooth(ys), hmm.viterbi(ys), hmm.filter()
+    live.step(1)
+    hmm2, smoothed2, path2, live2 = pickle.loads(pickle.dumps((hmm, smoothed, path, live), protocol))
+    assert hmm2.score(ys) == hmm.score(ys)
+    assert (smoothed2.probabilities == smoothed.probabilities).all()
+    assert smoothed2.log_likelihood == smoothed.log_likelihood
+    assert (path2.states == path.states).all() and path2.log_probability == path.log_probability
+    assert live2.step(0) == live.step(0)
+    assert (copy.deepcopy(path).states == path.states).all()
+
+
+def test_every_error_says_where():
+    with pytest.raises(wayfix.Error) as raised:
+        vectors().smooth_all([[[1.0, 1.0]], [[1.0, 1.0], [-1.0, 1.0]]])
+    assert not isinstance(raised.value, wayfix.ImpossibleError)
+    assert (raised.value.sequence, raised.value.step) == (1, 2)
+    assert "sequence 1" in str(raised.value) and "step 2" in str(raised.value)
+    with pytest.raises(wayfix.Error) as raised:
+        wayfix.Hmm([0.5, 0.6], MOVES)
+    assert raised.value.step is raised.value.sequence is None
+
+
+def test_private_functions_do_not_panic():
+    from wayfix import _wayfix
+
+    start, moves, logs = np.full(2, 0.5), np.array(MOVES), np.zeros((3, 2))
+    for lengths in [[2**64 - 1, 4], [2**63, 2**63, 3], [2], []]:
+        with pytest.raises(wayfix.Error):
+            _wayfix.smooth(start, moves, logs, lengths)
+    with pytest.raises(wayfix.Error):
+        _wayfix.expectations(np.ones(0), np.ones((0, 0)), np.zeros((0, 0)), [0])
+
+
+def test_more_paths_than_memory():
+    ys = np.random.default_rng(2).random((2000, 2))
+    with pytest.raises(MemoryError, match="paths"):
+        vectors().k_best(ys, 2**60)
+    assert len(vectors().k_best(ys[:3], 2**60)) == 8
+
+
+def long_calls():
+    """Calls of some seconds each."""
+    from wayfix import _wayfix
+
+    rng = np.random.default_rng(3)
+    n = 400
+    moves = rng.dirichlet(np.ones(n), n)
+    start, ys = np.full(n, 1 / n), rng.random((20_000, n))
+    hmm, few = wayfix.Hmm(start, moves), vectors()
+    return {
+        "one": lambda: hmm.smooth(ys[:10_000]),
+        "many": lambda: hmm.smooth_all([ys[:400]] * 30),
+        "threads": lambda: hmm.smooth_all([ys[:400]] * 30, n_jobs=2),
+        "paths": lambda: few.k_best(rng.random((50_000, 2)), 200),
+        "families": lambda: _wayfix.expectations(start, moves, ys[:10_000], [5000, 5000]),
+    }
+
+
+class Stopped(Exception):
+    """Raised by a signal handler."""
+
+
+def seconds(call, stop_after):
+    begin = time.monotonic()
+    signal.setitimer(signal.ITIMER_REAL, stop_after)
+    try:
+        call()
+    except Stopped:
+        pass
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+    return time.monotonic() - begin
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="no timers here")
+@pytest.mark.parametrize("name", ["one", "many", "threads", "paths", "families"])
+def test_a_signal_ends_what_is_computed(name):
+    def stop(*_):
+        raise Stopped
+
+    call, before = long_calls()[name], signal.signal(signal.SIGALRM, stop)
+    try:
+        whole = seconds(call, 0)
+        assert seconds(call, whole / 10) < whole / 2
+    finally:
+        signal.signal(signal.SIGALRM, before)
