@@ -70,7 +70,11 @@ impl Watch {
         let now = u64::try_from(self.start.elapsed().as_millis()).unwrap_or(u64::MAX);
         if now >= self.next.load(Ordering::Relaxed) {
             self.next.store(now + PAUSE, Ordering::Relaxed);
-            if let Err(raised) = Python::attach(Python::check_signals) {
+            let looked = Python::attach(|py| {
+                py.check_signals()?;
+                Ok::<_, PyErr>(())
+            });
+            if let Err(raised) = looked {
                 resume_unwind(Box::new(raised));
             }
         }
