@@ -1,6 +1,7 @@
 //! A long sequence that is cut into segments gives what it gives in one piece.
 
 use std::error::Error;
+use std::ops::{Range, RangeInclusive};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use proptest::prelude::*;
@@ -150,17 +151,21 @@ struct Case {
     seed: u64,
 }
 
-fn instances(n: std::ops::RangeInclusive<usize>) -> impl Strategy<Value = Case> {
+fn instances(n: RangeInclusive<usize>) -> impl Strategy<Value = Case> {
+    instances_of(n, 2048..5000)
+}
+
+fn instances_of(n: RangeInclusive<usize>, steps: Range<usize>) -> impl Strategy<Value = Case> {
     let moves = prop_oneof![
         4 => Just(Moves::Full), 4 => Just(Moves::Sparse), 3 => (-9..-1).prop_map(Moves::Ring),
         2 => Just(Moves::Rare), 1 => Just(Moves::Apart), 1 => Just(Moves::Upward),
     ];
-    (n, 2..=4_usize, moves).prop_flat_map(|(n, m, moves)| {
+    (n, 2..=4_usize, moves).prop_flat_map(move |(n, m, moves)| {
         let weights = proptest::collection::vec(0.0..1.0, n * n);
         let row = weighted(prop_oneof![1 => Just(0.0), 6 => 0.01..1.0], m);
         let table = proptest::collection::vec(row, n);
         let start = weighted(prop_oneof![1 => Just(0.0), 2 => 0.01..1.0], n);
-        let parts = (weights, table, start, any::<bool>(), 2048..5000_usize, any::<u64>());
+        let parts = (weights, table, start, any::<bool>(), steps.clone(), any::<u64>());
         parts.prop_map(move |(weights, table, start, at_first, steps, seed)| {
             let entry = |to: usize, from: usize| moves.entry(n, to, from, weights[to * n + from]);
             let sum = |from| (0..n).map(|to| entry(to, from)).sum::<f64>();
@@ -284,6 +289,15 @@ fn spoiled(n: usize) -> impl Strategy<Value = (usize, Vec<f64>)> {
 proptest! {
     #![proptest_config(cases_of(400))]
 
+    /// Up to eight states go through whole passes, and more through steps.
+    #[test]
+    fn learning_from_one_sequence_is_learning_in_one_piece(case in instances_of(1..=10, 1..2100)) {
+        let (hmm, seen) = case.symbols(sparse(&case.matrix));
+        check_learning(&hmm, &seen, Clone::clone)?;
+        let (hmm, seen) = case.readings(dense(&case.matrix));
+        check_learning(&hmm, &seen, |sums| pairs(sums))?;
+    }
+
     #[test]
     fn learning_in_segments_is_learning_in_one_piece(case in instances(2..=12)) {
         let (hmm, seen) = case.symbols(sparse(&case.matrix));
@@ -306,7 +320,7 @@ proptest! {
     /// What is impossible, not valid or beyond doubles is left to who knows it.
     #[test]
     fn errors_are_those_of_one_piece(
-        (case, (at, b)) in instances(9..=12).prop_flat_map(|case| {
+        (case, (at, b)) in prop_oneof![instances(9..=12), instances_of(2..=8, 1..2048)].prop_flat_map(|case| {
             let n = case.table.len();
             (Just(case), spoiled(n))
         })

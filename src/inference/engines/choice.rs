@@ -6,6 +6,7 @@
 //! | a whole sequence of 8 steps or more | no control, up to 8 states | [`Engine::Chain`] |
 //! | the same of more than 64 steps | no control, 2 to 4 states | [`Engine::Segments`] |
 //! | 4 sequences or more in an `_all` or `_map_all` | a stored matrix without small entries, more than 8 states; sparse ones only while a group fits the cache | eight sequences, one in each lane: [`lanes`](super::lanes) |
+//! | a sequence of 65 to 2,047 steps to learn from | no control, up to 8 states, a stored matrix without small entries | the two above |
 //! | 2 sequences or more to learn from | the same, any number of states | the same |
 //! | a long sequence to learn from | the same, if the model forgets fast enough | eight segments of it, one in each lane: [`lanes`](super::lanes) |
 //! | a long sequence to smooth | as in `smooth_all`, likewise | the same |
@@ -112,6 +113,12 @@ pub(crate) fn for_sequence(states: usize, steps: usize) -> Engine {
 /// True if a sequence of so many steps goes through an engine whole, if that can take it.
 pub(crate) fn is_whole(states: usize, steps: usize) -> bool {
     for_sequence(states, steps) != Engine::Steps
+}
+
+/// True if whole passes of a sequence are kept to learn from: longer ones go through lanes, or step
+/// by step in less memory.
+pub(crate) fn learns_whole(states: usize, steps: usize) -> bool {
+    is_whole(states, steps) && steps < FEWEST_TO_CUT
 }
 
 /// Returns true if so many steps are enough for segments. Up to there, beliefs of a whole sequence

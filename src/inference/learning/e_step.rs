@@ -196,6 +196,9 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         if observed.steps() == 0 {
             return Ok(expected); // X_0 without an observation tells nothing about the prior
         }
+        if self.add_few_states(observed, &mut expected).is_some() {
+            return Ok(expected);
+        }
         let mut result = Ok(());
         let mut entries = EntrySums::new(self, &mut expected.moves);
         let log = self.smooth_each(observed, Order::Backward, |step| {
@@ -208,19 +211,19 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             self.likelihood().add(&mut expected.sensor, observation, posterior);
             // A visitor cannot stop the smoother. After an error it skips the moves, and the caller
             // returns the error instead of the sums.
-            if let (Some(pairs), Ok(())) = (step.pairs(), &result)
-                && !entries.as_mut().is_some_and(|entries| entries.add(pairs))
-            {
-                result = pairs.count_to(&mut expected.moves, number);
+            if let (Some(pairs), Ok(())) = (step.pairs(), &result) {
+                match &mut entries {
+                    Some(entries) if !pairs.in_logs => {
+                        entries.add(&pairs.alpha.linear, pairs.ratio, pairs.scale);
+                    }
+                    _ => result = pairs.count_to(&mut expected.moves, number),
+                }
             }
         });
         let log = log.map_err(wrap)?;
         result.map_err(wrap)?;
-        let control = self.transition().no_control();
-        if let (Some(entries), Some(control)) = (entries, control)
-            && let Some(counts) = self.transition().counts(&mut expected.moves, control)
-        {
-            counts.merge(&entries.counts());
+        if let Some(entries) = entries {
+            entries.finish(self, &mut expected.moves);
         }
         expected.log_likelihood.add(log);
         Ok(expected)

@@ -5,7 +5,6 @@
 //! two numbers, as in lanes: nothing is looked up or compared for each move of each step.
 
 use crate::hmm::Hmm;
-use crate::inference::sequences::pairwise::Pairs;
 use crate::kernels::Lines;
 use crate::likelihood::LearnLikelihood;
 use crate::transition::{LearnTransition, MoveCounts};
@@ -34,13 +33,10 @@ impl<'m> EntrySums<'m> {
         Some(Self { columns, states, sums: vec![0.0; columns.values().len()] })
     }
 
-    /// Adds the moves of a step in linear space; false if it is in logarithms.
-    pub(super) fn add<A: LearnTransition>(&mut self, pairs: &Pairs<'_, A>) -> bool {
-        if pairs.in_logs {
-            return false;
-        }
+    /// Adds a step: α before it, and the ratios γ / p times a scale.
+    pub(super) fn add(&mut self, alpha: &[f64], ratio: &[f64], scale: f64) {
         let stride = self.sums.len() / self.states;
-        for (from, alpha) in pairs.alpha.linear.iter().enumerate() {
+        for (from, alpha) in alpha.iter().enumerate() {
             // The ratio of a state that is not predicted may be NaN: nothing possible leads there.
             if *alpha == 0.0 {
                 continue;
@@ -50,22 +46,49 @@ impl<'m> EntrySums<'m> {
                     let column = starts[from] as usize..starts[from + 1] as usize;
                     let sums = &mut self.sums[column.clone()];
                     for (sum, to) in sums.iter_mut().zip(&indices[column]) {
-                        *sum += alpha * pairs.ratio[*to as usize] * pairs.scale;
+                        *sum += alpha * ratio[*to as usize] * scale;
                     }
                 }
                 Lines::Dense { .. } | Lines::DenseTransposed { .. } => {
                     let sums = &mut self.sums[from * stride..][..self.states];
-                    for (sum, ratio) in sums.iter_mut().zip(pairs.ratio) {
-                        *sum += alpha * ratio * pairs.scale;
+                    for (sum, ratio) in sums.iter_mut().zip(ratio) {
+                        *sum += alpha * ratio * scale;
                     }
                 }
             }
         }
-        true
     }
 
-    /// Counts of all entries.
-    pub(super) fn counts(&self) -> MoveCounts {
-        MoveCounts::of_entries(self.columns, self.states, |at| self.sums[at])
+    /// Writes p = A α.
+    pub(super) fn predict(&self, alpha: &[f64], out: &mut [f64]) {
+        out.fill(0.0);
+        let stride = self.sums.len() / self.states;
+        for (from, alpha) in alpha.iter().enumerate() {
+            match self.columns {
+                Lines::Sparse { starts, indices, values } => {
+                    let column = starts[from] as usize..starts[from + 1] as usize;
+                    for (to, p) in indices[column.clone()].iter().zip(&values[column]) {
+                        out[*to as usize] += alpha * p;
+                    }
+                }
+                Lines::Dense { values } | Lines::DenseTransposed { values } => {
+                    for (sum, p) in out.iter_mut().zip(&values[from * stride..]) {
+                        *sum += alpha * p;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Adds the counts of all entries to the statistics of the operator.
+    pub(super) fn finish<A: LearnTransition, B: LearnLikelihood>(
+        &self,
+        hmm: &Hmm<A, B>,
+        statistics: &mut A::Statistics,
+    ) {
+        let control = hmm.transition().no_control();
+        if let Some(counts) = control.and_then(|u| hmm.transition().counts(statistics, u)) {
+            counts.merge(&MoveCounts::of_entries(self.columns, self.states, |at| self.sums[at]));
+        }
     }
 }

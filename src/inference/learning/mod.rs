@@ -6,6 +6,7 @@ mod curvature;
 mod e_step;
 mod entry_sums;
 pub(crate) mod expectations;
+mod few_states;
 mod information;
 mod jackknife;
 pub(crate) mod labels;
