@@ -169,6 +169,9 @@ struct Live {
     /// File that is read instead of standard input, from the position of the snapshot on.
     #[arg(long, conflicts_with = "replay")]
     input: Option<PathBuf>,
+    /// Takes lines from connections at unix:PATH or HOST:PORT instead, and answers them there.
+    #[arg(long, value_name = "ADDRESS", conflicts_with_all = ["input", "replay"])]
+    listen: Option<String>,
     /// Standard input begins again from the first line of all: what the snapshot has is skipped.
     #[arg(long)]
     replay: bool,
@@ -404,6 +407,7 @@ fn start_live(options: Live) -> Result<String, FleetError> {
     let job = ServiceJob {
         every: options.every,
         input: options.input,
+        listen: options.listen,
         replay: options.replay,
         output: options.output,
         timing: Timing {

@@ -28,7 +28,21 @@ pub(super) enum Line {
     Remove(VehicleId, Option<VehicleId>),
     /// A model is to be gone on with, a file of this name.
     Model(String, Option<VehicleId>),
+    /// A client names itself.
+    Client(String),
     Bad(Box<BadLine>),
+}
+
+impl Line {
+    pub(super) fn offset(&self) -> Option<&VehicleId> {
+        match self {
+            Self::Update(_, offset) | Self::Remove(_, offset) | Self::Model(_, offset) => {
+                offset.as_ref()
+            }
+            Self::Client(_) => None,
+            Self::Bad(bad) => bad.offset.as_ref(),
+        }
+    }
 }
 
 impl BadLine {
@@ -118,15 +132,25 @@ pub(super) fn parse(sensor: &Sensor, line: &[u8]) -> Line {
 fn other(line: &[u8], message: String) -> Line {
     let value: Value = serde_json::from_slice(line).unwrap_or_default();
     let id = |field: &str| VehicleId::deserialize(&value[field]).ok();
-    let (vehicle, offset) = (id("vehicle"), id("offset"));
-    let message = match (value["remove"].as_bool(), vehicle, value["model"].as_str()) {
-        (Some(true), Some(vehicle), None) => return Line::Remove(vehicle, offset),
+    let (vehicle, offset) = (id("vehicle"), first_offset(line).or_else(|| id("offset")));
+    let name = |field: &str| value[field].as_str().map(str::to_owned);
+    let message = match (value["remove"].as_bool(), vehicle, name("model"), name("client")) {
+        (Some(true), Some(vehicle), None, None) => return Line::Remove(vehicle, offset),
         (Some(true), ..) => "`remove` needs the `vehicle`".to_owned(),
-        (_, None, Some(name)) => return Line::Model(name.to_owned(), offset),
+        (_, None, Some(name), None) => return Line::Model(name, offset),
+        (_, None, None, Some(name)) => return Line::Client(name),
         _ => message,
     };
     let (vehicle, time) = (id("vehicle"), value["time"].as_i64());
     Line::Bad(Box::new(BadLine { vehicle, time, offset, kind: "line", message }))
+}
+
+/// Offset of a line that begins with it, which may be no JSON after that: whoever gives the lines
+/// offsets need not know what is in them.
+pub(super) fn first_offset(line: &[u8]) -> Option<VehicleId> {
+    let value = line.strip_prefix(br#"{"offset":"#)?;
+    let mut values = serde_json::Deserializer::from_slice(value).into_iter();
+    values.next()?.ok()
 }
 
 /// An update, and its offset.
@@ -274,6 +298,17 @@ pub(super) fn exchanged(
     (vehicles_kept, vehicles_begun_anew): (usize, usize),
 ) {
     write(out, &Exchanged { line, offset, model, hash, vehicles_kept, vehicles_begun_anew });
+}
+
+#[derive(Serialize)]
+struct Named<'a> {
+    client: &'a str,
+    offset: Option<&'a VehicleId>,
+}
+
+/// Writes the answer to a client that has named itself: the last offset that has come from it.
+pub(super) fn named(out: &mut Vec<u8>, client: &str, offset: Option<&VehicleId>) {
+    write(out, &Named { client, offset });
 }
 
 fn write(out: &mut Vec<u8>, line: &impl Serialize) {

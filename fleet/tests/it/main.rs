@@ -9,8 +9,6 @@ mod learn;
 mod memory;
 mod model_file;
 mod observations;
-mod pool;
 mod resume;
-mod service;
 mod skip;
 mod ten_commands;

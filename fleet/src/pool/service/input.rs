@@ -1,109 +1,132 @@
 //! Input that comes in chunks, as whole lines.
 
 use std::io::{self, Read};
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::mpsc::SyncSender;
 use std::thread;
 
+use serde::de::IgnoredAny;
+
+use super::listen::Peer;
+
 /// Bytes that are read at once.
-const CHUNK: usize = 1 << 18;
+const CHUNK: usize = 1 << 16;
 /// Chunks that wait while others are worked on.
-const WAITING: usize = 16;
+pub(super) const WAITING: usize = 64;
+
+/// Number of an input: connections count from 1.
+pub(super) type Source = u64;
+/// Standard input, or a file.
+pub(super) const STANDARD: Source = 0;
 
 /// What the run waits for.
 #[derive(Debug)]
 pub(super) enum Event {
-    Chunk(io::Result<Vec<u8>>),
-    /// The input has ended.
-    End,
+    /// A connection has begun.
+    Open(Source, Peer),
+    Chunk(Source, io::Result<Vec<u8>>),
+    /// An input has ended.
+    End(Source),
     /// Something is asked for.
     Wake,
 }
 
-/// Reads an input on a thread of its own, which ends with the process at the latest.
-pub(super) fn read_ahead(
-    mut input: impl Read + Send + 'static,
-) -> (SyncSender<Event>, Receiver<Event>) {
-    let (sender, receiver) = sync_channel(WAITING);
-    let events = sender.clone();
-    thread::spawn(move || {
-        loop {
-            let mut chunk = vec![0; CHUNK];
-            let chunk = match input.read(&mut chunk) {
-                Ok(0) => {
-                    _ = sender.send(Event::End);
-                    return;
-                }
-                Ok(count) => {
-                    chunk.truncate(count);
-                    Ok(chunk)
-                }
-                Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
-                Err(error) => Err(error),
-            };
-            let is_error = chunk.is_err();
-            if sender.send(Event::Chunk(chunk)).is_err() || is_error {
+/// Reads an input to its end, and waits for `ready` before each chunk.
+pub(super) fn read(
+    mut input: impl Read,
+    source: Source,
+    events: &SyncSender<Event>,
+    ready: impl Fn(),
+) {
+    let mut buffer = vec![0; CHUNK];
+    loop {
+        ready();
+        let chunk = match input.read(&mut buffer) {
+            Ok(0) => {
+                _ = events.send(Event::End(source));
                 return;
             }
+            Ok(count) => Ok(buffer[..count].to_vec()),
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
+            Err(error) => Err(error),
+        };
+        let is_error = chunk.is_err();
+        if events.send(Event::Chunk(source, chunk)).is_err() || is_error {
+            return;
         }
-    });
-    (events, receiver)
+    }
+}
+
+/// Reads standard input or a file on a thread of its own, which ends with the process at the latest.
+pub(super) fn read_ahead(input: impl Read + Send + 'static, events: SyncSender<Event>) {
+    thread::spawn(move || read(input, STANDARD, &events, || ()));
 }
 
 /// Chunks that become whole lines.
+#[derive(Debug)]
 pub(super) struct Lines {
     /// Begin of a line whose end has not come.
     waiting: Vec<u8>,
-    /// True if the begin of the line has been dropped.
-    is_too_long: bool,
+    /// Bytes of that line, also those that were dropped.
+    length: u64,
     longest: usize,
-    /// Bytes of whole lines so far, and of that which is not whole.
-    pub(super) whole: u64,
-    rest: u64,
 }
 
-/// Stands for a line that is too long to be kept: no line of JSON begins so.
-pub(super) const TOO_LONG: &[u8] = b"\x00";
+/// Stands before the begin of a line that is too long to be kept: no line of JSON begins so.
+pub(super) const TOO_LONG: &[u8] = b"\x00\x00too long\x00";
+/// Bytes of such a line that are kept: its offset may be among them.
+const KEPT: usize = 128;
 
 impl Lines {
-    /// Lines of at most so many bytes, after so many bytes of others.
-    pub(super) fn new(longest: usize, whole: u64) -> Self {
-        Self { waiting: Vec::new(), is_too_long: false, longest, whole, rest: 0 }
+    /// Lines of about so many bytes at most.
+    pub(super) fn new(longest: usize) -> Self {
+        Self { waiting: Vec::new(), length: 0, longest }
     }
 
-    /// Adds what has come, and appends the lines that are whole to a batch.
-    pub(super) fn add(&mut self, chunk: &[u8], batch: &mut Vec<u8>) {
-        let whole = chunk.iter().rposition(|&byte| byte == b'\n').map_or(0, |at| at + 1);
-        let (mut lines, rest) = chunk.split_at(whole);
+    fn is_too_long(&self) -> bool {
+        self.length > self.longest as u64
+    }
+
+    /// Adds what has come, and appends the lines that are whole to a batch. Returns the number of
+    /// bytes that they had.
+    pub(super) fn add(&mut self, chunk: &[u8], batch: &mut Vec<u8>) -> u64 {
+        let end = chunk.iter().rposition(|&byte| byte == b'\n').map_or(0, |at| at + 1);
+        let (mut lines, rest) = chunk.split_at(end);
+        let mut whole = 0;
         if !lines.is_empty() {
-            self.whole += self.rest + whole as u64;
-            self.rest = 0;
-        }
-        self.rest += rest.len() as u64;
-        if self.is_too_long && !lines.is_empty() {
-            let end = lines.iter().position(|&byte| byte == b'\n').unwrap_or(0);
-            batch.extend(TOO_LONG);
-            lines = &lines[end..];
-            self.is_too_long = false;
-        }
-        if !lines.is_empty() {
+            whole = self.length + end as u64;
+            if self.is_too_long() {
+                batch.extend(TOO_LONG);
+                let end = lines.iter().position(|&byte| byte == b'\n').unwrap_or(0);
+                lines = &lines[end..];
+            }
             batch.append(&mut self.waiting);
             batch.extend(lines);
+            self.length = 0;
         }
-        if !self.is_too_long {
+        if !self.is_too_long() {
             self.waiting.extend(rest);
         }
-        if self.waiting.len() > self.longest {
-            self.waiting = Vec::new();
-            self.is_too_long = true;
+        self.length += rest.len() as u64;
+        if self.is_too_long() {
+            self.waiting.truncate(KEPT);
+            self.waiting.shrink_to_fit();
         }
+        whole
     }
 
-    /// Appends the last line, if it has no end.
-    pub(super) fn end(&mut self, batch: &mut Vec<u8>) {
-        self.whole += std::mem::take(&mut self.rest);
-        batch.append(&mut self.waiting);
-        if self.is_too_long {
-            batch.extend(TOO_LONG);
+    /// Appends the last line if it has no end, but is whole, and returns the number of its bytes.
+    /// Otherwise a writer was cut off within it, which may send it again.
+    pub(super) fn end(&mut self, batch: &mut Vec<u8>) -> u64 {
+        if self.is_too_long() || serde_json::from_slice::<IgnoredAny>(&self.waiting).is_err() {
+            return 0;
         }
+        batch.append(&mut self.waiting);
+        batch.push(b'\n');
+        std::mem::take(&mut self.length)
+    }
+
+    /// Bytes of a line whose end has not come.
+    pub(super) fn unfinished(&self) -> u64 {
+        self.length
     }
 }

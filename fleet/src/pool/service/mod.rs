@@ -1,10 +1,13 @@
 //! Vehicles as a service: lines from an input, snapshots while it runs, and an end in order.
 
+mod connections;
 mod control;
 mod input;
+mod listen;
 mod metrics;
 mod notice;
 mod order;
+mod outbox;
 mod position;
 mod run;
 mod vehicles;
@@ -31,6 +34,9 @@ pub struct ServiceJob {
     /// File that is read instead of the input. A run that goes on from a snapshot begins at its
     /// position.
     pub input: Option<PathBuf>,
+    /// Address at which connections are taken, whose lines are the input: `unix:PATH` or
+    /// `HOST:PORT`. Each has its answers back.
+    pub listen: Option<String>,
     /// True if the input begins again from the first line of all runs: what the snapshot has is
     /// skipped.
     pub replay: bool,
@@ -55,6 +61,7 @@ impl ServiceJob {
             live,
             every: None,
             input: None,
+            listen: None,
             replay: false,
             output: None,
             timing: Timing::default(),

@@ -7,6 +7,7 @@ use serde_json::{Value, json};
 
 use super::metrics::now;
 use crate::error::FleetError;
+use crate::pool::VehicleId;
 
 /// What a run reports beside its answers.
 #[derive(Debug)]
@@ -18,6 +19,15 @@ pub enum Notice {
         lines: u64,
         /// Number of vehicles.
         vehicles: usize,
+        /// The last offset of the lines.
+        offset: Option<VehicleId>,
+    },
+    /// Connections are taken at this address.
+    Listen(String),
+    /// The input has ended within a line, which is not taken: the writer may have been cut off.
+    Unfinished {
+        /// Bytes of the line.
+        bytes: u64,
     },
     /// Figures are to be had at this address.
     Metrics(SocketAddr),
@@ -57,9 +67,12 @@ impl Notice {
     #[must_use]
     pub fn to_json(&self) -> String {
         let (level, event, mut fields) = match self {
-            Self::Begin { lines, vehicles } => {
-                ("info", "begin", json!({"lines": lines, "vehicles": vehicles}))
+            Self::Begin { lines, vehicles, offset } => {
+                let fields = json!({"lines": lines, "vehicles": vehicles, "offset": offset});
+                ("info", "begin", fields)
             }
+            Self::Listen(address) => ("info", "listen", json!({"address": address})),
+            Self::Unfinished { bytes } => ("warn", "unfinished", json!({"bytes": bytes})),
             Self::Metrics(address) => ("info", "metrics", json!({"address": address.to_string()})),
             Self::Spill(error) => ("warn", "spill", json!({"error": error.to_string()})),
             Self::Ids { bytes, limit } => ("warn", "ids", json!({"bytes": bytes, "limit": limit})),
@@ -87,7 +100,11 @@ impl Notice {
     pub fn is_warning(&self) -> bool {
         matches!(
             self,
-            Self::Spill(_) | Self::Ids { .. } | Self::SnapshotFailed(_) | Self::ModelFailed(_)
+            Self::Unfinished { .. }
+                | Self::Spill(_)
+                | Self::Ids { .. }
+                | Self::SnapshotFailed(_)
+                | Self::ModelFailed(_)
         )
     }
 }
@@ -95,8 +112,12 @@ impl Notice {
 impl fmt::Display for Notice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Begin { lines, vehicles } => {
+            Self::Begin { lines, vehicles, .. } => {
                 write!(f, "begins after {lines} lines with {vehicles} vehicles")
+            }
+            Self::Listen(address) => write!(f, "listens at {address}"),
+            Self::Unfinished { bytes } => {
+                write!(f, "the last line, of {bytes} bytes, has no end and is not taken")
             }
             Self::Metrics(address) => write!(f, "metrics at http://{address}/metrics"),
             Self::Spill(error) => write!(f, "vehicles stay in memory: {error}"),

@@ -2,6 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use super::connections::Text;
+use super::input::{STANDARD, Source};
 use crate::pool::lines::{BadLine, Line};
 use crate::sensor::Sensor;
 
@@ -11,19 +13,28 @@ pub(super) struct Order {
     lateness: u64,
     /// Largest time of all updates.
     latest: Option<i64>,
-    /// By time, then by number: what is asked, and the text.
+    /// By time, then by number.
     waiting: BTreeMap<(i64, u64), Waiting>,
 }
 
 /// An update, and its text.
-type Waiting = (Line, Box<[u8]>);
+type Waiting = (Turn, Box<[u8]>);
+
+/// A line whose turn it is.
+#[derive(Debug)]
+pub(super) struct Turn {
+    /// Number of the line.
+    pub(super) number: u64,
+    pub(super) source: Source,
+    pub(super) line: Line,
+}
 
 impl Order {
     pub(super) fn new(lateness: u64) -> Self {
         Self { lateness, latest: None, waiting: BTreeMap::new() }
     }
 
-    /// Goes on where another run was.
+    /// Goes on where another run was, whose connections are gone.
     pub(super) fn resume(
         &mut self,
         latest: Option<i64>,
@@ -34,7 +45,9 @@ impl Order {
         for (number, text) in waiting {
             let line = parse(text.as_bytes());
             if let Line::Update(update, _) = &line {
-                self.waiting.insert((update.time, *number), (line, text.as_bytes().into()));
+                let key = (update.time, *number);
+                let turn = Turn { number: *number, source: STANDARD, line };
+                self.waiting.insert(key, (turn, text.as_bytes().into()));
             }
         }
     }
@@ -54,46 +67,40 @@ impl Order {
         latest.checked_sub_unsigned(self.lateness).unwrap_or(i64::MIN)
     }
 
-    /// Takes a line, and appends those whose turn it is, with their numbers.
-    pub(super) fn take(
-        &mut self,
-        number: u64,
-        line: Line,
-        text: &[u8],
-        out: &mut Vec<(u64, Line)>,
-    ) {
-        let Line::Update(update, _) = &line else {
-            out.push((number, line));
+    /// Takes a line, and appends those whose turn it is.
+    pub(super) fn take(&mut self, number: u64, text: Text<'_>, line: Line, out: &mut Vec<Turn>) {
+        let mut turn = Turn { number, source: text.source, line };
+        let Line::Update(update, _) = &turn.line else {
+            out.push(turn);
             return;
         };
         let (time, watermark) = (update.time, self.watermark());
         if time < watermark {
-            out.push((number, late(line, watermark)));
+            turn.line = late(turn.line, watermark);
+            out.push(turn);
             return;
         }
         self.latest = self.latest.max(Some(time));
-        self.waiting.insert((time, number), (line, text.into()));
+        self.waiting.insert((time, number), (turn, text.line.into()));
         let watermark = self.watermark();
         while let Some(first) = self.waiting.first_entry() {
-            let (time, number) = *first.key();
-            if time >= watermark {
+            if first.key().0 >= watermark {
                 return;
             }
-            out.push((number, first.remove().0));
+            out.push(first.remove().0);
         }
     }
 
     /// Appends all that wait.
-    pub(super) fn end(&mut self, out: &mut Vec<(u64, Line)>) {
-        while let Some(((_, number), (line, _))) = self.waiting.pop_first() {
-            out.push((number, line));
-        }
+    pub(super) fn end(&mut self, out: &mut Vec<Turn>) {
+        let waiting = std::mem::take(&mut self.waiting);
+        out.extend(waiting.into_values().map(|(turn, _)| turn));
     }
 
     /// Reads the lines that wait with the sensor of another model.
     pub(super) fn read_again(&mut self, sensor: &Sensor, parse: impl Fn(&Sensor, &[u8]) -> Line) {
-        for (line, text) in self.waiting.values_mut() {
-            *line = parse(sensor, text);
+        for (turn, text) in self.waiting.values_mut() {
+            turn.line = parse(sensor, text);
         }
     }
 

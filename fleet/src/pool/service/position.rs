@@ -1,5 +1,6 @@
 //! The place in the input up to which a snapshot has the vehicles.
 
+use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
 use std::io::{self, Read, Seek, SeekFrom};
 use std::path::Path;
@@ -21,8 +22,11 @@ pub struct Position {
     pub lines: u64,
     /// Number of bytes of these lines.
     pub bytes: u64,
-    /// The last `offset` that a line had.
+    /// The last `offset` that a line had; those of connections are the clients'.
     pub offset: Option<VehicleId>,
+    /// The last offset of each client with a name.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub clients: BTreeMap<String, VehicleId>,
     /// Number of bytes of the answers.
     pub answers: u64,
     /// Largest time of all updates.

@@ -1,38 +1,45 @@
 //! A run: events, and batches of lines.
 
+mod begin;
+mod models;
 mod snapshots;
 
 use std::fs::File;
 use std::io::{Read, Write};
-use std::path::{Component, Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
-use super::input::{Event, Lines, read_ahead};
+use super::connections::{Batch, Connections, Text};
+use super::input::{Event, STANDARD, Source, WAITING};
+use super::listen::Listener;
 use super::metrics::Metrics;
 use super::order::Order;
-use super::position::{self, Position};
-use super::vehicles::{self, Vehicles};
-use super::work::{Answers, parse, work, work_on};
+use super::position::Position;
+use super::vehicles::Vehicles;
+use super::work::{Answers, Command, CommandKind, parse, work, work_on};
 use super::{Control, Notice, ServiceJob};
+use begin::{Begin, begin};
 use wayfix::Likelihood;
 
 use crate::error::{FleetError, Outcome};
-use crate::model::Model;
 use crate::pool::lines::{self, BadLine};
-use crate::pool::{LiveSummary, VehicleId, Writing};
+use crate::pool::{LiveSummary, Writing};
 
 /// Bytes of lines that are worked on together.
-const TOGETHER: usize = 1 << 22;
+const TOGETHER: usize = 1 << 20;
+/// Lines of these that are taken at a time: short ones are larger in memory than as text.
+const PART: usize = 1 << 14;
 /// Time between two looks at a snapshot that is being written.
 const LOOK: Duration = Duration::from_millis(20);
 /// Time between two looks at the memory.
 const FIGURES: Duration = Duration::from_secs(1);
 
-/// Answers every line of the input with a line until it ends or the run is stopped, with snapshots
-/// in between, whose [position] says where another run goes on.
+/// Answers every line of the input, or of connections, with a line until it ends or the run is
+/// stopped, with snapshots in between, whose [position](super::position()) says where another run
+/// goes on.
 ///
 /// # Errors
 ///
@@ -41,36 +48,17 @@ const FIGURES: Duration = Duration::from_secs(1);
 pub fn serve(
     job: &ServiceJob,
     control: &Control,
-    mut input: impl Read + Send + 'static,
+    input: impl Read + Send + 'static,
     mut output: impl Write,
     report: impl FnMut(&Notice),
 ) -> Outcome<LiveSummary> {
-    let (vehicles, position, is_first) = begin(job)?;
-    let file = match &job.output {
-        Some(path) => Some(position::open_output(path, position.answers, is_first)?),
-        None => None,
-    };
-    if let (true, Some(_), Some(path)) = (is_first, &file, &job.live.snapshot) {
-        // So that a run that is killed early leaves no output of which nobody knows what counts.
-        vehicles.snapshot(path, &position.note())?;
-    }
-    let is_rest = job.input.is_none() && !job.replay;
-    let (events, queue) = if let Some(path) = &job.input {
-        read_ahead(position::open_input(path, position.bytes)?)
-    } else {
-        if job.replay {
-            position::skip(&mut input, position.bytes)?;
-        }
-        read_ahead(input)
-    };
+    let Begin { vehicles, position, file, listener, events, queue } = begin(job, input)?;
     control.attach(events);
-    let metrics = Arc::new(Metrics::default());
     let mut run = Run {
         job,
         // A line has at most a number for each state.
-        lines: Lines::new((1 << 20) + 64 * vehicles.sensor().states(), position.bytes),
+        connections: Connections::new((1 << 20) + 64 * vehicles.sensor().states()),
         order: job.lateness.map(Order::new),
-        before: if is_rest { position.lines } else { 0 },
         first: position.lines,
         position,
         vehicles,
@@ -80,57 +68,26 @@ pub fn serve(
         last: (u64::MAX, Instant::now()),
         figures: None,
         is_beyond: false,
-        metrics,
+        metrics: Arc::new(Metrics::default()),
         file,
+        listener,
         output: &mut output,
         report,
     };
     run.resume()?;
-    run.serve(control, &queue)
-}
-
-/// Opens the model and the snapshot. Also returns whether there was none.
-fn begin(job: &ServiceJob) -> Outcome<(Box<dyn Vehicles>, Position, bool)> {
-    let live = &job.live;
-    if job.every.is_some() && live.snapshot.is_none() {
-        return Err(FleetError::Settings("snapshots in between need a file".to_owned()));
-    }
-    // What cannot be looked at may be there: it must not be replaced at the end.
-    let is_missing = |path: &PathBuf| matches!(path.try_exists(), Ok(false));
-    let is_first = |path: &PathBuf| live.snapshot.as_ref() == Some(path) && is_missing(path);
-    let restore = live.restore.as_deref().filter(|_| !live.restore.as_ref().is_some_and(is_first));
-    let position = match restore {
-        Some(path) => position::position(path)?.unwrap_or_default(),
-        None => Position::default(),
-    };
-    let model = match &position.model {
-        Some(name) => load(job, name)?,
-        None => Model::load(&live.model)?,
-    };
-    let mut vehicles = vehicles::open(&model, restore, &live.options)?;
-    vehicles.set_timing(job.timing, position.latest);
-    Ok((vehicles, position, restore.is_none()))
-}
-
-/// Loads a model that a line has named.
-fn load(job: &ServiceJob, name: &str) -> Outcome<Model> {
-    let refused = |why: &str| Err(FleetError::Settings(format!("model {name:?}: {why}")));
-    let Some(folder) = &job.models else { return refused("there is no folder of models") };
-    let mut parts = Path::new(name).components();
-    match (parts.next(), parts.next()) {
-        (Some(Component::Normal(part)), None) if part == name => Model::load(&folder.join(name)),
-        _ => refused("is not the name of a file in the folder of models"),
-    }
+    let done = run.serve(control, &queue);
+    run.listener = None;
+    run.connections.end_all();
+    done
 }
 
 struct Run<'a, W, R> {
     job: &'a ServiceJob,
     vehicles: Box<dyn Vehicles>,
-    lines: Lines,
+    connections: Connections,
     order: Option<Order>,
     position: Position,
-    /// Lines of runs before, which numbers of answers leave out; and of runs before in all.
-    before: u64,
+    /// Lines of runs before.
     first: u64,
     errors: u64,
     writing: Option<(Writing, Instant)>,
@@ -143,6 +100,7 @@ struct Run<'a, W, R> {
     is_beyond: bool,
     metrics: Arc<Metrics>,
     file: Option<File>,
+    listener: Option<Listener>,
     output: &'a mut W,
     report: R,
 }
@@ -167,42 +125,38 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
             let address = self.metrics.listen(address)?;
             (self.report)(&Notice::Metrics(address));
         }
+        if let Some(listener) = &self.listener {
+            (self.report)(&Notice::Listen(listener.address()));
+        }
         let vehicles = self.vehicles.usage().vehicles;
-        (self.report)(&Notice::Begin { lines: self.position.lines, vehicles });
+        let Position { lines, offset, .. } = &self.position;
+        (self.report)(&Notice::Begin { lines: *lines, vehicles, offset: offset.clone() });
         self.look();
         Ok(())
     }
 
     fn serve(&mut self, control: &Control, queue: &Receiver<Event>) -> Outcome<LiveSummary> {
-        let mut batch = Vec::new();
+        let mut batch = Batch::default();
         let mut is_open = true;
+        // Events that are taken after the run was asked to stop. Others may never cease to come.
+        let mut left = None;
         while is_open {
             batch.clear();
-            // Waits for the first event only.
-            let mut next =
-                if control.is_stopped() { queue.try_recv().ok() } else { self.wait(queue) };
+            let mut next = self.next(control, queue, &mut left);
             if control.is_stopped() && next.is_none() {
                 break;
             }
             while let Some(event) = next {
-                match event {
-                    Event::Chunk(chunk) => {
-                        let chunk = chunk.map_err(FleetError::file(self.input()))?;
-                        self.lines.add(&chunk, &mut batch);
-                    }
-                    Event::End => {
-                        self.lines.end(&mut batch);
-                        is_open = false;
-                        break;
-                    }
-                    Event::Wake => {}
-                }
-                if batch.len() >= TOGETHER {
+                is_open = self.receive(event, &mut batch)?;
+                // Waits for the first event only.
+                if !is_open || batch.text.len() >= TOGETHER || left == Some(0) {
                     break;
                 }
+                left = left.map(|left: usize| left - 1);
                 next = queue.try_recv().ok();
             }
             self.take(&batch)?;
+            self.connections.answered(&batch);
             if control.take_model() {
                 self.read_model()?;
             }
@@ -216,7 +170,50 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
         self.end()
     }
 
+    /// Takes an event. Returns false if it is the end of the input.
+    fn receive(&mut self, event: Event, batch: &mut Batch) -> Outcome<bool> {
+        match event {
+            Event::Open(source, peer) => self.connections.open(source, peer),
+            Event::Chunk(source, Ok(chunk)) => self.connections.add(source, &chunk, batch),
+            Event::Chunk(STANDARD, Err(error)) => {
+                let input = self.job.input.as_deref().unwrap_or(Path::new("standard input"));
+                return Err(FleetError::file(input)(error));
+            }
+            Event::End(STANDARD) => {
+                let bytes = self.connections.end(STANDARD, batch);
+                if bytes > 0 {
+                    (self.report)(&Notice::Unfinished { bytes });
+                }
+                return Ok(false);
+            }
+            Event::End(source) | Event::Chunk(source, Err(_)) => {
+                self.connections.end(source, batch);
+            }
+            Event::Wake => {}
+        }
+        Ok(true)
+    }
+
     /// The next event, or none in time for what else is to be done.
+    fn next(
+        &self,
+        control: &Control,
+        queue: &Receiver<Event>,
+        left: &mut Option<usize>,
+    ) -> Option<Event> {
+        if !control.is_stopped() {
+            return self.wait(queue);
+        }
+        // One more of each input may have been read.
+        let left = left.get_or_insert(WAITING + self.connections.len());
+        if *left == 0 {
+            return None;
+        }
+        *left -= 1;
+        queue.try_recv().ok()
+    }
+
+    /// Waits for an event, or until there is something else to be done.
     fn wait(&self, queue: &Receiver<Event>) -> Option<Event> {
         let due = self
             .job
@@ -227,65 +224,111 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
             (Some(_), _) => LOOK,
             (None, Some(due)) if has_new => due,
             _ => {
-                return queue.recv().ok().or(Some(Event::End));
+                return queue.recv().ok().or(Some(Event::End(STANDARD)));
             }
         };
         match queue.recv_timeout(until) {
             Ok(event) => Some(event),
             Err(RecvTimeoutError::Timeout) => None,
-            Err(RecvTimeoutError::Disconnected) => Some(Event::End),
+            Err(RecvTimeoutError::Disconnected) => Some(Event::End(STANDARD)),
         }
-    }
-
-    fn input(&self) -> &Path {
-        self.job.input.as_deref().unwrap_or(Path::new("standard input"))
     }
 
     /// Answers whole lines.
-    fn take(&mut self, batch: &[u8]) -> Outcome<()> {
-        let lines: Vec<&[u8]> = batch
-            .split_inclusive(|&byte| byte == b'\n')
-            .map(|line| line.strip_suffix(b"\n").unwrap_or(line))
-            .collect();
-        let mut rest = &lines[..];
-        while !rest.is_empty() {
-            let Answers { texts, taken, errors, offset, model } = work(
-                &mut *self.vehicles,
-                self.job.live.options.threads,
-                rest,
-                (self.position.lines + 1, self.before),
-                self.order.as_mut(),
-                &self.metrics,
-            );
-            self.position.lines += taken as u64;
-            self.errors += errors;
-            if offset.is_some() {
-                self.position.offset = offset;
+    fn take(&mut self, batch: &Batch) -> Outcome<()> {
+        let (mut lines, mut cut) = (batch.lines(), Vec::new());
+        loop {
+            // A client that is cut off sends the rest of its lines again.
+            let next = lines.by_ref().filter(|text| !cut.contains(&text.source));
+            let mut part: Vec<Text<'_>> = next.take(PART).collect();
+            if part.is_empty() {
+                break;
             }
-            self.put(&texts)?;
-            if let Some((name, offset)) = model {
-                self.exchange(&name, offset.as_ref())?;
+            while !part.is_empty() {
+                let (taken, source) = self.work_on(&part)?;
+                part.drain(..taken);
+                if let Some(source) = source {
+                    part.retain(|text| text.source != source);
+                    cut.push(source);
+                }
             }
-            rest = &rest[taken.min(rest.len())..];
         }
-        self.position.bytes = self.lines.whole;
+        self.position.bytes += batch.bytes;
         if let Some(error) = self.vehicles.take_spill_error() {
             (self.report)(&Notice::Spill(error));
         }
         Ok(())
     }
 
+    /// Answers lines up to one that asks something of the run. Returns the number of lines, and an
+    /// input that was cut off.
+    fn work_on(&mut self, lines: &[Text<'_>]) -> Outcome<(usize, Option<Source>)> {
+        let Answers { texts, sources, taken, errors, offsets, command } = work(
+            &mut *self.vehicles,
+            self.job.live.options.threads,
+            lines,
+            self.position.lines + 1,
+            self.order.as_mut(),
+            &self.metrics,
+        );
+        self.position.lines += taken as u64;
+        self.errors += errors;
+        for (source, offset) in offsets {
+            self.connections.note(source, offset, &mut self.position);
+        }
+        self.put(&texts, &sources)?;
+        let cut = command.map(|command| self.obey(command)).transpose()?.flatten();
+        Ok((taken, cut))
+    }
+
+    /// Does what a line asks of the run. Returns an input that was cut off.
+    fn obey(&mut self, Command { source, kind }: Command) -> Outcome<Option<Source>> {
+        match kind {
+            CommandKind::Model(name, offset) => {
+                self.exchange(source, &name, offset.as_ref())?;
+                Ok(None)
+            }
+            CommandKind::Client(name) => {
+                match self.connections.name(source, &name, &self.position) {
+                    Ok(cut) => {
+                        let mut out = Vec::new();
+                        lines::named(&mut out, &name, self.position.clients.get(&name));
+                        self.put(&[out], &[source])?;
+                        Ok(cut)
+                    }
+                    Err(message) => {
+                        self.refuse(source, &BadLine::new(message))?;
+                        Ok(None)
+                    }
+                }
+            }
+        }
+    }
+
+    /// Answers the last line with an error.
+    fn refuse(&mut self, source: Source, bad: &BadLine) -> Outcome<()> {
+        self.errors += 1;
+        self.metrics.refuse(bad.kind);
+        let mut out = Vec::new();
+        lines::refuse(&mut out, self.position.lines, bad);
+        self.put(&[out], &[source])
+    }
+
     /// Writes answers.
-    fn put(&mut self, texts: &[Vec<u8>]) -> Outcome<()> {
+    fn put(&mut self, texts: &[Vec<u8>], sources: &[Source]) -> Outcome<()> {
         let path = self.job.output.as_deref().unwrap_or(Path::new("standard output"));
-        let written = texts.iter().try_for_each(|text| match &mut self.file {
-            Some(file) => file.write_all(text),
-            None => self.output.write_all(text),
+        let written = texts.iter().try_for_each(|text| match (&mut self.file, &self.listener) {
+            (Some(file), _) => file.write_all(text),
+            (None, None) => self.output.write_all(text),
+            (None, Some(_)) => Ok(()),
         });
-        let written = written.and_then(|()| match &self.file {
-            Some(_) => Ok(()),
-            None => self.output.flush(),
+        let written = written.and_then(|()| match (&self.file, &self.listener) {
+            (None, None) => self.output.flush(),
+            _ => Ok(()),
         });
+        if self.listener.is_some() {
+            self.connections.answer(texts, sources);
+        }
         self.position.answers += texts.iter().map(|text| text.len() as u64).sum::<u64>();
         written.map_err(FleetError::file(path))
     }
@@ -293,62 +336,11 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
     /// Answers the lines that wait for others.
     fn release(&mut self) -> Outcome<()> {
         let Some(order) = &mut self.order else { return Ok(()) };
-        let mut lines = Vec::new();
-        order.end(&mut lines);
-        let (texts, errors) = work_on(&mut *self.vehicles, lines, self.before, &self.metrics);
+        let mut turns = Vec::new();
+        order.end(&mut turns);
+        let (texts, sources, errors) = work_on(&mut *self.vehicles, turns, &self.metrics);
         self.errors += errors;
-        self.put(&texts)
-    }
-
-    /// Goes on with a model that a line has named, and answers the line.
-    fn exchange(&mut self, name: &str, offset: Option<&VehicleId>) -> Outcome<()> {
-        let number = self.position.lines - self.before;
-        let mut out = Vec::new();
-        match load(self.job, name) {
-            Ok(model) => {
-                let counts = self.go_on_with(&model)?;
-                self.position.model = Some(name.to_owned());
-                lines::exchanged(&mut out, number, offset, (name, model.hash()), counts);
-            }
-            Err(error) => {
-                self.errors += 1;
-                self.metrics.refuse("line");
-                let bad = BadLine { offset: offset.cloned(), ..BadLine::new(error.to_string()) };
-                lines::refuse(&mut out, number, &bad);
-            }
-        }
-        self.put(&[out])
-    }
-
-    /// Reads the file of the model again.
-    fn read_model(&mut self) -> Outcome<()> {
-        match Model::load(&self.job.live.model) {
-            Ok(model) => {
-                self.go_on_with(&model)?;
-                self.position.model = None;
-                // A run that goes on needs one with this model.
-                self.asked = self.job.live.snapshot.is_some();
-            }
-            Err(error) => (self.report)(&Notice::ModelFailed(error)),
-        }
-        Ok(())
-    }
-
-    /// Returns the number of vehicles that keep their belief, and that lose it.
-    fn go_on_with(&mut self, model: &Model) -> Outcome<(usize, usize)> {
-        self.wait_for_snapshot();
-        // Those that are forgotten are not kept.
-        self.vehicles.forget();
-        let before = self.vehicles.usage().vehicles;
-        let options = &self.job.live.options;
-        self.vehicles = self.vehicles.exchange(model, options)?;
-        let kept = self.vehicles.usage().vehicles;
-        if let Some(order) = &mut self.order {
-            order.read_again(self.vehicles.sensor(), parse);
-        }
-        let hash = model.hash().to_owned();
-        (self.report)(&Notice::Model { hash, kept, anew: before - kept });
-        Ok((kept, before - kept))
+        self.put(&texts, &sources)
     }
 
     /// Looks at the memory.

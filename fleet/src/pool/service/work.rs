@@ -3,9 +3,10 @@
 use std::sync::atomic::Ordering::Relaxed;
 use std::thread;
 
-use super::input::TOO_LONG;
+use super::connections::Text;
+use super::input::{Source, TOO_LONG};
 use super::metrics::Metrics;
-use super::order::Order;
+use super::order::{Order, Turn};
 use super::vehicles::Vehicles;
 use crate::pool::lines::{self, BadLine, Line};
 use crate::pool::{UpdateResult, VehicleId};
@@ -17,15 +18,29 @@ const FEW: usize = 64;
 /// Answers to lines.
 pub(super) struct Answers {
     pub(super) texts: Vec<Vec<u8>>,
+    /// Input of the line of each answer.
+    pub(super) sources: Vec<Source>,
     /// Number of lines that were worked on.
     pub(super) taken: usize,
     /// Number of errors.
     pub(super) errors: u64,
-    /// The last offset.
-    pub(super) offset: Option<VehicleId>,
-    /// A model that is to be gone on with, named in the last line that was taken, and the offset of
-    /// that.
-    pub(super) model: Option<(String, Option<VehicleId>)>,
+    /// Last offsets of inputs.
+    pub(super) offsets: Vec<(Source, VehicleId)>,
+    /// Asked for by the last line that was taken.
+    pub(super) command: Option<Command>,
+}
+
+/// What a line asks of the run.
+pub(super) struct Command {
+    pub(super) source: Source,
+    pub(super) kind: CommandKind,
+}
+
+pub(super) enum CommandKind {
+    /// To go on with a model of this name. With the offset of the line.
+    Model(String, Option<VehicleId>),
+    /// To know the client by this name.
+    Client(String),
 }
 
 /// A line that is not an update, at its place among all.
@@ -51,68 +66,70 @@ impl Numbers {
     }
 }
 
-/// Works on lines with all threads, up to one that names a model. The first has this number;
-/// answers have numbers that are lower by `before`.
+/// Works on lines with all threads, up to one that asks something of the run. The first has this
+/// number.
 pub(super) fn work(
     vehicles: &mut dyn Vehicles,
     threads: usize,
-    lines: &[&[u8]],
-    (first, before): (u64, u64),
+    lines: &[Text<'_>],
+    first: u64,
     order: Option<&mut Order>,
     metrics: &Metrics,
 ) -> Answers {
     let sensor = vehicles.sensor();
     let part = if lines.len() < FEW { FEW } else { lines.len().div_ceil(threads.max(1)) };
     let parsed = in_parts(lines, part, |_, lines| {
-        lines.iter().map(|line| parse(sensor, line)).collect::<Vec<_>>()
+        lines.iter().map(|text| parse(sensor, text.line)).collect::<Vec<_>>()
     });
-    let mut model = None;
-    let (mut taken, mut last) = (0, None);
-    let mut parsed = parsed.into_iter().flatten().inspect(|_| taken += 1).map_while(|line| {
-        let offset = match &line {
-            Line::Update(_, offset) | Line::Remove(_, offset) | Line::Model(_, offset) => offset,
-            Line::Bad(bad) => &bad.offset,
-        };
-        if offset.is_some() {
-            last.clone_from(offset);
-        }
-        match line {
-            Line::Model(name, offset) => {
-                model = Some((name, offset));
-                None
+    let (mut command, mut offsets) = (None, Vec::new());
+    let mut taken = 0;
+    let mut parsed = parsed.into_iter().flatten().zip(lines).map_while(|(line, text)| {
+        taken += 1;
+        let source = text.source;
+        if let Some(offset) = line.offset() {
+            match offsets.last_mut() {
+                Some((last, before)) if *last == source => offset.clone_into(before),
+                _ => offsets.push((source, offset.clone())),
             }
-            line => Some(line),
         }
+        let kind = match line {
+            Line::Model(name, offset) => CommandKind::Model(name, offset),
+            Line::Client(name) => CommandKind::Client(name),
+            line => return Some((text, line)),
+        };
+        command = Some(Command { source, kind });
+        None
     });
     let mut sorted = Sorted::new(lines.len());
+    let mut sources = Vec::with_capacity(lines.len());
     let numbers = if let Some(order) = order {
-        let mut in_turn = Vec::new();
-        for ((number, line), text) in (first..).zip(&mut parsed).zip(lines) {
-            order.take(number, line, text, &mut in_turn);
+        let mut turns = Vec::new();
+        for (number, (text, line)) in (first..).zip(&mut parsed) {
+            order.take(number, *text, line, &mut turns);
         }
-        let numbers = in_turn.iter().map(|(number, _)| number.saturating_sub(before)).collect();
-        in_turn.into_iter().for_each(|(_, line)| sorted.add(line));
-        Numbers::Each(numbers)
+        Numbers::Each(sorted.add_all(turns, &mut sources))
     } else {
-        parsed.for_each(|line| sorted.add(line));
-        Numbers::From(first - before)
+        parsed.for_each(|(text, line)| {
+            sources.push(text.source);
+            sorted.add(line);
+        });
+        Numbers::From(first)
     };
     let (texts, errors) = answer(vehicles, sorted, &numbers, part, metrics);
     metrics.lines.fetch_add(taken as u64, Relaxed);
-    Answers { texts, taken, errors, offset: last, model }
+    Answers { texts, sources, taken, errors, offsets, command }
 }
 
 /// Works on lines that have waited.
 pub(super) fn work_on(
     vehicles: &mut dyn Vehicles,
-    lines: Vec<(u64, Line)>,
-    before: u64,
+    turns: Vec<Turn>,
     metrics: &Metrics,
-) -> (Vec<Vec<u8>>, u64) {
-    let mut sorted = Sorted::new(lines.len());
-    let numbers = lines.iter().map(|(number, _)| number.saturating_sub(before)).collect();
-    lines.into_iter().for_each(|(_, line)| sorted.add(line));
-    answer(vehicles, sorted, &Numbers::Each(numbers), usize::MAX, metrics)
+) -> (Vec<Vec<u8>>, Vec<Source>, u64) {
+    let (mut sorted, mut sources) = (Sorted::new(turns.len()), Vec::new());
+    let numbers = Numbers::Each(sorted.add_all(turns, &mut sources));
+    let (texts, errors) = answer(vehicles, sorted, &numbers, usize::MAX, metrics);
+    (texts, sources, errors)
 }
 
 /// Updates, and what is between them.
@@ -147,9 +164,19 @@ impl Sorted {
                 self.others.push(Other(at, other));
             }
             Line::Bad(bad) => self.others.push(Other(at, OtherKind::Bad(bad))),
-            // Ends the lines that are taken together.
-            Line::Model(..) => {}
+            // These end the lines that are taken together.
+            Line::Model(..) | Line::Client(_) => {}
         }
+    }
+
+    /// Adds lines in turn, and returns their numbers.
+    fn add_all(&mut self, turns: Vec<Turn>, sources: &mut Vec<Source>) -> Vec<u64> {
+        let add = |Turn { number, source, line }| {
+            sources.push(source);
+            self.add(line);
+            number
+        };
+        turns.into_iter().map(add).collect()
     }
 }
 
@@ -222,8 +249,9 @@ fn answer(
 }
 
 pub(super) fn parse(sensor: &Sensor, line: &[u8]) -> Line {
-    if line == TOO_LONG {
-        return Line::Bad(Box::new(BadLine::new("the line is too long")));
+    if let Some(begin) = line.strip_prefix(TOO_LONG) {
+        let offset = lines::first_offset(begin);
+        return Line::Bad(Box::new(BadLine { offset, ..BadLine::new("the line is too long") }));
     }
     lines::parse(sensor, line)
 }

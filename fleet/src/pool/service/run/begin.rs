@@ -1,0 +1,71 @@
+//! What a run begins with.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::PathBuf;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+
+use super::super::ServiceJob;
+use super::super::input::{Event, WAITING, read_ahead};
+use super::super::listen::Listener;
+use super::super::position::{self, Position};
+use super::super::vehicles::{self, Vehicles};
+use super::models::load;
+use crate::error::{FleetError, Outcome};
+use crate::model::Model;
+
+/// What a run begins with.
+pub(super) struct Begin {
+    pub(super) vehicles: Box<dyn Vehicles>,
+    pub(super) position: Position,
+    pub(super) file: Option<File>,
+    pub(super) listener: Option<Listener>,
+    pub(super) events: SyncSender<Event>,
+    pub(super) queue: Receiver<Event>,
+}
+
+/// Opens the model, the snapshot, the output and the input.
+pub(super) fn begin(job: &ServiceJob, mut input: impl Read + Send + 'static) -> Outcome<Begin> {
+    let live = &job.live;
+    if job.every.is_some() && live.snapshot.is_none() {
+        return Err(FleetError::Settings("snapshots in between need a file".to_owned()));
+    }
+    if job.listen.is_some() && (job.input.is_some() || job.replay) {
+        let message = "lines come from connections, or else from an input";
+        return Err(FleetError::Settings(message.to_owned()));
+    }
+    // What cannot be looked at may be there: it must not be replaced at the end.
+    let is_missing = |path: &PathBuf| matches!(path.try_exists(), Ok(false));
+    let is_first = |path: &PathBuf| live.snapshot.as_ref() == Some(path) && is_missing(path);
+    let restore = live.restore.as_deref().filter(|_| !live.restore.as_ref().is_some_and(is_first));
+    let position = match restore {
+        Some(path) => position::position(path)?.unwrap_or_default(),
+        None => Position::default(),
+    };
+    let model = match &position.model {
+        Some(name) => load(job, name)?,
+        None => Model::load(&live.model)?,
+    };
+    let mut vehicles = vehicles::open(&model, restore, &live.options)?;
+    vehicles.set_timing(job.timing, position.latest);
+    let is_first = restore.is_none();
+    let open = |path: &PathBuf| position::open_output(path, position.answers, is_first);
+    let file = job.output.as_ref().map(open).transpose()?;
+    if let (true, Some(_), Some(path)) = (is_first, &file, &live.snapshot) {
+        // So that a run that is killed early leaves no output of which nobody knows what counts.
+        vehicles.snapshot(path, &position.note())?;
+    }
+    let (events, queue) = sync_channel(WAITING);
+    let mut listener = None;
+    if let Some(address) = &job.listen {
+        listener = Some(Listener::open(address, events.clone())?);
+    } else if let Some(path) = &job.input {
+        read_ahead(position::open_input(path, position.bytes)?, events.clone());
+    } else {
+        if job.replay {
+            position::skip(&mut input, position.bytes)?;
+        }
+        read_ahead(input, events.clone());
+    }
+    Ok(Begin { vehicles, position, file, listener, events, queue })
+}

@@ -1,0 +1,80 @@
+//! Models that a run goes on with.
+
+use std::io::Write;
+use std::path::{Component, Path};
+
+use super::super::input::Source;
+use super::super::work::parse;
+use super::super::{Notice, ServiceJob};
+use super::Run;
+use crate::error::{FleetError, Outcome};
+use crate::model::Model;
+use crate::pool::VehicleId;
+use crate::pool::lines::{self, BadLine};
+
+/// Loads a model that a line has named.
+pub(super) fn load(job: &ServiceJob, name: &str) -> Outcome<Model> {
+    let refused = |why: &str| Err(FleetError::Settings(format!("model {name:?}: {why}")));
+    let Some(folder) = &job.models else { return refused("there is no folder of models") };
+    let mut parts = Path::new(name).components();
+    match (parts.next(), parts.next()) {
+        (Some(Component::Normal(part)), None) if part == name => Model::load(&folder.join(name)),
+        _ => refused("is not the name of a file in the folder of models"),
+    }
+}
+
+impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
+    /// Goes on with a model that a line has named, and answers the line.
+    pub(super) fn exchange(
+        &mut self,
+        source: Source,
+        name: &str,
+        offset: Option<&VehicleId>,
+    ) -> Outcome<()> {
+        let number = self.position.lines;
+        let mut out = Vec::new();
+        match load(self.job, name) {
+            Ok(model) => {
+                let counts = self.go_on_with(&model)?;
+                self.position.model = Some(name.to_owned());
+                lines::exchanged(&mut out, number, offset, (name, model.hash()), counts);
+            }
+            Err(error) => {
+                let bad = BadLine { offset: offset.cloned(), ..BadLine::new(error.to_string()) };
+                return self.refuse(source, &bad);
+            }
+        }
+        self.put(&[out], &[source])
+    }
+
+    /// Reads the file of the model again.
+    pub(super) fn read_model(&mut self) -> Outcome<()> {
+        match Model::load(&self.job.live.model) {
+            Ok(model) => {
+                self.go_on_with(&model)?;
+                self.position.model = None;
+                // A run that goes on needs one with this model.
+                self.asked = self.job.live.snapshot.is_some();
+            }
+            Err(error) => (self.report)(&Notice::ModelFailed(error)),
+        }
+        Ok(())
+    }
+
+    /// Returns the number of vehicles that keep their belief, and that lose it.
+    fn go_on_with(&mut self, model: &Model) -> Outcome<(usize, usize)> {
+        self.wait_for_snapshot();
+        // Those that are forgotten are not kept.
+        self.vehicles.forget();
+        let before = self.vehicles.usage().vehicles;
+        let options = &self.job.live.options;
+        self.vehicles = self.vehicles.exchange(model, options)?;
+        let kept = self.vehicles.usage().vehicles;
+        if let Some(order) = &mut self.order {
+            order.read_again(self.vehicles.sensor(), parse);
+        }
+        let hash = model.hash().to_owned();
+        (self.report)(&Notice::Model { hash, kept, anew: before - kept });
+        Ok((kept, before - kept))
+    }
+}

@@ -1,0 +1,345 @@
+//! Lines from connections.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::{self, BufRead, BufReader, ErrorKind, Read, Write};
+use std::net::TcpStream;
+use std::os::unix::net::UnixStream;
+use std::path::Path;
+use std::process::{Child, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::channel;
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+use rand::RngExt;
+use serde_json::{Value, json};
+use wayfix_fleet::FleetError;
+use wayfix_fleet::pool::{Control, LiveSummary, Notice, ServiceJob, position, serve};
+
+use crate::kit::*;
+use crate::service::*;
+
+/// A run that takes connections on a thread.
+struct Running {
+    control: Control,
+    address: String,
+    thread: JoinHandle<Result<LiveSummary, FleetError>>,
+}
+
+impl Running {
+    fn begin(job: ServiceJob) -> Self {
+        let control = Control::new();
+        let (of_run, (say, said)) = (control.clone(), channel());
+        let thread = thread::spawn(move || {
+            serve(&job, &of_run, io::empty(), Vec::new(), |notice| {
+                if let Notice::Listen(address) = notice {
+                    say.send(address.clone()).unwrap();
+                }
+            })
+        });
+        let address = said.recv().unwrap();
+        Self { control, address, thread }
+    }
+
+    fn end(self) -> LiveSummary {
+        self.control.stop();
+        self.thread.join().unwrap().unwrap()
+    }
+}
+
+fn at(path: &Path) -> String {
+    format!("unix:{}", path.display())
+}
+
+/// A connection of a client.
+struct Client(BufReader<UnixStream>);
+
+impl Client {
+    fn new(path: &Path) -> io::Result<Self> {
+        UnixStream::connect(path).map(|stream| Self(BufReader::new(stream)))
+    }
+
+    fn send(&mut self, text: &str) -> io::Result<()> {
+        self.0.get_mut().write_all(text.as_bytes())
+    }
+
+    fn answer(&mut self) -> io::Result<Value> {
+        let mut line = String::new();
+        match self.0.read_line(&mut line)? {
+            0 => Err(ErrorKind::UnexpectedEof.into()),
+            _ => Ok(serde_json::from_str(&line)?),
+        }
+    }
+
+    /// Names itself, and returns the last offset that the run has from it.
+    fn name(&mut self, name: &str) -> io::Result<Option<i64>> {
+        self.send(&format!("{}\n", json!({ "client": name })))?;
+        let answer = self.answer()?;
+        assert_eq!(answer["client"], name, "{answer}");
+        Ok(answer["offset"].as_i64())
+    }
+}
+
+/// Lines of vehicles of a client, with offsets, none of which depends on other clients.
+fn lines_of(client: i64, count: i64) -> Vec<String> {
+    let mut rng = rng(client as u64);
+    let line = |at| {
+        let (vehicle, seen) = (100 * client + rng.random_range(0..40), rng.random_range(0..5));
+        let line = json!({"vehicle": vehicle, "time": at, "observation": seen, "offset": at});
+        format!("{line}\n")
+    };
+    (0..count).map(line).collect()
+}
+
+#[test]
+fn answers_come_back_to_those_who_asked() {
+    let folder = Folder::new(&model(1));
+    let socket = folder.path("socket");
+    for address in ["127.0.0.1:0".to_owned(), at(&socket)] {
+        let run = Running::begin(ServiceJob { listen: Some(address), ..job(&folder) });
+        let clients = (0..6).map(|client| {
+            let text = lines_of(client, 4000).concat();
+            let expected = answers(&job(&folder), &text).1;
+            let address = run.address.clone();
+            thread::spawn(move || {
+                let mut found = String::new();
+                // The end of a connection's lines is no end of its answers.
+                match address.strip_prefix("unix:") {
+                    Some(path) => {
+                        let stream = UnixStream::connect(path).unwrap();
+                        (&stream).write_all(text.as_bytes()).unwrap();
+                        stream.shutdown(std::net::Shutdown::Write).unwrap();
+                        (&stream).read_to_string(&mut found).unwrap();
+                    }
+                    None => {
+                        let stream = TcpStream::connect(&address).unwrap();
+                        let mut writer = stream.try_clone().unwrap();
+                        let writer = thread::spawn(move || {
+                            writer.write_all(text.as_bytes()).unwrap();
+                            writer.shutdown(std::net::Shutdown::Write).unwrap();
+                        });
+                        (&stream).read_to_string(&mut found).unwrap();
+                        writer.join().unwrap();
+                    }
+                }
+                let found: Vec<Value> =
+                    found.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+                assert_eq!(found, expected);
+            })
+        });
+        let clients: Vec<_> = clients.collect();
+        clients.into_iter().for_each(|client| client.join().unwrap());
+        assert_eq!(run.end().lines, 24_000);
+    }
+    assert!(!socket.exists());
+}
+
+#[test]
+fn one_run_listens_and_one_connection_has_a_name() {
+    let folder = Folder::new(&model(1));
+    let socket = folder.path("socket");
+    let listening = ServiceJob { listen: Some(at(&socket)), ..job(&folder) };
+    let run = Running::begin(listening.clone());
+    let second = serve(&listening, &Control::new(), io::empty(), Vec::new(), |_| ());
+    assert!(second.unwrap_err().to_string().contains("another run listens"));
+
+    let (mut first, lines) = (Client::new(&socket).unwrap(), lines_of(1, 10));
+    assert_eq!(first.name("gate").unwrap(), None);
+    first.send(&lines[..4].concat()).unwrap();
+    (0..4).for_each(|at| assert_eq!(first.answer().unwrap()["offset"], json!(at)));
+    let mut other = Client::new(&socket).unwrap();
+    assert_eq!(other.name("other").unwrap(), None);
+    let mut again = Client::new(&socket).unwrap();
+    assert_eq!(again.name("gate").unwrap(), Some(3));
+    // The first is cut off: the two would be taken for one another.
+    assert!(first.answer().is_err());
+    again.send(&lines[4..].concat()).unwrap();
+    (4..10).for_each(|at| assert_eq!(again.answer().unwrap()["offset"], json!(at)));
+    other.send(&line(7, 1, 3)).unwrap();
+    assert_eq!(other.answer().unwrap()["vehicle"], json!(7));
+    assert_eq!(run.end().errors, 0);
+
+    let (_, refused) = answers(&job(&folder), "{\"client\": \"gate\"}\n");
+    assert_eq!(refused[0]["error_kind"], json!("line"));
+    // Not a socket, and left as it is.
+    fs::write(&socket, "of others").unwrap();
+    assert!(serve(&listening, &Control::new(), io::empty(), Vec::new(), |_| ()).is_err());
+    assert_eq!(fs::read(&socket).unwrap(), b"of others");
+}
+
+#[test]
+fn lines_that_wait_are_answered_where_they_came_from() {
+    let folder = Folder::new(&model(1));
+    let socket = folder.path("socket");
+    let listen = Some(at(&socket));
+    let run = Running::begin(ServiceJob { listen, lateness: Some(10), ..job(&folder) });
+    let (mut a, mut b) = (Client::new(&socket).unwrap(), Client::new(&socket).unwrap());
+    a.send(&line(1, 5, 2)).unwrap();
+    // Answered at once, and so a sign that those before have been taken.
+    a.send("no line\n").unwrap();
+    assert_eq!(a.answer().unwrap()["error_kind"], json!("line"));
+    b.send(&(line(2, 3, 2) + &line(2, 30, 2))).unwrap();
+    let first = b.answer().unwrap();
+    assert_eq!((&first["vehicle"], &first["time"]), (&json!(2), &json!(3)));
+    assert_eq!(a.answer().unwrap()["vehicle"], json!(1));
+    run.end();
+}
+
+#[test]
+fn a_run_is_stopped_while_lines_come_without_end() {
+    let folder = Folder::new(&model(1));
+    let socket = folder.path("socket");
+    let run = Running::begin(ServiceJob { listen: Some(at(&socket)), ..job(&folder) });
+    let floods = (0..3).map(|_| {
+        let stream = UnixStream::connect(&socket).unwrap();
+        let mut reader = stream.try_clone().unwrap();
+        thread::spawn(move || io::copy(&mut reader, &mut io::sink()));
+        thread::spawn(move || while (&stream).write_all(&b"no line\n".repeat(1000)).is_ok() {})
+    });
+    let floods: Vec<_> = floods.collect();
+    let mut client = Client::new(&socket).unwrap();
+    client.send(&line(1, 1, 2)).unwrap();
+    client.answer().unwrap();
+    assert!(run.end().lines > 1);
+    floods.into_iter().for_each(|flood| flood.join().unwrap());
+}
+
+/// The most memory that a process has had, in bytes.
+#[cfg(target_os = "linux")]
+fn most_memory(child: &Child) -> u64 {
+    let status = fs::read_to_string(format!("/proc/{}/status", child.id())).unwrap();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap();
+    line.trim().strip_suffix(" kB").unwrap().parse::<u64>().unwrap() << 10
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn clients_that_never_read_or_end_a_line_cost_others_nothing() {
+    let folder = Folder::new(&model(1));
+    let socket = folder.path("socket");
+    let mut child = command(&folder, &["--listen", &at(&socket)]).spawn().unwrap();
+    while UnixStream::connect(&socket).is_err() {
+        thread::sleep(Duration::from_millis(1));
+    }
+    let text = lines_of(1, 2000);
+    let ask = |from: usize| {
+        let mut client = Client::new(&socket).unwrap();
+        client.send(&text[from..from + 500].concat()).unwrap();
+        (0..500).for_each(|at| assert_eq!(client.answer().unwrap()["offset"], json!(from + at)));
+    };
+    ask(0);
+    let before = most_memory(&child);
+    // Answers are longer than the lines. A write that takes long is one that nobody reads for.
+    let deaf = UnixStream::connect(&socket).unwrap();
+    deaf.set_write_timeout(Some(Duration::from_millis(500))).unwrap();
+    let lines = b"no\n".repeat(10_000);
+    let mut sent = 0;
+    while let Ok(count) = (&deaf).write(&lines) {
+        sent += count;
+        assert!(sent < 50_000_000, "lines are taken whose answers nobody reads");
+    }
+    ask(500);
+    // Half a line of someone who goes away is not taken.
+    let mut half = UnixStream::connect(&socket).unwrap();
+    half.write_all(text[1000][..30].as_bytes()).unwrap();
+    drop(half);
+    let endless = UnixStream::connect(&socket).unwrap();
+    let part = vec![b'x'; 1 << 20];
+    (0..300).for_each(|_| (&endless).write_all(&part).unwrap());
+    ask(1000);
+    drop(deaf);
+    ask(1500);
+    let more = most_memory(&child) - before;
+    assert!(more < 60_000_000, "{more} bytes more");
+    // What has no end is answered when it comes.
+    let mut endless = Client(BufReader::new(endless));
+    endless.send("\n").unwrap();
+    assert!(endless.answer().unwrap()["error"].as_str().unwrap().contains("too long"));
+    signal(&child, "TERM");
+    assert!(child.wait().unwrap().success());
+    assert!(!socket.exists());
+}
+
+#[test]
+fn clients_go_on_by_their_offsets_when_the_run_is_killed() {
+    const CLIENTS: i64 = 3;
+    const LINES: i64 = 6000;
+    let folder = Folder::new(&model(1));
+    let (socket, snapshot) = (folder.path("socket"), folder.path("pool.bin"));
+    let output = folder.path("positions");
+    let file = snapshot.to_str().unwrap();
+    let address = at(&socket);
+    let arguments = ["--listen", &address, "--restore", file, "--snapshot", file, "--every", ".01"];
+    let arguments = [&arguments[..], &["--output", output.to_str().unwrap()]].concat();
+    let begin = || command(&folder, &arguments).stderr(Stdio::null()).spawn().unwrap();
+    let is_over = AtomicBool::new(false);
+    let talk = |client: i64, lines: &[String], found: &mut BTreeMap<i64, Value>| {
+        let mut connection = Client::new(&socket)?;
+        let last = connection.name(&format!("client {client}"))?.unwrap_or(-1);
+        // What it has an answer to may have to be sent again, but nothing is left out.
+        assert!(last < LINES && found.len() as i64 <= LINES);
+        for part in lines[(last + 1) as usize..].chunks(50) {
+            connection.send(&part.concat())?;
+            for _ in part {
+                let answer = connection.answer()?;
+                let offset = answer["offset"].as_i64().unwrap();
+                let before = found.insert(offset, answer.clone());
+                assert!(before.is_none_or(|before| before == answer));
+            }
+        }
+        io::Result::Ok(())
+    };
+    let all: Vec<Vec<String>> = (0..CLIENTS).map(|client| lines_of(client, LINES)).collect();
+    let mut child = begin();
+    let mut after_some = 0;
+    thread::scope(|scope| {
+        for (client, lines) in (0..).zip(&all) {
+            let (talk, is_over) = (&talk, &is_over);
+            scope.spawn(move || {
+                let mut found = BTreeMap::new();
+                // A run that is killed may ask for lines again that were answered.
+                loop {
+                    let is_last = is_over.load(Ordering::SeqCst);
+                    if talk(client, lines, &mut found).is_ok() && is_last {
+                        break;
+                    }
+                    thread::sleep(Duration::from_millis(2));
+                }
+                assert_eq!(found.len() as i64, LINES);
+            });
+        }
+        let mut rng = rng(5);
+        for _ in 0..10 {
+            thread::sleep(Duration::from_millis(rng.random_range(20..120)));
+            child.kill().unwrap();
+            child.wait().unwrap();
+            after_some +=
+                usize::from(position(&snapshot).is_ok_and(|at| !at.unwrap().clients.is_empty()));
+            child = begin();
+        }
+        is_over.store(true, Ordering::SeqCst);
+    });
+    assert!(after_some > 2, "{after_some} of the kills came after a snapshot");
+    signal(&child, "TERM");
+    assert!(child.wait().unwrap().success());
+    // Each line of each client has one answer in the file, in the order of the client's lines.
+    let mut found: Vec<Vec<Value>> = vec![Vec::new(); CLIENTS as usize];
+    for line in fs::read_to_string(&output).unwrap().lines() {
+        let answer: Value = serde_json::from_str(line).unwrap();
+        if let Some(vehicle) = answer["vehicle"].as_i64() {
+            found[(vehicle / 100) as usize].push(answer);
+        }
+    }
+    for (lines, found) in all.iter().zip(&found) {
+        let expected = answers(&job(&folder), &lines.concat()).1;
+        let other = found.iter().zip(&expected).position(|(found, expected)| found != expected);
+        if let Some(at) = other {
+            panic!("answer {at} is {}, expected {}", found[at], expected[at]);
+        }
+        assert_eq!(found.len(), expected.len());
+    }
+    let at = position(&snapshot).unwrap().unwrap();
+    assert!(at.clients.len() == CLIENTS as usize);
+    assert!(at.clients.values().all(|offset| *offset == (LINES - 1).into()));
+}
