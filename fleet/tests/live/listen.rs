@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs;
 use std::io::{self, BufRead, BufReader, ErrorKind, Read, Write};
-use std::net::TcpStream;
+use std::net::{Shutdown, TcpStream};
 use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::process::{Child, Stdio};
@@ -105,23 +105,16 @@ fn answers_come_back_to_those_who_asked() {
             thread::spawn(move || {
                 let mut found = String::new();
                 // The end of a connection's lines is no end of its answers.
-                match address.strip_prefix("unix:") {
-                    Some(path) => {
-                        let stream = UnixStream::connect(path).unwrap();
-                        (&stream).write_all(text.as_bytes()).unwrap();
-                        stream.shutdown(std::net::Shutdown::Write).unwrap();
-                        (&stream).read_to_string(&mut found).unwrap();
-                    }
-                    None => {
-                        let stream = TcpStream::connect(&address).unwrap();
-                        let mut writer = stream.try_clone().unwrap();
-                        let writer = thread::spawn(move || {
-                            writer.write_all(text.as_bytes()).unwrap();
-                            writer.shutdown(std::net::Shutdown::Write).unwrap();
-                        });
-                        (&stream).read_to_string(&mut found).unwrap();
-                        writer.join().unwrap();
-                    }
+                if let Some(path) = address.strip_prefix("unix:") {
+                    let stream = UnixStream::connect(path).unwrap();
+                    (&stream).write_all(text.as_bytes()).unwrap();
+                    stream.shutdown(Shutdown::Write).unwrap();
+                    (&stream).read_to_string(&mut found).unwrap();
+                } else {
+                    let stream = TcpStream::connect(&address).unwrap();
+                    (&stream).write_all(text.as_bytes()).unwrap();
+                    stream.shutdown(Shutdown::Write).unwrap();
+                    (&stream).read_to_string(&mut found).unwrap();
                 }
                 let found: Vec<Value> =
                     found.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
@@ -242,7 +235,7 @@ fn clients_that_never_read_or_end_a_line_cost_others_nothing() {
     ask(500);
     // Half a line of someone who goes away is not taken.
     let mut half = UnixStream::connect(&socket).unwrap();
-    half.write_all(text[1000][..30].as_bytes()).unwrap();
+    half.write_all(&text[1000].as_bytes()[..30]).unwrap();
     drop(half);
     let endless = UnixStream::connect(&socket).unwrap();
     let part = vec![b'x'; 1 << 20];
