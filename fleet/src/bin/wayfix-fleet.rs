@@ -5,7 +5,7 @@
 //! ```
 
 use std::io::{self, Write};
-use std::num::NonZeroU64;
+use std::num::{NonZeroU64, NonZeroUsize};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::thread;
@@ -192,6 +192,10 @@ struct Live {
     /// latest at most; refuses others.
     #[arg(long, value_name = "UNITS")]
     lateness: Option<u64>,
+    /// Takes the largest `time` that so many vehicles have reached for the latest, so that one clock
+    /// that is far ahead makes no other vehicle late or forgotten.
+    #[arg(long, value_name = "VEHICLES", default_value = "1")]
+    agree: NonZeroUsize,
     /// Folder of the models that a line may name.
     #[arg(long)]
     models: Option<PathBuf>,
@@ -414,6 +418,7 @@ fn start_live(options: Live) -> Result<String, FleetError> {
             forget_after: options.forget_after,
             step: options.step,
             most_steps: Some(options.most_steps),
+            agree: Some(options.agree),
         },
         lateness: options.lateness,
         models: options.models,

@@ -29,44 +29,37 @@
 
 mod block;
 mod file;
+mod latest;
 mod lines;
 mod live;
 mod service;
 mod shard;
 mod spill;
 mod timing;
+mod updates;
 mod vehicle;
 mod writing;
 
 use std::fmt;
 use std::hash::{BuildHasher, RandomState};
-use std::panic;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 
 use wayfix::inference::FilterSnapshot;
 use wayfix::{Filter, Hmm, Likelihood, Transition};
 
+use latest::Latest;
 pub use live::{LiveJob, LiveSummary, live};
 pub use service::{Control, Notice, Position, ServiceJob, position, serve, signals};
 use shard::Shard;
 use spill::{Disk, Folder};
-use timing::Moment;
 pub use timing::Timing;
 pub use vehicle::{Answer, Update, UpdateError, VehicleId};
 pub use writing::Writing;
 
 use crate::error::{FleetError, Outcome};
 
-/// Updates for which threads are not worth while.
-const FEW: usize = 64;
-/// Updates that threads take at a time.
-const ROUND: usize = 1 << 18;
-/// Numbers of the states that a thread asks memory for at once, and most such states.
-const TOGETHER: usize = 1 << 11;
-const MOST_TOGETHER: usize = 16;
 /// Shards for each thread, so that none waits long for the others.
 const SHARDS: usize = 8;
 /// Longest hash of a model, in bytes.
@@ -134,8 +127,7 @@ pub struct Pool<A: Transition, B: Likelihood> {
     /// One for each thread.
     filters: Vec<Filter<Arc<Hmm<A, B>>>>,
     timing: Timing,
-    /// Largest time of all updates.
-    latest: i64,
+    latest: Latest,
     /// That when forgotten vehicles were last removed, and the shards that are left to look
     /// through.
     swept: i64,
@@ -189,7 +181,7 @@ impl<A: Transition, B: Likelihood> Pool<A, B> {
         };
         let shards: Arc<[_]> = (0..count).map(shard).collect();
         let filters = (0..threads).map(|_| Filter::new(Arc::clone(&model))).collect();
-        let (timing, latest) = (Timing::default(), i64::MIN);
+        let (timing, latest) = (Timing::default(), Latest::default());
         let (swept, to_sweep) = (i64::MIN, 0);
         Ok(Self { model, hash, hasher, shards, filters, timing, latest, swept, to_sweep })
     }
@@ -240,6 +232,7 @@ impl<A: Transition, B: Likelihood> Pool<A, B> {
         let (hash, shard) = self.place(vehicle);
         let mut shard = lock(&self.shards[shard]);
         let time = shard.find(hash, vehicle).map(|at| shard.time(at));
+        self.latest.remove(vehicle);
         shard.remove(hash, vehicle) && time.is_some_and(|time| self.is_kept(time))
     }
 
@@ -254,110 +247,6 @@ impl<A: Transition, B: Likelihood> Pool<A, B> {
         let hash = self.hasher.hash_one(vehicle);
         // Other bits than those by which a shard finds it.
         (hash, (hash >> 40) as usize & (self.shards.len() - 1))
-    }
-}
-
-impl<A, B> Pool<A, B>
-where
-    A: Transition<Control = ()>,
-    B: Likelihood<Observation: Sized>,
-{
-    /// Takes an update of one vehicle: a step of its filter.
-    ///
-    /// # Errors
-    ///
-    /// [`UpdateError`] if the update is refused; the vehicle is as it was.
-    pub fn update(&mut self, update: &Update<B::Observation>) -> UpdateResult {
-        let (hash, shard) = self.place(&update.vehicle);
-        self.latest = self.latest.max(update.time);
-        let moment = Moment { timing: &self.timing, latest: self.latest };
-        let answer = lock(&self.shards[shard]).update(&mut self.filters[0], hash, update, &moment);
-        self.forget_some();
-        answer
-    }
-
-    /// Takes many updates with all threads. Those of a vehicle are taken in their order, and answers
-    /// are in the order of the updates.
-    pub fn update_all(&mut self, updates: &[Update<B::Observation>]) -> Vec<UpdateResult>
-    where
-        A: Send + Sync,
-        B: Likelihood<Observation: Sync> + Send + Sync,
-    {
-        let mut answers = Vec::with_capacity(updates.len());
-        for round in updates.chunks(ROUND) {
-            if round.len() < FEW {
-                answers.extend(round.iter().map(|update| self.update(update)));
-            } else {
-                self.round(round, &mut answers);
-            }
-        }
-        answers
-    }
-
-    /// Takes updates with all threads, each of which takes one shard after the other.
-    fn round(&mut self, updates: &[Update<B::Observation>], answers: &mut Vec<UpdateResult>)
-    where
-        A: Send + Sync,
-        B: Likelihood<Observation: Sync> + Send + Sync,
-    {
-        let mut jobs: Vec<Vec<(u64, u32)>> = vec![Vec::new(); self.shards.len()];
-        let room = updates.len() / jobs.len();
-        jobs.iter_mut().for_each(|job| job.reserve(room + room / 4));
-        // The largest time up to each update, if it matters.
-        let forgets = self.timing.forget_after.is_some();
-        let mut latests = Vec::with_capacity(if forgets { updates.len() } else { 0 });
-        for (number, update) in (0..).zip(updates) {
-            let (hash, shard) = self.place(&update.vehicle);
-            jobs[shard].push((hash, number));
-            self.latest = self.latest.max(update.time);
-            if forgets {
-                latests.push(self.latest);
-            }
-        }
-        let next = AtomicUsize::new(0);
-        let together = (TOGETHER / self.model.states()).clamp(1, MOST_TOGETHER);
-        let Self { shards, filters, timing, latest, .. } = self;
-        let moment = |number: u32| {
-            let latest = latests.get(number as usize).copied().unwrap_or(*latest);
-            Moment { timing, latest }
-        };
-        let work = |filter: &mut Filter<Arc<Hmm<A, B>>>| {
-            let mut answers = Vec::with_capacity(updates.len());
-            loop {
-                let shard = next.fetch_add(1, Ordering::Relaxed);
-                let (Some(job), Some(shard)) = (jobs.get(shard), shards.get(shard)) else {
-                    return answers;
-                };
-                let mut shard = lock(shard);
-                for job in job.chunks(together) {
-                    shard.warm(
-                        job.iter().map(|&(hash, number)| (hash, &updates[number as usize].vehicle)),
-                    );
-                    answers.extend(job.iter().map(|&(hash, number)| {
-                        let update = &updates[number as usize];
-                        (number, shard.update(filter, hash, update, &moment(number)))
-                    }));
-                }
-            }
-        };
-        let mut in_order: Vec<Option<UpdateResult>> = Vec::new();
-        in_order.resize_with(updates.len(), || None);
-        thread::scope(|scope| {
-            let work = &work;
-            let workers: Vec<_> =
-                filters.iter_mut().map(|filter| scope.spawn(move || work(filter))).collect();
-            for worker in workers {
-                match worker.join() {
-                    Ok(answers) => answers
-                        .into_iter()
-                        .for_each(|(number, answer)| in_order[number as usize] = Some(answer)),
-                    Err(panic) => panic::resume_unwind(panic),
-                }
-            }
-        });
-        // Every update is a job of one thread.
-        answers.extend(in_order.into_iter().flatten());
-        self.forget_some();
     }
 }
 

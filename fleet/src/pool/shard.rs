@@ -1,19 +1,18 @@
 //! A part of the vehicles of a pool, which one thread works on at a time.
 
 mod cut;
+mod states;
+mod step;
 
 use std::hash::{BuildHasher, RandomState};
 use std::hint::black_box;
-use std::sync::Arc;
 
 use hashbrown::HashTable;
 use wayfix::inference::FilterSnapshot;
-use wayfix::{Filter, Hmm, InferenceError, Likelihood, Transition};
 
 use super::block::Block;
 use super::spill::{Disk, Slot};
-use super::timing::Moment;
-use super::vehicle::{Answer, Update, UpdateError, VehicleId};
+use super::vehicle::VehicleId;
 use crate::error::{FleetError, Outcome};
 use cut::Cut;
 
@@ -143,57 +142,6 @@ impl Shard {
         self.disk.as_ref().map_or(0, Disk::file_bytes)
     }
 
-    /// Takes an update with the filter of a thread.
-    pub(super) fn update<A, B>(
-        &mut self,
-        filter: &mut Filter<Arc<Hmm<A, B>>>,
-        hash: u64,
-        update: &Update<B::Observation>,
-        moment: &Moment<'_>,
-    ) -> Result<Answer, UpdateError>
-    where
-        A: Transition<Control = ()>,
-        B: Likelihood<Observation: Sized>,
-    {
-        let found = self.find(hash, &update.vehicle);
-        let last = found.map(|at| self.entries[at as usize].time);
-        // Whether it is still here must not depend on when the vehicles were last looked through.
-        let last = last.filter(|&last| !moment.is_forgotten(last));
-        // Also of one that begins again: a line that comes twice must not make it forget what came
-        // between.
-        if let Some(last) = last
-            && update.time <= last
-        {
-            return Err(UpdateError::Time { time: update.time, last });
-        }
-        let mut steps = 1;
-        match (found, last) {
-            (Some(at), Some(last)) if !update.restart => {
-                let state = self.load(at).map_err(|error| UpdateError::Disk(Box::new(error)))?;
-                filter.restore(state)?;
-                steps = moment.steps(last, update.time);
-            }
-            _ => filter.restart(),
-        }
-        let log_likelihood = match take_steps(filter, steps, &update.observation) {
-            Ok(log_likelihood) => log_likelihood,
-            Err(error) => {
-                // Its state may just have been loaded.
-                self.evict();
-                return Err(error.into());
-            }
-        };
-        if let Some(at) = found {
-            self.store(at, update.time, filter);
-        } else {
-            let state = Box::new(filter.snapshot());
-            self.add(hash, update.vehicle.clone(), update.time, state);
-        }
-        self.evict();
-        let (state, probability) = peak(filter.belief().as_slice());
-        Ok(Answer { state, probability, log_likelihood })
-    }
-
     /// Reads what the next updates need, so that memory is asked for all of it at once: most of the
     /// time of an update of one vehicle in millions is waiting for memory otherwise.
     pub(super) fn warm<'a>(&self, next: impl Iterator<Item = (u64, &'a VehicleId)>) {
@@ -258,159 +206,6 @@ impl Shard {
         self.free.push(at);
         true
     }
-
-    /// Copies the state of a filter into a vehicle.
-    fn store<A, B>(&mut self, at: u32, time: i64, filter: &Filter<Arc<Hmm<A, B>>>)
-    where
-        A: Transition,
-        B: Likelihood,
-    {
-        self.keep(at);
-        if let Place::Memory(state) = &mut self.entries[at as usize].place {
-            self.heap -= bytes_of(state);
-            filter.snapshot_to(state);
-            self.heap += bytes_of(state);
-            self.unlink(at);
-        } else {
-            self.clear(at);
-            let state = Box::new(filter.snapshot());
-            self.heap += bytes_of(&state);
-            self.in_memory += 1;
-            self.entries[at as usize].place = Place::Memory(state);
-        }
-        self.entries[at as usize].time = time;
-        self.link(at);
-    }
-
-    /// Gives up the state of a vehicle.
-    fn clear(&mut self, at: u32) {
-        if let Place::Memory(_) = &self.entries[at as usize].place {
-            self.unlink(at);
-        }
-        match std::mem::replace(&mut self.entries[at as usize].place, Place::Free) {
-            Place::Memory(state) => {
-                self.heap -= bytes_of(&state);
-                self.in_memory -= 1;
-            }
-            Place::Disk(slot) => {
-                if let Some(disk) = &mut self.disk {
-                    disk.release(slot);
-                }
-            }
-            Place::Free => {}
-        }
-    }
-
-    /// Brings the state of a vehicle into memory.
-    fn load(&mut self, at: u32) -> Outcome<&FilterSnapshot> {
-        if let Place::Disk(slot) = self.entries[at as usize].place
-            && let Some(disk) = &mut self.disk
-        {
-            let state = Box::new(disk.get(slot)?);
-            disk.release(slot);
-            self.heap += bytes_of(&state);
-            self.in_memory += 1;
-            self.entries[at as usize].place = Place::Memory(state);
-            self.link(at);
-        }
-        match &self.entries[at as usize].place {
-            Place::Memory(state) => Ok(state),
-            _ => Err(FleetError::Settings("the vehicle has no state".to_owned())),
-        }
-    }
-
-    /// Moves the states that were not seen for longest to the disk until the rest is within the
-    /// limit, or is one.
-    pub(super) fn evict(&mut self) {
-        let Some(disk) = &mut self.disk else { return };
-        while self.in_memory > 1 {
-            let bytes = self.entries.capacity() * size_of::<Entry>()
-                + self.free.capacity() * size_of::<u32>()
-                + self.index.allocation_size()
-                + self.heap
-                + disk.bytes();
-            if bytes <= self.limit {
-                return;
-            }
-            let at = self.oldest;
-            let Place::Memory(state) = &self.entries[at as usize].place else { return };
-            match disk.put(state) {
-                Ok(slot) => {
-                    self.heap -= bytes_of(state);
-                    self.in_memory -= 1;
-                    self.entries[at as usize].place = Place::Disk(slot);
-                    let newer = self.entries[at as usize].newer;
-                    self.oldest = newer;
-                    self.entries[newer as usize].older = NONE;
-                }
-                Err(error) => {
-                    self.failure.get_or_insert(error);
-                    return;
-                }
-            }
-        }
-    }
-
-    /// Puts a vehicle at the new end of the list.
-    fn link(&mut self, at: u32) {
-        let newest = self.newest;
-        let entry = &mut self.entries[at as usize];
-        (entry.newer, entry.older) = (NONE, newest);
-        if newest == NONE {
-            self.oldest = at;
-        } else {
-            self.entries[newest as usize].newer = at;
-        }
-        self.newest = at;
-    }
-
-    /// Takes a vehicle out of the list.
-    fn unlink(&mut self, at: u32) {
-        let Entry { newer, older, .. } = self.entries[at as usize];
-        match newer {
-            NONE => self.newest = older,
-            _ => self.entries[newer as usize].older = older,
-        }
-        match older {
-            NONE => self.oldest = newer,
-            _ => self.entries[older as usize].newer = newer,
-        }
-    }
-}
-
-/// Moves a filter so many steps, and shows it what was seen after the last.
-fn take_steps<A, B>(
-    filter: &mut Filter<Arc<Hmm<A, B>>>,
-    steps: u64,
-    observation: &B::Observation,
-) -> Result<f64, InferenceError>
-where
-    A: Transition<Control = ()>,
-    B: Likelihood<Observation: Sized>,
-{
-    if steps == 0 {
-        return filter.update(observation);
-    }
-    for _ in 1..steps {
-        filter.predict_with(&())?;
-    }
-    filter.step_with(&(), observation)
-}
-
-/// Most probable state and its probability; ties go to the lowest.
-fn peak(belief: &[f64]) -> (usize, f64) {
-    let greater = |a: f64, b: f64| if b > a { b } else { a };
-    let (lines, rest) = belief.as_chunks::<LINE>();
-    let mut lanes = [f64::NEG_INFINITY; LINE];
-    for line in lines {
-        for k in 0..LINE {
-            lanes[k] = greater(lanes[k], line[k]);
-        }
-    }
-    let best = lanes.iter().chain(rest).fold(f64::NEG_INFINITY, |best, &p| greater(best, p));
-    let first = lines.iter().position(|line| line.contains(&best)).unwrap_or(lines.len()) * LINE;
-    let within = belief[first..].iter().position(|&p| p == best).unwrap_or(0);
-    (first + within, best)
 }
 
 fn text_bytes(vehicle: &VehicleId) -> usize {

@@ -1,11 +1,11 @@
 //! What the time of an update does.
 
-use std::num::NonZeroU64;
+use std::num::{NonZeroU64, NonZeroUsize};
 use std::sync::Arc;
 
 use wayfix::{Filter, Hmm, Likelihood, Transition};
 
-use super::{Pool, PoolOptions, lock};
+use super::{Latest, Pool, PoolOptions, lock};
 use crate::error::{FleetError, Outcome};
 
 /// What the time of updates does, beside refusing those that are late or come twice.
@@ -13,14 +13,23 @@ use crate::error::{FleetError, Outcome};
 /// Nothing by default: an update is a step of the model, and vehicles are kept for good.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Timing {
-    /// A vehicle is forgotten as soon as the largest time of all updates is more than this above the
-    /// time of its last one. Its next update begins at the prior.
+    /// A vehicle is forgotten as soon as the latest time is more than this above the time of its
+    /// last update. Its next update begins at the prior.
     pub forget_after: Option<u64>,
     /// Units of time of a step of the model. An update takes as many transitions as multiples of
     /// this lie between it and the last update, none if there is none.
     pub step: Option<NonZeroU64>,
     /// Most transitions of an update; those beyond are left out. At least 1.
     pub most_steps: Option<NonZeroU64>,
+    /// The latest time is the largest that so many vehicles have reached; that of all updates by
+    /// default. So with 2 of them one clock that is far ahead forgets nobody, with 3 two.
+    pub agree: Option<NonZeroUsize>,
+}
+
+impl Timing {
+    pub(super) fn agree(&self) -> usize {
+        self.agree.map_or(1, NonZeroUsize::get)
+    }
 }
 
 /// Transitions of an update if no other number is given.
@@ -29,7 +38,7 @@ const MOST_STEPS: u64 = 1000;
 /// The time at which an update is taken.
 pub(super) struct Moment<'a> {
     pub(super) timing: &'a Timing,
-    /// Largest time of all updates up to this one.
+    /// The latest time up to this update.
     pub(super) latest: i64,
 }
 
@@ -56,50 +65,62 @@ impl Moment<'_> {
 }
 
 impl<A: Transition, B: Likelihood> Pool<A, B> {
-    /// Says what the time of updates does from now on. The largest time of updates so far is not
+    /// Says what the time of updates does from now on. The latest time of updates so far is not
     /// in a snapshot: `latest` gives it, if it is known.
     pub fn set_timing(&mut self, timing: Timing, latest: Option<i64>) {
         self.timing = timing;
-        self.latest = self.latest.max(latest.unwrap_or(i64::MIN));
+        if latest > self.latest.time() {
+            self.latest = Latest::at(latest);
+        }
     }
 
-    /// Largest time of all updates, whether they were refused or not; `None` before the first.
+    /// The latest time, of updates that were refused, too; `None` before the first.
     #[must_use]
     pub fn latest(&self) -> Option<i64> {
-        Some(self.latest).filter(|&latest| latest > i64::MIN)
+        self.latest.time()
+    }
+
+    pub(super) fn set_latest(&mut self, latest: Latest) {
+        self.latest = latest;
+    }
+
+    pub(super) fn clone_latest(&self) -> Latest {
+        self.latest.clone()
     }
 
     /// Removes all vehicles that are [to be forgotten](Timing::forget_after). Answers are the same
     /// without.
     pub fn forget(&mut self) {
-        self.swept = self.latest;
-        self.to_sweep = 0;
-        let before = self.moment(self.latest).forgotten_before();
+        let moment = self.moment();
+        let (latest, before) = (moment.latest, moment.forgotten_before());
+        (self.swept, self.to_sweep) = (latest, 0);
         self.shards.iter().for_each(|shard| lock(shard).forget_before(before));
     }
 
     /// Removes some of them, so that no update waits for long.
     pub(super) fn forget_some(&mut self) {
         let Some(units) = self.timing.forget_after else { return };
+        let moment = self.moment();
+        let (latest, before) = (moment.latest, moment.forgotten_before());
         if self.to_sweep == 0 {
             let next = self.swept.checked_add_unsigned(units / 8 + 1);
-            if next.is_none_or(|next| self.latest < next) {
+            if next.is_none_or(|next| latest < next) {
                 return;
             }
-            (self.swept, self.to_sweep) = (self.latest, self.shards.len());
+            (self.swept, self.to_sweep) = (latest, self.shards.len());
         }
         self.to_sweep -= 1;
-        let before = self.moment(self.latest).forgotten_before();
         lock(&self.shards[self.to_sweep]).forget_before(before);
     }
 
     /// False for a vehicle that is to be forgotten, which may still be here.
     pub(super) fn is_kept(&self, last: i64) -> bool {
-        !self.moment(self.latest).is_forgotten(last)
+        !self.moment().is_forgotten(last)
     }
 
-    fn moment(&self, latest: i64) -> Moment<'_> {
-        Moment { timing: &self.timing, latest }
+    /// The moment after the last update.
+    pub(super) fn moment(&self) -> Moment<'_> {
+        Moment { timing: &self.timing, latest: self.latest.time().unwrap_or(i64::MIN) }
     }
 
     /// Goes on with another model. Vehicles keep their belief if it has as many states, and begin
@@ -125,7 +146,7 @@ impl<A: Transition, B: Likelihood> Pool<A, B> {
         options: &PoolOptions,
     ) -> Outcome<Pool<C, D>> {
         let shards = std::mem::replace(&mut self.shards, Arc::from([]));
-        let (hasher, timing, latest) = (self.hasher.clone(), self.timing, self.latest);
+        let (hasher, timing, latest) = (self.hasher.clone(), self.timing, self.latest.clone());
         let (swept, to_sweep) = (self.swept, self.to_sweep);
         let states = self.model.states();
         if model.states() != states {
@@ -136,7 +157,7 @@ impl<A: Transition, B: Likelihood> Pool<A, B> {
             // Its folder is for one at a time.
             drop(shards);
             let mut pool = Pool::new(model, hash, options)?;
-            pool.set_timing(timing, Some(latest));
+            (pool.timing, pool.latest) = (timing, latest);
             return Ok(pool);
         }
         let filters = self.filters.iter().map(|_| Filter::new(Arc::clone(&model))).collect();

@@ -1,7 +1,7 @@
 //! Times that order, forget and count steps.
 
 use std::io::{Cursor, Read};
-use std::num::NonZeroU64;
+use std::num::{NonZeroU64, NonZeroUsize};
 use std::time::Duration;
 
 use rand::RngExt;
@@ -163,5 +163,54 @@ fn steps_follow_the_time() {
         };
         close(answer["log_likelihood"].as_f64().unwrap(), log);
         close(answer["probability"].as_f64().unwrap(), filter.belief().peak().1);
+    }
+}
+
+#[test]
+fn one_clock_that_is_far_ahead_makes_no_other_late_or_forgotten() {
+    let folder = Folder::new(&model(1));
+    let mut rng = rng(12);
+    let mut text: Vec<String> =
+        (0..2000).map(|time| line(rng.random_range(0..30), time, rng.random_range(0..5))).collect();
+    let without = text.concat();
+    text.insert(500, line(99, 1_000_000, 3));
+    text.insert(1200, line(99, 1_000_001, 3));
+    let with = text.concat();
+    let of_others = |job: &ServiceJob, text: &str| {
+        let mut found = answers(job, text).1;
+        found.retain(|answer| answer["vehicle"] != json!(99));
+        found
+    };
+    let agree = NonZeroUsize::new(2);
+    for lateness in [None, Some(5)] {
+        let timing = Timing { forget_after: Some(1000), agree, ..Timing::default() };
+        let mut job = ServiceJob { timing, lateness, ..job(&folder) };
+        let expected = of_others(&job, &without);
+        assert!(expected.iter().all(|answer| answer.get("error").is_none()));
+        assert!(of_others(&job, &with) == expected);
+        // A run that goes on knows how far each is.
+        let snapshot = folder.path(&format!("{lateness:?}.bin"));
+        job.replay = true;
+        job.live.restore = Some(snapshot.clone());
+        job.live.snapshot = Some(snapshot);
+        let mut output = Vec::new();
+        for end in [501, 1201, text.len()] {
+            let control = Control::new();
+            let input = Cursor::new(text[..end].concat().into_bytes());
+            if end < text.len() {
+                let input = Stopping(input, control.clone());
+                serve(&job, &control, input, &mut output, |_| ()).unwrap();
+            } else {
+                serve(&job, &control, input, &mut output, |_| ()).unwrap();
+            }
+        }
+        let found = String::from_utf8(output).unwrap();
+        let found = found.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
+        let found: Vec<Value> = found.filter(|answer| answer["vehicle"] != json!(99)).collect();
+        assert!(found == expected);
+        // By default it does.
+        (job.live.restore, job.live.snapshot, job.replay) = (None, None, false);
+        job.timing.agree = None;
+        assert!(of_others(&job, &with) != expected);
     }
 }

@@ -45,7 +45,7 @@ pub struct ServiceJob {
     /// What the time of updates does.
     pub timing: Timing,
     /// Updates are taken in the order of their times, if they are no more than this behind the
-    /// largest time so far; those that are later are refused. In the order of their lines otherwise.
+    /// latest time; those that are later are refused. In the order of their lines otherwise.
     pub lateness: Option<u64>,
     /// Folder of the models that a line may name.
     pub models: Option<PathBuf>,

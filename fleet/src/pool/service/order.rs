@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use super::connections::Text;
 use super::input::{STANDARD, Source};
+use crate::pool::latest::Latest;
 use crate::pool::lines::{BadLine, Line};
 use crate::sensor::Sensor;
 
@@ -11,8 +12,9 @@ use crate::sensor::Sensor;
 #[derive(Debug)]
 pub(super) struct Order {
     lateness: u64,
-    /// Largest time of all updates.
-    latest: Option<i64>,
+    /// Vehicles that must have reached the latest time.
+    agree: usize,
+    latest: Latest,
     /// By time, then by number.
     waiting: BTreeMap<(i64, u64), Waiting>,
 }
@@ -30,14 +32,15 @@ pub(super) struct Turn {
 }
 
 impl Order {
-    pub(super) fn new(lateness: u64) -> Self {
-        Self { lateness, latest: None, waiting: BTreeMap::new() }
+    /// Lines of at most this lateness against the latest time, that so many vehicles have reached.
+    pub(super) fn new(lateness: u64, agree: usize) -> Self {
+        Self { lateness, agree, latest: Latest::default(), waiting: BTreeMap::new() }
     }
 
     /// Goes on where another run was, whose connections are gone.
     pub(super) fn resume(
         &mut self,
-        latest: Option<i64>,
+        latest: Latest,
         waiting: &[(u64, String)],
         parse: impl Fn(&[u8]) -> Line,
     ) {
@@ -57,13 +60,13 @@ impl Order {
         self.waiting.len()
     }
 
-    /// Largest time of all updates.
-    pub(super) fn latest(&self) -> Option<i64> {
-        self.latest
+    /// The latest time.
+    pub(super) fn latest(&self) -> &Latest {
+        &self.latest
     }
 
     fn watermark(&self) -> i64 {
-        let latest = self.latest.unwrap_or(i64::MIN);
+        let latest = self.latest.time().unwrap_or(i64::MIN);
         latest.checked_sub_unsigned(self.lateness).unwrap_or(i64::MIN)
     }
 
@@ -71,6 +74,9 @@ impl Order {
     pub(super) fn take(&mut self, number: u64, text: Text<'_>, line: Line, out: &mut Vec<Turn>) {
         let mut turn = Turn { number, source: text.source, line };
         let Line::Update(update, _) = &turn.line else {
+            if let Line::Remove(vehicle, _) = &turn.line {
+                self.latest.remove(vehicle);
+            }
             out.push(turn);
             return;
         };
@@ -80,7 +86,7 @@ impl Order {
             out.push(turn);
             return;
         }
-        self.latest = self.latest.max(Some(time));
+        self.latest.see(&update.vehicle, time, self.agree);
         self.waiting.insert((time, number), (turn, text.line.into()));
         let watermark = self.watermark();
         while let Some(first) = self.waiting.first_entry() {

@@ -11,6 +11,7 @@ use crate::error::{FleetError, Outcome};
 use crate::pool::VehicleId;
 use crate::pool::block::Source;
 use crate::pool::file::Header;
+use crate::pool::latest::Latest;
 
 /// Place in the input up to which a snapshot has the vehicles, and in the output up to which there
 /// are answers to it.
@@ -29,8 +30,13 @@ pub struct Position {
     pub clients: BTreeMap<String, VehicleId>,
     /// Number of bytes of the answers.
     pub answers: u64,
-    /// Largest time of all updates.
+    /// The latest time.
     pub latest: Option<i64>,
+    /// More of it, of the updates that have been taken, and of the lines if these wait for others.
+    #[serde(default)]
+    pub(super) of_updates: Option<Latest>,
+    #[serde(default)]
+    pub(super) of_lines: Option<Latest>,
     /// Name of the model, if a line has exchanged it.
     pub model: Option<String>,
     /// Lines that wait for others that are late: their number, and the text.

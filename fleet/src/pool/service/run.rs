@@ -1,5 +1,6 @@
 //! A run: events, and batches of lines.
 
+mod answers;
 mod begin;
 mod models;
 mod snapshots;
@@ -12,26 +13,24 @@ use std::sync::atomic::Ordering::Relaxed;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
-use super::connections::{Batch, Connections, Text};
-use super::input::{Event, STANDARD, Source, WAITING};
+use super::connections::{Batch, Connections};
+use super::input::{Event, STANDARD, WAITING};
 use super::listen::Listener;
 use super::metrics::Metrics;
 use super::order::Order;
 use super::position::Position;
 use super::vehicles::Vehicles;
-use super::work::{Answers, Command, CommandKind, parse, work, work_on};
+use super::work::parse;
 use super::{Control, Notice, ServiceJob};
 use begin::{Begin, begin};
 use wayfix::Likelihood;
 
 use crate::error::{FleetError, Outcome};
-use crate::pool::lines::{self, BadLine};
+use crate::pool::latest::Latest;
 use crate::pool::{LiveSummary, Writing};
 
 /// Bytes of lines that are worked on together.
 const TOGETHER: usize = 1 << 20;
-/// Lines of these that are taken at a time: short ones are larger in memory than as text.
-const PART: usize = 1 << 14;
 /// Time between two looks at a snapshot that is being written.
 const LOOK: Duration = Duration::from_millis(20);
 /// Time between two looks at the memory.
@@ -58,7 +57,7 @@ pub fn serve(
         job,
         // A line has at most a number for each state.
         connections: Connections::new((1 << 20) + 64 * vehicles.sensor().states()),
-        order: job.lateness.map(Order::new),
+        order: job.lateness.map(|lateness| Order::new(lateness, job.timing.agree())),
         first: position.lines,
         position,
         vehicles,
@@ -112,7 +111,9 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
         let sensor = self.vehicles.sensor();
         match &mut self.order {
             Some(order) => {
-                order.resume(self.position.latest, &waiting, |text| parse(sensor, text));
+                let latest = self.position.of_lines.take();
+                let latest = latest.unwrap_or_else(|| Latest::at(self.position.latest));
+                order.resume(latest, &waiting, |text| parse(sensor, text));
             }
             None if !waiting.is_empty() => {
                 let message = "lines of the snapshot wait for late ones: give the lateness again";
@@ -234,115 +235,6 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
         }
     }
 
-    /// Answers whole lines.
-    fn take(&mut self, batch: &Batch) -> Outcome<()> {
-        let (mut lines, mut cut) = (batch.lines(), Vec::new());
-        loop {
-            // A client that is cut off sends the rest of its lines again.
-            let next = lines.by_ref().filter(|text| !cut.contains(&text.source));
-            let mut part: Vec<Text<'_>> = next.take(PART).collect();
-            if part.is_empty() {
-                break;
-            }
-            while !part.is_empty() {
-                let (taken, source) = self.work_on(&part)?;
-                part.drain(..taken);
-                if let Some(source) = source {
-                    part.retain(|text| text.source != source);
-                    cut.push(source);
-                }
-            }
-        }
-        self.position.bytes += batch.bytes;
-        if let Some(error) = self.vehicles.take_spill_error() {
-            (self.report)(&Notice::Spill(error));
-        }
-        Ok(())
-    }
-
-    /// Answers lines up to one that asks something of the run. Returns the number of lines, and an
-    /// input that was cut off.
-    fn work_on(&mut self, lines: &[Text<'_>]) -> Outcome<(usize, Option<Source>)> {
-        let Answers { texts, sources, taken, errors, offsets, command } = work(
-            &mut *self.vehicles,
-            self.job.live.options.threads,
-            lines,
-            self.position.lines + 1,
-            self.order.as_mut(),
-            &self.metrics,
-        );
-        self.position.lines += taken as u64;
-        self.errors += errors;
-        for (source, offset) in offsets {
-            self.connections.note(source, offset, &mut self.position);
-        }
-        self.put(&texts, &sources)?;
-        let cut = command.map(|command| self.obey(command)).transpose()?.flatten();
-        Ok((taken, cut))
-    }
-
-    /// Does what a line asks of the run. Returns an input that was cut off.
-    fn obey(&mut self, Command { source, kind }: Command) -> Outcome<Option<Source>> {
-        match kind {
-            CommandKind::Model(name, offset) => {
-                self.exchange(source, &name, offset.as_ref())?;
-                Ok(None)
-            }
-            CommandKind::Client(name) => {
-                match self.connections.name(source, &name, &self.position) {
-                    Ok(cut) => {
-                        let mut out = Vec::new();
-                        lines::named(&mut out, &name, self.position.clients.get(&name));
-                        self.put(&[out], &[source])?;
-                        Ok(cut)
-                    }
-                    Err(message) => {
-                        self.refuse(source, &BadLine::new(message))?;
-                        Ok(None)
-                    }
-                }
-            }
-        }
-    }
-
-    /// Answers the last line with an error.
-    fn refuse(&mut self, source: Source, bad: &BadLine) -> Outcome<()> {
-        self.errors += 1;
-        self.metrics.refuse(bad.kind);
-        let mut out = Vec::new();
-        lines::refuse(&mut out, self.position.lines, bad);
-        self.put(&[out], &[source])
-    }
-
-    /// Writes answers.
-    fn put(&mut self, texts: &[Vec<u8>], sources: &[Source]) -> Outcome<()> {
-        let path = self.job.output.as_deref().unwrap_or(Path::new("standard output"));
-        let written = texts.iter().try_for_each(|text| match (&mut self.file, &self.listener) {
-            (Some(file), _) => file.write_all(text),
-            (None, None) => self.output.write_all(text),
-            (None, Some(_)) => Ok(()),
-        });
-        let written = written.and_then(|()| match (&self.file, &self.listener) {
-            (None, None) => self.output.flush(),
-            _ => Ok(()),
-        });
-        if self.listener.is_some() {
-            self.connections.answer(texts, sources);
-        }
-        self.position.answers += texts.iter().map(|text| text.len() as u64).sum::<u64>();
-        written.map_err(FleetError::file(path))
-    }
-
-    /// Answers the lines that wait for others.
-    fn release(&mut self) -> Outcome<()> {
-        let Some(order) = &mut self.order else { return Ok(()) };
-        let mut turns = Vec::new();
-        order.end(&mut turns);
-        let (texts, sources, errors) = work_on(&mut *self.vehicles, turns, &self.metrics);
-        self.errors += errors;
-        self.put(&texts, &sources)
-    }
-
     /// Looks at the memory.
     fn look(&mut self) {
         if self.figures.is_some_and(|last| last.elapsed() < FIGURES) {
@@ -362,7 +254,8 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
             (self.report)(&Notice::Ids { bytes: usage.bytes, limit });
         }
         metrics.waiting.store(self.order.as_ref().map_or(0, Order::len) as u64, Relaxed);
-        let latest = self.order.as_ref().map_or(self.vehicles.latest(), Order::latest);
+        let of_lines = self.order.as_ref().map(|order| order.latest().time());
+        let latest = of_lines.unwrap_or_else(|| self.vehicles.latest().time());
         metrics.latest.store(latest.unwrap_or(i64::MIN), Relaxed);
     }
 }

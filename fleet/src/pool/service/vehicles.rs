@@ -7,6 +7,7 @@ use wayfix::Transition;
 
 use crate::error::{FleetError, Outcome};
 use crate::model::{Model, with_hmm};
+use crate::pool::latest::Latest;
 use crate::pool::{Pool, PoolOptions, Timing, Update, UpdateResult, Usage, VehicleId, Writing};
 use crate::sensor::{Observation, Sensor};
 
@@ -19,8 +20,8 @@ pub(super) trait Vehicles {
     fn remove(&mut self, vehicle: &VehicleId) -> bool;
     fn sensor(&self) -> &Sensor;
     fn usage(&self) -> Usage;
-    fn set_timing(&mut self, timing: Timing, latest: Option<i64>);
-    fn latest(&self) -> Option<i64>;
+    fn set_timing(&mut self, timing: Timing, latest: Latest);
+    fn latest(&self) -> Latest;
     fn forget(&mut self);
     fn take_spill_error(&mut self) -> Option<FleetError>;
     fn snapshot(&self, path: &Path, note: &[u8]) -> Outcome<u64>;
@@ -64,12 +65,13 @@ where
         Self::usage(self)
     }
 
-    fn set_timing(&mut self, timing: Timing, latest: Option<i64>) {
-        Self::set_timing(self, timing, latest);
+    fn set_timing(&mut self, timing: Timing, latest: Latest) {
+        Self::set_timing(self, timing, None);
+        self.set_latest(latest);
     }
 
-    fn latest(&self) -> Option<i64> {
-        Self::latest(self)
+    fn latest(&self) -> Latest {
+        self.clone_latest()
     }
 
     fn forget(&mut self) {

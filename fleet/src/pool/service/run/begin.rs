@@ -13,6 +13,7 @@ use super::super::vehicles::{self, Vehicles};
 use super::models::load;
 use crate::error::{FleetError, Outcome};
 use crate::model::Model;
+use crate::pool::latest::Latest;
 
 /// What a run begins with.
 pub(super) struct Begin {
@@ -38,7 +39,7 @@ pub(super) fn begin(job: &ServiceJob, mut input: impl Read + Send + 'static) -> 
     let is_missing = |path: &PathBuf| matches!(path.try_exists(), Ok(false));
     let is_first = |path: &PathBuf| live.snapshot.as_ref() == Some(path) && is_missing(path);
     let restore = live.restore.as_deref().filter(|_| !live.restore.as_ref().is_some_and(is_first));
-    let position = match restore {
+    let mut position = match restore {
         Some(path) => position::position(path)?.unwrap_or_default(),
         None => Position::default(),
     };
@@ -47,7 +48,8 @@ pub(super) fn begin(job: &ServiceJob, mut input: impl Read + Send + 'static) -> 
         None => Model::load(&live.model)?,
     };
     let mut vehicles = vehicles::open(&model, restore, &live.options)?;
-    vehicles.set_timing(job.timing, position.latest);
+    let latest = position.of_updates.take().unwrap_or_else(|| Latest::at(position.latest));
+    vehicles.set_timing(job.timing, latest);
     let is_first = restore.is_none();
     let open = |path: &PathBuf| position::open_output(path, position.answers, is_first);
     let file = job.output.as_ref().map(open).transpose()?;

@@ -14,9 +14,12 @@ use crate::pool::LiveSummary;
 impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
     /// The position, as it is now.
     pub(super) fn note(&mut self) -> Vec<u8> {
-        self.position.latest = self.vehicles.latest();
+        let latest = self.vehicles.latest();
+        self.position.latest = latest.time();
+        self.position.of_updates = Some(latest);
         if let Some(order) = &self.order {
-            self.position.latest = order.latest();
+            self.position.latest = order.latest().time();
+            self.position.of_lines = Some(order.latest().clone());
             self.position.waiting = order.waiting();
         }
         let note = self.position.note();

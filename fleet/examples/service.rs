@@ -1,0 +1,261 @@
+//! Times the service of live vehicles, without and with snapshots in turn: lines a second as fast
+//! as they are taken, and how long answers take while lines come at a steady rate.
+//!
+//! ```text
+//! cargo run --release --example service -- --model model.json --folder FOLDER
+//! ```
+//!
+//! The example `simulate` writes the model, which needs a table of symbols.
+
+use std::error::Error;
+use std::io::{BufRead, BufReader, Read, Write, pipe};
+use std::os::unix::net::UnixStream;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::SeqCst};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use clap::Parser;
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use wayfix::{Hmm, SparseTransition, TableLikelihood};
+use wayfix_fleet::pool::{Control, LiveJob, Notice, PoolOptions, ServiceJob, serve};
+
+#[derive(Debug, Clone, Parser)]
+struct Arguments {
+    /// Model with a sparse operator and a table.
+    #[arg(long)]
+    model: PathBuf,
+    /// Folder for the snapshot and the answers.
+    #[arg(long)]
+    folder: PathBuf,
+    /// Number of vehicles.
+    #[arg(long, default_value_t = 1_000_000)]
+    vehicles: usize,
+    /// Lines a second of the steady part.
+    #[arg(long, default_value_t = 50_000)]
+    rate: usize,
+    /// Seconds of each measurement, with a snapshot at its begin and each ten seconds.
+    #[arg(long, default_value_t = 20)]
+    seconds: u64,
+    /// Lines come by a connection, and answers are also written to a file, which is on the disk before
+    /// a snapshot is.
+    #[arg(long)]
+    output: bool,
+    /// Times that all is measured.
+    #[arg(long, default_value_t = 2)]
+    rounds: usize,
+}
+
+/// Time between two snapshots.
+const EVERY: Duration = Duration::from_secs(10);
+
+/// Lines of vehicles at random.
+struct Lines {
+    rng: ChaCha8Rng,
+    steps: Vec<u32>,
+    drives: Vec<Vec<usize>>,
+    input: Box<dyn Write>,
+    text: Vec<u8>,
+}
+
+impl Lines {
+    fn send(&mut self, vehicles: impl Iterator<Item = usize>) -> std::io::Result<()> {
+        self.text.clear();
+        for vehicle in vehicles {
+            let step = self.steps[vehicle] as usize;
+            self.steps[vehicle] += 1;
+            let drive = &self.drives[vehicle % self.drives.len()];
+            let symbol = drive[step % drive.len()];
+            writeln!(
+                self.text,
+                r#"{{"vehicle": {vehicle}, "time": {step}, "observation": {symbol}}}"#
+            )?;
+        }
+        self.input.write_all(&self.text)
+    }
+
+    fn send_some(&mut self, count: usize) -> std::io::Result<()> {
+        let all = self.steps.len();
+        let vehicles: Vec<usize> = (0..count).map(|_| self.rng.random_range(0..all)).collect();
+        self.send(vehicles.into_iter())
+    }
+}
+
+/// Number of answers that have come.
+#[derive(Debug, Default)]
+struct Answers {
+    count: AtomicU64,
+}
+
+impl Answers {
+    fn read(&self, output: impl Read, times: &std::sync::mpsc::Sender<(u64, Instant)>) {
+        let mut output = BufReader::with_capacity(1 << 16, output);
+        loop {
+            let Ok(bytes) = output.fill_buf() else { return };
+            if bytes.is_empty() {
+                return;
+            }
+            let (count, length) = (bytes.iter().filter(|&&b| b == b'\n').count(), bytes.len());
+            output.consume(length);
+            let all = self.count.fetch_add(count as u64, SeqCst) + count as u64;
+            _ = times.send((all, Instant::now()));
+        }
+    }
+
+    fn wait_for(&self, count: u64) {
+        while self.count.load(SeqCst) < count {
+            thread::sleep(Duration::from_micros(200));
+        }
+    }
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let arguments = Arguments::parse();
+    let model: Hmm<SparseTransition, TableLikelihood> =
+        serde_json::from_slice(&std::fs::read(&arguments.model)?)?;
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let drives = (0..5000).map(|_| model.simulate(64, &mut rng).observations().to_vec()).collect();
+    let ((from, input), (output, to)) = (pipe()?, pipe()?);
+    let mut ends: (Box<dyn Write>, Box<dyn Read + Send>) = (Box::new(input), Box::new(output));
+    let control = Control::new();
+    let snapshot = arguments.folder.join("pool.bin");
+    let positions = arguments.folder.join("positions");
+    let socket = arguments.folder.join("socket");
+    let mut job = ServiceJob::new(LiveJob {
+        model: arguments.model.clone(),
+        restore: None,
+        snapshot: Some(snapshot.clone()),
+        options: PoolOptions::default(),
+    });
+    if arguments.output {
+        job.output = Some(positions.clone());
+        job.listen = Some(format!("unix:{}", socket.display()));
+    }
+    let of_run = control.clone();
+    let run = thread::spawn(move || {
+        serve(&job, &of_run, from, to, |notice| {
+            if let Notice::Snapshot { .. } = notice {
+                println!("    {notice}");
+            }
+        })
+    });
+    if arguments.output {
+        let stream = loop {
+            match UnixStream::connect(&socket) {
+                Err(_) if !run.is_finished() => thread::sleep(Duration::from_millis(10)),
+                stream => break stream?,
+            }
+        };
+        ends = (Box::new(stream.try_clone()?), Box::new(stream));
+    }
+    let (input, output) = ends;
+    let answers = Arc::new(Answers::default());
+    let (times, come) = std::sync::mpsc::channel();
+    let reads = Arc::clone(&answers);
+    thread::spawn(move || reads.read(output, &times));
+
+    let steps = vec![0; arguments.vehicles];
+    let mut lines = Lines { rng, steps, drives, input, text: Vec::new() };
+    let mut sent = 0;
+    for first in (0..arguments.vehicles).step_by(1000) {
+        let next = first..arguments.vehicles.min(first + 1000);
+        sent += next.len() as u64;
+        lines.send(next)?;
+    }
+    answers.wait_for(sent);
+
+    for with in [false, true].repeat(arguments.rounds) {
+        let snapshots = Snapshots::begin(&control, with);
+        let (start, first) = (Instant::now(), sent);
+        while start.elapsed() < Duration::from_secs(arguments.seconds) {
+            lines.send_some(500)?;
+            sent += 500;
+        }
+        answers.wait_for(sent);
+        let rate = (sent - first) as f64 / start.elapsed().as_secs_f64();
+        println!("{:17} {rate:9.0} lines a second", name(with));
+        snapshots.end();
+    }
+    for with in [false, true].repeat(arguments.rounds) {
+        while come.try_recv().is_ok() {}
+        let snapshots = Snapshots::begin(&control, with);
+        let start = Instant::now();
+        let (mut asked, mut ticks) = (Vec::new(), 0);
+        while start.elapsed() < Duration::from_secs(arguments.seconds) {
+            // Each line has the moment at which it was due, also if the pipe was full then.
+            let due = start + Duration::from_millis(ticks);
+            thread::sleep(due.saturating_duration_since(Instant::now()));
+            lines.send_some(arguments.rate / 1000)?;
+            sent += (arguments.rate / 1000) as u64;
+            asked.push((sent, due));
+            ticks += 1;
+        }
+        answers.wait_for(sent);
+        thread::sleep(Duration::from_millis(100));
+        let mut asked = asked.into_iter().peekable();
+        let mut waits = Vec::new();
+        for (count, moment) in come.try_iter() {
+            while let Some((_, due)) = asked.next_if(|(last, _)| *last <= count) {
+                waits.push(moment.saturating_duration_since(due).as_secs_f64() * 1e3);
+            }
+        }
+        waits.sort_by(f64::total_cmp);
+        let at = |part: f64| waits[((waits.len() - 1) as f64 * part) as usize];
+        println!(
+            "{:17} {} lines a second, answered after {:.1} ms (median), {:.1} (99%), {:.1} (99.9%), {:.1} (all)",
+            name(with),
+            arguments.rate,
+            at(0.5),
+            at(0.99),
+            at(0.999),
+            at(1.0)
+        );
+        snapshots.end();
+    }
+    drop(lines);
+    control.stop();
+    let summary = run.join().map_err(|_| "the run has panicked")??;
+    println!("{summary:?}");
+    std::fs::remove_file(snapshot)?;
+    if arguments.output {
+        std::fs::remove_file(positions)?;
+    }
+    Ok(())
+}
+
+fn name(with: bool) -> &'static str {
+    if with { "with snapshots" } else { "without snapshots" }
+}
+
+/// Asks for snapshots, as `--every` does.
+struct Snapshots {
+    is_over: Arc<AtomicBool>,
+    thread: thread::JoinHandle<()>,
+}
+
+impl Snapshots {
+    fn begin(control: &Control, with: bool) -> Self {
+        let is_over = Arc::new(AtomicBool::new(!with));
+        let (over, control) = (Arc::clone(&is_over), control.clone());
+        let thread = thread::spawn(move || {
+            while !over.load(SeqCst) {
+                control.snapshot();
+                let next = Instant::now() + EVERY;
+                while !over.load(SeqCst) && Instant::now() < next {
+                    thread::sleep(Duration::from_millis(50));
+                }
+            }
+        });
+        Self { is_over, thread }
+    }
+
+    fn end(self) {
+        self.is_over.store(true, SeqCst);
+        _ = self.thread.join();
+        // The last one is written.
+        thread::sleep(Duration::from_secs(4));
+    }
+}

@@ -1,0 +1,126 @@
+//! Answers of a run to lines.
+
+use std::io::Write;
+use std::path::Path;
+
+use super::super::Notice;
+use super::super::connections::{Batch, Text};
+use super::super::input::Source;
+use super::super::work::{Answers, Command, CommandKind, work, work_on};
+use super::Run;
+use crate::error::{FleetError, Outcome};
+use crate::pool::lines::{self, BadLine};
+
+/// Lines of a batch that are taken at a time: short ones are larger in memory than as text.
+const PART: usize = 1 << 14;
+
+impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
+    /// Answers whole lines.
+    pub(super) fn take(&mut self, batch: &Batch) -> Outcome<()> {
+        let (mut lines, mut cut) = (batch.lines(), Vec::new());
+        loop {
+            // A client that is cut off sends the rest of its lines again.
+            let next = lines.by_ref().filter(|text| !cut.contains(&text.source));
+            let mut part: Vec<Text<'_>> = next.take(PART).collect();
+            if part.is_empty() {
+                break;
+            }
+            while !part.is_empty() {
+                let (taken, source) = self.work_on(&part)?;
+                part.drain(..taken);
+                if let Some(source) = source {
+                    part.retain(|text| text.source != source);
+                    cut.push(source);
+                }
+            }
+        }
+        self.position.bytes += batch.bytes;
+        if let Some(error) = self.vehicles.take_spill_error() {
+            (self.report)(&Notice::Spill(error));
+        }
+        Ok(())
+    }
+
+    /// Answers lines up to one that asks something of the run. Returns the number of lines, and an
+    /// input that was cut off.
+    fn work_on(&mut self, lines: &[Text<'_>]) -> Outcome<(usize, Option<Source>)> {
+        let Answers { texts, sources, taken, errors, offsets, command } = work(
+            &mut *self.vehicles,
+            self.job.live.options.threads,
+            lines,
+            self.position.lines + 1,
+            self.order.as_mut(),
+            &self.metrics,
+        );
+        self.position.lines += taken as u64;
+        self.errors += errors;
+        for (source, offset) in offsets {
+            self.connections.note(source, offset, &mut self.position);
+        }
+        self.put(&texts, &sources)?;
+        let cut = command.map(|command| self.obey(command)).transpose()?.flatten();
+        Ok((taken, cut))
+    }
+
+    /// Does what a line asks of the run. Returns an input that was cut off.
+    fn obey(&mut self, Command { source, kind }: Command) -> Outcome<Option<Source>> {
+        match kind {
+            CommandKind::Model(name, offset) => {
+                self.exchange(source, &name, offset.as_ref())?;
+                Ok(None)
+            }
+            CommandKind::Client(name) => {
+                match self.connections.name(source, &name, &self.position) {
+                    Ok(cut) => {
+                        let mut out = Vec::new();
+                        lines::named(&mut out, &name, self.position.clients.get(&name));
+                        self.put(&[out], &[source])?;
+                        Ok(cut)
+                    }
+                    Err(message) => {
+                        self.refuse(source, &BadLine::new(message))?;
+                        Ok(None)
+                    }
+                }
+            }
+        }
+    }
+
+    /// Answers the last line with an error.
+    pub(super) fn refuse(&mut self, source: Source, bad: &BadLine) -> Outcome<()> {
+        self.errors += 1;
+        self.metrics.refuse(bad.kind);
+        let mut out = Vec::new();
+        lines::refuse(&mut out, self.position.lines, bad);
+        self.put(&[out], &[source])
+    }
+
+    /// Writes answers.
+    pub(super) fn put(&mut self, texts: &[Vec<u8>], sources: &[Source]) -> Outcome<()> {
+        let path = self.job.output.as_deref().unwrap_or(Path::new("standard output"));
+        let written = texts.iter().try_for_each(|text| match (&mut self.file, &self.listener) {
+            (Some(file), _) => file.write_all(text),
+            (None, None) => self.output.write_all(text),
+            (None, Some(_)) => Ok(()),
+        });
+        let written = written.and_then(|()| match (&self.file, &self.listener) {
+            (None, None) => self.output.flush(),
+            _ => Ok(()),
+        });
+        if self.listener.is_some() {
+            self.connections.answer(texts, sources);
+        }
+        self.position.answers += texts.iter().map(|text| text.len() as u64).sum::<u64>();
+        written.map_err(FleetError::file(path))
+    }
+
+    /// Answers the lines that wait for others.
+    pub(super) fn release(&mut self) -> Outcome<()> {
+        let Some(order) = &mut self.order else { return Ok(()) };
+        let mut turns = Vec::new();
+        order.end(&mut turns);
+        let (texts, sources, errors) = work_on(&mut *self.vehicles, turns, &self.metrics);
+        self.errors += errors;
+        self.put(&texts, &sources)
+    }
+}
