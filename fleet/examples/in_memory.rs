@@ -21,10 +21,10 @@ use wayfix::{Hmm, SparseTransition, TableLikelihood};
 
 #[derive(Debug, Parser)]
 struct Arguments {
-    /// Drives in the nested form, as the example `simulate` writes them.
+    /// Drives in the nested form, as the command `simulate` writes them.
     #[arg(long)]
     input: PathBuf,
-    /// Model, as the example `simulate` writes it.
+    /// Model, as the example `canberra` writes it.
     #[arg(long)]
     model: PathBuf,
 }

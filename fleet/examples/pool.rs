@@ -4,7 +4,7 @@
 //! cargo run --release --example pool -- --model model.json --vehicles 1000000 --folder FOLDER
 //! ```
 //!
-//! The example `simulate` writes the model. Every vehicle drives on it; updates come in batches, in a
+//! The example `canberra` writes the model. Every vehicle drives on it; updates come in batches, in a
 //! random order of the vehicles. The folder gets the snapshot, and the vehicles beyond the memory in
 //! the last part.
 

@@ -75,20 +75,23 @@ pub enum FleetError {
     Cluster(String),
     /// A record batch cannot be built.
     #[error(transparent)]
-    Arrow(#[from] arrow::error::ArrowError),
+    Arrow(#[from] arrow_schema::ArrowError),
 }
 
 impl FleetError {
     /// Wraps an error of a file.
     pub(crate) fn file(path: &Path) -> impl Fn(io::Error) -> Self {
-        move |source| Self::File { path: path.to_owned(), source }
+        move |source| match source.get_ref() {
+            Some(cause) if cause.is::<Replaced>() => Self::changed(path, cause.to_string()),
+            _ => Self::File { path: path.to_owned(), source },
+        }
     }
 
     /// Wraps an error of a Parquet file. Those of the system keep their kind.
     pub(crate) fn parquet(path: &Path) -> impl Fn(ParquetError) -> Self {
         move |error| match error {
             ParquetError::External(cause) => match cause.downcast::<io::Error>() {
-                Ok(source) => Self::File { path: path.to_owned(), source: *source },
+                Ok(source) => Self::file(path)(*source),
                 Err(cause) => Self::format(path, cause),
             },
             other => Self::format(path, other),
@@ -121,6 +124,11 @@ impl FleetError {
         Self::Value { column: column.to_owned(), row, message: message.into() }
     }
 }
+
+/// Cause of a [`FleetError::Changed`], within an error of the system.
+#[derive(Debug, thiserror::Error)]
+#[error("was written to while it was read")]
+pub(crate) struct Replaced;
 
 #[cfg(feature = "sql")]
 impl From<datafusion::error::DataFusionError> for FleetError {

@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 
 use crate::error::{FleetError, Outcome};
 use crate::input::files::{InputFile, InputFiles};
+use crate::job::{Job, Progress, Summary};
 use crate::model::Model;
 use crate::partial::beside;
-use crate::run::{Job, Progress, Summary, Target, run_into};
+use crate::run::{Target, run_into};
 
 /// True for a folder that exists, or a name that ends with a slash.
 pub(crate) fn is_folder(output: &Path) -> bool {

@@ -14,11 +14,13 @@ use crate::input::files::find;
 use crate::input::pieces::Digest;
 use crate::input::source::Source;
 use crate::input::{ColumnNames, Drives};
+use crate::job::Progress;
+use crate::journal::open_locked;
 use crate::model::{Model, with_hmm};
-use crate::partial::beside;
+use crate::partial::{Start, beside};
 use crate::pipeline;
-use crate::run::{Progress, Start};
 use crate::sensor::Sensor;
+use crate::storage;
 
 /// Batches for each thread that are under way.
 const AHEAD: usize = 2;
@@ -75,7 +77,8 @@ struct State {
 /// [`FleetError`] if a file cannot be read or written, settings or input are not valid, or no drive
 /// is possible under the model.
 pub fn learn(job: &LearnJob, mut progress: impl FnMut(usize, &Progress)) -> Outcome<Course> {
-    let model = Model::load(&job.model)?;
+    storage::local(&job.output)?;
+    let model = Model::fetch(&job.model)?;
     with_hmm!(model, hmm => iterate_checked(hmm, &model, job, |hmm, iteration, content| {
         expect(hmm, job, content, |done| progress(iteration, done))
     }))
@@ -119,6 +122,7 @@ where
         return Err(FleetError::Settings(message));
     }
     let path = beside(&job.output, ".partial");
+    let _lock = Lock::new(&job.output)?;
     if job.output.exists() && !job.start.force {
         let message = format!("{} exists; replace it with --force", job.output.display());
         return Err(FleetError::Settings(message));
@@ -171,6 +175,26 @@ where
         let value = serde_json::to_value(&hmm).map_err(|error| FleetError::format(&path, error))?;
         let state = State { settings: settings.clone(), course: course.clone(), model: value };
         save(&path, &state)?;
+    }
+}
+
+/// A file beside the output that only one run has.
+struct Lock {
+    path: PathBuf,
+    _file: fs::File,
+}
+
+impl Lock {
+    fn new(output: &Path) -> Outcome<Self> {
+        let path = beside(output, ".lock");
+        Ok(Self { _file: open_locked(&path)?, path })
+    }
+}
+
+impl Drop for Lock {
+    fn drop(&mut self) {
+        // The next run takes it as it is.
+        _ = fs::remove_file(&self.path);
     }
 }
 

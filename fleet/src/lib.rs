@@ -18,6 +18,7 @@ pub mod input;
 #[doc = include_str!("guide.md")]
 pub mod guide {}
 pub mod inspect;
+mod job;
 mod journal;
 mod learn;
 mod left_out;
@@ -36,8 +37,14 @@ mod simulate;
 mod spool;
 #[cfg(feature = "sql")]
 pub mod sql;
+mod storage;
 
 pub use error::{FleetError, Outcome};
+pub use job::{Job, Progress, Summary};
 pub use learn::{Course, LearnJob, learn};
-pub use run::{Job, Pack, Progress, Start, Summary, run};
+pub use partial::Start;
+pub use properties::Pack;
+pub use run::run;
 pub use simulate::{SimulateCommand, SimulatedForm};
+#[cfg(feature = "object-store")]
+pub use storage::register_store;

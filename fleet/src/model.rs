@@ -9,6 +9,7 @@ use wayfix::{DenseTransition, Hmm, SparseTransition};
 
 use crate::error::{FleetError, Outcome};
 use crate::sensor::Sensor;
+use crate::storage;
 
 /// Bytes of a file, at most: those of some twenty million places with five roads each.
 const LARGEST: u64 = 4 << 30;
@@ -63,6 +64,15 @@ impl Model {
             return Err(FleetError::format(path, message));
         }
         let text = fs::read(path).map_err(wrong)?;
+        Self::from_json(&text).map_err(|message| FleetError::format(path, message))
+    }
+
+    /// Reads a model from a file, or from an object of a store.
+    pub(crate) fn fetch(path: &Path) -> Outcome<Self> {
+        if !storage::is_url(path) {
+            return Self::load(path);
+        }
+        let text = storage::whole(path, LARGEST)?;
         Self::from_json(&text).map_err(|message| FleetError::format(path, message))
     }
 

@@ -1,16 +1,16 @@
 //! Encodings and compression of an output.
 
-use arrow::datatypes::DataType;
+use arrow_schema::DataType;
 use parquet::basic::{Compression, Encoding, ZstdLevel};
 use parquet::file::metadata::KeyValue;
 use parquet::file::properties::{EnabledStatistics, WriterProperties};
 use parquet::schema::types::ColumnPath;
 
 use crate::input::Form;
+use crate::job::Job;
 use crate::model::Model;
 use crate::names::FILE;
 use crate::output::{Table, Verb};
-use crate::run::Job;
 
 /// Compression of the pages of an output.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]

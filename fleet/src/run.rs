@@ -1,10 +1,10 @@
 //! A routine over files of drives, batch by batch.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
-use arrow::datatypes::{DataType, Schema};
-use serde_json::{Value, json};
+use arrow_schema::Schema;
+use serde_json::Value;
 
 use crate::error::{FleetError, Outcome};
 use crate::finished::Finished;
@@ -12,88 +12,18 @@ use crate::folder;
 use crate::input::files::{InputFiles, find};
 use crate::input::invalid::halves;
 use crate::input::source::Source;
-use crate::input::{ColumnNames, Drives, Form, Invalid};
+use crate::input::{Drives, Form, Invalid};
+use crate::job::{Job, Progress, Summary};
 use crate::model::Model;
 use crate::names::{hashes, named, with_file};
-use crate::output::{self, Batch, Results, Table, Verb};
-pub use crate::partial::Start;
+use crate::output::{self, Batch, Results, Table};
 use crate::partial::{Opened, Partial, Plan};
 use crate::pipeline;
-pub use crate::properties::Pack;
 use crate::properties::properties;
+use crate::storage;
 
 /// Batches for each thread that are under way or wait to be written.
 const AHEAD: usize = 4;
-
-/// A routine over files of drives.
-#[derive(Debug, Clone)]
-pub struct Job {
-    /// File of the model.
-    pub model: PathBuf,
-    /// Files of the drives, Parquet or CSV; folders of such files, or patterns.
-    pub inputs: Vec<PathBuf>,
-    /// File of the results, Parquet; or a folder, which exists or whose name ends with a slash,
-    /// for a file for each one of the input.
-    pub output: PathBuf,
-    /// File (or folder, like the output) for drives that are no valid input; without it these end
-    /// the run.
-    pub left_out: Option<PathBuf>,
-    /// Names of the columns of the input.
-    pub names: ColumnNames,
-    /// Routine.
-    pub verb: Verb,
-    /// Content of the output.
-    pub table: Table,
-    /// Form of the output; `None` for that of the input.
-    pub form: Option<Form>,
-    /// Rows of a part of the output (steps, if it is nested), at least: a row group, which an
-    /// interruption loses if it is not complete. It is kept in memory.
-    pub part: usize,
-    /// Compression of the output.
-    pub pack: Pack,
-    /// Number of threads.
-    pub threads: usize,
-    /// Way to begin.
-    pub start: Start,
-}
-
-/// State of a run.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Progress {
-    /// Rows of the input that are done.
-    pub rows: u64,
-    /// Rows of the input, if they are known.
-    pub all_rows: Option<u64>,
-    /// Drives that are done.
-    pub drives: u64,
-}
-
-/// Outcome of a run.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Summary {
-    /// Number of drives.
-    pub drives: u64,
-    /// Number of steps.
-    pub steps: u64,
-    /// Number of drives that have an error.
-    pub failed: u64,
-    /// Number of drives that were no valid input, and are left out.
-    pub left_out: u64,
-    /// Number of parts of the output.
-    pub parts: usize,
-    /// Number of these parts that were made by an earlier run.
-    pub resumed: usize,
-    /// Number of outputs.
-    pub outputs: usize,
-    /// Number of these outputs that an earlier run has finished.
-    pub finished: usize,
-}
-
-impl Summary {
-    pub(crate) fn finished([drives, steps, failed, left_out]: [u64; 4]) -> Self {
-        Self { drives, steps, failed, left_out, outputs: 1, finished: 1, ..Self::default() }
-    }
-}
 
 /// Runs a routine over files, or continues a run that was interrupted.
 ///
@@ -106,10 +36,11 @@ impl Summary {
 ///
 /// [`FleetError`] if a file cannot be read or written, or settings or input are not valid.
 pub fn run(job: &Job, mut progress: impl FnMut(&Progress)) -> Outcome<Summary> {
-    let model = Model::load(&job.model)?;
+    let results = || job.left_out.iter().chain([&job.output]);
+    results().try_for_each(|path| storage::local(path))?;
+    let model = Model::fetch(&job.model)?;
     let files = find(&job.inputs)?;
-    let results = job.left_out.iter().chain([&job.output]);
-    results.into_iter().try_for_each(|path| folder::outside(&files, path))?;
+    results().try_for_each(|path| folder::outside(&files, path))?;
     if let Some(left_out) = &job.left_out
         && (*left_out == job.output
             || (folder::is_folder(left_out) && !folder::is_folder(&job.output)))
@@ -147,7 +78,7 @@ pub(crate) fn run_into(
     let form = job.form.unwrap_or(source.form);
     let results = Results::new(job.verb, job.table, form)?;
     let schema = Arc::new(results.schema(&source.id_type));
-    let settings = settings(job, model, form, &source.id_type, target.has_names);
+    let settings = job.settings(model, form, &source.id_type, target.has_names);
     let names = if target.has_names { hashes(files) } else { vec![0; files.files.len()] };
     let all_names = names.last().copied().unwrap_or(0);
     if let Some(counts) = finished(job, target.output, &settings, &source, all_names)? {
@@ -291,24 +222,4 @@ fn finished(
         return Ok(None);
     };
     Ok((source.digest()?.text() == found.content).then_some(found.counts))
-}
-
-/// Settings that two runs must share for one to continue the other.
-fn settings(job: &Job, model: &Model, form: Form, id_type: &DataType, has_names: bool) -> Value {
-    let names = &job.names;
-    json!({
-        "version": env!("CARGO_PKG_VERSION"),
-        "model": model.hash(),
-        "columns": [
-            names.trace_id, names.step, names.observation, names.elsewhere, names.latitude,
-            names.longitude, names.deviation,
-        ],
-        "type of ids": format!("{id_type}"),
-        "names of files": has_names,
-        "routine": format!("{:?}", job.verb),
-        "table": format!("{:?}", job.table),
-        "form": format!("{form:?}"),
-        "part": job.part,
-        "compression": format!("{:?}", job.pack),
-    })
 }

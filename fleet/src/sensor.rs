@@ -2,7 +2,7 @@
 
 use std::error::Error;
 
-use arrow::buffer::ScalarBuffer;
+use arrow_buffer::ScalarBuffer;
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 use serde_json::Value;
 use wayfix::likelihood::{LearnLikelihood, SparseObservation, SparseTableLikelihood};

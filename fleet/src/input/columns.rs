@@ -1,6 +1,6 @@
 //! Columns that a sensor needs, and their types.
 
-use arrow::datatypes::{DataType, Field, Schema};
+use arrow_schema::{DataType, Field, Schema};
 
 use crate::error::{FleetError, Outcome};
 use crate::sensor::{Kind, Sensor};

@@ -1,24 +1,23 @@
 //! CSV files in the long form, with a header.
 
-use std::fs::File;
 use std::io::{self, BufReader};
 use std::path::Path;
 use std::sync::Arc;
 
-use arrow::array::{
-    Array, ArrayRef, AsArray, Float64Builder, Int64Builder, ListBuilder, RecordBatch, StringArray,
-    StructBuilder,
-};
-use arrow::compute::{CastOptions, cast_with_options};
-use arrow::csv::ReaderBuilder;
-use arrow::csv::reader::{Decoder, Format};
-use arrow::datatypes::{DataType, Field, Fields, Schema};
+use arrow_array::builder::{Float64Builder, Int64Builder, ListBuilder, StructBuilder};
+use arrow_array::cast::AsArray;
+use arrow_array::{Array, ArrayRef, RecordBatch, StringArray};
+use arrow_cast::{CastOptions, cast_with_options};
+use arrow_csv::ReaderBuilder;
+use arrow_csv::reader::{Decoder, Format};
+use arrow_schema::{DataType, Field, Fields, Schema};
 
 use super::columns::{ColumnNames, Layout};
 use super::pieces::{self, BLOCK, Piece};
 use super::{Batches, Reading, Rows, without};
 use crate::error::{FleetError, Outcome};
 use crate::sensor::{Kind, Sensor};
+use crate::storage::{Reader, Stored};
 
 /// Rows of a batch.
 const ROWS: usize = 1 << 15;
@@ -64,7 +63,7 @@ pub(super) fn open(
         .with_projection(projection)
         .with_bounds(skip as usize - cut, usize::MAX >> 1)
         .build_decoder();
-    let file = File::open(path).map_err(FleetError::file(path))?;
+    let file = read(path)?;
     let row = skip - cut as u64;
     let (buffer, schema, reading) = (Vec::with_capacity(BLOCK), Arc::new(schema), reading.clone());
     let mut blocks = Blocks { file, decoder, buffer, at: 0, number: 0, row, reading };
@@ -79,7 +78,7 @@ pub(super) fn open(
 
 /// Text of a file, in blocks that are noted as they are read.
 struct Blocks {
-    file: File,
+    file: Reader,
     decoder: Decoder,
     buffer: Vec<u8>,
     /// Byte of the block that comes next.
@@ -148,11 +147,10 @@ fn rows(
 
 /// Returns the header, and the first trace id.
 fn head(path: &Path, trace_id: &str) -> Outcome<(Vec<String>, Option<String>)> {
-    let file = File::open(path).map_err(FleetError::file(path))?;
     let wrong = |error| FleetError::format(path, error);
     let (schema, _) = Format::default()
         .with_header(true)
-        .infer_schema(BufReader::new(file), Some(0))
+        .infer_schema(BufReader::new(read(path)?), Some(0))
         .map_err(wrong)?;
     let header: Vec<String> = schema.fields().iter().map(|field| field.name().clone()).collect();
     if header.is_empty() {
@@ -164,10 +162,14 @@ fn head(path: &Path, trace_id: &str) -> Outcome<(Vec<String>, Option<String>)> {
         .with_header(true)
         .with_batch_size(1)
         .with_projection(vec![column])
-        .build(File::open(path).map_err(FleetError::file(path))?)
+        .build(read(path)?)
         .map_err(wrong)?;
     let Some(first) = reader.next().transpose().map_err(wrong)? else { return Ok((header, None)) };
     Ok((header, Some(first.column(0).as_string::<i32>().value(0).to_owned())))
+}
+
+fn read(path: &Path) -> Outcome<Reader> {
+    Stored::open(path)?.read_from(0).map_err(FleetError::file(path))
 }
 
 /// Type of an observation.
@@ -210,7 +212,7 @@ fn typed(text: &ArrayRef, field: &Field, first_row: u64, refuse: Refuse<'_>) -> 
             list(strings, ListBuilder::new(Float64Builder::new()), row, |row| refuse(row, what))
         }
         DataType::List(_) => {
-            let fields: Vec<Box<dyn arrow::array::ArrayBuilder>> =
+            let fields: Vec<Box<dyn arrow_array::builder::ArrayBuilder>> =
                 vec![Box::new(Int64Builder::new()), Box::new(Float64Builder::new())];
             let row = |out: &mut ListBuilder<StructBuilder>, text: &str| {
                 for pair in parts(text) {
@@ -245,7 +247,7 @@ fn parts(text: &str) -> impl Iterator<Item = &str> {
 }
 
 /// Builds lists of a row each.
-fn list<B: arrow::array::ArrayBuilder>(
+fn list<B: arrow_array::builder::ArrayBuilder>(
     texts: &StringArray,
     mut out: ListBuilder<B>,
     mut row: impl FnMut(&mut ListBuilder<B>, &str) -> Option<()>,

@@ -5,6 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::error::{FleetError, Outcome};
+use crate::storage::{self, Listed};
 
 /// A file of the input.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -33,7 +34,20 @@ pub(crate) fn find(inputs: &[PathBuf]) -> Outcome<InputFiles> {
     let mut found = InputFiles { files: Vec::new(), folders: Vec::new(), is_one: false };
     for input in inputs {
         let before = found.files.len();
-        if input.is_dir() {
+        if storage::is_url(input) {
+            match storage::list(input)? {
+                Listed::One(path) => {
+                    let relative = path.file_name().map(PathBuf::from).unwrap_or_default();
+                    found.files.push(InputFile { path, relative });
+                    found.is_one = inputs.len() == 1;
+                }
+                Listed::Folder(objects, on_disk) => {
+                    let file = |(path, relative)| InputFile { path, relative };
+                    found.files.extend(objects.into_iter().map(file));
+                    found.folders.extend(on_disk);
+                }
+            }
+        } else if input.is_dir() {
             found.folders.push(input.clone());
             folder(input, Path::new(""), &mut found.files)?;
         } else if is_pattern(input) {
@@ -91,7 +105,7 @@ fn folder(root: &Path, within: &Path, files: &mut Vec<InputFile>) -> Outcome<()>
 }
 
 /// True for `.part-0.crc`, `_SUCCESS`, `_metadata` and the like, but not for `_day=1`.
-fn is_hidden(name: &str) -> bool {
+pub(crate) fn is_hidden(name: &str) -> bool {
     name.starts_with('.') || (name.starts_with('_') && !name.contains('='))
 }
 

@@ -2,8 +2,9 @@
 
 use std::collections::VecDeque;
 
-use arrow::array::{ArrayRef, Int64Array, RecordBatch, UInt64Array};
-use arrow::compute::{concat_batches, take};
+use arrow_array::{ArrayRef, Int64Array, RecordBatch, UInt64Array};
+use arrow_select::concat::concat_batches;
+use arrow_select::take::take;
 
 use super::columns::{Form, Layout};
 use super::lists::{Id, Ids, ids, integers, no_nulls};

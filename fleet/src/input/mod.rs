@@ -16,8 +16,8 @@ mod strays;
 use std::collections::VecDeque;
 use std::path::Path;
 
-use arrow::array::{Array, ArrayRef, Int64Array, RecordBatch};
-use arrow::datatypes::DataType;
+use arrow_array::{Array, ArrayRef, Int64Array, RecordBatch};
+use arrow_schema::DataType;
 
 use crate::error::{FleetError, Outcome};
 use crate::sensor::{Observation, Sensor};

@@ -2,8 +2,9 @@
 
 use std::ops::Range;
 
-use arrow::array::{Array, ArrayRef, AsArray, Float64Array, Int64Array};
-use arrow::buffer::{NullBuffer, ScalarBuffer};
+use arrow_array::cast::AsArray;
+use arrow_array::{Array, ArrayRef, Float64Array, Int64Array};
+use arrow_buffer::{NullBuffer, ScalarBuffer};
 use wayfix::Likelihood;
 use wayfix::likelihood::SparseObservation;
 

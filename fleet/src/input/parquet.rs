@@ -1,12 +1,9 @@
 //! Parquet files.
 
-use std::fs::File;
-use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::SystemTime;
 
-use arrow::error::ArrowError;
+use arrow_schema::ArrowError;
 use parquet::arrow::ProjectionMask;
 use parquet::arrow::arrow_reader::{
     ArrowReaderMetadata, ArrowReaderOptions, ParquetRecordBatchReader,
@@ -18,8 +15,9 @@ use parquet::file::metadata::ParquetMetaData;
 use super::columns::{ColumnNames, Layout};
 use super::pieces::Piece;
 use super::{Batches, Reading, Rows, without};
-use crate::error::{FleetError, Outcome};
+use crate::error::{FleetError, Outcome, Replaced};
 use crate::sensor::{Kind, Sensor};
+use crate::storage::Stored;
 
 /// Values of a batch, if a step has one observation: some 30,000 steps.
 const FEW_VALUES: u64 = 3 << 15;
@@ -34,9 +32,9 @@ pub(super) fn open(
     skip: u64,
     reading: &Reading,
 ) -> Outcome<(Batches, u64, Layout)> {
-    let file = FileOf::new(path)?;
     let wrong = FleetError::parquet(path);
-    let (metadata, mask, layout) = layout(path, &file.file, names, sensor)?;
+    let (stored, metadata, mask, layout) = layout(path, names, sensor)?;
+    let file = FileOf { path: path.to_owned(), stored };
     let values = match sensor.kind() {
         Kind::Vector { .. } | Kind::Sparse(_) => MANY_VALUES,
         _ => FEW_VALUES,
@@ -63,12 +61,15 @@ pub(super) fn open(
             if group == count {
                 return Ok(None);
             }
+            let wrong = FleetError::file(&file.path);
+            let ranges = super::pieces::ranges(&metadata, &mask, group);
+            let stored = file.stored.with(&ranges).map_err(&wrong)?;
             if let Some(pieces) = &reading.pieces {
-                let hash = super::pieces::group(&file.file, &metadata, &mask, group)
-                    .map_err(FleetError::file(&file.path))?;
+                let hash =
+                    super::pieces::group(&stored, &metadata, &mask, group).map_err(&wrong)?;
                 pieces.add(Piece { file: reading.file, number: group as u64, first_row, hash });
             }
-            file.read(&arrow, &mask, group, rows).map(Some)
+            file.read(stored, &arrow, &mask, group, rows).map(Some)
         };
         let (batches, error) = match open() {
             Ok(batches) => (batches, None),
@@ -90,21 +91,19 @@ pub(super) fn columns(
     path: &Path,
     names: &ColumnNames,
     sensor: &Sensor,
-) -> Outcome<(File, Arc<ParquetMetaData>, ProjectionMask)> {
-    let file = File::open(path).map_err(FleetError::file(path))?;
-    let (metadata, mask, _) = layout(path, &file, names, sensor)?;
-    Ok((file, metadata, mask))
+) -> Outcome<(Stored, Arc<ParquetMetaData>, ProjectionMask)> {
+    let (stored, metadata, mask, _) = layout(path, names, sensor)?;
+    Ok((stored, metadata, mask))
 }
 
 fn layout(
     path: &Path,
-    file: &File,
     names: &ColumnNames,
     sensor: &Sensor,
-) -> Outcome<(Arc<ParquetMetaData>, ProjectionMask, Layout)> {
-    let file = file.try_clone().map_err(FleetError::file(path))?;
-    let builder =
-        ParquetRecordBatchReaderBuilder::try_new(file).map_err(FleetError::parquet(path))?;
+) -> Outcome<(Stored, Arc<ParquetMetaData>, ProjectionMask, Layout)> {
+    let stored = Stored::open(path)?;
+    let builder = ParquetRecordBatchReaderBuilder::try_new(stored.clone())
+        .map_err(FleetError::parquet(path))?;
     let layout = Layout::new(builder.schema(), names, sensor)?;
     let needed = layout.needed();
     let is_needed = |field: &&str| needed.contains(field);
@@ -112,54 +111,41 @@ fn layout(
     let roots = fields.filter(|(_, field)| is_needed(&field.name().as_str()));
     let roots: Vec<usize> = roots.map(|(root, _)| root).collect();
     let mask = ProjectionMask::roots(builder.parquet_schema(), roots);
-    Ok((builder.metadata().clone(), mask, layout))
+    Ok((stored, builder.metadata().clone(), mask, layout))
 }
 
-/// An open file, its name, and its size and last change when it was opened.
+/// An open file, and its name.
 struct FileOf {
     path: PathBuf,
-    file: File,
-    stamp: (u64, Option<SystemTime>),
+    stored: Stored,
 }
 
 impl FileOf {
-    fn new(path: &Path) -> Outcome<Self> {
-        let wrong = FleetError::file(path);
-        let file = File::open(path).map_err(&wrong)?;
-        let stamp = stamp(&file).map_err(&wrong)?;
-        Ok(Self { path: path.to_owned(), file, stamp })
-    }
-
-    /// Row groups are hashed before they are read: this tells of a change in between.
+    /// Row groups on a disk are hashed before they are read: this tells of a change in between.
     fn is_unchanged(&self) -> Outcome<()> {
-        if stamp(&self.file).map_err(FleetError::file(&self.path))? == self.stamp {
+        let wrong = FleetError::file(&self.path);
+        if self.stored.is_unchanged().map_err(&wrong)? {
             return Ok(());
         }
-        Err(FleetError::changed(&self.path, "was written to while it was read"))
+        Err(wrong(std::io::Error::other(Replaced)))
     }
 
     /// Reads a row group.
     fn read(
         &self,
+        stored: Stored,
         metadata: &ArrowReaderMetadata,
         mask: &ProjectionMask,
         group: usize,
         rows: usize,
     ) -> Outcome<ParquetRecordBatchReader> {
-        let file = self.file.try_clone().map_err(FleetError::file(&self.path))?;
-        ParquetRecordBatchReaderBuilder::new_with_metadata(file, metadata.clone())
+        ParquetRecordBatchReaderBuilder::new_with_metadata(stored, metadata.clone())
             .with_batch_size(rows)
             .with_projection(mask.clone())
             .with_row_groups(vec![group])
             .build()
             .map_err(FleetError::parquet(&self.path))
     }
-}
-
-/// Size and last change.
-fn stamp(file: &File) -> io::Result<(u64, Option<SystemTime>)> {
-    let metadata = file.metadata()?;
-    Ok((metadata.len(), metadata.modified().ok()))
 }
 
 /// Error of a batch. Those of the system keep their kind: another run may succeed.

@@ -6,14 +6,14 @@
 //! they are the same.
 
 use std::collections::VecDeque;
-use std::fs::File;
 use std::hash::Hasher;
-use std::io::{self, Read, Seek, SeekFrom};
+use std::io::{self, Read};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use parquet::arrow::ProjectionMask;
-use parquet::file::metadata::ParquetMetaData;
+use parquet::file::metadata::{ColumnChunkMetaData, ParquetMetaData};
 use serde::{Deserialize, Serialize};
 use twox_hash::XxHash3_64;
 
@@ -21,11 +21,10 @@ use super::columns::ColumnNames;
 use super::{is_csv, parquet as groups};
 use crate::error::{FleetError, Outcome};
 use crate::sensor::Sensor;
+use crate::storage::{Reader, Stored};
 
 /// Bytes of a piece of a CSV file.
 pub(super) const BLOCK: usize = 1 << 16;
-/// Bytes that are read at a time.
-const BUFFER: usize = 1 << 20;
 
 /// A piece of the input that was read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -75,53 +74,56 @@ impl Digest {
 }
 
 /// A file whose pieces are hashed.
-pub(super) enum Content {
-    Parquet(Box<(PathBuf, File, Arc<ParquetMetaData>, ProjectionMask)>),
-    Csv(PathBuf, File),
+pub(super) struct Content {
+    path: PathBuf,
+    stored: Stored,
+    kind: Kind,
+}
+
+enum Kind {
+    Parquet(Arc<ParquetMetaData>, ProjectionMask),
+    /// With a reader, and the number of the block that it comes to next.
+    Csv(Reader, u64),
 }
 
 impl Content {
     pub(super) fn open(path: &Path, names: &ColumnNames, sensor: &Sensor) -> Outcome<Self> {
         let owned = path.to_owned();
         if is_csv(path) {
-            let file = File::open(path).map_err(FleetError::file(path))?;
-            return Ok(Self::Csv(owned, file));
+            let stored = Stored::open(path)?;
+            let reader = stored.read_from(0).map_err(FleetError::file(path))?;
+            return Ok(Self { path: owned, stored, kind: Kind::Csv(reader, 0) });
         }
-        let (file, metadata, mask) = groups::columns(path, names, sensor)?;
-        Ok(Self::Parquet(Box::new((owned, file, metadata, mask))))
+        let (stored, metadata, mask) = groups::columns(path, names, sensor)?;
+        Ok(Self { path: owned, stored, kind: Kind::Parquet(metadata, mask) })
     }
 
     /// Hash of a piece, or nothing after the last one.
-    pub(super) fn hash(&self, number: u64) -> Outcome<Option<u64>> {
-        match self {
-            Self::Parquet(parts) => {
-                let (path, file, metadata, mask) = &**parts;
+    pub(super) fn hash(&mut self, number: u64) -> Outcome<Option<u64>> {
+        let hash = match &mut self.kind {
+            Kind::Parquet(metadata, mask) => {
                 let index = usize::try_from(number).unwrap_or(usize::MAX);
                 if index >= metadata.num_row_groups() {
                     return Ok(None);
                 }
-                group(file, metadata, mask, index).map(Some).map_err(FleetError::file(path))
+                let stored = self.stored.with(&ranges(metadata, mask, index));
+                stored.and_then(|stored| group(&stored, metadata, mask, index)).map(Some)
             }
-            Self::Csv(path, file) => {
-                let mut hash = XxHash3_64::default();
-                let start = number.saturating_mul(BLOCK as u64);
-                let count = hash_range(file, start, BLOCK as u64, &mut hash)
-                    .map_err(FleetError::file(path))?;
-                Ok((count > 0).then(|| hash.finish()))
-            }
-        }
+            Kind::Csv(reader, next) => self.stored.block(reader, next, number),
+        };
+        hash.map_err(FleetError::file(&self.path))
     }
 
     /// Name of a piece, for messages.
     pub(super) fn name(&self, number: u64) -> String {
-        match self {
-            Self::Parquet(parts) => {
-                let groups = parts.2.row_groups().iter().map(|group| group.num_rows().max(0));
+        match &self.kind {
+            Kind::Parquet(metadata, _) => {
+                let groups = metadata.row_groups().iter().map(|group| group.num_rows().max(0));
                 let first: i64 = groups.clone().take(number as usize).sum();
                 let rows = groups.clone().nth(number as usize).unwrap_or(0);
                 format!("row group {number} (rows {first} to {})", first + rows - 1)
             }
-            Self::Csv(..) => {
+            Kind::Csv(..) => {
                 let start = number.saturating_mul(BLOCK as u64);
                 format!("the block of {BLOCK} bytes at byte {start}")
             }
@@ -129,21 +131,56 @@ impl Content {
     }
 }
 
+impl Stored {
+    /// Hash of a block of text, or nothing after the last one.
+    fn block(&self, reader: &mut Reader, next: &mut u64, number: u64) -> io::Result<Option<u64>> {
+        if *next != number {
+            *reader = self.read_from(number.saturating_mul(BLOCK as u64))?;
+        }
+        *next = number + 1;
+        let mut buffer = Vec::with_capacity(BLOCK);
+        block(reader, &mut buffer)?;
+        Ok((!buffer.is_empty()).then(|| hash_of(&buffer)))
+    }
+}
+
+/// Columns of a row group that are read.
+fn read<'a>(
+    metadata: &'a ParquetMetaData,
+    mask: &'a ProjectionMask,
+    group: usize,
+) -> impl Iterator<Item = &'a ColumnChunkMetaData> {
+    let columns = metadata.row_group(group).columns().iter().enumerate();
+    columns.filter(|(leaf, _)| mask.leaf_included(*leaf)).map(|(_, column)| column)
+}
+
+/// Bytes of a chunk. A damaged file may have any numbers here; the reader says so.
+fn range(column: &ColumnChunkMetaData) -> Range<u64> {
+    let start = column.dictionary_page_offset().unwrap_or(column.data_page_offset());
+    let start = start.min(column.data_page_offset()).max(0).cast_unsigned();
+    start..start.saturating_add(column.compressed_size().max(0).cast_unsigned())
+}
+
+/// Bytes of the columns of a row group that are read.
+pub(super) fn ranges(
+    metadata: &ParquetMetaData,
+    mask: &ProjectionMask,
+    group: usize,
+) -> Vec<Range<u64>> {
+    read(metadata, mask, group).map(range).collect()
+}
+
 /// Hash of a row group: of the bytes of the columns that are read, and of what says how to read
 /// them.
 pub(super) fn group(
-    file: &File,
+    stored: &Stored,
     metadata: &ParquetMetaData,
     mask: &ProjectionMask,
     index: usize,
 ) -> io::Result<u64> {
     let mut hash = XxHash3_64::default();
-    let group = metadata.row_group(index);
-    hash.write(&group.num_rows().to_le_bytes());
-    for (leaf, column) in group.columns().iter().enumerate() {
-        if !mask.leaf_included(leaf) {
-            continue;
-        }
+    hash.write(&metadata.row_group(index).num_rows().to_le_bytes());
+    for column in read(metadata, mask, index) {
         let described = column.column_descr();
         let about = format!(
             "{} {:?} {:?} {:?} {} {}",
@@ -156,36 +193,13 @@ pub(super) fn group(
         );
         hash.write(about.as_bytes());
         hash.write(&column.num_values().to_le_bytes());
-        // A damaged file may have any numbers here; the reader says so.
-        let start = column.dictionary_page_offset().unwrap_or(column.data_page_offset());
-        let start = start.min(column.data_page_offset()).max(0).cast_unsigned();
-        let length = column.compressed_size().max(0).cast_unsigned();
-        hash_range(file, start, length, &mut hash)?;
+        stored.hash(range(column), &mut hash)?;
     }
     Ok(hash.finish())
 }
 
-/// Hashes so many bytes of a file, or fewer at its end; returns their number.
-fn hash_range(file: &File, start: u64, length: u64, hash: &mut XxHash3_64) -> io::Result<u64> {
-    let mut file = file;
-    let mut bytes = file.seek(SeekFrom::Start(start)).map(|_| file.take(length))?;
-    let mut buffer = vec![0; BUFFER.min(usize::try_from(length).unwrap_or(BUFFER))];
-    let mut count = 0;
-    loop {
-        match bytes.read(&mut buffer) {
-            Ok(0) => return Ok(count),
-            Ok(read) => {
-                hash.write(&buffer[..read]);
-                count += read as u64;
-            }
-            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-            Err(error) => return Err(error),
-        }
-    }
-}
-
 /// Reads a block, or less at the end of the file.
-pub(super) fn block(file: &mut File, buffer: &mut Vec<u8>) -> io::Result<()> {
+pub(super) fn block(file: &mut impl Read, buffer: &mut Vec<u8>) -> io::Result<()> {
     buffer.clear();
     file.take(BLOCK as u64).read_to_end(buffer).map(|_| ())
 }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use arrow::datatypes::DataType;
+use arrow_schema::DataType;
 
 use super::files::InputFiles;
 use super::pieces::{Content, Digest, Piece, Pieces};
@@ -120,7 +120,7 @@ impl<'a> Source<'a> {
                 let content = Content::open(path, self.names, self.sensor);
                 open = Some((piece.file, content.map_err(|error| self.name(piece.file, error))?));
             }
-            let Some((_, content)) = &open else { continue };
+            let Some((_, content)) = &mut open else { continue };
             let found = content.hash(piece.number)?;
             if found != Some(piece.hash) {
                 let number = piece.number;
@@ -142,7 +142,7 @@ impl<'a> Source<'a> {
     pub(crate) fn digest(&self) -> Outcome<Digest> {
         let mut digest = Digest::default();
         for file in 0..self.files.files.len() {
-            let content = Content::open(self.path(file), self.names, self.sensor)
+            let mut content = Content::open(self.path(file), self.names, self.sensor)
                 .map_err(|error| self.name(file, error))?;
             for number in 0.. {
                 let Some(hash) = content.hash(number)? else { break };

@@ -5,9 +5,12 @@
 //! rows others stand, is left out as a whole. Where drives become ready is a matter of the rows
 //! alone, not of where reading began: a run that continues makes the same parts.
 
-use arrow::array::{Array, ArrayRef, AsArray, Int64Array, RecordBatch};
-use arrow::compute::{CastOptions, cast_with_options, concat_batches};
-use arrow::datatypes::{DataType, Int64Type};
+use arrow_array::cast::AsArray;
+use arrow_array::types::Int64Type;
+use arrow_array::{Array, ArrayRef, Int64Array, RecordBatch};
+use arrow_cast::{CastOptions, cast_with_options};
+use arrow_schema::DataType;
+use arrow_select::concat::concat_batches;
 
 use super::Rows;
 use super::invalid::{Invalid, halves, joined};
@@ -15,6 +18,9 @@ use super::lists::{Id, Ids};
 use super::long::{LongDrives, not_rising, starts, unsorted};
 use super::nested::column;
 use crate::error::{FleetError, Outcome};
+
+/// Drives that may wait to be handed out: some 20 MB.
+const MOST_PENDING: usize = 1 << 16;
 
 /// State of leaving out.
 #[derive(Debug, Default)]
@@ -117,7 +123,17 @@ impl LongDrives {
         self.hand_out(self.first_row)
     }
 
+    /// Leaves out rows after those of the drive that may go on. They wait until it is complete: a run
+    /// that continues begins with it.
     fn stray(&mut self, error: FleetError, id: Option<Id>) -> Outcome<()> {
+        if self.faults.pending.len() >= MOST_PENDING {
+            let last = self.last.as_ref().map(|(id, _)| format!(" {id}")).unwrap_or_default();
+            let message = format!(
+                "more than {MOST_PENDING} drives after drive{last} would be left out, since their \
+                 ids are missing or not above its own; is this id wrong, or the file not sorted?"
+            );
+            return Err(FleetError::value(&self.layout.names.trace_id, self.first_row, message));
+        }
         self.faults.pending.push(Invalid::new(error, id)?);
         self.faults.interrupted = true;
         Ok(())

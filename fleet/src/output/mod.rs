@@ -4,8 +4,8 @@ mod measures;
 mod rows;
 mod tables;
 
-use arrow::array::RecordBatch;
-use arrow::datatypes::{DataType, Field, Fields, Schema};
+use arrow_array::RecordBatch;
+use arrow_schema::{DataType, Field, Fields, Schema};
 use clap::ValueEnum;
 
 use crate::error::{FleetError, Outcome};

@@ -2,13 +2,13 @@
 
 use std::sync::Arc;
 
-use arrow::array::{
+use arrow_array::{
     ArrayRef, Float64Array, Int64Array, ListArray, RecordBatch, StringArray, StructArray,
     UInt32Array, UInt64Array,
 };
-use arrow::buffer::{NullBuffer, OffsetBuffer};
-use arrow::compute::take;
-use arrow::datatypes::{DataType, Schema};
+use arrow_buffer::{NullBuffer, OffsetBuffer};
+use arrow_schema::{DataType, Schema};
+use arrow_select::take::take;
 use wayfix::InferenceError;
 use wayfix::error::At;
 
@@ -178,7 +178,7 @@ impl Rows {
                 .collect::<Result<_, _>>()
                 .map_err(|_| crate::error::FleetError::Settings(TOO_MANY.to_owned()))?;
             let item =
-                Arc::new(arrow::datatypes::Field::new_list_field(DataType::Struct(fields), false));
+                Arc::new(arrow_schema::Field::new_list_field(DataType::Struct(fields), false));
             let offsets = OffsetBuffer::new(offsets.into());
             columns.push(Arc::new(ListArray::try_new(item, offsets, items, is_valid)?));
             columns.extend([total, error_kind, error_step, error]);

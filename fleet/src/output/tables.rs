@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
-use arrow::datatypes::Schema;
+use arrow_schema::Schema;
 use wayfix::error::At;
 use wayfix::inference::Posteriors;
 use wayfix::likelihood::LearnLikelihood;

@@ -7,7 +7,7 @@ use clap::Args;
 
 use super::{Query, Source, query};
 use crate::error::{FleetError, Outcome};
-use crate::run::Pack;
+use crate::properties::Pack;
 
 /// Tasks of a query on a cluster: few are long, and many need time to be handed out.
 const TASKS: usize = 16;

@@ -24,7 +24,7 @@ use super::{Models, key, register_with};
 use crate::error::{FleetError, Outcome};
 use crate::journal::open_locked;
 use crate::partial::beside;
-use crate::run::Pack;
+use crate::properties::Pack;
 
 /// Times that a query is given to a cluster, if executors are lost after its last task.
 pub(super) const ATTEMPTS: usize = 3;

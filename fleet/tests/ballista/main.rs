@@ -2,7 +2,7 @@
 //! process.
 #![cfg(unix)]
 
-#[path = "../it/kit.rs"]
+#[path = "../it/kit/mod.rs"]
 #[allow(dead_code, reason = "shared with the tests of files")]
 mod kit;
 mod learn;

@@ -2,13 +2,16 @@
 
 mod bad_input;
 mod equality;
+mod exchanged;
 mod files;
 mod identity;
+mod kills;
 mod kit;
 mod learn;
 mod memory;
 mod model_file;
 mod observations;
 mod resume;
+mod schemas;
 mod skip;
 mod ten_commands;

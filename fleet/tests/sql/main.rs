@@ -3,7 +3,7 @@
 mod bad_input;
 mod equality;
 mod folder;
-#[path = "../it/kit.rs"]
+#[path = "../it/kit/mod.rs"]
 #[allow(dead_code, reason = "shared with the tests of files")]
 mod kit;
 mod learn;

@@ -1,7 +1,7 @@
 //! The commands `live` and `position`.
 
 use std::io::{self, Write};
-use std::num::NonZeroU64;
+use std::num::{NonZeroU64, NonZeroUsize};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -31,6 +31,9 @@ pub(crate) struct Live {
     /// File that is read instead of standard input, from the position of the snapshot on.
     #[arg(long, conflicts_with = "replay")]
     input: Option<PathBuf>,
+    /// Takes lines from connections at unix:PATH or HOST:PORT instead, and answers them there.
+    #[arg(long, value_name = "ADDRESS", conflicts_with_all = ["input", "replay"])]
+    listen: Option<String>,
     /// Standard input begins again from the first line of all: what the snapshot has is skipped.
     #[arg(long)]
     replay: bool,
@@ -51,6 +54,10 @@ pub(crate) struct Live {
     /// latest at most; refuses others.
     #[arg(long, value_name = "UNITS")]
     lateness: Option<u64>,
+    /// Takes the largest `time` that so many vehicles have reached for the latest, so that one clock
+    /// that is far ahead makes no other vehicle late or forgotten.
+    #[arg(long, value_name = "VEHICLES", default_value = "1")]
+    agree: NonZeroUsize,
     /// Folder of the models that a line may name.
     #[arg(long)]
     models: Option<PathBuf>,
@@ -104,12 +111,14 @@ impl Live {
         let job = ServiceJob {
             every: self.every,
             input: self.input,
+            listen: self.listen,
             replay: self.replay,
             output: self.output,
             timing: Timing {
                 forget_after: self.forget_after,
                 step: self.step,
                 most_steps: Some(self.most_steps),
+                agree: Some(self.agree),
             },
             lateness: self.lateness,
             models: self.models,

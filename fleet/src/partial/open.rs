@@ -1,0 +1,173 @@
+//! Ways to begin an output: from nothing, or after the parts that are complete.
+
+use std::fs::{File, OpenOptions};
+use std::hash::Hasher;
+use std::io::{self, Read, Seek, SeekFrom};
+use std::path::Path;
+use std::sync::Arc;
+
+use arrow_schema::Schema;
+use parquet::arrow::ArrowWriter;
+use parquet::arrow::arrow_writer::ArrowWriterOptions;
+use parquet::file::properties::WriterProperties;
+use serde_json::Value;
+use twox_hash::XxHash3_64;
+
+use super::{Partial, Start, beside, note};
+use crate::error::{FleetError, Outcome};
+use crate::finished::Finished;
+use crate::input::pieces::{Digest, Pieces};
+use crate::journal::Journal;
+use crate::left_out::LeftOut;
+use crate::row_groups::replay;
+use crate::spool::{Disk, Spool};
+
+/// What an output under construction is made of, and how.
+pub(crate) struct Plan<'a> {
+    pub(crate) output: &'a Path,
+    /// File for drives that are left out.
+    pub(crate) left_out: Option<&'a Path>,
+    /// Settings that two runs must share for one to continue the other.
+    pub(crate) settings: &'a Value,
+    pub(crate) schema: &'a Arc<Schema>,
+    pub(crate) properties: WriterProperties,
+    pub(crate) start: Start,
+    pub(crate) pieces: Pieces,
+}
+
+/// Output that is finished already, or can be continued.
+pub(crate) enum Opened {
+    /// It was complete but for the removal of the journal.
+    Finished([u64; 4]),
+    Partial(Box<Partial>),
+}
+
+impl Partial {
+    /// Begins an output, or continues one with the same settings.
+    pub(crate) fn open(plan: Plan<'_>) -> Outcome<Opened> {
+        let Plan { output, settings, schema, properties, start, pieces, .. } = plan;
+        let exists = |path: &Path| {
+            let message = format!("{} exists; replace it with --force", path.display());
+            Err(FleetError::Settings(message))
+        };
+        let partial = beside(output, ".partial");
+        let path = beside(output, ".journal");
+        if output.exists() && !path.exists() && !start.force {
+            return exists(output);
+        }
+        let mut journal = Journal::open(&path, settings, start.restart)?;
+        // Under the lock: another run may have ended since.
+        // Settings are written after the partial file is made, which gets the name of the output
+        // at the end.
+        if output.exists() && journal.begun && !partial.exists() {
+            let counts = Finished::read(output)?.map_or([0; 4], |finished| finished.counts);
+            plan.left_out.map_or(Ok(()), LeftOut::rename)?;
+            journal.remove()?;
+            return Ok(Opened::Finished(counts));
+        }
+        for path in [Some(output), plan.left_out].into_iter().flatten() {
+            if path.exists() && !start.force {
+                if !journal.begun {
+                    journal.remove()?;
+                }
+                return exists(path);
+            }
+        }
+        let left_out = match LeftOut::open(plan.left_out, &journal.parts) {
+            Err(error) if !journal.begun => {
+                journal.remove()?;
+                return Err(error);
+            }
+            opened => opened?,
+        };
+        let at = partial.clone();
+        let (wrong, failed) = (FleetError::file(&at), FleetError::parquet(&at));
+        let mut file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(false)
+            .open(&partial)
+            .map_err(&wrong)?;
+        let ends = journal.parts.iter().map(|part| (part.end, part.hash));
+        let mut valid = intact(&mut file, ends).map_err(&wrong)?;
+        let left_out = match left_out {
+            Some((left_out, lines)) => {
+                valid = valid.min(lines);
+                Some(left_out)
+            }
+            None => None,
+        };
+        journal.keep(valid, settings)?;
+        let (end, counts) =
+            journal.parts.last().map_or((0, [0; 4]), |part| (part.end, part.counts));
+        let left_out = left_out.map(|left_out| left_out.cut(&journal.parts)).transpose()?;
+        file.set_len(end).map_err(&wrong)?;
+        file.seek(SeekFrom::Start(end)).map_err(&wrong)?;
+        if !journal.begun {
+            journal.begin(settings)?;
+        }
+        let disk = Disk::new(&file).map_err(&wrong)?;
+        let spool = Spool { file, skip: end, hash: XxHash3_64::default() };
+        let options = ArrowWriterOptions::new().with_properties(properties);
+        let (mut writer, factory) =
+            ArrowWriter::try_new_with_options(spool, schema.clone(), options)
+                .and_then(ArrowWriter::into_serialized_writer)
+                .map_err(&failed)?;
+        for part in &journal.parts {
+            replay(&mut writer, part).map_err(&failed)?;
+        }
+        writer.flush().map_err(&wrong)?;
+        if writer.inner().skip > 0 {
+            let message = "its parts do not follow each other as the journal says";
+            return Err(FleetError::format(&partial, message));
+        }
+        let (output, schema, settings) = (output.to_owned(), schema.clone(), settings.clone());
+        let mut noted = (None, Digest::default());
+        journal.parts.iter().flat_map(|part| &part.pieces).for_each(|piece| {
+            note(&mut noted, piece);
+        });
+        Ok(Opened::Partial(Box::new(Self {
+            output,
+            path: partial,
+            journal,
+            schema,
+            writer,
+            factory,
+            part: None,
+            counts,
+            disk,
+            left_out,
+            pieces,
+            noted,
+            settings,
+        })))
+    }
+}
+
+/// Number of parts, from the first, whose bytes are as they were written.
+pub(crate) fn intact(
+    file: &mut File,
+    parts: impl Iterator<Item = (u64, u64)>,
+) -> io::Result<usize> {
+    file.seek(SeekFrom::Start(0))?;
+    let (mut start, mut number, mut buffer) = (0, 0, vec![0; 1 << 20]);
+    for (end, written) in parts {
+        let mut hash = XxHash3_64::default();
+        let mut left: u64 = end.saturating_sub(start);
+        while left > 0 {
+            let most = buffer.len().min(usize::try_from(left).unwrap_or(usize::MAX));
+            let read = file.read(&mut buffer[..most])?;
+            if read == 0 {
+                return Ok(number);
+            }
+            hash.write(&buffer[..read]);
+            left -= read as u64;
+        }
+        if hash.finish() != written {
+            return Ok(number);
+        }
+        (start, number) = (end, number + 1);
+    }
+    Ok(number)
+}
