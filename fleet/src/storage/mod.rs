@@ -65,6 +65,10 @@ impl Stored {
     }
 
     /// The same file with ranges of it in memory, if reading them one by one would be slow.
+    #[cfg_attr(
+        not(feature = "object-store"),
+        expect(clippy::unnecessary_wraps, reason = "nothing is fetched")
+    )]
     pub(crate) fn with(&self, ranges: &[Range<u64>]) -> io::Result<Self> {
         match self {
             Self::Disk(_) => {

@@ -14,8 +14,10 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use wayfix::{Belief, Hmm, Prior, SparseTransition, TableLikelihood};
 
+#[allow(unused_imports, reason = "not all tests look at columns")]
 pub(crate) use columns::*;
 pub(crate) use folder::*;
+#[allow(unused_imports, reason = "not all tests learn")]
 pub(crate) use learning::*;
 
 /// Number of states of the models.
