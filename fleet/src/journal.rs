@@ -13,7 +13,7 @@ use serde_json::Value;
 use crate::error::{FleetError, Outcome};
 use crate::input::pieces::Piece;
 
-/// A complete part: a row group of the output.
+/// A complete part: row groups of the output, of a query any number, else one.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Part {
     /// File of the input that the last row of the part comes from.
@@ -32,7 +32,7 @@ pub(crate) struct Part {
     pub(crate) hash: u64,
     /// Drives, steps, drives that failed and those left out, in this part and all before.
     pub(crate) counts: [u64; 4],
-    /// Metadata of the row group as a Parquet footer, in hexadecimal digits.
+    /// Metadata of the row groups as a Parquet footer, in hexadecimal digits.
     pub(crate) metadata: String,
 }
 

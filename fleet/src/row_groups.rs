@@ -1,14 +1,17 @@
 //! Row groups of an output: written, or told to the writer when they are in the file already.
 
+#[cfg(feature = "sql")]
+use std::fs::File;
 use std::sync::Arc;
 
 use parquet::arrow::arrow_writer::ArrowColumnWriter;
 use parquet::column::writer::ColumnCloseResult;
 use parquet::errors::ParquetError;
 use parquet::file::metadata::{
-    ColumnChunkMetaData, FileMetaData, ParquetMetaDataBuilder, ParquetMetaDataOptions,
-    ParquetMetaDataReader, ParquetMetaDataWriter, RowGroupMetaData,
+    ColumnChunkMetaData, FileMetaData, ParquetMetaData, ParquetMetaDataBuilder,
+    ParquetMetaDataOptions, ParquetMetaDataReader, ParquetMetaDataWriter, RowGroupMetaData,
 };
+use parquet::file::reader::ChunkReader;
 use parquet::file::statistics::Statistics;
 use parquet::file::writer::SerializedFileWriter;
 
@@ -30,7 +33,7 @@ pub(crate) fn append(
     Ok(Arc::unwrap_or_clone(group.close()?))
 }
 
-/// Tells the writer of a row group that is in the file already.
+/// Tells the writer of the row groups of a part that is in the file already.
 pub(crate) fn replay(
     writer: &mut SerializedFileWriter<Spool>,
     part: &Part,
@@ -38,50 +41,84 @@ pub(crate) fn replay(
     let damaged = || ParquetError::General("the journal has damaged metadata".to_owned());
     let bytes = unhex(&part.metadata).ok_or_else(damaged)?;
     let length = bytes.len().checked_sub(FOOTER_TAIL).ok_or_else(damaged)?;
-    // As they were, so that the file gets the same footer as without an interruption.
-    let whole = ParquetMetaDataOptions::new().with_encoding_stats_as_mask(false);
     let metadata =
-        ParquetMetaDataReader::decode_metadata_with_options(&bytes[..length], Some(&whole))?;
-    let group = metadata.row_groups().first().ok_or_else(damaged)?;
-    let mut out = writer.next_row_group()?;
-    for column in group.columns() {
-        let close = ColumnCloseResult {
-            bytes_written: column.compressed_size().max(0).cast_unsigned(),
-            rows_written: group.num_rows().max(0).cast_unsigned(),
-            metadata: as_written(column)?,
-            bloom_filter: None,
-            column_index: None,
-            offset_index: None,
-        };
-        out.append_column(&Nothing, close)?;
+        ParquetMetaDataReader::decode_metadata_with_options(&bytes[..length], Some(&whole()))?;
+    splice(writer, &Nothing, &metadata).map(|_| ())
+}
+
+/// Writes the row groups of a Parquet file of the same columns, as they are.
+#[cfg(feature = "sql")]
+pub(crate) fn copy(
+    writer: &mut SerializedFileWriter<Spool>,
+    file: &File,
+) -> Result<Vec<RowGroupMetaData>, ParquetError> {
+    let reader = ParquetMetaDataReader::new().with_metadata_options(Some(whole()));
+    splice(writer, file, &reader.parse_and_finish(file)?)
+}
+
+/// Metadata as they were written, so that the file gets the same footer in each way.
+fn whole() -> ParquetMetaDataOptions {
+    ParquetMetaDataOptions::new().with_encoding_stats_as_mask(false)
+}
+
+fn splice(
+    writer: &mut SerializedFileWriter<Spool>,
+    reader: &impl ChunkReader,
+    metadata: &ParquetMetaData,
+) -> Result<Vec<RowGroupMetaData>, ParquetError> {
+    let mut groups = Vec::with_capacity(metadata.num_row_groups());
+    for group in metadata.row_groups() {
+        let mut out = writer.next_row_group()?;
+        for column in group.columns() {
+            let close = ColumnCloseResult {
+                bytes_written: column.compressed_size().max(0).cast_unsigned(),
+                rows_written: group.num_rows().max(0).cast_unsigned(),
+                metadata: as_written(column)?,
+                bloom_filter: None,
+                column_index: None,
+                offset_index: None,
+            };
+            out.append_column(reader, close)?;
+        }
+        groups.push(Arc::unwrap_or_clone(out.close()?));
     }
-    out.close()?;
-    Ok(())
+    Ok(groups)
 }
 
-/// Metadata as the writer had it: what is read no longer says that bounds of integers also stand
-/// in the fields of old readers.
+/// Metadata as the writer had it: what is read no longer says that bounds of signed numbers also
+/// stand in the fields of old readers.
 fn as_written(column: &ColumnChunkMetaData) -> Result<ColumnChunkMetaData, ParquetError> {
-    let Some(Statistics::Int64(bounds)) = column.statistics() else { return Ok(column.clone()) };
-    let bounds = bounds.clone().with_backwards_compatible_min_max(true);
-    column.clone().into_builder().set_statistics(Statistics::Int64(bounds)).build()
+    let Some(bounds) = column.statistics() else { return Ok(column.clone()) };
+    let signed = column.column_descr().sort_order().is_signed();
+    macro_rules! with_old_fields {
+        ($($kind:ident)*) => {
+            match bounds.clone() {
+                $(Statistics::$kind(bounds) => {
+                    Statistics::$kind(bounds.with_backwards_compatible_min_max(signed))
+                })*
+            }
+        };
+    }
+    let bounds =
+        with_old_fields!(Boolean Int32 Int64 Int96 Float Double ByteArray FixedLenByteArray);
+    column.clone().into_builder().set_statistics(bounds).build()
 }
 
-/// Metadata of a row group as a file would end with it.
+/// Metadata of row groups as a file would end with them.
 pub(crate) fn footer(
     writer: &SerializedFileWriter<Spool>,
-    group: RowGroupMetaData,
+    groups: Vec<RowGroupMetaData>,
 ) -> Result<Vec<u8>, ParquetError> {
-    let schema = group.schema_descr_ptr();
+    let schema = Arc::new(writer.schema_descr().clone());
     let file = FileMetaData::new(
         writer.properties().writer_version().as_num(),
-        group.num_rows(),
+        groups.iter().map(RowGroupMetaData::num_rows).sum(),
         None,
         None,
         schema,
         None,
     );
-    let metadata = ParquetMetaDataBuilder::new(file).add_row_group(group).build();
+    let metadata = ParquetMetaDataBuilder::new(file).set_row_groups(groups).build();
     let mut bytes = Vec::new();
     ParquetMetaDataWriter::new(&mut bytes, &metadata).finish()?;
     Ok(bytes)

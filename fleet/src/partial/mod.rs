@@ -1,10 +1,10 @@
 //! An output under construction, which a later run can continue.
 //!
-//! Parts are row groups of one file with a temporary name. As soon as a part is written, a line
-//! in the [journal](crate::journal) says where it ends, and has its metadata, which Parquet keeps
-//! in the last bytes of a file. A run that continues checks the parts by their hashes, cuts off
-//! what follows them, and tells the writer their metadata, without writing them again. When the
-//! footer is written, the file gets its name.
+//! Parts are row groups of one file with a temporary name, one each or, of a query, several. As
+//! soon as a part is written, a line in the [journal](crate::journal) says where it ends, and has
+//! its metadata, which Parquet keeps in the last bytes of a file. A run that continues checks the
+//! parts by their hashes, cuts off what follows them, and tells the writer their metadata, without
+//! writing them again. When the footer is written, the file gets its name.
 
 mod open;
 
@@ -16,6 +16,7 @@ use std::sync::Arc;
 use arrow_array::RecordBatch;
 use arrow_schema::Schema;
 use parquet::arrow::arrow_writer::{ArrowColumnWriter, ArrowRowGroupWriterFactory, compute_leaves};
+use parquet::file::metadata::RowGroupMetaData;
 use parquet::file::writer::SerializedFileWriter;
 use serde_json::Value;
 use twox_hash::XxHash3_64;
@@ -131,12 +132,33 @@ impl Partial {
     /// names of all files up to this one.
     pub(crate) fn end_part(&mut self, file: usize, end_row: u64, names: u64) -> Outcome<()> {
         let Some((columns, _)) = self.part.take() else { return Ok(()) };
+        let group = append(&mut self.writer, columns).map_err(FleetError::parquet(&self.path))?;
+        self.note_part(vec![group], file, end_row, names)
+    }
+
+    /// Adds a part that is a Parquet file of its own, with the same columns: so many rows of
+    /// results, of the rows of the input before one.
+    #[cfg(feature = "sql")]
+    pub(crate) fn add_part(&mut self, made: &File, rows: u64, end_row: u64) -> Outcome<()> {
+        let groups = crate::row_groups::copy(&mut self.writer, made);
+        let groups = groups.map_err(FleetError::parquet(&self.path))?;
+        self.counts[0] += rows;
+        self.note_part(groups, 0, end_row, 0)
+    }
+
+    /// Takes note of row groups that have been written.
+    fn note_part(
+        &mut self,
+        groups: Vec<RowGroupMetaData>,
+        file: usize,
+        end_row: u64,
+        names: u64,
+    ) -> Outcome<()> {
         let wrong = FleetError::parquet(&self.path);
-        let group = append(&mut self.writer, columns).map_err(&wrong)?;
         self.writer.flush().map_err(FleetError::file(&self.path))?;
         let end = self.writer.bytes_written() as u64;
         let hash = std::mem::take(&mut self.writer.inner_mut().hash).finish();
-        let metadata = hex(&footer(&self.writer, group).map_err(&wrong)?);
+        let metadata = hex(&footer(&self.writer, groups).map_err(&wrong)?);
         let lines = match &mut self.left_out {
             Some(left_out) => left_out.end_part()?,
             None => (0, XxHash3_64::default().finish()),

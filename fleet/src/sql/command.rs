@@ -5,7 +5,8 @@ use std::thread;
 
 use clap::Args;
 
-use super::{Query, Source, query};
+use super::progress::Shown;
+use super::{Query, QuerySummary, Source, query};
 use crate::error::{FleetError, Outcome};
 use crate::properties::Pack;
 
@@ -45,9 +46,22 @@ pub struct Command {
     /// Rows of a batch: drives, if the table has a row for each.
     #[arg(long, default_value_t = 1024)]
     batch: usize,
+    /// Values (steps) of a part of a table with `--order`, at least. An interruption loses those
+    /// that are not complete; 0 runs the query as a whole, which then starts over.
+    #[arg(long, default_value_t = 1 << 20)]
+    part: u64,
     /// Replaces an output that exists.
     #[arg(long)]
     force: bool,
+    /// Starts over, if an earlier run was interrupted.
+    #[arg(long)]
+    restart: bool,
+    /// Says how far the query is by lines on standard error, also if that is no terminal.
+    #[arg(long)]
+    lines: bool,
+    /// Shows no progress.
+    #[arg(long, conflicts_with = "lines")]
+    quiet: bool,
 }
 
 impl Command {
@@ -57,8 +71,22 @@ impl Command {
     ///
     /// [`FleetError`] if an option is not valid, or as for [`query`].
     pub fn run(&self) -> Outcome<String> {
-        let rows = query(&self.query()?)?;
-        Ok(format!("{rows} rows"))
+        let query_of = self.query()?;
+        let mut shown = match (self.quiet, self.lines) {
+            (true, _) => Shown::Nothing,
+            (_, true) => Shown::Lines(None),
+            _ => Shown::bar(),
+        };
+        let done = query(&query_of, |state| shown.show(state));
+        shown.end();
+        let QuerySummary { rows, parts, resumed, finished } = done?;
+        let mut text = format!("{rows} rows");
+        if finished {
+            text += "; finished already";
+        } else if resumed > 0 {
+            text += &format!("; {resumed} of {parts} parts were there already");
+        }
+        Ok(text)
     }
 
     fn query(&self) -> Outcome<Query> {
@@ -100,7 +128,9 @@ impl Command {
             scheduler: self.scheduler.clone(),
             models: self.models.clone(),
             batch: self.batch,
+            part: self.part,
             force: self.force,
+            restart: self.restart,
         })
     }
 }

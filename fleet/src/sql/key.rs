@@ -8,11 +8,13 @@ use arrow::util::display::array_value_to_string;
 use datafusion::execution::SendableRecordBatchStream;
 use futures::StreamExt;
 
+use super::ranges::Starts;
 use crate::error::{FleetError, Outcome};
 
 /// Checks that rows are sorted by their columns, the first one first, and that no two are the same.
-/// DataFusion believes such an order, and gives wrong results if it is not one.
-pub(super) async fn check(mut rows: SendableRecordBatchStream) -> Outcome<()> {
+/// DataFusion believes such an order, and gives wrong results if it is not one. The values of the
+/// first column are told on the way.
+pub(super) async fn check(mut rows: SendableRecordBatchStream, starts: &mut Starts) -> Outcome<()> {
     let schema = rows.schema();
     if let Some(field) = schema.fields().iter().find(|field| field.data_type().is_nested()) {
         let message = format!(
@@ -63,6 +65,7 @@ pub(super) async fn check(mut rows: SendableRecordBatchStream) -> Outcome<()> {
         if let Some(at) = disorder(columns)? {
             return refuse(columns, at, first_row + at as u64 + 1);
         }
+        starts.push(&columns[0])?;
         last = Some(columns.iter().map(|column| column.slice(count - 1, 1)).collect());
         first_row += count as u64;
     }

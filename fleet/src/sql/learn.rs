@@ -12,7 +12,8 @@ use wayfix::transition::{LearnTransition, MoveCounts};
 
 use super::expect::{NAME, Sent};
 use super::models::Models;
-use super::query::{ATTEMPTS, Source, is_lost, session};
+use super::query::{ATTEMPTS, is_lost, session};
+use super::source::Source;
 use crate::error::{FleetError, Outcome};
 use crate::expected::Expected;
 use crate::input::{Form, Layout};

@@ -32,13 +32,20 @@
 //! file changes needs the hash to see the change. A query can open any file by it, unless models
 //! are those of a folder ([`register_with`]).
 
+mod by_range;
 mod command;
 mod expect;
+mod files;
 mod function;
 mod key;
 mod learn;
 mod models;
+mod parts;
+mod progress;
 mod query;
+mod ranges;
+mod rows;
+mod source;
 mod unordered;
 
 use std::sync::Arc;
@@ -53,7 +60,8 @@ use function::Function;
 pub use function::FunctionError;
 pub use learn::learn;
 pub use models::Models;
-pub use query::{Query, Source, context, query};
+pub use query::{Query, QueryState, QuerySummary, context, query};
+pub use source::Source;
 use unordered::Unordered;
 
 /// The functions, to be registered wherever DataFusion takes functions.

@@ -109,7 +109,7 @@ impl Models {
 }
 
 /// Path and hash of a name; a `#` that no hash follows belongs to the path.
-fn split(name: &str) -> (&str, Option<&str>) {
+pub(super) fn split(name: &str) -> (&str, Option<&str>) {
     let is_hash =
         |end: &str| end.len() == DIGITS && end.bytes().all(|byte| byte.is_ascii_hexdigit());
     match name.rsplit_once('#') {

@@ -8,7 +8,7 @@ use datafusion::logical_expr::{Distinct, Expr, ExprSchemable, LogicalPlan};
 use datafusion::optimizer::AnalyzerRule;
 
 /// Beginning of the names of the functions.
-const OURS: &str = "wayfix_";
+pub(super) const OURS: &str = "wayfix_";
 
 /// Refusal of functions over lists that `array_agg` gathered without `ORDER BY`: their results
 /// would be those of drives that were never made, and nobody would see.

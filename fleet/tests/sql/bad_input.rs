@@ -226,7 +226,7 @@ fn files_and_queries() {
     fs::write(folder.path("rows.parquet"), b"mine").unwrap();
     let mut query = over(&folder, "drives.parquet", &[], &sql);
     query.force = false;
-    let message = wayfix_fleet::sql::query(&query).unwrap_err().to_string();
+    let message = wayfix_fleet::sql::query(&query, |_| {}).unwrap_err().to_string();
     contains(&message, "exists");
     assert_eq!(fs::read(folder.path("rows.parquet")).unwrap(), b"mine");
     // The command gives what the function gives.
@@ -248,7 +248,7 @@ fn runs_do_not_share_an_output() {
         let mut query = over(&folder, "drives.parquet", &[], &sql);
         query.output = folder.path(&format!("rows {round}.parquet"));
         query.force = force;
-        wayfix_fleet::sql::query(&query)
+        wayfix_fleet::sql::query(&query, |_| {})
     };
     for round in 0..20 {
         let force = round % 2 == 1;

@@ -20,13 +20,15 @@ pub(crate) fn over(folder: &Folder, input: &str, key: &[&str], sql: &str) -> Que
         scheduler: None,
         models: None,
         batch: 16,
+        part: 1000,
         force: true,
+        restart: false,
     }
 }
 
 /// Rows of a query.
 pub(crate) fn rows(query_of: &Query) -> RecordBatch {
-    let count = query(query_of).unwrap();
+    let count = query(query_of, |_| {}).unwrap().rows;
     let rows = read(&query_of.output);
     assert_eq!(rows.num_rows() as u64, count);
     assert!(leftovers(query_of).is_empty());
@@ -35,7 +37,7 @@ pub(crate) fn rows(query_of: &Query) -> RecordBatch {
 
 /// Error of a query, which leaves nothing.
 pub(crate) fn error(query_of: &Query) -> FleetError {
-    let error = query(query_of).unwrap_err();
+    let error = query(query_of, |_| {}).unwrap_err();
     assert!(!query_of.output.exists() && leftovers(query_of).is_empty(), "{error}");
     error
 }

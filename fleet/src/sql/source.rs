@@ -1,0 +1,80 @@
+//! Tables of a query.
+
+use std::fs;
+use std::path::PathBuf;
+
+use datafusion::common::TableReference;
+use datafusion::prelude::{CsvReadOptions, ParquetReadOptions, SessionContext, ident};
+
+use super::files::Files;
+use super::key;
+use super::query::context;
+use super::ranges::{Range, Starts};
+use crate::error::{FleetError, Outcome};
+
+/// Rows of a batch when the order of a table is checked.
+const CHECKED: usize = 1 << 16;
+
+/// A file that is a table of a query.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Source {
+    /// Name of the table.
+    pub name: String,
+    /// File, CSV if its name ends so, else Parquet; or a folder of Parquet files.
+    pub path: PathBuf,
+    /// Columns by which the rows are sorted, and which tell them apart; none if they are not
+    /// sorted. This is checked before the query.
+    pub key: Vec<String>,
+}
+
+impl Source {
+    /// Returns true for a file whose name says so.
+    pub(super) fn is_csv(&self) -> bool {
+        self.path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("csv"))
+    }
+
+    /// Registers the table, with its order if that is known to be right.
+    pub(super) async fn register(&self, context: &SessionContext, sorted: bool) -> Outcome<()> {
+        let wrong = FleetError::file(&self.path);
+        let is_folder = fs::metadata(&self.path).map_err(&wrong)?.is_dir();
+        let path = fs::canonicalize(&self.path).map_err(&wrong)?;
+        let Some(path) = path.to_str() else {
+            return Err(FleetError::format(&self.path, "its path is not Unicode"));
+        };
+        let name = TableReference::bare(self.name.as_str());
+        let order: Vec<_> = self.key.iter().map(|column| ident(column).sort(true, false)).collect();
+        let file_sort_order = if sorted && !order.is_empty() { vec![order] } else { Vec::new() };
+        if self.is_csv() {
+            let options =
+                CsvReadOptions { file_sort_order, file_extension: "", ..Default::default() };
+            context.register_csv(name, path, options).await?;
+        } else {
+            let file_extension = if is_folder { ".parquet" } else { "" };
+            let options =
+                ParquetReadOptions { file_sort_order, file_extension, ..Default::default() };
+            context.register_parquet(name, path, options).await?;
+        }
+        Ok(())
+    }
+
+    /// Checks the order of the rows, and returns the ranges of `part` values or more that the
+    /// table is cut into; one range of all rows, if `part` is 0 or the file is CSV, of which no
+    /// part can be read alone.
+    pub(super) async fn check(&self, part: u64) -> Outcome<Vec<Range>> {
+        if self.key.is_empty() {
+            return Ok(vec![Range::all()]);
+        }
+        let context = context(1, CHECKED);
+        self.register(&context, false).await?;
+        let wanted = match part {
+            0 => Vec::new(),
+            _ if self.is_csv() => Vec::new(),
+            part => Files::of(self, &context).await?.groups_of(part)?,
+        };
+        let table = context.table(TableReference::bare(self.name.as_str())).await?;
+        let columns = self.key.iter().map(ident).collect::<Vec<_>>();
+        let mut starts = Starts::new(wanted);
+        key::check(table.select(columns)?.execute_stream().await?, &mut starts).await?;
+        Ok(starts.ranges())
+    }
+}
