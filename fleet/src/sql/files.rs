@@ -1,8 +1,10 @@
 //! Files of a table, as their readers find them.
 
+use std::borrow::Cow;
 use std::fs::{self, File};
 use std::hash::Hasher;
 use std::io::{self, Read};
+use std::ops::Range;
 use std::path::PathBuf;
 use std::time::SystemTime;
 
@@ -14,6 +16,7 @@ use parquet::file::metadata::ParquetMetaDataReader;
 use twox_hash::XxHash3_64;
 
 use super::source::Source;
+use super::starts::Starts;
 use crate::error::{FleetError, Outcome};
 
 /// Bytes that are read at a time.
@@ -23,6 +26,10 @@ const BUFFER: usize = 1 << 20;
 #[derive(Debug)]
 pub(super) struct Files {
     paths: Vec<PathBuf>,
+    /// Rows of the table with which they begin, and that after the last one.
+    borders: Vec<u64>,
+    /// Values and rows of their row groups.
+    groups: Vec<Vec<(u64, u64)>>,
 }
 
 impl Files {
@@ -38,27 +45,56 @@ impl Files {
         let files = listed.file_groups.iter().flat_map(|group| group.files());
         let paths = files.map(|file| system.path_to_filesystem(&file.object_meta.location));
         let paths = paths.collect::<Result<Vec<_>, _>>();
-        Ok(Self { paths: paths.map_err(|error| FleetError::format(&source.path, error))? })
-    }
-
-    /// Rows after which row groups of `part` values together end, of the column with the most:
-    /// steps, of a long table and of a nested one.
-    pub(super) fn groups_of(&self, part: u64) -> Outcome<Vec<u64>> {
-        let (mut ends, mut row, mut values) = (Vec::new(), 0, 0);
-        for path in &self.paths {
+        let paths = paths.map_err(|error| FleetError::format(&source.path, error))?;
+        let (mut borders, mut groups) = (vec![0], Vec::with_capacity(paths.len()));
+        for path in &paths {
             let file = File::open(path).map_err(FleetError::file(path))?;
             let metadata = ParquetMetaDataReader::new().parse_and_finish(&file);
-            for group in metadata.map_err(FleetError::parquet(path))?.row_groups() {
-                let most = group.columns().iter().map(|column| column.num_values()).max();
-                row += group.num_rows().max(0).cast_unsigned();
-                values += most.unwrap_or(0).max(0).cast_unsigned();
-                if values >= part {
-                    ends.push(row);
-                    values = 0;
+            let metadata = metadata.map_err(FleetError::parquet(path))?;
+            let of = metadata.row_groups().iter().map(|group| {
+                // Steps are the values of the column with the most, of a long table and a nested one.
+                let values = group.columns().iter().map(|column| column.num_values()).max();
+                (
+                    values.unwrap_or(0).max(0).cast_unsigned(),
+                    group.num_rows().max(0).cast_unsigned(),
+                )
+            });
+            groups.push(of.collect::<Vec<_>>());
+            let rows = groups[groups.len() - 1].iter().map(|group| group.1).sum::<u64>();
+            borders.push(borders[borders.len() - 1] + rows);
+        }
+        Ok(Self { paths, borders, groups })
+    }
+
+    /// Number of values (steps).
+    pub(super) fn values(&self) -> u64 {
+        self.groups.iter().flatten().map(|group| group.0).sum()
+    }
+
+    /// Rows after which ranges may begin: those where row groups of `part` values together end, and
+    /// other files begin.
+    pub(super) fn starts(&self, part: u64) -> Starts {
+        let mut wanted = Vec::new();
+        for (groups, &first) in self.groups.iter().zip(&self.borders) {
+            let (mut row, mut sum) = (first, 0);
+            for (values, rows) in groups {
+                row += rows;
+                sum += values;
+                if sum >= part {
+                    wanted.push(row);
+                    sum = 0;
                 }
             }
         }
-        Ok(ends)
+        Starts::new(wanted, self.borders[1..].to_vec())
+    }
+
+    /// Paths of the files that have some of these rows; all, if there are none.
+    pub(super) fn with_rows(&self, rows: &Range<u64>) -> impl Iterator<Item = Cow<'_, str>> {
+        let borders = self.borders.windows(2);
+        let here =
+            borders.map(|file| rows.is_empty() || (file[0] < rows.end && file[1] > rows.start));
+        self.paths.iter().zip(here).filter(|file| file.1).map(|file| file.0.to_string_lossy())
     }
 
     /// Hash of the content of all files in their order (XXH3).

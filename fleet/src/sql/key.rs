@@ -8,7 +8,7 @@ use arrow::util::display::array_value_to_string;
 use datafusion::execution::SendableRecordBatchStream;
 use futures::StreamExt;
 
-use super::ranges::Starts;
+use super::starts::Starts;
 use crate::error::{FleetError, Outcome};
 
 /// Checks that rows are sorted by their columns, the first one first, and that no two are the same.

@@ -4,15 +4,18 @@ use std::fs;
 use std::path::Path;
 
 use arrow::array::{AsArray, BinaryArray};
-use datafusion::prelude::SessionContext;
+use datafusion::prelude::{DataFrame, SessionContext};
+use futures::{StreamExt, stream};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use wayfix::Hmm;
 use wayfix::transition::{LearnTransition, MoveCounts};
 
 use super::expect::{NAME, Sent};
+use super::files::Files;
 use super::models::Models;
-use super::query::{ATTEMPTS, is_lost, session};
+use super::query::{ATTEMPTS, context, is_lost, session};
+use super::ranges::Range;
 use super::source::Source;
 use crate::error::{FleetError, Outcome};
 use crate::expected::Expected;
@@ -24,6 +27,8 @@ use crate::sensor::{Kind, Sensor};
 
 /// Drives of a batch.
 const BATCH: usize = 1024;
+/// Parts of a long table for each thread, some of which take longer.
+const PARTS: usize = 4;
 /// Name of the table.
 const TABLE: &str = "drives";
 
@@ -31,10 +36,11 @@ const TABLE: &str = "drives";
 /// the aggregate `wayfix_expect`: in this process, or by the executors of a scheduler at
 /// `host:port` (in a build with the feature `ballista`).
 ///
-/// The query is cut into as many tasks as the job has threads. Before each iteration its model is
-/// written beside the output, where executors must find it, too. Sums of tasks are added up in the
-/// order in which they come, so that results differ in the last digits, by 1e-12 of a number or
-/// less. `progress` is called with the number of re-estimations before each query. An interrupted
+/// A long Parquet table, which must be sorted by drive and step, is worked on by parts of whole
+/// drives, as many at a time as the job has threads; their sums are added up in the order of the
+/// table. All else is one query of as many tasks, whose sums are added up as they come, so that
+/// results differ in the last digits, by 1e-12 of a number or less. Before each iteration its model
+/// is written beside the output, where executors must find it, too. `progress` is called with the number of re-estimations before each query. An interrupted
 /// run goes on after its last re-estimation.
 ///
 /// # Errors
@@ -74,13 +80,7 @@ where
         .enable_all()
         .build()
         .map_err(|error| FleetError::Settings(format!("no threads: {error}")))?;
-    let (context, (columns, table)) = runtime.block_on(async {
-        let context = session(scheduler, job.threads, BATCH, &Models::default()).await?;
-        let source = Source { name: TABLE.to_owned(), path: job.input.clone(), key: Vec::new() };
-        source.register(&context, false).await?;
-        let table = drives(&context, job, hmm.likelihood()).await?;
-        Ok::<_, FleetError>((context, table))
-    })?;
+    let input = runtime.block_on(Input::open(job, scheduler, hmm.likelihood()))?;
     iterate(hmm, model, job, |hmm, iteration| {
         progress(iteration);
         save(path, hmm)?;
@@ -90,28 +90,81 @@ where
             return Err(FleetError::format(path, "its path is not Unicode"));
         };
         let name = format!("{place}#{}", loaded.hash()).replace('\'', "''");
-        let query = format!("SELECT {NAME}('{name}', {columns}) FROM {table}");
-        let mut left = if scheduler.is_some() { ATTEMPTS } else { 1 };
-        loop {
-            left -= 1;
-            return match runtime.block_on(sums(&context, &query)) {
-                Ok(Some(sent)) => Expected::from_sums(hmm, sent.sums),
-                Ok(None) => Ok(Expected::nothing(hmm)),
-                Err(FleetError::Query(error)) if left > 0 && is_lost(&error) => continue,
-                Err(error) => Err(error),
-            };
-        }
+        let mut sum = Expected::nothing(hmm);
+        runtime.block_on(input.sums(&name, |sent| {
+            sum.merge(hmm, &Expected::from_sums(hmm, sent.sums)?);
+            Ok(())
+        }))?;
+        Ok(sum)
     })
 }
 
+/// Drives that are read once an iteration.
+struct Input {
+    context: SessionContext,
+    /// Columns of the observations, and their table.
+    columns: String,
+    table: String,
+    /// Parts that are queries of their own: of a long table, so that no drive has to be put together
+    /// from several tasks.
+    parts: Option<(Source, Files, Vec<Range>)>,
+    /// Parts at a time.
+    threads: usize,
+    attempts: usize,
+}
+
+impl Input {
+    async fn open(job: &LearnJob, scheduler: Option<&str>, sensor: &Sensor) -> Outcome<Self> {
+        let models = Models::default();
+        let mut source = Source { name: TABLE.to_owned(), path: job.input.clone(), key: vec![] };
+        let local = context(1, BATCH);
+        source.register(&local, false).await?;
+        let table = local.table(TABLE).await?;
+        let layout = Layout::new(table.schema().as_arrow(), &job.names, sensor)?;
+        let (columns, table) = drives(&layout, sensor);
+        let mut parts = None;
+        if layout.form == Form::Long && !source.is_csv() {
+            source.key = vec![layout.names.trace_id.clone(), layout.names.step.clone()];
+            let files = Files::of(&source, &local).await?;
+            let mut starts = files.starts(files.values() / (PARTS * job.threads.max(1)) as u64);
+            source.check(&mut starts).await?;
+            parts = Some((source.clone(), files, starts.ranges()));
+        }
+        let tasks = if parts.is_some() { 1 } else { job.threads };
+        let context = session(scheduler, tasks, BATCH, &models).await?;
+        source.register(&context, true).await?;
+        let attempts = if scheduler.is_some() { ATTEMPTS } else { 1 };
+        Ok(Self { context, columns, table, parts, threads: job.threads.max(1), attempts })
+    }
+
+    /// Takes the sums of all parts under a model, in the order of the table.
+    async fn sums(&self, model: &str, mut take: impl FnMut(Sent) -> Outcome<()>) -> Outcome<()> {
+        let query = format!("SELECT {NAME}('{model}', {}) FROM {}", self.columns, self.table);
+        let (state, plan) = self.context.sql(&query).await?.into_parts();
+        let plans = match &self.parts {
+            None => vec![Ok(plan)],
+            Some((source, files, ranges)) => {
+                ranges.iter().map(|range| range.of(plan.clone(), source, files)).collect()
+            }
+        };
+        let running = plans.into_iter().map(|plan| {
+            let frame = plan.map(|plan| DataFrame::new(state.clone(), plan));
+            let attempts = self.attempts;
+            async move {
+                let done = tokio::spawn(sums(frame?, attempts)).await;
+                done.map_err(|error| FleetError::Learning(error.to_string()))?
+            }
+        });
+        let mut done = stream::iter(running).buffered(self.threads);
+        while let Some(sent) = done.next().await {
+            sent?.map_or(Ok(()), &mut take)?;
+        }
+        Ok(())
+    }
+}
+
 /// Columns of a query for the sums, and their table. Steps of a long table are gathered first.
-async fn drives(
-    context: &SessionContext,
-    job: &LearnJob,
-    sensor: &Sensor,
-) -> Outcome<(String, String)> {
-    let table = context.table(TABLE).await?;
-    let layout = Layout::new(table.schema().as_arrow(), &job.names, sensor)?;
+fn drives(layout: &Layout, sensor: &Sensor) -> (String, String) {
     let names = &layout.names;
     let mut columns = match sensor.kind() {
         Kind::Places(_) => vec![&names.latitude, &names.longitude, &names.deviation],
@@ -133,12 +186,20 @@ async fn drives(
             format!("(SELECT {gathered} FROM {TABLE} GROUP BY {id}) AS drives")
         }
     };
-    Ok((list, table))
+    (list, table)
 }
 
-/// Runs a query for sums, of which one row comes.
-async fn sums(context: &SessionContext, query: &str) -> Outcome<Option<Sent>> {
-    for batch in context.sql(query).await?.collect().await? {
+/// Runs a query for sums, of which one row comes; again, if an executor is lost with it.
+async fn sums(frame: DataFrame, attempts: usize) -> Outcome<Option<Sent>> {
+    let mut left = attempts;
+    let batches = loop {
+        left -= 1;
+        match frame.clone().collect().await {
+            Err(error) if left > 0 && is_lost(&error) => {}
+            done => break done?,
+        }
+    };
+    for batch in batches {
         let sums: &BinaryArray = batch.column(0).as_binary();
         if let Some(text) = sums.iter().flatten().next() {
             let sent = serde_json::from_slice(text);

@@ -46,6 +46,7 @@ mod query;
 mod ranges;
 mod rows;
 mod source;
+mod starts;
 mod unordered;
 
 use std::sync::Arc;

@@ -43,6 +43,9 @@ impl<'a> ByParts<'a> {
         plan: &LogicalPlan,
         models: &Models,
     ) -> Outcome<Result<Self, String>> {
+        if query.part == 0 {
+            return Ok(Err("no parts are wanted".to_owned()));
+        }
         let mut sorted = query.tables.iter().filter(|table| !table.key.is_empty());
         let Some(source) = sorted.next() else {
             return Ok(Err("no table has an --order".to_owned()));
@@ -91,7 +94,9 @@ impl<'a> ByParts<'a> {
                 return Ok(QuerySummary::finished(made.counts[0]));
             }
         }
-        let ranges = self.source.check(query.part.max(1)).await?;
+        let mut starts = files.starts(query.part);
+        self.source.check(&mut starts).await?;
+        let ranges = starts.ranges();
         // With one partition, a plan over a range has no step at which rows go to another task.
         let context = session(query.scheduler.as_deref(), 1, query.batch, models).await?;
         let (state, plan) = query.frame(&context).await?.into_parts();
@@ -110,7 +115,7 @@ impl<'a> ByParts<'a> {
             Opened::Finished(counts) => return Ok(QuerySummary::finished(counts[0])),
             Opened::Partial(out) => out,
         };
-        let (resumed, all_rows) = (out.parts(), ranges.last().map(|range| range.end_row));
+        let (resumed, all_rows) = (out.parts(), ranges.last().map(|range| range.rows.end));
         let mut state_of = |out: &Partial| {
             let state =
                 QueryState::Rows { done: out.position().1, all: all_rows, made: out.counts()[0] };
@@ -119,16 +124,14 @@ impl<'a> ByParts<'a> {
         state_of(&out);
         let todo = ranges.get(resumed..).unwrap_or_default();
         let making = todo.iter().map(|range| {
-            let key = &self.source.key[0];
-            let narrowed = range.of(plan.clone(), &self.source.name, key);
-            let part = narrowed.map(|plan| Part {
+            let part = range.of(plan.clone(), self.source, &files).map(|plan| Part {
                 frame: DataFrame::new(state.clone(), plan),
                 schema: schema.clone(),
                 output: output.clone(),
                 pack: query.pack,
                 attempts: if query.scheduler.is_some() { ATTEMPTS } else { 1 },
             });
-            let end_row = range.end_row;
+            let end_row = range.rows.end;
             async move {
                 let made = tokio::spawn(part?.make()).await;
                 let (file, rows) =

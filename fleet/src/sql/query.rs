@@ -9,6 +9,7 @@ use datafusion::prelude::{DataFrame, SessionConfig, SessionContext};
 
 use super::parts::ByParts;
 use super::rows::{rows, write};
+use super::starts::Starts;
 use super::{Models, Source, register_with};
 use crate::error::{FleetError, Outcome};
 use crate::journal::open_locked;
@@ -164,7 +165,7 @@ fn run(
         }
         query.check_output()?;
         for table in &query.tables {
-            table.check(0).await?;
+            table.check(&mut Starts::default()).await?;
         }
         let mut left = if query.scheduler.is_some() { ATTEMPTS } else { 1 };
         let rows = loop {

@@ -6,10 +6,9 @@ use std::path::PathBuf;
 use datafusion::common::TableReference;
 use datafusion::prelude::{CsvReadOptions, ParquetReadOptions, SessionContext, ident};
 
-use super::files::Files;
 use super::key;
 use super::query::context;
-use super::ranges::{Range, Starts};
+use super::starts::Starts;
 use crate::error::{FleetError, Outcome};
 
 /// Rows of a batch when the order of a table is checked.
@@ -57,24 +56,15 @@ impl Source {
         Ok(())
     }
 
-    /// Checks the order of the rows, and returns the ranges of `part` values or more that the
-    /// table is cut into; one range of all rows, if `part` is 0 or the file is CSV, of which no
-    /// part can be read alone.
-    pub(super) async fn check(&self, part: u64) -> Outcome<Vec<Range>> {
+    /// Checks the order of the rows. Their keys are told on the way.
+    pub(super) async fn check(&self, starts: &mut Starts) -> Outcome<()> {
         if self.key.is_empty() {
-            return Ok(vec![Range::all()]);
+            return Ok(());
         }
         let context = context(1, CHECKED);
         self.register(&context, false).await?;
-        let wanted = match part {
-            0 => Vec::new(),
-            _ if self.is_csv() => Vec::new(),
-            part => Files::of(self, &context).await?.groups_of(part)?,
-        };
         let table = context.table(TableReference::bare(self.name.as_str())).await?;
         let columns = self.key.iter().map(ident).collect::<Vec<_>>();
-        let mut starts = Starts::new(wanted);
-        key::check(table.select(columns)?.execute_stream().await?, &mut starts).await?;
-        Ok(starts.ranges())
+        key::check(table.select(columns)?.execute_stream().await?, starts).await
     }
 }

@@ -12,6 +12,7 @@ fn iterations_are_those_of_one_process() {
     let folder = Folder::new(&given);
     let some = drives(22, 2000, 0, 30);
     folder.write("nested.parquet", &nested(&some), 50);
+    folder.write("long.parquet", &long(&some), 1000);
     let expected = learned(&given, &some);
     let cluster = Cluster::start(&folder);
     for kill in [false, true] {
@@ -27,4 +28,15 @@ fn iterations_are_those_of_one_process() {
         });
         assert_learned(&job, &course.unwrap(), &expected);
     }
+    // Parts of a long table are added up in their order, whoever made them.
+    let models = ["one.json", "two.json"].map(|output| {
+        let job = learn_job(&folder, "long.parquet", output, 8);
+        assert_learned(
+            &job,
+            &sql::learn(&job, Some(&cluster.scheduler()), |_| {}).unwrap(),
+            &expected,
+        );
+        std::fs::read(&job.output).unwrap()
+    });
+    assert!(models[0] == models[1]);
 }

@@ -6,6 +6,7 @@
 #[allow(dead_code, reason = "shared with the tests of files")]
 mod kit;
 mod learn;
+mod parts;
 #[path = "../sql/tables.rs"]
 #[allow(dead_code, reason = "shared with the tests of functions")]
 mod tables;
@@ -17,8 +18,7 @@ use std::process::Command;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use arrow::array::{Array, ArrayRef, AsArray, RecordBatch};
-use arrow::datatypes::{DataType, Float64Type};
+use arrow::array::RecordBatch;
 use wayfix_fleet::sql::Query;
 
 use kit::*;
@@ -28,15 +28,23 @@ use tables::*;
 struct Cluster {
     folder: PathBuf,
     ports: Vec<u16>,
+    environment: Vec<(String, String)>,
 }
 
 impl Cluster {
     fn start(folder: &Folder) -> Self {
+        Self::start_with(folder, &[])
+    }
+
+    /// Starts one with other settings of the script.
+    fn start_with(folder: &Folder, environment: &[(&str, &str)]) -> Self {
         // Held at the same time, so that they differ.
         let free: Vec<_> = (0..5).map(|_| TcpListener::bind("127.0.0.1:0").unwrap()).collect();
         let ports = free.iter().map(|free| free.local_addr().unwrap().port()).collect();
         drop(free);
-        let cluster = Self { folder: folder.path("cluster"), ports };
+        let environment =
+            environment.iter().map(|&(name, value)| (name.to_owned(), value.to_owned())).collect();
+        let cluster = Self { folder: folder.path("cluster"), ports, environment };
         cluster.script(&["start"]);
         cluster
     }
@@ -49,6 +57,7 @@ impl Cluster {
             .env("PORTS", ports)
             .env("CORES", "1")
             .env("TIMEOUT", "8")
+            .envs(self.environment.iter().map(|(name, value)| (name, value)))
             .env("BIN", Path::new(env!("CARGO_BIN_EXE_wayfix-fleet-executor")).parent().unwrap())
             .output()
             .unwrap();
@@ -65,10 +74,14 @@ impl Cluster {
         format!("127.0.0.1:{}", self.ports[0])
     }
 
+    fn pid(&self, executor: usize) -> String {
+        let pid = fs::read_to_string(self.folder.join(format!("executor{executor}.pid"))).unwrap();
+        pid.trim().to_owned()
+    }
+
     /// Kills an executor without notice.
     fn kill(&self, executor: usize) {
-        let pid = fs::read_to_string(self.folder.join(format!("executor{executor}.pid"))).unwrap();
-        assert!(Command::new("kill").args(["-9", pid.trim()]).status().unwrap().success());
+        assert!(Command::new("kill").args(["-9", &self.pid(executor)]).status().unwrap().success());
     }
 }
 
@@ -84,36 +97,6 @@ fn on_cluster(cluster: &Cluster, query: &Query) -> Query {
         threads: 6,
         output: query.output.with_file_name("cluster.parquet"),
         ..query.clone()
-    }
-}
-
-fn same_rows(found: &RecordBatch, expected: &RecordBatch) {
-    assert_eq!(found.schema(), expected.schema());
-    assert_eq!(found.num_rows(), expected.num_rows());
-    found.columns().iter().zip(expected.columns()).for_each(|(found, e)| same(found, e));
-}
-
-/// Numbers may differ in their last digits: which drives are computed together is another matter.
-fn same(found: &ArrayRef, expected: &ArrayRef) {
-    assert_eq!(found.logical_nulls(), expected.logical_nulls());
-    match found.data_type() {
-        DataType::List(_) => {
-            let (found, expected) = (found.as_list::<i32>(), expected.as_list::<i32>());
-            assert_eq!(found.offsets(), expected.offsets());
-            same(found.values(), expected.values());
-        }
-        DataType::Struct(_) => {
-            let (found, expected) = (found.as_struct(), expected.as_struct());
-            found.columns().iter().zip(expected.columns()).for_each(|(found, e)| same(found, e));
-        }
-        DataType::Float64 => {
-            let (found, expected) =
-                (found.as_primitive::<Float64Type>(), expected.as_primitive::<Float64Type>());
-            for (found, expected) in found.iter().zip(expected.iter()) {
-                found.zip(expected).into_iter().for_each(|(found, e)| close(found, e));
-            }
-        }
-        _ => assert_eq!(found, expected),
     }
 }
 
@@ -168,7 +151,11 @@ fn answers_are_those_of_one_process() {
         let query = over(&folder, input, key, &sql);
         let expected = rows(&query);
         assert!(expected.num_rows() >= 30);
-        same_rows(&rows(&on_cluster(&cluster, &query)), &expected);
+        // By parts, where that can be, and as a whole.
+        for part in [query.part, 0] {
+            let remote = Query { part, ..on_cluster(&cluster, &query) };
+            same_rows(&rows(&remote), &expected);
+        }
     }
     // An error comes back, and leaves no output.
     let sql = format!("SELECT wayfix_smooth({name}, [0, 17]) AS s FROM drives WHERE trace_id > ''");
@@ -215,15 +202,17 @@ fn an_executor_may_be_killed() {
     let sql = format!("SELECT trace_id, wayfix_smooth({name}, observation) AS smooth FROM drives");
     let query = over(&folder, "nested.parquet", &["trace_id"], &sql);
     let expected = rows(&query);
-    let cluster = Cluster::start(&folder);
-    let mut remote = on_cluster(&cluster, &query);
-    remote.threads = 24;
-    // When it has done some of its tasks.
-    let done = || files(&cluster.folder.join("executor1")) >= 3;
-    same_rows(&killed(&cluster, &remote, done), &expected);
-    // When the query is done, and the client has some of the rows: it asks again.
-    fs::remove_file(&remote.output).unwrap();
-    let unfinished = remote.output.with_extension("parquet.unfinished");
-    let begun = || fs::metadata(&unfinished).is_ok_and(|file| file.len() > 1 << 20);
-    same_rows(&killed(&cluster, &remote, begun), &expected);
+    for (part, ending) in [(0, "parquet.unfinished"), (query.part, "parquet.partial")] {
+        let cluster = Cluster::start(&folder);
+        let mut remote = on_cluster(&cluster, &query);
+        (remote.threads, remote.part) = (24, part);
+        // When it has done some of its tasks.
+        let done = || files(&cluster.folder.join("executor1")) >= 3;
+        same_rows(&killed(&cluster, &remote, done), &expected);
+        // When tasks are done, and the client has some of the rows: it asks again.
+        fs::remove_file(&remote.output).unwrap();
+        let unfinished = remote.output.with_extension(ending);
+        let begun = || fs::metadata(&unfinished).is_ok_and(|file| file.len() > 1 << 20);
+        same_rows(&killed(&cluster, &remote, begun), &expected);
+    }
 }

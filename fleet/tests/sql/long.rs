@@ -69,7 +69,7 @@ fn rows_are_gathered_in_order() {
 }
 
 /// Text of the physical plan for a table that is declared as sorted in SQL.
-fn plan(folder: &Folder, threads: usize, order: &str) -> String {
+fn plan(folder: &Folder, threads: usize, order: &str, of: &str) -> String {
     let runtime = tokio::runtime::Runtime::new().unwrap();
     runtime.block_on(async {
         let context = context(threads, 1024);
@@ -79,7 +79,10 @@ fn plan(folder: &Folder, threads: usize, order: &str) -> String {
             path.display()
         );
         context.sql(&table).await.unwrap().collect().await.unwrap();
-        let explain = format!("EXPLAIN FORMAT INDENT {}", gathered(&model_of(folder)));
+        let explain = format!(
+            "EXPLAIN FORMAT INDENT {}",
+            gathered(&model_of(folder)).replace("FROM drives", of)
+        );
         let rows = context.sql(&explain).await.unwrap().collect().await.unwrap();
         let texts = rows.iter().flat_map(|rows| texts(rows, "plan")).flatten();
         texts.last().unwrap()
@@ -91,12 +94,20 @@ fn memory_is_flat_by_the_plan() {
     let folder = Folder::new(&model(5));
     folder.write("long.parquet", &long(&drives(31, 300, 1, 40)), 777);
     for threads in [1, 2, 3] {
-        let sorted = plan(&folder, threads, "WITH ORDER (trace_id ASC, step ASC)");
+        let sorted = plan(&folder, threads, "WITH ORDER (trace_id ASC, step ASC)", "FROM drives");
         let aggregates = sorted.matches("AggregateExec").count();
         assert!(aggregates > 0, "{sorted}");
         assert_eq!(sorted.matches("ordering_mode=Sorted").count(), aggregates, "{sorted}");
         assert!(!sorted.contains("SortExec"), "{sorted}");
-        let unsorted = plan(&folder, threads, "");
+        let unsorted = plan(&folder, threads, "", "FROM drives");
         assert!(!unsorted.contains("ordering_mode=Sorted"), "{unsorted}");
     }
+    // A range of the table has its order, and one aggregate, for which no row changes its task.
+    let order = "WITH ORDER (trace_id ASC, step ASC)";
+    let range = "FROM drives WHERE trace_id >= 20 AND trace_id < 77";
+    let range = plan(&folder, 1, order, range);
+    assert_eq!(range.matches("AggregateExec: mode=Single").count(), 1, "{range}");
+    assert_eq!(range.matches("ordering_mode=Sorted").count(), 1, "{range}");
+    assert!(!range.contains("SortExec") && !range.contains("RepartitionExec"), "{range}");
+    assert!(range.contains("pruning_predicate="), "{range}");
 }

@@ -10,5 +10,6 @@ mod learn;
 mod long;
 mod memory;
 mod observations;
+mod parts;
 mod tables;
 mod unordered;

@@ -2,11 +2,12 @@
 
 use std::path::PathBuf;
 
-use arrow::array::{Array, AsArray, ListArray, RecordBatch, StructArray};
+use arrow::array::{Array, ArrayRef, AsArray, ListArray, RecordBatch, StructArray};
+use arrow::datatypes::{DataType, Float64Type};
 use wayfix_fleet::sql::{Query, Source, query};
 use wayfix_fleet::{FleetError, Pack};
 
-use crate::kit::{Folder, read};
+use crate::kit::{Folder, close, read};
 
 /// A query over one table, `drives`, that is sorted by some columns.
 pub(crate) fn over(folder: &Folder, input: &str, key: &[&str], sql: &str) -> Query {
@@ -71,4 +72,34 @@ pub(crate) fn fields(rows: &RecordBatch, name: &str) -> RecordBatch {
     let column: &StructArray = rows.column_by_name(name).unwrap().as_struct();
     assert_eq!(column.null_count(), 0);
     RecordBatch::from(column)
+}
+
+pub(crate) fn same_rows(found: &RecordBatch, expected: &RecordBatch) {
+    assert_eq!(found.schema(), expected.schema());
+    assert_eq!(found.num_rows(), expected.num_rows());
+    found.columns().iter().zip(expected.columns()).for_each(|(found, e)| same(found, e));
+}
+
+/// Numbers may differ in their last digits: which drives are computed together is another matter.
+fn same(found: &ArrayRef, expected: &ArrayRef) {
+    assert_eq!(found.logical_nulls(), expected.logical_nulls());
+    match found.data_type() {
+        DataType::List(_) => {
+            let (found, expected) = (found.as_list::<i32>(), expected.as_list::<i32>());
+            assert_eq!(found.offsets(), expected.offsets());
+            same(found.values(), expected.values());
+        }
+        DataType::Struct(_) => {
+            let (found, expected) = (found.as_struct(), expected.as_struct());
+            found.columns().iter().zip(expected.columns()).for_each(|(found, e)| same(found, e));
+        }
+        DataType::Float64 => {
+            let (found, expected) =
+                (found.as_primitive::<Float64Type>(), expected.as_primitive::<Float64Type>());
+            for (found, expected) in found.iter().zip(expected.iter()) {
+                found.zip(expected).into_iter().for_each(|(found, e)| close(found, e));
+            }
+        }
+        _ => assert_eq!(found, expected),
+    }
 }
