@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 use std::thread;
+use std::time::Instant;
 
 use clap::Args;
 
@@ -74,7 +75,7 @@ impl Command {
         let query_of = self.query()?;
         let mut shown = match (self.quiet, self.lines) {
             (true, _) => Shown::Nothing,
-            (_, true) => Shown::Lines(None),
+            (_, true) => Shown::Lines(Instant::now()),
             _ => Shown::bar(),
         };
         let done = query(&query_of, |state| shown.show(state));

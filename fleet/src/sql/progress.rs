@@ -1,11 +1,13 @@
 //! How far a query is, on standard error.
 
 use std::io::{self, Write};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::query::QueryState;
+
+const SECOND: Duration = Duration::from_secs(1);
 
 /// Way to say how far a query is.
 pub(super) enum Shown {
@@ -13,8 +15,8 @@ pub(super) enum Shown {
     Nothing,
     /// A bar, if standard error is a terminal.
     Bar(ProgressBar),
-    /// A line for each state that differs.
-    Lines(Option<QueryState>),
+    /// A line for each part, or each second without parts; the time of the last one.
+    Lines(Instant),
 }
 
 impl Shown {
@@ -48,13 +50,14 @@ impl Shown {
             (Self::Lines(_), QueryState::Whole(reason)) => {
                 _ = writeln!(io::stderr(), "{}", whole(reason));
             }
-            (Self::Lines(last), QueryState::Rows { done, all: Some(all), made }) => {
-                if last.as_ref() != Some(state) {
+            (Self::Lines(last), QueryState::Rows { done, all, made }) => {
+                if let Some(all) = all {
                     _ = writeln!(io::stderr(), "{done} of {all} rows, {made} rows made");
-                    *last = Some(state.clone());
+                } else if last.elapsed() >= SECOND {
+                    _ = writeln!(io::stderr(), "{made} rows made");
+                    *last = Instant::now();
                 }
             }
-            (Self::Lines(_), QueryState::Rows { .. }) => {}
         }
     }
 

@@ -20,7 +20,7 @@ fn iterations_are_those_of_one_process() {
         let job = learn_job(&folder, "nested.parquet", output, 8);
         let course = sql::learn(&job, Some(&cluster.scheduler()), |iteration| {
             if kill && iteration == 4 {
-                cluster.kill(1);
+                cluster.kill("executor1");
             }
             if kill && iteration == 6 {
                 cluster.script(&["executor", "1"]);

@@ -74,14 +74,14 @@ impl Cluster {
         format!("127.0.0.1:{}", self.ports[0])
     }
 
-    fn pid(&self, executor: usize) -> String {
-        let pid = fs::read_to_string(self.folder.join(format!("executor{executor}.pid"))).unwrap();
+    fn pid(&self, process: &str) -> String {
+        let pid = fs::read_to_string(self.folder.join(format!("{process}.pid"))).unwrap();
         pid.trim().to_owned()
     }
 
-    /// Kills an executor without notice.
-    fn kill(&self, executor: usize) {
-        assert!(Command::new("kill").args(["-9", &self.pid(executor)]).status().unwrap().success());
+    /// Kills a process without notice.
+    fn kill(&self, process: &str) {
+        assert!(Command::new("kill").args(["-9", &self.pid(process)]).status().unwrap().success());
     }
 }
 
@@ -183,7 +183,7 @@ fn killed(cluster: &Cluster, query: &Query, is_now: impl Fn() -> bool) -> Record
             assert!(start.elapsed() < Duration::from_mins(2));
             thread::sleep(Duration::from_millis(2));
         }
-        cluster.kill(1);
+        cluster.kill("executor1");
         assert!(!found.is_finished());
         thread::sleep(Duration::from_millis(500));
         cluster.script(&["executor", "1"]);
