@@ -16,6 +16,7 @@ const TASKS: usize = 16;
 
 /// Options of the subcommand `sql`.
 #[derive(Debug, Clone, Args)]
+#[expect(clippy::struct_excessive_bools, reason = "flags of a command")]
 pub struct Command {
     /// Table and its file, Parquet or CSV; may be given several times.
     #[arg(long = "table", value_name = "NAME=PATH", required = true)]

@@ -10,9 +10,10 @@ use std::time::SystemTime;
 
 use datafusion::common::TableReference;
 use datafusion::datasource::listing::ListingTable;
+use datafusion::datasource::physical_plan::FileGroup;
 use datafusion::object_store::local::LocalFileSystem;
 use datafusion::prelude::SessionContext;
-use parquet::file::metadata::ParquetMetaDataReader;
+use parquet::file::metadata::{ColumnChunkMetaData, ParquetMetaDataReader};
 use twox_hash::XxHash3_64;
 
 use super::source::Source;
@@ -42,7 +43,7 @@ impl Files {
         let state = context.state();
         let listed = table.list_files_for_scan(&state, &[], None).await?;
         let system = LocalFileSystem::new();
-        let files = listed.file_groups.iter().flat_map(|group| group.files());
+        let files = listed.file_groups.iter().flat_map(FileGroup::files);
         let paths = files.map(|file| system.path_to_filesystem(&file.object_meta.location));
         let paths = paths.collect::<Result<Vec<_>, _>>();
         let paths = paths.map_err(|error| FleetError::format(&source.path, error))?;
@@ -53,7 +54,7 @@ impl Files {
             let metadata = metadata.map_err(FleetError::parquet(path))?;
             let of = metadata.row_groups().iter().map(|group| {
                 // Steps are the values of the column with the most, of a long table and a nested one.
-                let values = group.columns().iter().map(|column| column.num_values()).max();
+                let values = group.columns().iter().map(ColumnChunkMetaData::num_values).max();
                 (
                     values.unwrap_or(0).max(0).cast_unsigned(),
                     group.num_rows().max(0).cast_unsigned(),

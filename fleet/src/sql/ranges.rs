@@ -45,7 +45,7 @@ impl Range {
     fn narrow(&self, mut scan: TableScan, key: &str, files: &Files) -> Result<LogicalPlan> {
         // Of several files DataFusion knows no order if a drive goes on in the next one.
         if let Some(table) = source_as_provider(&scan.source)?.downcast_ref::<ListingTable>() {
-            let urls = files.with_rows(&self.rows).map(|url| ListingTableUrl::parse(url));
+            let urls = files.with_rows(&self.rows).map(ListingTableUrl::parse);
             let config = ListingTableConfig::new_with_multi_paths(urls.collect::<Result<_>>()?)
                 .with_listing_options(table.options().clone())
                 .with_schema(scan.source.schema());

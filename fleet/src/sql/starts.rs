@@ -40,13 +40,13 @@ impl Starts {
         let first = self.rows;
         self.rows += keys.len() as u64;
         let key_of = |row: u64| ScalarValue::try_from_array(keys, (row - first) as usize);
-        let (all, shift) = match self.last.replace(keys.slice(keys.len() - 1, 1)) {
-            // Each key beside the one before it.
-            Some(last) => (concat(&[&*last, &**keys])?, first),
-            None => {
-                self.drive = Some((first, key_of(first)?));
-                (keys.clone(), first + 1)
-            }
+        // Each key beside the one before it.
+        let last = self.last.replace(keys.slice(keys.len() - 1, 1));
+        let (all, shift) = if let Some(last) = last {
+            (concat(&[&*last, &**keys])?, first)
+        } else {
+            self.drive = Some((first, key_of(first)?));
+            (keys.clone(), first + 1)
         };
         let begins = neq(&all.slice(0, all.len() - 1), &all.slice(1, all.len() - 1))?;
         let mut drive = self.drive.as_ref().map_or(0, |drive| drive.0);
