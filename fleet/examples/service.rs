@@ -13,6 +13,7 @@ use std::os::unix::net::UnixStream;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::SeqCst};
+use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -59,12 +60,15 @@ struct Lines {
     drives: Vec<Vec<usize>>,
     input: Box<dyn Write>,
     text: Vec<u8>,
+    /// Number of lines.
+    sent: u64,
 }
 
 impl Lines {
     fn send(&mut self, vehicles: impl Iterator<Item = usize>) -> std::io::Result<()> {
         self.text.clear();
         for vehicle in vehicles {
+            self.sent += 1;
             let step = self.steps[vehicle] as usize;
             self.steps[vehicle] += 1;
             let drive = &self.drives[vehicle % self.drives.len()];
@@ -91,14 +95,15 @@ struct Answers {
 }
 
 impl Answers {
-    fn read(&self, output: impl Read, times: &std::sync::mpsc::Sender<(u64, Instant)>) {
+    fn read(&self, output: impl Read, times: &Sender<(u64, Instant)>) {
         let mut output = BufReader::with_capacity(1 << 16, output);
         loop {
             let Ok(bytes) = output.fill_buf() else { return };
             if bytes.is_empty() {
                 return;
             }
-            let (count, length) = (bytes.iter().filter(|&&b| b == b'\n').count(), bytes.len());
+            let (ends, length) = (bytes.split(|&byte| byte == b'\n').count(), bytes.len());
+            let count = ends - 1;
             output.consume(length);
             let all = self.count.fetch_add(count as u64, SeqCst) + count as u64;
             _ = times.send((all, Instant::now()));
@@ -153,66 +158,28 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     let (input, output) = ends;
     let answers = Arc::new(Answers::default());
-    let (times, come) = std::sync::mpsc::channel();
+    let (times, come) = channel();
     let reads = Arc::clone(&answers);
     thread::spawn(move || reads.read(output, &times));
 
     let steps = vec![0; arguments.vehicles];
-    let mut lines = Lines { rng, steps, drives, input, text: Vec::new() };
-    let mut sent = 0;
+    let mut lines = Lines { rng, steps, drives, input, text: Vec::new(), sent: 0 };
     for first in (0..arguments.vehicles).step_by(1000) {
         let next = first..arguments.vehicles.min(first + 1000);
-        sent += next.len() as u64;
         lines.send(next)?;
     }
-    answers.wait_for(sent);
+    answers.wait_for(lines.sent);
 
-    for with in [false, true].repeat(arguments.rounds) {
+    let parts = [false, true].repeat(arguments.rounds);
+    for &with in &parts {
         let snapshots = Snapshots::begin(&control, with);
-        let (start, first) = (Instant::now(), sent);
-        while start.elapsed() < Duration::from_secs(arguments.seconds) {
-            lines.send_some(500)?;
-            sent += 500;
-        }
-        answers.wait_for(sent);
-        let rate = (sent - first) as f64 / start.elapsed().as_secs_f64();
-        println!("{:17} {rate:9.0} lines a second", name(with));
+        time_rate(&arguments, &mut lines, &answers, with)?;
         snapshots.end();
     }
-    for with in [false, true].repeat(arguments.rounds) {
+    for &with in &parts {
         while come.try_recv().is_ok() {}
         let snapshots = Snapshots::begin(&control, with);
-        let start = Instant::now();
-        let (mut asked, mut ticks) = (Vec::new(), 0);
-        while start.elapsed() < Duration::from_secs(arguments.seconds) {
-            // Each line has the moment at which it was due, also if the pipe was full then.
-            let due = start + Duration::from_millis(ticks);
-            thread::sleep(due.saturating_duration_since(Instant::now()));
-            lines.send_some(arguments.rate / 1000)?;
-            sent += (arguments.rate / 1000) as u64;
-            asked.push((sent, due));
-            ticks += 1;
-        }
-        answers.wait_for(sent);
-        thread::sleep(Duration::from_millis(100));
-        let mut asked = asked.into_iter().peekable();
-        let mut waits = Vec::new();
-        for (count, moment) in come.try_iter() {
-            while let Some((_, due)) = asked.next_if(|(last, _)| *last <= count) {
-                waits.push(moment.saturating_duration_since(due).as_secs_f64() * 1e3);
-            }
-        }
-        waits.sort_by(f64::total_cmp);
-        let at = |part: f64| waits[((waits.len() - 1) as f64 * part) as usize];
-        println!(
-            "{:17} {} lines a second, answered after {:.1} ms (median), {:.1} (99%), {:.1} (99.9%), {:.1} (all)",
-            name(with),
-            arguments.rate,
-            at(0.5),
-            at(0.99),
-            at(0.999),
-            at(1.0)
-        );
+        time_waits(&arguments, &mut lines, &answers, &come, with)?;
         snapshots.end();
     }
     drop(lines);
@@ -223,6 +190,64 @@ fn main() -> Result<(), Box<dyn Error>> {
     if arguments.output {
         std::fs::remove_file(positions)?;
     }
+    Ok(())
+}
+
+/// Times lines that come as fast as they are taken.
+fn time_rate(
+    arguments: &Arguments,
+    lines: &mut Lines,
+    answers: &Answers,
+    with: bool,
+) -> Result<(), Box<dyn Error>> {
+    let (start, first) = (Instant::now(), lines.sent);
+    while start.elapsed() < Duration::from_secs(arguments.seconds) {
+        lines.send_some(500)?;
+    }
+    answers.wait_for(lines.sent);
+    let rate = (lines.sent - first) as f64 / start.elapsed().as_secs_f64();
+    println!("{:17} {rate:9.0} lines a second", name(with));
+    Ok(())
+}
+
+/// Times how long answers take, from the moment at which a line was due: one that had to wait for
+/// others to be taken counts from then, too.
+fn time_waits(
+    arguments: &Arguments,
+    lines: &mut Lines,
+    answers: &Answers,
+    come: &Receiver<(u64, Instant)>,
+    with: bool,
+) -> Result<(), Box<dyn Error>> {
+    let start = Instant::now();
+    let mut asked = Vec::new();
+    for tick in 0..1000 * arguments.seconds {
+        let due = start + Duration::from_millis(tick);
+        thread::sleep(due.saturating_duration_since(Instant::now()));
+        lines.send_some(arguments.rate / 1000)?;
+        asked.push((lines.sent, due));
+    }
+    answers.wait_for(lines.sent);
+    thread::sleep(Duration::from_millis(100));
+    let mut asked = asked.into_iter().peekable();
+    let mut waits = Vec::new();
+    for (count, moment) in come.try_iter() {
+        while let Some((_, due)) = asked.next_if(|(last, _)| *last <= count) {
+            waits.push(moment.saturating_duration_since(due).as_secs_f64() * 1e3);
+        }
+    }
+    waits.sort_by(f64::total_cmp);
+    let at = |part: f64| waits[((waits.len() - 1) as f64 * part) as usize];
+    println!(
+        "{:17} {} lines a second, answered after {:.1} ms (median), {:.1} (99%), {:.1} (99.9%), \
+         {:.1} (all)",
+        name(with),
+        arguments.rate,
+        at(0.5),
+        at(0.99),
+        at(0.999),
+        at(1.0)
+    );
     Ok(())
 }
 

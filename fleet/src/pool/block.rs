@@ -47,6 +47,12 @@ impl Block {
         self.vehicles += 1;
     }
 
+    /// Adds the vehicles of another block.
+    pub(super) fn append(&mut self, other: &Self) {
+        self.bytes.extend(&other.bytes[HEAD..]);
+        self.vehicles += other.vehicles;
+    }
+
     /// Bytes of its vehicles.
     pub(super) fn length(&self) -> usize {
         self.bytes.len() - HEAD

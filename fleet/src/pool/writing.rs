@@ -13,8 +13,11 @@ use super::file::{BLOCK, named};
 use super::{Pool, Shard, lock};
 use crate::error::{FleetError, Outcome};
 
-/// Bytes that are encoded while a shard is locked, about.
-const SLICE: usize = 1 << 16;
+/// Bytes that are copied while a shard is locked, about.
+const SLICE: usize = 1 << 15;
+/// Bytes after which the file is put on the disk. All of them at once would hold up those who write
+/// to the same disk, the answers among them.
+const SYNC: usize = 4 << 20;
 
 /// A snapshot that is being written on a thread of its own.
 #[derive(Debug)]
@@ -89,28 +92,40 @@ where
 fn write(shards: &[Mutex<Shard>], path: &Path, header: &[u8], count: usize) -> Outcome<u64> {
     let wrong = FleetError::file(path);
     let mut file = File::create(path).map_err(&wrong)?;
-    let mut length = 0;
+    let (mut length, mut unsynced) = (0, 0);
     let mut put = |bytes: &[u8]| -> io::Result<()> {
         length += bytes.len() as u64;
-        file.write_all(bytes)
+        unsynced += bytes.len();
+        file.write_all(bytes)?;
+        if unsynced > SYNC {
+            unsynced = 0;
+            file.sync_data()?;
+        }
+        Ok(())
     };
     put(header).map_err(&wrong)?;
-    let mut blocks = 0;
+    let (mut block, mut blocks) = (Block::new(), 0);
     let mut left: Vec<&Mutex<Shard>> = shards.iter().collect();
     while !left.is_empty() {
         let mut open = Vec::with_capacity(left.len());
         for shard in left {
-            let (mut block, is_last) = lock(shard).next_of_cut(count, BLOCK)?;
-            // An empty one would be the last.
-            if block.vehicles > 0 {
+            let part = lock(shard).next_of_cut(count)?;
+            block.append(&part.early);
+            part.next.iter().for_each(|(vehicle, time, state)| block.push(vehicle, *time, state));
+            if block.length() >= BLOCK {
                 put(block.seal(blocks)).map_err(&wrong)?;
-                blocks += 1;
+                (block, blocks) = (Block::new(), blocks + 1);
             }
-            if !is_last {
+            if !part.is_last {
                 open.push(shard);
             }
         }
         left = open;
+    }
+    // An empty one is the last.
+    if block.vehicles > 0 {
+        put(block.seal(blocks)).map_err(&wrong)?;
+        blocks += 1;
     }
     put(Block::new().seal(blocks)).map_err(&wrong)?;
     file.sync_all().map_err(&wrong)?;

@@ -5,8 +5,11 @@
 
 use std::hash::BuildHasher;
 
-use super::{Place, Shard};
+use wayfix::inference::FilterSnapshot;
+
+use super::{Entry, Place, Shard};
 use crate::error::{FleetError, Outcome};
+use crate::pool::VehicleId;
 use crate::pool::block::Block;
 
 /// What has been written of a shard.
@@ -20,6 +23,17 @@ pub(super) struct Cut {
     early: Vec<u64>,
     block: Block,
     failure: Option<FleetError>,
+}
+
+/// Entries of a snapshot.
+#[derive(Debug)]
+pub(crate) struct Part {
+    /// Entries that have changed before their turn.
+    pub(crate) early: Block,
+    /// The next ones: the id, the time and a copy of the state. To encode them takes several times
+    /// as long, for which no update should wait.
+    pub(crate) next: Vec<(VehicleId, i64, FilterSnapshot)>,
+    pub(crate) is_last: bool,
 }
 
 impl Cut {
@@ -41,30 +55,30 @@ impl Shard {
         self.cut = None;
     }
 
-    /// Writes the next entries of the snapshot. Returns the vehicles if there are enough for a
-    /// block, or if these are the last; and whether they are.
-    pub(crate) fn next_of_cut(&mut self, count: usize, block: usize) -> Outcome<(Block, bool)> {
-        let Some(mut cut) = self.cut.take() else { return Ok((Block::new(), true)) };
-        let end = cut.end.min(cut.next + count);
-        for at in cut.next..end {
-            if !cut.is_early(at) {
-                self.write(at, &mut cut.block)?;
-            }
-        }
-        cut.next = end;
+    /// Takes the next entries of the snapshot.
+    pub(crate) fn next_of_cut(&mut self, count: usize) -> Outcome<Part> {
+        let Some(mut cut) = self.cut.take() else {
+            return Ok(Part { early: Block::new(), next: Vec::new(), is_last: true });
+        };
         if let Some(error) = cut.failure.take() {
             return Err(error);
         }
-        let is_last = end == cut.end;
-        if !is_last && cut.block.length() < block {
-            self.cut = Some(cut);
-            return Ok((Block::new(), false));
+        let end = cut.end.min(cut.next + count);
+        let mut next = Vec::with_capacity(end - cut.next);
+        for at in cut.next..end {
+            let Entry { vehicle, time, place, .. } = &self.entries[at];
+            if !cut.is_early(at) && !matches!(place, Place::Free) {
+                let (vehicle, time) = (vehicle.clone(), *time);
+                next.push((vehicle, time, self.state(at as u32)?));
+            }
         }
-        let full = std::mem::replace(&mut cut.block, Block::new());
+        cut.next = end;
+        let early = std::mem::replace(&mut cut.block, Block::new());
+        let is_last = end == cut.end;
         if !is_last {
             self.cut = Some(cut);
         }
-        Ok((full, is_last))
+        Ok(Part { early, next, is_last })
     }
 
     /// Writes an entry that is about to change, if a snapshot needs it.
