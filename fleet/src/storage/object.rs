@@ -104,13 +104,10 @@ impl Object {
 
     /// Reads from memory up to the end of a range, or else from the store.
     pub(super) fn read_from(&self, start: u64) -> Reader {
-        match self.known_from(start) {
-            Some(bytes) => Box::new(bytes.reader()),
-            None => {
-                let (object, bytes) = (self.clone(), Bytes::new());
-                Box::new(Windows { object, bytes, at: start, length: FIRST })
-            }
+        if let Some(bytes) = self.known_from(start) {
+            return Box::new(bytes.reader());
         }
+        Box::new(Windows { object: self.clone(), bytes: Bytes::new(), at: start, length: FIRST })
     }
 
     /// Bytes from one on that are in memory.

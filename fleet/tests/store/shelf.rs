@@ -19,12 +19,14 @@ use wayfix_fleet::register_store;
 
 use crate::kit::Folder;
 
+type Reads = Mutex<Vec<(String, Range<u64>)>>;
+
 /// A store under a URL of its own.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Shelf {
     store: Arc<InMemory>,
     /// Objects and ranges of them that were read.
-    pub(crate) read: Arc<Mutex<Vec<(String, Range<u64>)>>>,
+    pub(crate) read: Arc<Reads>,
     pub(crate) url: String,
 }
 
