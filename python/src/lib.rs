@@ -4,14 +4,19 @@
 mod array;
 mod densities;
 mod error;
+mod evaluate;
 mod few;
 mod filter;
 mod kinds;
 mod many;
 mod model;
+mod options;
 mod parts;
+mod recognition;
 mod results;
 mod sequences;
+mod signals;
+mod typed;
 
 use pyo3::prelude::*;
 
@@ -24,9 +29,15 @@ mod _wayfix {
     #[pymodule_export]
     use crate::error::{Error, ImpossibleError};
     #[pymodule_export]
+    use crate::evaluate::{PyThresholdCurve, recall_within, reliability};
+    #[pymodule_export]
     use crate::filter::PyFilter;
     #[pymodule_export]
     use crate::model::PyHmm;
+    #[pymodule_export]
+    use crate::recognition::{
+        PyAnswer, PyMapper, PyPlaceBeliefs, PyRecognizer, PyRecording, PyTrack,
+    };
     #[pymodule_export]
     use crate::results::{PyPath, PySmoothed};
     #[pymodule_export]

@@ -6,6 +6,11 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ._recognition import Answer as Answer, Mapper as Mapper, PlaceBeliefs as PlaceBeliefs
+from ._recognition import Recognizer as Recognizer, Recording as Recording, Track as Track
+from ._recognition import ThresholdCurve as ThresholdCurve
+from ._recognition import recall_within as recall_within, reliability as reliability
+
 __version__: str
 
 class Error(ValueError): ...
