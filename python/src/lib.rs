@@ -9,6 +9,7 @@ mod few;
 mod filter;
 mod kinds;
 mod many;
+mod matching;
 mod model;
 mod options;
 mod parts;
@@ -32,6 +33,11 @@ mod _wayfix {
     use crate::evaluate::{PyThresholdCurve, recall_within, reliability};
     #[pymodule_export]
     use crate::filter::PyFilter;
+    #[pymodule_export]
+    use crate::matching::{
+        PyLearnedMatchModel, PyMatchedDrive, PyMatcher, PyRankedRoutes, PyRoadAnswer,
+        PyRoadAnswers, PyRoadNetwork, PyStretches, PyVehicle, read_traces,
+    };
     #[pymodule_export]
     use crate::model::PyHmm;
     #[pymodule_export]

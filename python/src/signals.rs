@@ -1,8 +1,8 @@
 //! Ctrl-C during computations that hold no lock.
 
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::sync::{Arc, Mutex};
 use std::thread::Builder;
 use std::time::{Duration, Instant};
 
@@ -59,15 +59,18 @@ impl Signals {
 }
 
 /// Computes on another thread, for routines of the library that are long and cannot be stopped:
-/// after Ctrl-C the caller goes on at once, and the thread ends with its result unread.
+/// after Ctrl-C the caller goes on at once, and the thread ends with its result unread; `work` may
+/// look at its argument, which is then true, to end early.
 pub(crate) fn in_background<T: Send + 'static>(
     py: Python<'_>,
-    work: impl FnOnce() -> T + Send + 'static,
+    work: impl FnOnce(&AtomicBool) -> T + Send + 'static,
 ) -> PyResult<T> {
     let (sender, mut results) = channel();
+    let stopped = Arc::new(AtomicBool::new(false));
+    let stop = Arc::clone(&stopped);
     let send = move || {
         // Nobody waits for it after Ctrl-C.
-        let _ = sender.send(work());
+        let _ = sender.send(work(&stop));
     };
     Builder::new().spawn(send).map_err(invalid)?;
     loop {
@@ -75,7 +78,9 @@ pub(crate) fn in_background<T: Send + 'static>(
         (next, results) = py.detach(move || (results.recv_timeout(OFTEN), results));
         match next {
             Ok(result) => return Ok(result),
-            Err(RecvTimeoutError::Timeout) => py.check_signals()?,
+            Err(RecvTimeoutError::Timeout) => {
+                py.check_signals().inspect_err(|_| stopped.store(true, Ordering::Relaxed))?;
+            }
             Err(RecvTimeoutError::Disconnected) => {
                 return Err(invalid("an internal error ended the computation"));
             }

@@ -5,10 +5,13 @@ import inspect
 
 import pytest
 import wayfix.evaluate
+import wayfix.matching
 import wayfix.recognition
 
 PUBLIC = [
-    (module, name) for module in (wayfix.evaluate, wayfix.recognition) for name in module.__all__
+    (module, name)
+    for module in (wayfix.evaluate, wayfix.matching, wayfix.recognition)
+    for name in module.__all__
 ]
 
 
@@ -21,7 +24,7 @@ def test_docstrings(module, name):
         assert runner.run(example).failed == 0
     assert public.__doc__
     if isinstance(public, type):
-        fields = public.__doc__.partition("Attributes")[2]
+        fields = public.__doc__.partition("Attributes")[2].replace(", ", " : \n")
         for method in [method for method in vars(public) if not method.startswith("_")]:
             found = inspect.getattr_static(public, method).__doc__ or f"\n{method} : " in fields
             assert found, f"{name}.{method}"

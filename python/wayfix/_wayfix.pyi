@@ -6,6 +6,10 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ._matching import LearnedMatchModel as LearnedMatchModel, MatchedDrive as MatchedDrive
+from ._matching import Matcher as Matcher, RankedRoutes as RankedRoutes, RoadAnswer as RoadAnswer
+from ._matching import RoadAnswers as RoadAnswers, RoadNetwork as RoadNetwork
+from ._matching import Stretches as Stretches, Vehicle as Vehicle, read_traces as read_traces
 from ._recognition import Answer as Answer, Mapper as Mapper, PlaceBeliefs as PlaceBeliefs
 from ._recognition import Recognizer as Recognizer, Recording as Recording, Track as Track
 from ._recognition import ThresholdCurve as ThresholdCurve

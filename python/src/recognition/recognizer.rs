@@ -292,7 +292,7 @@ impl PyRecognizer {
         };
         parts.check()?;
         let recognizer = self.recognizer.clone();
-        let fitted = in_background(py, move || {
+        let fitted = in_background(py, move |_| {
             let parts: Vec<LabelledPart<'_, _>> = parts.iter().collect();
             recognizer.fit(&parts)
         })?;

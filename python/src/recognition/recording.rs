@@ -44,7 +44,7 @@ impl PyRecording {
         work: impl FnOnce(&Recording) -> Result<PlaceBeliefs, RecognitionError> + Send + 'static,
     ) -> PyResult<PyPlaceBeliefs> {
         let recording = Arc::clone(&self.recording);
-        let found = in_background(py, move || work(&recording).map(Answers::new))?;
+        let found = in_background(py, move |_| work(&recording).map(Answers::new))?;
         found.map_err(invalid)?.into_python(py, self.recognizer.clone())
     }
 }
@@ -84,7 +84,7 @@ impl PyRecording {
     /// the map.
     fn decoded<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<i64>>> {
         let recording = Arc::clone(&self.recording);
-        let path = in_background(py, move || recording.decoded())?.map_err(invalid)?;
+        let path = in_background(py, move |_| recording.decoded())?.map_err(invalid)?;
         let path: Vec<i64> = path.into_iter().map(index).collect();
         Ok(path.to_pyarray(py))
     }
@@ -93,7 +93,7 @@ impl PyRecording {
     /// texts. Costs as much as `filtered`.
     fn doubts(&self, py: Python<'_>) -> PyResult<Vec<String>> {
         let recording = Arc::clone(&self.recording);
-        in_background(py, move || recording.doubts().iter().map(ToString::to_string).collect())
+        in_background(py, move |_| recording.doubts().iter().map(ToString::to_string).collect())
     }
 
     fn __len__(&self) -> usize {
