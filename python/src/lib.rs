@@ -7,7 +7,9 @@ mod error;
 mod evaluate;
 mod few;
 mod filter;
+mod fixed_lag;
 mod kinds;
+mod learning;
 mod many;
 mod matching;
 mod model;
@@ -33,6 +35,10 @@ mod _wayfix {
     use crate::evaluate::{PyThresholdCurve, recall_within, reliability};
     #[pymodule_export]
     use crate::filter::PyFilter;
+    #[pymodule_export]
+    use crate::fixed_lag::PyFixedLag;
+    #[pymodule_export]
+    use crate::learning::{PyFamily, PyLearned, learn};
     #[pymodule_export]
     use crate::matching::{
         PyLearnedMatchModel, PyMatchedDrive, PyMatcher, PyRankedRoutes, PyRoadAnswer,

@@ -34,12 +34,14 @@ pub(crate) fn to_python<'py, T: Serialize>(
     py.import("json")?.call_method1("loads", (text,))
 }
 
-fn from_python(given: &Bound<'_, PyDict>) -> PyResult<Value> {
+/// Returns the fields of a dictionary, in which arrays are lists.
+pub(crate) fn from_python(given: &Bound<'_, PyDict>) -> PyResult<Value> {
     let py = given.py();
     // Numpy's scalars and arrays have this method.
     let plain = py.eval(c"lambda value: value.tolist()", None, None)?;
     let named = PyDict::new(py);
     named.set_item("default", plain)?;
+    named.set_item("allow_nan", false)?;
     let text = py.import("json")?.call_method("dumps", (given,), Some(&named));
     let text: String = text.map_err(|error| invalid(format!("options: {error}")))?.extract()?;
     serde_json::from_str(&text).map_err(|error| invalid(format!("options: {error}")))

@@ -4,13 +4,15 @@ import doctest
 import inspect
 
 import pytest
+import wayfix
 import wayfix.evaluate
+import wayfix.learning
 import wayfix.matching
 import wayfix.recognition
 
-PUBLIC = [
+PUBLIC = [(wayfix, "FixedLag")] + [
     (module, name)
-    for module in (wayfix.evaluate, wayfix.matching, wayfix.recognition)
+    for module in (wayfix.evaluate, wayfix.learning, wayfix.matching, wayfix.recognition)
     for name in module.__all__
 ]
 

@@ -6,6 +6,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ._learning import Family as Family, FixedLag as FixedLag, Learned as Learned, learn as learn
 from ._matching import LearnedMatchModel as LearnedMatchModel, MatchedDrive as MatchedDrive
 from ._matching import Matcher as Matcher, RankedRoutes as RankedRoutes, RoadAnswer as RoadAnswer
 from ._matching import RoadAnswers as RoadAnswers, RoadNetwork as RoadNetwork
