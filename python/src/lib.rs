@@ -2,6 +2,7 @@
 //! released meanwhile. What it does is the library's; nothing is computed here.
 
 mod array;
+mod arrow;
 mod densities;
 mod error;
 mod evaluate;
@@ -27,6 +28,8 @@ use pyo3::prelude::*;
 mod _wayfix {
     use pyo3::prelude::*;
 
+    #[pymodule_export]
+    use crate::arrow::{arrow_stream, read_arrow};
     #[pymodule_export]
     use crate::densities::{gaussian_log_densities, poisson_log_densities};
     #[pymodule_export]

@@ -23,7 +23,15 @@ fn converted<'py>(
     {
         return Err(invalid(format!("{what} have masked values, expected numbers")));
     }
-    let array = numpy.call_method1("asarray", (values,)).map_err(invalid)?;
+    let mut array = numpy.call_method1("asarray", (values,)).map_err(invalid)?;
+    let kind_of = |array: &Bound<'py, PyAny>| -> PyResult<String> {
+        array.getattr("dtype")?.getattr("kind")?.extract()
+    };
+    // A column of lists.
+    let is_arrow = values.hasattr("__arrow_c_stream__")? || values.hasattr("__arrow_c_array__")?;
+    if axes == 2 && kind_of(&array)? == "O" && is_arrow {
+        array = values.py().import("wayfix.arrow")?.call_method1("matrix", (values,))?;
+    }
     let dtype = array.getattr("dtype")?;
     let found: String = dtype.getattr("kind")?.extract()?;
     // An empty list has some type.

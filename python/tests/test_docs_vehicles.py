@@ -5,6 +5,7 @@ import inspect
 
 import pytest
 import wayfix
+import wayfix.arrow
 import wayfix.evaluate
 import wayfix.learning
 import wayfix.matching
@@ -12,7 +13,7 @@ import wayfix.recognition
 
 PUBLIC = [(wayfix, "FixedLag")] + [
     (module, name)
-    for module in (wayfix.evaluate, wayfix.learning, wayfix.matching, wayfix.recognition)
+    for module in (wayfix.arrow, wayfix.evaluate, wayfix.learning, wayfix.matching, wayfix.recognition)
     for name in module.__all__
 ]
 

@@ -14,7 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from . import arrow
 from ._wayfix import Error
+
+# Packages whose frames are made for an answer of the same kind.
+OUTPUTS = ("pandas", "polars", "pyarrow")
 
 Columns = dict[str, NDArray[Any]]
 OptionalColumns = dict[str, NDArray[Any] | None]
@@ -34,6 +38,15 @@ NEEDED = ("time", "lat", "lon")
 NODES = ("node", "id", "lat", "latitude", "lon", "longitude", "name")
 EDGES = ("from", "to", "class", "length_m", "metres", "oneway", "speed_kmh")
 OWN = ("roundabout", "reverse")
+
+
+def opened(frame: Any) -> Any:
+    """The frame, or the columns of one that has no other way than Arrow's interface; a stream can be read but
+    once."""
+    if (isinstance(frame, (Mapping, np.ndarray, arrow.Table)) or package(frame) in OUTPUTS
+            or not hasattr(frame, "__arrow_c_stream__")):
+        return frame
+    return arrow.columns(frame)
 
 
 def names(frame: Any) -> list[str]:
@@ -79,6 +92,7 @@ def seconds(times: NDArray[Any]) -> NDArray[Any]:
 
 def point_columns(points: Any) -> OptionalColumns:
     """Columns of points, with all names; those that are not known are None."""
+    points = opened(points)
     there = names(points)
     found: dict[str, Any] = {}
     for wanted, possible in POINTS.items():
@@ -96,6 +110,7 @@ def network_texts(nodes: Any, edges: Any) -> tuple[str, str]:
 
 def text(frame: Any, known: tuple[str, ...]) -> str:
     """A frame as CSV; the columns that are not known are there by name, to be reported."""
+    frame = opened(frame)
     there = [name for name in names(frame) if name not in OWN]
     columns = [words(column(frame, name)) if name in known else None for name in there]
     count = max((len(found) for found in columns if found is not None), default=0)
@@ -133,7 +148,7 @@ def frame_like(frame: Any, columns: Columns) -> Any:
         case "pandas" | "polars" as name:
             return sys.modules[name].DataFrame(columns)
         case _:
-            return columns
+            return arrow.Table(columns) if isinstance(frame, arrow.Table) else columns
 
 
 def with_columns(frame: Any, columns: Columns) -> Any:
@@ -151,7 +166,8 @@ def with_columns(frame: Any, columns: Columns) -> Any:
                          else frame.append_column(name, array))
             return frame
         case _:
-            return {name: column(frame, name) for name in names(frame)} | columns
+            all_columns = {name: frame[name] for name in names(frame)} | columns
+            return arrow.Table(all_columns) if isinstance(frame, arrow.Table) else all_columns
 
 
 def package(frame: Any) -> str:

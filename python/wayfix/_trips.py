@@ -21,6 +21,7 @@ Order = tuple[OptionalColumns, NDArray[Any], NDArray[Any], NDArray[Any]]
 def order_of(points: Any, trip: str | None) -> Order:
     """Columns of points; names of the trips, in the order of their first rows; rows by trip and time,
     without those of the same trip and time as another; and where each trip begins and ends there."""
+    points = _frames.opened(points)
     columns = _frames.point_columns(points)
     time = required(columns)
     count = len(time)
@@ -103,6 +104,7 @@ class MatchedTrips:
                  errors: str) -> None:
         if errors not in ("raise", "skip"):
             raise Error(f"errors is {errors!r}, expected 'raise' or 'skip'")
+        points = _frames.opened(points)
         columns, names, rows, offsets = order_of(points, trip)
         found = matcher._match(taken(columns, rows), offsets.tolist(), estimator, lag, errors == "skip")
         self.failed: dict[Any, str] = {}
