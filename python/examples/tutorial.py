@@ -55,7 +55,8 @@ returns = np.where(regime == 0, rng.normal(0.05, 0.5, len(regime)), rng.normal(-
 model = hmm.GaussianHMM(n_components=2, random_state=0, n_iter=100).fit(returns)
 wild = int(np.argmax(model.covars_.ravel()))
 probability = model.predict_proba(returns)[:, wild]
-print(f"volatilities {np.sqrt(model.covars_.ravel()).round(2)}, {np.mean((probability > 0.5) == (regime == 1)):.0%} right")
+share = np.mean((probability > 0.5) == (regime == 1))
+print(f"volatilities {np.sqrt(model.covars_.ravel()).round(2)}, {share:.0%} right")
 
 figure, (top, bottom) = plt.subplots(2, figsize=(7, 4), sharex=True, layout="constrained")
 top.plot(returns, color=GREY, linewidth=0.8)
@@ -75,7 +76,8 @@ from wayfix.recognition import Recognizer
 rng = np.random.default_rng(2)
 smooth = np.exp(-0.5 * (np.arange(-8, 9) / 2.0) ** 2)
 views = np.apply_along_axis(np.convolve, 0, rng.normal(size=(300, 64)), smooth, "same") / np.sqrt((smooth**2).sum())
-truth = np.concatenate([np.arange(20, 110), np.full(25, 110), np.arange(110, 170), np.full(40, -1), np.arange(200, 280)])
+parts = [np.arange(20, 110), np.full(25, 110), np.arange(110, 170), np.full(40, -1), np.arange(200, 280)]
+truth = np.concatenate(parts)
 elsewhere = np.apply_along_axis(np.convolve, 0, rng.normal(size=(len(truth), 64)), smooth, "same") / 4
 season = rng.normal(size=64)
 seen = np.where(truth[:, None] < 0, elsewhere, views[truth])
@@ -148,8 +150,9 @@ def trip(name, stops, seed):
     for k in range(1, len(along)):
         error[k] = 0.95 * error[k - 1] + rng.normal(scale=4.0, size=2)
     x, y = x + error[:, 0], y + error[:, 1]
-    return pd.DataFrame({"id": name, "time": pd.Timestamp("2024-05-01 08:00") + pd.to_timedelta(3 * np.arange(len(x)), "s"),
-                         "lat": LAT + y / DEGREE, "lon": LON + x / DEGREE / np.cos(np.radians(LAT))})
+    time = pd.Timestamp("2024-05-01 08:00") + pd.to_timedelta(3 * np.arange(len(x)), "s")
+    lat, lon = LAT + y / DEGREE, LON + x / DEGREE / np.cos(np.radians(LAT))
+    return pd.DataFrame({"id": name, "time": time, "lat": lat, "lon": lon})
 
 
 points = pd.concat([trip("van", [0, 3, 33, 31, 51, 55], 3), trip("bus", [50, 20, 24, 44], 4)], ignore_index=True)

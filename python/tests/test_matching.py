@@ -245,6 +245,24 @@ def test_rows_of_equal_times_and_trips_that_fail(matcher):
     assert len(empty) == 0 and len(empty.points()) == 0
 
 
+def test_columns_with_nulls_and_zones(matcher):
+    points, _, _ = drive(2, matcher.network)
+    frame = pd.DataFrame(points).assign(accuracy=5.0, speed=10)
+    frame.loc[3, "accuracy"] = np.nan
+    expected = matcher.match_drive(frame).smoothed().probability
+    when = pd.Timestamp("2024-05-01", tz="America/New_York") + pd.to_timedelta(frame["time"], "s")
+    kinds = {
+        "nullable": {"accuracy": frame["accuracy"].astype("Float64"), "speed": frame["speed"].astype("Int64")},
+        "arrow": {"accuracy": frame["accuracy"].astype("float64[pyarrow]").replace(np.nan, None), "lat": frame["lat"].astype("float64[pyarrow]")},
+        "zone": {"time": when},
+        "arrow zone": {"time": when.astype(pd.ArrowDtype(pa.timestamp("us", "America/New_York")))},
+        "arrow dates": {"time": when.dt.tz_localize(None).astype(pd.ArrowDtype(pa.timestamp("ms")))},
+    }
+    for name, columns in kinds.items():
+        found = matcher.match_drive(frame.assign(**columns)).smoothed().probability
+        np.testing.assert_allclose(found, expected, atol=1e-6, err_msg=name)
+
+
 def test_learning(matcher):
     rng = np.random.default_rng(0)
     frames = frame_of(matcher.network, range(12), 1)
@@ -353,8 +371,9 @@ def test_any_layout(matcher, change):
 @pytest.mark.parametrize("call", ["match_trips", "match_drive", "learn"])
 def test_interrupt(matcher, call, interrupted):
     points = pd.DataFrame(drive(0, matcher.network, every=1.0)[0])
-    many = pd.concat([points.assign(id=k) for k in range(300)])
-    long = pd.concat([points.assign(time=points["time"] + 200 * k) for k in range(300)])
+    copies, each = np.repeat(np.arange(3000), len(points)), np.tile(np.arange(len(points)), 3000)
+    many = points.iloc[each].assign(id=copies)
+    long = many.assign(time=many["time"] + 200 * copies)
     interrupted({
         "match_trips": lambda: matcher.match_trips(many, "id"),
         "match_drive": lambda: matcher.match_drive(long),

@@ -283,6 +283,25 @@ def test_the_lock_is_released():
     assert ticks > 3
 
 
+def test_threads_share_a_track():
+    track, errors = Recognizer(REFERENCES).track(), []
+
+    def work():
+        try:
+            for row in REFERENCES:
+                track.step(row)
+                assert track.places.sum() == pytest.approx(1)
+        except Exception as error:
+            errors.append(error)
+
+    threads = [threading.Thread(target=work) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not errors and track.steps == 4 * len(REFERENCES)
+
+
 @pytest.mark.parametrize("call", ["recording", "smoothed", "fit"])
 def test_interrupt(call, interrupted):
     rng = np.random.default_rng(0)

@@ -66,10 +66,16 @@ def column(frame: Any, name: str) -> NDArray[Any]:
     """One column as an array; dates with a zone are in UTC."""
     try:
         values = frame[name]
-        dates = getattr(values, "dt", None)
-        if getattr(getattr(values, "dtype", None), "tz", None) is not None and dates is not None:
+        dates: Any = getattr(values, "dt", None)
+        if getattr(dates, "tz", None) is not None:
             values = dates.tz_convert("UTC").dt.tz_localize(None)
         array = np.asarray(values)
+        # Columns of pandas with its own nulls, which are objects otherwise.
+        kind = getattr(getattr(values, "dtype", None), "kind", "O")
+        if array.dtype.kind == "O" and kind in "iuf":
+            array = values.to_numpy("float64", na_value=np.nan)
+        elif array.dtype.kind == "O" and kind == "M":
+            array = values.to_numpy("datetime64[ns]")
     except Error:
         raise
     except Exception as error:

@@ -8,6 +8,7 @@ mod options;
 mod queries;
 mod recognizer;
 mod recording;
+mod source;
 mod track;
 
 pub(crate) use answer::PyAnswer;

@@ -1,14 +1,15 @@
 //! Recognisers, as Python sees them.
 
-use numpy::{PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyList};
+use pyo3::types::PyDict;
 use wayfix::observation::Distance;
 use wayfix::recognition::{LabelledPart, Options, Parameters, Recognizer};
 
 use super::labels::{Parts, places};
-use super::options::{distance, name, options};
+use super::options::{distance, options};
 use super::queries::{Queries, Watched};
+use super::source::Source;
 use super::{PyRecording, PyTrack};
 use crate::error::invalid;
 use crate::options::to_python;
@@ -63,25 +64,6 @@ pub(crate) struct PyRecognizer {
     source: Source,
 }
 
-/// What a recogniser was made from.
-#[derive(Debug)]
-enum Source {
-    Descriptors { traverses: Vec<Py<PyArray2<f32>>>, distance: Distance },
-    Compared { negated: bool },
-}
-
-impl Source {
-    fn clone_ref(&self, py: Python<'_>) -> Self {
-        match self {
-            Self::Descriptors { traverses, distance } => Self::Descriptors {
-                traverses: traverses.iter().map(|array| array.clone_ref(py)).collect(),
-                distance: *distance,
-            },
-            Self::Compared { negated } => Self::Compared { negated: *negated },
-        }
-    }
-}
-
 impl PyRecognizer {
     fn made(
         py: Python<'_>,
@@ -117,7 +99,7 @@ impl PyRecognizer {
 
     /// True if queries are similarities.
     pub(super) fn negated(&self) -> bool {
-        matches!(self.source, Source::Compared { negated: true })
+        self.source.negated()
     }
 
     /// A recogniser of references that a mapper made.
@@ -301,13 +283,7 @@ impl PyRecognizer {
 
     /// What a pickle keeps: the references and the result of learning.
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
-        let (arrays, kind) = match &self.source {
-            Source::Descriptors { traverses, distance } => {
-                (PyList::new(py, traverses)?, name(*distance))
-            }
-            Source::Compared { negated: true } => (PyList::empty(py), "similarities"),
-            Source::Compared { negated: false } => (PyList::empty(py), "distances"),
-        };
+        let (arrays, kind) = self.source.stored(py)?;
         let arguments = (arrays, kind, self.references(), self.parameters()?);
         let made = py.get_type::<Self>().getattr("_from_parts")?;
         Ok((made, arguments.into_pyobject(py)?.into_any()))
@@ -330,17 +306,7 @@ impl PyRecognizer {
         made.with_parameters(py, parameters)
     }
 
-    fn __repr__(&self) -> String {
-        let kind = match &self.source {
-            Source::Descriptors { traverses, .. } => match traverses.first() {
-                Some(first) => {
-                    Python::attach(|py| format!("descriptors of {}", first.bind(py).shape()[1]))
-                }
-                None => "descriptors".to_owned(),
-            },
-            Source::Compared { negated: true } => "similarities".to_owned(),
-            Source::Compared { negated: false } => "distances".to_owned(),
-        };
-        format!("<Recognizer: {} references, {kind}>", self.references())
+    fn __repr__(&self, py: Python<'_>) -> String {
+        format!("<Recognizer: {} references, {}>", self.references(), self.source.described(py))
     }
 }
