@@ -333,6 +333,7 @@ ONE = {"time": [0.0, 1.0], "lat": [LAT, LAT], "lon": [LON, LON]}
     (lambda m: m.with_model(nois=1), "unknown field `nois`"),
     (lambda m: m.learn(ONE | {"lat": [LAT, 100.0]}), "drive 0.*latitude 100"),
     (lambda m: m.network.shape(10**6), "edge 1000000 of 120"),
+    (lambda m: m.network.edge_between(-1, 0), "-1 is no number"),
     (lambda m: RoadNetwork(NODES, {"from": [1], "to": [9]}), "row 0 of edges.*place 9"),
     (lambda m: RoadNetwork(NODES, {"from": [1]}), "no column to"),
     (lambda m: RoadNetwork(NODES, {"from": [1, 2], "to": [2]}), "'to' has 1 rows, expected 2"),

@@ -228,8 +228,8 @@ impl PyRoadNetwork {
 
     /// Returns the number of the shortest edge from one node to another, by their ids, or None.
     #[pyo3(signature = (start, end, /))]
-    fn edge_between(&self, start: u64, end: u64) -> Option<usize> {
-        let [start, end] = [start, end].map(|id| self.network.index_of_id(id));
+    fn edge_between(&self, start: Size, end: Size) -> Option<usize> {
+        let [start, end] = [start, end].map(|id| self.network.index_of_id(id.0 as u64));
         self.network.edge_between(start?, end?)
     }
 
