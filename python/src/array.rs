@@ -2,11 +2,11 @@
 
 use numpy::ndarray::Dimension;
 use numpy::{
-    PyArray, PyArrayMethods, PyReadonlyArray, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArray,
-    PyUntypedArrayMethods,
+    Element, PyArray, PyArrayMethods, PyReadonlyArray, PyReadonlyArray1, PyReadonlyArray2,
+    PyUntypedArray, PyUntypedArrayMethods,
 };
 use pyo3::prelude::*;
-use pyo3::types::PyList;
+use pyo3::types::{IntoPyDict, PyList};
 
 use crate::error::invalid;
 
@@ -28,31 +28,45 @@ pub(crate) fn matrix<'a>(
     contiguous(array.as_slice(), what)
 }
 
-/// Returns values as an array of so many axes, in C order and of one type; one that is so already is
-/// not copied.
-fn converted<'py>(
+/// Returns values as an array of so many axes and of one type, in C order; one that is so already
+/// is not copied.
+pub(crate) fn converted<'py>(
     values: &Bound<'py, PyAny>,
     what: &str,
     (kinds, kind): (&str, &str),
     axes: usize,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let numpy = values.py().import("numpy")?;
+    let py = values.py();
+    let numpy = py.import("numpy")?;
     if is_masked(values, &numpy)? {
         return Err(invalid(format!("{what} have masked values, expected numbers")));
     }
-    let array = numpy.call_method1("asarray", (values,)).map_err(invalid)?;
-    let found: String = array.getattr("dtype")?.getattr("kind")?.extract()?;
+    let mut array = numpy.call_method1("asarray", (values,)).map_err(invalid)?;
+    let kind_of = |array: &Bound<'py, PyAny>| -> PyResult<String> {
+        array.getattr("dtype")?.getattr("kind")?.extract()
+    };
+    // A column of lists.
+    let is_arrow = values.hasattr("__arrow_c_stream__")? || values.hasattr("__arrow_c_array__")?;
+    if axes == 2 && kind_of(&array)? == "O" && is_arrow {
+        array = py.import("wayfix.arrow")?.call_method1("matrix", (values,))?;
+    }
     // An empty list has some type.
     let is_empty = array.getattr("size")?.extract::<usize>()? == 0;
-    if !kinds.contains(&found) && !is_empty {
-        let name = array.getattr("dtype")?;
-        return Err(invalid(format!("{what} have type {name}, expected {kind}")));
+    if !kinds.contains(&kind_of(&array)?) && !is_empty {
+        let dtype = array.getattr("dtype")?;
+        return Err(invalid(format!("{what} have type {dtype}, expected {kind}")));
     }
     let found: usize = array.getattr("ndim")?.extract()?;
     if found != axes {
         return Err(invalid(format!("{what} have {found} axes, expected {axes}")));
     }
-    numpy.call_method1("require", (array, kind, ["C", "A"])).map_err(invalid)
+    // Doubles beyond the range of floats become infinite, which the library reports.
+    let over = [("over", "ignore")].into_py_dict(py)?;
+    let quiet = numpy.call_method("errstate", (), Some(&over))?;
+    quiet.call_method0("__enter__")?;
+    let result = numpy.call_method1("require", (array, kind, ["C", "A"])).map_err(invalid);
+    quiet.call_method1("__exit__", (py.None(), py.None(), py.None()))?;
+    result
 }
 
 /// Returns true if something is masked, which numpy takes for a value, in the array or in one of a
@@ -98,9 +112,11 @@ pub(crate) fn rows<'py>(
 }
 
 /// Borrows an array that is as it should be. One of a subclass may have a mask.
-fn borrowed<'py, D: Dimension>(values: &Bound<'py, PyAny>) -> Option<PyReadonlyArray<'py, f64, D>> {
+pub(crate) fn borrowed<'py, T: Element, D: Dimension>(
+    values: &Bound<'py, PyAny>,
+) -> Option<PyReadonlyArray<'py, T, D>> {
     let array = values.cast_exact::<PyUntypedArray>().ok()?;
-    let array = array.cast::<PyArray<f64, D>>().ok()?.try_readonly().ok()?;
+    let array = array.cast::<PyArray<T, D>>().ok()?.try_readonly().ok()?;
     array.as_slice().is_ok().then_some(array)
 }
 
@@ -121,4 +137,11 @@ pub(crate) fn indices(values: &Bound<'_, PyAny>, what: &str) -> PyResult<Vec<usi
         usize::try_from(*value).map_err(error)
     };
     values.iter().enumerate().map(index).collect()
+}
+
+/// Reads a symbol.
+pub(crate) fn symbol(value: &Bound<'_, PyAny>) -> PyResult<usize> {
+    value
+        .extract()
+        .map_err(|_| invalid(format!("the symbol is {value}, expected an integer from 0")))
 }

@@ -85,23 +85,16 @@ impl PyFilter {
                 rows(observation, |y| if moves { filter.step(y) } else { filter.update(y) })?
             }
             Live::DenseTable(filter) => {
-                let y = symbol(observation)?;
+                let y = array::symbol(observation)?;
                 if moves { filter.step(&y) } else { filter.update(&y) }
             }
             Live::SparseTable(filter) => {
-                let y = symbol(observation)?;
+                let y = array::symbol(observation)?;
                 if moves { filter.step(&y) } else { filter.update(&y) }
             }
         };
         done.map_err(|error| inference(py, 0, &error))
     }
-}
-
-/// Reads a symbol.
-fn symbol(value: &Bound<'_, PyAny>) -> PyResult<usize> {
-    value
-        .extract()
-        .map_err(|_| invalid(format!("the symbol is {value}, expected an integer from 0")))
 }
 
 #[pymethods]

@@ -2,16 +2,25 @@
 //! released meanwhile. What it does is the library's; nothing is computed here.
 
 mod array;
+mod arrow;
 mod densities;
 mod error;
+mod evaluate;
 mod filter;
+mod fixed_lag;
 mod kinds;
+mod learning;
 mod many;
+mod matching;
 mod model;
+mod options;
 mod parts;
+mod recognition;
 mod recorder;
 mod results;
 mod sequences;
+mod signals;
+mod typed;
 mod watch;
 
 use pyo3::prelude::*;
@@ -21,13 +30,30 @@ mod _wayfix {
     use pyo3::prelude::*;
 
     #[pymodule_export]
+    use crate::arrow::{arrow_stream, read_arrow};
+    #[pymodule_export]
     use crate::densities::{diagonal_log_densities, gaussian_log_densities, poisson_log_densities};
     #[pymodule_export]
     use crate::error::{Error, ImpossibleError};
     #[pymodule_export]
+    use crate::evaluate::{PyThresholdCurve, recall_within, reliability};
+    #[pymodule_export]
     use crate::filter::PyFilter;
     #[pymodule_export]
+    use crate::fixed_lag::PyFixedLag;
+    #[pymodule_export]
+    use crate::learning::{PyFamily, PyLearned, learn};
+    #[pymodule_export]
+    use crate::matching::{
+        PyLearnedMatchModel, PyMatchedDrive, PyMatcher, PyRankedRoutes, PyRoadAnswer,
+        PyRoadAnswers, PyRoadNetwork, PyStretches, PyVehicle, read_traces,
+    };
+    #[pymodule_export]
     use crate::model::PyHmm;
+    #[pymodule_export]
+    use crate::recognition::{
+        PyAnswer, PyMapper, PyPlaceBeliefs, PyRecognizer, PyRecording, PyTrack,
+    };
     #[pymodule_export]
     use crate::results::{PyPath, PySmoothed};
     #[pymodule_export]

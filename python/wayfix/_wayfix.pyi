@@ -6,6 +6,16 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ._learning import Family as Family, FixedLag as FixedLag, Learned as Learned, learn as learn
+from ._matching import LearnedMatchModel as LearnedMatchModel, MatchedDrive as MatchedDrive
+from ._matching import Matcher as Matcher, RankedRoutes as RankedRoutes, RoadAnswer as RoadAnswer
+from ._matching import RoadAnswers as RoadAnswers, RoadNetwork as RoadNetwork
+from ._matching import Stretches as Stretches, Vehicle as Vehicle, read_traces as read_traces
+from ._recognition import Answer as Answer, Mapper as Mapper, PlaceBeliefs as PlaceBeliefs
+from ._recognition import Recognizer as Recognizer, Recording as Recording, Track as Track
+from ._recognition import ThresholdCurve as ThresholdCurve
+from ._recognition import recall_within as recall_within, reliability as reliability
+
 __version__: str
 
 class Error(ValueError):
@@ -128,3 +138,5 @@ def expectations(
     logs: NDArray[np.float64],
     lengths: Sequence[int],
 ) -> tuple[float, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]: ...
+def read_arrow(data: Any) -> Any: ...
+def arrow_stream(columns: dict[str, Any]) -> Any: ...

@@ -1,0 +1,184 @@
+"""wayfix in four parts: weather, hmmlearn's models, places of a route by their images, and GPS on roads.
+
+Run it as a whole (pictures go to the folder that is named, or `tutorial`), or cell by cell in an
+editor that knows `# %%`. Needs matplotlib and scikit-learn, and pandas for the last part.
+"""
+
+# %% Preparation
+import sys
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+# The editor's own arguments are none of ours.
+OUT = Path(sys.argv[1] if len(sys.argv) == 2 and not sys.argv[1].startswith("-") else "tutorial")
+OUT.mkdir(parents=True, exist_ok=True)
+
+# Colours of Okabe and Ito, which everyone can tell apart.
+BLUE, ORANGE, GREEN, PURPLE, GREY = "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#999999"
+plt.rcParams.update({"figure.dpi": 110, "font.size": 10, "axes.spines.top": False, "axes.spines.right": False})
+
+
+def save(figure, name):
+    figure.savefig(OUT / name)
+    plt.close(figure)
+    print("drew", OUT / name)
+
+
+# %% Weather: a model in ten lines
+import wayfix
+
+# Sun or rain, behind the curtain. A guest brings an umbrella (1) or none (0).
+weather = wayfix.Hmm(start=[0.5, 0.5], moves=[[0.9, 0.1], [0.2, 0.8]], table=[[0.8, 0.2], [0.1, 0.9]])
+umbrellas = [0, 0, 1, 0, 0, 1, 1, 1, 0, 1, 1, 0, 0, 0]
+live = weather.forward(umbrellas).probabilities[:, 1]         # what is known on the day
+afterwards = weather.smooth(umbrellas).probabilities[:, 1]    # what is known in the end
+path = weather.viterbi(umbrellas).states                      # the most probable story
+
+figure, axes = plt.subplots(figsize=(7, 3), layout="constrained")
+days = np.arange(1, len(umbrellas) + 1)
+axes.fill_between(days, path, step="mid", color=GREY, alpha=0.25, label="rain in the most probable story")
+axes.plot(days, live, "o--", color=ORANGE, label="that day")
+axes.plot(days, afterwards, "s-", color=BLUE, label="in the end")
+axes.plot(days[np.array(umbrellas) == 1], np.full(sum(umbrellas), 1.06), "v", color="black", label="umbrella")
+axes.set(xlabel="day", ylabel="probability of rain", ylim=(0, 1.12), xticks=days[::2])
+figure.legend(loc="outside right center", frameon=False)
+save(figure, "weather.png")
+
+# %% hmmlearn's models: one import changes
+from wayfix.hmmlearn import hmm  # was: from hmmlearn import hmm
+
+rng = np.random.default_rng(1)
+regime = np.repeat([0, 1, 0, 1, 0], [120, 60, 150, 40, 80])
+returns = np.where(regime == 0, rng.normal(0.05, 0.5, len(regime)), rng.normal(-0.1, 1.8, len(regime)))[:, None]
+model = hmm.GaussianHMM(n_components=2, random_state=0, n_iter=100).fit(returns)
+wild = int(np.argmax(model.covars_.ravel()))
+probability = model.predict_proba(returns)[:, wild]
+share = np.mean((probability > 0.5) == (regime == 1))
+print(f"volatilities {np.sqrt(model.covars_.ravel()).round(2)}, {share:.0%} right")
+
+figure, (top, bottom) = plt.subplots(2, figsize=(7, 4), sharex=True, layout="constrained")
+top.plot(returns, color=GREY, linewidth=0.8)
+top.set(ylabel="return, %")
+bottom.fill_between(np.arange(len(regime)), regime, step="mid", color=GREY, alpha=0.3, label="truth")
+bottom.plot(probability, color=BLUE, label="smoothed")
+bottom.set(xlabel="day", ylabel="probability of\nthe wild regime", ylim=(0, 1.02))
+figure.legend(loc="outside upper right", ncols=2, frameon=False)
+save(figure, "regimes.png")
+
+# %% Places of a route by their images
+from wayfix.evaluate import ThresholdCurve, recall_within
+from wayfix.recognition import Recognizer
+
+# A route of 300 references, driven again in another season, with a stop and a detour. Descriptors would
+# come from a network, and two files: np.load("references.npy"), np.load("queries.npy").
+rng = np.random.default_rng(2)
+smooth = np.exp(-0.5 * (np.arange(-8, 9) / 2.0) ** 2)
+views = np.apply_along_axis(np.convolve, 0, rng.normal(size=(300, 64)), smooth, "same") / np.sqrt((smooth**2).sum())
+parts = [np.arange(20, 110), np.full(25, 110), np.arange(110, 170), np.full(40, -1), np.arange(200, 280)]
+truth = np.concatenate(parts)
+elsewhere = np.apply_along_axis(np.convolve, 0, rng.normal(size=(len(truth), 64)), smooth, "same") / 4
+season = rng.normal(size=64)
+seen = np.where(truth[:, None] < 0, elsewhere, views[truth])
+references = views.astype(np.float32)
+queries = (seen + 0.5 * season + 2.6 * rng.normal(size=seen.shape)).astype(np.float32)
+
+recognizer = Recognizer(references, off_map=True)         # off_map: it may leave the route
+recording = recognizer.recording(queries)
+filtered, smoothed = recording.filtered(), recording.smoothed()
+print("doubts:", recording.doubts() or "none")
+
+unit = [rows / np.linalg.norm(rows, axis=1, keepdims=True) for rows in (queries, references)]
+similarity = unit[0] @ unit[1].T
+nearest = similarity.argmax(axis=1)
+
+# An answer is right within two references, or off the map where the truth is.
+curves = {}
+for name, places, confidence in [
+    ("nearest image", nearest, similarity.max(axis=1)),
+    ("filter", filtered.places, filtered.probability),
+    ("smoother", smoothed.places, smoothed.probability),
+]:
+    right = (np.abs(places - truth) <= 2) & ((places < 0) == (truth < 0))
+    curves[name] = ThresholdCurve.precision_recall(confidence, right)
+    print(f"{name}: recall within 2 {recall_within(truth, places, 2):.2f}, "
+          f"at 100 % precision {curves[name].recall_at_precision(1.0):.2f}")
+
+figure, (left, right) = plt.subplots(1, 2, figsize=(9, 4), layout="constrained", width_ratios=[1.3, 1])
+image = left.imshow(similarity.T, origin="lower", aspect="auto", cmap="Greys", interpolation="nearest")
+steps = np.arange(len(truth))
+on_map = smoothed.places >= 0
+left.plot(steps[truth >= 0], truth[truth >= 0], ".", color=ORANGE, markersize=7, label="truth")
+left.plot(steps[on_map], smoothed.places[on_map], ".", color=BLUE, markersize=2.5, label="smoother")
+left.fill_between(steps, 0, 300, where=~on_map, step="mid", color=PURPLE, alpha=0.35, label="off the map")
+left.set(xlabel="query", ylabel="reference", ylim=(0, 300))
+left.legend(loc="upper left", frameon=True, framealpha=0.9)
+figure.colorbar(image, ax=left, label="cosine similarity")
+for (name, curve), (color, style) in zip(curves.items(), [(GREY, ":"), (ORANGE, "--"), (BLUE, "-")], strict=True):
+    label = f"{name}: {curve.recall_at_precision(1.0):.2f}"
+    right.plot(curve.recall, curve.precision, style, color=color, linewidth=2, label=label)
+right.set(xlabel="recall", ylabel="precision", xlim=(0, 1.02), ylim=(0, 1.05))
+right.legend(title="recall at 100 % precision", loc="lower left", frameon=False)
+save(figure, "places.png")
+
+# %% GPS on roads
+import pandas as pd
+
+from wayfix.matching import Matcher, RoadNetwork
+
+# A town of 6 by 6 crossings, 120 m apart; yours comes from RoadNetwork.from_path("city.osm.pbf").
+LAT, LON, DEGREE = 50.0, 10.0, 111_195.0
+crossing = [(row, column) for row in range(6) for column in range(6)]
+nodes = pd.DataFrame({
+    "node": [10 * row + column for row, column in crossing],
+    "lat": [LAT + 120 * row / DEGREE for row, _ in crossing],
+    "lon": [LON + 120 * column / DEGREE / np.cos(np.radians(LAT)) for _, column in crossing],
+})
+ends = [(a, b) for a in nodes["node"] for b in (a + 1, a + 10) if b in set(nodes["node"])]
+edges = pd.DataFrame(ends, columns=["from", "to"]).assign(oneway="no", speed_kmh=50)
+matcher = Matcher(RoadNetwork(nodes, edges))
+
+# Two vehicles, a point every three seconds; the error of a receiver lasts for a while.
+def trip(name, stops, seed):
+    rng = np.random.default_rng(seed)
+    corners = np.array([(stop % 10, stop // 10) for stop in stops]) * 120.0
+    lengths = np.r_[0, np.cumsum(np.abs(np.diff(corners, axis=0)).sum(axis=1))]
+    along = np.arange(0, lengths[-1], 33.0)
+    x, y = (np.interp(along, lengths, corners[:, axis]) for axis in (0, 1))
+    error = np.zeros((len(along), 2))
+    for k in range(1, len(along)):
+        error[k] = 0.95 * error[k - 1] + rng.normal(scale=4.0, size=2)
+    x, y = x + error[:, 0], y + error[:, 1]
+    time = pd.Timestamp("2024-05-01 08:00") + pd.to_timedelta(3 * np.arange(len(x)), "s")
+    lat, lon = LAT + y / DEGREE, LON + x / DEGREE / np.cos(np.radians(LAT))
+    return pd.DataFrame({"id": name, "time": time, "lat": lat, "lon": lon})
+
+
+points = pd.concat([trip("van", [0, 3, 33, 31, 51, 55], 3), trip("bus", [50, 20, 24, 44], 4)], ignore_index=True)
+matched = matcher.match_trips(points, "id")
+answers, routes = matched.points(), matched.routes()
+print(answers[["id", "time", "from", "to", "metres_along", "probability"]].head(3).to_string(index=False))
+print(routes.groupby("id")["edge"].count().rename("roads driven").to_string())
+now = matcher.match_trips(points, "id", estimator="live")
+
+figure, (left, right) = plt.subplots(1, 2, figsize=(9, 4.2), layout="constrained", width_ratios=[1.1, 1])
+for edge in range(len(matcher.network.edges["from"])):
+    lat, lon = matcher.network.shape(edge).T
+    left.plot(lon, lat, color="#dddddd", linewidth=5, solid_capstyle="round", zorder=1)
+for name, color, marker in [("van", BLUE, "o"), ("bus", ORANGE, "s")]:
+    own = answers["id"] == name
+    lat, lon = matcher.match_drive(points[own]).route.line().T
+    left.plot(lon, lat, color=color, linewidth=2, label=f"{name}: route", zorder=2)
+    left.plot(points["lon"][own], points["lat"][own], marker, color=color, markersize=4, markeredgecolor="black",
+              markeredgewidth=0.5, linestyle="none", label=f"{name}: points", zorder=3)
+    seconds = (points["time"][own] - points["time"].min()).dt.total_seconds()
+    right.plot(seconds, now.probability[own], ":", color=color, label=f"{name}: live")
+    right.plot(seconds, matched.probability[own], "-", color=color, label=f"{name}: afterwards")
+left.set(xlabel="longitude", ylabel="latitude", aspect=1 / np.cos(np.radians(LAT)))
+left.ticklabel_format(useOffset=False)
+left.xaxis.set_major_locator(plt.MaxNLocator(4))
+left.legend(loc="upper center", bbox_to_anchor=(0.5, 1.16), ncols=2, frameon=False)
+right.set(xlabel="seconds", ylabel="probability of the road", ylim=(0, 1.02))
+right.legend(loc="lower right", frameon=False)
+save(figure, "roads.png")

@@ -1,0 +1,16 @@
+//! Arrow's columns by the PyCapsule interface, as arrays and from them.
+
+mod columns;
+mod export;
+mod stream;
+
+use pyo3::prelude::*;
+
+/// Reads what has `__arrow_c_stream__` or `__arrow_c_array__`: a dictionary of the columns of a
+/// table, or an array. A list column is a pair of values and offsets.
+#[pyfunction]
+pub(crate) fn read_arrow<'py>(data: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+    columns::read(data.py(), stream::chunks(data)?)
+}
+
+pub(crate) use export::arrow_stream;

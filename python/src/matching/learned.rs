@@ -1,0 +1,63 @@
+//! Learned models, as Python sees them.
+
+use pyo3::prelude::*;
+use wayfix::matching::LearnedMatchModel;
+
+use crate::options::to_python;
+
+/// Model that `Matcher.learn` learned, for `matcher.with_model(**learned.model)`.
+///
+/// Attributes
+/// ----------
+/// model : dict
+///     Parameters by name.
+/// iterations : int
+///     Number of iterations.
+/// converged : bool
+///     True if the last iteration changed no parameter by more than a hundredth.
+/// log_likelihood : float
+///     Log-likelihood of all points before the last iteration.
+/// points : int
+///     Number of points.
+/// held_out : float
+///     Gain in log-likelihood of each half of the drives by what the other half teaches; below 7,
+///     the model is the one that learning started with.
+/// median_interval : float
+///     Median of the seconds between two points.
+/// at_limits : list of str
+///     Parameters that ended at a limit of their range: look at the drives first.
+#[pyclass(name = "LearnedMatchModel", module = "wayfix.matching", frozen, get_all)]
+#[derive(Debug)]
+pub(crate) struct PyLearnedMatchModel {
+    model: Py<PyAny>,
+    iterations: usize,
+    converged: bool,
+    log_likelihood: f64,
+    points: usize,
+    held_out: f64,
+    median_interval: f64,
+    at_limits: Vec<&'static str>,
+}
+
+impl PyLearnedMatchModel {
+    pub(super) fn new(py: Python<'_>, learned: LearnedMatchModel) -> PyResult<Self> {
+        Ok(Self {
+            model: to_python(py, &learned.model)?.unbind(),
+            iterations: learned.iterations,
+            converged: learned.converged,
+            log_likelihood: learned.log_likelihood,
+            points: learned.points,
+            held_out: learned.held_out,
+            median_interval: learned.median_interval,
+            at_limits: learned.at_limits(),
+        })
+    }
+}
+
+#[pymethods]
+impl PyLearnedMatchModel {
+    fn __repr__(&self) -> String {
+        let Self { iterations, points, held_out, .. } = self;
+        format!("<LearnedMatchModel: {points} points, {iterations} iterations, gain {held_out:.1}>")
+    }
+}

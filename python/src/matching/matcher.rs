@@ -1,0 +1,247 @@
+//! Matchers, as Python sees them.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use numpy::ToPyArray;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use wayfix::matching::{MatchModel, Matcher, TracePoint};
+
+use super::points::{Columns, point};
+use super::trips::{self, Estimator};
+use super::{PyLearnedMatchModel, PyMatchedDrive, PyRoadNetwork, PyVehicle};
+use crate::error::invalid;
+use crate::options::{replaced, to_python};
+use crate::signals::in_background;
+use crate::typed::Size;
+
+/// Matcher of the positions of vehicles to the roads of a network.
+///
+/// Points are a data frame (pandas, polars, pyarrow, anything with `__arrow_c_stream__`) or a
+/// dictionary of arrays, with columns `time` (seconds, or dates), `lat`, `lon` in degrees, and if
+/// known `accuracy` (standard deviation in each direction in metres; phones often tell a radius of
+/// 68%, which is 1.5 times as much), `heading` (degrees clockwise from north) and `speed` (metres
+/// per second), with NaN where they are not known.
+///
+/// Parameters
+/// ----------
+/// network : RoadNetwork
+///     The roads.
+/// **model
+///     Parameters of the model by name, above all `noise`, the standard deviation of a position in
+///     each direction in metres (4), which should be learned where it is not that; `model` has them
+///     all.
+///
+/// Examples
+/// --------
+/// Two streets, 55 m apart, joined at both ends, and four points on the southern one.
+///
+/// >>> import numpy as np
+/// >>> from wayfix.matching import Matcher, RoadNetwork
+/// >>> nodes = {"node": [1, 2, 3, 4], "lat": [-35.28, -35.28, -35.2805, -35.2805],
+/// ...          "lon": [149.13, 149.14, 149.13, 149.14]}
+/// >>> edges = {"from": [1, 3, 1, 2], "to": [2, 4, 3, 4], "oneway": ["no"] * 4}
+/// >>> matcher = Matcher(RoadNetwork(nodes, edges))
+/// >>> points = {"time": [0, 10, 20, 30], "lat": -35.2805 + np.array([5e-5, 1e-4, -5e-5, 0]),
+/// ...           "lon": 149.131 + 0.001 * np.arange(4)}
+/// >>> drive = matcher.match_drive(points)
+/// >>> roads = drive.smoothed()
+/// >>> matcher.network.edge_between(3, 4), roads.edge
+/// (5, array([5, 5, 5, 5]))
+/// >>> bool(roads.probability.min() > 0.9)
+/// True
+///
+/// The same live, point by point.
+///
+/// >>> vehicle = matcher.start(0, -35.28045, 149.131)
+/// >>> surprise = -vehicle.step(10, -35.2804, 149.132)
+/// >>> vehicle.live.edge
+/// 5
+#[pyclass(name = "Matcher", module = "wayfix.matching", frozen)]
+#[derive(Debug)]
+pub(crate) struct PyMatcher {
+    pub(super) matcher: Arc<Matcher>,
+    network: Py<PyRoadNetwork>,
+}
+
+fn model(before: MatchModel, given: Option<&Bound<'_, PyDict>>) -> PyResult<MatchModel> {
+    replaced(&before, given, |_| Ok(()))
+}
+
+#[pymethods]
+impl PyMatcher {
+    #[new]
+    #[pyo3(signature = (network, **model))]
+    fn new(
+        network: &Bound<'_, PyRoadNetwork>,
+        model: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Self> {
+        let model = self::model(MatchModel::default(), model)?;
+        let roads = Arc::clone(&network.get().network);
+        let made = in_background(network.py(), move |_| {
+            Matcher::new(roads.as_ref().clone()).with_model(model)
+        })?;
+        let matcher = Arc::new(made.map_err(invalid)?);
+        Ok(Self { matcher, network: network.clone().unbind() })
+    }
+
+    /// The roads.
+    #[getter]
+    fn network(&self, py: Python<'_>) -> Py<PyRoadNetwork> {
+        self.network.clone_ref(py)
+    }
+
+    /// Parameters of the model: a dictionary.
+    #[getter]
+    fn model<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        to_python(py, self.matcher.model())
+    }
+
+    /// Returns a matcher with some parameters of the model replaced.
+    #[pyo3(signature = (**model))]
+    fn with_model(&self, py: Python<'_>, model: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
+        let model = self::model(*self.matcher.model(), model)?;
+        let matcher = py.detach(|| self.matcher.as_ref().clone().with_model(model));
+        let matcher = Arc::new(matcher.map_err(invalid)?);
+        Ok(Self { matcher, network: self.network.clone_ref(py) })
+    }
+
+    /// Matches a whole drive, whose times ascend.
+    fn match_drive(this: &Bound<'_, Self>, points: &Bound<'_, PyAny>) -> PyResult<PyMatchedDrive> {
+        let points = Columns::read(points)?.points()?;
+        let matcher = Arc::clone(&this.get().matcher);
+        let drive = in_background(this.py(), move |_| matcher.match_drive(&points))?;
+        Ok(PyMatchedDrive::new(this, drive.map_err(invalid)?))
+    }
+
+    /// Matches the drives of a data frame or a dictionary of arrays, of which a column names the
+    /// trip. Rows may stand in any order; of rows of one trip and time the first counts.
+    ///
+    /// Parameters
+    /// ----------
+    /// points : data frame or dict of arrays
+    ///     As for all methods.
+    /// trip : str, optional
+    ///     Name of the column with the trip of each row; all rows are one trip without it.
+    /// estimator : {"smoothed", "live", "late"}
+    ///     Answers from all points of a trip, from those up to each, or from `lag` more.
+    /// lag : int
+    ///     Number of points that late answers wait for.
+    /// errors : {"raise", "skip"}
+    ///     What becomes of trips that cannot be matched, such as those with a point not on Earth:
+    ///     an exception, or no answers and an entry in `failed`.
+    ///
+    /// Returns
+    /// -------
+    /// MatchedTrips
+    ///     With `points()` and `routes()`, data frames of the kind that was given.
+    #[pyo3(signature = (points, trip=None, *, estimator="smoothed", lag=Size(0), errors="raise"))]
+    fn match_trips<'py>(
+        this: &Bound<'py, Self>,
+        points: &Bound<'py, PyAny>,
+        trip: Option<&str>,
+        estimator: &str,
+        lag: Size,
+        errors: &str,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let trips = this.py().import("wayfix._trips")?;
+        trips.call_method1("match_trips", (this, points, trip, estimator, lag.0, errors))
+    }
+
+    /// Matches sorted points, cut into drives at offsets.
+    fn _match<'py>(
+        &self,
+        py: Python<'py>,
+        columns: Columns<'py>,
+        offsets: Vec<usize>,
+        estimator: &str,
+        lag: usize,
+        skip: bool,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let (points, estimator) = (columns.points()?, Estimator::of(estimator, lag)?);
+        let matcher = Arc::clone(&self.matcher);
+        let found = in_background(py, move |stop| {
+            trips::match_all(&matcher, &points, &offsets, estimator, skip, stop)
+        })?;
+        found.into_python(py)
+    }
+
+    /// Learns the model from drives without labels. Takes some `iterations` times as long as
+    /// matching, and as much again to see if it is worth it.
+    #[pyo3(signature = (points, trip=None, *, iterations=Size(15)))]
+    fn learn(
+        &self,
+        py: Python<'_>,
+        points: &Bound<'_, PyAny>,
+        trip: Option<&str>,
+        iterations: Size,
+    ) -> PyResult<PyLearnedMatchModel> {
+        let sorted = py.import("wayfix._trips")?.call_method1("sorted_trips", (points, trip))?;
+        let (columns, offsets): (Columns<'_>, Vec<usize>) = sorted.extract()?;
+        let points = columns.points()?;
+        let matcher = Arc::clone(&self.matcher);
+        let learned = in_background(py, move |_| {
+            let drives: Vec<&[TracePoint]> =
+                offsets.windows(2).map(|ends| &points[ends[0]..ends[1]]).collect();
+            matcher.learn(&drives, iterations.0)
+        })?;
+        PyLearnedMatchModel::new(py, learned.map_err(invalid)?)
+    }
+
+    /// Starts a vehicle at the first point of its drive. It keeps `lag` points beside the last for
+    /// late answers.
+    #[pyo3(signature = (time, lat, lon, *, lag=Size(0), accuracy=f64::NAN, heading=f64::NAN, speed=f64::NAN))]
+    #[expect(clippy::too_many_arguments, reason = "those of a point, by name")]
+    fn start(
+        this: &Bound<'_, Self>,
+        time: f64,
+        lat: f64,
+        lon: f64,
+        lag: Size,
+        accuracy: f64,
+        heading: f64,
+        speed: f64,
+    ) -> PyResult<PyVehicle> {
+        let point = point(time, [lat, lon], [accuracy, heading, speed]);
+        let vehicle = this.get().matcher.start(&point, lag.0).map_err(invalid)?;
+        Ok(PyVehicle::new(this, vehicle))
+    }
+
+    /// Returns a vehicle with the state that `Vehicle.to_bytes` returned.
+    fn vehicle_from_bytes(this: &Bound<'_, Self>, bytes: &[u8]) -> PyResult<PyVehicle> {
+        PyVehicle::from_bytes(this, bytes)
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<Matcher: {} edges>", self.matcher.network().edges().len())
+    }
+}
+
+/// Reads drives from a file: GPX, GeoJSON, or CSV with `trace,time,longitude,latitude` and if known
+/// `accuracy,heading,speed`. Returns a dictionary of arrays `trip`, `time`, `lat`, `lon`,
+/// `accuracy`, `heading`, `speed`, for `match_trips(points, "trip")`, and a report of what was left
+/// out.
+#[pyfunction]
+pub(crate) fn read_traces(py: Python<'_>, path: PathBuf) -> PyResult<(Bound<'_, PyDict>, String)> {
+    let read = in_background(py, move |_| wayfix::matching::read_traces(path))?;
+    let (traces, report) = read.map_err(invalid)?;
+    let column = |of: fn(&TracePoint) -> f64| -> Vec<f64> {
+        traces.iter().flat_map(|trace| trace.points.iter().map(of)).collect()
+    };
+    let columns = PyDict::new(py);
+    let names: Vec<&str> = traces
+        .iter()
+        .flat_map(|trace| std::iter::repeat_n(trace.name.as_str(), trace.points.len()))
+        .collect();
+    columns.set_item("trip", py.import("numpy")?.call_method1("array", (names, "object"))?)?;
+    columns.set_item("time", column(|point| point.time).to_pyarray(py))?;
+    columns.set_item("lat", column(|point| point.position.latitude).to_pyarray(py))?;
+    columns.set_item("lon", column(|point| point.position.longitude).to_pyarray(py))?;
+    let accuracy = column(|point| point.accuracy.unwrap_or(f64::NAN));
+    columns.set_item("accuracy", accuracy.to_pyarray(py))?;
+    let heading = column(|point| point.heading.unwrap_or(f64::NAN));
+    columns.set_item("heading", heading.to_pyarray(py))?;
+    columns.set_item("speed", column(|point| point.speed.unwrap_or(f64::NAN)).to_pyarray(py))?;
+    Ok((columns, report.to_string()))
+}

@@ -1,0 +1,266 @@
+//! Road networks, as Python sees them.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use numpy::{PyArray1, PyArray2, PyArrayMethods, ToPyArray};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use wayfix::map::{Cleaning, ImportOptions, ImportReport, MapError, Position, RoadNetwork};
+
+use crate::error::invalid;
+use crate::signals::in_background;
+use crate::typed::{Size, index};
+
+/// Directed road network.
+///
+/// Parameters
+/// ----------
+/// nodes : data frame or dict of arrays
+///     Columns `node` (an integer), `lat`, `lon` in degrees.
+/// edges : data frame or dict of arrays
+///     Columns `from`, `to`, and if known `class` (main, arterial, collector, street, or 3 to 0),
+///     `length_m` (otherwise straight), `speed_kmh`, and `oneway` (yes, no, -1, or a truth value).
+///     Without `oneway` edges lead in one direction; with it, in both where it says no.
+/// service_roads, parking_aisles, tracks, private_roads : bool
+///     Kinds of roads that an import takes, of files that tell them apart.
+/// cleaning : list
+///     Operations after the import: "largest_component", "dead_ends", "contraction",
+///     ("merging", metres), ("within", (lat, lon), (lat, lon)).
+///
+/// Attributes
+/// ----------
+/// report : str
+///     Counts of the import, of what was skipped or replaced, and columns that are not known.
+///
+/// Examples
+/// --------
+/// >>> from wayfix.matching import RoadNetwork
+/// >>> nodes = {"node": [1, 2, 3], "lat": [-35.28, -35.28, -35.277], "lon": [149.13, 149.134, 149.134]}
+/// >>> edges = {"from": [1, 2], "to": [2, 3], "oneway": ["no", "yes"]}
+/// >>> network = RoadNetwork(nodes, edges)
+/// >>> network
+/// <RoadNetwork: 3 nodes, 3 edges>
+/// >>> network.edges["length_m"].round().tolist()
+/// [363.0, 363.0, 334.0]
+#[pyclass(name = "RoadNetwork", module = "wayfix.matching", frozen)]
+#[derive(Debug)]
+pub(crate) struct PyRoadNetwork {
+    pub(super) network: Arc<RoadNetwork>,
+    #[pyo3(get)]
+    report: String,
+}
+
+/// Choices of an import, from Python's arguments.
+#[derive(Debug, FromPyObject)]
+enum Operation {
+    #[pyo3(transparent)]
+    Named(String),
+    #[pyo3(transparent)]
+    Merging((String, f64)),
+    #[pyo3(transparent)]
+    Within((String, (f64, f64), (f64, f64))),
+}
+
+impl Operation {
+    fn cleaning(self) -> PyResult<Cleaning> {
+        let position = |(latitude, longitude)| Position { latitude, longitude };
+        Ok(match self {
+            Self::Named(name) if name == "largest_component" => Cleaning::LargestComponent,
+            Self::Named(name) if name == "dead_ends" => Cleaning::DeadEnds,
+            Self::Named(name) if name == "contraction" => Cleaning::Contraction,
+            Self::Merging((name, metres)) if name == "merging" => Cleaning::Merging { metres },
+            Self::Within((name, a, b)) if name == "within" => {
+                Cleaning::Within([position(a), position(b)])
+            }
+            other => {
+                return Err(invalid(format!(
+                    "cleaning has {other:?}, expected 'largest_component', 'dead_ends', \
+                     'contraction', ('merging', metres) or ('within', (lat, lon), (lat, lon))"
+                )));
+            }
+        })
+    }
+}
+
+fn options(
+    [service_roads, parking_aisles, tracks, private_roads]: [bool; 4],
+    cleaning: Vec<Operation>,
+) -> PyResult<ImportOptions> {
+    let cleaning = cleaning.into_iter().map(Operation::cleaning).collect::<PyResult<_>>()?;
+    Ok(ImportOptions { service_roads, parking_aisles, tracks, private_roads, cleaning })
+}
+
+impl PyRoadNetwork {
+    fn imported(
+        py: Python<'_>,
+        import: impl FnOnce() -> Result<(RoadNetwork, ImportReport), MapError> + Send + 'static,
+    ) -> PyResult<Self> {
+        let imported = in_background(py, move |_| import())?;
+        let (network, report) = imported.map_err(invalid)?;
+        Ok(Self { network: Arc::new(network), report: report.to_string() })
+    }
+
+    fn check_edge(&self, edge: usize) -> PyResult<usize> {
+        let edges = self.network.edges().len();
+        if edge < edges {
+            return Ok(edge);
+        }
+        Err(invalid(format!("edge {edge} of {edges}, expected one below that")))
+    }
+
+    fn column<'py, T: numpy::Element>(
+        &self,
+        py: Python<'py>,
+        of: impl Fn(&wayfix::map::Edge) -> T,
+    ) -> Bound<'py, PyArray1<T>> {
+        PyArray1::from_vec(py, self.network.edges().iter().map(of).collect())
+    }
+}
+
+#[pymethods]
+impl PyRoadNetwork {
+    #[new]
+    #[pyo3(signature = (nodes, edges, *, cleaning=vec![]))]
+    fn new(
+        py: Python<'_>,
+        nodes: &Bound<'_, PyAny>,
+        edges: &Bound<'_, PyAny>,
+        cleaning: Vec<Operation>,
+    ) -> PyResult<Self> {
+        let options = options([true; 4], cleaning)?;
+        // The texts of two CSV files, so that frames and files are read alike.
+        let texts = py.import("wayfix._frames")?.call_method1("network_texts", (nodes, edges))?;
+        let (nodes, edges): (String, String) = texts.extract()?;
+        Self::imported(py, move || {
+            let read = RoadNetwork::from_csv(nodes.as_bytes(), edges.as_bytes(), &options);
+            read.map_err(in_frame)
+        })
+    }
+
+    /// Reads a network from a path: a folder with `nodes.csv` and `edges.csv`, GeoJSON
+    /// (`.geojson`, `.json`), or an OpenStreetMap extract (`.osm.pbf`).
+    #[staticmethod]
+    #[expect(clippy::fn_params_excessive_bools, reason = "each is a kind of road, by name")]
+    #[pyo3(signature = (path, *, service_roads=true, parking_aisles=true, tracks=false,
+                        private_roads=false, cleaning=vec![]))]
+    fn from_path(
+        py: Python<'_>,
+        path: PathBuf,
+        service_roads: bool,
+        parking_aisles: bool,
+        tracks: bool,
+        private_roads: bool,
+        cleaning: Vec<Operation>,
+    ) -> PyResult<Self> {
+        let kinds = [service_roads, parking_aisles, tracks, private_roads];
+        let options = options(kinds, cleaning)?;
+        Self::imported(py, move || RoadNetwork::from_path(path, &options))
+    }
+
+    /// Reads a network from GeoJSON: a text, bytes, or an object with `__geo_interface__`, such as
+    /// a GeoDataFrame in degrees. Lines join where they share a point.
+    #[staticmethod]
+    #[expect(clippy::fn_params_excessive_bools, reason = "each is a kind of road, by name")]
+    #[pyo3(signature = (features, *, service_roads=true, parking_aisles=true, tracks=false,
+                        private_roads=false, cleaning=vec![]))]
+    fn from_geojson(
+        py: Python<'_>,
+        features: &Bound<'_, PyAny>,
+        service_roads: bool,
+        parking_aisles: bool,
+        tracks: bool,
+        private_roads: bool,
+        cleaning: Vec<Operation>,
+    ) -> PyResult<Self> {
+        let kinds = [service_roads, parking_aisles, tracks, private_roads];
+        let options = options(kinds, cleaning)?;
+        let text: Vec<u8> = if let Ok(text) = features.extract::<String>() {
+            text.into_bytes()
+        } else if let Ok(bytes) = features.extract::<Vec<u8>>() {
+            bytes
+        } else if features.hasattr("__geo_interface__")? {
+            let value = features.getattr("__geo_interface__")?;
+            py.import("json")?.call_method1("dumps", (value,))?.extract::<String>()?.into_bytes()
+        } else {
+            return Err(invalid("expected GeoJSON as a text, or an object with __geo_interface__"));
+        };
+        Self::imported(py, move || RoadNetwork::from_geojson(&text[..], &options))
+    }
+
+    /// Nodes: a dictionary of arrays `node` (ids), `lat`, `lon`.
+    #[getter]
+    fn nodes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let nodes = self.network.nodes();
+        let columns = PyDict::new(py);
+        let numbers = |of: fn(&Position) -> f64| -> Vec<f64> {
+            nodes.iter().map(|node| of(&node.position)).collect()
+        };
+        let ids: Vec<u64> = nodes.iter().map(|node| node.id).collect();
+        columns.set_item("node", ids.to_pyarray(py))?;
+        columns.set_item("lat", numbers(|position| position.latitude).to_pyarray(py))?;
+        columns.set_item("lon", numbers(|position| position.longitude).to_pyarray(py))?;
+        Ok(columns)
+    }
+
+    /// Directed edges, in the order of their numbers: a dictionary of arrays `from`, `to` (ids of
+    /// nodes), `class`, `length_m`, `speed_kmh` (NaN if not known), `roundabout`, and `reverse`, the
+    /// number of the same road in the other direction, or -1.
+    #[getter]
+    fn edges<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let network = &self.network;
+        let id = |node: usize| network.nodes()[node].id;
+        let columns = PyDict::new(py);
+        columns.set_item("from", self.column(py, |edge| id(edge.from)))?;
+        columns.set_item("to", self.column(py, |edge| id(edge.to)))?;
+        let classes: Vec<String> =
+            network.edges().iter().map(|edge| edge.class.to_string()).collect();
+        columns.set_item("class", py.import("numpy")?.call_method1("array", (classes, "U9"))?)?;
+        columns.set_item("length_m", self.column(py, |edge| edge.metres))?;
+        let speed = |edge: &wayfix::map::Edge| edge.speed.map_or(f64::NAN, |speed| 3.6 * speed);
+        columns.set_item("speed_kmh", self.column(py, speed))?;
+        columns.set_item("roundabout", self.column(py, |edge| edge.roundabout))?;
+        let reverse: Vec<i64> =
+            (0..network.edges().len()).map(|edge| index(network.reverse(edge))).collect();
+        columns.set_item("reverse", reverse.to_pyarray(py))?;
+        Ok(columns)
+    }
+
+    /// Returns the number of the shortest edge from one node to another, by their ids, or None.
+    #[pyo3(signature = (start, end, /))]
+    fn edge_between(&self, start: Size, end: Size) -> Option<usize> {
+        let [start, end] = [start, end].map(|id| self.network.index_of_id(id.0 as u64));
+        self.network.edge_between(start?, end?)
+    }
+
+    /// Returns the line of an edge, by its number: latitudes and longitudes, of shape (points, 2).
+    fn shape<'py>(&self, py: Python<'py>, edge: Size) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        line(py, self.network.shape(self.check_edge(edge.0)?))
+    }
+
+    /// Returns the network as GeoJSON; ids of nodes and forbidden turns are not in it.
+    fn to_geojson(&self, py: Python<'_>) -> String {
+        py.detach(|| self.network.to_geojson())
+    }
+
+    fn __repr__(&self) -> String {
+        let (nodes, edges) = (self.network.nodes().len(), self.network.edges().len());
+        format!("<RoadNetwork: {nodes} nodes, {edges} edges>")
+    }
+}
+
+/// An error that names the row of a frame rather than the line of its text, which has a header.
+fn in_frame(error: MapError) -> MapError {
+    match error {
+        MapError::Line { file, line: line @ 2.., problem } => {
+            MapError::Read { file: format!("row {} of {file}", line - 2), reason: problem }
+        }
+        other => other,
+    }
+}
+
+/// Latitudes and longitudes, as rows.
+pub(super) fn line<'py>(py: Python<'py>, line: &[Position]) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let values = line.iter().flat_map(|point| [point.latitude, point.longitude]).collect();
+    PyArray1::from_vec(py, values).reshape([line.len(), 2])
+}

@@ -1,0 +1,137 @@
+//! Vehicles, as Python sees them.
+
+use std::sync::{Mutex, MutexGuard};
+
+use numpy::{PyArray1, ToPyArray};
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+use wayfix::matching::Vehicle;
+
+use super::points::point;
+use super::{PyMatcher, PyRoadAnswer, PyStretches};
+use crate::error::invalid;
+use crate::typed::{Size, index};
+
+/// Vehicle on the road, made by `Matcher.start(...)` and moved point by point.
+#[pyclass(name = "Vehicle", module = "wayfix.matching", frozen)]
+#[derive(Debug)]
+pub(crate) struct PyVehicle {
+    /// Moved without the global lock, by whatever thread has the next point.
+    vehicle: Mutex<Vehicle>,
+    matcher: Py<PyMatcher>,
+}
+
+impl PyVehicle {
+    pub(super) fn new(matcher: &Bound<'_, PyMatcher>, vehicle: Vehicle) -> Self {
+        Self { vehicle: Mutex::new(vehicle), matcher: matcher.clone().unbind() }
+    }
+
+    pub(super) fn from_bytes(matcher: &Bound<'_, PyMatcher>, bytes: &[u8]) -> PyResult<Self> {
+        let vehicle = Vehicle::from_bytes(bytes).map_err(invalid)?;
+        // That it is one of this network shows here rather than at the next point.
+        vehicle.credible(&matcher.get().matcher, 0.5).map_err(invalid)?;
+        Ok(Self::new(matcher, vehicle))
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Vehicle> {
+        self.vehicle.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+    }
+
+    fn with<T: Send>(&self, py: Python<'_>, work: impl FnOnce(&mut Vehicle) -> T + Send) -> T {
+        py.detach(|| work(&mut self.lock()))
+    }
+
+    fn answer(&self, found: wayfix::matching::RoadAnswer) -> PyRoadAnswer {
+        PyRoadAnswer::new(self.matcher.get().matcher.network(), found)
+    }
+}
+
+#[pymethods]
+impl PyVehicle {
+    /// Takes the next point. Returns its log-density given all before; an error leaves the vehicle
+    /// as it was.
+    #[pyo3(signature = (time, lat, lon, *, accuracy=f64::NAN, heading=f64::NAN, speed=f64::NAN))]
+    #[expect(clippy::too_many_arguments, reason = "those of a point, by name")]
+    fn step(
+        &self,
+        py: Python<'_>,
+        time: f64,
+        lat: f64,
+        lon: f64,
+        accuracy: f64,
+        heading: f64,
+        speed: f64,
+    ) -> PyResult<f64> {
+        let point = point(time, [lat, lon], [accuracy, heading, speed]);
+        let matcher = &self.matcher.get().matcher;
+        self.with(py, |vehicle| matcher.step(vehicle, &point)).map_err(invalid)
+    }
+
+    /// Answer for the last point, from all points so far.
+    #[getter]
+    fn live(&self, py: Python<'_>) -> PyRoadAnswer {
+        self.answer(self.with(py, |vehicle| vehicle.live()))
+    }
+
+    /// Answer for the point `lag` points ago, from all points so far.
+    #[getter]
+    fn late(&self, py: Python<'_>) -> PyRoadAnswer {
+        self.answer(self.with(py, |vehicle| vehicle.late()))
+    }
+
+    /// Returns the answer for the point so many points ago, or None if it is no longer kept.
+    fn ago(&self, py: Python<'_>, points: Size) -> Option<PyRoadAnswer> {
+        self.with(py, |vehicle| vehicle.ago(points.0)).map(|found| self.answer(found))
+    }
+
+    /// Returns stretches of roads that hold the vehicle now with a probability of at least `mass`,
+    /// or all possible edges where the roads hold less.
+    fn credible(&self, py: Python<'_>, mass: f64) -> PyResult<PyStretches> {
+        let matcher = self.matcher.bind(py);
+        let found = self.with(py, |vehicle| vehicle.credible(&self.matcher.get().matcher, mass));
+        PyStretches::new(matcher, found.map_err(invalid)?)
+    }
+
+    /// Returns the edges with their probabilities, the most probable first; off the road is not
+    /// among them.
+    fn edges<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<f64>>) {
+        let found = self.with(py, |vehicle| vehicle.edges()).into_iter();
+        let (edges, probabilities): (Vec<i64>, Vec<f64>) =
+            found.map(|(edge, p)| (index(Some(edge)), p)).unzip();
+        (edges.to_pyarray(py), probabilities.to_pyarray(py))
+    }
+
+    /// Number of points so far.
+    #[getter]
+    fn points(&self, py: Python<'_>) -> usize {
+        self.with(py, |vehicle| vehicle.points())
+    }
+
+    /// Log-likelihood of all points so far.
+    #[getter]
+    fn log_likelihood(&self, py: Python<'_>) -> f64 {
+        self.with(py, |vehicle| vehicle.log_likelihood())
+    }
+
+    /// Returns the state as bytes, for `Matcher.vehicle_from_bytes` of the same network.
+    fn to_bytes<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
+        PyBytes::new(py, &self.with(py, |vehicle| vehicle.to_bytes()))
+    }
+
+    fn __copy__(&self, py: Python<'_>) -> Self {
+        let vehicle = Mutex::new(self.with(py, |vehicle| vehicle.clone()));
+        Self { vehicle, matcher: self.matcher.clone_ref(py) }
+    }
+
+    fn __deepcopy__(&self, py: Python<'_>, _memo: &Bound<'_, PyAny>) -> Self {
+        self.__copy__(py)
+    }
+
+    fn __repr__(&self, py: Python<'_>) -> String {
+        let points = self.points(py);
+        format!("<Vehicle: {points} points, {}>", self.live(py).__repr__())
+    }
+}

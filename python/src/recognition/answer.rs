@@ -1,0 +1,52 @@
+//! The answer of one step.
+
+use pyo3::prelude::*;
+use wayfix::recognition::Answer;
+
+/// Estimated position of the vehicle at one step.
+///
+/// Attributes
+/// ----------
+/// place : int or None
+///     The reference, from 0; None if the vehicle is more probably off the map than on it.
+/// probability : float
+///     Probability that the vehicle is within `window` references of `place`, or off the map.
+/// around : tuple of int
+///     First and last of the references around `place` that hold 90% of the belief on the map; on
+///     a loop, the first may be above the last.
+/// off_map : float
+///     Probability of being off the map.
+/// log_likelihood : float
+///     Log-likelihood of the query and the measurements of this step, given all earlier ones.
+#[pyclass(name = "Answer", module = "wayfix.recognition", frozen, eq, get_all)]
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct PyAnswer {
+    place: Option<usize>,
+    probability: f64,
+    around: (usize, usize),
+    off_map: f64,
+    log_likelihood: f64,
+}
+
+impl From<Answer> for PyAnswer {
+    fn from(answer: Answer) -> Self {
+        let Answer { place, probability, around, off_map, log_likelihood } = answer;
+        let around = around.into_inner();
+        Self { place, probability, around, off_map, log_likelihood }
+    }
+}
+
+#[pymethods]
+impl PyAnswer {
+    fn __repr__(&self) -> String {
+        let Self { place, probability, around: (first, last), .. } = self;
+        match place {
+            Some(place) => {
+                format!(
+                    "<Answer: place {place}, probability {probability:.3}, around {first} to {last}>"
+                )
+            }
+            None => format!("<Answer: off the map, probability {probability:.3}>"),
+        }
+    }
+}

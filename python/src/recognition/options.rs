@@ -1,0 +1,55 @@
+//! Options of a recogniser, and how descriptors are compared.
+
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use serde_json::Value;
+use wayfix::motion::Speeds;
+use wayfix::observation::Distance;
+use wayfix::recognition::Options;
+
+use crate::error::invalid;
+use crate::options::replaced;
+
+/// Returns options with those of a dictionary replaced.
+pub(super) fn options(before: &Options, given: Option<&Bound<'_, PyDict>>) -> PyResult<Options> {
+    let mut before = before.clone();
+    let off_map = before.off_map.unwrap_or_default();
+    // Rates may be given in part, over those of before.
+    if given.is_some_and(|given| given.contains("off_map").unwrap_or(false)) {
+        before.off_map = Some(off_map);
+    }
+    replaced(&before, given, |given| {
+        match given.get_mut("off_map") {
+            Some(value @ Value::Bool(true)) => *value = stored(&off_map)?,
+            Some(value @ Value::Bool(false)) => *value = Value::Null,
+            _ => {}
+        }
+        if let Some(value @ Value::Array(_)) = given.get_mut("speeds") {
+            let values: Vec<f64> = serde_json::from_value(value.take())
+                .map_err(|error| invalid(format!("speeds: {error}")))?;
+            *value = stored(&Speeds::new(&values).map_err(invalid)?)?;
+        }
+        Ok(())
+    })
+}
+
+fn stored<T: serde::Serialize>(value: &T) -> PyResult<Value> {
+    serde_json::to_value(value).map_err(invalid)
+}
+
+/// Returns the comparison of a name.
+pub(super) fn distance(name: &str) -> PyResult<Distance> {
+    match name {
+        "cosine" => Ok(Distance::Cosine),
+        "euclidean" => Ok(Distance::Euclidean),
+        _ => Err(invalid(format!("the distance is {name:?}, expected 'cosine' or 'euclidean'"))),
+    }
+}
+
+/// Returns the name of a comparison.
+pub(super) fn name(distance: Distance) -> &'static str {
+    match distance {
+        Distance::Cosine => "cosine",
+        Distance::Euclidean => "euclidean",
+    }
+}

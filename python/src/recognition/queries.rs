@@ -1,0 +1,56 @@
+//! Queries as the library takes them.
+
+use std::borrow::Cow;
+
+use numpy::PyReadonlyArray2;
+use pyo3::prelude::*;
+
+use crate::signals::Signals;
+use crate::typed::{Rows, float_rows, floats};
+
+/// Queries of a drive: descriptors, distances, or similarities to be negated.
+#[derive(Debug)]
+pub(super) struct Queries<'py> {
+    array: PyReadonlyArray2<'py, f32>,
+    negated: bool,
+}
+
+impl<'py> Queries<'py> {
+    pub(super) fn new(values: &Bound<'py, PyAny>, negated: bool) -> PyResult<Self> {
+        Ok(Self { array: float_rows(values, "queries")?, negated })
+    }
+
+    pub(super) fn rows(&self) -> PyResult<Rows<'_, f32>> {
+        Rows::of(&self.array)
+    }
+
+    /// Returns the values in C order.
+    pub(super) fn values<'a>(&self, rows: &Rows<'a, f32>) -> Cow<'a, [f32]> {
+        if self.negated {
+            rows.values().iter().map(|value| -value).collect()
+        } else {
+            Cow::Borrowed(rows.values())
+        }
+    }
+}
+
+/// Reads one query.
+pub(super) fn query(values: &Bound<'_, PyAny>, negated: bool) -> PyResult<Vec<f32>> {
+    let array = floats(values, "the values of a query")?;
+    let values = array.as_slice().map_err(crate::error::invalid)?;
+    Ok(if negated { values.iter().map(|value| -value).collect() } else { values.to_vec() })
+}
+
+/// A query that is empty once a signal has come: the library then stops with an error, which
+/// nobody sees.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Watched<'a> {
+    pub(super) row: &'a [f32],
+    pub(super) signals: &'a Signals,
+}
+
+impl AsRef<[f32]> for Watched<'_> {
+    fn as_ref(&self) -> &[f32] {
+        if self.signals.pending() { &[] } else { self.row }
+    }
+}

@@ -1,0 +1,107 @@
+//! Whole drives, as Python sees them.
+
+use std::sync::Arc;
+
+use numpy::{PyArray1, ToPyArray};
+use pyo3::prelude::*;
+use wayfix::recognition::{PlaceBeliefs, RecognitionError, Recognizer, Recording};
+
+use super::PyPlaceBeliefs;
+use super::beliefs::Answers;
+use crate::error::invalid;
+use crate::signals::in_background;
+use crate::typed::{Size, index};
+
+/// Drive compared with the references, made by `Recognizer.recording(queries)`: to be filtered,
+/// smoothed or decoded.
+///
+/// Ctrl-C returns at once from each method; what was under way ends unseen.
+///
+/// Examples
+/// --------
+/// >>> import numpy as np
+/// >>> from wayfix.recognition import Recognizer
+/// >>> recording = Recognizer.from_similarities(30).recording(np.eye(30)[5:20])
+/// >>> recording.smoothed().places
+/// array([ 5,  6,  7,  8,  9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19])
+/// >>> recording.filtered().probabilities.shape
+/// (15, 30)
+#[pyclass(name = "Recording", module = "wayfix.recognition", frozen)]
+#[derive(Debug)]
+pub(crate) struct PyRecording {
+    recording: Arc<Recording>,
+    recognizer: Recognizer,
+}
+
+impl PyRecording {
+    pub(super) fn new(recording: Recording, recognizer: Recognizer) -> Self {
+        Self { recording: Arc::new(recording), recognizer }
+    }
+
+    fn beliefs(
+        &self,
+        py: Python<'_>,
+        work: impl FnOnce(&Recording) -> Result<PlaceBeliefs, RecognitionError> + Send + 'static,
+    ) -> PyResult<PyPlaceBeliefs> {
+        let recording = Arc::clone(&self.recording);
+        let found = in_background(py, move |_| work(&recording).map(Answers::new))?;
+        found.map_err(invalid)?.into_python(py, self.recognizer.clone())
+    }
+}
+
+#[pymethods]
+impl PyRecording {
+    /// Number of steps.
+    #[getter]
+    fn steps(&self) -> usize {
+        self.recording.steps()
+    }
+
+    /// Returns beliefs of each step given the queries up to it.
+    fn filtered(&self, py: Python<'_>) -> PyResult<PyPlaceBeliefs> {
+        self.beliefs(py, Recording::filtered)
+    }
+
+    /// Returns beliefs of each step given all queries.
+    fn smoothed(&self, py: Python<'_>) -> PyResult<PyPlaceBeliefs> {
+        self.beliefs(py, Recording::smoothed)
+    }
+
+    /// Returns beliefs of each step given the queries up to `lag` steps later.
+    fn lagged(&self, py: Python<'_>, lag: Size) -> PyResult<PyPlaceBeliefs> {
+        self.beliefs(py, move |recording| {
+            // One for each lag.
+            recording.lagged(&[lag.0]).map(|mut all| all.swap_remove(0))
+        })
+    }
+
+    /// Returns beliefs of each step given its query alone: a baseline.
+    fn single(&self, py: Python<'_>) -> PyResult<PyPlaceBeliefs> {
+        self.beliefs(py, |recording| Ok(recording.single()))
+    }
+
+    /// Returns the path with the most steps expected to be right: a reference for each step, -1 off
+    /// the map.
+    fn decoded<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<i64>>> {
+        let recording = Arc::clone(&self.recording);
+        let path = in_background(py, move |_| recording.decoded())?.map_err(invalid)?;
+        let path: Vec<i64> = path.into_iter().map(index).collect();
+        Ok(path.to_pyarray(py))
+    }
+
+    /// Returns reasons to doubt the views and readings of the drive, or that they suit the fit, as
+    /// texts. Costs as much as `filtered`.
+    fn doubts(&self, py: Python<'_>) -> PyResult<Vec<String>> {
+        let recording = Arc::clone(&self.recording);
+        in_background(py, move |_| recording.doubts().iter().map(ToString::to_string).collect())
+    }
+
+    fn __len__(&self) -> usize {
+        self.recording.steps()
+    }
+
+    fn __repr__(&self) -> String {
+        let references = self.recognizer.references();
+        format!("<Recording: {} steps, {references} references>", self.recording.steps())
+    }
+}

@@ -1,0 +1,187 @@
+"""Trips of a data frame: sorted, matched, and back in the order of the rows."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _frames
+from ._frames import Columns, OptionalColumns
+from ._wayfix import Error, RoadAnswers
+
+if TYPE_CHECKING:
+    from ._wayfix import Matcher
+
+
+Order = tuple[OptionalColumns, NDArray[Any], NDArray[Any], NDArray[Any]]
+
+
+def order_of(points: Any, trip: str | None) -> Order:
+    """Columns of points; names of the trips, in the order of their first rows; rows by trip and time,
+    without those of the same trip and time as another; and where each trip begins and ends there."""
+    points = _frames.opened(points)
+    columns = _frames.point_columns(points)
+    time = required(columns)
+    count = len(time)
+    for name, values in columns.items():
+        if values is not None and len(values) != count:
+            raise Error(f"column {name!r} has {len(values)} rows, expected {count}")
+    if trip is None:
+        names, codes = np.array([None]), np.zeros(count, int)
+    else:
+        if trip not in _frames.names(points):
+            raise Error(f"points have no column {trip!r}, but {', '.join(_frames.names(points))}")
+        values = _frames.column(points, trip)
+        if len(values) != count:
+            raise Error(f"column {trip!r} has {len(values)} rows, expected {count}")
+        names, codes = numbered(values)
+    rows = np.lexsort((time, codes))
+    times, sorted_codes = time[rows], codes[rows]
+    same = np.zeros(count, bool)
+    same[1:] = (times[1:] == times[:-1]) & (sorted_codes[1:] == sorted_codes[:-1])
+    rows, sorted_codes = rows[~same], sorted_codes[~same]
+    trips = len(names) if count else 0
+    return columns, names[:trips], rows, np.searchsorted(sorted_codes, np.arange(trips + 1))
+
+
+def numbered(values: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Distinct values, in the order in which they come, and the number of each value."""
+    try:
+        distinct, first, codes = np.unique(values, return_index=True, return_inverse=True)
+    except TypeError:  # of several types, as with None among words
+        numbers: dict[Any, int] = {}
+        codes = np.array([numbers.setdefault(value, len(numbers)) for value in values.tolist()], int)
+        distinct = np.empty(len(numbers), object)
+        distinct[:] = list(numbers)
+        return distinct, codes
+    order = np.argsort(first, kind="stable")
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return distinct[order], rank[codes.reshape(-1)]
+
+
+def required(columns: OptionalColumns) -> NDArray[Any]:
+    """Times, which are always there."""
+    time = columns["time"]
+    assert time is not None
+    return time
+
+
+def taken(columns: OptionalColumns, rows: NDArray[Any]) -> OptionalColumns:
+    return {name: None if values is None else values[rows] for name, values in columns.items()}
+
+
+def sorted_trips(points: Any, trip: str | None) -> tuple[OptionalColumns, list[int]]:
+    """Columns of points by trip and time, and where trips begin and end."""
+    columns, _, rows, offsets = order_of(points, trip)
+    return taken(columns, rows), offsets.tolist()
+
+
+class MatchedTrips:
+    """Trips on roads, made by `Matcher.match_trips(points, trip)`.
+
+    Arrays with an entry for each row that was given, in its order:
+
+    Attributes
+    ----------
+    edge : array of int
+        Number of the most probable edge; -1 off the road, and where there is no answer.
+    metres_along, probability, entropy, off_road, positions
+        As in `RoadAnswers`; NaN where there is no answer.
+    log_normalizers : array
+        Log-density of each point given all before, in metres.
+    log_likelihoods : dict
+        Log-likelihood of each trip.
+    skipped : int
+        Number of rows without an answer because another of their trip has the same time.
+    failed : dict
+        What was wrong with the trips that could not be matched.
+    """
+
+    def __init__(self, matcher: Matcher, points: Any, trip: str | None, estimator: str, lag: int,
+                 errors: str) -> None:
+        if errors not in ("raise", "skip"):
+            raise Error(f"errors is {errors!r}, expected 'raise' or 'skip'")
+        points = _frames.opened(points)
+        columns, names, rows, offsets = order_of(points, trip)
+        found = matcher._match(taken(columns, rows), offsets.tolist(), estimator, lag, errors == "skip")
+        self.failed: dict[Any, str] = {}
+        for number, point, problem in found["failed"]:
+            at = "" if point is None else f" (row {rows[offsets[number] + point]})"
+            self.failed[names[number]] = problem + at
+        if errors == "raise" and self.failed:
+            name, problem = next(iter(self.failed.items()))
+            raise Error(problem if trip is None else f"trip {name!r}: {problem}")
+        self._points, self._trip, self._names, self._matcher = points, trip, names, matcher
+        count = len(required(columns))
+        answers: RoadAnswers = found["answers"]
+        self.skipped = count - len(rows)
+
+        def spread(values: NDArray[Any], nothing: float = np.nan) -> NDArray[Any]:
+            out = np.full((count, *values.shape[1:]), nothing, values.dtype)
+            out[rows] = values
+            return out
+
+        self.edge = spread(answers.edge, -1)
+        self.metres_along = spread(answers.metres_along)
+        self.positions = spread(answers.positions)
+        self.probability = spread(answers.probability)
+        self.entropy = spread(answers.entropy)
+        self.off_road = spread(answers.off_road)
+        self.log_normalizers = spread(found["log_normalizers"])
+        self.log_likelihoods = dict(zip(names.tolist(), found["log_likelihoods"].tolist(), strict=True))
+        self._routes = found
+
+    def _ends(self, edge: NDArray[Any]) -> Columns:
+        """Ids of the nodes of edges; -1 off the road."""
+        edges = self._matcher.network.edges
+        on_road = edge >= 0
+        ends = {}
+        for name in ("from", "to"):
+            ids = np.full(len(edge), -1, np.int64)
+            ids[on_road] = edges[name][edge[on_road]].astype(np.int64)
+            ends[name] = ids
+        return ends
+
+    def points(self) -> Any:
+        """Returns the points that were given, in a frame of the same kind, with the columns `edge`,
+        `from`, `to` (ids of nodes), `metres_along`, `matched_lat`, `matched_lon`, `probability` and
+        `off_road`."""
+        columns = {
+            "edge": self.edge,
+            **self._ends(self.edge),
+            "metres_along": self.metres_along,
+            "matched_lat": self.positions[:, 0].copy(),
+            "matched_lon": self.positions[:, 1].copy(),
+            "probability": self.probability,
+            "off_road": self.off_road,
+        }
+        return _frames.with_columns(self._points, columns)
+
+    def routes(self) -> Any:
+        """Returns the most probable routes in a frame of the same kind, a row for each edge or
+        stretch off the road: the trip, `seq` from 0, `edge` (-1 off the road), `from`, `to`, and
+        `enter_m`, `exit_m`, metres from the start of the edge."""
+        drive, edge = self._routes["route_drive"], self._routes["route_edge"]
+        columns: Columns = {} if self._trip is None else {self._trip: self._names[drive]}
+        columns |= {
+            "seq": np.arange(len(drive)) - np.searchsorted(drive, drive),
+            "edge": edge,
+            **self._ends(edge),
+            "enter_m": self._routes["route_enter"],
+            "exit_m": self._routes["route_exit"],
+        }
+        return _frames.frame_like(self._points, columns)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def __repr__(self) -> str:
+        return f"<MatchedTrips: {len(self)} trips, {len(self.edge)} points, {len(self.failed)} failed>"
+
+
+def match_trips(matcher: Matcher, points: Any, trip: str | None, estimator: str, lag: int,
+                errors: str) -> MatchedTrips:
+    return MatchedTrips(matcher, points, trip, estimator, lag, errors)

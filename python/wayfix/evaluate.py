@@ -1,0 +1,5 @@
+"""Scores of answers: recall, precision at each confidence, and calibration of probabilities."""
+
+from ._wayfix import ThresholdCurve, recall_within, reliability
+
+__all__ = ["ThresholdCurve", "recall_within", "reliability"]

@@ -1,0 +1,44 @@
+"""GPS points on roads: which roads did a vehicle drive, with which probability, and which is it on
+now?
+
+From a data frame with columns `id`, `time`, `lat`, `lon`, and a network from a file::
+
+    network = RoadNetwork.from_path("city.osm.pbf")       # or .geojson, or a folder with two CSV files
+    matcher = Matcher(network)
+    matcher = matcher.with_model(**matcher.learn(points, "id").model)     # how good is the receiver?
+
+    matched = matcher.match_trips(points, "id")
+    matched.points()     # the frame, with the road, the position and the probability of each row
+    matched.routes()     # a row for each road driven
+
+Live, `matcher.start(time, lat, lon)` gives a `Vehicle`, which takes point by point. Positions are
+in degrees. Networks and matchers can be shared by threads, but not pickled.
+"""
+
+from ._trips import MatchedTrips
+from ._wayfix import (
+    LearnedMatchModel,
+    MatchedDrive,
+    Matcher,
+    RankedRoutes,
+    RoadAnswer,
+    RoadAnswers,
+    RoadNetwork,
+    Stretches,
+    Vehicle,
+    read_traces,
+)
+
+__all__ = [
+    "LearnedMatchModel",
+    "MatchedDrive",
+    "MatchedTrips",
+    "Matcher",
+    "RankedRoutes",
+    "RoadAnswer",
+    "RoadAnswers",
+    "RoadNetwork",
+    "Stretches",
+    "Vehicle",
+    "read_traces",
+]
