@@ -21,6 +21,9 @@ pub(crate) fn matrix<'a>(
     columns: usize,
     what: &str,
 ) -> PyResult<&'a [f64]> {
+    if !array.is_c_contiguous() {
+        return Err(invalid(format!("{what} are not contiguous in C order")));
+    }
     let found = array.shape()[1];
     if found != columns {
         return Err(invalid(format!("{what} have {found} columns, expected {columns}")));
@@ -117,7 +120,8 @@ pub(crate) fn borrowed<'py, T: Element, D: Dimension>(
 ) -> Option<PyReadonlyArray<'py, T, D>> {
     let array = values.cast_exact::<PyUntypedArray>().ok()?;
     let array = array.cast::<PyArray<T, D>>().ok()?.try_readonly().ok()?;
-    array.as_slice().is_ok().then_some(array)
+    // In C order: a slice may be in Fortran's.
+    (array.is_c_contiguous() && array.as_slice().is_ok()).then_some(array)
 }
 
 /// Reads integers.

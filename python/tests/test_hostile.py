@@ -111,16 +111,16 @@ def long_calls():
     from wayfix import _wayfix
 
     rng = np.random.default_rng(3)
-    n = 400
+    n = 1000
     moves = rng.dirichlet(np.ones(n), n)
-    start, ys = np.full(n, 1 / n), rng.random((20_000, n))
+    start, ys = np.full(n, 1 / n), rng.random((15_000, n))
     hmm, few = wayfix.Hmm(start, moves), vectors()
     return {
-        "one": lambda: hmm.smooth(ys[:10_000]),
-        "many": lambda: hmm.smooth_all([ys[:400]] * 30),
-        "threads": lambda: hmm.smooth_all([ys[:400]] * 30, n_jobs=2),
-        "paths": lambda: few.k_best(rng.random((50_000, 2)), 200),
-        "families": lambda: _wayfix.expectations(start, moves, ys[:10_000], [5000, 5000]),
+        "one": lambda: hmm.smooth(ys),
+        "many": lambda: hmm.smooth_all([ys[:200]] * 300),
+        "threads": lambda: hmm.smooth_all([ys[:200]] * 600, n_jobs=2),
+        "paths": lambda: few.k_best(rng.random((100_000, 2)), 200),
+        "families": lambda: _wayfix.expectations(start, moves, ys, [5000, 10_000]),
     }
 
 

@@ -36,7 +36,7 @@ def random_model(rng, n=3, symbols=4):
 
 
 def parts(hmm):
-    (start, moves), named = hmm.__getnewargs_ex__()
+    _, (_, (start, moves), named) = hmm.__reduce__()
     if isinstance(moves, tuple):
         rows, columns, values = moves
         moves = scipy.sparse.coo_array((values, (rows.astype(int), columns.astype(int)))).toarray()

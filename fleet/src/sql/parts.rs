@@ -25,7 +25,7 @@ use crate::error::{FleetError, Outcome};
 use crate::finished::Finished;
 use crate::input::pieces::Pieces;
 use crate::partial::{Opened, Partial, Plan, Start, beside};
-use crate::run::Pack;
+use crate::properties::Pack;
 
 /// A query that can be run by parts.
 #[derive(Debug)]

@@ -16,7 +16,7 @@ use parquet::basic::Encoding;
 use parquet::file::properties::{EnabledStatistics, WriterProperties};
 
 use crate::error::{FleetError, Outcome};
-use crate::run::Pack;
+use crate::properties::Pack;
 
 /// Bytes of a row group of the output, at most.
 const GROUP: usize = 16 << 20;

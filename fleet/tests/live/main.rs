@@ -3,7 +3,7 @@
 mod answers;
 mod filters;
 mod kills;
-#[path = "../it/kit.rs"]
+#[path = "../it/kit/mod.rs"]
 #[allow(dead_code, reason = "shared with the tests of files")]
 mod kit;
 mod limits;
