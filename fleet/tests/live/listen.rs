@@ -184,13 +184,19 @@ fn a_run_is_stopped_while_lines_come_without_end() {
     let folder = Folder::new(&model(1));
     let socket = folder.path("socket");
     let run = Running::begin(ServiceJob { listen: Some(at(&socket)), ..job(&folder) });
+    let (tell, answered) = channel();
     let floods = (0..3).map(|_| {
         let stream = UnixStream::connect(&socket).unwrap();
-        let mut reader = stream.try_clone().unwrap();
-        thread::spawn(move || io::copy(&mut reader, &mut io::sink()));
+        let (mut reader, tell) = (stream.try_clone().unwrap(), tell.clone());
+        thread::spawn(move || {
+            reader.read_exact(&mut [0]).unwrap();
+            _ = tell.send(());
+            io::copy(&mut reader, &mut io::sink())
+        });
         thread::spawn(move || while (&stream).write_all(&b"no line\n".repeat(1000)).is_ok() {})
     });
     let floods: Vec<_> = floods.collect();
+    answered.recv().unwrap();
     let mut client = Client::new(&socket).unwrap();
     client.send(&line(1, 1, 2)).unwrap();
     client.answer().unwrap();
