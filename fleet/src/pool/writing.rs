@@ -17,7 +17,7 @@ use crate::error::{FleetError, Outcome};
 const SLICE: usize = 1 << 15;
 /// Bytes after which the file is put on the disk. All of them at once would hold up those who write
 /// to the same disk, the answers among them.
-const SYNC: usize = 4 << 20;
+const SYNC: usize = 16 << 20;
 
 /// A snapshot that is being written on a thread of its own.
 #[derive(Debug)]
