@@ -5,8 +5,8 @@
 //! | a step of a stream | any | [`Engine::Steps`] |
 //! | a whole sequence of 8 steps or more | no control, up to 8 states | [`Engine::Chain`] |
 //! | the same of more than 64 steps | no control, 2 to 4 states | [`Engine::Segments`] |
-//! | 4 sequences or more in an `_all` or `_map_all` | a stored matrix without small entries, more than 8 states; sparse ones only while a group fits the cache | eight sequences, one in each lane: [`lanes`](super::lanes) |
 //! | a sequence of 65 to 2,047 steps to learn from | no control, up to 8 states, a stored matrix without small entries | the two above |
+//! | 4 sequences or more in an `_all` or `_map_all` | a stored matrix without small entries, more than 8 states; sparse ones only while a group fits the cache | eight sequences, one in each lane: [`lanes`](super::lanes) |
 //! | 2 sequences or more to learn from | the same, any number of states | the same |
 //! | a long sequence to learn from | the same, if the model forgets fast enough | eight segments of it, one in each lane: [`lanes`](super::lanes) |
 //! | a long sequence to smooth | as in `smooth_all`, likewise | the same |
