@@ -1,11 +1,11 @@
-//! Lines of JSON: updates of vehicles, and the answers.
+//! Lines of JSON: updates of vehicles, and what else may be asked for.
 
 use serde::de::IgnoredAny;
-use serde::{Deserialize, Deserializer, Serialize};
+use serde::{Deserialize, Deserializer};
 use serde_json::Value;
 use wayfix::likelihood::SparseObservation;
 
-use super::{Update, UpdateResult, VehicleId};
+use super::{Update, VehicleId};
 use crate::places::Fix;
 use crate::sensor::{Kind, Observation, Sensor};
 
@@ -188,131 +188,4 @@ fn describe(error: &serde_json::Error) -> String {
         Some(message) => format!("{message} at column {}", error.column()),
         None => text,
     }
-}
-
-#[derive(Serialize)]
-struct Accepted<'a> {
-    #[serde(skip_serializing_if = "Option::is_none")]
-    offset: Option<&'a VehicleId>,
-    vehicle: &'a VehicleId,
-    time: i64,
-    state: usize,
-    probability: f64,
-    log_likelihood: f64,
-}
-
-#[derive(Serialize)]
-struct Refused<'a> {
-    line: u64,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    offset: Option<&'a VehicleId>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    vehicle: Option<&'a VehicleId>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    time: Option<i64>,
-    error_kind: &'a str,
-    error: String,
-}
-
-/// Writes the answer to an update.
-pub(super) fn answer(
-    out: &mut Vec<u8>,
-    line: u64,
-    offset: Option<&VehicleId>,
-    (vehicle, time): (&VehicleId, i64),
-    answer: &UpdateResult,
-) {
-    match answer {
-        Ok(answer) => {
-            let (state, probability) = (answer.state, answer.probability);
-            let log_likelihood = answer.log_likelihood;
-            write(out, &Accepted { offset, vehicle, time, state, probability, log_likelihood });
-        }
-        Err(error) => write(
-            out,
-            &Refused {
-                line,
-                offset,
-                vehicle: Some(vehicle),
-                time: Some(time),
-                error_kind: error.kind(),
-                error: error.to_string(),
-            },
-        ),
-    }
-}
-
-/// Writes the answer to a line that is not an update.
-pub(super) fn refuse(out: &mut Vec<u8>, line: u64, bad: &BadLine) {
-    let BadLine { vehicle, time, offset, kind, message } = bad;
-    write(
-        out,
-        &Refused {
-            line,
-            offset: offset.as_ref(),
-            vehicle: vehicle.as_ref(),
-            time: *time,
-            error_kind: kind,
-            error: message.clone(),
-        },
-    );
-}
-
-#[derive(Serialize)]
-struct Removal<'a> {
-    line: u64,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    offset: Option<&'a VehicleId>,
-    vehicle: &'a VehicleId,
-    removed: bool,
-}
-
-/// Writes the answer to a line that removes a vehicle, which may not have been there.
-pub(super) fn removed(
-    out: &mut Vec<u8>,
-    line: u64,
-    offset: Option<&VehicleId>,
-    (vehicle, removed): (&VehicleId, bool),
-) {
-    write(out, &Removal { line, offset, vehicle, removed });
-}
-
-#[derive(Serialize)]
-struct Exchanged<'a> {
-    line: u64,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    offset: Option<&'a VehicleId>,
-    model: &'a str,
-    hash: &'a str,
-    vehicles_kept: usize,
-    vehicles_begun_anew: usize,
-}
-
-/// Writes the answer to a line that exchanges the model: its name and hash, and how many vehicles
-/// kept their belief, or lost it.
-pub(super) fn exchanged(
-    out: &mut Vec<u8>,
-    line: u64,
-    offset: Option<&VehicleId>,
-    (model, hash): (&str, &str),
-    (vehicles_kept, vehicles_begun_anew): (usize, usize),
-) {
-    write(out, &Exchanged { line, offset, model, hash, vehicles_kept, vehicles_begun_anew });
-}
-
-#[derive(Serialize)]
-struct Named<'a> {
-    client: &'a str,
-    offset: Option<&'a VehicleId>,
-}
-
-/// Writes the answer to a client that has named itself: the last offset that has come from it.
-pub(super) fn named(out: &mut Vec<u8>, client: &str, offset: Option<&VehicleId>) {
-    write(out, &Named { client, offset });
-}
-
-fn write(out: &mut Vec<u8>, line: &impl Serialize) {
-    // Neither memory nor such structs refuse anything.
-    _ = serde_json::to_writer(&mut *out, line);
-    out.push(b'\n');
 }

@@ -33,7 +33,6 @@
 //! are those of a folder ([`register_with`]).
 
 mod by_range;
-mod command;
 mod expect;
 mod files;
 mod function;
@@ -41,7 +40,6 @@ mod key;
 mod learn;
 mod models;
 mod parts;
-mod progress;
 mod query;
 mod ranges;
 mod rows;
@@ -55,7 +53,6 @@ use datafusion::logical_expr::{AggregateUDF, ScalarUDF};
 use datafusion::prelude::SessionContext;
 
 use crate::output::Verb;
-pub use command::Command;
 use expect::Expect;
 use function::Function;
 pub use function::FunctionError;

@@ -10,18 +10,30 @@ pub(crate) fn bar(quiet: bool) -> ProgressBar {
         return ProgressBar::hidden();
     }
     let bar = ProgressBar::no_length();
-    let style = "{wide_bar} {pos}/{len} rows, {msg}, {eta} left";
-    if let Ok(style) = ProgressStyle::with_template(style) {
-        bar.set_style(style);
-    }
+    set_style(&bar, "{spinner} {msg}");
     bar.enable_steady_tick(Duration::from_millis(500));
     bar
 }
 
 pub(crate) fn show(bar: &ProgressBar, progress: &Progress) {
-    if let Some(rows) = progress.all_rows {
-        bar.set_length(rows);
+    let Progress { rows, all_rows, drives, .. } = *progress;
+    show_rows(bar, rows, all_rows, format!("{drives} drives"));
+}
+
+/// Shows how many rows of all, if that is known, are done.
+pub(crate) fn show_rows(bar: &ProgressBar, done: u64, all: Option<u64>, message: String) {
+    if let Some(all) = all
+        && bar.length() != Some(all)
+    {
+        set_style(bar, "{wide_bar} {pos}/{len} rows, {msg}, {eta} left");
+        bar.set_length(all);
     }
-    bar.set_position(progress.rows);
-    bar.set_message(format!("{} drives", progress.drives));
+    bar.set_position(done);
+    bar.set_message(message);
+}
+
+fn set_style(bar: &ProgressBar, template: &str) {
+    if let Ok(style) = ProgressStyle::with_template(template) {
+        bar.set_style(style);
+    }
 }

@@ -9,6 +9,8 @@ mod batch;
 mod files;
 mod learn;
 mod live;
+#[cfg(feature = "sql")]
+mod sql;
 
 use std::io::{self, Write};
 use std::path::PathBuf;
@@ -46,7 +48,7 @@ enum Routine {
     Learn(Learn),
     /// The rows of a query, with functions for the routines above.
     #[cfg(feature = "sql")]
-    Sql(wayfix_fleet::sql::Command),
+    Sql(sql::Sql),
     /// The position of each of many vehicles, as they are seen: lines of JSON to standard output
     /// for those on standard input.
     Live(Live),
@@ -70,7 +72,7 @@ fn main() -> ExitCode {
         Routine::Score(options) => options.run(Verb::Score),
         Routine::Learn(options) => options.run(),
         #[cfg(feature = "sql")]
-        Routine::Sql(command) => command.run(),
+        Routine::Sql(options) => options.run(),
         Routine::Live(options) => options.run(),
         Routine::Position { snapshot } => live::show_position(&snapshot),
         Routine::Model(command) => command.run(),

@@ -13,10 +13,9 @@ use std::time::Duration;
 
 use super::input::{Event, STANDARD, Source, read};
 use super::outbox::Outbox;
+use super::seats::{Seat, Seats};
 use crate::error::{FleetError, Outcome};
 
-/// Most connections at once, each with two threads and a line that may wait for its end.
-const MOST: usize = 256;
 /// Time before another connection is taken, if the system refuses one.
 const PAUSE: Duration = Duration::from_millis(50);
 
@@ -41,7 +40,7 @@ enum Socket {
 }
 
 #[derive(Debug)]
-enum Stream {
+pub(super) enum Stream {
     Net(TcpStream),
     #[cfg(unix)]
     File(UnixStream),
@@ -113,7 +112,7 @@ fn at_file(_: PathBuf) -> io::Result<(Socket, Address)> {
 
 /// Takes connections until the run has ended.
 fn take(socket: &Socket, events: &SyncSender<Event>, is_ended: &AtomicBool) {
-    let seats = Arc::new(());
+    let mut seats = Seats::default();
     for source in STANDARD + 1.. {
         let stream = match socket {
             Socket::Net(socket) => socket.accept().map(|(stream, _)| Stream::Net(stream)),
@@ -124,11 +123,12 @@ fn take(socket: &Socket, events: &SyncSender<Event>, is_ended: &AtomicBool) {
             return;
         }
         let begun = stream.and_then(|stream| {
-            if Arc::strong_count(&seats) > MOST {
+            let stream = Arc::new(stream);
+            let Some(seat) = seats.take(&stream) else {
                 let text = r#"{"error_kind":"busy","error":"too many connections"}"#;
-                return writeln!(&stream, "{text}");
-            }
-            begin(stream, source, &seats, events)
+                return writeln!(&*stream, "{text}");
+            };
+            begin(stream, source, seat, events)
         });
         if begun.is_err() {
             thread::sleep(PAUSE);
@@ -153,16 +153,16 @@ impl Peer {
 
 /// Begins the two threads of a connection, one that reads and one that sends.
 fn begin(
-    stream: Stream,
+    stream: Arc<Stream>,
     source: Source,
-    seats: &Arc<()>,
+    seat: Arc<Seat>,
     events: &SyncSender<Event>,
 ) -> io::Result<()> {
-    if let Stream::Net(stream) = &stream {
+    if let Stream::Net(stream) = &*stream {
         stream.set_nodelay(true)?;
     }
-    let (stream, events) = (Arc::new(stream), events.clone());
-    let outbox = Arc::new(Outbox::new(Arc::clone(seats)));
+    let events = events.clone();
+    let outbox = Arc::new(Outbox::new(Arc::clone(&seat)));
     let peer = Peer { outbox: Arc::clone(&outbox), stream: Arc::clone(&stream) };
     let (to_send, sent) = (Arc::clone(&outbox), Arc::clone(&stream));
     thread::Builder::new().spawn(move || {
@@ -173,14 +173,18 @@ fn begin(
     let full = Arc::clone(&outbox);
     let reader = thread::Builder::new().spawn(move || {
         if events.send(Event::Open(source, peer)).is_ok() {
-            read(&*stream, source, &events, || full.wait_for_room());
+            let ready = || {
+                seat.heard();
+                full.wait_for_room();
+            };
+            read(&*stream, source, &events, ready);
         }
     });
     reader.map(drop).inspect_err(|_| outbox.abandon())
 }
 
 impl Stream {
-    fn shut(&self) {
+    pub(super) fn shut(&self) {
         // It may be closed already.
         _ = match self {
             Self::Net(stream) => stream.shutdown(Shutdown::Both),

@@ -10,6 +10,7 @@ mod order;
 mod outbox;
 mod position;
 mod run;
+mod seats;
 mod vehicles;
 mod work;
 

@@ -9,6 +9,8 @@ use std::io::Write;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
+use super::seats::Seat;
+
 /// Bytes of answers for which the next lines wait.
 const MANY: usize = 1 << 20;
 
@@ -20,8 +22,8 @@ const AHEAD: usize = 4;
 pub(super) struct Outbox {
     state: Mutex<State>,
     changed: Condvar,
-    /// Counts the connections.
-    _seat: Arc<()>,
+    /// Taken as long as answers may come.
+    _seat: Arc<Seat>,
 }
 
 #[derive(Debug, Default)]
@@ -38,7 +40,7 @@ struct State {
 }
 
 impl Outbox {
-    pub(super) fn new(seat: Arc<()>) -> Self {
+    pub(super) fn new(seat: Arc<Seat>) -> Self {
         Self { state: Mutex::default(), changed: Condvar::new(), _seat: seat }
     }
 

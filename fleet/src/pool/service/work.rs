@@ -8,6 +8,7 @@ use super::input::{Source, TOO_LONG};
 use super::metrics::Metrics;
 use super::order::{Order, Turn};
 use super::vehicles::Vehicles;
+use crate::pool::answers;
 use crate::pool::lines::{self, BadLine, Line};
 use crate::pool::{UpdateResult, VehicleId};
 use crate::sensor::Sensor;
@@ -227,17 +228,17 @@ fn answer(
                 Some(Other(found, other)) if *found == place => {
                     of_other += 1;
                     match other {
-                        OtherKind::Bad(bad) => lines::refuse(&mut out, line, bad),
+                        OtherKind::Bad(bad) => answers::refuse(&mut out, line, bad),
                         OtherKind::Remove { vehicle, offset, was_there } => {
                             let vehicle = (vehicle, *was_there);
-                            lines::removed(&mut out, line, offset.as_ref(), vehicle);
+                            answers::removed(&mut out, line, offset.as_ref(), vehicle);
                         }
                     }
                 }
                 _ => {
                     if let (Some(update), Some(answer)) = (updates.get(at), answers.get(at)) {
                         let id = (&update.vehicle, update.time);
-                        lines::answer(&mut out, line, offsets[at].as_ref(), id, answer);
+                        answers::answer(&mut out, line, offsets[at].as_ref(), id, answer);
                     }
                     at += 1;
                 }

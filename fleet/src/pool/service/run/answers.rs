@@ -9,7 +9,8 @@ use super::super::input::Source;
 use super::super::work::{Answers, Command, CommandKind, work, work_on};
 use super::Run;
 use crate::error::{FleetError, Outcome};
-use crate::pool::lines::{self, BadLine};
+use crate::pool::answers;
+use crate::pool::lines::BadLine;
 
 /// Lines of a batch that are taken at a time: short ones are larger in memory than as text.
 const PART: usize = 1 << 14;
@@ -73,7 +74,7 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
                 match self.connections.name(source, &name, &self.position) {
                     Ok(cut) => {
                         let mut out = Vec::new();
-                        lines::named(&mut out, &name, self.position.clients.get(&name));
+                        answers::named(&mut out, &name, self.position.clients.get(&name));
                         self.put(&[out], &[source])?;
                         Ok(cut)
                     }
@@ -91,7 +92,7 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
         self.errors += 1;
         self.metrics.refuse(bad.kind);
         let mut out = Vec::new();
-        lines::refuse(&mut out, self.position.lines, bad);
+        answers::refuse(&mut out, self.position.lines, bad);
         self.put(&[out], &[source])
     }
 

@@ -10,7 +10,8 @@ use super::Run;
 use crate::error::{FleetError, Outcome};
 use crate::model::Model;
 use crate::pool::VehicleId;
-use crate::pool::lines::{self, BadLine};
+use crate::pool::answers;
+use crate::pool::lines::BadLine;
 
 /// Loads a model that a line has named.
 pub(super) fn load(job: &ServiceJob, name: &str) -> Outcome<Model> {
@@ -37,7 +38,7 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
             Ok(model) => {
                 let counts = self.go_on_with(&model)?;
                 self.position.model = Some(name.to_owned());
-                lines::exchanged(&mut out, number, offset, (name, model.hash()), counts);
+                answers::exchanged(&mut out, number, offset, (name, model.hash()), counts);
             }
             Err(error) => {
                 let bad = BadLine { offset: offset.cloned(), ..BadLine::new(error.to_string()) };

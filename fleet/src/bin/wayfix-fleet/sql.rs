@@ -1,23 +1,26 @@
-//! The subcommand `sql`.
+//! The command `sql`.
 
+use std::io::{self, Write};
 use std::path::PathBuf;
 use std::thread;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use clap::Args;
+use indicatif::ProgressBar;
+use wayfix_fleet::sql::{Query, QueryState, QuerySummary, Source, query};
+use wayfix_fleet::{FleetError, Pack};
 
-use super::progress::Shown;
-use super::{Query, QuerySummary, Source, query};
-use crate::error::{FleetError, Outcome};
-use crate::properties::Pack;
+use crate::bar::{bar, show_rows};
 
 /// Tasks of a query on a cluster: few are long, and many need time to be handed out.
 const TASKS: usize = 16;
 
-/// Options of the subcommand `sql`.
-#[derive(Debug, Clone, Args)]
+const SECOND: Duration = Duration::from_secs(1);
+
+/// Rows of a query over tables.
+#[derive(Debug, Args)]
 #[expect(clippy::struct_excessive_bools, reason = "flags of a command")]
-pub struct Command {
+pub(crate) struct Sql {
     /// Table and its file, Parquet or CSV; may be given several times.
     #[arg(long = "table", value_name = "NAME=PATH", required = true)]
     tables: Vec<String>,
@@ -66,21 +69,17 @@ pub struct Command {
     quiet: bool,
 }
 
-impl Command {
-    /// Runs the query, and returns a line that says what was done.
-    ///
-    /// # Errors
-    ///
-    /// [`FleetError`] if an option is not valid, or as for [`query`].
-    pub fn run(&self) -> Outcome<String> {
+impl Sql {
+    pub(crate) fn run(&self) -> Result<String, FleetError> {
         let query_of = self.query()?;
-        let mut shown = match (self.quiet, self.lines) {
-            (true, _) => Shown::Nothing,
-            (_, true) => Shown::Lines(Instant::now()),
-            _ => Shown::bar(),
-        };
-        let done = query(&query_of, |state| shown.show(state));
-        shown.end();
+        let bar = bar(self.quiet || self.lines);
+        let mut last = Instant::now();
+        let done = query(&query_of, |state| match state {
+            _ if self.quiet => {}
+            _ if self.lines => show_line(state, &mut last),
+            state => show(&bar, state),
+        });
+        bar.finish_and_clear();
         let QuerySummary { rows, parts, resumed, finished } = done?;
         let mut text = format!("{rows} rows");
         if finished {
@@ -91,7 +90,7 @@ impl Command {
         Ok(text)
     }
 
-    fn query(&self) -> Outcome<Query> {
+    fn query(&self) -> Result<Query, FleetError> {
         let wrong = |message: String| Err(FleetError::Settings(message));
         let mut tables: Vec<Source> = Vec::with_capacity(self.tables.len());
         for table in &self.tables {
@@ -135,4 +134,38 @@ impl Command {
             restart: self.restart,
         })
     }
+}
+
+fn show(bar: &ProgressBar, state: &QueryState) {
+    match state {
+        QueryState::Whole(reason) => bar.suspend(|| say(&whole(reason))),
+        QueryState::Rows { done, all, made } => {
+            show_rows(bar, *done, *all, format!("{made} rows made"));
+        }
+    }
+}
+
+/// Says how far the query is: a line for each part, or each second without parts.
+fn show_line(state: &QueryState, last: &mut Instant) {
+    match state {
+        QueryState::Whole(reason) => say(&whole(reason)),
+        QueryState::Rows { done, all: Some(all), made } => {
+            say(&format!("{done} of {all} rows, {made} rows made"));
+        }
+        QueryState::Rows { made, .. } => {
+            if last.elapsed() >= SECOND {
+                say(&format!("{made} rows made"));
+                *last = Instant::now();
+            }
+        }
+    }
+}
+
+fn whole(reason: &str) -> String {
+    format!("an interruption starts this query over: {reason}")
+}
+
+fn say(line: &str) {
+    // Standard error may be closed.
+    _ = writeln!(io::stderr(), "{line}");
 }
