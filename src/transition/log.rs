@@ -1,7 +1,7 @@
 //! Products in logarithms, for numbers beyond the range of a double.
 
 use super::buffers;
-use crate::kernels::log2;
+use crate::kernels::{exp_in_place, log2};
 use crate::limits::LIFT;
 
 /// Largest entry of a step with evidence that is taken in linear space.
@@ -11,26 +11,65 @@ pub(super) const LARGEST: f64 = 1e300;
 /// a normal double.
 const BAND: f64 = 600.0;
 
+/// Largest logarithm of a double, and so of an entry.
+const HIGHEST: f64 = 709.8;
+
+/// Beside a sum, a number this much smaller, in nats, is below half of its last digit.
+const DIGITS: f64 = 40.0;
+
 /// Computes a product in logarithms by a linear one for each band of numbers of similar size.
-pub(crate) fn by_bands(x: &[f64], out: &mut [f64], mut product: impl FnMut(&[f64], &mut [f64])) {
-    let lift = LIFT.ln();
+pub(crate) fn by_bands(x: &[f64], out: &mut [f64], product: impl FnMut(&[f64], &mut [f64])) {
+    bands(x, out, (usize::MAX, HIGHEST), product);
+}
+
+/// Computes a product in logarithms for a stored matrix, whose entries are at most near 1: by a few
+/// bands, and the sums of lines that need more by themselves.
+pub(super) fn by_lines<I: Iterator<Item = (usize, f64)> + Clone>(
+    x: &[f64],
+    out: &mut [f64],
+    product: impl FnMut(&[f64], &mut [f64]),
+    line: impl Fn(usize) -> I,
+) {
+    let rest = bands(x, out, (3, 1.0), product);
+    for (i, out) in out.iter_mut().enumerate().filter(|(_, out)| **out < rest) {
+        *out = sum(line(i), x);
+    }
+}
+
+/// Adds up products of so many bands at most, with entries up to a logarithm. Returns the logarithm
+/// beside which all that is left does not matter, −∞ if nothing is.
+fn bands(
+    x: &[f64],
+    out: &mut [f64],
+    (most, highest): (usize, f64),
+    mut product: impl FnMut(&[f64], &mut [f64]),
+) -> f64 {
     out.fill(f64::NEG_INFINITY);
+    let around = highest + (x.len() as f64).ln() + DIGITS;
     buffers::with_two(x.len(), |band, sums| {
         let mut top = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        while top.is_finite() {
+        for _ in 0..most {
+            if !top.is_finite() {
+                break;
+            }
             let mut next = f64::NEG_INFINITY;
             for (out, &log) in band.iter_mut().zip(x) {
-                // Beyond 1e19, neighbouring doubles are farther apart than a band.
-                let inside = log == top || (log < top && log > top - BAND);
-                *out = if inside { (log - top + lift).exp() } else { 0.0 };
-                if log < top && !inside {
+                // Beyond 1e19, neighbouring doubles are farther apart than a band. A NaN is in all.
+                let below = log < top && log <= top - BAND;
+                *out = if below || log > top { f64::NEG_INFINITY } else { log - top };
+                if below {
                     next = next.max(log);
                 }
             }
+            exp_in_place(band);
+            band.iter_mut().for_each(|x| *x *= LIFT);
             product(band, sums);
             let too_large = sums.contains(&f64::INFINITY);
             for (out, sum) in out.iter_mut().zip(&*sums).filter(|out| *out.1 != f64::INFINITY) {
-                *out = add(*out, sum.ln() - lift + top);
+                // The logarithm of a sum near 1 has more digits than that of the lifted one.
+                let low = *sum / LIFT;
+                let log = if low >= f64::MIN_POSITIVE { low.ln() } else { sum.ln() - LIFT.ln() };
+                *out = add(*out, log + top);
             }
             if too_large {
                 // Evidence on moves may have entries far above 1: sums that overflow are computed
@@ -42,9 +81,14 @@ pub(crate) fn by_bands(x: &[f64], out: &mut [f64], mut product: impl FnMut(&[f64
                 let outs = out.iter_mut().zip(&*sums).zip(large).filter(|out| out.1);
                 outs.for_each(|((out, sum), _)| *out = add(*out, sum.ln() + above));
             }
+            // A NaN settles nothing, and nothing settles it.
+            if out.iter().all(|out| *out >= next + around) {
+                return f64::NEG_INFINITY;
+            }
             top = next;
         }
-    });
+        top + around
+    })
 }
 
 /// ln Σ of value · exp(x\[index\]) over entries (index, value).

@@ -55,12 +55,12 @@ impl MoveCounts {
         counts
     }
 
-    /// Counts of the moves of all entries of a matrix, by its columns: each entry, times its part of
-    /// the sum, by its place among all that are stored.
+    /// Counts of the moves of all entries of a matrix, by its columns. The weight of each is that of
+    /// its place among all that are stored, and its value.
     pub(crate) fn of_entries(
         columns: Lines<'_>,
         states: usize,
-        sum: impl Fn(usize) -> f64,
+        weight: impl Fn(usize, f64) -> f64,
     ) -> Self {
         let mut moves = Self::default();
         match columns {
@@ -70,7 +70,7 @@ impl MoveCounts {
                 moves.add(entries.map(|(from, at)| Move {
                     from,
                     to: indices[at] as usize,
-                    weight: values[at] * sum(at),
+                    weight: weight(at, values[at]),
                 }));
             }
             Lines::Dense { values } | Lines::DenseTransposed { values } => {
@@ -81,7 +81,7 @@ impl MoveCounts {
                 moves.add(entries.map(|(at, p)| Move {
                     from: at / stride,
                     to: at % stride,
-                    weight: p * sum(at),
+                    weight: weight(at, *p),
                 }));
             }
         }

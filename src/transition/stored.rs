@@ -34,11 +34,19 @@ impl<'a> Stored<'a> {
         }
     }
 
-    /// Rows and columns, if values have 64 bits and all above 0 are at least 2^-100.
-    pub(crate) fn plain_lines(self) -> Option<(Lines<'a>, Lines<'a>)> {
+    /// True if all values above 0 are at least 2^-100.
+    pub(crate) fn is_plain(self) -> bool {
         match self.0 {
-            Form::Sparse(matrix) => matrix.lines().filter(|_| matrix.plain),
-            Form::Dense(matrix) => matrix.plain.then(|| matrix.lines()),
+            Form::Sparse(matrix) => matrix.plain,
+            Form::Dense(matrix) => matrix.plain,
+        }
+    }
+
+    /// Rows and columns, if values have 64 bits.
+    pub(crate) fn lines(self) -> Option<(Lines<'a>, Lines<'a>)> {
+        match self.0 {
+            Form::Sparse(matrix) => matrix.lines(),
+            Form::Dense(matrix) => Some(matrix.lines()),
         }
     }
 }
@@ -93,15 +101,12 @@ impl Transition for SparseTransition {
     }
 
     fn apply_log(&self, (): &(), x: &[f64], out: &mut [f64]) {
-        for (i, out) in out.iter_mut().enumerate() {
-            *out = log::sum(self.rows.line(i), x);
-        }
+        log::by_lines(x, out, |x, out| self.sliced_rows.multiply(x, out), |i| self.rows.line(i));
     }
 
     fn apply_transpose_log(&self, (): &(), x: &[f64], out: &mut [f64]) {
-        for (j, out) in out.iter_mut().enumerate() {
-            *out = log::sum(self.columns.line(j), x);
-        }
+        let product = |x: &[f64], out: &mut [f64]| self.sliced_columns.multiply(x, out);
+        log::by_lines(x, out, product, |j| self.columns.line(j));
     }
 }
 
@@ -145,15 +150,14 @@ impl Transition for DenseTransition {
     }
 
     fn apply_log(&self, (): &(), x: &[f64], out: &mut [f64]) {
-        for (i, out) in out.iter_mut().enumerate() {
-            *out = log::sum(self.row(i), x);
-        }
+        check_slices(self.states(), x, out);
+        log::by_lines(x, out, |x, out| self.matrix.multiply(x, out), |i| self.row(i));
     }
 
     fn apply_transpose_log(&self, (): &(), x: &[f64], out: &mut [f64]) {
-        for (j, out) in out.iter_mut().enumerate() {
-            *out = log::sum(self.column(j), x);
-        }
+        check_slices(self.states(), x, out);
+        let product = |x: &[f64], out: &mut [f64]| self.matrix.multiply_transpose(x, out);
+        log::by_lines(x, out, product, |j| self.column(j));
     }
 }
 

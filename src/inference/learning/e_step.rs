@@ -213,10 +213,13 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             // returns the error instead of the sums.
             if let (Some(pairs), Ok(())) = (step.pairs(), &result) {
                 match &mut entries {
-                    Some(entries) if !pairs.in_logs => {
+                    Some(entries) if pairs.in_logs => {
+                        entries.add_logs(pairs.alpha, pairs.ratio, pairs.scale);
+                    }
+                    Some(entries) => {
                         entries.add(pairs.alpha.linear, pairs.ratio, pairs.scale);
                     }
-                    _ => result = pairs.count_to(&mut expected.moves, number),
+                    None => result = pairs.count_to(&mut expected.moves, number),
                 }
             }
         });

@@ -1,24 +1,29 @@
 //! Expected moves of a sequence by itself, through a stored matrix.
 //!
 //! ξ_k(j, i) = α_{k-1}(j) A\[i, j\] γ_k(i) / p_k(i) (section 9 of the
-//! [formulas](crate::guide::formulas)), so that the sum over k is A\[i, j\] times a sum of products of
-//! two numbers, as in lanes: nothing is looked up or compared for each move of each step.
+//! [formulas](crate::guide::formulas)), added to the place of the entry, so that nothing is looked up
+//! or compared for each move of each step.
+
+use std::ops::Range;
 
 use crate::hmm::Hmm;
-use crate::kernels::Lines;
+use crate::inference::step::in_logs::BeliefRef;
+use crate::kernels::{Lines, exp_in_place};
 use crate::likelihood::LearnLikelihood;
 use crate::transition::{LearnTransition, MoveCounts};
 
-/// Sums over steps of α_{k-1}(j) γ_k(i) / p_k(i), for each entry of a matrix.
+/// Sums of ξ over steps, for each entry of a matrix.
 pub(super) struct EntrySums<'m> {
     columns: Lines<'m>,
     states: usize,
     sums: Vec<f64>,
+    /// Logarithms of all entries, once a step is in logarithms.
+    logs: Vec<f64>,
+    powers: Vec<f64>,
 }
 
 impl<'m> EntrySums<'m> {
-    /// `None` if moves are not counted, or not by the entries of a stored matrix. Its entries are at
-    /// least 2^-100, so that products without them stay in the range of `f64`.
+    /// `None` if moves are not counted, or not by the entries of a stored matrix.
     pub(super) fn new<A: LearnTransition, B: LearnLikelihood>(
         hmm: &'m Hmm<A, B>,
         statistics: &mut A::Statistics,
@@ -29,52 +34,93 @@ impl<'m> EntrySums<'m> {
         if transition.evidence(control).is_some() {
             return None;
         }
-        let (_, columns) = transition.stored(control)?.plain_lines()?;
-        Some(Self { columns, states, sums: vec![0.0; columns.values().len()] })
+        let (_, columns) = transition.stored(control)?.lines()?;
+        let sums = vec![0.0; columns.values().len()];
+        Some(Self { columns, states, sums, logs: Vec::new(), powers: Vec::new() })
+    }
+
+    /// Entries of the column of a state, by their places.
+    fn column(&self, from: usize) -> Range<usize> {
+        match self.columns {
+            Lines::Sparse { starts, .. } => starts[from] as usize..starts[from + 1] as usize,
+            Lines::Dense { values } | Lines::DenseTransposed { values } => {
+                let begin = from * (values.len() / self.states);
+                begin..begin + self.states
+            }
+        }
     }
 
     /// Adds a step: α before it, and the ratios γ / p times a scale.
     pub(super) fn add(&mut self, alpha: &[f64], ratio: &[f64], scale: f64) {
-        let stride = self.sums.len() / self.states;
         for (from, alpha) in alpha.iter().enumerate() {
             // The ratio of a state that is not predicted may be NaN: nothing possible leads there.
             if *alpha == 0.0 {
                 continue;
             }
+            let column = self.column(from);
+            let (sums, values) = (&mut self.sums[column.clone()], self.columns.values());
+            let sums = sums.iter_mut().zip(&values[column.clone()]);
+            // A small belief with a large ratio: the entry times the ratio comes first, and the
+            // common scale last.
             match self.columns {
-                Lines::Sparse { starts, indices, .. } => {
-                    let column = starts[from] as usize..starts[from + 1] as usize;
-                    let sums = &mut self.sums[column.clone()];
-                    for (sum, to) in sums.iter_mut().zip(&indices[column]) {
-                        *sum += alpha * ratio[*to as usize] * scale;
+                Lines::Sparse { indices, .. } => {
+                    for ((sum, p), to) in sums.zip(&indices[column]) {
+                        *sum += alpha * (p * ratio[*to as usize]) * scale;
                     }
                 }
                 Lines::Dense { .. } | Lines::DenseTransposed { .. } => {
-                    let sums = &mut self.sums[from * stride..][..self.states];
-                    for (sum, ratio) in sums.iter_mut().zip(ratio) {
-                        *sum += alpha * ratio * scale;
+                    for ((sum, p), ratio) in sums.zip(ratio) {
+                        *sum += alpha * (p * ratio) * scale;
                     }
                 }
             }
         }
     }
 
+    /// Adds a step whose ratios are in logarithms.
+    pub(super) fn add_logs(&mut self, alpha: BeliefRef<'_>, ratio: &[f64], scale: f64) {
+        if self.logs.is_empty() {
+            self.logs.extend(self.columns.values().iter().map(|p| p.ln()));
+        }
+        for from in 0..self.states {
+            let log = alpha.log(from);
+            if log == f64::NEG_INFINITY {
+                continue;
+            }
+            let column = self.column(from);
+            let logs = self.logs[column.clone()].iter();
+            // Of a probability, but for its rounding.
+            let power = |(p, ratio): (&f64, &f64)| (log + (p + ratio)).min(0.0);
+            self.powers.clear();
+            match self.columns {
+                Lines::Sparse { indices, .. } => {
+                    let indices = indices[column.clone()].iter();
+                    self.powers.extend(logs.zip(indices.map(|&to| &ratio[to as usize])).map(power));
+                }
+                Lines::Dense { .. } | Lines::DenseTransposed { .. } => {
+                    self.powers.extend(logs.zip(ratio).map(power));
+                }
+            }
+            exp_in_place(&mut self.powers);
+            let sums = self.sums[column].iter_mut();
+            sums.zip(&self.powers).for_each(|(sum, power)| *sum += power * scale);
+        }
+    }
+
     /// Writes p = A α.
     pub(super) fn predict(&self, alpha: &[f64], out: &mut [f64]) {
         out.fill(0.0);
-        let stride = self.sums.len() / self.states;
         for (from, alpha) in alpha.iter().enumerate() {
+            let column = self.column(from);
+            let values = &self.columns.values()[column.clone()];
             match self.columns {
-                Lines::Sparse { starts, indices, values } => {
-                    let column = starts[from] as usize..starts[from + 1] as usize;
-                    for (to, p) in indices[column.clone()].iter().zip(&values[column]) {
+                Lines::Sparse { indices, .. } => {
+                    for (to, p) in indices[column].iter().zip(values) {
                         out[*to as usize] += alpha * p;
                     }
                 }
-                Lines::Dense { values } | Lines::DenseTransposed { values } => {
-                    for (sum, p) in out.iter_mut().zip(&values[from * stride..]) {
-                        *sum += alpha * p;
-                    }
+                Lines::Dense { .. } | Lines::DenseTransposed { .. } => {
+                    out.iter_mut().zip(values).for_each(|(sum, p)| *sum += alpha * p);
                 }
             }
         }
@@ -88,7 +134,7 @@ impl<'m> EntrySums<'m> {
     ) {
         let control = hmm.transition().no_control();
         if let Some(counts) = control.and_then(|u| hmm.transition().counts(statistics, u)) {
-            counts.merge(&MoveCounts::of_entries(self.columns, self.states, |at| self.sums[at]));
+            counts.merge(&MoveCounts::of_entries(self.columns, self.states, |at, _| self.sums[at]));
         }
     }
 }

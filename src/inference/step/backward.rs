@@ -29,7 +29,7 @@ use crate::transition::Transition;
 /// Memory for backward steps, and what the last one left besides γ_{k-1}.
 #[derive(Debug, Clone)]
 pub(crate) struct Backward {
-    /// γ_k / p_k times `ratio_scale`, or its logarithm.
+    /// γ_k / p_k over `ratio_scale`, or its logarithm.
     pub(crate) ratio: Aligned,
     pub(crate) ratio_scale: f64,
     /// True if `ratio` is in logarithms.
@@ -224,7 +224,10 @@ impl Backward {
             *log += back;
         }
         match normalize_logs(values, out) {
-            Some(log) if log.abs() <= limits::log_rounding(size) => Ok(()),
+            Some(log) if log.abs() <= limits::log_rounding(size) => {
+                self.ratio_scale = (-log).exp();
+                Ok(())
+            }
             sum => {
                 let sum = sum.map_or(0.0, f64::exp);
                 Err(InferenceError::PredictedSum { step: step.number, sum })

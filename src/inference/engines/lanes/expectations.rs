@@ -74,7 +74,7 @@ impl<A: LearnTransition, B: LearnLikelihood> LaneModel<'_, A, B> {
             counts[at].iter().zip(valid).filter(|c| c.1).map(|c| c.0 / BACK_LIFT).sum()
         };
         let counted = !counts.is_empty();
-        counted.then(|| MoveCounts::of_entries(self.columns, self.states(), sum))
+        counted.then(|| MoveCounts::of_entries(self.columns, self.states(), |at, p| p * sum(at)))
     }
 
     /// Adds observations with their smoothed beliefs to the statistics of the sensor, of each lane

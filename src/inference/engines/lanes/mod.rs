@@ -55,7 +55,8 @@ impl<'m, A: Transition, B: Likelihood> LaneModel<'m, A, B> {
         }
         // No entry is below `LEAST_ENTRY`: with normal beliefs and likelihoods of at least `TINY`,
         // no product then becomes 0 unseen.
-        let (rows, columns) = hmm.transition().stored(control)?.plain_lines()?;
+        let (rows, columns) =
+            hmm.transition().stored(control).filter(|matrix| matrix.is_plain())?.lines()?;
         // A prior that is not normal could make a lifted product 0 unseen.
         let prior = hmm.prior().belief().as_slice();
         if prior.iter().any(|p| 0.0 < *p && *p < f64::MIN_POSITIVE) {
