@@ -119,11 +119,18 @@ pub(super) fn exchanged(
 struct Named<'a> {
     client: &'a str,
     offset: Option<&'a VehicleId>,
+    saved: Option<&'a VehicleId>,
 }
 
-/// Writes the answer to a client that has named itself: the last offset that has come from it.
-pub(super) fn named(out: &mut Vec<u8>, client: &str, offset: Option<&VehicleId>) {
-    write(out, &Named { client, offset });
+/// Writes the answer to a client that has named itself: the last offset that has come from it, and
+/// the last one that a snapshot has.
+pub(super) fn named(
+    out: &mut Vec<u8>,
+    client: &str,
+    offset: Option<&VehicleId>,
+    saved: Option<&VehicleId>,
+) {
+    write(out, &Named { client, offset, saved });
 }
 
 fn write(out: &mut Vec<u8>, line: &impl Serialize) {

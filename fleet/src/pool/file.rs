@@ -17,7 +17,7 @@
 //! little-endian; checksums are XXH3 of 64 bits.
 
 use std::fs::{self, File};
-use std::io::Write;
+use std::io::{self, Read, Write};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -213,6 +213,24 @@ where
             return Err(damaged(&"a block has more bytes than its vehicles"));
         }
         Ok(u64::from(block.vehicles))
+    }
+}
+
+/// Returns an error if a file is there that is no snapshot, and that one would replace.
+pub(super) fn check_replaced(path: &Path) -> Outcome<()> {
+    let refused = |what| Err(FleetError::format(path, format!("{what}: no snapshot is written there")));
+    match File::open(path) {
+        Ok(file) => {
+            if !file.metadata().map_err(FleetError::file(path))?.is_file() {
+                return refused("is no file");
+            }
+            let mut magic = Vec::new();
+            let read = file.take(MAGIC.len() as u64).read_to_end(&mut magic);
+            read.map_err(FleetError::file(path))?;
+            if magic == MAGIC { Ok(()) } else { refused("is a file of something else") }
+        }
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+        Err(error) => Err(FleetError::file(path)(error)),
     }
 }
 

@@ -214,7 +214,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             if let (Some(pairs), Ok(())) = (step.pairs(), &result) {
                 match &mut entries {
                     Some(entries) if pairs.in_logs => {
-                        entries.add_logs(pairs.alpha, pairs.ratio, pairs.scale);
+                        entries.add_logs(pairs.alpha, pairs.ratio);
                     }
                     Some(entries) => {
                         entries.add(pairs.alpha.linear, pairs.ratio, pairs.scale);

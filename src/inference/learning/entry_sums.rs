@@ -8,7 +8,7 @@ use std::ops::Range;
 
 use crate::hmm::Hmm;
 use crate::inference::step::in_logs::BeliefRef;
-use crate::kernels::{Lines, exp_in_place};
+use crate::kernels::{self, Lines, exp_in_place};
 use crate::likelihood::LearnLikelihood;
 use crate::transition::{LearnTransition, MoveCounts};
 
@@ -17,7 +17,7 @@ pub(super) struct EntrySums<'m> {
     columns: Lines<'m>,
     states: usize,
     sums: Vec<f64>,
-    /// Logarithms of all entries, once a step is in logarithms.
+    /// Logarithms of all entries, once a step is in logarithms, and room for its moves.
     logs: Vec<f64>,
     powers: Vec<f64>,
 }
@@ -77,34 +77,38 @@ impl<'m> EntrySums<'m> {
         }
     }
 
-    /// Adds a step whose ratios are in logarithms.
-    pub(super) fn add_logs(&mut self, alpha: BeliefRef<'_>, ratio: &[f64], scale: f64) {
+    /// Adds a step whose ratios are in logarithms. Its moves are made to sum to one, since the
+    /// logarithms of likely ones may differ by the rounding of log-likelihoods of −1e15.
+    pub(super) fn add_logs(&mut self, alpha: BeliefRef<'_>, ratio: &[f64]) {
         if self.logs.is_empty() {
             self.logs.extend(self.columns.values().iter().map(|p| p.ln()));
+            self.powers.resize(self.logs.len(), 0.0);
         }
+        self.powers.fill(f64::NEG_INFINITY);
         for from in 0..self.states {
             let log = alpha.log(from);
             if log == f64::NEG_INFINITY {
                 continue;
             }
             let column = self.column(from);
-            let logs = self.logs[column.clone()].iter();
-            // Of a probability, but for its rounding.
-            let power = |(p, ratio): (&f64, &f64)| (log + (p + ratio)).min(0.0);
-            self.powers.clear();
+            let powers = self.powers[column.clone()].iter_mut().zip(&self.logs[column.clone()]);
             match self.columns {
                 Lines::Sparse { indices, .. } => {
-                    let indices = indices[column.clone()].iter();
-                    self.powers.extend(logs.zip(indices.map(|&to| &ratio[to as usize])).map(power));
+                    for ((power, p), to) in powers.zip(&indices[column]) {
+                        *power = log + (p + ratio[*to as usize]);
+                    }
                 }
                 Lines::Dense { .. } | Lines::DenseTransposed { .. } => {
-                    self.powers.extend(logs.zip(ratio).map(power));
+                    powers.zip(ratio).for_each(|((power, p), ratio)| *power = log + (p + ratio));
                 }
             }
-            exp_in_place(&mut self.powers);
-            let sums = self.sums[column].iter_mut();
-            sums.zip(&self.powers).for_each(|(sum, power)| *sum += power * scale);
         }
+        let largest = self.powers.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        self.powers.iter_mut().for_each(|power| *power -= largest);
+        exp_in_place(&mut self.powers);
+        let factor = 1.0 / kernels::sum(&self.powers);
+        let sums = self.sums.iter_mut().zip(&self.powers);
+        sums.for_each(|(sum, power)| *sum += power * factor);
     }
 
     /// Writes p = A α.

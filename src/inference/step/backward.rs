@@ -224,10 +224,7 @@ impl Backward {
             *log += back;
         }
         match normalize_logs(values, out) {
-            Some(log) if log.abs() <= limits::log_rounding(size) => {
-                self.ratio_scale = (-log).exp();
-                Ok(())
-            }
+            Some(log) if log.abs() <= limits::log_rounding(size) => Ok(()),
             sum => {
                 let sum = sum.map_or(0.0, f64::exp);
                 Err(InferenceError::PredictedSum { step: step.number, sum })

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use super::input::{Lines, STANDARD, Source};
 use super::listen::Peer;
-use super::position::Position;
+use super::position::{Position, Tail};
 use crate::pool::VehicleId;
 
 /// Time that connections have to take their last answers.
@@ -98,6 +98,11 @@ impl Connections {
             batch.bytes += input.lines.add(chunk, &mut batch.text);
             batch.pieces.push((batch.text.len(), source));
         }
+    }
+
+    /// The last bytes of the whole lines of standard input or a file.
+    pub(super) fn tail(&self) -> Option<Tail> {
+        self.open.get(&STANDARD).map(|input| input.lines.tail())
     }
 
     /// Adds the last line of an input. Returns the number of bytes after it, of a line that was cut

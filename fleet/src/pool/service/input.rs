@@ -7,6 +7,7 @@ use std::thread;
 use serde::de::IgnoredAny;
 
 use super::listen::Peer;
+use super::position::{TAIL, Tail};
 
 /// Bytes that are read at once.
 const CHUNK: usize = 1 << 16;
@@ -69,6 +70,14 @@ pub(super) struct Lines {
     /// Bytes of that line, also those that were dropped.
     length: u64,
     longest: usize,
+    /// The last bytes that came, and those of whole lines among them.
+    recent: Vec<u8>,
+    whole: Vec<u8>,
+}
+
+/// Drops all but the last bytes.
+fn keep_last(bytes: &mut Vec<u8>) {
+    bytes.drain(..bytes.len().saturating_sub(TAIL));
 }
 
 /// Stands before the begin of a line that is too long to be kept: no line of JSON begins so.
@@ -79,7 +88,8 @@ const KEPT: usize = 128;
 impl Lines {
     /// Lines of about so many bytes at most.
     pub(super) fn new(longest: usize) -> Self {
-        Self { waiting: Vec::new(), length: 0, longest }
+        let (waiting, recent, whole) = (Vec::new(), Vec::new(), Vec::new());
+        Self { waiting, length: 0, longest, recent, whole }
     }
 
     fn is_too_long(&self) -> bool {
@@ -93,6 +103,9 @@ impl Lines {
         let (mut lines, rest) = chunk.split_at(end);
         let mut whole = 0;
         if !lines.is_empty() {
+            self.recent.extend(lines);
+            keep_last(&mut self.recent);
+            self.whole.clone_from(&self.recent);
             whole = self.length + end as u64;
             if self.is_too_long() {
                 batch.extend(TOO_LONG);
@@ -103,6 +116,8 @@ impl Lines {
             batch.extend(lines);
             self.length = 0;
         }
+        self.recent.extend(rest);
+        keep_last(&mut self.recent);
         if !self.is_too_long() {
             self.waiting.extend(rest);
         }
@@ -122,7 +137,13 @@ impl Lines {
         }
         batch.append(&mut self.waiting);
         batch.push(b'\n');
+        self.whole.clone_from(&self.recent);
         std::mem::take(&mut self.length)
+    }
+
+    /// The last bytes of whole lines.
+    pub(super) fn tail(&self) -> Tail {
+        Tail::of(&self.whole)
     }
 
     /// Bytes of a line whose end has not come.

@@ -2,10 +2,11 @@
 
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
-use std::io::{self, Read, Seek, SeekFrom};
+use std::io::{self, Cursor, Read, Seek, SeekFrom};
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
+use twox_hash::XxHash3_64;
 
 use crate::error::{FleetError, Outcome};
 use crate::pool::VehicleId;
@@ -23,6 +24,13 @@ pub struct Position {
     pub lines: u64,
     /// Number of bytes of these lines.
     pub bytes: u64,
+    /// The last of these bytes, which another input has not at this place. Not those of
+    /// connections.
+    #[serde(default)]
+    pub(super) tail: Tail,
+    /// True if the last line had no end yet.
+    #[serde(default)]
+    pub(super) is_open: bool,
     /// The last `offset` that a line had; those of connections are the clients'.
     pub offset: Option<VehicleId>,
     /// The last offset of each client with a name.
@@ -66,35 +74,90 @@ impl Position {
     }
 }
 
-/// Opens an input, at a byte.
-pub(super) fn open_input(path: &Path, bytes: u64) -> Outcome<File> {
-    let wrong = FleetError::file(path);
-    let mut file = File::open(path).map_err(&wrong)?;
-    if bytes > 0 {
+/// Bytes at the end of lines that tell an input from another one.
+pub(super) const TAIL: usize = 1 << 12;
+
+/// Length and hash (XXH3) of the last bytes of lines.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub(super) struct Tail {
+    length: usize,
+    hash: u64,
+}
+
+impl Tail {
+    pub(super) fn of(bytes: &[u8]) -> Self {
+        let last = &bytes[bytes.len().saturating_sub(TAIL)..];
+        Self { length: last.len(), hash: XxHash3_64::oneshot(last) }
+    }
+}
+
+impl Position {
+    /// Opens an input, at the position.
+    pub(super) fn open_input(&self, path: &Path) -> Outcome<File> {
+        let wrong = FleetError::file(path);
+        let mut file = File::open(path).map_err(&wrong)?;
         let length = file.metadata().map_err(&wrong)?.len();
-        if length < bytes {
+        // A pipe has no length, and only a first run reads one.
+        if self.bytes > 0 && length >= self.bytes {
+            let begin = self.bytes - self.tail.length as u64;
+            file.seek(SeekFrom::Start(begin)).map_err(&wrong)?;
+            self.check(&mut file, path)?;
+        } else if self.bytes > 0 {
+            return Err(self.other(path, length));
+        }
+        Ok(file)
+    }
+
+    /// Skips the first bytes of an input that comes again.
+    pub(super) fn skip(&self, input: &mut impl Read, path: &Path) -> Outcome<()> {
+        let before = self.bytes - self.tail.length as u64;
+        let skipped = io::copy(&mut input.take(before), &mut io::sink());
+        let skipped = skipped.map_err(FleetError::file(path))?;
+        if skipped < before {
+            return Err(self.other(path, skipped));
+        }
+        self.check(input, path)
+    }
+
+    /// Reads up to the position, and compares the last bytes before it.
+    fn check(&self, input: &mut impl Read, path: &Path) -> Outcome<()> {
+        let mut bytes = Vec::new();
+        let length = self.tail.length as u64;
+        input.take(length).read_to_end(&mut bytes).map_err(FleetError::file(path))?;
+        if (bytes.len() as u64) < length {
+            return Err(self.other(path, self.bytes - length + bytes.len() as u64));
+        }
+        if length > 0 && Tail::of(&bytes) != self.tail {
             let message = format!(
-                "has {length} bytes, but the snapshot is of the first {bytes}: it is another input"
+                "byte {} and those before are others than the snapshot has: it is another input",
+                self.bytes
             );
             return Err(FleetError::format(path, message));
         }
-        file.seek(SeekFrom::Start(bytes)).map_err(&wrong)?;
+        Ok(())
     }
-    Ok(file)
-}
 
-/// Skips the first bytes of an input that comes again.
-pub(super) fn skip(input: &mut impl Read, bytes: u64) -> Outcome<()> {
-    let path = Path::new("standard input");
-    let skipped = io::copy(&mut input.take(bytes), &mut io::sink());
-    let skipped = skipped.map_err(FleetError::file(path))?;
-    if skipped < bytes {
+    fn other(&self, path: &Path, length: u64) -> FleetError {
         let message = format!(
-            "has {skipped} bytes, but the snapshot is of the first {bytes}: it is another input"
+            "has {length} bytes, but the snapshot is of the first {}: it is another input",
+            self.bytes
         );
-        return Err(FleetError::format(path, message));
+        FleetError::format(path, message)
     }
-    Ok(())
+
+    /// Returns what comes after the position. If the last line had no end, it may have come since.
+    pub(super) fn rest<R: Read>(&mut self, mut input: R) -> io::Result<impl Read + use<R>> {
+        let mut first = Vec::new();
+        if self.is_open {
+            input.by_ref().take(1).read_to_end(&mut first)?;
+            if first == b"\n" {
+                first.clear();
+                self.bytes += 1;
+                self.is_open = false;
+            }
+        }
+        Ok(Cursor::new(first).chain(input))
+    }
 }
 
 /// Opens an output, and cuts off what follows the answers of the snapshot. The file is locked as long

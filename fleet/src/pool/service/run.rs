@@ -5,6 +5,7 @@ mod begin;
 mod models;
 mod snapshots;
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{Read, Write};
 use std::path::Path;
@@ -27,7 +28,7 @@ use wayfix::Likelihood;
 
 use crate::error::{FleetError, Outcome};
 use crate::pool::latest::Latest;
-use crate::pool::{LiveSummary, Writing};
+use crate::pool::{LiveSummary, VehicleId, Writing};
 
 /// Bytes of lines that are worked on together.
 const TOGETHER: usize = 1 << 20;
@@ -51,7 +52,7 @@ pub fn serve(
     mut output: impl Write,
     report: impl FnMut(&Notice),
 ) -> Outcome<LiveSummary> {
-    let Begin { vehicles, position, file, listener, events, queue } = begin(job, input)?;
+    let Begin { vehicles, position, file, locked, listener, events, queue } = begin(job, input)?;
     control.attach(events);
     let mut run = Run {
         job,
@@ -59,6 +60,8 @@ pub fn serve(
         connections: Connections::new((1 << 20) + 64 * vehicles.sensor().states()),
         order: job.lateness.map(|lateness| Order::new(lateness, job.timing.agree())),
         first: position.lines,
+        saved: position.clients.clone(),
+        saving: BTreeMap::new(),
         position,
         vehicles,
         errors: 0,
@@ -77,6 +80,7 @@ pub fn serve(
     let done = run.serve(control, &queue);
     run.listener = None;
     run.connections.end_all();
+    drop(locked);
     done
 }
 
@@ -90,6 +94,10 @@ struct Run<'a, W, R> {
     first: u64,
     errors: u64,
     writing: Option<(Writing, Instant)>,
+    /// Last offsets of the clients that the last snapshot has, and that the one has which is being
+    /// written.
+    saved: BTreeMap<String, VehicleId>,
+    saving: BTreeMap<String, VehicleId>,
     /// True if a snapshot is asked for, and not begun.
     asked: bool,
     /// Lines that the last snapshot has, and when it was begun.

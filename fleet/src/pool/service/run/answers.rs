@@ -14,11 +14,14 @@ use crate::pool::lines::BadLine;
 
 /// Lines of a batch that are taken at a time: short ones are larger in memory than as text.
 const PART: usize = 1 << 14;
+/// Lines that are taken after one that asks something of the run. Those behind the next such line
+/// are read again, so that few are taken while one follows another.
+const FEW: usize = 8;
 
 impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
     /// Answers whole lines.
     pub(super) fn take(&mut self, batch: &Batch) -> Outcome<()> {
-        let (mut lines, mut cut) = (batch.lines(), Vec::new());
+        let (mut lines, mut cut, mut most) = (batch.lines(), Vec::new(), PART);
         loop {
             // A client that is cut off sends the rest of its lines again.
             let next = lines.by_ref().filter(|text| !cut.contains(&text.source));
@@ -26,11 +29,16 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
             if part.is_empty() {
                 break;
             }
-            while !part.is_empty() {
-                let (taken, source) = self.work_on(&part)?;
-                part.drain(..taken);
-                if let Some(source) = source {
+            let mut begin = 0;
+            while begin < part.len() {
+                let some = &part[begin..part.len().min(begin + most)];
+                let (taken, asked) = self.work_on(some)?;
+                begin += taken;
+                most = if asked.is_some() { FEW } else { PART.min(2 * most) };
+                if let Some(Some(source)) = asked {
+                    part.drain(..begin);
                     part.retain(|text| text.source != source);
+                    begin = 0;
                     cut.push(source);
                 }
             }
@@ -42,9 +50,9 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
         Ok(())
     }
 
-    /// Answers lines up to one that asks something of the run. Returns the number of lines, and an
-    /// input that was cut off.
-    fn work_on(&mut self, lines: &[Text<'_>]) -> Outcome<(usize, Option<Source>)> {
+    /// Answers lines up to one that asks something of the run. Returns the number of lines, and
+    /// whether one did, with an input that was cut off.
+    fn work_on(&mut self, lines: &[Text<'_>]) -> Outcome<(usize, Option<Option<Source>>)> {
         let Answers { texts, sources, taken, errors, offsets, command } = work(
             &mut *self.vehicles,
             self.job.live.options.threads,
@@ -59,8 +67,7 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
             self.connections.note(source, offset, &mut self.position);
         }
         self.put(&texts, &sources)?;
-        let cut = command.map(|command| self.obey(command)).transpose()?.flatten();
-        Ok((taken, cut))
+        Ok((taken, command.map(|command| self.obey(command)).transpose()?))
     }
 
     /// Does what a line asks of the run. Returns an input that was cut off.
@@ -74,7 +81,8 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
                 match self.connections.name(source, &name, &self.position) {
                     Ok(cut) => {
                         let mut out = Vec::new();
-                        answers::named(&mut out, &name, self.position.clients.get(&name));
+                        let (last, saved) = (&self.position.clients, &self.saved);
+                        answers::named(&mut out, &name, last.get(&name), saved.get(&name));
                         self.put(&[out], &[source])?;
                         Ok(cut)
                     }

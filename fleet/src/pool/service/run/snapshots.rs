@@ -51,6 +51,7 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
             None => Ok(()),
         };
         let note = self.note();
+        self.saving.clone_from(&self.position.clients);
         self.last = (self.position.lines, Instant::now());
         let writing = self.vehicles.begin_snapshot(path, &note, Box::new(before))?;
         self.writing = Some((writing, Instant::now()));
@@ -61,6 +62,10 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
         let Some((writing, start)) = self.writing.take() else { return };
         let written = writing.wait();
         self.tell(start, written.as_ref().ok().copied());
+        let saving = std::mem::take(&mut self.saving);
+        if written.is_ok() {
+            self.saved = saving;
+        }
         if let Err(error) = written {
             // The next one is to have what this one has not.
             self.last.0 = u64::MAX;
