@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use numpy::PyReadonlyArray2;
+use numpy::{PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 
 use crate::signals::Signals;
@@ -18,6 +18,11 @@ pub(super) struct Queries<'py> {
 impl<'py> Queries<'py> {
     pub(super) fn new(values: &Bound<'py, PyAny>, negated: bool) -> PyResult<Self> {
         Ok(Self { array: float_rows(values, "queries")?, negated })
+    }
+
+    /// Returns the array as Python gave it.
+    pub(super) fn array(&self) -> Py<PyArray2<f32>> {
+        (*self.array).clone().unbind()
     }
 
     pub(super) fn rows(&self) -> PyResult<Rows<'_, f32>> {

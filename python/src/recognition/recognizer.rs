@@ -221,12 +221,12 @@ impl PyRecognizer {
     ///     Distance driven before each query, in references; NaN where there is no reading.
     #[pyo3(signature = (queries, odometry=None))]
     fn recording(
-        &self,
-        py: Python<'_>,
+        this: &Bound<'_, Self>,
         queries: &Bound<'_, PyAny>,
         odometry: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<PyRecording> {
-        let queries = Queries::new(queries, self.negated())?;
+        let (py, of) = (this.py(), this.get());
+        let queries = Queries::new(queries, of.negated())?;
         let rows = queries.rows()?;
         let odometry = optional(odometry, "odometry readings", rows.count())?;
         let (values, signals) = (queries.values(&rows), Signals::new());
@@ -234,9 +234,10 @@ impl PyRecognizer {
             let rows = rows.with(&values);
             let watched: Vec<Watched<'_>> =
                 rows.iter().map(|row| Watched { row, signals: &signals }).collect();
-            self.recognizer.recording(&watched, &odometry)
+            of.recognizer.recording(&watched, &odometry)
         });
-        Ok(PyRecording::new(signals.check(made.map_err(invalid))?, self.recognizer.clone()))
+        let made = signals.check(made.map_err(invalid))?;
+        Ok(PyRecording::new(made, this, queries.array(), odometry))
     }
 
     /// Learns from labelled parts of drives: speeds, odometry, rates of leaving the map, the usual
