@@ -13,8 +13,8 @@ use super::trips::{self, Estimator};
 use super::{PyLearnedMatchModel, PyMatchedDrive, PyRoadNetwork, PyVehicle};
 use crate::error::invalid;
 use crate::options::{replaced, to_python};
-use crate::signals::in_background;
 use crate::typed::Size;
+use crate::watch::in_background;
 
 /// Matcher of the positions of vehicles to the roads of a network.
 ///
@@ -163,8 +163,8 @@ impl PyMatcher {
     ) -> PyResult<Bound<'py, PyDict>> {
         let (points, estimator) = (columns.points()?, Estimator::of(estimator, lag)?);
         let matcher = Arc::clone(&self.matcher);
-        let found = in_background(py, move |stop| {
-            trips::match_all(&matcher, &points, &offsets, estimator, skip, stop)
+        let found = in_background(py, move |watch| {
+            trips::match_all(&matcher, &points, &offsets, estimator, skip, watch)
         })?;
         found.into_python(py)
     }

@@ -10,8 +10,8 @@ use wayfix::map::{Cleaning, ImportOptions, ImportReport, MapError, Position, Roa
 
 use super::stored::Stored;
 use crate::error::invalid;
-use crate::signals::in_background;
 use crate::typed::{Size, index};
+use crate::watch::in_background;
 
 /// Directed road network.
 ///

@@ -5,7 +5,6 @@ use std::borrow::Cow;
 use numpy::{PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use crate::signals::Signals;
 use crate::typed::{Rows, float_rows, floats};
 
 /// Queries of a drive: descriptors, distances, or similarities to be negated.
@@ -44,18 +43,4 @@ pub(super) fn query(values: &Bound<'_, PyAny>, negated: bool) -> PyResult<Vec<f3
     let array = floats(values, "the values of a query")?;
     let values = array.as_slice().map_err(crate::error::invalid)?;
     Ok(if negated { values.iter().map(|value| -value).collect() } else { values.to_vec() })
-}
-
-/// A query that is empty once a signal has come: the library then stops with an error, which
-/// nobody sees.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Watched<'a> {
-    pub(super) row: &'a [f32],
-    pub(super) signals: &'a Signals,
-}
-
-impl AsRef<[f32]> for Watched<'_> {
-    fn as_ref(&self) -> &[f32] {
-        if self.signals.pending() { &[] } else { self.row }
-    }
 }

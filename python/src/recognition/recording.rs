@@ -9,8 +9,8 @@ use wayfix::recognition::{PlaceBeliefs, RecognitionError, Recording};
 use super::beliefs::Answers;
 use super::{PyPlaceBeliefs, PyRecognizer};
 use crate::error::invalid;
-use crate::signals::in_background;
 use crate::typed::{Size, index};
+use crate::watch::in_background;
 
 /// Drive compared with the references, made by `Recognizer.recording(queries)`: to be filtered,
 /// smoothed or decoded.
