@@ -13,6 +13,12 @@ use crate::live::{Live, live_methods, live_of, with_live};
 use crate::model::PyHmm;
 
 type Of<A, B> = Filter<Arc<Hmm<A, B>>>;
+type Streams = Live<
+    Of<DenseTransition, LikelihoodVector>,
+    Of<DenseTransition, TableLikelihood>,
+    Of<SparseTransition, LikelihoodVector>,
+    Of<SparseTransition, TableLikelihood>,
+>;
 
 /// Live filter, made by `Hmm.filter()`: what is known of the present state.
 ///
@@ -31,12 +37,7 @@ type Of<A, B> = Filter<Arc<Hmm<A, B>>>;
 #[pyclass(name = "Filter", module = "wayfix")]
 #[derive(Debug)]
 pub(crate) struct PyFilter {
-    live: Live<
-        Of<DenseTransition, LikelihoodVector>,
-        Of<DenseTransition, TableLikelihood>,
-        Of<SparseTransition, LikelihoodVector>,
-        Of<SparseTransition, TableLikelihood>,
-    >,
+    live: Streams,
     hmm: Py<PyHmm>,
 }
 

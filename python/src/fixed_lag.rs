@@ -14,6 +14,12 @@ use crate::model::PyHmm;
 use crate::typed::Size;
 
 type Of<A, B> = FixedLag<Arc<Hmm<A, B>>, ()>;
+type Streams = Live<
+    Of<DenseTransition, LikelihoodVector>,
+    Of<DenseTransition, TableLikelihood>,
+    Of<SparseTransition, LikelihoodVector>,
+    Of<SparseTransition, TableLikelihood>,
+>;
 
 /// Live smoother: after each step, the beliefs of the last steps given all observations so far.
 ///
@@ -40,12 +46,7 @@ type Of<A, B> = FixedLag<Arc<Hmm<A, B>>, ()>;
 #[pyclass(name = "FixedLag", module = "wayfix")]
 #[derive(Debug)]
 pub(crate) struct PyFixedLag {
-    live: Live<
-        Of<DenseTransition, LikelihoodVector>,
-        Of<DenseTransition, TableLikelihood>,
-        Of<SparseTransition, LikelihoodVector>,
-        Of<SparseTransition, TableLikelihood>,
-    >,
+    live: Streams,
     hmm: Py<PyHmm>,
 }
 

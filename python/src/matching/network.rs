@@ -255,6 +255,7 @@ impl PyRoadNetwork {
     }
 
     /// What a pickle keeps: nodes, edges and forbidden turns (JSON), and the report.
+    #[expect(clippy::type_complexity, reason = "what Python expects")]
     fn __reduce__<'py>(
         &self,
         py: Python<'py>,

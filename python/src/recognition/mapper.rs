@@ -113,6 +113,7 @@ impl PyMapper {
     }
 
     /// Raises TypeError rather than what Python says of a class without a stored form.
+    #[expect(clippy::unused_self, reason = "a method of Python's")]
     fn __reduce__(&self) -> PyResult<()> {
         Err(PyTypeError::new_err(
             "a Mapper cannot be pickled: where it is on the map has no stored form; copy it, or \
