@@ -203,7 +203,7 @@ impl PyHmm {
     /// lengths : array of int, optional
     ///     Number of observations of each sequence.
     /// n_jobs : int
-    ///     Number of threads.
+    ///     Number of threads, at most one for each processor.
     /// progress : callable, optional
     ///     Called with the number of sequences that are done, and of all, ten times a second and at
     ///     the end.
