@@ -3,16 +3,24 @@
 import _thread
 import threading
 import time
+from pathlib import Path
 
 import pytest
 
 
+def threads():
+    """Number of threads of this process, of which other tests may have left some, or 0 where nobody tells."""
+    tasks = Path("/proc/self/task")
+    return len(list(tasks.iterdir())) if tasks.is_dir() else 0
+
+
 @pytest.fixture
 def interrupted():
-    """Calls something that takes long, with Ctrl-C after a while; it must end within a second."""
+    """Calls something that takes long, with Ctrl-C after a while; it must raise within a second, and, unless it
+    `goes_on` in the background, end."""
 
-    def call(work):
-        pressed = []
+    def call(work, goes_on=False):
+        pressed, before = [], threads()
 
         def press():
             pressed.append(time.monotonic())
@@ -24,6 +32,10 @@ def interrupted():
             with pytest.raises(KeyboardInterrupt):
                 work()
             assert pressed and time.monotonic() - pressed[0] < 1
+            if not goes_on:
+                timer.join()
+                time.sleep(0.1)
+                assert threads() <= before
         finally:
             timer.cancel()
 
