@@ -218,7 +218,8 @@ where
 
 /// Returns an error if a file is there that is no snapshot, and that one would replace.
 pub(super) fn check_replaced(path: &Path) -> Outcome<()> {
-    let refused = |what| Err(FleetError::format(path, format!("{what}: no snapshot is written there")));
+    let refused =
+        |what| Err(FleetError::format(path, format!("{what}: no snapshot is written there")));
     match File::open(path) {
         Ok(file) => {
             if !file.metadata().map_err(FleetError::file(path))?.is_file() {

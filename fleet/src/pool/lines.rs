@@ -132,7 +132,8 @@ pub(super) fn parse(sensor: &Sensor, line: &[u8]) -> Line {
 fn other(line: &[u8], message: String) -> Line {
     let value: Value = serde_json::from_slice(line).unwrap_or_default();
     let id = |field: &str| VehicleId::deserialize(&value[field]).ok();
-    let (vehicle, offset) = (id("vehicle"), first_offset(line).or_else(|| id("offset")));
+    let offset = first_offset(line).or_else(|| id("offset")).filter(is_short);
+    let vehicle = id("vehicle");
     let name = |field: &str| value[field].as_str().map(str::to_owned);
     let message = match (value["remove"].as_bool(), vehicle, name("model"), name("client")) {
         (Some(true), Some(vehicle), None, None) => return Line::Remove(vehicle, offset),
@@ -150,7 +151,17 @@ fn other(line: &[u8], message: String) -> Line {
 pub(super) fn first_offset(line: &[u8]) -> Option<VehicleId> {
     let value = line.strip_prefix(br#"{"offset":"#)?;
     let mut values = serde_json::Deserializer::from_slice(value).into_iter();
-    values.next()?.ok()
+    values.next()?.ok().filter(is_short)
+}
+
+/// Longest text that is an offset: the last one of each client is kept, and is in snapshots.
+const LONGEST_OFFSET: usize = 256;
+
+fn is_short(offset: &VehicleId) -> bool {
+    match offset {
+        VehicleId::Number(_) => true,
+        VehicleId::Text(text) => text.len() <= LONGEST_OFFSET,
+    }
 }
 
 /// An update, and its offset.
@@ -177,6 +188,9 @@ where
         None => return Err("field `observation`: is null, expected a value".to_owned()),
     };
     let Fields { vehicle, time, restart, offset, .. } = fields;
+    if offset.as_ref().is_some_and(|offset| !is_short(offset)) {
+        return Err(format!("field `offset`: is longer than {LONGEST_OFFSET} bytes"));
+    }
     Ok(Some((Update { vehicle, time, observation: seen, restart }, offset)))
 }
 

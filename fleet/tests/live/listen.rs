@@ -10,7 +10,7 @@ use std::process::{Child, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::channel;
 use std::thread::{self, JoinHandle};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use rand::RngExt;
 use serde_json::{Value, json};
@@ -210,6 +210,57 @@ fn most_memory(child: &Child) -> u64 {
     let status = fs::read_to_string(format!("/proc/{}/status", child.id())).unwrap();
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap();
     line.trim().strip_suffix(" kB").unwrap().parse::<u64>().unwrap() << 10
+}
+
+#[test]
+fn a_client_that_names_itself_again_and_again_costs_others_nothing() {
+    let folder = Folder::new(&model(1));
+    let socket = folder.path("socket");
+    let mut of_run = job(&folder);
+    of_run.listen = Some(at(&socket));
+    let running = Running::begin(of_run);
+    let mut many = Client::new(&socket).unwrap();
+    many.send(&"{\"client\":\"a\"}\n".repeat(16_000)).unwrap();
+    let mut other = Client::new(&socket).unwrap();
+    // All lines after each such line were read again with it, which took minutes.
+    other.0.get_ref().set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+    other.send(&lines_of(1, 1)[0]).unwrap();
+    assert_eq!(other.answer().unwrap()["offset"], 0);
+    drop(many);
+    running.end();
+}
+
+/// A client learns which of its lines a snapshot has: the others it keeps.
+#[test]
+fn a_client_knows_which_of_its_lines_are_saved() {
+    let folder = Folder::new(&model(1));
+    let socket = folder.path("socket");
+    let mut of_run = job(&folder);
+    of_run.listen = Some(at(&socket));
+    of_run.live.snapshot = Some(folder.path("snapshot"));
+    let running = Running::begin(of_run);
+    let mut client = Client::new(&socket).unwrap();
+    assert_eq!(client.name("a").unwrap(), None);
+    let text = lines_of(1, 20);
+    client.send(&text[..10].concat()).unwrap();
+    (0..10).for_each(|_| _ = client.answer().unwrap());
+    let saved = |client: &mut Client| {
+        client.send("{\"client\":\"a\"}\n").unwrap();
+        let answer = client.answer().unwrap();
+        (answer["offset"].as_i64(), answer["saved"].as_i64())
+    };
+    assert_eq!(saved(&mut client), (Some(9), None));
+    running.control.snapshot();
+    let start = Instant::now();
+    while saved(&mut client).1.is_none() {
+        assert!(start.elapsed() < Duration::from_secs(60));
+        thread::sleep(Duration::from_millis(5));
+    }
+    client.send(&text[10..].concat()).unwrap();
+    (0..10).for_each(|_| _ = client.answer().unwrap());
+    assert_eq!(saved(&mut client), (Some(19), Some(9)));
+    drop(client);
+    running.end();
 }
 
 #[cfg(target_os = "linux")]

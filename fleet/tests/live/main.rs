@@ -2,6 +2,7 @@
 
 mod answers;
 mod filters;
+mod guards;
 mod kills;
 #[path = "../it/kit/mod.rs"]
 #[allow(dead_code, reason = "shared with the tests of files")]

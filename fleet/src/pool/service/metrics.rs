@@ -6,7 +6,7 @@ use std::net::{TcpListener, TcpStream};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, AtomicU64, Ordering::Relaxed};
 use std::thread;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use crate::error::{FleetError, Outcome};
 
@@ -16,6 +16,8 @@ const KINDS: [&str; 8] =
 /// Longest request, and how long it may take.
 const REQUEST: usize = 4096;
 const PATIENCE: Duration = Duration::from_secs(2);
+/// Most requests at once.
+const MOST: usize = 64;
 
 /// Figures of a run.
 #[derive(Debug)]
@@ -123,9 +125,20 @@ impl Metrics {
         let local = listener.local_addr().map_err(wrong)?;
         let metrics = Arc::clone(self);
         thread::spawn(move || {
+            let seats = Arc::new(());
             for stream in listener.incoming().flatten() {
-                // Whoever asks may go away.
-                _ = metrics.answer(stream);
+                // Each by itself, so that one that says nothing delays no other. Too many at once
+                // are not answered.
+                if Arc::strong_count(&seats) > MOST {
+                    continue;
+                }
+                let (metrics, seat) = (Arc::clone(&metrics), Arc::clone(&seats));
+                let answer = move || {
+                    let _seat = seat;
+                    // Whoever asks may go away.
+                    _ = metrics.answer(stream);
+                };
+                _ = thread::Builder::new().spawn(answer);
             }
         });
         Ok(local)
@@ -137,7 +150,8 @@ impl Metrics {
         let mut request = Vec::new();
         let mut part = [0; 512];
         let is_whole = |request: &[u8]| request.windows(4).any(|end| end == b"\r\n\r\n");
-        while !is_whole(&request) && request.len() < REQUEST {
+        let start = Instant::now();
+        while !is_whole(&request) && request.len() < REQUEST && start.elapsed() < PATIENCE {
             match stream.read(&mut part)? {
                 0 => break,
                 count => request.extend(&part[..count]),

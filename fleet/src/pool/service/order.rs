@@ -17,7 +17,13 @@ pub(super) struct Order {
     latest: Latest,
     /// By time, then by number.
     waiting: BTreeMap<(i64, u64), Waiting>,
+    /// Bytes of those, and the most.
+    bytes: usize,
+    most: usize,
 }
+
+/// Bytes of an update that waits, besides its text.
+const EACH: usize = 300;
 
 /// An update, and its text.
 type Waiting = (Turn, Box<[u8]>);
@@ -33,8 +39,15 @@ pub(super) struct Turn {
 
 impl Order {
     /// Lines of at most this lateness against the latest time, that so many vehicles have reached.
-    pub(super) fn new(lateness: u64, agree: usize) -> Self {
-        Self { lateness, agree, latest: Latest::default(), waiting: BTreeMap::new() }
+    /// Those that wait take `most` bytes, about.
+    pub(super) fn new(lateness: u64, agree: usize, most: usize) -> Self {
+        let (latest, waiting) = (Latest::default(), BTreeMap::new());
+        Self { lateness, agree, latest, waiting, bytes: 0, most }
+    }
+
+    fn wait(&mut self, time: i64, turn: Turn, text: Box<[u8]>) {
+        self.bytes += text.len() + EACH;
+        self.waiting.insert((time, turn.number), (turn, text));
     }
 
     /// Goes on where another run was, whose connections are gone.
@@ -48,9 +61,9 @@ impl Order {
         for (number, text) in waiting {
             let line = parse(text.as_bytes());
             if let Line::Update(update, _) = &line {
-                let key = (update.time, *number);
+                let time = update.time;
                 let turn = Turn { number: *number, source: STANDARD, line };
-                self.waiting.insert(key, (turn, text.as_bytes().into()));
+                self.wait(time, turn, text.as_bytes().into());
             }
         }
     }
@@ -87,19 +100,23 @@ impl Order {
             return;
         }
         self.latest.see(&update.vehicle, time, self.agree);
-        self.waiting.insert((time, number), (turn, text.line.into()));
+        self.wait(time, turn, text.line.into());
         let watermark = self.watermark();
         while let Some(first) = self.waiting.first_entry() {
-            if first.key().0 >= watermark {
+            // A clock that is far ahead must not make lines wait without end.
+            if first.key().0 >= watermark && self.bytes <= self.most {
                 return;
             }
-            out.push(first.remove().0);
+            let (turn, text) = first.remove();
+            self.bytes -= text.len() + EACH;
+            out.push(turn);
         }
     }
 
     /// Appends all that wait.
     pub(super) fn end(&mut self, out: &mut Vec<Turn>) {
         let waiting = std::mem::take(&mut self.waiting);
+        self.bytes = 0;
         out.extend(waiting.into_values().map(|(turn, _)| turn));
     }
 
@@ -127,4 +144,27 @@ fn late(line: Line, watermark: i64) -> Line {
     );
     let (vehicle, time) = (Some(update.vehicle), Some(update.time));
     Line::Bad(Box::new(BadLine { vehicle, time, offset, kind: "time", message }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pool::Update;
+    use crate::sensor::Observation;
+
+    #[test]
+    fn what_waits_is_within_the_memory() {
+        // Nobody agrees with this clock, so that its lines would wait without end.
+        let mut order = Order::new(10, 2, 100 * (EACH + 4));
+        let mut out = Vec::new();
+        for number in 0..1000 {
+            let update = Update::new(7, 1_000_000 + number as i64, Observation::Symbol(2));
+            let text = Text { source: STANDARD, line: b"text" };
+            order.take(number, text, Line::Update(update, None), &mut out);
+        }
+        assert_eq!(order.len(), 100);
+        assert!(out.iter().map(|turn| turn.number).eq(0..900));
+        order.end(&mut out);
+        assert_eq!((out.len(), order.bytes), (1000, 0));
+    }
 }

@@ -150,10 +150,11 @@ impl Position {
         let mut first = Vec::new();
         if self.is_open {
             input.by_ref().take(1).read_to_end(&mut first)?;
+            self.is_open = first.is_empty();
             if first == b"\n" {
                 first.clear();
                 self.bytes += 1;
-                self.is_open = false;
+                self.tail = Tail::default();
             }
         }
         Ok(Cursor::new(first).chain(input))

@@ -58,7 +58,10 @@ pub fn serve(
         job,
         // A line has at most a number for each state.
         connections: Connections::new((1 << 20) + 64 * vehicles.sensor().states()),
-        order: job.lateness.map(|lateness| Order::new(lateness, job.timing.agree())),
+        order: job.lateness.map(|lateness| {
+            let most = job.live.options.memory.unwrap_or(usize::MAX);
+            Order::new(lateness, job.timing.agree(), most)
+        }),
         first: position.lines,
         saved: position.clients.clone(),
         saving: BTreeMap::new(),
@@ -189,7 +192,9 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
                 return Err(FleetError::file(input)(error));
             }
             Event::End(STANDARD) => {
+                let before = batch.bytes;
                 let bytes = self.connections.end(STANDARD, batch);
+                self.position.is_open |= batch.bytes > before;
                 if bytes > 0 {
                     (self.report)(&Notice::Unfinished { bytes });
                 }

@@ -43,7 +43,10 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
                 }
             }
         }
-        self.position.bytes += batch.bytes;
+        if batch.bytes > 0 {
+            self.position.bytes += batch.bytes;
+            self.position.tail = self.connections.tail().unwrap_or_default();
+        }
         if let Some(error) = self.vehicles.take_spill_error() {
             (self.report)(&Notice::Spill(error));
         }

@@ -58,6 +58,8 @@ pub(super) fn begin(job: &ServiceJob, mut input: impl Read + Send + 'static) -> 
     let is_first = restore.is_none();
     let open = |path: &PathBuf| position::open_output(path, position.answers, is_first);
     let file = job.output.as_ref().map(open).transpose()?;
+    // After the output is there, which might have the same name.
+    live.snapshot.as_deref().map_or(Ok(()), check_replaced)?;
     if let (true, Some(_), Some(path)) = (is_first, &file, &live.snapshot) {
         // So that a run that is killed early leaves no output of which nobody knows what counts.
         vehicles.snapshot(path, &position.note())?;
@@ -88,7 +90,6 @@ pub(super) struct Locked {
 
 impl Locked {
     fn new(snapshot: &Path) -> Outcome<Self> {
-        check_replaced(snapshot)?;
         let path = beside(snapshot, ".lock");
         let file = open_locked(&path)?;
         Ok(Self { path, _file: file })
