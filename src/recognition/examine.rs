@@ -24,6 +24,8 @@ const DEVIATION: f64 = 1.0;
 const SUSPECT: f64 = 0.3;
 /// Number of new frames below which they are too few to say that they match nothing.
 const FEWEST: usize = 50;
+/// Number of moves below which they are too few to say how fast the vehicle is.
+const FEWEST_MOVES: usize = 20;
 /// Difference of two means of best scores, in deviations, above which they are unlike. Between
 /// thirds of a drive it was 1.6 at most, and between queries of the references' own season and
 /// others at least 2.
@@ -144,8 +146,9 @@ impl Recording {
     /// Returns all reasons to doubt the recording: most views are
     /// [unchanged](Warning::Unchanged) although the vehicle moves, odometry is
     /// [stuck](Warning::Stuck), the view is [still](Warning::Still) though it reads that the
-    /// vehicle moves, the queries are [unlike](Warning::Unlike) those of the fit, or they match
-    /// [nothing](Warning::Nothing) for a while though the map is never left. Needs no labels. Costs
+    /// vehicle moves, the queries are [unlike](Warning::Unlike) those of the fit, they match
+    /// [nothing](Warning::Nothing) for a while though the map is never left, or the vehicle is
+    /// [faster](Warning::Fast) than the options let it be. Needs no labels. Costs
     /// as much as [`filtered`](Self::filtered), twice that if odometry reads the same for long, and as
     /// [`smoothed`](Self::smoothed) if queries are unlike and the map may be left.
     #[must_use]
@@ -153,7 +156,33 @@ impl Recording {
         let own = self.own_doubts.iter().cloned();
         let stuck = own.clone().any(|doubt| matches!(doubt, Warning::Stuck { .. }));
         let stuck = if stuck { None } else { self.stuck() };
-        own.chain(stuck).chain(self.unlike()).chain(self.nothing()).collect()
+        let fast = self.fast();
+        own.chain(stuck).chain(self.unlike()).chain(fast).chain(self.nothing()).collect()
+    }
+
+    /// Warns if the nearest references, without odometry, agree on a speed that is not modelled.
+    fn fast(&self) -> Option<Warning> {
+        let n = self.recognizer.references();
+        let speeds = self.recognizer.options().speeds.values().iter();
+        let fastest = speeds.fold(0.0, |most: f64, speed| most.max(speed.abs()));
+        let nearest = |odds: &Vec<f32>| {
+            (0..n).max_by(|a, b| odds[*a].total_cmp(&odds[*b]).then(b.cmp(a))).unwrap_or(0)
+        };
+        let places: Vec<usize> = self.single_odds.iter().map(nearest).collect();
+        let steps = places.windows(2).zip(&self.controls[1.min(self.steps())..]);
+        let free = steps.filter(|(_, control)| control.odometry.is_none());
+        let moved = free.map(|(pair, _)| {
+            let way = pair[0].abs_diff(pair[1]);
+            (if self.recognizer.options().closed { way.min(n - way) } else { way }) as f64
+        });
+        let mut moved: Vec<f64> = moved.collect();
+        moved.sort_unstable_by(f64::total_cmp);
+        let median = *moved.get(moved.len() / 2)?;
+        // Frames that match nothing jump anywhere.
+        let alike = |way: &&f64| (**way - median).abs() <= 1.0 + 0.25 * median;
+        let agreed = 2 * moved.iter().filter(alike).count() > moved.len();
+        (moved.len() >= FEWEST_MOVES && agreed && median > fastest + 0.5)
+            .then_some(Warning::Fast { moved: median, fastest })
     }
 
     fn unlike(&self) -> Option<Warning> {

@@ -28,7 +28,7 @@ pub struct Recording {
     pub(super) controls: Vec<RouteControl>,
     pub(super) likelihoods: Vec<Vec<f64>>,
     /// log2 of the odds of each place by each single frame.
-    single_odds: Vec<Vec<f32>>,
+    pub(super) single_odds: Vec<Vec<f32>>,
     pub(super) best_scores: Vec<f64>,
     /// Usual scores at the end of the recording.
     pub(super) standardizer: Standardizer,

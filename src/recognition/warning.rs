@@ -112,6 +112,17 @@ pub enum Warning {
         /// The distance read meanwhile, in references.
         driven: f64,
     },
+    /// The nearest references move by more in a step than the vehicle may: give
+    /// [`Options::speeds`](super::Options::speeds) that reach so far, or more frames.
+    #[error(
+        "the nearest reference moves by {moved} a step, and the fastest of the speeds of the options is {fastest}: beliefs cannot follow"
+    )]
+    Fast {
+        /// Median distance of the nearest references of two steps, in references.
+        moved: f64,
+        /// The fastest speed that is modelled.
+        fastest: f64,
+    },
     /// For 200 new frames, or all of fewer, the best explanation is that the vehicle is lost: the images match
     /// nothing, or only here and there. Perhaps it is on another route, or leaves this one.
     #[error(

@@ -169,6 +169,30 @@ fn a_recording_that_matches_nothing_is_told() {
 
 /// Rows of distances, to each of which the same large offset is added: so a few references are
 /// always nearest, and all views look alike.
+#[test]
+fn a_vehicle_that_is_faster_than_the_speeds_is_told() {
+    let (recognizer, world) = recognizer(81, false);
+    let fastest = recognizer.options().speeds.values().iter().copied().fold(0.0, f64::max);
+    for (speed, seed) in (1..9).zip(82..) {
+        let drive: Vec<usize> = (0..PLACES).step_by(speed).collect();
+        let found = doubts(&recognizer, &seen(&world, &drive, 0.3, seed), &[]);
+        let fast = found.iter().find_map(|doubt| match doubt {
+            Warning::Fast { moved, fastest } => Some((*moved, *fastest)),
+            _ => None,
+        });
+        let is_fast = speed as f64 > fastest + 0.5 && drive.len() > 20;
+        assert_eq!(fast, is_fast.then_some((speed as f64, fastest)), "{speed} {found:?}");
+    }
+    // Odometry says how far it goes, and noise goes nowhere.
+    let drive: Vec<usize> = (0..PLACES).step_by(5).collect();
+    let queries = seen(&world, &drive, 0.3, 91);
+    let readings = vec![Some(5.0); queries.len()];
+    let is_fast = |doubts: &[Warning]| doubts.iter().any(|w| matches!(w, Warning::Fast { .. }));
+    assert!(!is_fast(&doubts(&recognizer, &queries, &readings)));
+    let elsewhere: Vec<Vec<f32>> = (0..100).map(|at| noise(world[0].len(), 92 + at)).collect();
+    assert!(!is_fast(&doubts(&recognizer, &elsewhere, &[])));
+}
+
 fn rows(world: &[Vec<f32>], queries: &[Vec<f32>], offset: f32) -> Vec<Vec<f32>> {
     let offsets = noise(PLACES, 220);
     let distance = |a: &[f32], b: &[f32]| -> f32 {
