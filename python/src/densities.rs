@@ -18,10 +18,8 @@ pub(crate) fn diagonal_log_densities<'py>(
     variances: PyReadonlyArray2<'py, f64>,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let d = rows.shape()[1];
-    let values = matrix(&rows, d, "rows")?;
-    let means: Vec<&[f64]> = matrix(&means, d, "means")?.chunks_exact(d.max(1)).collect();
-    let variances = matrix(&variances, d, "variances")?.chunks_exact(d.max(1)).collect::<Vec<_>>();
-    log_densities(py, &Gaussian::diagonal(&means, &variances).map_err(invalid)?, values, d)
+    let (means, variances) = (states(&means, d, "means")?, states(&variances, d, "variances")?);
+    log_densities(py, &Gaussian::diagonal(&means, &variances).map_err(invalid)?, &rows, d)
 }
 
 /// Returns log densities of Gaussians, from a covariance matrix for each state, row by row.
@@ -33,11 +31,9 @@ pub(crate) fn gaussian_log_densities<'py>(
     covariances: PyReadonlyArray2<'py, f64>,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let d = rows.shape()[1];
-    let values = matrix(&rows, d, "rows")?;
-    let means: Vec<&[f64]> = matrix(&means, d, "means")?.chunks_exact(d.max(1)).collect();
-    let covariances = matrix(&covariances, d * d, "covariance matrices")?;
-    let covariances: Vec<&[f64]> = covariances.chunks_exact((d * d).max(1)).collect();
-    log_densities(py, &Gaussian::full(&means, &covariances).map_err(invalid)?, values, d)
+    let means = states(&means, d, "means")?;
+    let covariances = states(&covariances, d * d, "covariance matrices")?;
+    log_densities(py, &Gaussian::full(&means, &covariances).map_err(invalid)?, &rows, d)
 }
 
 /// Returns log-probabilities of counts under Poisson distributions.
@@ -48,38 +44,42 @@ pub(crate) fn poisson_log_densities<'py>(
     rates: PyReadonlyArray2<'py, f64>,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let d = rows.shape()[1];
-    let values = matrix(&rows, d, "rows")?;
-    let rates: Vec<&[f64]> = matrix(&rates, d, "rates")?.chunks_exact(d.max(1)).collect();
-    log_densities(py, &Poisson::family(&rates).map_err(invalid)?, values, d)
+    let rates = states(&rates, d, "rates")?;
+    log_densities(py, &Poisson::family(&rates).map_err(invalid)?, &rows, d)
 }
 
-fn log_densities<'py, B>(
+/// Returns the parameters of each state, a row of the array.
+fn states<'a>(
+    array: &'a PyReadonlyArray2<'_, f64>,
+    width: usize,
+    what: &str,
+) -> PyResult<Vec<&'a [f64]>> {
+    Ok(matrix(array, width, what)?.chunks_exact(width.max(1)).collect())
+}
+
+/// Returns log densities of rows of so many numbers, by any family.
+pub(crate) fn log_densities<'py, B>(
     py: Python<'py>,
     family: &B,
-    values: &[f64],
+    rows: &PyReadonlyArray2<'py, f64>,
     width: usize,
 ) -> PyResult<Bound<'py, PyArray2<f64>>>
 where
     B: Likelihood<Observation = [f64]> + Sync,
 {
-    let n = family.states();
+    let (count, n) = (rows.shape()[0], family.states());
+    let values = matrix(rows, width, "observations")?;
     let computed = py.detach(|| {
-        let (mut out, mut scratch) =
-            (Vec::with_capacity(values.len() / width * n), Scratch::default());
-        for (row, observation) in values.chunks_exact(width).enumerate() {
+        let (mut out, mut scratch) = (Vec::with_capacity(count * n), Scratch::default());
+        for (row, observation) in values.chunks_exact(width.max(1)).enumerate() {
             let diagonal = family
                 .diagonal(observation, &mut scratch)
                 .map_err(|error| format!("row {row}: {error}"))?;
             let factor = diagonal.log_factor();
-            if diagonal.is_log() {
-                out.extend(diagonal.as_slice().iter().map(|log| log + factor));
-            } else {
-                out.extend(diagonal.as_slice().iter().map(|b| b.ln() + factor));
-            }
+            let log = |b: &f64| if diagonal.is_log() { b + factor } else { b.ln() + factor };
+            out.extend(diagonal.as_slice().iter().map(log));
         }
         Ok::<_, String>(out)
     });
-    let out = computed.map_err(invalid)?;
-    let rows = out.len() / n;
-    PyArray1::from_vec(py, out).reshape([rows, n])
+    PyArray1::from_vec(py, computed.map_err(invalid)?).reshape([count, n])
 }

@@ -1,7 +1,7 @@
 //! Exceptions: all are `wayfix.Error`, which is a `ValueError`.
 
 use pyo3::create_exception;
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
 use wayfix::InferenceError;
 use wayfix::error::SequenceError;
@@ -23,6 +23,13 @@ create_exception!(
 /// Makes an exception of an error that is none of a step.
 pub(crate) fn invalid(error: impl std::fmt::Display) -> PyErr {
     Error::new_err(error.to_string())
+}
+
+/// Raises MemoryError if there are not so many bytes, where the library would end the process; a
+/// system that promises more memory than it has promises these, too.
+pub(crate) fn reserve(bytes: usize, what: impl FnOnce() -> String) -> PyResult<()> {
+    let reserved = Vec::<u8>::new().try_reserve_exact(bytes);
+    reserved.map_err(|_| PyMemoryError::new_err(format!("{} need up to {bytes} bytes", what())))
 }
 
 /// Makes an exception of an error of inference, with its step and its sequence.

@@ -10,6 +10,7 @@ mod filter;
 mod fixed_lag;
 mod kinds;
 mod learning;
+mod live;
 mod many;
 mod matching;
 mod model;
@@ -19,7 +20,6 @@ mod recognition;
 mod recorder;
 mod results;
 mod sequences;
-mod signals;
 mod typed;
 mod watch;
 

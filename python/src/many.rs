@@ -1,16 +1,16 @@
 //! Many sequences, on as many threads as asked, with their results in order.
 
+use std::num::NonZero;
 use std::ops::ControlFlow;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
-use std::time::Duration;
 
 use pyo3::prelude::*;
 use wayfix::error::SequenceError;
 
 use crate::error::of_sequence;
-use crate::watch::{Watch, Watched, caught, computed, defect};
+use crate::watch::{PAUSE, Watch, Watched, caught, computed, defect};
 
 /// Takes the result of a sequence by its number.
 pub(crate) type Visit<'v, R> =
@@ -40,8 +40,6 @@ pub(crate) fn check(py: Python<'_>, ended: ControlFlow<SequenceError>) -> PyResu
 
 /// Parts that a thread takes, on average: some take longer than others.
 const PARTS: usize = 8;
-/// Time between two looks for signals, and calls of the user's function for the progress.
-const PAUSE: Duration = Duration::from_millis(100);
 
 /// Threads and progress, as the user asks for them.
 pub(crate) struct Way<'a, 'py> {
@@ -76,7 +74,9 @@ pub(crate) fn results<S: Send, R, T: Send>(
         way.progress
             .map_or(Ok(()), |call| call.call1((done.load(Ordering::Relaxed), all)).map(|_| ()))
     };
-    let parts = on_threads(py, way.jobs.max(1), sequences, &part, report)?;
+    // More threads than processors gain nothing, and there may be no more.
+    let processors = std::thread::available_parallelism().map_or(1, NonZero::get);
+    let parts = on_threads(py, way.jobs.clamp(1, processors), sequences, &part, report)?;
     let mut kept = Vec::with_capacity(all);
     for found in parts {
         match found {

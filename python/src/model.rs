@@ -1,13 +1,12 @@
 //! Models, as Python sees them.
 
 use numpy::{PyArray1, ToPyArray};
-use pyo3::exceptions::PyMemoryError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use wayfix::{Belief, LikelihoodVector, Prior};
 
 use crate::array::{self, contiguous};
-use crate::error::{inference, invalid};
+use crate::error::{inference, invalid, reserve};
 use crate::filter::PyFilter;
 use crate::kinds::{Model, with_sequence, with_sequences};
 use crate::many::{Way, results};
@@ -68,10 +67,7 @@ fn paths_fit(states: usize, steps: usize, count: usize) -> PyResult<()> {
         paths = states.saturating_mul(paths).min(count);
     }
     bytes = bytes.saturating_add(paths.saturating_mul(steps).saturating_mul(8));
-    let reserved = Vec::<u8>::new().try_reserve_exact(bytes);
-    reserved.map_err(|_| {
-        PyMemoryError::new_err(format!("{count} paths of {steps} steps need up to {bytes} bytes"))
-    })
+    reserve(bytes, || format!("{count} paths of {steps} steps"))
 }
 
 #[pymethods]

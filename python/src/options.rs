@@ -47,7 +47,8 @@ pub(crate) fn from_python(given: &Bound<'_, PyDict>) -> PyResult<Value> {
     serde_json::from_str(&text).map_err(|error| invalid(format!("options: {error}")))
 }
 
-fn merge(all: &mut Value, given: Value) {
+/// Replaces fields, and fields of fields.
+pub(crate) fn merge(all: &mut Value, given: Value) {
     match (all, given) {
         (Value::Object(all), Value::Object(given)) => {
             for (name, value) in given {

@@ -1,13 +1,21 @@
-//! Ctrl-C while something is computed.
+//! Ctrl-C while something is computed, without the global lock.
 //!
-//! Every routine of the library asks its sequence for each observation, so that a sequence can look
-//! for signals. A handler that raises (that of Ctrl-C does) ends the routine by unwinding, which the
-//! library's results and models do not notice: nothing of a batch routine outlives it.
+//! Routines that ask for their input piece by piece look for signals as they do: a [`Watch`] looks
+//! when an observation or a query is read. A handler that raises (that of Ctrl-C does) ends the
+//! routine by unwinding, which the library's results and models do not notice: nothing of a batch
+//! routine outlives it. [`computed`] does that.
+//!
+//! Routines that are given all of their input at once cannot look. [`in_background`] runs them on
+//! another thread while this one looks: after Ctrl-C the caller goes on at once, and the other
+//! thread goes on unseen, until it is done or notices that its watch is stopped.
 
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
-use std::time::Instant;
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::thread::Builder;
+use std::time::{Duration, Instant};
 
 use pyo3::prelude::*;
 use wayfix::Sequence;
@@ -16,8 +24,8 @@ use crate::error::invalid;
 
 /// Number of observations between two looks at the clock.
 const OFTEN: u32 = 64;
-/// Milliseconds between two looks for signals, each of which waits for the global lock.
-const PAUSE: u64 = 100;
+/// Time between two looks for signals, each of which waits for the global lock.
+pub(crate) const PAUSE: Duration = Duration::from_millis(100);
 
 /// Looks for signals, now and then. Counts are approximate if threads share it.
 #[derive(Debug)]
@@ -33,7 +41,7 @@ impl Watch {
         Self {
             start: Instant::now(),
             reads: AtomicU32::new(0),
-            next: AtomicU64::new(PAUSE),
+            next: AtomicU64::new(millis(PAUSE)),
             stopped: AtomicBool::new(false),
         }
     }
@@ -41,6 +49,19 @@ impl Watch {
     /// Ends all threads that read sequences of this watch.
     pub(crate) fn stop(&self) {
         self.stopped.store(true, Ordering::Relaxed);
+    }
+
+    /// True if nobody waits for the result any longer.
+    pub(crate) fn is_stopped(&self) -> bool {
+        self.stopped.load(Ordering::Relaxed)
+    }
+
+    /// Returns rows that look for signals as they are read.
+    pub(crate) fn over_rows<'a>(
+        &'a self,
+        rows: impl Iterator<Item = &'a [f32]>,
+    ) -> Vec<WatchedRow<'a>> {
+        rows.map(|row| WatchedRow { row, watch: self }).collect()
     }
 
     /// Returns a sequence that looks for signals as it is read.
@@ -64,20 +85,43 @@ impl Watch {
 
     #[cold]
     fn look(&self) {
-        if self.stopped.load(Ordering::Relaxed) {
+        if self.is_stopped() {
             resume_unwind(Box::new(()));
         }
-        let now = u64::try_from(self.start.elapsed().as_millis()).unwrap_or(u64::MAX);
+        let now = millis(self.start.elapsed());
         if now >= self.next.load(Ordering::Relaxed) {
-            self.next.store(now + PAUSE, Ordering::Relaxed);
+            self.next.store(now + millis(PAUSE), Ordering::Relaxed);
             let looked = Python::attach(|py| {
                 py.check_signals()?;
                 Ok::<_, PyErr>(())
             });
             if let Err(raised) = looked {
-                resume_unwind(Box::new(raised));
+                unwind(raised);
             }
         }
+    }
+}
+
+fn millis(time: Duration) -> u64 {
+    u64::try_from(time.as_millis()).unwrap_or(u64::MAX)
+}
+
+/// Ends what is computed, which then raises the exception.
+pub(crate) fn unwind(exception: PyErr) -> ! {
+    resume_unwind(Box::new(exception))
+}
+
+/// A query that looks for signals as it is read: each may be compared with many references.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct WatchedRow<'a> {
+    row: &'a [f32],
+    watch: &'a Watch,
+}
+
+impl AsRef<[f32]> for WatchedRow<'_> {
+    fn as_ref(&self) -> &[f32] {
+        self.watch.look();
+        self.row
     }
 }
 
@@ -112,6 +156,35 @@ pub(crate) fn computed<T: Send>(
 ) -> PyResult<T> {
     let watch = Watch::new();
     py.detach(|| caught(|| compute(&watch))).map_err(defect)
+}
+
+/// Computes on another thread. Raises what a signal handler raised at once; the watch of the
+/// other thread is then stopped.
+pub(crate) fn in_background<T: Send + 'static>(
+    py: Python<'_>,
+    compute: impl FnOnce(&Watch) -> T + Send + 'static,
+) -> PyResult<T> {
+    let (sender, mut receiver) = channel();
+    let watch = Arc::new(Watch::new());
+    let own = Arc::clone(&watch);
+    let work = move || {
+        // Nobody listens after Ctrl-C.
+        let _ = sender.send(caught(|| compute(&own)));
+    };
+    Builder::new().spawn(work).map_err(invalid)?;
+    loop {
+        let next;
+        (next, receiver) = py.detach(move || (receiver.recv_timeout(PAUSE), receiver));
+        match next {
+            Ok(done) => return done.map_err(defect),
+            Err(RecvTimeoutError::Timeout) => {
+                py.check_signals().inspect_err(|_| watch.stop())?;
+            }
+            Err(RecvTimeoutError::Disconnected) => {
+                return Err(invalid("a defect of wayfix: a thread ended without a result"));
+            }
+        }
+    }
 }
 
 /// Computes; returns the payload if that unwinds.

@@ -9,9 +9,10 @@ import pytest
 
 @pytest.fixture
 def interrupted():
-    """Calls something that takes long, with Ctrl-C after a while; it must end within a second."""
+    """Calls something that takes long, with Ctrl-C after a while; it must raise within a second, and, unless it
+    `goes_on` in the background, end."""
 
-    def call(work):
+    def call(work, goes_on=False):
         pressed = []
 
         def press():
@@ -24,6 +25,10 @@ def interrupted():
             with pytest.raises(KeyboardInterrupt):
                 work()
             assert pressed and time.monotonic() - pressed[0] < 1
+            if not goes_on:
+                used = time.process_time()
+                time.sleep(0.3)
+                assert time.process_time() - used < 0.1
         finally:
             timer.cancel()
 

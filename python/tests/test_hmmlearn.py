@@ -1,6 +1,7 @@
 """`wayfix.hmmlearn` beside hmmlearn, and as an estimator of scikit-learn."""
 
 import copy
+import inspect
 import logging
 import pickle
 import subprocess
@@ -247,3 +248,21 @@ def test_hmmlearns_own_suite():
     suite = Path(__file__).parent / "hmmlearn_suite.py"
     done = subprocess.run([sys.executable, suite], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+
+
+#: Checks of scikit-learn that hmmlearn passes and this does not.
+DIFFERENT_CHECKS = {("PoissonHMM", "check_fit2d_1sample"): "counts that are no whole numbers are an error before the number of rows is"}
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("name", ["CategoricalHMM", "GMMHMM", "GaussianHMM", "MultinomialHMM", "PoissonHMM"])
+def test_checks_of_scikit_learn(name):
+    checks = pytest.importorskip("sklearn.utils.estimator_checks")
+    if "on_fail" not in inspect.signature(checks.check_estimator).parameters:
+        pytest.skip("scikit-learn 1.6 was the first to list what fails")
+
+    def passed(module):
+        done = checks.check_estimator(getattr(module, name)(), on_fail=None)
+        return {check["check_name"] for check in done if check["status"] == "passed"}
+
+    assert passed(theirs) - passed(ours) == {check for of, check in DIFFERENT_CHECKS if of == name}

@@ -3,6 +3,8 @@
 import copy
 import pickle
 import signal
+import subprocess
+import sys
 import time
 
 import numpy as np
@@ -104,6 +106,57 @@ def test_more_paths_than_memory():
     with pytest.raises(MemoryError, match="paths"):
         vectors().k_best(ys, 2**60)
     assert len(vectors().k_best(ys[:3], 2**60)) == 8
+
+
+#: Calls with sizes that nobody means, and how they end.
+HUGE = {
+    "Recognizer.from_distances(200_000_000)": "MemoryError",
+    "Recognizer.from_similarities(200_000_000, off_map=True)": "MemoryError",
+    "Recognizer.from_distances(2**32 - 1)": "Error",
+    "Recognizer.from_distances(2**63)": "Error",
+    "Recognizer.from_distances(2**64)": "Error",
+    "Recognizer.from_distances(10**6).with_options(speeds=np.linspace(-60, 60, 1000))": "MemoryError",
+    "Recognizer(np.ones((2**20, 1)), speeds=np.linspace(-60, 60, 1000))": "MemoryError",
+    "hmm.k_best([0] * 1000, 2**62)": "MemoryError",
+    "hmm.score_all([[0]] * 9, n_jobs=2**61)": "array",
+    "hmm.score_all([[0]] * 20_000, n_jobs=20_000)": "array",
+    "wayfix.FixedLag(hmm, 2**62).step(0)": "float",
+    "learn(hmm, [[0, 1]], iterations=2**62, tolerance=1.0)": "Learned",
+    "Mapper(gap=2**62).step([1.0])": "None",
+    "recording.lagged(2**62)": "PlaceBeliefs",
+    "recording.smoothed().mass_near(np.zeros(9, int), 2**62)": "array",
+    "reliability([0.5], [True], 2**62)": "dict",
+    "matcher.match_drive(points).routes(2**62)": "RankedRoutes",
+    "matcher.match_drive(points).late(2**62)": "RoadAnswers",
+    "matcher.start(0, 0, 0, lag=2**62).step(9, 0, 0.001)": "float",
+    "matcher.match_trips(points, estimator='late', lag=2**62)": "MatchedTrips",
+}
+PREPARED = """
+import resource, sys
+resource.setrlimit(resource.RLIMIT_AS, (8 << 30, 8 << 30))
+import numpy as np, wayfix
+from wayfix.evaluate import reliability
+from wayfix.learning import learn
+from wayfix.matching import Matcher, RoadNetwork
+from wayfix.recognition import Mapper, Recognizer
+hmm = wayfix.Hmm([0.5, 0.5], [[0.9, 0.1], [0.2, 0.8]], table=[[0.8, 0.2], [0.1, 0.9]])
+recording = Recognizer.from_distances(9).recording(np.eye(9))
+points = {"time": [0, 10], "lat": [0, 0], "lon": [0.001, 0.002]}
+matcher = Matcher(RoadNetwork({"node": [1, 2], "lat": [0, 0], "lon": [0, 0.01]}, {"from": [1], "to": [2], "oneway": ["no"]}))
+for line in sys.argv[1:]:
+    try:
+        print(type(eval(line)).__name__)
+    except Exception as error:
+        print(type(error).__name__)
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="memory is limited as Linux does it")
+def test_sizes_that_nobody_means():
+    done = subprocess.run([sys.executable, "-c", PREPARED, *HUGE], capture_output=True, text=True, check=False, timeout=300)
+    assert done.returncode == 0, done.stderr
+    names = {"NoneType": "None", "ndarray": "array"}
+    assert dict(zip(HUGE, (names.get(line, line) for line in done.stdout.split()), strict=True)) == HUGE
 
 
 def long_calls():

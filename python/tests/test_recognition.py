@@ -157,6 +157,20 @@ def test_pickles_and_copies_go_on_to_the_bit():
         assert track.steps == 60
 
 
+@pytest.mark.parametrize("odometry", [None, np.r_[np.nan, np.ones(59)]])
+def test_pickles_of_recordings(odometry):
+    references, frames, _ = images(2)
+    similarities = frames[:60] @ references.T
+    for recognizer, queries in [
+        (Recognizer(references, off_map=True), frames[:60]),
+        (Recognizer.from_similarities(len(references)), similarities),
+    ]:
+        recording = recognizer.recording(queries, odometry)
+        for again in (pickle.loads(pickle.dumps(recording)), copy.copy(recording), copy.deepcopy(recording)):
+            assert len(again) == 60
+            np.testing.assert_array_equal(again.smoothed().probabilities, recording.smoothed().probabilities)
+
+
 @pytest.mark.parametrize("change", [
     lambda a: a.astype(np.float64),
     np.asfortranarray,
@@ -243,6 +257,8 @@ def test_mapper():
     np.testing.assert_array_equal(mapper.references[:150], references.astype(np.float32))
     later = pickle.loads(pickle.dumps(mapper.recognizer(window=2)))
     assert later.references == len(copy.copy(mapper).references)
+    with pytest.raises(TypeError, match="Mapper cannot be pickled.*recognizer"):
+        pickle.dumps(mapper)
 
 
 def test_scores_against_numpy():
@@ -306,10 +322,10 @@ def test_threads_share_a_track():
 def test_interrupt(call, interrupted):
     rng = np.random.default_rng(0)
     recognizer = Recognizer(rng.normal(size=(3000, 64)))
-    frames = rng.normal(size=(4000 if call == "recording" else 700, 64))
+    frames = rng.normal(size=(700 if call == "smoothed" else 3000, 64))
     recording = recognizer.recording(frames[:700])
     interrupted({
         "recording": lambda: [recognizer.recording(frames) for _ in range(50)],
         "smoothed": lambda: [recording.smoothed() for _ in range(50)],
-        "fit": lambda: [recognizer.fit(frames, np.arange(len(frames))) for _ in range(50)],
-    }[call])
+        "fit": lambda: recognizer.fit(frames, np.arange(len(frames))),
+    }[call], goes_on=call == "smoothed")

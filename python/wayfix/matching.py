@@ -12,7 +12,7 @@ From a data frame with columns `id`, `time`, `lat`, `lon`, and a network from a 
     matched.routes()     # a row for each road driven
 
 Live, `matcher.start(time, lat, lon)` gives a `Vehicle`, which takes point by point. Positions are
-in degrees. Networks and matchers can be shared by threads, but not pickled.
+in degrees. Networks, matchers and vehicles can be pickled, and networks and matchers shared by threads.
 """
 
 from ._trips import MatchedTrips

@@ -1,10 +1,8 @@
 //! Baum–Welch.
 
 use std::ops::ControlFlow;
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
-use numpy::{PyArray1, PyUntypedArrayMethods, ToPyArray};
+use numpy::{PyArray1, PyReadonlyArray2, PyUntypedArrayMethods, ToPyArray};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use wayfix::emission::Rows;
@@ -18,8 +16,8 @@ use crate::error::invalid;
 use crate::kinds::Model;
 use crate::model::PyHmm;
 use crate::parts::{dense_moves, rows, sparse_moves};
-use crate::signals::in_background_with;
 use crate::typed::Size;
+use crate::watch::{Watch, computed, unwind};
 
 /// Model that `learn` learned.
 ///
@@ -74,28 +72,27 @@ impl PyLearned {
 /// A learned model, or why there is none.
 type Learning<A, B> = Result<LearnedModel<A, B>, LearnError>;
 
-/// Learns in the background, and tells of each iteration.
+/// Learns, and tells of each iteration.
 fn run<A, B>(
     py: Python<'_>,
     progress: Option<&Bound<'_, PyAny>>,
-    work: impl FnOnce(&mut dyn FnMut(&LearnedModel<A, B>) -> ControlFlow<()>) -> Learning<A, B>
-    + Send
-    + 'static,
+    work: impl FnOnce(&Watch, &mut dyn FnMut(&LearnedModel<A, B>) -> ControlFlow<()>) -> Learning<A, B>
+    + Send,
 ) -> PyResult<LearnedModel<A, B>>
 where
-    LearnedModel<A, B>: Send + 'static,
+    LearnedModel<A, B>: Send,
 {
-    let tell = move |_: &AtomicBool, tell: &dyn Fn((usize, f64)) -> bool| {
-        work(&mut |now| {
-            let ends = tell((now.iterations(), now.objective()));
-            if ends { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-        })
+    let progress = progress.map(|progress| progress.clone().unbind());
+    let ends = |now: &LearnedModel<A, B>| {
+        let Some(progress) = &progress else { return false };
+        let called = Python::attach(|py| {
+            progress.bind(py).call1((now.iterations(), now.objective()))?.is_truthy()
+        });
+        called.unwrap_or_else(|raised| unwind(raised))
     };
-    let told = |(iteration, objective)| match progress {
-        Some(progress) => progress.call1((iteration, objective))?.is_truthy(),
-        None => Ok(false),
-    };
-    in_background_with(py, tell, told)?.map_err(invalid)
+    let mut tell =
+        |now: &_| if ends(now) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+    computed(py, |watch| work(watch, &mut tell))?.map_err(invalid)
 }
 
 /// Returns the learned model with its moves as arrays.
@@ -127,30 +124,16 @@ fn learned<A: Transition, B: Likelihood>(
     })
 }
 
-/// Rows of sequences, that another thread may have.
-struct OwnedRows {
-    values: Vec<Vec<f64>>,
-    width: usize,
+/// Reads rows of sequences, all of one width.
+fn read<'py>(sequences: &[Bound<'py, PyAny>]) -> PyResult<Vec<PyReadonlyArray2<'py, f64>>> {
+    sequences.iter().map(|sequence| array::rows(sequence, "observations")).collect()
 }
 
-impl OwnedRows {
-    fn read(sequences: &[Bound<'_, PyAny>]) -> PyResult<Self> {
-        let mut all = Self { values: Vec::with_capacity(sequences.len()), width: 0 };
-        for sequence in sequences {
-            let array = array::rows(sequence, "observations")?;
-            if all.values.is_empty() {
-                all.width = array.shape()[1];
-            }
-            all.values.push(matrix(&array, all.width, "observations")?.to_vec());
-        }
-        Ok(all)
-    }
-
-    /// Returns the rows, whose values were cut from matrices of this width.
-    fn rows(&self) -> Vec<Rows<'_>> {
-        let rows = |values| Rows::new(values, self.width.max(1)).ok();
-        self.values.iter().filter_map(|values| rows(&values[..])).collect()
-    }
+fn rows_of<'a>(arrays: &'a [PyReadonlyArray2<'_, f64>]) -> PyResult<Vec<Rows<'a>>> {
+    let width = arrays.first().map_or(0, |array| array.shape()[1]);
+    let rows =
+        |array| Rows::new(matrix(array, width, "observations")?, width.max(1)).map_err(invalid);
+    arrays.iter().map(rows).collect()
 }
 
 /// Model of the moves of another, with a family for its sensor.
@@ -167,7 +150,7 @@ fn with_family<A: Transition + Clone, B: Likelihood>(
 /// Learns start, moves and table or family from sequences, of any lengths: Baum–Welch, to a local
 /// maximum of the likelihood.
 ///
-/// Probabilities of 0 stay 0, and states that are alike stay alike. Ctrl-C returns at once.
+/// Probabilities of 0 stay 0, and states that are alike stay alike. Ctrl-C ends it.
 ///
 /// Parameters
 /// ----------
@@ -234,28 +217,38 @@ pub(crate) fn learn(
     };
     match hmm.get().model() {
         Model::DenseTable(hmm) => {
-            let (hmm, symbols) = (Arc::clone(hmm), symbols()?);
-            let found = run(py, progress, move |tell| hmm.learn_with(&symbols, &options, tell))?;
+            let symbols = symbols()?;
+            let found = run(py, progress, |watch, tell| {
+                hmm.learn_with(&watch.over_all(symbols), &options, tell)
+            })?;
             let model = found.model();
             let moves = dense_moves(py, model.transition())?;
             learned(py, &found, moves, Some(rows(py, model.likelihood())?), None)
         }
         Model::SparseTable(hmm) => {
-            let (hmm, symbols) = (Arc::clone(hmm), symbols()?);
-            let found = run(py, progress, move |tell| hmm.learn_with(&symbols, &options, tell))?;
+            let symbols = symbols()?;
+            let found = run(py, progress, |watch, tell| {
+                hmm.learn_with(&watch.over_all(symbols), &options, tell)
+            })?;
             let model = found.model();
             let moves = sparse_moves(py, model.transition())?;
             learned(py, &found, moves, Some(rows(py, model.likelihood())?), None)
         }
         Model::DenseVector(hmm) => {
-            let (hmm, all) = (with_family(hmm, family)?, OwnedRows::read(&sequences)?);
-            let found = run(py, progress, move |tell| hmm.learn_with(&all.rows(), &options, tell))?;
+            let (hmm, arrays) = (with_family(hmm, family)?, read(&sequences)?);
+            let rows = rows_of(&arrays)?;
+            let found = run(py, progress, |watch, tell| {
+                hmm.learn_with(&watch.over_all(rows), &options, tell)
+            })?;
             let family = PyFamily(found.model().likelihood().clone());
             learned(py, &found, dense_moves(py, found.model().transition())?, None, Some(family))
         }
         Model::SparseVector(hmm) => {
-            let (hmm, all) = (with_family(hmm, family)?, OwnedRows::read(&sequences)?);
-            let found = run(py, progress, move |tell| hmm.learn_with(&all.rows(), &options, tell))?;
+            let (hmm, arrays) = (with_family(hmm, family)?, read(&sequences)?);
+            let rows = rows_of(&arrays)?;
+            let found = run(py, progress, |watch, tell| {
+                hmm.learn_with(&watch.over_all(rows), &options, tell)
+            })?;
             let family = PyFamily(found.model().likelihood().clone());
             learned(py, &found, sparse_moves(py, found.model().transition())?, None, Some(family))
         }

@@ -2,25 +2,29 @@
 
 use std::error::Error;
 
-use numpy::{PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
+use numpy::PyArray2;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use serde_json::{Map, Value};
+use serde_json::Value;
 use wayfix::Likelihood;
 use wayfix::emission::{
-    Bernoulli, Beta, Binomial, Exponential, Family, Gamma, Gaussian, GaussianMixture, Independent,
-    LinearRegression, LogNormal, Multinomial, NegativeBinomial, Poisson, SkewedT, StudentT,
-    VonMises, VonMisesFisher, Weibull, WrappedCauchy,
+    Bernoulli, Beta, Binomial, Exponential, Family, Gamma, Gaussian, GaussianMixture, Hurdle,
+    Independent, LinearRegression, LogNormal, Multinomial, NegativeBinomial, Poisson, SkewedT,
+    StudentT, VonMises, VonMisesFisher, Weibull, WrappedCauchy, ZeroInflated,
 };
 use wayfix::error::LikelihoodError;
 use wayfix::likelihood::{Diagonal, LearnLikelihood, Scratch};
 
-use crate::array::{self, matrix};
+use crate::array;
+use crate::densities::log_densities;
 use crate::error::invalid;
-use crate::options::{from_python, to_python};
+use crate::options::{from_python, merge, to_python};
 
 /// Fields that may be left out, of families of single numbers.
 const USUAL: &str = r#"{"missing": false, "prior": null}"#;
+/// The same, where the others are those of a family of single numbers.
+const BESIDE_ZEROS: &str =
+    r#"{"missing": false, "prior": null, "inner": {"missing": false, "prior": null}}"#;
 const GAUSSIAN: &str =
     r#"{"missing": false, "prior": null, "fixed_means": false, "fixed_covariances": false}"#;
 const STUDENT: &str = r#"{"missing": false, "prior": null, "fixed_means": false,
@@ -155,6 +159,10 @@ families! {
     Gamma, "gamma", Independent<Gamma>, USUAL;
     Gaussian, "gaussian", Gaussian, GAUSSIAN;
     GaussianMixture, "gaussian_mixture", GaussianMixture, GAUSSIAN;
+    HurdleBinomial, "hurdle_binomial", Independent<Hurdle<Binomial>>, BESIDE_ZEROS;
+    HurdleNegativeBinomial, "hurdle_negative_binomial", Independent<Hurdle<NegativeBinomial>>,
+        BESIDE_ZEROS;
+    HurdlePoisson, "hurdle_poisson", Independent<Hurdle<Poisson>>, BESIDE_ZEROS;
     LinearRegression, "linear_regression", LinearRegression, REGRESSION;
     LogNormal, "log_normal", Independent<LogNormal>, USUAL;
     Multinomial, "multinomial", Multinomial, MULTINOMIAL;
@@ -166,16 +174,24 @@ families! {
     VonMisesFisher, "von_mises_fisher", VonMisesFisher, USUAL;
     Weibull, "weibull", Independent<Weibull>, USUAL;
     WrappedCauchy, "wrapped_cauchy", Independent<WrappedCauchy>, USUAL;
+    ZeroInflatedBinomial, "zero_inflated_binomial", Independent<ZeroInflated<Binomial>>,
+        BESIDE_ZEROS;
+    ZeroInflatedGamma, "zero_inflated_gamma", Independent<ZeroInflated<Gamma>>, BESIDE_ZEROS;
+    ZeroInflatedLogNormal, "zero_inflated_log_normal", Independent<ZeroInflated<LogNormal>>,
+        BESIDE_ZEROS;
+    ZeroInflatedNegativeBinomial, "zero_inflated_negative_binomial",
+        Independent<ZeroInflated<NegativeBinomial>>, BESIDE_ZEROS;
+    ZeroInflatedPoisson, "zero_inflated_poisson", Independent<ZeroInflated<Poisson>>, BESIDE_ZEROS;
+    ZeroInflatedWeibull, "zero_inflated_weibull", Independent<ZeroInflated<Weibull>>, BESIDE_ZEROS;
 }
 
 /// Reads a family from its fields.
 fn read<F: serde::de::DeserializeOwned>(given: Value, defaults: &str) -> PyResult<F> {
     let failed = |error: serde_json::Error| invalid(format!("parameters of a family: {error}"));
-    let mut all: Map<String, Value> = serde_json::from_str(defaults).map_err(failed)?;
-    if let Value::Object(given) = given {
-        all.extend(given);
+    let mut all: Value = serde_json::from_str(defaults).map_err(failed)?;
+    if given.is_object() {
+        merge(&mut all, given);
     }
-    let mut all = Value::Object(all);
     number(&mut all);
     serde_json::from_value(all).map_err(failed)
 }
@@ -199,7 +215,10 @@ fn number(value: &mut Value) {
 /// kind : str
 ///     "bernoulli", "beta", "binomial", "exponential", "gamma", "gaussian", "gaussian_mixture",
 ///     "linear_regression", "log_normal", "multinomial", "negative_binomial", "poisson",
-///     "skewed_t", "student_t", "von_mises", "von_mises_fisher", "weibull" or "wrapped_cauchy".
+///     "skewed_t", "student_t", "von_mises", "von_mises_fisher", "weibull" or "wrapped_cauchy";
+///     "zero_inflated_" before "binomial", "gamma", "log_normal", "negative_binomial", "poisson" or
+///     "weibull", and "hurdle_" before one of those that count, with `probabilities` of 0 and the
+///     parameters of the others in a dictionary, `inner`.
 /// **parameters
 ///     The library's parameters by name, with a row for each state: `rates` of a Poisson family,
 ///     `shapes` and `scales` of a gamma, `covariance_type` ("spherical", "diagonal", "full" or
@@ -254,20 +273,7 @@ impl PyFamily {
         rows: &Bound<'py, PyAny>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let rows = array::rows(rows, "observations")?;
-        let (count, width, n) = (rows.shape()[0], self.0.components(), self.0.states());
-        let values = matrix(&rows, width, "observations")?;
-        let found = py.detach(|| {
-            let (mut out, mut scratch) = (Vec::new(), Scratch::default());
-            for (row, observation) in values.chunks_exact(width.max(1)).enumerate() {
-                let diagonal = self.0.diagonal(observation, &mut scratch);
-                let diagonal = diagonal.map_err(|error| format!("row {row}: {error}"))?;
-                let factor = diagonal.log_factor();
-                let log = |b: &f64| if diagonal.is_log() { b + factor } else { b.ln() + factor };
-                out.extend(diagonal.as_slice().iter().map(log));
-            }
-            Ok::<_, String>(out)
-        });
-        PyArray1::from_vec(py, found.map_err(invalid)?).reshape([count, n])
+        log_densities(py, &self.0, &rows, self.0.components())
     }
 
     /// What a pickle keeps: the parameters.

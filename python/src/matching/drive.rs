@@ -10,8 +10,8 @@ use super::answers::Answers;
 use super::trips::Estimator;
 use super::{PyMatcher, PyRankedRoutes, PyRoadAnswers, PyStretches};
 use crate::error::invalid;
-use crate::signals::in_background;
 use crate::typed::{Size, index};
+use crate::watch::in_background;
 
 /// Drive on a road network, made by `Matcher.match_drive(points)`: the distribution of the roads
 /// at each point, and the most probable route.

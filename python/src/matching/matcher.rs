@@ -13,10 +13,12 @@ use super::trips::{self, Estimator};
 use super::{PyLearnedMatchModel, PyMatchedDrive, PyRoadNetwork, PyVehicle};
 use crate::error::invalid;
 use crate::options::{replaced, to_python};
-use crate::signals::in_background;
 use crate::typed::Size;
+use crate::watch::in_background;
 
 /// Matcher of the positions of vehicles to the roads of a network.
+///
+/// Can be copied and pickled, with its network.
 ///
 /// Points are a data frame (pandas, polars, pyarrow, anything with `__arrow_c_stream__`) or a
 /// dictionary of arrays, with columns `time` (seconds, or dates), `lat`, `lon` in degrees, and if
@@ -161,8 +163,8 @@ impl PyMatcher {
     ) -> PyResult<Bound<'py, PyDict>> {
         let (points, estimator) = (columns.points()?, Estimator::of(estimator, lag)?);
         let matcher = Arc::clone(&self.matcher);
-        let found = in_background(py, move |stop| {
-            trips::match_all(&matcher, &points, &offsets, estimator, skip, stop)
+        let found = in_background(py, move |watch| {
+            trips::match_all(&matcher, &points, &offsets, estimator, skip, watch)
         })?;
         found.into_python(py)
     }
@@ -211,6 +213,33 @@ impl PyMatcher {
     /// Returns a vehicle with the state that `Vehicle.to_bytes` returned.
     fn vehicle_from_bytes(this: &Bound<'_, Self>, bytes: &[u8]) -> PyResult<PyVehicle> {
         PyVehicle::from_bytes(this, bytes)
+    }
+
+    fn __copy__(&self, py: Python<'_>) -> Self {
+        Self { matcher: Arc::clone(&self.matcher), network: self.network.clone_ref(py) }
+    }
+
+    fn __deepcopy__(&self, py: Python<'_>, _memo: &Bound<'_, PyAny>) -> Self {
+        self.__copy__(py)
+    }
+
+    /// What a pickle keeps: the network and the parameters of the model.
+    #[expect(clippy::type_complexity, reason = "what Python expects")]
+    fn __reduce__<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<(Bound<'py, PyAny>, (Py<PyRoadNetwork>, Bound<'py, PyAny>))> {
+        let made = py.get_type::<Self>().getattr("_from_parts")?;
+        Ok((made, (self.network(py), self.model(py)?)))
+    }
+
+    /// Makes what a pickle kept.
+    #[staticmethod]
+    fn _from_parts(
+        network: &Bound<'_, PyRoadNetwork>,
+        model: &Bound<'_, PyDict>,
+    ) -> PyResult<Self> {
+        Self::new(network, Some(model))
     }
 
     fn __repr__(&self) -> String {

@@ -6,6 +6,7 @@ mod learned;
 mod matcher;
 mod network;
 mod points;
+mod stored;
 mod stretches;
 mod trips;
 mod vehicle;

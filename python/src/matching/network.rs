@@ -5,14 +5,17 @@ use std::sync::Arc;
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods, ToPyArray};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyBytes, PyDict};
 use wayfix::map::{Cleaning, ImportOptions, ImportReport, MapError, Position, RoadNetwork};
 
+use super::stored::Stored;
 use crate::error::invalid;
-use crate::signals::in_background;
 use crate::typed::{Size, index};
+use crate::watch::in_background;
 
 /// Directed road network.
+///
+/// Can be copied and pickled.
 ///
 /// Parameters
 /// ----------
@@ -241,6 +244,36 @@ impl PyRoadNetwork {
     /// Returns the network as GeoJSON; ids of nodes and forbidden turns are not in it.
     fn to_geojson(&self, py: Python<'_>) -> String {
         py.detach(|| self.network.to_geojson())
+    }
+
+    fn __copy__(&self) -> Self {
+        Self { network: Arc::clone(&self.network), report: self.report.clone() }
+    }
+
+    fn __deepcopy__(&self, _memo: &Bound<'_, PyAny>) -> Self {
+        self.__copy__()
+    }
+
+    /// What a pickle keeps: nodes, edges and forbidden turns (JSON), and the report.
+    #[expect(clippy::type_complexity, reason = "what Python expects")]
+    fn __reduce__<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>, String))> {
+        let bytes = py.detach(|| serde_json::to_vec(&Stored::of(&self.network)));
+        let bytes = PyBytes::new(py, &bytes.map_err(invalid)?);
+        Ok((py.get_type::<Self>().getattr("_from_bytes")?, (bytes, self.report.clone())))
+    }
+
+    /// Makes what a pickle kept.
+    #[staticmethod]
+    fn _from_bytes(py: Python<'_>, bytes: &[u8], report: String) -> PyResult<Self> {
+        let made = py.detach(|| {
+            let stored = serde_json::from_slice::<Stored>(bytes).map_err(|e| e.to_string())?;
+            stored.network()
+        });
+        let network = made.map_err(|error| invalid(format!("a stored network: {error}")))?;
+        Ok(Self { network: Arc::new(network), report })
     }
 
     fn __repr__(&self) -> String {

@@ -1,7 +1,6 @@
 //! Many drives, one after another.
 
 use std::ops::ControlFlow;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use numpy::PyArray1;
 use pyo3::prelude::*;
@@ -11,6 +10,7 @@ use wayfix::matching::{MatchError, MatchedDrive, Matcher, RoadAnswer, Stretch, T
 use super::answers::Answers;
 use crate::error::invalid;
 use crate::typed::index;
+use crate::watch::Watch;
 
 /// Which answer of a point is wanted.
 #[derive(Debug, Clone, Copy)]
@@ -60,7 +60,7 @@ pub(super) fn match_all(
     offsets: &[usize],
     estimator: Estimator,
     skip: bool,
-    stop: &AtomicBool,
+    watch: &Watch,
 ) -> Matched {
     let mut all = Matched::default();
     let drives = offsets.windows(2).map(|ends| &points[ends[0]..ends[1]]);
@@ -79,12 +79,7 @@ pub(super) fn match_all(
                 }
             }
         }
-        // Nobody waits any longer.
-        if stop.load(Ordering::Relaxed) {
-            ControlFlow::Break(())
-        } else {
-            ControlFlow::Continue(())
-        }
+        if watch.is_stopped() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });
     all
 }

@@ -13,6 +13,8 @@ use crate::error::invalid;
 use crate::typed::{Size, index};
 
 /// Vehicle on the road, made by `Matcher.start(...)` and moved point by point.
+///
+/// Can be copied and pickled, with its matcher.
 #[pyclass(name = "Vehicle", module = "wayfix.matching", frozen)]
 #[derive(Debug)]
 pub(crate) struct PyVehicle {
@@ -128,6 +130,14 @@ impl PyVehicle {
 
     fn __deepcopy__(&self, py: Python<'_>, _memo: &Bound<'_, PyAny>) -> Self {
         self.__copy__(py)
+    }
+
+    /// What a pickle keeps: the matcher and the state.
+    fn __reduce__<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>,))> {
+        Ok((self.matcher.bind(py).getattr("vehicle_from_bytes")?, (self.to_bytes(py),)))
     }
 
     fn __repr__(&self, py: Python<'_>) -> String {

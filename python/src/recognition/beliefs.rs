@@ -67,7 +67,8 @@ impl Answers {
 /// probabilities : array, shape (steps, n) or (steps, n + 1)
 ///     A row for each step, with a last column for off the map if that is modelled.
 /// places : array of int, shape (steps,)
-///     The reference of each answer, from 0; -1 if the vehicle is more probably off the map.
+///     The reference of each answer, from 0: the middle of the most probable `2 window + 1`, which
+///     need not be the most probable one; -1 if the vehicle is more probably off the map.
 /// probability : array, shape (steps,)
 ///     Probability that the vehicle is within `window` references of the place, or off the map.
 /// around : array of int, shape (steps, 2)

@@ -34,18 +34,17 @@ fn range(first: i64, last: i64) -> Option<RangeInclusive<usize>> {
     Some(usize::try_from(first).ok()?..=usize::try_from(last).ok()?)
 }
 
-/// Parts of drives, one after another.
+/// Labels of parts of drives, one after another.
 #[derive(Debug)]
 pub(super) struct Parts {
-    pub(super) queries: Vec<Vec<f32>>,
     pub(super) places: Vec<Option<RangeInclusive<usize>>>,
     pub(super) odometry: Vec<Option<f64>>,
     pub(super) lengths: Vec<usize>,
 }
 
 impl Parts {
-    pub(super) fn check(&self) -> PyResult<()> {
-        let (steps, labels) = (self.queries.len(), self.places.len());
+    pub(super) fn check(&self, steps: usize) -> PyResult<()> {
+        let labels = self.places.len();
         if labels != steps {
             return Err(invalid(format!(
                 "places are {labels}, expected {steps}, one for each query"
@@ -60,17 +59,15 @@ impl Parts {
         Ok(())
     }
 
-    pub(super) fn iter(&self) -> impl Iterator<Item = LabelledPart<'_, Vec<f32>>> {
+    /// Returns the parts of as many queries.
+    pub(super) fn with<'a, Q>(&'a self, queries: &'a [Q]) -> Vec<LabelledPart<'a, Q>> {
         let mut end = 0;
-        self.lengths.iter().map(move |length| {
+        let part = |length: &usize| {
             let steps = end..end + length;
             end = steps.end;
             let odometry = self.odometry.get(steps.clone()).unwrap_or(&[]);
-            LabelledPart {
-                queries: &self.queries[steps.clone()],
-                places: &self.places[steps],
-                odometry,
-            }
-        })
+            LabelledPart { queries: &queries[steps.clone()], places: &self.places[steps], odometry }
+        };
+        self.lengths.iter().map(part).collect()
     }
 }

@@ -3,6 +3,7 @@
 use std::sync::{Mutex, MutexGuard};
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use wayfix::observation::Distance;
@@ -15,6 +16,9 @@ use crate::error::invalid;
 use crate::typed::Size;
 
 /// Builder of references while the vehicle drives, which tells a new place from one seen before.
+///
+/// Can be copied, but not pickled, since the library has no stored form of its way through the
+/// map; its `recognizer()` and `references` can.
 ///
 /// Parameters
 /// ----------
@@ -106,6 +110,15 @@ impl PyMapper {
 
     fn __deepcopy__(&self, py: Python<'_>, _memo: &Bound<'_, PyAny>) -> Self {
         self.__copy__(py)
+    }
+
+    /// Raises TypeError rather than what Python says of a class without a stored form.
+    #[expect(clippy::unused_self, reason = "a method of Python's")]
+    fn __reduce__(&self) -> PyResult<()> {
+        Err(PyTypeError::new_err(
+            "a Mapper cannot be pickled: where it is on the map has no stored form; copy it, or \
+             pickle its recognizer()",
+        ))
     }
 
     fn __repr__(&self, py: Python<'_>) -> String {

@@ -7,7 +7,7 @@ use wayfix::motion::Speeds;
 use wayfix::observation::Distance;
 use wayfix::recognition::Options;
 
-use crate::error::invalid;
+use crate::error::{invalid, reserve};
 use crate::options::replaced;
 
 /// Returns options with those of a dictionary replaced.
@@ -35,6 +35,17 @@ pub(super) fn options(before: &Options, given: Option<&Bound<'_, PyDict>>) -> Py
 
 fn stored<T: serde::Serialize>(value: &T) -> PyResult<Value> {
     serde_json::to_value(value).map_err(invalid)
+}
+
+/// Raises MemoryError for more references than there is memory, which would end the process.
+pub(super) fn check_memory(references: usize, options: &Options) -> PyResult<()> {
+    let speeds = options.speeds.values().len();
+    // What is beyond the library's indices it refuses by itself.
+    if references.saturating_mul(speeds + 1) > u32::MAX as usize {
+        return Ok(());
+    }
+    // Three numbers for each speed at each reference, and some more.
+    reserve(references * 24 * (speeds + 2), || format!("{references} references"))
 }
 
 /// Returns the comparison of a name.

@@ -2,10 +2,9 @@
 
 use std::borrow::Cow;
 
-use numpy::PyReadonlyArray2;
+use numpy::{PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use crate::signals::Signals;
 use crate::typed::{Rows, float_rows, floats};
 
 /// Queries of a drive: descriptors, distances, or similarities to be negated.
@@ -18,6 +17,11 @@ pub(super) struct Queries<'py> {
 impl<'py> Queries<'py> {
     pub(super) fn new(values: &Bound<'py, PyAny>, negated: bool) -> PyResult<Self> {
         Ok(Self { array: float_rows(values, "queries")?, negated })
+    }
+
+    /// Returns the array as Python gave it.
+    pub(super) fn array(&self) -> Py<PyArray2<f32>> {
+        (*self.array).clone().unbind()
     }
 
     pub(super) fn rows(&self) -> PyResult<Rows<'_, f32>> {
@@ -39,18 +43,4 @@ pub(super) fn query(values: &Bound<'_, PyAny>, negated: bool) -> PyResult<Vec<f3
     let array = floats(values, "the values of a query")?;
     let values = array.as_slice().map_err(crate::error::invalid)?;
     Ok(if negated { values.iter().map(|value| -value).collect() } else { values.to_vec() })
-}
-
-/// A query that is empty once a signal has come: the library then stops with an error, which
-/// nobody sees.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Watched<'a> {
-    pub(super) row: &'a [f32],
-    pub(super) signals: &'a Signals,
-}
-
-impl AsRef<[f32]> for Watched<'_> {
-    fn as_ref(&self) -> &[f32] {
-        if self.signals.pending() { &[] } else { self.row }
-    }
 }

@@ -4,17 +4,17 @@ use numpy::{PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use wayfix::observation::Distance;
-use wayfix::recognition::{LabelledPart, Options, Parameters, Recognizer};
+use wayfix::recognition::{Options, Parameters, Recognizer};
 
 use super::labels::{Parts, places};
-use super::options::{distance, options};
-use super::queries::{Queries, Watched};
+use super::options::{check_memory, distance, options};
+use super::queries::Queries;
 use super::source::Source;
 use super::{PyRecording, PyTrack};
 use crate::error::invalid;
 use crate::options::to_python;
-use crate::signals::{Signals, in_background};
 use crate::typed::{Rows, Size, float_rows, optional};
+use crate::watch::{computed, in_background};
 
 /// Recogniser of the places of a route by images of an earlier pass.
 ///
@@ -72,6 +72,7 @@ impl PyRecognizer {
         options: Options,
     ) -> PyResult<Self> {
         let all: Vec<Rows<'_, f32>> = traverses.iter().map(Rows::of).collect::<PyResult<_>>()?;
+        check_memory(all.first().map_or(0, Rows::count), &options)?;
         let made = py.detach(|| {
             let rows: Vec<Vec<&[f32]>> = all.iter().map(|rows| rows.iter().collect()).collect();
             let slices: Vec<&[&[f32]]> = rows.iter().map(Vec::as_slice).collect();
@@ -83,13 +84,15 @@ impl PyRecognizer {
     }
 
     fn compared(
+        py: Python<'_>,
         references: usize,
         negated: bool,
         given: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Self> {
         let options = options(&Options::default(), given)?;
-        let recognizer = Recognizer::from_distances(references, options).map_err(invalid)?;
-        Ok(Self { recognizer, source: Source::Compared { negated } })
+        check_memory(references, &options)?;
+        let made = in_background(py, move |_| Recognizer::from_distances(references, options))?;
+        Ok(Self { recognizer: made.map_err(invalid)?, source: Source::Compared { negated } })
     }
 
     /// Another recogniser of the same references.
@@ -144,19 +147,28 @@ impl PyRecognizer {
     }
 
     /// Creates a recogniser for queries that are rows of distances to so many references, smaller
-    /// for more alike, by any comparison: scale and offset do not matter.
+    /// for more alike, by any comparison: scale and offset do not matter. Raises MemoryError for
+    /// more references than there is memory: with the default speeds, they take 400 bytes each.
     #[staticmethod]
     #[pyo3(signature = (references, **options))]
-    fn from_distances(references: Size, options: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
-        Self::compared(references.0, false, options)
+    fn from_distances(
+        py: Python<'_>,
+        references: Size,
+        options: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Self> {
+        Self::compared(py, references.0, false, options)
     }
 
     /// Creates a recogniser for queries that are rows of similarities to so many references, larger
     /// for more alike.
     #[staticmethod]
     #[pyo3(signature = (references, **options))]
-    fn from_similarities(references: Size, options: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
-        Self::compared(references.0, true, options)
+    fn from_similarities(
+        py: Python<'_>,
+        references: Size,
+        options: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Self> {
+        Self::compared(py, references.0, true, options)
     }
 
     /// Number of references.
@@ -182,6 +194,7 @@ impl PyRecognizer {
     fn with_parameters(&self, py: Python<'_>, parameters: &str) -> PyResult<Self> {
         let fit: Parameters = serde_json::from_str(parameters)
             .map_err(|error| invalid(format!("parameters: {error}")))?;
+        check_memory(self.references(), fit.options())?;
         Ok(self.with(py, self.recognizer.with_parameters(fit).map_err(invalid)?))
     }
 
@@ -189,6 +202,7 @@ impl PyRecognizer {
     #[pyo3(signature = (**options))]
     fn with_options(&self, py: Python<'_>, options: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
         let options = self::options(self.recognizer.options(), options)?;
+        check_memory(self.references(), &options)?;
         let fit = self.recognizer.parameters().clone().with_options(options);
         Ok(self.with(py, self.recognizer.with_parameters(fit).map_err(invalid)?))
     }
@@ -221,22 +235,19 @@ impl PyRecognizer {
     ///     Distance driven before each query, in references; NaN where there is no reading.
     #[pyo3(signature = (queries, odometry=None))]
     fn recording(
-        &self,
-        py: Python<'_>,
+        this: &Bound<'_, Self>,
         queries: &Bound<'_, PyAny>,
         odometry: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<PyRecording> {
-        let queries = Queries::new(queries, self.negated())?;
+        let (py, of) = (this.py(), this.get());
+        let queries = Queries::new(queries, of.negated())?;
         let rows = queries.rows()?;
         let odometry = optional(odometry, "odometry readings", rows.count())?;
-        let (values, signals) = (queries.values(&rows), Signals::new());
-        let made = py.detach(|| {
-            let rows = rows.with(&values);
-            let watched: Vec<Watched<'_>> =
-                rows.iter().map(|row| Watched { row, signals: &signals }).collect();
-            self.recognizer.recording(&watched, &odometry)
-        });
-        Ok(PyRecording::new(signals.check(made.map_err(invalid))?, self.recognizer.clone()))
+        let values = queries.values(&rows);
+        let made = computed(py, |watch| {
+            of.recognizer.recording(&watch.over_rows(rows.with(&values).iter()), &odometry)
+        })?;
+        Ok(PyRecording::new(made.map_err(invalid)?, this, queries.array(), odometry))
     }
 
     /// Learns from labelled parts of drives: speeds, odometry, rates of leaving the map, the usual
@@ -266,17 +277,15 @@ impl PyRecognizer {
         let rows = queries.rows()?;
         let values = queries.values(&rows);
         let parts = Parts {
-            queries: rows.with(&values).iter().map(<[f32]>::to_vec).collect(),
             places: self::places(places)?,
             odometry: optional(odometry, "odometry readings", rows.count())?,
             lengths: lengths
                 .map_or_else(|| vec![rows.count()], |all| all.iter().map(|size| size.0).collect()),
         };
-        parts.check()?;
-        let recognizer = self.recognizer.clone();
-        let fitted = in_background(py, move |_| {
-            let parts: Vec<LabelledPart<'_, _>> = parts.iter().collect();
-            recognizer.fit(&parts)
+        parts.check(rows.count())?;
+        let fitted = computed(py, |watch| {
+            let queries = watch.over_rows(rows.with(&values).iter());
+            self.recognizer.fit(&parts.with(&queries))
         })?;
         Ok(self.with(py, fitted.map_err(invalid)?))
     }
@@ -299,8 +308,8 @@ impl PyRecognizer {
         parameters: &str,
     ) -> PyResult<Self> {
         let made = match kind {
-            "distances" => Self::compared(references, false, None)?,
-            "similarities" => Self::compared(references, true, None)?,
+            "distances" => Self::compared(py, references, false, None)?,
+            "similarities" => Self::compared(py, references, true, None)?,
             distance => Self::from_traverses(py, traverses, distance, None)?,
         };
         made.with_parameters(py, parameters)

@@ -2,18 +2,21 @@
 
 use std::sync::Arc;
 
-use numpy::{PyArray1, ToPyArray};
+use numpy::{PyArray1, PyArray2, ToPyArray};
 use pyo3::prelude::*;
-use wayfix::recognition::{PlaceBeliefs, RecognitionError, Recognizer, Recording};
+use wayfix::recognition::{PlaceBeliefs, RecognitionError, Recording};
 
-use super::PyPlaceBeliefs;
 use super::beliefs::Answers;
+use super::{PyPlaceBeliefs, PyRecognizer};
 use crate::error::invalid;
-use crate::signals::in_background;
 use crate::typed::{Size, index};
+use crate::watch::in_background;
 
 /// Drive compared with the references, made by `Recognizer.recording(queries)`: to be filtered,
 /// smoothed or decoded.
+///
+/// Can be copied and pickled, which compares the queries again. Their array is kept for that: do
+/// not change it.
 ///
 /// Ctrl-C returns at once from each method; what was under way ends unseen.
 ///
@@ -30,12 +33,21 @@ use crate::typed::{Size, index};
 #[derive(Debug)]
 pub(crate) struct PyRecording {
     recording: Arc<Recording>,
-    recognizer: Recognizer,
+    recognizer: Py<PyRecognizer>,
+    queries: Py<PyArray2<f32>>,
+    odometry: Vec<Option<f64>>,
 }
 
 impl PyRecording {
-    pub(super) fn new(recording: Recording, recognizer: Recognizer) -> Self {
-        Self { recording: Arc::new(recording), recognizer }
+    /// Creates a recording of queries as Python gave them.
+    pub(super) fn new(
+        recording: Recording,
+        recognizer: &Bound<'_, PyRecognizer>,
+        queries: Py<PyArray2<f32>>,
+        odometry: Vec<Option<f64>>,
+    ) -> Self {
+        let recognizer = recognizer.clone().unbind();
+        Self { recording: Arc::new(recording), recognizer, queries, odometry }
     }
 
     fn beliefs(
@@ -45,7 +57,7 @@ impl PyRecording {
     ) -> PyResult<PyPlaceBeliefs> {
         let recording = Arc::clone(&self.recording);
         let found = in_background(py, move |_| work(&recording).map(Answers::new))?;
-        found.map_err(invalid)?.into_python(py, self.recognizer.clone())
+        found.map_err(invalid)?.into_python(py, self.recognizer.get().recognizer.clone())
     }
 }
 
@@ -96,12 +108,38 @@ impl PyRecording {
         in_background(py, move |_| recording.doubts().iter().map(ToString::to_string).collect())
     }
 
+    fn __copy__(&self, py: Python<'_>) -> Self {
+        Self {
+            recording: Arc::clone(&self.recording),
+            recognizer: self.recognizer.clone_ref(py),
+            queries: self.queries.clone_ref(py),
+            odometry: self.odometry.clone(),
+        }
+    }
+
+    fn __deepcopy__(&self, py: Python<'_>, _memo: &Bound<'_, PyAny>) -> Self {
+        self.__copy__(py)
+    }
+
+    /// What a pickle keeps: the recogniser, the queries and the odometry.
+    #[expect(clippy::type_complexity, reason = "what Python expects")]
+    fn __reduce__<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<(Bound<'py, PyAny>, (Py<PyArray2<f32>>, Option<Bound<'py, PyArray1<f64>>>))> {
+        let readings = self.odometry.iter().map(|reading| reading.unwrap_or(f64::NAN));
+        let readings = readings.collect::<Vec<f64>>().to_pyarray(py);
+        let odometry = (!self.odometry.is_empty()).then_some(readings);
+        let made = self.recognizer.bind(py).getattr("recording")?;
+        Ok((made, (self.queries.clone_ref(py), odometry)))
+    }
+
     fn __len__(&self) -> usize {
         self.recording.steps()
     }
 
     fn __repr__(&self) -> String {
-        let references = self.recognizer.references();
+        let references = self.recognizer.get().recognizer.references();
         format!("<Recording: {} steps, {references} references>", self.recording.steps())
     }
 }

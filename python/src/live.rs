@@ -1,0 +1,148 @@
+//! What live filters and smoothers have in common: their verbs, over a model of any kind.
+
+use pyo3::prelude::*;
+
+use crate::array::{contiguous, doubles};
+
+/// A stream over a model with one of the operators and one of the sensors.
+#[derive(Debug, Clone)]
+pub(crate) enum Live<DenseVector, DenseTable, SparseVector, SparseTable> {
+    DenseVector(DenseVector),
+    DenseTable(DenseTable),
+    SparseVector(SparseVector),
+    SparseTable(SparseTable),
+}
+
+/// Makes a stream of a model.
+macro_rules! live_of {
+    ($model:expr, |$hmm:ident| $stream:expr) => {
+        match $model {
+            $crate::kinds::Model::DenseVector($hmm) => Live::DenseVector($stream),
+            $crate::kinds::Model::DenseTable($hmm) => Live::DenseTable($stream),
+            $crate::kinds::Model::SparseVector($hmm) => Live::SparseVector($stream),
+            $crate::kinds::Model::SparseTable($hmm) => Live::SparseTable($stream),
+        }
+    };
+}
+
+/// Calls code with the stream.
+macro_rules! with_live {
+    ($live:expr, |$stream:ident| $body:expr) => {
+        match $live {
+            Live::DenseVector($stream) => $body,
+            Live::DenseTable($stream) => $body,
+            Live::SparseVector($stream) => $body,
+            Live::SparseTable($stream) => $body,
+        }
+    };
+}
+
+/// Gives a class with the fields `live` and `hmm` the methods of all streams, and some of its own;
+/// the expression is the filter of a stream.
+macro_rules! live_methods {
+    ($class:ident, $snapshot:ty, |$stream:ident| $filter:expr, { $($own:tt)* }) => {
+        impl $class {
+            fn observe(&mut self, observation: &Bound<'_, PyAny>, moves: bool) -> PyResult<f64> {
+                let done = match &mut self.live {
+                    Live::DenseVector(live) => $crate::live::row(observation, |y| {
+                        if moves { live.step(y) } else { live.update(y) }
+                    })?,
+                    Live::SparseVector(live) => $crate::live::row(observation, |y| {
+                        if moves { live.step(y) } else { live.update(y) }
+                    })?,
+                    Live::DenseTable(live) => {
+                        let y = $crate::array::symbol(observation)?;
+                        if moves { live.step(&y) } else { live.update(&y) }
+                    }
+                    Live::SparseTable(live) => {
+                        let y = $crate::array::symbol(observation)?;
+                        if moves { live.step(&y) } else { live.update(&y) }
+                    }
+                };
+                done.map_err(|error| inference(observation.py(), 0, &error))
+            }
+        }
+
+        #[pymethods]
+        impl $class {
+            $($own)*
+
+            /// Takes a step: a move, then an observation. Returns the log-likelihood of the
+            /// observation given those before; one that raises leaves all as it was.
+            fn step(&mut self, observation: &Bound<'_, PyAny>) -> PyResult<f64> {
+                self.observe(observation, true)
+            }
+
+            /// Takes a further observation without a move. Returns its log-likelihood given all
+            /// before.
+            fn update(&mut self, observation: &Bound<'_, PyAny>) -> PyResult<f64> {
+                self.observe(observation, false)
+            }
+
+            /// Takes a step without an observation.
+            fn predict(&mut self, py: Python<'_>) -> PyResult<()> {
+                let done = with_live!(&mut self.live, |live| live.predict());
+                done.map_err(|error| inference(py, 0, &error))
+            }
+
+            /// Returns to the start, with no steps taken.
+            fn restart(&mut self) {
+                with_live!(&mut self.live, |live| live.restart());
+            }
+
+            /// Probabilities of all states now: a copy.
+            #[getter]
+            fn belief<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+                with_live!(&self.live, |$stream| $filter.belief().as_slice().to_pyarray(py))
+            }
+
+            /// Most probable state now; ties go to the lowest.
+            #[getter]
+            fn mode(&self) -> usize {
+                with_live!(&self.live, |$stream| $filter.belief().mode())
+            }
+
+            /// Number of steps.
+            #[getter]
+            fn steps(&self) -> usize {
+                with_live!(&self.live, |$stream| $filter.steps())
+            }
+
+            /// Log-likelihood of the observations so far.
+            #[getter]
+            fn log_likelihood(&self) -> f64 {
+                with_live!(&self.live, |$stream| $filter.log_likelihood())
+            }
+
+            /// Returns the state as bytes, without the model.
+            fn to_bytes<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
+                PyBytes::new(py, &with_live!(&self.live, |live| live.snapshot().to_bytes()))
+            }
+
+            /// Restores the state that `to_bytes` returned; it goes on to the bit.
+            pub(crate) fn restore(&mut self, bytes: &[u8]) -> PyResult<()> {
+                let snapshot = <$snapshot>::from_bytes(bytes).map_err(invalid)?;
+                with_live!(&mut self.live, |live| live.restore(&snapshot)).map_err(invalid)
+            }
+
+            fn __copy__(&self, py: Python<'_>) -> Self {
+                Self { live: self.live.clone(), hmm: self.hmm.clone_ref(py) }
+            }
+
+            fn __deepcopy__(&self, py: Python<'_>, _memo: &Bound<'_, PyAny>) -> Self {
+                self.__copy__(py)
+            }
+        }
+    };
+}
+
+/// Calls code with the likelihoods of all states.
+pub(crate) fn row<T>(
+    observation: &Bound<'_, PyAny>,
+    then: impl FnOnce(&[f64]) -> T,
+) -> PyResult<T> {
+    let array = doubles(observation, "likelihoods")?;
+    Ok(then(contiguous(array.as_slice(), "an observation")?))
+}
+
+pub(crate) use {live_methods, live_of, with_live};
