@@ -158,3 +158,15 @@ def test_what_is_no_frame_or_column(matcher, frame):
     with pytest.raises(wayfix.Error, match="list of matrices, expected arrays with one axis"):
         pl.DataFrame(Table(p=smoothed))
     assert len(pl.DataFrame(Table(p=[s.probabilities[:, 1] for s in smoothed]))) == 2
+
+
+def test_times_and_names_of_roads(matcher, frame):
+    """The lines of the README."""
+    _, edges = town()
+    edges = pd.DataFrame(edges).assign(name=lambda edges: "street " + edges["from"].astype(str))
+    frame = matcher.match_trips(frame, "id").points()
+    times = frame.groupby(["id", (frame["edge"] != frame["edge"].shift()).cumsum(), "edge"])["time"].agg(["min", "max"])
+    assert (times["max"].to_numpy()[:-1] < times["min"].to_numpy()[1:]).all()
+    names = pd.concat([edges, edges.rename(columns={"from": "to", "to": "from"})]).drop_duplicates(["from", "to"])
+    named = frame.merge(names[["from", "to", "name"]], on=["from", "to"], how="left")
+    assert len(named) == len(frame) and named["name"].notna().all()
