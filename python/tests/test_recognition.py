@@ -246,6 +246,18 @@ def test_no_queries():
     assert beliefs.probabilities.shape == (0, 20) and len(beliefs) == 0
 
 
+def test_an_answer_is_the_middle_of_the_most_probable_window():
+    """And not the most probable place: next to that, the one ahead is more probable than the one behind."""
+    recognizer, rows = Recognizer.from_similarities(30), np.eye(30)[5:20]
+    for window in (0, 1, 2):
+        found = recognizer.with_options(window=window).recording(rows).filtered()
+        np.testing.assert_array_equal(found.probabilities.argmax(axis=1), np.arange(5, 20))
+        masses = np.array([np.convolve(row, np.ones(2 * window + 1), "same") for row in found.probabilities])
+        np.testing.assert_allclose(found.probability, masses.max(axis=1))
+        np.testing.assert_allclose(masses[np.arange(15), found.places], masses.max(axis=1))
+    assert recognizer.recording(rows).filtered().places[1] == 7
+
+
 def test_mapper():
     references, _, _ = images(4)
     mapper, seen = Mapper(gap=20), []
