@@ -161,6 +161,7 @@ impl PyMatcher {
     }
 
     /// Matches sorted points, cut into drives at offsets.
+    #[expect(clippy::too_many_arguments, reason = "those of `match_trips`")]
     fn _match<'py>(
         &self,
         py: Python<'py>,

@@ -68,8 +68,10 @@ pub(super) struct Drives {
     pub(super) skip: bool,
 }
 
-/// Drives that a thread takes at a time: some take longer than others.
+/// Largest number of drives that a thread takes at a time.
 const AT_ONCE: usize = 16;
+/// Parts that a thread takes, on average: some take longer than others.
+const PARTS: usize = 8;
 
 impl Drives {
     /// Matches all drives on so many threads; the first error ends them unless it is to be skipped.
@@ -82,31 +84,36 @@ impl Drives {
         done: &AtomicUsize,
     ) -> Matched {
         let count = self.offsets.len().saturating_sub(1);
+        let at_once = (count / (jobs * PARTS)).clamp(1, AT_ONCE);
         let (next, ended) = (AtomicUsize::new(0), AtomicBool::new(false));
         let found = Mutex::new(Vec::new());
         // Parts are begun in order, and what is begun is ended: the first error is always the same.
         let work = || {
             while !ended.load(Ordering::Relaxed) && !watch.is_stopped() {
-                let part = next.fetch_add(AT_ONCE, Ordering::Relaxed);
+                let part = next.fetch_add(at_once, Ordering::Relaxed);
                 if part >= count {
                     break;
                 }
-                let last = count.min(part + AT_ONCE);
-                let matched = self.matched(matcher, part..last, watch, done);
-                if !self.skip && !matched.failed.is_empty() {
+                let last = count.min(part + at_once);
+                let made = self.matched(matcher, part..last, watch, done);
+                if !self.skip && !made.failed.is_empty() {
                     ended.store(true, Ordering::Relaxed);
                 }
-                found.lock().unwrap_or_else(PoisonError::into_inner).push((part, matched));
+                found.lock().unwrap_or_else(PoisonError::into_inner).push((part, made));
             }
         };
         std::thread::scope(|scope| {
-            (1..jobs).for_each(|_| drop(scope.spawn(work)));
+            for _ in 1..jobs {
+                scope.spawn(work);
+            }
             work();
         });
         let mut found = found.into_inner().unwrap_or_else(PoisonError::into_inner);
         found.sort_by_key(|(part, _)| *part);
         let mut all = Matched::default();
-        found.into_iter().for_each(|(_, matched)| all.append(matched));
+        for (_, made) in found {
+            all.append(made);
+        }
         all
     }
 

@@ -179,7 +179,6 @@ impl PyPlaceBeliefs {
 
     /// Makes what a pickle kept.
     #[staticmethod]
-    #[expect(clippy::type_complexity, reason = "what `__reduce__` returns")]
     fn _from_parts(
         probabilities: Py<PyArray2<f64>>,
         of_places: (Py<PyArray1<i64>>, Py<PyArray1<f64>>),
