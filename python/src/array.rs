@@ -8,7 +8,7 @@ use numpy::{
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyList};
 
-use crate::error::invalid;
+use crate::error::{invalid, of_step};
 
 /// Returns the slice of a contiguous array.
 pub(crate) fn contiguous<'a, T, E>(slice: Result<&'a [T], E>, what: &str) -> PyResult<&'a [T]> {
@@ -61,7 +61,9 @@ pub(crate) fn converted<'py>(
     }
     let found: usize = array.getattr("ndim")?.extract()?;
     if found != axes {
-        return Err(invalid(format!("{what} have {found} axes, expected {axes}")));
+        let expected = if axes == 1 { "a list of values" } else { "a row of values for each" };
+        let found = if found == 0 { "one value".into() } else { format!("{found} axes") };
+        return Err(invalid(format!("{what} have {found}, expected {axes}: {expected}")));
     }
     // Doubles beyond the range of floats become infinite, which the library reports.
     let over = [("over", "ignore")].into_py_dict(py)?;
@@ -143,9 +145,28 @@ pub(crate) fn indices(values: &Bound<'_, PyAny>, what: &str) -> PyResult<Vec<usi
     values.iter().enumerate().map(index).collect()
 }
 
-/// Reads a symbol.
-pub(crate) fn symbol(value: &Bound<'_, PyAny>) -> PyResult<usize> {
-    value
-        .extract()
-        .map_err(|_| invalid(format!("the symbol is {value}, expected an integer from 0")))
+/// Reads symbols of a sequence, or of several of these lengths; an error names the step.
+pub(crate) fn symbols(values: &Bound<'_, PyAny>, lengths: &[usize]) -> PyResult<Vec<usize>> {
+    let array = integers(values, "symbols")?;
+    let error = |at: usize, value: i64| {
+        let (mut sequence, mut step) = (0, at + 1);
+        while sequence + 1 < lengths.len() && step > lengths[sequence] {
+            step -= lengths[sequence];
+            sequence += 1;
+        }
+        let of = if lengths.is_empty() { String::new() } else { format!("sequence {sequence}: ") };
+        let message = format!("{of}step {step} has symbol {value}, expected at least 0");
+        of_step(values.py(), sequence, step, message)
+    };
+    let symbol =
+        |(at, value): (usize, &i64)| usize::try_from(*value).map_err(|_| error(at, *value));
+    contiguous(array.as_slice(), "symbols")?.iter().enumerate().map(symbol).collect()
+}
+
+/// Reads the symbol of a step.
+pub(crate) fn symbol(value: &Bound<'_, PyAny>, step: usize) -> PyResult<usize> {
+    value.extract().map_err(|_| {
+        let message = format!("the symbol is {value}, expected an integer from 0");
+        of_step(value.py(), 0, step, message)
+    })
 }

@@ -7,7 +7,7 @@ use wayfix::emission::{Gaussian, Poisson};
 use wayfix::likelihood::Scratch;
 
 use crate::array::matrix;
-use crate::error::invalid;
+use crate::error::{invalid, of_step};
 
 /// Returns log densities of Gaussians without covariances, from a row of variances for each state.
 #[pyfunction]
@@ -74,12 +74,13 @@ where
         for (row, observation) in values.chunks_exact(width.max(1)).enumerate() {
             let diagonal = family
                 .diagonal(observation, &mut scratch)
-                .map_err(|error| format!("row {row}: {error}"))?;
+                .map_err(|error| (row + 1, format!("step {}: {error}", row + 1)))?;
             let factor = diagonal.log_factor();
             let log = |b: &f64| if diagonal.is_log() { b + factor } else { b.ln() + factor };
             out.extend(diagonal.as_slice().iter().map(log));
         }
-        Ok::<_, String>(out)
+        Ok::<_, (usize, String)>(out)
     });
-    PyArray1::from_vec(py, computed.map_err(invalid)?).reshape([count, n])
+    let out = computed.map_err(|(step, message)| of_step(py, 0, step, message))?;
+    PyArray1::from_vec(py, out).reshape([count, n])
 }

@@ -3,8 +3,8 @@
 use pyo3::create_exception;
 use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
-use wayfix::InferenceError;
-use wayfix::error::SequenceError;
+use wayfix::error::{SequenceError, TransitionError};
+use wayfix::{InferenceError, matching::MatchError, recognition::RecognitionError};
 
 create_exception!(
     wayfix,
@@ -22,7 +22,7 @@ create_exception!(
 
 /// Makes an exception of an error that is none of a step.
 pub(crate) fn invalid(error: impl std::fmt::Display) -> PyErr {
-    Error::new_err(error.to_string())
+    Error::new_err(words(&error.to_string()))
 }
 
 /// Raises MemoryError if there are not so many bytes, where the library would end the process; a
@@ -42,17 +42,123 @@ pub(crate) fn of_sequence(py: Python<'_>, error: &SequenceError) -> PyErr {
     noted(py, error.sequence, &error.source, error.to_string())
 }
 
-fn noted(py: Python<'_>, sequence: usize, error: &InferenceError, message: String) -> PyErr {
-    let exception = match error {
-        InferenceError::Impossible { .. } | InferenceError::ImpossibleMove { .. } => {
-            ImpossibleError::new_err(message)
-        }
-        _ => Error::new_err(message),
-    };
+/// Makes an exception of an error of the step of a sequence that it is about.
+pub(crate) fn of_step(py: Python<'_>, sequence: usize, step: usize, message: String) -> PyErr {
+    placed(py, invalid(message), sequence, Some(step))
+}
+
+/// Gives an exception its sequence, and the step that it is about.
+pub(crate) fn placed(
+    py: Python<'_>,
+    exception: PyErr,
+    sequence: usize,
+    step: Option<usize>,
+) -> PyErr {
     let value = exception.value(py);
-    let set =
-        value.setattr("step", error.step()).and_then(|()| value.setattr("sequence", sequence));
+    let set = value.setattr("step", step).and_then(|()| value.setattr("sequence", sequence));
     set.map_or_else(|error| error, |()| exception)
+}
+
+/// Makes an exception of an error of one of several sequences that was found without the others.
+pub(crate) fn of_several(py: Python<'_>, sequence: usize, error: &PyErr) -> PyErr {
+    let value = error.value(py);
+    if !error.is_instance_of::<Error>(py) {
+        return error.clone_ref(py);
+    }
+    let step = value.getattr("step").and_then(|step| step.extract()).unwrap_or(None);
+    placed(py, invalid(format!("sequence {sequence}: {value}")), sequence, step)
+}
+
+/// Makes an exception of an error of moves, whose columns are rows in Python.
+pub(crate) fn of_moves(error: &TransitionError) -> PyErr {
+    let row = |state: &usize| format!("row {state} of moves (those from state {state})");
+    match error {
+        TransitionError::ColumnSum { column, sum } => {
+            invalid(format!("{} sums to {sum}, expected 1", row(column)))
+        }
+        TransitionError::RowsSumToOne { column, sum } => invalid(format!(
+            "{} sums to {sum}, expected 1, but the columns sum to one: transpose, so that row i, \
+             column j has the probability of a move from state i to state j",
+            row(column)
+        )),
+        other => invalid(other),
+    }
+}
+
+/// Makes an exception of an error of one of several drives.
+pub(crate) fn of_drive(py: Python<'_>, error: &MatchError) -> PyErr {
+    let (drive, cause) = match error {
+        MatchError::Drive(at) => (at.number, &*at.cause),
+        one => (0, one),
+    };
+    let step = match cause {
+        MatchError::Point { point, .. } | MatchError::Time { point, .. } => Some(point + 1),
+        MatchError::Inference(error) => error.step(),
+        _ => None,
+    };
+    placed(py, invalid(error), drive, step)
+}
+
+/// Makes an exception of an error of recognition, with the step and the labelled part.
+pub(crate) fn recognition(py: Python<'_>, error: &RecognitionError) -> PyErr {
+    let placed = |step| placed(py, invalid(error), 0, step);
+    match error {
+        RecognitionError::Descriptor(at) | RecognitionError::Query(at) => placed(Some(at.number)),
+        RecognitionError::Inference(failed) => placed(failed.cause.step()),
+        RecognitionError::Label { part, step, place, references } => {
+            let (step, last) = (step + 1, references.saturating_sub(1));
+            let message = format!(
+                "step {step} of labelled part {part} shows references up to {place}, expected a \
+                 range that is not empty, within 0 to {last}"
+            );
+            of_step(py, *part, step, message)
+        }
+        RecognitionError::Part(at) => {
+            let cause = recognition(py, &at.cause);
+            let step = cause.value(py).getattr("step").and_then(|step| step.extract());
+            self::placed(py, invalid(error), at.number, step.unwrap_or(None))
+        }
+        other => invalid(other),
+    }
+}
+
+/// Says in Python's words what the library says in Rust's.
+fn words(message: &str) -> String {
+    const WORDS: [(&str, &str); 14] = [
+        ("Options::", "the option "),
+        ("`with_missing`", "`missing=True`"),
+        ("the sensor failed: ", ""),
+        ("floating point ", ""),
+        ("integer `", "`"),
+        ("boolean `", "`"),
+        ("invalid type: null", "invalid type: None"),
+        ("invalid type: map", "invalid type: a dictionary"),
+        ("invalid type: sequence", "invalid type: a list"),
+        ("expected a sequence", "expected a list"),
+        ("expected usize", "expected an integer from 0"),
+        ("expected u64", "expected an integer from 0"),
+        ("expected f64", "expected a number"),
+        ("expected a boolean", "expected True or False"),
+    ];
+    let mut words = message.to_owned();
+    for (rust, python) in WORDS {
+        words = words.replace(rust, python);
+    }
+    match words.split_once("expected struct ") {
+        Some((before, _)) => format!("{before}expected a dictionary"),
+        None => words,
+    }
+}
+
+/// True if the model rules something out.
+pub(crate) fn is_impossible(error: &InferenceError) -> bool {
+    matches!(error, InferenceError::Impossible { .. } | InferenceError::ImpossibleMove { .. })
+}
+
+fn noted(py: Python<'_>, sequence: usize, error: &InferenceError, message: String) -> PyErr {
+    let exception =
+        if is_impossible(error) { ImpossibleError::new_err(message) } else { invalid(message) };
+    placed(py, exception, sequence, error.step())
 }
 
 /// Gives exceptions without a step or a sequence the attributes all the same.

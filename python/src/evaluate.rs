@@ -31,7 +31,7 @@ fn judged(scores: &Bound<'_, PyAny>, right: &Bound<'_, PyAny>) -> PyResult<Vec<(
 /// places : array of int, shape (steps,)
 ///     The answers; -1 is off the map.
 /// within : int
-///     Tolerance, in references.
+///     Tolerance, in references (0).
 ///
 /// Examples
 /// --------
@@ -55,6 +55,15 @@ pub(crate) fn recall_within(
 /// Returns a reliability diagram of probabilities: a dictionary of arrays `lower`, `upper`,
 /// `count`, `mean_probability`, `fraction_true` of the bins that are not empty, and the
 /// `expected_calibration_error` and `maximum_calibration_error`.
+///
+/// Parameters
+/// ----------
+/// probabilities : array, shape (n,)
+///     Probabilities of the answers.
+/// right : array of bool, shape (n,)
+///     True for those that are right.
+/// bins : int
+///     Number of bins of equal width (10).
 ///
 /// Examples
 /// --------

@@ -5,10 +5,10 @@ use std::sync::Arc;
 use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use wayfix::emission::Rows;
-use wayfix::{DenseTransition, Hmm, LikelihoodVector, SparseTransition, TableLikelihood};
+use wayfix::{DenseTransition, Hmm, LikelihoodVector, Prior, SparseTransition, TableLikelihood};
 
 use crate::array::{self, matrix};
-use crate::error::invalid;
+use crate::error::{invalid, of_several};
 
 /// A model with one of the operators and one of the sensors.
 #[derive(Debug, Clone)]
@@ -163,21 +163,60 @@ impl Model {
         lengths: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Many<'py>> {
         if let Some(lengths) = lengths {
-            return Ok(Many::Joined(self.observed(all)?, array::indices(lengths, "lengths")?));
+            let lengths = array::indices(lengths, "lengths")?;
+            return Ok(Many::Joined(self.observed_of(all, &lengths)?, lengths));
         }
-        let all = all.try_iter()?.map(|ys| self.observed(&ys?));
-        Ok(Many::Each(all.collect::<PyResult<_>>()?))
+        let py = all.py();
+        let read = |(sequence, ys): (usize, PyResult<Bound<'py, PyAny>>)| {
+            self.observed(&ys?).map_err(|error| of_several(py, sequence, &error))
+        };
+        Ok(Many::Each(all.try_iter()?.enumerate().map(read).collect::<PyResult<_>>()?))
     }
 
     /// Reads the observations of a sequence.
     pub(crate) fn observed<'py>(&self, ys: &Bound<'py, PyAny>) -> PyResult<Observed<'py>> {
+        self.observed_of(ys, &[])
+    }
+
+    /// Reads the observations of a sequence, or of several of these lengths.
+    fn observed_of<'py>(
+        &self,
+        ys: &Bound<'py, PyAny>,
+        lengths: &[usize],
+    ) -> PyResult<Observed<'py>> {
         match self {
             Self::DenseVector(_) | Self::SparseVector(_) => {
                 Ok(Observed::Rows(array::rows(ys, "observations")?))
             }
             Self::DenseTable(_) | Self::SparseTable(_) => {
-                Ok(Observed::Symbols(array::indices(ys, "symbols")?))
+                Ok(Observed::Symbols(array::symbols(ys, lengths)?))
             }
+        }
+    }
+
+    pub(crate) fn prior(&self) -> &Prior {
+        match self {
+            Self::DenseVector(hmm) => hmm.prior(),
+            Self::DenseTable(hmm) => hmm.prior(),
+            Self::SparseVector(hmm) => hmm.prior(),
+            Self::SparseTable(hmm) => hmm.prior(),
+        }
+    }
+
+    pub(crate) fn table(&self) -> Option<&TableLikelihood> {
+        match self {
+            Self::DenseTable(hmm) => Some(hmm.likelihood()),
+            Self::SparseTable(hmm) => Some(hmm.likelihood()),
+            Self::DenseVector(_) | Self::SparseVector(_) => None,
+        }
+    }
+
+    /// Number of moves of a sparse model.
+    pub(crate) fn entries(&self) -> Option<usize> {
+        match self {
+            Self::SparseVector(hmm) => Some(hmm.transition().triplets().count()),
+            Self::SparseTable(hmm) => Some(hmm.transition().triplets().count()),
+            Self::DenseVector(_) | Self::DenseTable(_) => None,
         }
     }
 

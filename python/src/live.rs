@@ -43,6 +43,7 @@ macro_rules! live_methods {
     ($class:ident, $snapshot:ty, |$stream:ident| $filter:expr, { $($own:tt)* }) => {
         impl $class {
             fn observe(&mut self, observation: &Bound<'_, PyAny>, moves: bool) -> PyResult<f64> {
+                let step = self.steps() + 1;
                 let done = match &mut self.live {
                     Live::DenseVector(live) => $crate::live::row(observation, |y| {
                         if moves { live.step(y) } else { live.update(y) }
@@ -51,11 +52,11 @@ macro_rules! live_methods {
                         if moves { live.step(y) } else { live.update(y) }
                     })?,
                     Live::DenseTable(live) => {
-                        let y = $crate::array::symbol(observation)?;
+                        let y = $crate::array::symbol(observation, step)?;
                         if moves { live.step(&y) } else { live.update(&y) }
                     }
                     Live::SparseTable(live) => {
-                        let y = $crate::array::symbol(observation)?;
+                        let y = $crate::array::symbol(observation, step)?;
                         if moves { live.step(&y) } else { live.update(&y) }
                     }
                 };

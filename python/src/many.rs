@@ -1,6 +1,5 @@
 //! Many sequences, on as many threads as asked, with their results in order.
 
-use std::num::NonZero;
 use std::ops::ControlFlow;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -74,9 +73,7 @@ pub(crate) fn results<S: Send, R, T: Send>(
         way.progress
             .map_or(Ok(()), |call| call.call1((done.load(Ordering::Relaxed), all)).map(|_| ()))
     };
-    // More threads than processors gain nothing, and there may be no more.
-    let processors = std::thread::available_parallelism().map_or(1, NonZero::get);
-    let parts = on_threads(py, way.jobs.clamp(1, processors), sequences, &part, report)?;
+    let parts = on_threads(py, way.jobs, sequences, &part, report)?;
     let mut kept = Vec::with_capacity(all);
     for found in parts {
         match found {

@@ -12,6 +12,7 @@ use crate::kinds::{Model, with_sequence, with_sequences};
 use crate::many::{Way, results};
 use crate::parts::{Operator, dense_moves, join, operator, rows, sparse_moves, table_of};
 use crate::results::{PyPath, PySmoothed};
+use crate::typed::{Size, threads};
 use crate::watch::computed;
 
 /// Hidden Markov model: where it starts, how it moves, and how likely each observation is.
@@ -25,7 +26,7 @@ use crate::watch::computed;
 ///     Probabilities of the first state; they sum to one.
 /// moves : array or scipy.sparse matrix of shape (n, n), or three arrays
 ///     Probabilities of moves from the state of the row to that of the column; rows sum to one.
-///     Three arrays are rows, columns and probabilities of a sparse matrix.
+///     Three arrays are rows, columns and probabilities of a sparse matrix, as `moves` has them.
 /// table : array, shape (n, m), optional
 ///     Probabilities of m symbols in each state; rows sum to one.
 /// logarithms : bool
@@ -49,6 +50,8 @@ use crate::watch::computed;
 #[derive(Debug)]
 pub(crate) struct PyHmm {
     model: Model,
+    /// True if observations are logarithms of likelihoods.
+    #[pyo3(get)]
     logarithms: bool,
 }
 
@@ -104,23 +107,11 @@ impl PyHmm {
 
     /// What a pickle keeps: the arguments.
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
-        let (prior, moves, table) = match &self.model {
-            Model::DenseVector(hmm) => (hmm.prior(), dense_moves(py, hmm.transition())?, None),
-            Model::DenseTable(hmm) => {
-                (hmm.prior(), dense_moves(py, hmm.transition())?, Some(rows(py, hmm.likelihood())?))
-            }
-            Model::SparseVector(hmm) => (hmm.prior(), sparse_moves(py, hmm.transition())?, None),
-            Model::SparseTable(hmm) => (
-                hmm.prior(),
-                sparse_moves(py, hmm.transition())?,
-                Some(rows(py, hmm.likelihood())?),
-            ),
-        };
-        let arguments = (prior.belief().as_slice().to_pyarray(py), moves);
+        let arguments = (self.start(py), self.moves(py)?);
         let named = PyDict::new(py);
-        named.set_item("table", table)?;
+        named.set_item("table", self.table(py)?)?;
         named.set_item("logarithms", self.logarithms)?;
-        named.set_item("start_before_move", matches!(prior, Prior::BeforeFirstTransition(_)))?;
+        named.set_item("start_before_move", self.start_before_move())?;
         let with_names = py.import("copyreg")?.getattr("__newobj_ex__")?;
         let all = (py.get_type::<Self>(), arguments, named).into_pyobject(py)?;
         Ok((with_names, all.into_any()))
@@ -131,6 +122,35 @@ impl PyHmm {
         let mut filter = PyFilter::new(this);
         filter.restore(bytes)?;
         Ok(filter)
+    }
+
+    /// Probabilities of the first state.
+    #[getter]
+    fn start<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.model.prior().belief().as_slice().to_pyarray(py)
+    }
+
+    /// Probabilities of moves: an array, or rows, columns and probabilities of a sparse matrix.
+    #[getter]
+    fn moves<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        match &self.model {
+            Model::DenseVector(hmm) => dense_moves(py, hmm.transition()),
+            Model::DenseTable(hmm) => dense_moves(py, hmm.transition()),
+            Model::SparseVector(hmm) => sparse_moves(py, hmm.transition()),
+            Model::SparseTable(hmm) => sparse_moves(py, hmm.transition()),
+        }
+    }
+
+    /// Probabilities of symbols, or None without a table.
+    #[getter]
+    fn table<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
+        self.model.table().map(|table| rows(py, table)).transpose()
+    }
+
+    /// True if the first state is that before a first move.
+    #[getter]
+    fn start_before_move(&self) -> bool {
+        matches!(self.model.prior(), Prior::BeforeFirstTransition(_))
     }
 
     /// Number of states.
@@ -181,8 +201,9 @@ impl PyHmm {
         &self,
         py: Python<'_>,
         observations: &Bound<'_, PyAny>,
-        count: usize,
+        count: Size,
     ) -> PyResult<Vec<PyPath>> {
+        let count = count.0;
         let observed = &self.model.observed(observations)?;
         paths_fit(self.model.states(), observed.steps(), count)?;
         let found = with_sequence!(&self.model, observed, |hmm, ys| {
@@ -203,7 +224,7 @@ impl PyHmm {
     /// lengths : array of int, optional
     ///     Number of observations of each sequence.
     /// n_jobs : int
-    ///     Number of threads, at most one for each processor.
+    ///     Number of threads (1); -1 for one on each processor, and no more than these.
     /// progress : callable, optional
     ///     Called with the number of sequences that are done, and of all, ten times a second and at
     ///     the end.
@@ -213,10 +234,11 @@ impl PyHmm {
         py: Python<'py>,
         sequences: &Bound<'py, PyAny>,
         lengths: Option<&Bound<'py, PyAny>>,
-        n_jobs: usize,
+        n_jobs: isize,
         progress: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        let (all, way) = (self.model.many(sequences, lengths)?, Way { jobs: n_jobs, progress });
+        let (all, way) =
+            (self.model.many(sequences, lengths)?, Way { jobs: threads(n_jobs)?, progress });
         let scores = with_sequences!(&self.model, &all, |hmm, ys| {
             results(py, &way, ys, |ys, visit| hmm.log_likelihood_map_all(ys, visit), |score| score)?
         });
@@ -231,10 +253,11 @@ impl PyHmm {
         py: Python<'py>,
         sequences: &Bound<'py, PyAny>,
         lengths: Option<&Bound<'py, PyAny>>,
-        n_jobs: usize,
+        n_jobs: isize,
         progress: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Vec<PySmoothed>> {
-        let (all, way) = (self.model.many(sequences, lengths)?, Way { jobs: n_jobs, progress });
+        let (all, way) =
+            (self.model.many(sequences, lengths)?, Way { jobs: threads(n_jobs)?, progress });
         let smoothed = with_sequences!(&self.model, &all, |hmm, ys| {
             results(py, &way, ys, |ys, visit| hmm.smooth_map_all(ys, visit), |smoothed| smoothed)?
         });
@@ -249,10 +272,11 @@ impl PyHmm {
         py: Python<'py>,
         sequences: &Bound<'py, PyAny>,
         lengths: Option<&Bound<'py, PyAny>>,
-        n_jobs: usize,
+        n_jobs: isize,
         progress: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Vec<PyPath>> {
-        let (all, way) = (self.model.many(sequences, lengths)?, Way { jobs: n_jobs, progress });
+        let (all, way) =
+            (self.model.many(sequences, lengths)?, Way { jobs: threads(n_jobs)?, progress });
         let paths = with_sequences!(&self.model, &all, |hmm, ys| {
             results(py, &way, ys, |ys, visit| hmm.viterbi_map_all(ys, visit), |path| path)?
         });
@@ -262,5 +286,15 @@ impl PyHmm {
     /// Returns a live filter at the start.
     fn filter(this: &Bound<'_, Self>) -> PyFilter {
         PyFilter::new(this)
+    }
+
+    fn __repr__(&self) -> String {
+        let moves = self.model.entries().map_or("dense".into(), |count| count.to_string());
+        let of = match (self.model.table(), self.logarithms) {
+            (Some(table), _) => format!("a table of {} symbols", table.symbols()),
+            (None, true) => "log-likelihoods".into(),
+            (None, false) => "likelihoods".into(),
+        };
+        format!("<Hmm: {} states, {moves} moves, {of}>", self.states())
     }
 }

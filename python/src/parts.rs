@@ -10,7 +10,8 @@ use wayfix::{
 };
 
 use crate::array::{self, contiguous, matrix};
-use crate::error::invalid;
+use crate::error::{invalid, of_moves};
+use crate::typed::index;
 
 /// An operator that is stored.
 pub(crate) enum Operator {
@@ -59,7 +60,7 @@ pub(crate) fn operator(moves: &Bound<'_, PyAny>, n: usize) -> PyResult<Operator>
         return Err(invalid(format!("moves have {} rows, expected {n}", moves.shape()[0])));
     }
     let dense = DenseTransition::from_fn(n, |to, from| values[from * n + to]);
-    Ok(Operator::Dense(dense.map_err(invalid)?))
+    Ok(Operator::Dense(dense.map_err(|error| of_moves(&error))?))
 }
 
 fn sparse(
@@ -78,7 +79,8 @@ fn sparse(
         )));
     }
     let triplets = to.into_iter().zip(from).zip(values).map(|((to, from), p)| (to, from, *p));
-    Ok(Operator::Sparse(Box::new(SparseTransition::from_triplets(n, triplets).map_err(invalid)?)))
+    let sparse = SparseTransition::from_triplets(n, triplets).map_err(|error| of_moves(&error))?;
+    Ok(Operator::Sparse(Box::new(sparse)))
 }
 
 /// Returns the moves of a dense operator as an array, from the state of the row.
@@ -98,8 +100,8 @@ pub(crate) fn sparse_moves<'py>(
 ) -> PyResult<Bound<'py, PyAny>> {
     let (mut from, mut to, mut values) = (Vec::new(), Vec::new(), Vec::new());
     for (row, column, p) in operator.triplets() {
-        from.push(column as u64);
-        to.push(row as u64);
+        from.push(index(Some(column)));
+        to.push(index(Some(row)));
         values.push(p);
     }
     let arrays = (from.to_pyarray(py), to.to_pyarray(py), values.to_pyarray(py));

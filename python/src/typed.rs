@@ -1,5 +1,7 @@
 //! Arrays of other types than doubles, and columns whose entries may be missing.
 
+use std::num::NonZero;
+
 use numpy::{Element, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::Borrowed;
 use pyo3::exceptions::PyOverflowError;
@@ -113,6 +115,22 @@ impl FromPyObject<'_, '_> for Size {
             error
         })
     }
+}
+
+/// Returns the number of threads that joblib's `n_jobs` asks for: -1 is one for each processor, -2
+/// one less, and so on.
+pub(crate) fn threads(n_jobs: isize) -> PyResult<usize> {
+    if n_jobs == 0 {
+        return Err(invalid("n_jobs is 0, expected a number of threads, or -1 for all processors"));
+    }
+    let processors = std::thread::available_parallelism().map_or(1, NonZero::get);
+    let count = n_jobs.unsigned_abs();
+    // More threads than processors gain nothing, and there may be no more.
+    Ok(if n_jobs < 0 {
+        (processors + 1).saturating_sub(count).max(1)
+    } else {
+        count.min(processors)
+    })
 }
 
 /// Returns an index as Python's integers.

@@ -164,6 +164,15 @@ pub(crate) fn in_background<T: Send + 'static>(
     py: Python<'_>,
     compute: impl FnOnce(&Watch) -> T + Send + 'static,
 ) -> PyResult<T> {
+    in_background_with(py, compute, || Ok(()))
+}
+
+/// Computes as `in_background`, and reports from time to time; an error of that ends it, too.
+pub(crate) fn in_background_with<T: Send + 'static>(
+    py: Python<'_>,
+    compute: impl FnOnce(&Watch) -> T + Send + 'static,
+    report: impl Fn() -> PyResult<()>,
+) -> PyResult<T> {
     let (sender, mut receiver) = channel();
     let watch = Arc::new(Watch::new());
     let own = Arc::clone(&watch);
@@ -178,7 +187,8 @@ pub(crate) fn in_background<T: Send + 'static>(
         match next {
             Ok(done) => return done.map_err(defect),
             Err(RecvTimeoutError::Timeout) => {
-                py.check_signals().inspect_err(|_| watch.stop())?;
+                let looked = py.check_signals().and_then(|()| report());
+                looked.inspect_err(|_| watch.stop())?;
             }
             Err(RecvTimeoutError::Disconnected) => {
                 return Err(invalid("a defect of wayfix: a thread ended without a result"));

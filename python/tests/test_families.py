@@ -58,17 +58,17 @@ def counted(m, a):
     return scipy.stats.nbinom(1 / a, 1 / (1 + a * m))
 
 
-FULL = dict(means=MEANS, covariances=COVARIANCES.reshape(2, 4))
+FULL = dict(means=MEANS, covariances=COVARIANCES)
 FAMILIES = {
     "gaussian full": (dict(covariance_type="full", **FULL), lambda k: normal(MEANS[k], COVARIANCES[k]), POINTS),
-    "gaussian tied": (dict(covariance_type="tied", means=MEANS, covariances=[COVARIANCES[0].ravel()]),
+    "gaussian tied": (dict(covariance_type="tied", means=MEANS, covariances=COVARIANCES[0]),
                       lambda k: normal(MEANS[k], COVARIANCES[0]), POINTS),
-    "gaussian spherical": (dict(covariance_type="spherical", means=MEANS, covariances=[[0.5], [2.0]]),
+    "gaussian spherical": (dict(covariance_type="spherical", means=MEANS, covariances=[0.5, 2.0]),
                            lambda k: normal(MEANS[k], [0.5, 2.0][k]), POINTS),
     "gaussian_mixture": (dict(covariance_type="diagonal", weights=[[0.3, 0.7], [0.5, 0.5]],
                               means=[[[0.0], [3.0]], [[5.0], [6.0]]], covariances=[[[1.0], [2.0]], [[0.5], [4.0]]]),
                          mixture, [[0.1], [3.0], [7.0]]),
-    "student_t full": (dict(scale_type="full", degrees=[3.0, 5.0], means=MEANS, scales=COVARIANCES.reshape(2, 4)),
+    "student_t full": (dict(scale_type="full", degrees=[3.0, 5.0], means=MEANS, scales=COVARIANCES),
                        lambda k: scipy.stats.multivariate_t(MEANS[k], COVARIANCES[k], [3, 5][k]).logpdf, POINTS),
     "linear_regression": (dict(coefficients=[[0.5], [-2.0]], intercepts=[[1.0], [0.0]], covariances=[[1.0], [4.0]]),
                           lambda k: lambda y: scipy.stats.norm([0.5, -2][k] * y[:, 0] + [1, 0][k], [1, 2][k]).logpdf(y[:, 1]),
@@ -214,11 +214,11 @@ def test_a_step_of_learning_in_closed_form():
         np.testing.assert_allclose(found["covariances"][k], np.average((root - slope * x - constant) ** 2, weights=weights), rtol=1e-8)
 
     rows = np.where(state[:, None] == 0, rng.multivariate_normal(MEANS[0], COVARIANCES[0], 300), rng.multivariate_normal(MEANS[1], COVARIANCES[1], 300))
-    family = Family("gaussian", covariance_type="full", means=MEANS, covariances=[np.eye(2).ravel()] * 2)
+    family = Family("gaussian", covariance_type="full", means=MEANS, covariances=[np.eye(2)] * 2)
     found = after_one_step(family, rows)
     for k, weights in enumerate(expected(family, rows).T):
         np.testing.assert_allclose(found["means"][k], np.average(rows, axis=0, weights=weights), rtol=1e-9)
-        np.testing.assert_allclose(np.ravel(found["covariances"][k]), np.cov(rows.T, aweights=weights, ddof=0).ravel(), rtol=1e-8)
+        np.testing.assert_allclose(found["covariances"][k], np.cov(rows.T, aweights=weights, ddof=0), rtol=1e-8)
 
     rows = np.where(state[:, None] == 0, scipy.stats.vonmises_fisher(UNIT[0], 9).rvs(300, rng), scipy.stats.vonmises_fisher(UNIT[1], 4).rvs(300, rng))
     family = Family("von_mises_fisher", means=UNIT[:2], concentrations=[2.0, 2.0])

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import wayfix
+from wayfix.hmmlearn import base
 from wayfix.hmmlearn import hmm as ours
 
 
@@ -163,3 +164,21 @@ def test_arguments_are_checked():
     model.implementation = "log"
     with pytest.raises(ValueError, match="n_samples"):
         model.sample(0)
+
+
+def test_where_answers_differ():
+    theirs = pytest.importorskip("hmmlearn.hmm")
+    assert ours.BaseHMM is base.BaseHMM
+    X = np.random.default_rng(0).normal(size=(100, 2)) + np.repeat([[0], [4]], 50, axis=0)
+    named = dict(n_components=2, covariance_type="spherical", random_state=0)
+    mine, other = ours.GaussianHMM(**named).fit(X), theirs.GaussianHMM(**named).fit(X)
+    assert mine.covars_.shape == (2, 2, 2) and other.covars_.shape == (4, 2, 2)
+    np.testing.assert_allclose(mine.covars_, other.covars_[::2], rtol=1e-6)
+    alike = ours.CategoricalHMM(3)
+    alike.startprob_, alike.transmat_ = np.full(3, 1 / 3), np.full((3, 3), 1 / 3)
+    alike.emissionprob_ = np.full((3, 2), 0.5)
+    assert alike.decode([[0], [1], [0]])[1].tolist() == [0, 0, 0]
+    with pytest.raises(wayfix.Error, match="step 2"):
+        ours.PoissonHMM(1).fit([[1], [-2], [3]])
+    with pytest.raises(ValueError, match="n_samples is 0"):
+        mine.sample(0)

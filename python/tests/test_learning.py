@@ -206,7 +206,7 @@ POISSON = Family("poisson", rates=[[1.0], [2.0]])
     (lambda: Family("poisson", rates=[[-1.0]]), "rate of state 0.* is -1"),
     (lambda: Family("poisson", rates=np.array([[np.nan]])), "not JSON compliant"),
     (lambda: Family("poisson", rates=[[1.0]], rate=1), "unknown field `rate`"),
-    (lambda: POISSON.log_likelihoods([[0.5]]), "row 0"),
+    (lambda: POISSON.log_likelihoods([[0.5]]), "step 1"),
     (lambda: POISSON.log_likelihoods([[1.0, 2.0]]), "2 columns, expected 1"),
     (lambda: wayfix.FixedLag(TABLE, -1), "-1"),
     (lambda: wayfix.FixedLag(TABLE, 1).step(2), "2"),

@@ -228,16 +228,17 @@ def test_trips_of_a_frame(matcher, kind):
 def test_rows_of_equal_times_and_trips_that_fail(matcher):
     points, _, _ = drive(0, matcher.network)
     frame = pd.DataFrame(points).assign(id=1)
-    twice = pd.concat([frame, frame.assign(lat=0.0), frame.assign(id=None)], ignore_index=True)
+    twice = pd.concat([frame, frame.assign(lat=0.0), frame.assign(id="other")], ignore_index=True)
     matched = matcher.match_trips(twice.astype({"id": object}), "id")
     n = len(frame)
     assert matched.skipped == n and (matched.edge[n:2 * n] == -1).all()
     assert np.isnan(matched.probability[n:2 * n]).all() and len(matched) == 2
     np.testing.assert_array_equal(matched.probability[:n], matched.probability[2 * n:])
     bad = pd.concat([frame, frame.assign(id=2)], ignore_index=True)
-    bad.loc[n + 5, "lat"] = np.nan
-    with pytest.raises(wayfix.Error, match=rf"trip .*2.*: point 5 has latitude NaN.*row {n + 5}"):
+    bad.loc[n + 5, "lat"] = 99
+    with pytest.raises(wayfix.Error, match=rf"trip .*2.*: point 5 has latitude 99.*row {n + 5}") as raised:
         matcher.match_trips(bad, "id")
+    assert (raised.value.sequence, raised.value.step) == (1, 6)
     matched = matcher.match_trips(bad, "id", errors="skip")
     assert list(matched.failed) == [2] and np.isnan(matched.log_likelihoods[2])
     assert np.isfinite(matched.probability[:n]).all() and (matched.edge[n:] == -1).all()
@@ -314,7 +315,7 @@ ONE = {"time": [0.0, 1.0], "lat": [LAT, LAT], "lon": [LON, LON]}
     (lambda m: m.match_drive(ONE | {"lat": [LAT, np.nan]}), "point 1 has latitude NaN"),
     (lambda m: m.match_drive(ONE | {"lat": [LON, 100.0], "lon": [LAT, LAT]}), "swapped"),
     (lambda m: m.match_drive(ONE | {"time": [1, 0]}), "point 1 has time 0"),
-    (lambda m: m.match_drive(ONE | {"time": ["a", "b"]}), "times have type"),
+    (lambda m: m.match_drive(ONE | {"time": ["a", "b"]}), "the time is 'a', expected"),
     (lambda m: m.match_drive(ONE | {"time": np.array(["NaT", "2024"], "M8[s]")}), "point 0 has time NaN"),
     (lambda m: m.match_drive(ONE | {"accuracy": [1, -1]}), "point 1 has accuracy -1"),
     (lambda m: m.match_drive({name: [] for name in ONE}), "no points"),

@@ -9,6 +9,7 @@ import csv
 import io
 import sys
 from collections.abc import Mapping
+from datetime import UTC, date, datetime
 from typing import Any
 
 import numpy as np
@@ -43,6 +44,8 @@ OWN = ("roundabout", "reverse")
 def opened(frame: Any) -> Any:
     """The frame, or the columns of one that has no other way than Arrow's interface; a stream can be read but
     once."""
+    if type(frame).__name__ == "LazyFrame":
+        raise Error("a frame is a LazyFrame, expected a DataFrame: collect() it first")
     if (isinstance(frame, (Mapping, np.ndarray, arrow.Table)) or package(frame) in OUTPUTS
             or not hasattr(frame, "__arrow_c_stream__")):
         return frame
@@ -85,14 +88,61 @@ def column(frame: Any, name: str) -> NDArray[Any]:
     return array
 
 
+def is_missing(value: Any) -> bool:
+    """True for None, NaN and the like."""
+    return value is None or type(value).__name__ in ("NAType", "NaTType") or bool(value != value)
+
+
+def ids(frame: Any, name: str) -> NDArray[Any]:
+    """A column that tells what each row belongs to, in which nothing may be missing."""
+    values = column(frame, name)
+    if values.dtype.kind in "OfM":
+        missing = (np.array([is_missing(value) for value in values.tolist()], bool)
+                   if values.dtype.kind == "O" else values != values)
+        if missing.any():
+            raise Error(f"column {name!r} has no value in row {int(missing.argmax())}, expected one in each")
+    return values
+
+
+def numbers(values: NDArray[Any], name: str) -> NDArray[Any]:
+    """Numbers; NaN where they are missing."""
+    if values.dtype.kind != "O":
+        return values
+    try:
+        return np.array([np.nan if is_missing(value) else float(value) for value in values.tolist()], float)
+    except (TypeError, ValueError) as error:
+        raise Error(f"column {name!r} cannot be read: {error}") from error
+
+
+def moment(value: Any) -> float:
+    """One time in seconds, of a number, a date or a text in ISO 8601; in UTC unless it has a zone."""
+    if is_missing(value):
+        return np.nan
+    if isinstance(value, str):
+        try:
+            value = datetime.fromisoformat(value)
+        except ValueError as error:
+            raise Error(f"the time is {value!r}, expected seconds, a date, or a text in ISO 8601") from error
+    if isinstance(value, datetime):
+        return (value if value.tzinfo else value.replace(tzinfo=UTC)).timestamp()
+    if isinstance(value, (date, np.datetime64)):
+        return float(seconds(np.array([value], "datetime64[ns]"))[0])
+    try:
+        return float(value)
+    except (TypeError, ValueError) as error:
+        raise Error(f"the time is {value!r}, expected seconds, a date, or a text in ISO 8601") from error
+
+
 def seconds(times: NDArray[Any]) -> NDArray[Any]:
-    """Times in seconds; dates count from 1970."""
+    """Times in seconds; dates and texts count from 1970."""
     if times.dtype.kind == "M":
         missing = np.isnat(times)
         found = times.astype("datetime64[ns]").astype(np.int64) / 1e9
         return np.where(missing, np.nan, found)
+    if times.dtype.kind in "OUT":
+        return np.array([moment(value) for value in times.tolist()], float)
     if times.dtype.kind not in "fiu" and times.size:
-        raise Error(f"times have type {times.dtype}, expected seconds or dates (datetime64)")
+        raise Error(f"times have type {times.dtype}, expected seconds or dates")
     return times
 
 
@@ -105,8 +155,12 @@ def point_columns(points: Any) -> OptionalColumns:
         name = next((name for name in possible if name in there), None)
         if name is None and wanted in NEEDED:
             raise Error(f"points have no column {' or '.join(possible)}, but {', '.join(there)}")
-        found[wanted] = None if name is None else column(points, name)
-    return found | {"time": seconds(found["time"])}
+        if name is None:
+            found[wanted] = None
+        else:
+            values = column(points, name)
+            found[wanted] = seconds(values) if wanted == "time" else numbers(values, name)
+    return found
 
 
 def network_texts(nodes: Any, edges: Any) -> tuple[str, str]:
@@ -158,7 +212,8 @@ def frame_like(frame: Any, columns: Columns) -> Any:
 
 
 def with_columns(frame: Any, columns: Columns) -> Any:
-    """The frame with more columns, or with others of the same names."""
+    """The frame with more columns."""
+    check_new(names(frame), columns)
     match package(frame):
         case "pandas":
             return frame.assign(**columns)
@@ -166,14 +221,17 @@ def with_columns(frame: Any, columns: Columns) -> Any:
             return frame.with_columns(**{k: sys.modules["polars"].Series(k, v) for k, v in columns.items()})
         case "pyarrow":
             for name, values in columns.items():
-                array = sys.modules["pyarrow"].array(values)
-                there = frame.column_names
-                frame = (frame.set_column(there.index(name), name, array) if name in there
-                         else frame.append_column(name, array))
+                frame = frame.append_column(name, sys.modules["pyarrow"].array(values))
             return frame
         case _:
             all_columns = {name: frame[name] for name in names(frame)} | columns
             return arrow.Table(all_columns) if isinstance(frame, arrow.Table) else all_columns
+
+
+def check_new(there: list[str], columns: Columns) -> None:
+    """Raises an error if an answer has the name of a column that is there."""
+    if clash := next((name for name in columns if name in there), None):
+        raise Error(f"points have a column {clash!r}, as the answers do: give these a prefix")
 
 
 def package(frame: Any) -> str:

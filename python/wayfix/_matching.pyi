@@ -1,6 +1,7 @@
 """Types of roads and map matching in the compiled part."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from datetime import date
 from os import PathLike
 from typing import Any, Literal, TypedDict, Unpack, final
 
@@ -9,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ._trips import MatchedTrips
 
+Time = float | str | date | np.datetime64
 Operation = str | tuple[str, float] | tuple[str, tuple[float, float], tuple[float, float]]
 
 class Model(TypedDict, total=False):
@@ -141,7 +143,7 @@ class MatchedDrive:
 class Vehicle:
     def step(
         self,
-        time: float,
+        time: Time,
         lat: float,
         lon: float,
         *,
@@ -198,23 +200,27 @@ class Matcher:
         trip: str | None = None,
         *,
         estimator: Literal["smoothed", "live", "late"] = "smoothed",
-        lag: int = ...,
+        lag: int | None = None,
         errors: Literal["raise", "skip"] = "raise",
+        n_jobs: int = 1,
+        progress: Callable[[int, int], object] | None = None,
     ) -> MatchedTrips: ...
     def _match(
         self,
         columns: dict[str, NDArray[Any] | None],
         offsets: Sequence[int],
         estimator: str,
-        lag: int,
+        lag: int | None,
         skip: bool,
+        n_jobs: int,
+        progress: Callable[[int, int], object] | None,
     ) -> dict[str, Any]: ...
     def learn(
         self, points: Any, trip: str | None = None, *, iterations: int = ...
     ) -> LearnedMatchModel: ...
     def start(
         self,
-        time: float,
+        time: Time,
         lat: float,
         lon: float,
         *,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,12 +16,14 @@ if TYPE_CHECKING:
     from ._wayfix import Matcher
 
 
+Threads = tuple[int, Callable[[int, int], object] | None]
 Order = tuple[OptionalColumns, NDArray[Any], NDArray[Any], NDArray[Any]]
 
 
 def order_of(points: Any, trip: str | None) -> Order:
     """Columns of points; names of the trips, in the order of their first rows; rows by trip and time,
-    without those of the same trip and time as another; and where each trip begins and ends there."""
+    without those that have no time or position, or the trip and time of another; and where each trip begins
+    and ends there."""
     points = _frames.opened(points)
     columns = _frames.point_columns(points)
     time = required(columns)
@@ -33,13 +36,15 @@ def order_of(points: Any, trip: str | None) -> Order:
     else:
         if trip not in _frames.names(points):
             raise Error(f"points have no column {trip!r}, but {', '.join(_frames.names(points))}")
-        values = _frames.column(points, trip)
+        values = _frames.ids(points, trip)
         if len(values) != count:
             raise Error(f"column {trip!r} has {len(values)} rows, expected {count}")
         names, codes = numbered(values)
-    rows = np.lexsort((time, codes))
+    missing = [np.isnan(values) for name, values in columns.items() if name in _frames.NEEDED and values is not None]
+    rows = np.flatnonzero(~np.logical_or.reduce(missing))
+    rows = rows[np.lexsort((time[rows], codes[rows]))]
     times, sorted_codes = time[rows], codes[rows]
-    same = np.zeros(count, bool)
+    same = np.zeros(len(rows), bool)
     same[1:] = (times[1:] == times[:-1]) & (sorted_codes[1:] == sorted_codes[:-1])
     rows, sorted_codes = rows[~same], sorted_codes[~same]
     trips = len(names) if count else 0
@@ -74,9 +79,20 @@ def taken(columns: OptionalColumns, rows: NDArray[Any]) -> OptionalColumns:
 
 
 def sorted_trips(points: Any, trip: str | None) -> tuple[OptionalColumns, list[int]]:
-    """Columns of points by trip and time, and where trips begin and end."""
+    """Columns of points by trip and time, and where trips with a point begin and end."""
     columns, _, rows, offsets = order_of(points, trip)
-    return taken(columns, rows), offsets.tolist()
+    return taken(columns, rows), np.unique(offsets).tolist()
+
+
+def ends_of(edges: Columns, edge: NDArray[Any]) -> Columns:
+    """Ids of the nodes of edges; -1 off the road."""
+    on_road = edge >= 0
+    ends = {}
+    for name in ("from", "to"):
+        ids = np.full(len(edge), -1, np.int64)
+        ids[on_road] = edges[name][edge[on_road]].astype(np.int64)
+        ends[name] = ids
+    return ends
 
 
 class MatchedTrips:
@@ -95,26 +111,35 @@ class MatchedTrips:
     log_likelihoods : dict
         Log-likelihood of each trip.
     skipped : int
-        Number of rows without an answer because another of their trip has the same time.
+        Number of rows without an answer because they have no time or position, or another of their trip has
+        the same time.
     failed : dict
         What was wrong with the trips that could not be matched.
+    unmatched : list
+        Trips of which no point is on a road: at edge -1, with the probability that the model gives to that,
+        which is 1 where no road is near.
     """
 
-    def __init__(self, matcher: Matcher, points: Any, trip: str | None, estimator: str, lag: int,
-                 errors: str) -> None:
+    def __init__(self, matcher: Matcher, points: Any, trip: str | None, estimator: str, lag: int | None,
+                 errors: str, threads: Threads) -> None:
         if errors not in ("raise", "skip"):
             raise Error(f"errors is {errors!r}, expected 'raise' or 'skip'")
         points = _frames.opened(points)
         columns, names, rows, offsets = order_of(points, trip)
-        found = matcher._match(taken(columns, rows), offsets.tolist(), estimator, lag, errors == "skip")
+        found = matcher._match(taken(columns, rows), offsets.tolist(), estimator, lag, errors == "skip",
+                                *threads)
+        named = names.tolist()
         self.failed: dict[Any, str] = {}
         for number, point, problem in found["failed"]:
             at = "" if point is None else f" (row {rows[offsets[number] + point]})"
-            self.failed[names[number]] = problem + at
+            self.failed[named[number]] = problem + at
         if errors == "raise" and self.failed:
             name, problem = next(iter(self.failed.items()))
-            raise Error(problem if trip is None else f"trip {name!r}: {problem}")
-        self._points, self._trip, self._names, self._matcher = points, trip, names, matcher
+            error = Error(problem if trip is None else f"trip {name!r}: {problem}")
+            error.sequence, point, _ = found["failed"][0]
+            error.step = None if point is None else point + 1
+            raise error
+        self._points, self._trip, self._names = points, trip, names
         count = len(required(columns))
         answers: RoadAnswers = found["answers"]
         self.skipped = count - len(rows)
@@ -131,49 +156,51 @@ class MatchedTrips:
         self.entropy = spread(answers.entropy)
         self.off_road = spread(answers.off_road)
         self.log_normalizers = spread(found["log_normalizers"])
-        self.log_likelihoods = dict(zip(names.tolist(), found["log_likelihoods"].tolist(), strict=True))
-        self._routes = found
+        self.log_likelihoods = dict(zip(named, found["log_likelihoods"].tolist(), strict=True))
+        on_road = np.zeros(len(names), bool)
+        on_road[np.repeat(np.arange(len(names)), np.diff(offsets))[answers.edge >= 0]] = True
+        self.unmatched = [name for name in names[~on_road].tolist() if name not in self.failed]
+        edges = matcher.network.edges
+        self._ends = ends_of(edges, self.edge)
+        drive, edge = found["route_drive"], found["route_edge"]
+        self._drive = drive
+        self._routes: Columns = {
+            "seq": np.arange(len(drive)) - np.searchsorted(drive, drive),
+            "edge": edge,
+            **ends_of(edges, edge),
+            "enter_m": found["route_enter"],
+            "exit_m": found["route_exit"],
+        }
 
-    def _ends(self, edge: NDArray[Any]) -> Columns:
-        """Ids of the nodes of edges; -1 off the road."""
-        edges = self._matcher.network.edges
-        on_road = edge >= 0
-        ends = {}
-        for name in ("from", "to"):
-            ids = np.full(len(edge), -1, np.int64)
-            ids[on_road] = edges[name][edge[on_road]].astype(np.int64)
-            ends[name] = ids
-        return ends
-
-    def points(self) -> Any:
+    def points(self, prefix: str = "") -> Any:
         """Returns the points that were given, in a frame of the same kind, with the columns `edge`,
         `from`, `to` (ids of nodes), `metres_along`, `matched_lat`, `matched_lon`, `probability` and
-        `off_road`."""
+        `off_road`.
+
+        Parameters
+        ----------
+        prefix : str
+            Beginning of the names of these columns, where some of the points have such a name.
+        """
         columns = {
             "edge": self.edge,
-            **self._ends(self.edge),
+            **self._ends,
             "metres_along": self.metres_along,
             "matched_lat": self.positions[:, 0].copy(),
             "matched_lon": self.positions[:, 1].copy(),
             "probability": self.probability,
             "off_road": self.off_road,
         }
-        return _frames.with_columns(self._points, columns)
+        return _frames.with_columns(self._points, {prefix + name: column for name, column in columns.items()})
 
-    def routes(self) -> Any:
+    def routes(self, prefix: str = "") -> Any:
         """Returns the most probable routes in a frame of the same kind, a row for each edge or
         stretch off the road: the trip, `seq` from 0, `edge` (-1 off the road), `from`, `to`, and
-        `enter_m`, `exit_m`, metres from the start of the edge."""
-        drive, edge = self._routes["route_drive"], self._routes["route_edge"]
-        columns: Columns = {} if self._trip is None else {self._trip: self._names[drive]}
-        columns |= {
-            "seq": np.arange(len(drive)) - np.searchsorted(drive, drive),
-            "edge": edge,
-            **self._ends(edge),
-            "enter_m": self._routes["route_enter"],
-            "exit_m": self._routes["route_exit"],
-        }
-        return _frames.frame_like(self._points, columns)
+        `enter_m`, `exit_m`, metres from the start of the edge. `prefix` is that of `points`."""
+        trips: Columns = {} if self._trip is None else {self._trip: self._names[self._drive]}
+        columns = {prefix + name: column for name, column in self._routes.items()}
+        _frames.check_new(list(trips), columns)
+        return _frames.frame_like(self._points, trips | columns)
 
     def __len__(self) -> int:
         return len(self._names)
@@ -182,6 +209,6 @@ class MatchedTrips:
         return f"<MatchedTrips: {len(self)} trips, {len(self.edge)} points, {len(self.failed)} failed>"
 
 
-def match_trips(matcher: Matcher, points: Any, trip: str | None, estimator: str, lag: int,
-                errors: str) -> MatchedTrips:
-    return MatchedTrips(matcher, points, trip, estimator, lag, errors)
+def match_trips(matcher: Matcher, points: Any, trip: str | None, estimator: str, lag: int | None,
+                errors: str, threads: Threads) -> MatchedTrips:
+    return MatchedTrips(matcher, points, trip, estimator, lag, errors, threads)

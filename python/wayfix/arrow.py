@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _frames, _trips
-from ._wayfix import Error, arrow_stream, read_arrow
+from ._wayfix import Error, Smoothed, arrow_stream, read_arrow
 
 __all__ = ["Lists", "Table", "columns", "matrix", "sequences"]
 
@@ -115,6 +115,9 @@ def exported(values: Any) -> Any:
         return values.values, values.offsets
     if isinstance(values, (list, tuple)) and values and not isinstance(values[0], (str, bytes)):
         parts: list[Any] = [getattr(value, "states", value) for value in values]
+        if isinstance(values[0], Smoothed) or np.ndim(parts[0]) > 1:
+            raise Error("a column is a list of matrices, expected arrays with one axis, such as "
+                        "[smoothed.probabilities[:, 0] for smoothed in ...]")
         if any(np.ndim(part) == 1 for part in parts):
             return exported(Lists.of(parts))
     return np.asarray(values)
@@ -192,7 +195,7 @@ def sequences(data: Any, column: str | Sequence[str] | None = None, *, by: str |
         values = np.stack([_frames.column(data, name) for name in column], axis=1)
     if by is None:
         return [values]
-    _, codes = _trips.numbered(_frames.column(data, by))
+    _, codes = _trips.numbered(_frames.ids(data, by))
     if len(codes) != len(values):
         raise Error(f"column {by!r} has {len(codes)} rows, expected {len(values)}")
     rows = np.argsort(codes, kind="stable")

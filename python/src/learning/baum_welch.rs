@@ -2,72 +2,23 @@
 
 use std::ops::ControlFlow;
 
-use numpy::{PyArray1, PyReadonlyArray2, PyUntypedArrayMethods, ToPyArray};
+use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
 use wayfix::emission::Rows;
-use wayfix::error::LearnError;
+use wayfix::error::{LearnError, SequenceError};
 use wayfix::inference::{LearnedModel, LearningOptions};
-use wayfix::{Hmm, Likelihood, Prior, Transition};
+use wayfix::{Hmm, Likelihood, Transition};
 
-use super::family::{AnyFamily, PyFamily};
+use super::family::PyFamily;
+use super::kinds::AnyFamily;
+use super::learned::{PyLearned, learned};
 use crate::array::{self, matrix};
-use crate::error::invalid;
+use crate::error::{invalid, is_impossible, of_sequence, of_several};
 use crate::kinds::Model;
 use crate::model::PyHmm;
 use crate::parts::{dense_moves, rows, sparse_moves};
 use crate::typed::Size;
 use crate::watch::{Watch, computed, unwind};
-
-/// Model that `learn` learned.
-///
-/// Attributes
-/// ----------
-/// hmm : Hmm
-///     The model. With a family, its observations are those of `family.log_likelihoods(rows)`.
-/// family : Family or None
-///     The family with what was learned of it.
-/// objectives : array
-///     The objective before learning and after each iteration: the log-likelihood, and the
-///     logarithm of the priors that pseudo-counts stand for.
-/// log_likelihood : float
-///     Log-likelihood of all sequences that were not left out.
-/// converged, stopped : bool
-///     True if the last iteration gained less than the tolerance, or `progress` ended learning.
-/// cause : str or None
-///     Reason for an end before that.
-/// left_out : list of tuple
-///     Sequences that the first model rules out: their indices, and why.
-/// aic, bic : float
-///     Information criteria.
-#[pyclass(name = "Learned", module = "wayfix.learning", frozen, get_all)]
-#[derive(Debug)]
-pub(crate) struct PyLearned {
-    hmm: Py<PyAny>,
-    family: Option<Py<PyFamily>>,
-    objectives: Py<PyArray1<f64>>,
-    log_likelihood: f64,
-    converged: bool,
-    stopped: bool,
-    cause: Option<String>,
-    left_out: Vec<(usize, String)>,
-    aic: f64,
-    bic: f64,
-}
-
-#[pymethods]
-impl PyLearned {
-    /// Number of iterations.
-    #[getter]
-    fn iterations(&self, py: Python<'_>) -> usize {
-        self.objectives.bind(py).len() - 1
-    }
-
-    fn __repr__(&self, py: Python<'_>) -> String {
-        let (iterations, log) = (self.iterations(py), self.log_likelihood);
-        format!("<Learned: {iterations} iterations, log-likelihood {log}>")
-    }
-}
 
 /// A learned model, or why there is none.
 type Learning<A, B> = Result<LearnedModel<A, B>, LearnError>;
@@ -90,43 +41,35 @@ where
         });
         called.unwrap_or_else(|raised| unwind(raised))
     };
-    let mut tell =
-        |now: &_| if ends(now) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
-    computed(py, |watch| work(watch, &mut tell))?.map_err(invalid)
+    let mut tell = |now: &_| {
+        if not_valid(now).is_some() || ends(now) {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
+        }
+    };
+    let found = computed(py, |watch| work(watch, &mut tell))?;
+    let found = found.map_err(|error| match error {
+        LearnError::Sequence(error) => of_sequence(py, &error),
+        LearnError::AllFailed(at) => of_sequence(py, &at.cause),
+        other => invalid(other),
+    })?;
+    not_valid(&found).map_or(Ok(()), |error| Err(of_sequence(py, error)))?;
+    Ok(found)
 }
 
-/// Returns the learned model with its moves as arrays.
-fn learned<A: Transition, B: Likelihood>(
-    py: Python<'_>,
-    found: &LearnedModel<A, B>,
-    moves: Bound<'_, PyAny>,
-    table: Option<Bound<'_, PyAny>>,
-    family: Option<PyFamily>,
-) -> PyResult<PyLearned> {
-    let prior = found.model().prior();
-    let named = PyDict::new(py);
-    named.set_item("start_before_move", matches!(prior, Prior::BeforeFirstTransition(_)))?;
-    named.set_item("logarithms", table.is_none())?;
-    named.set_item("table", table)?;
-    let start = prior.belief().as_slice().to_pyarray(py);
-    let left_out = found.left_out().iter().map(|out| (out.sequence, out.source.to_string()));
-    Ok(PyLearned {
-        hmm: py.get_type::<PyHmm>().call((start, moves), Some(&named))?.unbind(),
-        family: family.map(|family| Py::new(py, family)).transpose()?,
-        objectives: found.objectives().to_pyarray(py).unbind(),
-        log_likelihood: found.log_likelihood(),
-        converged: found.converged(),
-        stopped: found.stopped(),
-        cause: found.cause().map(ToString::to_string),
-        left_out: left_out.collect(),
-        aic: found.criteria().aic(),
-        bic: found.criteria().bic(),
-    })
+/// The first sequence that was left out for another reason than that the model rules it out.
+fn not_valid<A, B>(found: &LearnedModel<A, B>) -> Option<&SequenceError> {
+    found.left_out().iter().find(|out| !is_impossible(&out.source))
 }
 
 /// Reads rows of sequences, all of one width.
 fn read<'py>(sequences: &[Bound<'py, PyAny>]) -> PyResult<Vec<PyReadonlyArray2<'py, f64>>> {
-    sequences.iter().map(|sequence| array::rows(sequence, "observations")).collect()
+    let rows = |(number, sequence): (usize, &Bound<'py, PyAny>)| {
+        array::rows(sequence, "observations")
+            .map_err(|error| of_several(sequence.py(), number, &error))
+    };
+    sequences.iter().enumerate().map(rows).collect()
 }
 
 fn rows_of<'a>(arrays: &'a [PyReadonlyArray2<'_, f64>]) -> PyResult<Vec<Rows<'a>>> {
@@ -157,7 +100,8 @@ fn with_family<A: Transition + Clone, B: Likelihood>(
 /// hmm : Hmm
 ///     The model to begin with. With a table, the table is learned; without one, the `family`.
 /// sequences : list of arrays
-///     Symbols, or rows of numbers for a family.
+///     Symbols, or rows of numbers for a family. One that is not valid raises, with its number and
+///     step; those that the model rules out are left out.
 /// family : Family, optional
 ///     Family to begin with.
 /// iterations : int
@@ -213,7 +157,10 @@ pub(crate) fn learn(
         if family.is_some() {
             return Err(invalid("a model with a table is learned without a family"));
         }
-        sequences.iter().map(|ys| array::indices(ys, "symbols")).collect()
+        let read = |(sequence, ys)| {
+            array::symbols(ys, &[]).map_err(|error| of_several(py, sequence, &error))
+        };
+        sequences.iter().enumerate().map(read).collect()
     };
     match hmm.get().model() {
         Model::DenseTable(hmm) => {

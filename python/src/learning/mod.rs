@@ -2,6 +2,10 @@
 
 mod baum_welch;
 mod family;
+mod kinds;
+mod learned;
+mod matrices;
 
-pub(crate) use baum_welch::{PyLearned, learn};
+pub(crate) use baum_welch::learn;
 pub(crate) use family::PyFamily;
+pub(crate) use learned::PyLearned;

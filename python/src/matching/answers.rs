@@ -93,6 +93,15 @@ impl Answers {
         }
     }
 
+    pub(super) fn append(&mut self, mut more: Self) {
+        self.edge.append(&mut more.edge);
+        self.metres_along.append(&mut more.metres_along);
+        self.positions.append(&mut more.positions);
+        self.probability.append(&mut more.probability);
+        self.entropy.append(&mut more.entropy);
+        self.off_road.append(&mut more.off_road);
+    }
+
     pub(super) fn into_python(self, py: Python<'_>) -> PyResult<PyRoadAnswers> {
         let Self { edge, metres_along, positions, probability, entropy, off_road } = self;
         let count = edge.len();

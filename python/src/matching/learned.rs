@@ -36,7 +36,7 @@ pub(crate) struct PyLearnedMatchModel {
     points: usize,
     held_out: f64,
     median_interval: f64,
-    at_limits: Vec<&'static str>,
+    at_limits: Vec<String>,
 }
 
 impl PyLearnedMatchModel {
@@ -49,13 +49,44 @@ impl PyLearnedMatchModel {
             points: learned.points,
             held_out: learned.held_out,
             median_interval: learned.median_interval,
-            at_limits: learned.at_limits(),
+            at_limits: learned.at_limits().iter().map(ToString::to_string).collect(),
         })
     }
 }
 
 #[pymethods]
 impl PyLearnedMatchModel {
+    /// What a pickle keeps: all attributes.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
+        let numbers = (self.log_likelihood, self.points, self.held_out, self.median_interval);
+        let ended = (self.iterations, self.converged);
+        let parts = (self.model.clone_ref(py), ended, numbers, self.at_limits.clone());
+        let made = py.get_type::<Self>().getattr("_from_parts")?;
+        Ok((made, parts.into_pyobject(py)?.into_any()))
+    }
+
+    /// Makes what a pickle kept.
+    #[staticmethod]
+    fn _from_parts(
+        model: Py<PyAny>,
+        ended: (usize, bool),
+        numbers: (f64, usize, f64, f64),
+        at_limits: Vec<String>,
+    ) -> Self {
+        let ((iterations, converged), (log_likelihood, points, held_out, median_interval)) =
+            (ended, numbers);
+        Self {
+            model,
+            iterations,
+            converged,
+            log_likelihood,
+            points,
+            held_out,
+            median_interval,
+            at_limits,
+        }
+    }
+
     fn __repr__(&self) -> String {
         let Self { iterations, points, held_out, .. } = self;
         format!("<LearnedMatchModel: {points} points, {iterations} iterations, gain {held_out:.1}>")

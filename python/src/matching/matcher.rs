@@ -2,19 +2,20 @@
 
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use numpy::ToPyArray;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use wayfix::matching::{MatchModel, Matcher, TracePoint};
 
-use super::points::{Columns, point};
-use super::trips::{self, Estimator};
+use super::points::{Columns, moment, point};
+use super::trips::{Drives, Estimator};
 use super::{PyLearnedMatchModel, PyMatchedDrive, PyRoadNetwork, PyVehicle};
-use crate::error::invalid;
+use crate::error::{invalid, of_drive};
 use crate::options::{replaced, to_python};
-use crate::typed::Size;
-use crate::watch::in_background;
+use crate::typed::{Size, threads};
+use crate::watch::{Watch, in_background, in_background_with};
 
 /// Matcher of the positions of vehicles to the roads of a network.
 ///
@@ -114,7 +115,8 @@ impl PyMatcher {
         let points = Columns::read(points)?.points()?;
         let matcher = Arc::clone(&this.get().matcher);
         let drive = in_background(this.py(), move |_| matcher.match_drive(&points))?;
-        Ok(PyMatchedDrive::new(this, drive.map_err(invalid)?))
+        let drive = drive.map_err(|error| of_drive(this.py(), &error))?;
+        Ok(PyMatchedDrive::new(this, drive))
     }
 
     /// Matches the drives of a data frame or a dictionary of arrays, of which a column names the
@@ -128,49 +130,73 @@ impl PyMatcher {
     ///     Name of the column with the trip of each row; all rows are one trip without it.
     /// estimator : {"smoothed", "live", "late"}
     ///     Answers from all points of a trip, from those up to each, or from `lag` more.
-    /// lag : int
-    ///     Number of points that late answers wait for.
+    /// lag : int, optional
+    ///     Number of points that late answers wait for, which need it.
     /// errors : {"raise", "skip"}
     ///     What becomes of trips that cannot be matched, such as those with a point not on Earth:
     ///     an exception, or no answers and an entry in `failed`.
+    /// n_jobs, progress
+    ///     As for `Hmm.score_all`, of trips.
     ///
     /// Returns
     /// -------
     /// MatchedTrips
     ///     With `points()` and `routes()`, data frames of the kind that was given.
-    #[pyo3(signature = (points, trip=None, *, estimator="smoothed", lag=Size(0), errors="raise"))]
+    #[pyo3(signature = (points, trip=None, *, estimator="smoothed", lag=None, errors="raise",
+                        n_jobs=1, progress=None))]
+    #[expect(clippy::too_many_arguments, reason = "options, by name")]
     fn match_trips<'py>(
         this: &Bound<'py, Self>,
         points: &Bound<'py, PyAny>,
         trip: Option<&str>,
         estimator: &str,
-        lag: Size,
+        lag: Option<&Bound<'py, PyAny>>,
         errors: &str,
+        n_jobs: isize,
+        progress: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyAny>> {
         let trips = this.py().import("wayfix._trips")?;
-        trips.call_method1("match_trips", (this, points, trip, estimator, lag.0, errors))
+        let threads = (n_jobs, progress);
+        trips.call_method1("match_trips", (this, points, trip, estimator, lag, errors, threads))
     }
 
     /// Matches sorted points, cut into drives at offsets.
+    #[expect(clippy::too_many_arguments, reason = "those of `match_trips`")]
     fn _match<'py>(
         &self,
         py: Python<'py>,
         columns: Columns<'py>,
         offsets: Vec<usize>,
         estimator: &str,
-        lag: usize,
+        lag: Option<Size>,
         skip: bool,
+        n_jobs: isize,
+        progress: Option<Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let (points, estimator) = (columns.points()?, Estimator::of(estimator, lag)?);
-        let matcher = Arc::clone(&self.matcher);
-        let found = in_background(py, move |watch| {
-            trips::match_all(&matcher, &points, &offsets, estimator, skip, watch)
-        })?;
+        let estimator = Estimator::of(estimator, lag.map(|lag| lag.0))?;
+        let (count, done) = (offsets.len().saturating_sub(1), Arc::new(AtomicUsize::new(0)));
+        let drives = Drives { points: columns.points()?, offsets, estimator, skip };
+        let (matcher, told) = (Arc::clone(&self.matcher), Arc::clone(&done));
+        let jobs = threads(n_jobs)?;
+        let work = move |watch: &Watch| drives.match_all(&matcher, jobs, watch, &told);
+        let report = || {
+            let Some(call) = &progress else { return Ok(()) };
+            call.call1((done.load(Ordering::Relaxed), count)).map(|_| ())
+        };
+        let found = in_background_with(py, work, report)?;
+        report()?;
         found.into_python(py)
     }
 
     /// Learns the model from drives without labels. Takes some `iterations` times as long as
     /// matching, and as much again to see if it is worth it.
+    ///
+    /// Parameters
+    /// ----------
+    /// points, trip
+    ///     As for `match_trips`.
+    /// iterations : int
+    ///     Largest number of iterations (15).
     #[pyo3(signature = (points, trip=None, *, iterations=Size(15)))]
     fn learn(
         &self,
@@ -188,16 +214,16 @@ impl PyMatcher {
                 offsets.windows(2).map(|ends| &points[ends[0]..ends[1]]).collect();
             matcher.learn(&drives, iterations.0)
         })?;
-        PyLearnedMatchModel::new(py, learned.map_err(invalid)?)
+        PyLearnedMatchModel::new(py, learned.map_err(|error| of_drive(py, &error))?)
     }
 
     /// Starts a vehicle at the first point of its drive. It keeps `lag` points beside the last for
-    /// late answers.
+    /// late answers; 0 by default. `time` is in seconds, or a date.
     #[pyo3(signature = (time, lat, lon, *, lag=Size(0), accuracy=f64::NAN, heading=f64::NAN, speed=f64::NAN))]
     #[expect(clippy::too_many_arguments, reason = "those of a point, by name")]
     fn start(
         this: &Bound<'_, Self>,
-        time: f64,
+        time: &Bound<'_, PyAny>,
         lat: f64,
         lon: f64,
         lag: Size,
@@ -205,8 +231,9 @@ impl PyMatcher {
         heading: f64,
         speed: f64,
     ) -> PyResult<PyVehicle> {
-        let point = point(time, [lat, lon], [accuracy, heading, speed]);
-        let vehicle = this.get().matcher.start(&point, lag.0).map_err(invalid)?;
+        let point = point(moment(time)?, [lat, lon], [accuracy, heading, speed]);
+        let vehicle = this.get().matcher.start(&point, lag.0);
+        let vehicle = vehicle.map_err(|error| of_drive(this.py(), &error))?;
         Ok(PyVehicle::new(this, vehicle))
     }
 

@@ -76,9 +76,9 @@ impl Operation {
             Self::Within((name, a, b)) if name == "within" => {
                 Cleaning::Within([position(a), position(b)])
             }
-            other => {
+            Self::Named(name) | Self::Merging((name, _)) | Self::Within((name, ..)) => {
                 return Err(invalid(format!(
-                    "cleaning has {other:?}, expected 'largest_component', 'dead_ends', \
+                    "cleaning has {name:?}, expected 'largest_component', 'dead_ends', \
                      'contraction', ('merging', metres) or ('within', (lat, lon), (lat, lon))"
                 )));
             }

@@ -15,6 +15,14 @@ pub(super) fn point(time: f64, position: [f64; 2], others: [f64; 3]) -> TracePoi
     TracePoint { time, position: Position { latitude, longitude }, accuracy, heading, speed }
 }
 
+/// Reads a time: seconds, or a date, as in frames.
+pub(super) fn moment(time: &Bound<'_, PyAny>) -> PyResult<f64> {
+    if let Ok(seconds) = time.extract() {
+        return Ok(seconds);
+    }
+    time.py().import("wayfix._frames")?.call_method1("moment", (time,))?.extract()
+}
+
 /// Columns of points, as Python has them.
 #[derive(Debug, FromPyObject)]
 #[pyo3(from_item_all)]

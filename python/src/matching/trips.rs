@@ -1,6 +1,8 @@
-//! Many drives, one after another.
+//! Many drives, on as many threads as asked.
 
-use std::ops::ControlFlow;
+use std::ops::Range;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
 
 use numpy::PyArray1;
 use pyo3::prelude::*;
@@ -21,11 +23,14 @@ pub(super) enum Estimator {
 }
 
 impl Estimator {
-    pub(super) fn of(name: &str, lag: usize) -> PyResult<Self> {
-        match name {
-            "smoothed" => Ok(Self::Smoothed),
-            "live" => Ok(Self::Live),
-            "late" => Ok(Self::Late(lag)),
+    pub(super) fn of(name: &str, lag: Option<usize>) -> PyResult<Self> {
+        match (name, lag) {
+            ("smoothed", _) => Ok(Self::Smoothed),
+            ("live", _) => Ok(Self::Live),
+            ("late", Some(lag)) => Ok(Self::Late(lag)),
+            ("late", None) => {
+                Err(invalid("late answers need a lag, the number of points that they wait for"))
+            }
             _ => Err(invalid(format!(
                 "the estimator is {name:?}, expected 'smoothed', 'live' or 'late'"
             ))),
@@ -53,35 +58,91 @@ pub(super) struct Matched {
     failed: Vec<(usize, Option<usize>, String)>,
 }
 
-/// Matches all drives; the first error ends them unless it is to be skipped.
-pub(super) fn match_all(
-    matcher: &Matcher,
-    points: &[TracePoint],
-    offsets: &[usize],
-    estimator: Estimator,
-    skip: bool,
-    watch: &Watch,
-) -> Matched {
-    let mut all = Matched::default();
-    let drives = offsets.windows(2).map(|ends| &points[ends[0]..ends[1]]);
-    let _ = matcher.match_map_all(drives, |number, drive| {
-        match drive {
-            Ok(drive) => all.push(matcher, number, &drive, estimator),
-            Err(error) => {
-                let point = point_of(&error);
-                all.failed.push((number, point, error.to_string()));
-                let count = offsets[number + 1] - offsets[number];
-                all.answers.push_missing(count);
-                all.log_normalizers.resize(all.log_normalizers.len() + count, f64::NAN);
-                all.log_likelihoods.push(f64::NAN);
-                if !skip {
-                    return ControlFlow::Break(());
+/// Drives of a data frame, and what is wanted of them.
+pub(super) struct Drives {
+    pub(super) points: Vec<TracePoint>,
+    /// Where each begins, and the last ends.
+    pub(super) offsets: Vec<usize>,
+    pub(super) estimator: Estimator,
+    /// True to go on after a drive that cannot be matched.
+    pub(super) skip: bool,
+}
+
+/// Largest number of drives that a thread takes at a time.
+const AT_ONCE: usize = 16;
+/// Parts that a thread takes, on average: some take longer than others.
+const PARTS: usize = 8;
+
+impl Drives {
+    /// Matches all drives on so many threads; the first error ends them unless it is to be skipped.
+    /// Their number is told to `done` as they go.
+    pub(super) fn match_all(
+        &self,
+        matcher: &Matcher,
+        jobs: usize,
+        watch: &Watch,
+        done: &AtomicUsize,
+    ) -> Matched {
+        let count = self.offsets.len().saturating_sub(1);
+        let at_once = (count / (jobs * PARTS)).clamp(1, AT_ONCE);
+        let (next, ended) = (AtomicUsize::new(0), AtomicBool::new(false));
+        let found = Mutex::new(Vec::new());
+        // Parts are begun in order, and what is begun is ended: the first error is always the same.
+        let work = || {
+            while !ended.load(Ordering::Relaxed) && !watch.is_stopped() {
+                let part = next.fetch_add(at_once, Ordering::Relaxed);
+                if part >= count {
+                    break;
+                }
+                let last = count.min(part + at_once);
+                let made = self.matched(matcher, part..last, watch, done);
+                if !self.skip && !made.failed.is_empty() {
+                    ended.store(true, Ordering::Relaxed);
+                }
+                found.lock().unwrap_or_else(PoisonError::into_inner).push((part, made));
+            }
+        };
+        std::thread::scope(|scope| {
+            for _ in 1..jobs {
+                scope.spawn(work);
+            }
+            work();
+        });
+        let mut found = found.into_inner().unwrap_or_else(PoisonError::into_inner);
+        found.sort_by_key(|(part, _)| *part);
+        let mut all = Matched::default();
+        for (_, made) in found {
+            all.append(made);
+        }
+        all
+    }
+
+    fn matched(
+        &self,
+        matcher: &Matcher,
+        numbers: Range<usize>,
+        watch: &Watch,
+        done: &AtomicUsize,
+    ) -> Matched {
+        let mut all = Matched::default();
+        for number in numbers {
+            let points = self.offsets[number]..self.offsets[number + 1];
+            match matcher.match_drive(&self.points[points.clone()]) {
+                Ok(drive) => all.push(matcher, number, &drive, self.estimator),
+                Err(error) => {
+                    all.push_failed(number, points.len(), point_of(&error), error.to_string());
+                    if !self.skip {
+                        break;
+                    }
                 }
             }
+            done.fetch_add(1, Ordering::Relaxed);
+            if watch.is_stopped() {
+                break;
+            }
         }
-        if watch.is_stopped() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-    });
-    all
+        all
+    }
 }
 
 /// Index in its drive of the point that is not valid.
@@ -93,6 +154,22 @@ fn point_of(error: &MatchError) -> Option<usize> {
 }
 
 impl Matched {
+    fn push_failed(&mut self, number: usize, count: usize, point: Option<usize>, problem: String) {
+        self.failed.push((number, point, problem));
+        self.answers.push_missing(count);
+        self.log_normalizers.resize(self.log_normalizers.len() + count, f64::NAN);
+        self.log_likelihoods.push(f64::NAN);
+    }
+
+    fn append(&mut self, mut more: Self) {
+        self.answers.append(more.answers);
+        self.log_normalizers.append(&mut more.log_normalizers);
+        self.drives.append(&mut more.drives);
+        self.stretches.append(&mut more.stretches);
+        self.log_likelihoods.append(&mut more.log_likelihoods);
+        self.failed.append(&mut more.failed);
+    }
+
     fn push(&mut self, matcher: &Matcher, number: usize, drive: &MatchedDrive, of: Estimator) {
         for point in 0..drive.points().len() {
             self.answers.push(matcher.network(), &of.answer(drive, point));

@@ -7,9 +7,9 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use wayfix::matching::Vehicle;
 
-use super::points::point;
+use super::points::{moment, point};
 use super::{PyMatcher, PyRoadAnswer, PyStretches};
-use crate::error::invalid;
+use crate::error::{invalid, of_drive, placed};
 use crate::typed::{Size, index};
 
 /// Vehicle on the road, made by `Matcher.start(...)` and moved point by point.
@@ -50,23 +50,25 @@ impl PyVehicle {
 
 #[pymethods]
 impl PyVehicle {
-    /// Takes the next point. Returns its log-density given all before; an error leaves the vehicle
+    /// Takes the next point; `time` is in seconds, or a date. Returns its log-density given all before; an error leaves the vehicle
     /// as it was.
     #[pyo3(signature = (time, lat, lon, *, accuracy=f64::NAN, heading=f64::NAN, speed=f64::NAN))]
     #[expect(clippy::too_many_arguments, reason = "those of a point, by name")]
     fn step(
         &self,
         py: Python<'_>,
-        time: f64,
+        time: &Bound<'_, PyAny>,
         lat: f64,
         lon: f64,
         accuracy: f64,
         heading: f64,
         speed: f64,
     ) -> PyResult<f64> {
-        let point = point(time, [lat, lon], [accuracy, heading, speed]);
+        let point = point(moment(time)?, [lat, lon], [accuracy, heading, speed]);
         let matcher = &self.matcher.get().matcher;
-        self.with(py, |vehicle| matcher.step(vehicle, &point)).map_err(invalid)
+        let (points, done) =
+            self.with(py, |vehicle| (vehicle.points(), matcher.step(vehicle, &point)));
+        done.map_err(|error| placed(py, of_drive(py, &error), 0, Some(points + 1)))
     }
 
     /// Answer for the last point, from all points so far.

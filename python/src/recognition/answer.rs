@@ -38,6 +38,29 @@ impl From<Answer> for PyAnswer {
 
 #[pymethods]
 impl PyAnswer {
+    /// What a pickle keeps: all attributes.
+    #[expect(clippy::type_complexity, reason = "what Python expects")]
+    fn __reduce__<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<(Bound<'py, PyAny>, (Option<usize>, f64, (usize, usize), f64, f64))> {
+        let Self { place, probability, around, off_map, log_likelihood } = *self;
+        let made = py.get_type::<Self>().getattr("_from_parts")?;
+        Ok((made, (place, probability, around, off_map, log_likelihood)))
+    }
+
+    /// Makes what a pickle kept.
+    #[staticmethod]
+    fn _from_parts(
+        place: Option<usize>,
+        probability: f64,
+        around: (usize, usize),
+        off_map: f64,
+        log_likelihood: f64,
+    ) -> Self {
+        Self { place, probability, around, off_map, log_likelihood }
+    }
+
     fn __repr__(&self) -> String {
         let Self { place, probability, around: (first, last), .. } = self;
         match place {

@@ -120,7 +120,7 @@ impl PyPlaceBeliefs {
     /// places : array of int, shape (steps,)
     ///     For example the true ones; -1 is off the map.
     /// within : int
-    ///     Number of references on either side.
+    ///     Number of references on either side (0).
     #[pyo3(signature = (places, within=Size(0)))]
     fn mass_near<'py>(
         &self,
@@ -162,6 +162,44 @@ impl PyPlaceBeliefs {
         let set = set.credible_set(level).map_err(invalid)?;
         let set: Vec<i64> = set.into_iter().map(|place| index(Some(place))).collect();
         Ok(set.to_pyarray(py))
+    }
+
+    /// What a pickle keeps: the arrays, and of the recogniser the number of references and the
+    /// options.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
+        let of_places = (self.places.clone_ref(py), self.probability.clone_ref(py));
+        let others = (self.off_map.clone_ref(py), self.log_likelihoods.clone_ref(py));
+        let probabilities = self.probabilities.clone_ref(py);
+        let options = serde_json::to_string(self.recognizer.options()).map_err(invalid)?;
+        let recognizer = (self.recognizer.references(), options);
+        let parts = (probabilities, of_places, self.around.clone_ref(py), others, recognizer);
+        let made = py.get_type::<Self>().getattr("_from_parts")?;
+        Ok((made, parts.into_pyobject(py)?.into_any()))
+    }
+
+    /// Makes what a pickle kept.
+    #[staticmethod]
+    fn _from_parts(
+        probabilities: Py<PyArray2<f64>>,
+        of_places: (Py<PyArray1<i64>>, Py<PyArray1<f64>>),
+        around: Py<PyArray2<i64>>,
+        others: (Py<PyArray1<f64>>, Py<PyArray1<f64>>),
+        recognizer: (usize, String),
+    ) -> PyResult<Self> {
+        let ((places, probability), (off_map, log_likelihoods)) = (of_places, others);
+        let (references, options) = recognizer;
+        // The masses of windows are those of any recogniser with these options.
+        let options = serde_json::from_str(&options).map_err(invalid)?;
+        let recognizer = Recognizer::from_distances(references, options).map_err(invalid)?;
+        Ok(Self {
+            probabilities,
+            places,
+            probability,
+            around,
+            off_map,
+            log_likelihoods,
+            recognizer,
+        })
     }
 
     fn __len__(&self, py: Python<'_>) -> usize {

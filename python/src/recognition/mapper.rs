@@ -12,7 +12,7 @@ use wayfix::recognition::{Mapper, Options};
 use super::options::{distance, options};
 use super::queries::query;
 use super::{PyAnswer, PyRecognizer};
-use crate::error::invalid;
+use crate::error::{invalid, recognition};
 use crate::typed::Size;
 
 /// Builder of references while the vehicle drives, which tells a new place from one seen before.
@@ -25,7 +25,7 @@ use crate::typed::Size;
 /// distance : {"cosine", "euclidean"}
 ///     Comparison of descriptors.
 /// gap : int
-///     Least number of steps between two views of the same place.
+///     Least number of steps between two views of the same place (30).
 /// **options
 ///     As for `Recognizer`.
 ///
@@ -76,7 +76,7 @@ impl PyMapper {
         let query = self::query(query, false)?;
         let odometry = odometry.filter(|reading| !reading.is_nan());
         let seen = py.detach(|| self.lock().step(&query, odometry));
-        Ok(seen.map_err(invalid)?.map(PyAnswer::from))
+        Ok(seen.map_err(|error| recognition(py, &error))?.map(PyAnswer::from))
     }
 
     /// References so far: a copy, of shape (n, d).

@@ -24,10 +24,20 @@ pub(super) fn options(before: &Options, given: Option<&Bound<'_, PyDict>>) -> Py
             Some(value @ Value::Bool(false)) => *value = Value::Null,
             _ => {}
         }
-        if let Some(value @ Value::Array(_)) = given.get_mut("speeds") {
-            let values: Vec<f64> = serde_json::from_value(value.take())
+        let usual = |values: Value| {
+            let values: Vec<f64> = serde_json::from_value(values)
                 .map_err(|error| invalid(format!("speeds: {error}")))?;
-            *value = stored(&Speeds::new(&values).map_err(invalid)?)?;
+            stored(&Speeds::new(&values).map_err(invalid)?)
+        };
+        match given.get_mut("speeds") {
+            Some(value @ Value::Array(_)) => *value = usual(value.take())?,
+            // Shares of another grid are none of this one.
+            Some(Value::Object(parts)) if !parts.contains_key("shares") => {
+                if let Some(values) = parts.get("values") {
+                    parts.insert("shares".into(), usual(values.clone())?["shares"].take());
+                }
+            }
+            _ => {}
         }
         Ok(())
     })

@@ -11,7 +11,7 @@ use super::options::{check_memory, distance, options};
 use super::queries::Queries;
 use super::source::Source;
 use super::{PyRecording, PyTrack};
-use crate::error::invalid;
+use crate::error::{invalid, recognition};
 use crate::options::to_python;
 use crate::typed::{Rows, Size, float_rows, optional};
 use crate::watch::{computed, in_background};
@@ -247,7 +247,12 @@ impl PyRecognizer {
         let made = computed(py, |watch| {
             of.recognizer.recording(&watch.over_rows(rows.with(&values).iter()), &odometry)
         })?;
-        Ok(PyRecording::new(made.map_err(invalid)?, this, queries.array(), odometry))
+        Ok(PyRecording::new(
+            made.map_err(|error| recognition(py, &error))?,
+            this,
+            queries.array(),
+            odometry,
+        ))
     }
 
     /// Learns from labelled parts of drives: speeds, odometry, rates of leaving the map, the usual
@@ -287,7 +292,7 @@ impl PyRecognizer {
             let queries = watch.over_rows(rows.with(&values).iter());
             self.recognizer.fit(&parts.with(&queries))
         })?;
-        Ok(self.with(py, fitted.map_err(invalid)?))
+        Ok(self.with(py, fitted.map_err(|error| recognition(py, &error))?))
     }
 
     /// What a pickle keeps: the references and the result of learning.

@@ -8,7 +8,7 @@ use wayfix::recognition::{PlaceBeliefs, RecognitionError, Recording};
 
 use super::beliefs::Answers;
 use super::{PyPlaceBeliefs, PyRecognizer};
-use crate::error::invalid;
+use crate::error::recognition;
 use crate::typed::{Size, index};
 use crate::watch::in_background;
 
@@ -57,7 +57,9 @@ impl PyRecording {
     ) -> PyResult<PyPlaceBeliefs> {
         let recording = Arc::clone(&self.recording);
         let found = in_background(py, move |_| work(&recording).map(Answers::new))?;
-        found.map_err(invalid)?.into_python(py, self.recognizer.get().recognizer.clone())
+        found
+            .map_err(|error| recognition(py, &error))?
+            .into_python(py, self.recognizer.get().recognizer.clone())
     }
 }
 
@@ -96,7 +98,8 @@ impl PyRecording {
     /// the map.
     fn decoded<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<i64>>> {
         let recording = Arc::clone(&self.recording);
-        let path = in_background(py, move |_| recording.decoded())?.map_err(invalid)?;
+        let path = in_background(py, move |_| recording.decoded())?;
+        let path = path.map_err(|error| recognition(py, &error))?;
         let path: Vec<i64> = path.into_iter().map(index).collect();
         Ok(path.to_pyarray(py))
     }

@@ -9,7 +9,7 @@ use wayfix::recognition::{Track, TrackSnapshot};
 
 use super::queries::query;
 use super::{PyAnswer, PyRecognizer};
-use crate::error::invalid;
+use crate::error::{invalid, recognition};
 
 /// Vehicle tracked step by step, made by `Recognizer.track()`.
 ///
@@ -66,7 +66,7 @@ impl PyTrack {
         let query = self::query(query, self.negated)?;
         let odometry = odometry.filter(|reading| !reading.is_nan());
         let answer = self.with(py, |track| track.step(&query, odometry));
-        Ok(answer.map_err(invalid)?.into())
+        Ok(answer.map_err(|error| recognition(py, &error))?.into())
     }
 
     /// Takes a step without a query, for a lost frame.
@@ -74,7 +74,7 @@ impl PyTrack {
     fn predict(&self, py: Python<'_>, odometry: Option<f64>) -> PyResult<PyAnswer> {
         let odometry = odometry.filter(|reading| !reading.is_nan());
         let answer = self.with(py, |track| track.predict(odometry));
-        Ok(answer.map_err(invalid)?.into())
+        Ok(answer.map_err(|error| recognition(py, &error))?.into())
     }
 
     /// Forgets the position and the last view, but nothing learned of the references.

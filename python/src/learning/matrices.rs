@@ -1,0 +1,105 @@
+//! Covariances as matrices, of which the library stores the rows one after another.
+
+use serde_json::Value;
+
+use crate::error::invalid;
+use pyo3::prelude::*;
+
+/// Where the covariances of a family are, and in which form.
+pub(super) struct Form<'a> {
+    /// Name of their field.
+    field: &'static str,
+    kind: &'a str,
+    /// Axes before those of one covariance: states, and in a mixture parts.
+    axes: usize,
+}
+
+/// Finds the covariances among the parameters of a family, and has hmmlearn's "diag" stand for
+/// "diagonal".
+fn form<'a>(family: &str, parameters: &'a mut Value) -> Option<Form<'a>> {
+    let (named, field, axes) = match family {
+        "gaussian" => ("covariance_type", "covariances", 1),
+        "gaussian_mixture" => ("covariance_type", "covariances", 2),
+        "student_t" => ("scale_type", "scales", 1),
+        "linear_regression" => {
+            let is_full = parameters.get("full").and_then(Value::as_bool).unwrap_or(false);
+            return Some(Form {
+                field: "covariances",
+                kind: if is_full { "full" } else { "diagonal" },
+                axes: 1,
+            });
+        }
+        _ => return None,
+    };
+    let kind = parameters.get_mut(named)?;
+    if kind == "diag" {
+        *kind = Value::from("diagonal");
+    }
+    Some(Form { field, kind: kind.as_str()?, axes })
+}
+
+/// Replaces matrices by rows as they are stored.
+pub(super) fn pack(family: &str, parameters: &mut Value) -> PyResult<()> {
+    changed(family, parameters, &|one, kind| match (kind, &*one) {
+        ("spherical", Value::Number(_)) => {
+            *one = Value::Array(vec![one.take()]);
+            Ok(())
+        }
+        ("spherical", _) => Err("a number"),
+        ("diagonal", _) => Ok(()),
+        (_, Value::Array(rows)) => {
+            let values = |row: &Value| {
+                let row = row.as_array()?;
+                (row.len() == rows.len() && row.iter().all(Value::is_number)).then(|| row.clone())
+            };
+            let all: Option<Vec<Vec<Value>>> = rows.iter().map(values).collect();
+            let packed = Value::Array(all.ok_or("a square matrix")?.concat());
+            *one = if kind == "tied" { Value::Array(vec![packed]) } else { packed };
+            Ok(())
+        }
+        _ => Err("a square matrix"),
+    })
+}
+
+/// Replaces rows as they are stored by matrices.
+pub(super) fn unpack(family: &str, parameters: &mut Value) -> PyResult<()> {
+    changed(family, parameters, &|one, kind| {
+        let Value::Array(values) = one else { return Ok(()) };
+        if matches!(kind, "spherical" | "tied") {
+            *one = values.first_mut().map_or(Value::Null, Value::take);
+        }
+        if matches!(kind, "full" | "tied") {
+            let Value::Array(values) = one else { return Ok(()) };
+            let rows = values.chunks(values.len().isqrt().max(1));
+            *one = Value::Array(rows.map(|row| Value::Array(row.to_vec())).collect());
+        }
+        Ok(())
+    })
+}
+
+type Change<'a> = &'a dyn Fn(&mut Value, &str) -> Result<(), &'static str>;
+
+/// Changes each covariance of a family.
+fn changed(family: &str, parameters: &mut Value, change: Change<'_>) -> PyResult<()> {
+    let Some(Form { field, kind, axes }) = form(family, parameters) else { return Ok(()) };
+    let kind = kind.to_owned();
+    let Some(all) = parameters.get_mut(field) else { return Ok(()) };
+    // One matrix is that of all states, or of all parts.
+    let axes = if kind == "tied" { axes - 1 } else { axes };
+    each(all, axes, &|one| change(one, &kind)).map_err(|expected| {
+        let count = ["", " for each state", " for each part of each state"][axes];
+        invalid(format!("{field} of type {kind:?} are not valid, expected {expected}{count}"))
+    })
+}
+
+fn each(
+    value: &mut Value,
+    axes: usize,
+    change: &dyn Fn(&mut Value) -> Result<(), &'static str>,
+) -> Result<(), &'static str> {
+    match value {
+        _ if axes == 0 => change(value),
+        Value::Array(values) => values.iter_mut().try_for_each(|v| each(v, axes - 1, change)),
+        _ => Err("a list"),
+    }
+}
