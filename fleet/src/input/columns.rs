@@ -39,6 +39,21 @@ impl Default for ColumnNames {
     }
 }
 
+impl ColumnNames {
+    /// All names.
+    pub(crate) fn all(&self) -> [&str; 7] {
+        [
+            &self.trace_id,
+            &self.step,
+            &self.observation,
+            &self.elsewhere,
+            &self.latitude,
+            &self.longitude,
+            &self.deviation,
+        ]
+    }
+}
+
 /// Form of a table of drives or results.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Form {
