@@ -11,12 +11,14 @@ use wayfix::transition::{LearnTransition, MoveCounts};
 
 use crate::error::{FleetError, Outcome};
 use crate::expected::Expected;
-use crate::input::files::find;
+use crate::folder;
+use crate::input::files::{InputFiles, find};
 use crate::input::pieces::Digest;
 use crate::input::source::Source;
 use crate::input::{ColumnNames, Drives};
 use crate::job::Progress;
 use crate::model::{Model, with_hmm};
+use crate::overwrite;
 use crate::partial::Start;
 use crate::pipeline;
 use crate::sensor::Sensor;
@@ -121,8 +123,8 @@ where
         let message = format!("the tolerance is {}, expected a value of at least 0", job.tolerance);
         return Err(FleetError::Settings(message));
     }
+    let files = inputs(job)?;
     let kept = Kept::open(&job.output)?;
-    let files = find(std::slice::from_ref(&job.input))?;
     let content = Source::new(&files, &job.names, hmm.likelihood(), false)?.digest()?.text();
     let settings = json!({
         "version": env!("CARGO_PKG_VERSION"), "model": model.hash(), "input": content,
@@ -181,6 +183,14 @@ where
             serde_json::to_value(&hmm).map_err(|error| FleetError::format(&job.output, error))?;
         kept.write(&State { settings: settings.clone(), course: course.clone(), model })?;
     }
+}
+
+/// Files of the input, which the output is none of.
+pub(crate) fn inputs(job: &LearnJob) -> Outcome<InputFiles> {
+    let files = find(std::slice::from_ref(&job.input))?;
+    folder::outside(&files, &job.output)?;
+    overwrite::refuse([job.output.as_path()], files.read_with(&job.model))?;
+    Ok(files)
 }
 
 /// Adds up the expectations of all drives of the input, which has a hash.

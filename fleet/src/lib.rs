@@ -26,6 +26,7 @@ mod left_out;
 pub mod model;
 mod names;
 pub mod output;
+mod overwrite;
 mod partial;
 mod pipeline;
 pub mod places;

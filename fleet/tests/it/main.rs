@@ -12,6 +12,7 @@ mod learn;
 mod memory;
 mod model_file;
 mod observations;
+mod overwrite;
 mod resume;
 mod schemas;
 mod skip;
