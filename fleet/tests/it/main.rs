@@ -5,6 +5,7 @@ mod equality;
 mod exchanged;
 mod files;
 mod identity;
+mod ids;
 mod journal;
 mod kills;
 mod kit;
