@@ -1,7 +1,9 @@
-//! Ids in CSV: integers, or text.
+//! Ids: integers, or text.
 
 use std::fs;
+use std::sync::Arc;
 
+use arrow::array::{ArrayRef, RecordBatch, UInt64Array};
 use wayfix_fleet::output::{Table, Verb};
 
 use crate::kit::*;
@@ -64,4 +66,29 @@ fn ids_with_zeros_before_them_are_text() {
     let (summary, found) = folder.results(&job);
     assert_eq!((summary.drives, summary.left_out), (2, 1));
     assert_eq!(integers(&found, "trace_id"), [Some(7), Some(8)]);
+}
+
+#[test]
+fn unsigned_ids_have_63_bits() {
+    let folder = Folder::new(&model(1));
+    let some = long(&[vec![0], vec![1]]);
+    for (largest, is_read) in [(i64::MAX as u64, true), (1 << 63, false)] {
+        let ids: ArrayRef = Arc::new(UInt64Array::from(vec![7, largest]));
+        let columns = [
+            ("trace_id", ids),
+            ("step", some.column(1).clone()),
+            ("observation", some.column(2).clone()),
+        ];
+        folder.write("ids.parquet", &RecordBatch::try_from_iter(columns).unwrap(), 10);
+        if is_read {
+            let job = folder.job("ids.parquet", "out.parquet", Verb::Score, Table::Drives);
+            let (_, found) = folder.results(&job);
+            assert_eq!(integers(&found, "trace_id"), [Some(7), Some(i64::MAX)]);
+        } else {
+            let error = folder.error("ids.parquet").to_string();
+            let said =
+                "column `trace_id`, row 1 (counted from 0): cannot be read as a 64-bit integer";
+            assert_eq!(error, said);
+        }
+    }
 }

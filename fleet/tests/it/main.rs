@@ -1,6 +1,7 @@
 //! Tests of files against the library.
 
 mod bad_input;
+mod compression;
 mod equality;
 mod exchanged;
 mod files;
@@ -18,3 +19,4 @@ mod resume;
 mod schemas;
 mod skip;
 mod ten_commands;
+mod ties;
