@@ -8,6 +8,7 @@ use crate::error::{FleetError, Outcome};
 use crate::input::files::{InputFile, InputFiles};
 use crate::job::{Job, Progress, Summary};
 use crate::model::Model;
+use crate::overwrite;
 use crate::partial::beside;
 use crate::run::{Target, run_into};
 
@@ -49,6 +50,10 @@ pub(crate) fn run(
             )));
         }
     }
+    let invalid = job.left_out.as_ref();
+    let lines = files.files.iter().filter_map(|file| Some(within(invalid?, file, "jsonl")));
+    let written = lines.chain(made.into_keys()).collect::<Vec<_>>();
+    overwrite::refuse(written.iter().map(PathBuf::as_path), files.read_with(&job.model))?;
     let (mut sum, mut before) = (Summary::default(), Progress::default());
     for file in &files.files {
         let output = within(&job.output, file, "parquet");

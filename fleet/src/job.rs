@@ -52,14 +52,10 @@ impl Job {
         id_type: &DataType,
         has_names: bool,
     ) -> Value {
-        let names = &self.names;
         json!({
             "version": env!("CARGO_PKG_VERSION"),
             "model": model.hash(),
-            "columns": [
-                names.trace_id, names.step, names.observation, names.elsewhere, names.latitude,
-                names.longitude, names.deviation,
-            ],
+            "columns": self.names.all(),
             "type of ids": format!("{id_type}"),
             "names of files": has_names,
             "routine": format!("{:?}", self.verb),

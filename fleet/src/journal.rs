@@ -1,7 +1,9 @@
 //! The journal beside an unfinished output: which of its parts are complete.
 //!
 //! A text file. The first line has the settings of the run as JSON, every other one a complete
-//! part. A line that was cut off counts as not written.
+//! part, each after its [checksum]. A last line that was cut off or is damaged counts as not
+//! written: its part is made again. A damaged line before it is an error, since nothing says how many
+//! parts it stands for.
 
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, Read, Seek, SeekFrom, Write};
@@ -10,6 +12,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use crate::checksum;
 use crate::error::{FleetError, Outcome};
 use crate::input::pieces::Piece;
 
@@ -59,23 +62,35 @@ impl Journal {
         let mut journal = Self { file, path, parts: Vec::new(), begun: false };
         let mut valid = 0;
         if !restart {
-            for line in bytes.split_inclusive(|&byte| byte == b'\n') {
-                if line.last() != Some(&b'\n') {
-                    break;
-                }
+            for (number, line) in (1..).zip(bytes.split_inclusive(|&byte| byte == b'\n')) {
+                let end = valid + line.len();
+                let Some(text) = checksum::text(line) else {
+                    if end == bytes.len() {
+                        break;
+                    }
+                    return Err(journal.damaged(number));
+                };
                 if journal.begun {
-                    let Ok(part) = serde_json::from_slice(line) else { break };
-                    journal.parts.push(part);
+                    let part = serde_json::from_slice(text);
+                    journal.parts.push(part.map_err(|_| journal.damaged(number))?);
                 } else {
-                    let Ok(written) = serde_json::from_slice::<Value>(line) else { break };
+                    let written: Value =
+                        serde_json::from_slice(text).map_err(|_| journal.damaged(number))?;
                     compare(&journal.path, settings, &written)?;
                     journal.begun = true;
                 }
-                valid += line.len() as u64;
+                valid = end;
             }
         }
-        journal.cut(valid)?;
+        journal.cut(valid as u64)?;
         Ok(journal)
+    }
+
+    fn damaged(&self, line: usize) -> FleetError {
+        let message = format!(
+            "line {line} is damaged, or of another version of this program; start over with --restart"
+        );
+        FleetError::format(&self.path, message)
     }
 
     /// Forgets all parts after so many, whose lines are written again.
@@ -93,7 +108,7 @@ impl Journal {
     /// Writes the settings.
     pub(crate) fn begin(&mut self, settings: &Value) -> Outcome<()> {
         self.begun = true;
-        self.line(settings.to_string())
+        self.line(&settings.to_string())
     }
 
     /// Adds a part.
@@ -101,7 +116,7 @@ impl Journal {
         let text =
             serde_json::to_string(&part).map_err(|error| FleetError::format(&self.path, error))?;
         self.parts.push(part);
-        self.line(text)
+        self.line(&text)
     }
 
     /// Removes the file.
@@ -109,9 +124,9 @@ impl Journal {
         fs::remove_file(&self.path).map_err(FleetError::file(&self.path))
     }
 
-    fn line(&mut self, mut text: String) -> Outcome<()> {
-        text.push('\n');
-        self.file.write_all(text.as_bytes()).map_err(FleetError::file(&self.path))
+    fn line(&mut self, text: &str) -> Outcome<()> {
+        let line = checksum::line(text);
+        self.file.write_all(line.as_bytes()).map_err(FleetError::file(&self.path))
     }
 
     fn cut(&mut self, length: u64) -> Outcome<()> {

@@ -1,26 +1,31 @@
 //! Learning from a file of drives, which is read once for each iteration.
 
-use std::fs;
-use std::path::{Path, PathBuf};
+mod kept;
+
+use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
-use serde_json::{Value, json};
+use serde_json::json;
 use wayfix::Hmm;
 use wayfix::transition::{LearnTransition, MoveCounts};
 
 use crate::error::{FleetError, Outcome};
 use crate::expected::Expected;
-use crate::input::files::find;
+use crate::folder;
+use crate::input::files::{InputFiles, find};
 use crate::input::pieces::Digest;
 use crate::input::source::Source;
 use crate::input::{ColumnNames, Drives};
 use crate::job::Progress;
-use crate::journal::open_locked;
 use crate::model::{Model, with_hmm};
-use crate::partial::{Start, beside};
+use crate::overwrite;
+use crate::partial::Start;
 use crate::pipeline;
 use crate::sensor::Sensor;
 use crate::storage;
+#[cfg(feature = "sql")]
+pub(crate) use kept::save;
+use kept::{Kept, State};
 
 /// Batches for each thread that are under way.
 const AHEAD: usize = 2;
@@ -56,18 +61,15 @@ pub struct Course {
     pub log_likelihoods: Vec<f64>,
     /// Number of drives that the model rules out, which are left out.
     pub left_out: u64,
-}
-
-/// State of an unfinished run.
-#[derive(Serialize, Deserialize)]
-struct State {
-    settings: Value,
-    course: Course,
-    model: Value,
+    /// True if an earlier run has finished the output.
+    #[serde(skip)]
+    pub finished: bool,
 }
 
 /// Learns prior, transitions and sensor by Baum–Welch, as `Hmm::learn` of the library without
 /// pseudo-counts, or continues where a run was interrupted: after the last re-estimation.
+///
+/// If an output with these settings and this input exists already, nothing is done.
 ///
 /// Memory does not grow with the file, which each iteration reads. Sums are in the order of the file: the result does not depend on the number of
 /// threads. Only a table learns; other sensors stay as they are.
@@ -121,29 +123,37 @@ where
         let message = format!("the tolerance is {}, expected a value of at least 0", job.tolerance);
         return Err(FleetError::Settings(message));
     }
-    let path = beside(&job.output, ".partial");
-    let _lock = Lock::new(&job.output)?;
-    if job.output.exists() && !job.start.force {
-        let message = format!("{} exists; replace it with --force", job.output.display());
-        return Err(FleetError::Settings(message));
-    }
-    let files = find(std::slice::from_ref(&job.input))?;
+    let files = inputs(job)?;
+    let kept = Kept::open(&job.output)?;
     let content = Source::new(&files, &job.names, hmm.likelihood(), false)?.digest()?.text();
     let settings = json!({
         "version": env!("CARGO_PKG_VERSION"), "model": model.hash(), "input": content,
-        "keep prior": job.keep_prior,
+        "columns": job.names.all(), "keep prior": job.keep_prior,
     });
+    // An unfinished run may go on with others of these.
+    let end = json!({"run": settings, "iterations": job.iterations, "tolerance": job.tolerance});
+    if job.output.exists() && !job.start.force {
+        let exists = || {
+            let message = format!("{} exists; replace it with --force", job.output.display());
+            FleetError::Settings(message)
+        };
+        return kept.finished(&end)?.ok_or_else(exists);
+    }
     let (mut hmm, mut course) = (hmm.clone(), Course::default());
-    if path.exists() && !job.start.restart {
-        let wrong = |error| FleetError::format(&path, error);
-        let text = fs::read(&path).map_err(FleetError::file(&path))?;
-        let state: State = serde_json::from_slice(&text).map_err(wrong)?;
-        if state.settings != settings {
-            let message = "is of an unfinished run with another model, input or prior; make that \
-                           one again, or start over with --restart";
-            return Err(FleetError::Settings(format!("{} {message}", path.display())));
+    let state = if job.start.restart { None } else { kept.state(&settings)? };
+    if let Some(state) = state {
+        let done = state.course.log_likelihoods.len();
+        if done > job.iterations {
+            let message = format!(
+                "the unfinished run has made {done} re-estimations, but --iterations is {}; give \
+                 at least as many, or start over with --restart",
+                job.iterations
+            );
+            return Err(FleetError::Settings(message));
         }
-        (hmm, course) = (serde_json::from_value(state.model).map_err(wrong)?, state.course);
+        let model = serde_json::from_value(state.model);
+        hmm = model.map_err(|error| FleetError::format(&job.output, error))?;
+        course = state.course;
     }
     loop {
         let iteration = course.log_likelihoods.len();
@@ -165,47 +175,22 @@ where
         let converged =
             before.is_some_and(|before| expected.log_likelihood() - before < job.tolerance);
         if converged || iteration >= job.iterations {
-            save(&job.output, &hmm)?;
-            if path.exists() {
-                fs::remove_file(&path).map_err(FleetError::file(&path))?;
-            }
+            kept.finish(&hmm, &course, end)?;
             return Ok(course);
         }
         hmm = expected.maximize(&hmm, job.keep_prior)?;
-        let value = serde_json::to_value(&hmm).map_err(|error| FleetError::format(&path, error))?;
-        let state = State { settings: settings.clone(), course: course.clone(), model: value };
-        save(&path, &state)?;
+        let model =
+            serde_json::to_value(&hmm).map_err(|error| FleetError::format(&job.output, error))?;
+        kept.write(&State { settings: settings.clone(), course: course.clone(), model })?;
     }
 }
 
-/// A file beside the output that only one run has.
-struct Lock {
-    path: PathBuf,
-    _file: fs::File,
-}
-
-impl Lock {
-    fn new(output: &Path) -> Outcome<Self> {
-        let path = beside(output, ".lock");
-        Ok(Self { _file: open_locked(&path)?, path })
-    }
-}
-
-impl Drop for Lock {
-    fn drop(&mut self) {
-        // The next run takes it as it is.
-        _ = fs::remove_file(&self.path);
-    }
-}
-
-/// Writes a file under a temporary name first.
-pub(crate) fn save(path: &Path, value: &impl Serialize) -> Outcome<()> {
-    let written = beside(path, ".new");
-    let text = serde_json::to_vec(value).map_err(|error| FleetError::format(path, error))?;
-    let wrong = FleetError::file(&written);
-    fs::write(&written, text).map_err(&wrong)?;
-    fs::File::open(&written).and_then(|file| file.sync_all()).map_err(&wrong)?;
-    fs::rename(&written, path).map_err(FleetError::file(path))
+/// Files of the input, which the output is none of.
+pub(crate) fn inputs(job: &LearnJob) -> Outcome<InputFiles> {
+    let files = find(std::slice::from_ref(&job.input))?;
+    folder::outside(&files, &job.output)?;
+    overwrite::refuse([job.output.as_path()], files.read_with(&job.model))?;
+    Ok(files)
 }
 
 /// Adds up the expectations of all drives of the input, which has a hash.

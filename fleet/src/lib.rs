@@ -8,6 +8,7 @@
 //! The README says which columns and which models a file may have; the [`guide`], which way to
 //! take when, and how other engines call these functions.
 
+mod checksum;
 #[cfg(feature = "ballista")]
 pub mod cluster;
 pub mod error;
@@ -25,6 +26,7 @@ mod left_out;
 pub mod model;
 mod names;
 pub mod output;
+mod overwrite;
 mod partial;
 mod pipeline;
 pub mod places;

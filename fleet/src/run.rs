@@ -1,6 +1,6 @@
 //! A routine over files of drives, batch by batch.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use arrow_schema::Schema;
@@ -17,6 +17,7 @@ use crate::job::{Job, Progress, Summary};
 use crate::model::Model;
 use crate::names::{hashes, named, with_file};
 use crate::output::{self, Batch, Results, Table};
+use crate::overwrite::{self, is_same};
 use crate::partial::{Opened, Partial, Plan};
 use crate::pipeline;
 use crate::properties::properties;
@@ -42,7 +43,7 @@ pub fn run(job: &Job, mut progress: impl FnMut(&Progress)) -> Outcome<Summary> {
     let files = find(&job.inputs)?;
     results().try_for_each(|path| folder::outside(&files, path))?;
     if let Some(left_out) = &job.left_out
-        && (*left_out == job.output
+        && (is_same(left_out, &job.output)
             || (folder::is_folder(left_out) && !folder::is_folder(&job.output)))
     {
         let message = "the file of --skip-invalid must be another than the output, and a folder \
@@ -52,6 +53,7 @@ pub fn run(job: &Job, mut progress: impl FnMut(&Progress)) -> Outcome<Summary> {
     if folder::is_folder(&job.output) {
         return folder::run(job, &model, &files, &mut progress);
     }
+    overwrite::refuse(results().map(PathBuf::as_path), files.read_with(&job.model))?;
     let has_names = !files.is_one;
     let out = Target { output: &job.output, left_out: job.left_out.as_deref(), has_names };
     run_into(job, &model, &files, out, &mut progress)

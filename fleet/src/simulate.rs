@@ -18,6 +18,7 @@ use wayfix::{Hmm, TableLikelihood, TransitionEntries};
 use crate::error::{FleetError, Outcome};
 use crate::journal::open_locked;
 use crate::model::{Model, with_hmm};
+use crate::overwrite;
 use crate::partial::beside;
 use crate::sensor::{Kind, Sensor};
 
@@ -73,6 +74,7 @@ impl SimulateCommand {
             let message = format!("--steps {}: expected at most {LONGEST}", self.steps);
             return Err(FleetError::Settings(message));
         }
+        overwrite::refuse([self.output.as_path()], [self.model.as_path()])?;
         let unfinished = beside(&self.output, ".unfinished");
         self.check_output()?;
         let file = open_locked(&unfinished)?;

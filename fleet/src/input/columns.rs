@@ -1,5 +1,7 @@
 //! Columns that a sensor needs, and their types.
 
+use std::sync::Arc;
+
 use arrow_schema::{DataType, Field, Schema};
 
 use crate::error::{FleetError, Outcome};
@@ -36,6 +38,21 @@ impl Default for ColumnNames {
             longitude: "longitude".to_owned(),
             deviation: "deviation".to_owned(),
         }
+    }
+}
+
+impl ColumnNames {
+    /// All names.
+    pub(crate) fn all(&self) -> [&str; 7] {
+        [
+            &self.trace_id,
+            &self.step,
+            &self.observation,
+            &self.elsewhere,
+            &self.latitude,
+            &self.longitude,
+            &self.deviation,
+        ]
     }
 }
 
@@ -152,7 +169,12 @@ impl Layout {
 }
 
 fn find<'a>(schema: &'a Schema, name: &str) -> Outcome<&'a Field> {
-    if let Some((_, field)) = schema.column_with_name(name) {
+    if let Some((at, field)) = schema.column_with_name(name) {
+        let is_it = |(other, field): (usize, &Arc<Field>)| other > at && field.name() == name;
+        if schema.fields().iter().enumerate().any(is_it) {
+            let message = "is there twice; give the columns different names";
+            return Err(FleetError::column(name, message));
+        }
         return Ok(field);
     }
     let names: Vec<&str> = schema.fields().iter().map(|field| field.name().as_str()).collect();

@@ -4,19 +4,17 @@ use std::io::{self, BufReader};
 use std::path::Path;
 use std::sync::Arc;
 
-use arrow_array::builder::{Float64Builder, Int64Builder, ListBuilder, StructBuilder};
+use arrow_array::RecordBatch;
 use arrow_array::cast::AsArray;
-use arrow_array::{Array, ArrayRef, RecordBatch, StringArray};
-use arrow_cast::{CastOptions, cast_with_options};
 use arrow_csv::ReaderBuilder;
 use arrow_csv::reader::{Decoder, Format};
-use arrow_schema::{DataType, Field, Fields, Schema};
+use arrow_schema::{DataType, Field, Schema};
 
 use super::columns::{ColumnNames, Layout};
 use super::pieces::{self, BLOCK, Piece};
-use super::{Batches, Reading, Rows, without};
+use super::{Batches, Reading, Rows, text, without};
 use crate::error::{FleetError, Outcome};
-use crate::sensor::{Kind, Sensor};
+use crate::sensor::Sensor;
 use crate::storage::{Reader, Stored};
 
 /// Rows of a batch.
@@ -24,7 +22,8 @@ const ROWS: usize = 1 << 15;
 
 /// Opens a file after rows to skip.
 ///
-/// Trace ids are integers if the first one is, otherwise text. A list has its values between
+/// Trace ids are integers if the first one is (as it would be written: `007` is text), otherwise
+/// text. A list has its values between
 /// spaces or semicolons: `0.5 0.25 0.25`; a sparse one pairs of a state and its likelihood:
 /// `4:0.5 7:0.25`. An empty field is a null.
 pub(super) fn open(
@@ -35,14 +34,13 @@ pub(super) fn open(
     reading: &Reading,
 ) -> Outcome<(Batches, Layout)> {
     let (header, ids) = head(path, &names.trace_id)?;
-    let numbered = ids.as_deref().is_none_or(|id| id.parse::<i64>().is_ok());
     let field = |name: &String| {
         let to = if *name == names.trace_id {
-            if numbered { DataType::Int64 } else { DataType::Utf8 }
+            text::type_of_ids(ids.as_deref())
         } else if *name == names.step {
             DataType::Int64
         } else if *name == names.observation {
-            observation(sensor.kind())
+            text::observation(sensor.kind())
         } else {
             DataType::Float64
         };
@@ -67,11 +65,12 @@ pub(super) fn open(
     let row = skip - cut as u64;
     let (buffer, schema, reading) = (Vec::with_capacity(BLOCK), Arc::new(schema), reading.clone());
     let mut blocks = Blocks { file, decoder, buffer, at: 0, number: 0, row, reading };
-    let path = path.to_owned();
+    let (path, trace_id) = (path.to_owned(), names.trace_id.clone());
     let batches = std::iter::from_fn(move || {
         let first_row = blocks.row;
         let batch = blocks.next(&path).transpose()?;
-        Some(batch.and_then(|batch| rows(&batch, &schema, first_row, blocks.reading.leave_out)))
+        let leave_out = blocks.reading.leave_out;
+        Some(batch.and_then(|batch| rows(&batch, &schema, &trace_id, first_row, leave_out)))
     });
     Ok((without(batches, cut as u64), layout))
 }
@@ -126,6 +125,7 @@ impl Blocks {
 fn rows(
     batch: &RecordBatch,
     schema: &Arc<Schema>,
+    trace_id: &str,
     first_row: u64,
     leave_out: bool,
 ) -> Outcome<Rows> {
@@ -138,14 +138,17 @@ fn rows(
         Ok(())
     };
     let columns = batch.columns().iter().zip(schema.fields());
-    let columns = columns.map(|(text, field)| typed(text, field, first_row, &mut refuse));
+    let columns = columns.map(|(text, field)| {
+        let read = if field.name() == trace_id { text::ids } else { text::typed };
+        read(text, field, first_row, &mut refuse)
+    });
     let columns = columns.collect::<Outcome<_>>()?;
     let batch = RecordBatch::try_new(schema.clone(), columns)?;
     wrong.sort_by_key(|(row, _)| *row);
     Ok(Rows { batch, wrong: wrong.into() })
 }
 
-/// Returns the header, and the first trace id.
+/// Returns the header, and the first trace id that is there.
 fn head(path: &Path, trace_id: &str) -> Outcome<(Vec<String>, Option<String>)> {
     let wrong = |error| FleetError::format(path, error);
     let (schema, _) = Format::default()
@@ -158,107 +161,21 @@ fn head(path: &Path, trace_id: &str) -> Outcome<(Vec<String>, Option<String>)> {
     }
     let Ok(column) = schema.index_of(trace_id) else { return Ok((header, None)) };
     let text = header.iter().map(|name| Field::new(name, DataType::Utf8, true));
-    let mut reader = ReaderBuilder::new(Arc::new(Schema::new(text.collect::<Vec<_>>())))
+    let reader = ReaderBuilder::new(Arc::new(Schema::new(text.collect::<Vec<_>>())))
         .with_header(true)
         .with_batch_size(1)
         .with_projection(vec![column])
         .build(read(path)?)
         .map_err(wrong)?;
-    let Some(first) = reader.next().transpose().map_err(wrong)? else { return Ok((header, None)) };
-    Ok((header, Some(first.column(0).as_string::<i32>().value(0).to_owned())))
+    for row in reader {
+        let row = row.map_err(wrong)?;
+        if let Some(first) = row.column(0).as_string::<i32>().iter().flatten().next() {
+            return Ok((header, Some(first.to_owned())));
+        }
+    }
+    Ok((header, None))
 }
 
 fn read(path: &Path) -> Outcome<Reader> {
     Stored::open(path)?.read_from(0).map_err(FleetError::file(path))
-}
-
-/// Type of an observation.
-fn observation(kind: &Kind) -> DataType {
-    match kind {
-        Kind::Table(_) | Kind::SparseTable(_) => DataType::Int64,
-        Kind::Vector { .. } => DataType::new_list(DataType::Float64, true),
-        Kind::Sparse(_) => DataType::new_list(DataType::Struct(pair()), true),
-        Kind::Places(_) => DataType::Utf8, // not read
-    }
-}
-
-/// Fields of a state with its likelihood.
-fn pair() -> Fields {
-    Fields::from(vec![
-        Field::new("state", DataType::Int64, true),
-        Field::new("likelihood", DataType::Float64, true),
-    ])
-}
-
-/// Takes a row that cannot be read, and may end the work.
-type Refuse<'a> = &'a mut dyn FnMut(usize, FleetError) -> Outcome<()>;
-
-/// Reads a column of text as a type; what cannot be read is null.
-fn typed(text: &ArrayRef, field: &Field, first_row: u64, refuse: Refuse<'_>) -> Outcome<ArrayRef> {
-    let strings = text.as_string::<i32>();
-    let mut refuse = |row: usize, what: &str| {
-        let message = format!("`{}` is not {what}", strings.value(row));
-        refuse(row, FleetError::value(field.name(), first_row + row as u64, message))
-    };
-    match field.data_type() {
-        DataType::List(inner) if inner.data_type().is_floating() => {
-            let row = |out: &mut ListBuilder<Float64Builder>, text: &str| {
-                for value in parts(text) {
-                    out.values().append_value(value.parse().ok()?);
-                }
-                Some(())
-            };
-            let what = "a list of numbers";
-            list(strings, ListBuilder::new(Float64Builder::new()), row, |row| refuse(row, what))
-        }
-        DataType::List(_) => {
-            let fields: Vec<Box<dyn arrow_array::builder::ArrayBuilder>> =
-                vec![Box::new(Int64Builder::new()), Box::new(Float64Builder::new())];
-            let row = |out: &mut ListBuilder<StructBuilder>, text: &str| {
-                for pair in parts(text) {
-                    let (state, likelihood) = pair.split_once(':')?;
-                    let (state, likelihood) = (state.parse().ok()?, likelihood.parse().ok()?);
-                    let pairs = out.values();
-                    pairs.field_builder::<Int64Builder>(0)?.append_value(state);
-                    pairs.field_builder::<Float64Builder>(1)?.append_value(likelihood);
-                    pairs.append(true);
-                }
-                Some(())
-            };
-            let pairs = ListBuilder::new(StructBuilder::new(pair(), fields));
-            list(strings, pairs, row, |row| refuse(row, "a list of pairs `state:likelihood`"))
-        }
-        to => {
-            let options = CastOptions { safe: true, ..CastOptions::default() };
-            let done = cast_with_options(text, to, &options)?;
-            if done.null_count() > text.null_count() {
-                let what = if to.is_integer() { "a 64-bit integer" } else { "a number" };
-                let lost = |&row: &usize| done.is_null(row) && !text.is_null(row);
-                (0..text.len()).filter(lost).try_for_each(|row| refuse(row, what))?;
-            }
-            Ok(done)
-        }
-    }
-}
-
-/// Values of a list as text.
-fn parts(text: &str) -> impl Iterator<Item = &str> {
-    text.split([' ', ';']).filter(|part| !part.is_empty())
-}
-
-/// Builds lists of a row each.
-fn list<B: arrow_array::builder::ArrayBuilder>(
-    texts: &StringArray,
-    mut out: ListBuilder<B>,
-    mut row: impl FnMut(&mut ListBuilder<B>, &str) -> Option<()>,
-    mut refuse: impl FnMut(usize) -> Outcome<()>,
-) -> Outcome<ArrayRef> {
-    for (at, text) in texts.iter().enumerate() {
-        let read = text.and_then(|text| row(&mut out, text));
-        if text.is_some() && read.is_none() {
-            refuse(at)?;
-        }
-        out.append(read.is_some());
-    }
-    Ok(Arc::new(out.finish()))
 }

@@ -25,6 +25,13 @@ pub(crate) struct InputFiles {
     pub(crate) is_one: bool,
 }
 
+impl InputFiles {
+    /// The files, and the model for them.
+    pub(crate) fn read_with<'a>(&'a self, model: &'a Path) -> impl Iterator<Item = &'a Path> {
+        self.files.iter().map(|file| file.path.as_path()).chain([model])
+    }
+}
+
 /// Finds the files: inputs in the order given, those of a folder or pattern by their path.
 ///
 /// # Errors

@@ -12,6 +12,7 @@ mod parquet;
 pub(crate) mod pieces;
 pub(crate) mod source;
 mod strays;
+mod text;
 
 use std::collections::VecDeque;
 use std::path::Path;

@@ -66,7 +66,9 @@ impl LongDrives {
         let mut from = 0;
         while from < end {
             let id = id_of(from);
-            let to = (from + 1..end).find(|&row| id_of(row) != id).unwrap_or(end);
+            // Rows without an id are no drive together.
+            let next = |&row: &usize| id.is_none() || id_of(row) != id;
+            let to = (from + 1..end).find(next).unwrap_or(end);
             let row = start + from as u64;
             let mut faults = Vec::new();
             while let Some((_, error)) = wrong.pop_front_if(|(row, _)| *row < to) {
@@ -127,11 +129,16 @@ impl LongDrives {
     /// that continues begins with it.
     fn stray(&mut self, error: FleetError, id: Option<Id>) -> Outcome<()> {
         if self.faults.pending.len() >= MOST_PENDING {
-            let last = self.last.as_ref().map(|(id, _)| format!(" {id}")).unwrap_or_default();
-            let message = format!(
-                "more than {MOST_PENDING} drives after drive{last} would be left out, since their \
-                 ids are missing or not above its own; is this id wrong, or the file not sorted?"
-            );
+            let causes = match &self.last {
+                Some((id, _)) => format!(
+                    "after drive {id} would be left out, since their ids are missing or not above \
+                     its own; is this id wrong, or the file not sorted?"
+                ),
+                None => {
+                    "would be left out, since their ids are missing or cannot be read".to_owned()
+                }
+            };
+            let message = format!("more than {MOST_PENDING} drives {causes}");
             return Err(FleetError::value(&self.layout.names.trace_id, self.first_row, message));
         }
         self.faults.pending.push(Invalid::new(error, id)?);

@@ -20,7 +20,7 @@ use super::source::Source;
 use crate::error::{FleetError, Outcome};
 use crate::expected::Expected;
 use crate::input::{Form, Layout};
-use crate::learn::{Course, LearnJob, iterate, save};
+use crate::learn::{Course, LearnJob, inputs, iterate, save};
 use crate::model::{Model, with_hmm};
 use crate::partial::beside;
 use crate::sensor::{Kind, Sensor};
@@ -51,6 +51,7 @@ pub fn learn(
     scheduler: Option<&str>,
     progress: impl FnMut(usize),
 ) -> Outcome<Course> {
+    inputs(job)?;
     let model = Model::load(&job.model)?;
     let path = beside(&job.output, ".iteration");
     let course = with_hmm!(model, hmm => run(hmm, &model, job, &path, scheduler, progress));

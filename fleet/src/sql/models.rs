@@ -67,7 +67,7 @@ impl Models {
     }
 
     /// Path of a name.
-    fn path(&self, name: &str) -> Outcome<PathBuf> {
+    pub(super) fn path(&self, name: &str) -> Outcome<PathBuf> {
         let Some(folder) = &self.folder else { return Ok(PathBuf::from(name)) };
         // The same words whether a file outside exists or not.
         match fs::canonicalize(folder.join(name)) {

@@ -7,12 +7,17 @@ use datafusion::error::DataFusionError;
 use datafusion::execution::context::SQLOptions;
 use datafusion::prelude::{DataFrame, SessionConfig, SessionContext};
 
+use super::by_range;
+use super::models::split;
 use super::parts::ByParts;
 use super::rows::{rows, write};
 use super::starts::Starts;
 use super::{Models, Source, register_with};
 use crate::error::{FleetError, Outcome};
+use crate::folder;
+use crate::input::files::find;
 use crate::journal::open_locked;
+use crate::overwrite;
 use crate::partial::beside;
 use crate::properties::Pack;
 
@@ -125,6 +130,7 @@ fn context_with(threads: usize, batch: usize, models: &Models) -> SessionContext
 /// [`FleetError`] if a file cannot be read or written, another run writes the same output, a table
 /// is not sorted as it should be, or the query fails; without an output then.
 pub fn query(query: &Query, mut progress: impl FnMut(&QueryState)) -> Outcome<QuerySummary> {
+    query.keep_tables()?;
     let unfinished = beside(&query.output, ".unfinished");
     let file = open_locked(&unfinished)?;
     let done = run(query, &file, &unfinished, &mut progress);
@@ -159,6 +165,10 @@ fn run(
         let scheduler = query.scheduler.as_deref();
         let context = session(scheduler, query.threads, query.batch, &models).await?;
         let frame = query.frame(&context).await?;
+        let named = by_range::models(frame.logical_plan())?;
+        let named = named.iter().filter_map(|name| models.path(split(name).0).ok());
+        let named = named.collect::<Vec<_>>();
+        overwrite::refuse([query.output.as_path()], named.iter().map(PathBuf::as_path))?;
         match ByParts::new(query, frame.logical_plan(), &models)? {
             Ok(parts) => return parts.run(&models, progress).await,
             Err(reason) => progress(&QueryState::Whole(reason)),
@@ -195,6 +205,17 @@ impl Query {
             .with_allow_dml(false)
             .with_allow_statements(false);
         Ok(context.sql_with_options(&self.sql, options).await?)
+    }
+
+    /// Refuses an output that is also a table, or would be part of one.
+    fn keep_tables(&self) -> Outcome<()> {
+        for table in &self.tables {
+            // That there is none is said when it is opened.
+            let Ok(files) = find(std::slice::from_ref(&table.path)) else { continue };
+            folder::outside(&files, &self.output)?;
+            overwrite::refuse([self.output.as_path()], files.read_with(&table.path))?;
+        }
+        Ok(())
     }
 
     /// Refuses an output that exists, or that another query has parts of.

@@ -170,6 +170,17 @@ pub(crate) fn list(url: &Path) -> Outcome<Listed> {
     Err(without_feature(url))
 }
 
+/// File on a disk that a URL names, if it is one.
+pub(crate) fn on_disk(url: &Path) -> Option<PathBuf> {
+    #[cfg(feature = "object-store")]
+    return object::on_disk(url);
+    #[cfg(not(feature = "object-store"))]
+    {
+        _ = url;
+        None
+    }
+}
+
 /// Objects of a URL.
 #[cfg_attr(not(feature = "object-store"), expect(dead_code, reason = "nothing can be listed"))]
 pub(crate) enum Listed {

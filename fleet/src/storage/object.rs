@@ -215,9 +215,12 @@ pub(super) fn list(url: &Path) -> Outcome<Listed> {
         objects.push((PathBuf::from(name.as_str()), parts.iter().collect::<PathBuf>()));
     }
     objects.sort_unstable_by(|a, b| a.1.cmp(&b.1));
-    let name = parse(url)?;
-    let on_disk = (name.scheme() == "file").then(|| name.to_file_path().ok()).flatten();
-    Ok(Listed::Folder(objects, on_disk))
+    Ok(Listed::Folder(objects, on_disk(url)))
+}
+
+pub(super) fn on_disk(url: &Path) -> Option<PathBuf> {
+    let name = parse(url).ok()?;
+    (name.scheme() == "file").then(|| name.to_file_path().ok()).flatten()
 }
 
 fn parse(url: &Path) -> Outcome<Url> {

@@ -274,6 +274,12 @@ fn text_is_checked() {
              rows sorted by drive (numbers by value, text by its bytes)",
         ),
         ("trace_id,step,observation\n1,1,0\n1,2\n", "line 3"),
+        (
+            "trace_id,step,observation,observation\n1,1,0,1\n",
+            "column `observation`: is there twice; give the columns different names",
+        ),
+        ("trace_id,step,trace_id,observation\n1,1,0,1\n", "column `trace_id`: is there twice"),
+        ("step,trace_id,step,observation\n1,1,0,1\n", "column `step`: is there twice"),
     ] {
         let error = refused_csv(&folder, text);
         assert!(error.contains(message), "{error}");

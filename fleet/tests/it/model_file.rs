@@ -99,6 +99,45 @@ fn what_may_be_a_mistake_is_said() {
     assert!(text.contains("states 0, 1, 2: each cannot be reached"), "{text}");
 }
 
+/// The table of sensors in the README, as it stands.
+#[test]
+fn the_sensors_of_the_readme_are_valid() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/README.md");
+    let text = fs::read_to_string(path).unwrap();
+    let (_, table) = text.split_once("| sensor | JSON |\n|---|---|\n").unwrap();
+    let rows = table.lines().take_while(|line| line.starts_with('|'));
+    let expected = [
+        "TableLikelihood, 2 symbols",
+        "SparseTableLikelihood, 2 symbols",
+        "LikelihoodVector of likelihoods",
+        "SparseLikelihood",
+        "places",
+        "LikelihoodVector of logarithms, null if nothing was seen",
+    ];
+    let mut found = Vec::new();
+    for row in rows {
+        let (_, json) = row.trim_end_matches(" |").rsplit_once(" | ").unwrap();
+        let sensor: Value = serde_json::from_str(json.trim_matches('`')).unwrap();
+        let model = json!({
+            "version": 1,
+            "prior": {"at_first_observation": [0.5, 0.25, 0.25]},
+            "transition": {"version": 1, "states": 3,
+                "columns": [0.5, 0.5, 0.0, 0.0, 0.5, 0.5, 0.5, 0.0, 0.5]},
+            "likelihood": sensor,
+            "rounds_tails": false,
+        });
+        let folder = Folder::new(&model);
+        assert_eq!(said(&folder, &["model", "check", "model.json"]), "model.json: valid\n");
+        let shown = said(&folder, &["model", "show", "model.json"]);
+        let line = shown.lines().find_map(|line| line.strip_prefix("sensor ")).unwrap();
+        found.push(line.trim().to_owned());
+        // As the library writes it.
+        let read = wayfix_fleet::model::Model::load(&folder.path("model.json")).unwrap();
+        assert_eq!(serde_json::to_value(read.sensor()).unwrap(), model["likelihood"], "{row}");
+    }
+    assert_eq!(found, expected);
+}
+
 #[test]
 fn a_model_is_shown() {
     let folder = Folder::new(&model(1));

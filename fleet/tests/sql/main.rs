@@ -10,6 +10,7 @@ mod learn;
 mod long;
 mod memory;
 mod observations;
+mod overwrite;
 mod parts;
 mod tables;
 mod unordered;

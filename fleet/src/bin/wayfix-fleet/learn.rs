@@ -56,8 +56,9 @@ impl Learn {
         let course = done?;
         let last = course.log_likelihoods.last().copied().unwrap_or(0.0);
         let (count, left_out) = (course.log_likelihoods.len().saturating_sub(1), course.left_out);
+        let finished = if course.finished { "; finished already" } else { "" };
         Ok(format!(
-            "log-likelihood {last} after {count} re-estimations, {left_out} drives left out"
+            "log-likelihood {last} after {count} re-estimations, {left_out} drives left out{finished}"
         ))
     }
 }

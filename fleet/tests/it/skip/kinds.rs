@@ -220,3 +220,45 @@ fn an_id_that_is_far_too_large_ends_the_run() {
                 9223372036854775807 would be left out";
     assert!(error.contains(said), "{error}");
 }
+
+/// Rows without an id have nothing in common: each has its line.
+#[test]
+fn rows_without_an_id_are_named_one_by_one() {
+    let folder = Folder::new(&model(1));
+    let text = "trace_id,step,observation\n1,1,3\na,1,3\nb,1,3\nc,1,3\n2,1,3\n";
+    fs::write(folder.path("text.csv"), text).unwrap();
+    let of = |id| [id, Some(1), Some(3)];
+    let rows = [of(Some(1)), of(None), of(None), of(None), of(Some(2))];
+    folder.write("null.parquet", &table(&rows), 2);
+    for (input, reasons) in [
+        ("text.csv", ["`a` is not a 64-bit", "`b` is not a 64-bit", "`c` is not a 64-bit"]),
+        ("null.parquet", ["is null"; 3]),
+    ] {
+        let job = job(&folder, input, &format!("{input}.out"));
+        let (summary, found) = folder.results(&job);
+        assert_eq!((summary.drives, summary.left_out), (2, 3));
+        assert_eq!(integers(&found, "trace_id"), [Some(1), Some(2)]);
+        let expected = (1..).zip(reasons).map(|(row, why)| (row, json!(null), "trace_id", why));
+        assert_lines(&job, &expected.collect::<Vec<_>>());
+    }
+    // As many as drives may wait, and more, after a drive and before all drives.
+    for (first, said) in [
+        (Some(1), "row 0 (counted from 0): more than 65536 drives after drive 1 would be left out"),
+        (None, "row 0 (counted from 0): more than 65536 drives would be left out, since their ids"),
+    ] {
+        let rows = |count: usize| {
+            let mut rows = vec![of(first)];
+            rows.extend(std::iter::repeat_n(of(None), count));
+            table(&[rows, vec![of(Some(2))]].concat())
+        };
+        folder.write("few.parquet", &rows(65_000), 9000);
+        let few = job(&folder, "few.parquet", &format!("few {}", first.is_some()));
+        let count = 65_000 + u64::from(first.is_none());
+        assert_eq!(go_on(&few).unwrap().left_out, count);
+        assert_eq!(lines(&few).len() as u64, count);
+        folder.write("many.parquet", &rows(70_000), 9000);
+        let many = job(&folder, "many.parquet", "many.out");
+        let error = go_on(&many).unwrap_err().to_string();
+        assert!(error.contains(said), "{error}");
+    }
+}

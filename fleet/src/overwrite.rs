@@ -1,0 +1,87 @@
+//! Results that would take the place of what is read.
+
+use std::collections::HashMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use crate::error::{FleetError, Outcome};
+use crate::partial::beside;
+use crate::storage;
+
+/// Endings of an output and of the files that commands write beside it.
+const ENDINGS: [&str; 11] = [
+    "",
+    ".partial",
+    ".journal",
+    ".unfinished",
+    ".lock",
+    ".new",
+    ".partial.new",
+    ".run",
+    ".run.new",
+    ".iteration",
+    ".iteration.new",
+];
+
+/// Refuses outputs that are also read, whatever their paths: by another spelling, or through a link.
+///
+/// # Errors
+///
+/// [`FleetError::Settings`] with both paths.
+pub(crate) fn refuse<'a>(
+    outputs: impl IntoIterator<Item = &'a Path>,
+    read: impl IntoIterator<Item = &'a Path>,
+) -> Outcome<()> {
+    let read: HashMap<Place, &Path> =
+        read.into_iter().filter_map(|path| Some((place(&on_disk(path)?)?, path))).collect();
+    for output in outputs {
+        for written in ENDINGS.map(|ending| beside(output, ending)) {
+            if let Some(path) = place(&written).and_then(|place| read.get(&place)) {
+                return Err(FleetError::Settings(format!(
+                    "{} would be written to, but is read (as {}); give another --output",
+                    written.display(),
+                    path.display()
+                )));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// True if two paths are of one file, or of one name in a folder.
+pub(crate) fn is_same(path: &Path, other: &Path) -> bool {
+    let named = |path: &Path| {
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+        let folder = fs::canonicalize(folder.unwrap_or(Path::new("."))).ok()?;
+        Some((folder, path.file_name()?.to_owned()))
+    };
+    let is_one = |a: Option<Place>, b: Option<Place>| a.is_some() && a == b;
+    path == other || is_one(place(path), place(other)) || {
+        let (path, other) = (named(path), named(other));
+        path.is_some() && path == other
+    }
+}
+
+/// Path of what is read, if it is on a disk.
+fn on_disk(path: &Path) -> Option<PathBuf> {
+    if storage::is_url(path) { storage::on_disk(path) } else { Some(path.to_owned()) }
+}
+
+/// What all paths to a file have in common.
+#[cfg(unix)]
+type Place = (u64, u64);
+
+#[cfg(unix)]
+fn place(path: &Path) -> Option<Place> {
+    use std::os::unix::fs::MetadataExt;
+    fs::metadata(path).ok().map(|found| (found.dev(), found.ino()))
+}
+
+/// Elsewhere hard links are not known.
+#[cfg(not(unix))]
+type Place = PathBuf;
+
+#[cfg(not(unix))]
+fn place(path: &Path) -> Option<Place> {
+    fs::canonicalize(path).ok()
+}
