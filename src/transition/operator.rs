@@ -149,8 +149,7 @@ pub trait Transition {
     /// any range, with −∞ for 0.
     ///
     /// Used where a belief is out of the range of doubles. The default calls
-    /// [`apply`](Self::apply) once for every 600 nats of range, and allocates; the operators of
-    /// this crate sum entry by entry.
+    /// [`apply`](Self::apply) once for every 600 nats of range, and allocates.
     fn apply_log(&self, control: &Self::Control, x: &[f64], out: &mut [f64]) {
         log::by_bands(x, out, |x, out| self.apply(control, x, out));
     }
