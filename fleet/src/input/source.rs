@@ -76,7 +76,7 @@ impl<'a> Source<'a> {
         let found = open_with(path, self.names, self.sensor, skip, &reading).map_err(named)?;
         if self.id_type != DataType::Null && found.id_type != self.id_type {
             let message = format!(
-                "is read as {}, but as {} in {}",
+                "is read as {}, but as {} in {}; ids must be integers in all files, or text in all",
                 found.id_type,
                 self.id_type,
                 self.path(0).display()

@@ -142,6 +142,8 @@ fn show(bar: &ProgressBar, state: &QueryState) {
         QueryState::Rows { done, all, made } => {
             show_rows(bar, *done, *all, format!("{made} rows made"));
         }
+        // States that come later.
+        _ => {}
     }
 }
 
@@ -158,6 +160,7 @@ fn show_line(state: &QueryState, last: &mut Instant) {
                 *last = Instant::now();
             }
         }
+        _ => {}
     }
 }
 
