@@ -86,7 +86,7 @@ mod tests {
         assert_eq!(far_a.read(&mut [0]).unwrap(), 0, "the first was silent for longest");
         drop(seat_a);
 
-        seats.silence = Duration::from_secs(60);
+        seats.silence = Duration::from_mins(1);
         assert!(seats.take(&a).is_none(), "all have been heard of lately");
         drop(seat_c);
         assert!(seats.take(&a).is_some());
