@@ -154,11 +154,9 @@ fn show_line(state: &QueryState, last: &mut Instant) {
         QueryState::Rows { done, all: Some(all), made } => {
             say(&format!("{done} of {all} rows, {made} rows made"));
         }
-        QueryState::Rows { made, .. } => {
-            if last.elapsed() >= SECOND {
-                say(&format!("{made} rows made"));
-                *last = Instant::now();
-            }
+        QueryState::Rows { made, .. } if last.elapsed() >= SECOND => {
+            say(&format!("{made} rows made"));
+            *last = Instant::now();
         }
         _ => {}
     }

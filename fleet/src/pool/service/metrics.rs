@@ -134,9 +134,9 @@ impl Metrics {
                 }
                 let (metrics, seat) = (Arc::clone(&metrics), Arc::clone(&seats));
                 let answer = move || {
-                    let _seat = seat;
                     // Whoever asks may go away.
                     _ = metrics.answer(stream);
+                    drop(seat);
                 };
                 _ = thread::Builder::new().spawn(answer);
             }

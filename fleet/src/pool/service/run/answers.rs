@@ -18,6 +18,15 @@ const PART: usize = 1 << 14;
 /// are read again, so that few are taken while one follows another.
 const FEW: usize = 8;
 
+/// Lines that were answered.
+struct Taken {
+    lines: usize,
+    /// True if the last one asked something of the run.
+    is_asked: bool,
+    /// Input that this one has cut off.
+    cut_off: Option<Source>,
+}
+
 impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
     /// Answers whole lines.
     pub(super) fn take(&mut self, batch: &Batch) -> Outcome<()> {
@@ -32,10 +41,10 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
             let mut begin = 0;
             while begin < part.len() {
                 let some = &part[begin..part.len().min(begin + most)];
-                let (taken, asked) = self.work_on(some)?;
-                begin += taken;
-                most = if asked.is_some() { FEW } else { PART.min(2 * most) };
-                if let Some(Some(source)) = asked {
+                let Taken { lines, is_asked, cut_off } = self.work_on(some)?;
+                begin += lines;
+                most = if is_asked { FEW } else { PART.min(2 * most) };
+                if let Some(source) = cut_off {
                     part.drain(..begin);
                     part.retain(|text| text.source != source);
                     begin = 0;
@@ -53,9 +62,8 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
         Ok(())
     }
 
-    /// Answers lines up to one that asks something of the run. Returns the number of lines, and
-    /// whether one did, with an input that was cut off.
-    fn work_on(&mut self, lines: &[Text<'_>]) -> Outcome<(usize, Option<Option<Source>>)> {
+    /// Answers lines up to one that asks something of the run.
+    fn work_on(&mut self, lines: &[Text<'_>]) -> Outcome<Taken> {
         let Answers { texts, sources, taken, errors, offsets, command } = work(
             &mut *self.vehicles,
             self.job.live.options.threads,
@@ -70,7 +78,9 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
             self.connections.note(source, offset, &mut self.position);
         }
         self.put(&texts, &sources)?;
-        Ok((taken, command.map(|command| self.obey(command)).transpose()?))
+        let is_asked = command.is_some();
+        let cut_off = command.map(|command| self.obey(command)).transpose()?.flatten();
+        Ok(Taken { lines: taken, is_asked, cut_off })
     }
 
     /// Does what a line asks of the run. Returns an input that was cut off.
