@@ -102,6 +102,21 @@ fn put_back<T: Pooled>(buffer: Vec<T>) {
     T::pool().with_borrow_mut(|pool| pool.push(buffer));
 }
 
+/// Makes the thread keep memory for two buffers, for a first product that must not allocate. Nothing
+/// is written to it.
+pub(crate) fn reserve_two(count: usize) {
+    NUMBERS.with_borrow_mut(|pool| {
+        if pool.len() < 2 {
+            pool.resize_with(2, Vec::new);
+        }
+        let last = pool.len() - 2;
+        for buffer in &mut pool[last..] {
+            let whole = count + LINE / size_of::<f64>();
+            buffer.reserve(whole.saturating_sub(buffer.len()));
+        }
+    });
+}
+
 /// Lends two buffers of the same size, as [`with`] does.
 pub(crate) fn with_two<T: Pooled, R>(
     count: usize,

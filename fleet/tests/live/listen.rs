@@ -2,84 +2,22 @@
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::io::{self, BufRead, BufReader, ErrorKind, Read, Write};
+use std::io::{self, BufReader, Read, Write};
 use std::net::{Shutdown, TcpStream};
 use std::os::unix::net::UnixStream;
-use std::path::Path;
 use std::process::{Child, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::channel;
-use std::thread::{self, JoinHandle};
+use std::thread;
 use std::time::{Duration, Instant};
 
 use rand::RngExt;
 use serde_json::{Value, json};
-use wayfix_fleet::FleetError;
-use wayfix_fleet::pool::{Control, LiveSummary, Notice, ServiceJob, position, serve};
+use wayfix_fleet::pool::{Control, ServiceJob, position, serve};
 
+use crate::clients::*;
 use crate::kit::*;
 use crate::service::*;
-
-/// A run that takes connections on a thread.
-struct Running {
-    control: Control,
-    address: String,
-    thread: JoinHandle<Result<LiveSummary, FleetError>>,
-}
-
-impl Running {
-    fn begin(job: ServiceJob) -> Self {
-        let control = Control::new();
-        let (of_run, (say, said)) = (control.clone(), channel());
-        let thread = thread::spawn(move || {
-            serve(&job, &of_run, io::empty(), Vec::new(), |notice| {
-                if let Notice::Listen(address) = notice {
-                    say.send(address.clone()).unwrap();
-                }
-            })
-        });
-        let address = said.recv().unwrap();
-        Self { control, address, thread }
-    }
-
-    fn end(self) -> LiveSummary {
-        self.control.stop();
-        self.thread.join().unwrap().unwrap()
-    }
-}
-
-fn at(path: &Path) -> String {
-    format!("unix:{}", path.display())
-}
-
-/// A connection of a client.
-struct Client(BufReader<UnixStream>);
-
-impl Client {
-    fn new(path: &Path) -> io::Result<Self> {
-        UnixStream::connect(path).map(|stream| Self(BufReader::new(stream)))
-    }
-
-    fn send(&mut self, text: &str) -> io::Result<()> {
-        self.0.get_mut().write_all(text.as_bytes())
-    }
-
-    fn answer(&mut self) -> io::Result<Value> {
-        let mut line = String::new();
-        match self.0.read_line(&mut line)? {
-            0 => Err(ErrorKind::UnexpectedEof.into()),
-            _ => Ok(serde_json::from_str(&line)?),
-        }
-    }
-
-    /// Names itself, and returns the last offset that the run has from it.
-    fn name(&mut self, name: &str) -> io::Result<Option<i64>> {
-        self.send(&format!("{}\n", json!({ "client": name })))?;
-        let answer = self.answer()?;
-        assert_eq!(answer["client"], name, "{answer}");
-        Ok(answer["offset"].as_i64())
-    }
-}
 
 /// Lines of vehicles of a client, with offsets, none of which depends on other clients.
 fn lines_of(client: i64, count: i64) -> Vec<String> {

@@ -1,6 +1,8 @@
 //! Tests of live vehicles against filters of the library.
 
 mod answers;
+#[cfg(unix)]
+mod clients;
 mod filters;
 mod guards;
 mod kills;

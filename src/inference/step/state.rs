@@ -14,7 +14,7 @@ use crate::error::InferenceError;
 use crate::kernels::{self, Aligned};
 use crate::likelihood::{Likelihood, Scratch};
 use crate::limits::LIFTED_STEPS;
-use crate::transition::Transition;
+use crate::transition::{Transition, buffers};
 
 /// Largest number of steps of a filter or snapshot: an `f64` can count them.
 pub(crate) const MOST_STEPS: usize =
@@ -195,6 +195,8 @@ impl StepScratch {
         // All memory at once: steps in logarithms may come late in a drive, and must not allocate.
         let tiny = kernels::any_tiny(belief);
         let lifted = LiftedBelief { values: zeros(), valid: false, tiny, more: 0 };
+        // Products in logarithms take memory of the thread.
+        buffers::reserve_two(n);
         let (predicted, logs) = (vec![0.0; n], vec![0.0; n]);
         let output = StepOutput { predicted, after: zeros(), lifted: zeros(), logs };
         Self { lifted, output, work: Workspace::new(n) }
