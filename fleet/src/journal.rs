@@ -15,6 +15,7 @@ use serde_json::Value;
 use crate::checksum;
 use crate::error::{FleetError, Outcome};
 use crate::input::pieces::Piece;
+use crate::partial::beside;
 
 /// A complete part: row groups of the output, of a query any number, else one.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -156,6 +157,27 @@ pub(crate) fn open_locked(path: &Path) -> Outcome<File> {
         if is_at(&file, path).map_err(&wrong)? {
             return Ok(file);
         }
+    }
+}
+
+/// A file beside an output or a snapshot that one run at a time has.
+#[derive(Debug)]
+pub(crate) struct Lock {
+    path: PathBuf,
+    _file: File,
+}
+
+impl Lock {
+    pub(crate) fn new(output: &Path) -> Outcome<Self> {
+        let path = beside(output, ".lock");
+        Ok(Self { _file: open_locked(&path)?, path })
+    }
+}
+
+impl Drop for Lock {
+    fn drop(&mut self) {
+        // One that is left stands in nobody's way.
+        _ = fs::remove_file(&self.path);
     }
 }
 

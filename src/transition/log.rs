@@ -22,8 +22,9 @@ pub(crate) fn by_bands(x: &[f64], out: &mut [f64], product: impl FnMut(&[f64], &
     bands(x, out, (usize::MAX, HIGHEST), product);
 }
 
-/// Computes a product in logarithms for a stored matrix, whose entries are at most near 1: by a few
-/// bands, and the sums of lines that need more by themselves.
+/// Computes a product in logarithms for a dense matrix, whose entries are at most near 1: by a few
+/// bands, and the sums of lines that need more by themselves. (Where lines are short, a band costs
+/// more than all of their sums.)
 pub(super) fn by_lines<I: Iterator<Item = (usize, f64)> + Clone>(
     x: &[f64],
     out: &mut [f64],

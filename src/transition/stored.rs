@@ -101,12 +101,15 @@ impl Transition for SparseTransition {
     }
 
     fn apply_log(&self, (): &(), x: &[f64], out: &mut [f64]) {
-        log::by_lines(x, out, |x, out| self.sliced_rows.multiply(x, out), |i| self.rows.line(i));
+        for (i, out) in out.iter_mut().enumerate() {
+            *out = log::sum(self.rows.line(i), x);
+        }
     }
 
     fn apply_transpose_log(&self, (): &(), x: &[f64], out: &mut [f64]) {
-        let product = |x: &[f64], out: &mut [f64]| self.sliced_columns.multiply(x, out);
-        log::by_lines(x, out, product, |j| self.columns.line(j));
+        for (j, out) in out.iter_mut().enumerate() {
+            *out = log::sum(self.columns.line(j), x);
+        }
     }
 }
 

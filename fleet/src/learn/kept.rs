@@ -12,7 +12,7 @@ use twox_hash::XxHash3_64;
 use super::Course;
 use crate::checksum;
 use crate::error::{FleetError, Outcome};
-use crate::journal::open_locked;
+use crate::journal::Lock;
 use crate::partial::beside;
 
 /// State of an unfinished run, after a re-estimation.
@@ -102,26 +102,6 @@ impl<'a> Kept<'a> {
             fs::remove_file(&self.partial).map_err(FleetError::file(&self.partial))?;
         }
         Ok(())
-    }
-}
-
-/// A file beside the output that only one run has.
-struct Lock {
-    path: PathBuf,
-    _file: fs::File,
-}
-
-impl Lock {
-    fn new(output: &Path) -> Outcome<Self> {
-        let path = beside(output, ".lock");
-        Ok(Self { _file: open_locked(&path)?, path })
-    }
-}
-
-impl Drop for Lock {
-    fn drop(&mut self) {
-        // The next run takes it as it is.
-        _ = fs::remove_file(&self.path);
     }
 }
 

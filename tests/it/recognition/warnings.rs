@@ -167,8 +167,6 @@ fn a_recording_that_matches_nothing_is_told() {
     }
 }
 
-/// Rows of distances, to each of which the same large offset is added: so a few references are
-/// always nearest, and all views look alike.
 #[test]
 fn a_vehicle_that_is_faster_than_the_speeds_is_told() {
     let (recognizer, world) = recognizer(81, false);
@@ -193,6 +191,8 @@ fn a_vehicle_that_is_faster_than_the_speeds_is_told() {
     assert!(!is_fast(&doubts(&recognizer, &elsewhere, &[])));
 }
 
+/// Rows of distances, to each of which the same large offset is added: so a few references are
+/// always nearest, and all views look alike.
 fn rows(world: &[Vec<f32>], queries: &[Vec<f32>], offset: f32) -> Vec<Vec<f32>> {
     let offsets = noise(PLACES, 220);
     let distance = |a: &[f32], b: &[f32]| -> f32 {

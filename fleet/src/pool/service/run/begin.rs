@@ -1,6 +1,6 @@
 //! What a run begins with.
 
-use std::fs::{self, File};
+use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -12,9 +12,8 @@ use super::super::position::{self, Position};
 use super::super::vehicles::{self, Vehicles};
 use super::models::load;
 use crate::error::{FleetError, Outcome};
-use crate::journal::open_locked;
+use crate::journal::Lock;
 use crate::model::Model;
-use crate::partial::beside;
 use crate::pool::file::check_replaced;
 use crate::pool::latest::Latest;
 
@@ -23,7 +22,7 @@ pub(super) struct Begin {
     pub(super) vehicles: Box<dyn Vehicles>,
     pub(super) position: Position,
     pub(super) file: Option<File>,
-    pub(super) locked: Option<Locked>,
+    pub(super) locked: Option<Lock>,
     pub(super) listener: Option<Listener>,
     pub(super) events: SyncSender<Event>,
     pub(super) queue: Receiver<Event>,
@@ -39,7 +38,7 @@ pub(super) fn begin(job: &ServiceJob, mut input: impl Read + Send + 'static) -> 
         let message = "lines come from connections, or else from an input";
         return Err(FleetError::Settings(message.to_owned()));
     }
-    let locked = live.snapshot.as_deref().map(Locked::new).transpose()?;
+    let locked = live.snapshot.as_deref().map(Lock::new).transpose()?;
     // What cannot be looked at may be there: it must not be replaced at the end.
     let is_missing = |path: &PathBuf| matches!(path.try_exists(), Ok(false));
     let is_first = |path: &PathBuf| live.snapshot.as_ref() == Some(path) && is_missing(path);
@@ -79,26 +78,4 @@ pub(super) fn begin(job: &ServiceJob, mut input: impl Read + Send + 'static) -> 
         read_ahead(position.rest(input).map_err(FleetError::file(path))?, events.clone());
     }
     Ok(Begin { vehicles, position, file, locked, listener, events, queue })
-}
-
-/// A file beside the snapshot that one run at a time has locked, which goes with the run.
-#[derive(Debug)]
-pub(super) struct Locked {
-    path: PathBuf,
-    _file: File,
-}
-
-impl Locked {
-    fn new(snapshot: &Path) -> Outcome<Self> {
-        let path = beside(snapshot, ".lock");
-        let file = open_locked(&path)?;
-        Ok(Self { path, _file: file })
-    }
-}
-
-impl Drop for Locked {
-    fn drop(&mut self) {
-        // One that is left stands in nobody's way.
-        _ = fs::remove_file(&self.path);
-    }
 }
