@@ -194,8 +194,6 @@ mod fixed;
 mod free_parameters;
 mod groups;
 mod hmm;
-mod kernels;
-mod limits;
 mod random;
 mod reorder;
 mod sequence;

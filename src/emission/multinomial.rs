@@ -13,7 +13,7 @@ use super::{EmissionError, Family, StartFromClusters};
 use crate::belief::SUM_TOLERANCE;
 use crate::error::LikelihoodError;
 use crate::free_parameters::{Displacement, FreeParameters};
-use crate::kernels;
+use wayfix_kernels as kernels;
 use crate::likelihood::{
     Diagonal, LearnLikelihood, Likelihood, SampleObservation, Scratch, shares,
 };

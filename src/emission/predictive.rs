@@ -11,7 +11,7 @@ use crate::belief::Belief;
 use crate::error::{InferenceError, LikelihoodError};
 use crate::hmm::Hmm;
 use crate::inference::Filter;
-use crate::kernels::log_sum;
+use wayfix_kernels::log_sum;
 use crate::likelihood::SampleObservation;
 use crate::random::index;
 use crate::transition::{NoControl, Transition};

@@ -6,7 +6,7 @@ use super::diagonal::Values;
 use super::{Diagonal, Likelihood, SampleObservation, Scratch};
 use crate::error::{HmmError, LikelihoodError};
 use crate::groups::Groups;
-use crate::kernels::{self, Valid};
+use wayfix_kernels::{self as kernels, Valid};
 
 /// A sensor of groups as a sensor of states: all states of a group have the likelihood of the
 /// group. For a camera that observes the place, but not how long the vehicle has been there or

@@ -2,7 +2,7 @@
 
 use super::{Diagonal, Likelihood, Scratch};
 use crate::error::LikelihoodError;
-use crate::kernels::Valid;
+use wayfix_kernels::Valid;
 
 /// A sensor that gives the likelihoods of some states without evaluating all, and a bound on
 /// those of all others. Pruned algorithms require it, such as

@@ -4,7 +4,7 @@
 //! only where the value of the others changes.
 
 use super::Diagonal;
-use crate::kernels;
+use wayfix_kernels as kernels;
 
 /// Reusable memory for the values of a diagonal, kept from step to step.
 ///

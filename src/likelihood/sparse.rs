@@ -2,7 +2,7 @@
 
 use super::{Diagonal, Likelihood, LocalLikelihood, Scratch};
 use crate::error::LikelihoodError;
-use crate::kernels::Valid;
+use wayfix_kernels::Valid;
 
 /// A sensor whose observation lists a few states with their likelihoods, and one value for all
 /// others. For maps of millions of places, with a sensor that names candidates: the best matches

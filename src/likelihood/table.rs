@@ -5,7 +5,7 @@ use rand::Rng;
 use super::{Diagonal, Likelihood, LocalLikelihood, SampleObservation, Scratch};
 use crate::belief::{Belief, SUM_TOLERANCE};
 use crate::error::{LikelihoodError, TableError};
-use crate::kernels;
+use wayfix_kernels as kernels;
 use crate::random::index;
 use crate::reorder::ReorderStates;
 

@@ -6,7 +6,7 @@ use super::receiver::{RECEPTIONS, ROUGH_AT, Receiver};
 use super::sighting::{Ahead, Fit, SLOPE};
 use super::ways::Way;
 use super::{MatchModel, TracePoint};
-use crate::kernels::exp_in_place;
+use wayfix_kernels::exp_in_place;
 use crate::map::{Coordinates, RoadClass};
 
 /// Fastest speed in metres per second that a density of distances spreads over.

@@ -15,7 +15,7 @@
 use super::across::Across;
 use super::place::{ByReception, Place};
 use super::receiver::{RECEPTIONS, Receiver};
-use crate::kernels::exp_in_place;
+use wayfix_kernels::exp_in_place;
 
 /// A position as it is seen from an edge.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

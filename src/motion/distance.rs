@@ -5,8 +5,8 @@
 use std::f64::consts::PI;
 
 use crate::error::{Parameter, TransitionError};
-use crate::kernels::log2;
-use crate::limits::LARGEST_LOG;
+use wayfix_kernels::log2;
+use wayfix_kernels::limits::LARGEST_LOG;
 use crate::map::RoadMap;
 use crate::transition::{
     Measured, MoveLikelihood, SparseTransition, Transition, TransitionEntries, delegate,

@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use super::{Confusion, ObservationError};
 use crate::error::Parameter;
-use crate::kernels;
+use wayfix_kernels as kernels;
 use crate::likelihood::TableLikelihood;
 use crate::map::{Coordinates, RoadMap};
 

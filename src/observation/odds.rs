@@ -4,7 +4,7 @@ use std::f32::consts::{LN_2, LOG2_E};
 
 use super::ObservationError;
 use crate::error::Parameter;
-use crate::kernels::{Simd, WithSimd, run};
+use wayfix_kernels::{Simd, WithSimd, run};
 
 /// The odds that a reference with a given [score](super::Standardizer) is the right one,
 /// against a wrong one:

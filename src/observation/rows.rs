@@ -2,7 +2,7 @@
 
 use super::ObservationError;
 use super::odds::ln_1p;
-use crate::kernels::{Simd, WithSimd, run};
+use wayfix_kernels::{Simd, WithSimd, run};
 
 /// The ratio of the standard deviation of a normal distribution to its median deviation.
 const NORMAL: f64 = 1.4826;

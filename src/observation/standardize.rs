@@ -2,7 +2,7 @@
 
 use super::Standardizer;
 use super::rows::within;
-use crate::kernels::{LANES, Simd, WithSimd};
+use wayfix_kernels::{LANES, Simd, WithSimd};
 
 /// Prior of the variance of one reference's scores over queries, and of all scores, in queries.
 const PRIOR_COUNT: f64 = 3.0;

@@ -4,7 +4,7 @@ use super::ObservationError;
 use super::rows::{RowScratch, row_scores};
 use super::standardize::{CountIn, Spread, Standardize, Usual};
 use crate::error::Parameter;
-use crate::kernels::run;
+use wayfix_kernels::run;
 
 /// Brings the distances of a query to one scale for all references.
 ///

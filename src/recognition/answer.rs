@@ -3,7 +3,7 @@
 use std::ops::RangeInclusive;
 
 use super::recognizer::Recognizer;
-use crate::kernels;
+use wayfix_kernels as kernels;
 
 /// Estimated position of the vehicle at one step.
 #[derive(Debug, Clone, PartialEq)]

@@ -8,7 +8,7 @@ use super::sensor::Sensor;
 use super::{Options, RecognitionError};
 use crate::error::{Count, InferenceError};
 use crate::hmm::{Hmm, Prior};
-use crate::kernels;
+use wayfix_kernels as kernels;
 use crate::likelihood::{GroupedLikelihood, LikelihoodVector};
 use crate::motion::{RouteControl, RouteTransition};
 use crate::observation::Distance;

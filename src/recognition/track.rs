@@ -9,7 +9,7 @@ use super::{Answer, RecognitionError, Recognizer};
 use crate::belief::{Belief, BeliefView};
 use crate::error::{Count, InferenceError, Parameter};
 use crate::inference::{Filter, FilterSnapshot, MOST_STEPS};
-use crate::kernels::Aligned;
+use wayfix_kernels::Aligned;
 use crate::motion::RouteControl;
 
 /// A vehicle tracked step by step.

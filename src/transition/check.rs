@@ -2,7 +2,7 @@
 
 use crate::belief::SUM_TOLERANCE;
 use crate::error::{Parameter, TransitionError};
-use crate::kernels;
+use wayfix_kernels as kernels;
 
 /// Checks that all column sums are one.
 pub(super) fn check_columns(sums: &[f64]) -> Result<(), TransitionError> {

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use crate::kernels::{Lines, Sliced, Width};
+use wayfix_kernels::{Lines, Sliced, Width};
 
 /// Sparse lines: rows of A, or its columns. Line i occupies
 /// `indices[starts[i]..starts[i + 1]]`; within a line, indices ascend.

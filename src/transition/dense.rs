@@ -5,8 +5,8 @@ use std::sync::OnceLock;
 
 use super::check::{check_columns_of, check_count, check_rows, check_square};
 use crate::error::TransitionError;
-use crate::kernels::{Dense, Lines, Panels};
-use crate::limits;
+use wayfix_kernels::{Dense, Lines, Panels};
+use wayfix_kernels::limits;
 
 /// Most states whose entries `Debug` shows.
 const SHOWN: usize = 8;

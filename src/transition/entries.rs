@@ -1,7 +1,7 @@
 //! The entries of a transition operator.
 
 use super::Transition;
-use crate::kernels::log2;
+use wayfix_kernels::log2;
 
 /// A transition operator whose entries can be listed.
 ///

@@ -9,7 +9,7 @@ use super::{LearnTransition, delegate};
 use super::{Transition, TransitionEntries, validate_with};
 use crate::error::TransitionError;
 use crate::free_parameters::{Displacement, FreeParameters};
-use crate::limits::LARGEST_LOG;
+use wayfix_kernels::limits::LARGEST_LOG;
 
 /// An operator with evidence on moves: each control is a measurement u between two steps, whose
 /// likelihood p(u | `X_{k-1}`, `X_k`) multiplies the entries of A.

@@ -11,7 +11,7 @@ use super::Transition;
 use super::log::{self, LARGEST};
 use crate::belief::Belief;
 use crate::error::{Parameter, TransitionError};
-use crate::kernels::{self, log2};
+use wayfix_kernels::{self as kernels, log2};
 
 /// The moves of an operator, and jumps that it does not know.
 #[derive(Debug, Clone)]

@@ -1,8 +1,8 @@
 //! Products in logarithms, for numbers beyond the range of a double.
 
 use super::buffers;
-use crate::kernels::{exp_in_place, log2};
-use crate::limits::LIFT;
+use wayfix_kernels::{exp_in_place, log2};
+use wayfix_kernels::limits::LIFT;
 
 /// Largest entry of a step with evidence that is taken in linear space.
 pub(super) const LARGEST: f64 = 1e300;

@@ -8,7 +8,7 @@ use std::f64::consts::LOG2_E;
 use super::log::{self, LARGEST};
 use super::{Transition, TransitionEntries, check_slices};
 use crate::error::TransitionError;
-use crate::kernels;
+use wayfix_kernels as kernels;
 
 /// Likelihood of a measurement between two steps, for the moves of an operator `A`.
 pub(crate) trait MoveLikelihood<A: TransitionEntries<Control = ()>> {

@@ -1,6 +1,6 @@
 //! Moves between states, and their expected numbers.
 
-use crate::kernels::Lines;
+use wayfix_kernels::Lines;
 
 /// One move between two steps, with its probability or expected number.
 #[derive(Debug, Clone, Copy, PartialEq)]

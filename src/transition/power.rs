@@ -2,7 +2,7 @@
 
 use super::{Transition, TransitionEntries, best_of, buffers, delegate};
 use crate::error::TransitionError;
-use crate::kernels::log2;
+use wayfix_kernels::log2;
 
 /// An operator applied m times: A^m. For observations at every m-th step of the motion only.
 ///

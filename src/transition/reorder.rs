@@ -3,7 +3,7 @@
 use super::compressed::Compressed;
 use super::{DenseTransition, SparseTransition, SwitchedTransition};
 use crate::fixed::Fixed;
-use crate::kernels::Dense;
+use wayfix_kernels::Dense;
 use crate::reorder::{self, ReorderStates};
 use crate::transition::Transition;
 

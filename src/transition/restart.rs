@@ -8,7 +8,7 @@ use super::{LearnTransition, Transition, TransitionEntries};
 use super::{best_of, check_probability, delegate, log, merge};
 use crate::belief::Belief;
 use crate::error::TransitionError;
-use crate::kernels::{self, log2};
+use wayfix_kernels::{self as kernels, log2};
 
 /// An operator with random restarts: (1 − ε) A + ε r 1'. For a
 /// vehicle that was towed, carried by a ferry, or lost.

@@ -24,7 +24,7 @@
 use super::SparseTransition;
 use super::compressed::Compressed;
 use crate::error::TransitionError;
-use crate::limits::power;
+use wayfix_kernels::limits::power;
 
 /// 2^-60, the least value. Shares of the remainder are then far above the smallest 32-bit number:
 /// they fall below their values only if the remainder is a few steps, by less than half each

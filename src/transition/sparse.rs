@@ -6,8 +6,8 @@ use std::sync::OnceLock;
 use super::check::{check_columns_of, check_count, check_rows, check_square};
 use super::compressed::Compressed;
 use crate::error::TransitionError;
-use crate::kernels::{EntryValues, Lines, Scores, Sliced, max_step};
-use crate::limits;
+use wayfix_kernels::{EntryValues, Lines, Scores, Sliced, max_step};
+use wayfix_kernels::limits;
 
 /// A sparse transition matrix, stored by rows and by columns with 32-bit indices.
 ///

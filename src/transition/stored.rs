@@ -2,7 +2,7 @@
 
 use super::{DenseTransition, SparseTransition, Transition, TransitionEntries, check_slices, log};
 use crate::error::TransitionError;
-use crate::kernels::{Lines, Panels};
+use wayfix_kernels::{Lines, Panels};
 
 /// A stored matrix, for which this crate has loops of its own.
 ///

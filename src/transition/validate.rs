@@ -2,7 +2,7 @@
 
 use super::{Transition, check_columns};
 use crate::error::TransitionError;
-use crate::kernels;
+use wayfix_kernels as kernels;
 
 /// Checks an operator that declares to have no control, as [`validate_with`]. An operator with a
 /// control can't be checked without one, except for its number of states.

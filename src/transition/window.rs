@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use super::{Transition, TransitionEntries, check_count, check_slices, check_sum, log};
 use crate::error::TransitionError;
-use crate::kernels::log2;
+use wayfix_kernels::log2;
 
 /// A banded matrix of which only the window is stored: the places of a route in order, with one
 /// distribution of the number of places that a step moves on.

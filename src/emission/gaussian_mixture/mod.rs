@@ -11,7 +11,7 @@ use super::check::{check_length, flatten};
 use super::normal::{CovarianceType, Normals, Settings, eights, flatten_covariances, settings};
 use super::{EmissionError, Family, Marginals, Tails};
 use crate::error::LikelihoodError;
-use crate::kernels::{Eight, log_sum};
+use wayfix_kernels::{Eight, log_sum};
 use crate::likelihood::{Diagonal, Likelihood, SampleObservation, Scratch};
 use crate::random::index;
 use crate::reorder::ReorderStates;

@@ -9,7 +9,7 @@ use crate::emission::normal::{
 };
 use crate::emission::{EmissionError, Family, Gaussian, StartFromClusters};
 use crate::free_parameters::{Displacement, FreeParameters};
-use crate::kernels::{Eight, LANES};
+use wayfix_kernels::{Eight, LANES};
 use crate::likelihood::{LearnLikelihood, Likelihood};
 
 /// Rounding of a rest, relative to the terms that were taken from an output.

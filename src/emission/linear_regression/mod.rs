@@ -9,7 +9,7 @@ use rand::Rng;
 use super::check::{check, check_length, flatten};
 use super::normal::{CovarianceType, GaussianPrior, Normals, Settings, flatten_covariances};
 use super::{EmissionError, Family, Gaussian};
-use crate::kernels::{Eight, LANES};
+use wayfix_kernels::{Eight, LANES};
 use crate::likelihood::{Likelihood, SampleObservation};
 use crate::reorder::ReorderStates;
 

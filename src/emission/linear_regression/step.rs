@@ -5,7 +5,7 @@ use crate::emission::check::{check_components, check_values};
 use crate::emission::normal::{Differences, eights};
 use crate::emission::{EmissionError, Family};
 use crate::error::LikelihoodError;
-use crate::kernels::{Eight, Simd};
+use wayfix_kernels::{Eight, Simd};
 use crate::likelihood::{Diagonal, Likelihood, Scratch};
 
 impl LinearRegression {

@@ -1,7 +1,7 @@
 //! Loops over eight densities side by side: differences, distances and elimination.
 
 use super::form::{Shape, packed};
-use crate::kernels::{Eight, Simd, WithSimd};
+use wayfix_kernels::{Eight, Simd, WithSimd};
 
 /// ‖W δ‖², where W is lower triangular.
 #[inline(always)]

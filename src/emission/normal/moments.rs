@@ -4,7 +4,7 @@
 //! from 0, and that of Chan, Golub and LeVeque (1983) for two sets of observations.
 
 use super::form::Shape;
-use crate::kernels::{Eight, LANES, Simd, WithSimd, run};
+use wayfix_kernels::{Eight, LANES, Simd, WithSimd, run};
 
 /// Statistics of a Gaussian family: weights, means and scatter of the observations of each density,
 /// further sums of the family, and memory for one observation.

@@ -9,7 +9,7 @@ use super::moments::{GaussianStatistics, Moments};
 use super::prior::GaussianPrior;
 use super::settings::Settings;
 use crate::emission::EmissionError;
-use crate::kernels::{Eight, LANES};
+use wayfix_kernels::{Eight, LANES};
 
 /// ln 2π.
 pub(super) const LN_2_PI: f64 = 1.837_877_066_409_345_6;

@@ -6,7 +6,7 @@ use super::moments::Moments;
 use super::normals::{LN_2_PI, Normals};
 use crate::emission::EmissionError;
 use crate::emission::check::{check_components, check_values};
-use crate::kernels::{Eight, LANES, Simd, WithSimd, run};
+use wayfix_kernels::{Eight, LANES, Simd, WithSimd, run};
 
 impl Normals {
     /// Number of blocks of eight densities.

@@ -5,7 +5,7 @@ use crate::hmm::Hmm;
 use crate::inference::engines::{choice, few_states};
 use crate::inference::step::scores::{TakenOut, best};
 use crate::inference::step::{Step, Workspace};
-use crate::kernels::{Aligned, in_large_pages};
+use wayfix_kernels::{Aligned, in_large_pages};
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::TransitionEntries;

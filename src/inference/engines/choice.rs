@@ -23,7 +23,7 @@
 
 use std::ops::Range;
 
-use crate::kernels::{LANES, Packed};
+use wayfix_kernels::{LANES, Packed};
 
 /// Engine of a call.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -12,7 +12,7 @@ use crate::inference::engines::choice;
 use crate::inference::engines::lanes::{Group, LaneExpectations, LaneMemory, LaneModel};
 use crate::inference::engines::parallel;
 use crate::inference::sequences::smooth_each::Order;
-use crate::kernels::LANES;
+use wayfix_kernels::LANES;
 use crate::likelihood::LearnLikelihood;
 use crate::sequence::{Sequence, by_length};
 use crate::transition::LearnTransition;

@@ -8,7 +8,7 @@ use std::ops::Range;
 
 use crate::hmm::Hmm;
 use crate::inference::step::in_logs::BeliefRef;
-use crate::kernels::{self, Lines, exp_in_place};
+use wayfix_kernels::{self as kernels, Lines, exp_in_place};
 use crate::likelihood::LearnLikelihood;
 use crate::transition::{LearnTransition, MoveCounts};
 

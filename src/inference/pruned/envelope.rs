@@ -1,6 +1,6 @@
 //! Proven bounds on the exact belief.
 
-use crate::limits::power;
+use wayfix_kernels::limits::power;
 
 /// Lift of the numbers, 2^900. With it they keep their digits in products down to 1e-578, and
 /// bounds as large as 1e37 do not overflow.

@@ -2,7 +2,7 @@
 //! distance from the exact filter (section 13 of the [formulas](crate::guide::formulas)).
 //!
 //! The invariant is that of [`Envelope`]: lower and upper bounds on the exact belief, up to one
-//! factor. The numbers have a scheme of their own, beside the policy of [`limits`](crate::limits). An estimate
+//! factor. The numbers have a scheme of their own, beside the policy of [`limits`](wayfix_kernels::limits). An estimate
 //! with bounds has one form: it is always lifted, by 2^900 instead of 2^1000, since upper bounds
 //! may be far above one. A loss is not noticed and taken again in logarithms, but counted:
 //! each number that may have lost digits, or has become 0, adds more than that to its bound.

@@ -18,7 +18,7 @@ use crate::hmm::Hmm;
 use crate::inference::step::Step;
 use crate::inference::step::state::next_step;
 use crate::likelihood::{Diagonal, LocalLikelihood, Scratch, check_local};
-use crate::limits;
+use wayfix_kernels::limits;
 use crate::transition::{NoControl, TransitionEntries};
 
 /// Largest part of the tolerance that a step may drop, and the first one. It is so small because

@@ -4,7 +4,7 @@ use super::advance::Sums;
 use super::envelope::{Envelope, PRUNED_LIFT};
 use super::moves::{Bounds, Moves};
 use crate::inference::pruned::active_set::ActiveSet;
-use crate::kernels::Aligned;
+use wayfix_kernels::Aligned;
 use crate::transition::Transition;
 
 /// Share of all states above which products go through the whole matrix: at this share they take

@@ -13,7 +13,7 @@ use crate::error::SequenceError;
 use crate::hmm::Hmm;
 use crate::inference::decoding::viterbi::ViterbiPath;
 use crate::inference::engines::lanes::{self, LaneRoutine};
-use crate::kernels::LANES;
+use wayfix_kernels::LANES;
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::{Transition, TransitionEntries};

@@ -21,9 +21,9 @@
 use super::Step;
 use super::in_logs::{BeliefRef, normalize_logs};
 use crate::error::InferenceError;
-use crate::kernels::{self, Aligned, BackwardStep, Product};
+use wayfix_kernels::{self as kernels, Aligned, BackwardStep, Product};
 use crate::likelihood::{Likelihood, Scratch};
-use crate::limits::{self, BACK_LIFT, LIFT};
+use wayfix_kernels::limits::{self, BACK_LIFT, LIFT};
 use crate::transition::Transition;
 
 /// Memory for backward steps, and what the last one left besides γ_{k-1}.

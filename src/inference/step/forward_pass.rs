@@ -12,7 +12,7 @@ use super::in_logs::BeliefRef;
 use super::state::{BeliefForm, FilterSnapshot, StepScratch};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::kernels::in_large_pages;
+use wayfix_kernels::in_large_pages;
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::Transition;

@@ -7,9 +7,9 @@ use super::in_logs::BeliefRef;
 use super::state::{BeliefForm, LiftedBelief, StepOutput};
 use super::{Step, holds};
 use crate::groups::Groups;
-use crate::kernels::{self, ForwardStep, ForwardSums, Product, Watch};
+use wayfix_kernels::{self as kernels, ForwardStep, ForwardSums, Product, Watch};
 use crate::likelihood::{Diagonal, Likelihood};
-use crate::limits;
+use wayfix_kernels::limits;
 use crate::transition::Transition;
 
 /// Number of likelihoods of one group that are multiplied at a time.

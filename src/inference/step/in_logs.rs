@@ -1,7 +1,7 @@
 //! Beliefs and steps in logarithms, for what linear space does not hold.
 //!
 //! A step comes here, with nothing committed, if the belief before has logarithms, or the linear
-//! step has noticed that it would lose a possible state ([`limits`](crate::limits), "Forms"). It is
+//! step has noticed that it would lose a possible state ([`limits`](wayfix_kernels::limits), "Forms"). It is
 //! the recursion of section 2 of the [formulas](crate::guide::formulas), with sums of products as
 //! logarithms of sums of exponentials.
 
@@ -10,9 +10,9 @@ use std::f64::consts::LN_2;
 use super::Step;
 use super::state::{BeliefForm, StepOutcome, StepOutput};
 use crate::error::InferenceError;
-use crate::kernels::{self, Valid};
+use wayfix_kernels::{self as kernels, Valid};
 use crate::likelihood::{Diagonal, Likelihood};
-use crate::limits::{self, LIFT};
+use wayfix_kernels::limits::{self, LIFT};
 use crate::transition::{Transition, TransitionEntries};
 
 /// A distribution, also as logarithms if it has positive values outside the range of `f64`.

@@ -3,7 +3,7 @@
 //!
 //! N α' = b ∘ (A α), with A as an operator that need not be stored. Each step is taken in the
 //! cheapest form that keeps all possible states: plain, lifted, or in logarithms. That a form was
-//! enough is seen in its results ([`limits`](crate::limits) has the proof), so that a form which
+//! enough is seen in its results ([`limits`](wayfix_kernels::limits) has the proof), so that a form which
 //! fails costs time, but no digits, and nothing of the filter has changed yet.
 //!
 //! With evidence on the move, measurements between two steps multiply the entries of A; the sum of
@@ -22,9 +22,9 @@ use self::in_logs::BeliefRef;
 use self::state::{BeliefForm, LiftedBelief, StepOutcome, StepOutput, StepScratch};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::kernels::{self, ForwardStep, ForwardSums, Product, Watch};
+use wayfix_kernels::{self as kernels, ForwardStep, ForwardSums, Product, Watch};
 use crate::likelihood::{Diagonal, Likelihood, Values};
-use crate::limits::{self, LIFT};
+use wayfix_kernels::limits::{self, LIFT};
 use crate::sequence::Sequence;
 use crate::transition::{SparseTransition, Stored, Transition};
 
@@ -91,7 +91,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
     ///
     /// The step is taken in linear space unless it needs logarithms: because the belief before is
     /// kept in logarithms, because the observation contradicts the prediction by more than 2^32
-    /// (number 2 in [`limits`](crate::limits)), or because a possible state would get 0. The last
+    /// (number 2 in [`limits`](wayfix_kernels::limits)), or because a possible state would get 0. The last
     /// does not count in a model with rounded tails.
     pub(crate) fn advance(
         &self,
@@ -299,7 +299,7 @@ impl<'a> Likelihoods<'a> {
 }
 
 /// Returns true if the results of an update are within the range of `f64`, and the likelihoods
-/// are valid and near enough to one (numbers 1 and 2 in [`limits`](crate::limits)).
+/// are valid and near enough to one (numbers 1 and 2 in [`limits`](wayfix_kernels::limits)).
 #[inline]
 fn holds(updated: &ForwardSums, lift: f64) -> bool {
     let ForwardSums { products, predicted, largest_likelihood, .. } = *updated;

@@ -6,9 +6,9 @@ use super::in_logs::{BeliefRef, loses, normalize_logs};
 use super::state::{BeliefForm, StepOutcome, StepOutput, StepScratch};
 use super::{Likelihoods, Step};
 use crate::error::InferenceError;
-use crate::kernels::{self, Valid};
+use wayfix_kernels::{self as kernels, Valid};
 use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
-use crate::limits::{self, LIFT};
+use wayfix_kernels::limits::{self, LIFT};
 use crate::transition::{Transition, TransitionEntries};
 
 impl<A: Transition, B: Likelihood> Step<'_, A, B> {

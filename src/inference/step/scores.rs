@@ -7,9 +7,9 @@ use std::f64::consts::{LN_2, LOG2_E};
 use super::{Step, Workspace};
 use crate::error::InferenceError;
 use crate::inference::LogSum;
-use crate::kernels::{self, Scores, ScoresIn};
+use wayfix_kernels::{self as kernels, Scores, ScoresIn};
 use crate::likelihood::{Diagonal, Likelihood, Values};
-use crate::limits::{self, LIFT};
+use wayfix_kernels::limits::{self, LIFT};
 use crate::transition::TransitionEntries;
 
 /// Amounts taken out of the scores.

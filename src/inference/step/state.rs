@@ -2,7 +2,7 @@
 //!
 //! A step reads the state, computes into scratch memory, and is committed by a swap of buffers. So
 //! an error anywhere before leaves the state as it was, and nothing is copied or allocated. Between
-//! steps the belief keeps the invariant of its form ([`limits`](crate::limits)): a possible state
+//! steps the belief keeps the invariant of its form ([`limits`](wayfix_kernels::limits)): a possible state
 //! is above 0 with all its digits, or the belief has logarithms too. Its recursion is section 2 of
 //! the [formulas](crate::guide::formulas).
 
@@ -11,9 +11,9 @@ use std::mem;
 use super::Step;
 use super::in_logs::BeliefRef;
 use crate::error::InferenceError;
-use crate::kernels::{self, Aligned};
+use wayfix_kernels::{self as kernels, Aligned};
 use crate::likelihood::{Likelihood, Scratch};
-use crate::limits::LIFTED_STEPS;
+use wayfix_kernels::limits::LIFTED_STEPS;
 use crate::transition::{Transition, buffers};
 
 /// Largest number of steps of a filter or snapshot: an `f64` can count them.
@@ -216,14 +216,14 @@ impl Workspace {
     }
 }
 
-/// Belief before a step in the form that products take: lifted by [`LIFT`](crate::limits::LIFT),
+/// Belief before a step in the form that products take: lifted by [`LIFT`](wayfix_kernels::limits::LIFT),
 /// unless neither it nor the matrix has values so small that it matters.
 #[derive(Debug, Clone)]
 pub(crate) struct LiftedBelief {
     values: Aligned,
     /// True if `values` belong to the present belief.
     valid: bool,
-    /// True if the belief has a [tiny](crate::limits::is_tiny) value.
+    /// True if the belief has a [tiny](wayfix_kernels::limits::is_tiny) value.
     tiny: bool,
     /// Number of further steps to lift in any case, after small results.
     more: u32,
@@ -271,7 +271,7 @@ pub(crate) enum BeliefForm {
 /// Output buffers of a step.
 #[derive(Debug, Clone)]
 pub(crate) struct StepOutput {
-    /// Prediction, lifted, which sums to [`LIFT`](crate::limits::LIFT) up to rounding and evidence
+    /// Prediction, lifted, which sums to [`LIFT`](wayfix_kernels::limits::LIFT) up to rounding and evidence
     /// on the move; not written where it is not needed.
     pub(crate) predicted: Vec<f64>,
     /// Belief after the observation.

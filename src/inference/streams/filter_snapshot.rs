@@ -6,7 +6,7 @@ use super::format::{BELIEF, COUNT, MAYBE_LOGS, SUM, in_bytes};
 use crate::belief::{Belief, BeliefView, SUM_TOLERANCE};
 use crate::error::SnapshotError;
 use crate::inference::step::state::{FilterSnapshot, LogSum, MOST_STEPS};
-use crate::kernels::Aligned;
+use wayfix_kernels::Aligned;
 
 impl Clone for FilterSnapshot {
     /// Copies the state into as little memory as it takes.

@@ -8,7 +8,7 @@ use super::bytes::{Reader, Writer, contents};
 use crate::belief::Belief;
 use crate::error::SnapshotError;
 use crate::inference::step::state::LogSum;
-use crate::kernels::Aligned;
+use wayfix_kernels::Aligned;
 
 /// A field of type `T` in bytes and, as `D`, in formats with names. Those have no infinity, so that
 /// null stands for it.

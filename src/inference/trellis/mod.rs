@@ -13,7 +13,7 @@ pub(crate) use smooth::TrellisForward;
 
 use crate::error::InferenceError;
 use crate::inference::LogSum;
-use crate::kernels::log_sum;
+use wayfix_kernels::log_sum;
 
 /// A sequence of steps, each with states of its own: the log-likelihood of each, and the moves
 /// into it from the states of the step before, with their log weights.

@@ -3,7 +3,7 @@
 use super::{Scale, Trellis};
 use crate::error::InferenceError;
 use crate::inference::LogSum;
-use crate::kernels::log_sum;
+use wayfix_kernels::log_sum;
 
 /// Filtered and smoothed distributions of the states of each step of a [`Trellis`].
 #[derive(Debug, Clone, PartialEq)]

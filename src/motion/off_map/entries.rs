@@ -3,7 +3,7 @@
 use std::iter::once;
 
 use super::OffMapTransition;
-use crate::kernels::log2;
+use wayfix_kernels::log2;
 use crate::transition::{Transition, TransitionEntries, best_of, check_slices};
 
 impl<A: Transition> OffMapTransition<A> {

@@ -6,7 +6,7 @@ mod entries;
 use crate::belief::Belief;
 use crate::error::TransitionError;
 use crate::groups::Groups;
-use crate::kernels;
+use wayfix_kernels as kernels;
 use crate::transition::{
     Jumps, Transition, check_count, check_probability, check_slices, delegate, log, scaled, times,
 };

@@ -3,7 +3,7 @@
 
 use super::step::{Off, Step};
 use super::{RouteControl, RouteTransition};
-use crate::kernels::log2;
+use wayfix_kernels::log2;
 use crate::transition::{TransitionEntries, buffers, check_slices};
 
 impl TransitionEntries for RouteTransition {

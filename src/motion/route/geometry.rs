@@ -6,7 +6,7 @@ use std::ops::Range;
 
 use super::RouteTransition;
 use super::moves::{add_combined, combine};
-use crate::kernels;
+use wayfix_kernels as kernels;
 use crate::transition::buffers;
 
 /// Places in ascending order, in up to two ranges: windows on a closed route may wrap around.

@@ -6,7 +6,7 @@ use std::ops::Range;
 
 use super::geometry::Stencil;
 use super::step::Step;
-use crate::kernels::{Eight, LANES, Simd, WithSimd, run};
+use wayfix_kernels::{Eight, LANES, Simd, WithSimd, run};
 use crate::transition::buffers;
 
 /// Number of shifted vectors added in one pass.

@@ -10,7 +10,7 @@ use super::step::{Off, Step};
 use super::views::{Factors, ViewEvidence};
 use super::{RouteControl, RouteTransition};
 use crate::error::TransitionError;
-use crate::kernels;
+use wayfix_kernels as kernels;
 use crate::transition::{Transition, buffers, check_slices};
 
 /// Number of places handled at a time, so that their values stay in the first cache.

@@ -3,7 +3,7 @@
 use super::{Durations, DwellTransition};
 use crate::error::{Parameter, TransitionError};
 use crate::groups::Groups;
-use crate::kernels::log2;
+use wayfix_kernels::log2;
 use crate::transition::{Transition, check_count, check_probability, check_sum};
 
 impl<A: Transition> DwellTransition<A> {

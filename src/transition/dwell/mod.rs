@@ -13,7 +13,7 @@ use super::{Transition, buffers, check_slices, delegate, log};
 use crate::belief::Belief;
 use crate::error::{BeliefError, Parameter, TransitionError};
 use crate::groups::Groups;
-use crate::kernels;
+use wayfix_kernels as kernels;
 
 /// A semi-Markov operator: dwell times in each place have any distribution, where those of a
 /// plain operator are geometric.

@@ -5,7 +5,7 @@
 //! either, so that errors stay relative.
 
 use super::GeneratorTransition;
-use crate::kernels;
+use wayfix_kernels as kernels;
 use crate::transition::{Transition, buffers};
 
 /// Largest number of states for which matrices are computed.

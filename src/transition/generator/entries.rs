@@ -2,8 +2,8 @@
 
 use super::GeneratorTransition;
 use super::doubling::multiply;
-use crate::kernels::log2;
-use crate::limits::LIFT;
+use wayfix_kernels::log2;
+use wayfix_kernels::limits::LIFT;
 use crate::transition::{Transition, TransitionEntries, best_of, buffers};
 
 /// log2 of an entry that was computed from a lifted unit vector: entries below the least double have

@@ -17,8 +17,8 @@ use super::GeneratorTransition;
 use super::doubling::{add_matrix_product, double, halvings, multiply};
 use super::poisson::Poisson;
 use super::series::{CUT, grows_at_most, growth};
-use crate::kernels;
-use crate::limits::power;
+use wayfix_kernels as kernels;
+use wayfix_kernels::limits::power;
 use crate::transition::{Transition, buffers};
 
 /// Powers of two of b and a (of which the largest is one before). Their products do not overflow,

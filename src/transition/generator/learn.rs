@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::GeneratorTransition;
 use crate::error::{Parameter, TransitionError};
-use crate::limits::LIFT;
+use wayfix_kernels::limits::LIFT;
 use crate::transition::{LearnTransition, Move, MoveCounts, Transition, buffers};
 
 /// Expected moves and times in states, which [`GeneratorTransition`] is learned from.

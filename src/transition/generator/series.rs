@@ -18,7 +18,7 @@
 
 use super::GeneratorTransition;
 use super::poisson::Poisson;
-use crate::kernels;
+use wayfix_kernels as kernels;
 use crate::transition::{Transition, buffers};
 
 /// Relative error of a state by the terms that are left out: half a rounding.

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::LogitTransition;
 use crate::error::{Parameter, TransitionError};
-use crate::limits;
+use wayfix_kernels::limits;
 use crate::transition::{
     Transition, TransitionEntries, check_count, refuse_evidence, validate_with,
 };

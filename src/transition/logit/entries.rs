@@ -3,7 +3,7 @@
 use std::f64::consts::LOG2_E;
 
 use super::LogitTransition;
-use crate::kernels;
+use wayfix_kernels as kernels;
 use crate::reorder::{self, ReorderStates};
 use crate::transition::{Transition, TransitionEntries, buffers, check_slices};
 

@@ -7,7 +7,7 @@ use std::ops::Range;
 
 use super::LogitTransition;
 use crate::error::{Number, TransitionError};
-use crate::limits;
+use wayfix_kernels::limits;
 
 impl LogitTransition {
     /// Numbers of the moves out of a state.

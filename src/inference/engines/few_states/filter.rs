@@ -6,7 +6,7 @@ use super::likelihoods::{LikelihoodRows, SensorRows};
 use super::segments::unpack_segments;
 use crate::hmm::Hmm;
 use crate::inference::engines::choice::{self, GATHERED};
-use crate::kernels::{LANES, Packed, filter_segments, in_large_pages};
+use wayfix_kernels::{LANES, Packed, filter_segments, in_large_pages};
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::Transition;

@@ -6,7 +6,7 @@ use super::likelihoods::LikelihoodRows;
 use super::segments::{SegmentProducts, pack_segments};
 use super::{FewStatesModel, rescale};
 use crate::inference::LogSum;
-use crate::kernels::{ChainState, Eight, LANES, Packed, SmallModel, chain_forward};
+use wayfix_kernels::{ChainState, Eight, LANES, Packed, SmallModel, chain_forward};
 
 /// The vector, and what was taken out of likelihoods.
 pub(crate) struct Forward<'m> {

@@ -5,9 +5,9 @@ use std::ops::Range;
 
 use crate::hmm::Hmm;
 use crate::inference::step::scores::{TakenOut, likelihood_scores};
-use crate::kernels::{self, Scores, ScoresIn, Valid};
+use wayfix_kernels::{self as kernels, Scores, ScoresIn, Valid};
 use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
-use crate::limits::{LARGEST_LOG, LEAST_FACTOR, UNSCALED, UNSHIFTED, exponent, power};
+use wayfix_kernels::limits::{LARGEST_LOG, LEAST_FACTOR, UNSCALED, UNSHIFTED, exponent, power};
 use crate::sequence::Sequence;
 use crate::transition::Transition;
 

@@ -19,9 +19,9 @@ pub(crate) use viterbi::viterbi;
 
 use super::choice::{self, Engine};
 use crate::hmm::Hmm;
-use crate::kernels::{ChainState, LANES, Packed, SmallModel};
+use wayfix_kernels::{ChainState, LANES, Packed, SmallModel};
 use crate::likelihood::Likelihood;
-use crate::limits::{self, LEAST_FACTOR, LEAST_IN_CHAIN, LIFT, MIDDLE_RANGE, exponent, power};
+use wayfix_kernels::limits::{self, LEAST_FACTOR, LEAST_IN_CHAIN, LIFT, MIDDLE_RANGE, exponent, power};
 use crate::transition::Transition;
 
 /// A model in arrays; states beyond the last are never possible.

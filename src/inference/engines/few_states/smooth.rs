@@ -7,7 +7,7 @@ use super::likelihoods::{LikelihoodRows, SensorRows};
 use super::segments::{pack_segments, unpack_segments};
 use crate::hmm::Hmm;
 use crate::inference::engines::choice::{self, GATHERED};
-use crate::kernels::{ChainState, Packed, chain_backward, in_large_pages, smooth_segments};
+use wayfix_kernels::{ChainState, Packed, chain_backward, in_large_pages, smooth_segments};
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::Transition;

@@ -9,12 +9,12 @@ use crate::hmm::Hmm;
 use crate::inference::engines::choice::{self, Engine, GATHERED};
 use crate::inference::step::scores::{TakenOut, best};
 use crate::inference::step::{Step, Workspace};
-use crate::kernels::{
+use wayfix_kernels::{
     Backpointers, ChainPointers, ChainState, Eight, LANES, MaxPlus, Packed, Scaled, SmallModel,
     chain_decode, decode_segments, in_large_pages, multiply_segments,
 };
 use crate::likelihood::Likelihood;
-use crate::limits::{LEAST_EXACT_SCORE, LEAST_SCORE, LEAST_SEGMENT_PRODUCT};
+use wayfix_kernels::limits::{LEAST_EXACT_SCORE, LEAST_SCORE, LEAST_SEGMENT_PRODUCT};
 use crate::sequence::Sequence;
 use crate::transition::TransitionEntries;
 

@@ -14,7 +14,7 @@ use crate::error::{InferenceError, SequenceError};
 use crate::hmm::Hmm;
 use crate::inference::engines::choice::{CHUNKS_AHEAD, ChunkSize, ManyPlan, STREAMED};
 use crate::inference::engines::parallel::{self, MemoryPool};
-use crate::kernels::{self, Aligned, Eight, LANES};
+use wayfix_kernels::{self as kernels, Aligned, Eight, LANES};
 use crate::likelihood::Likelihood;
 use crate::sequence::{Sequence, by_length};
 use crate::transition::Transition;

@@ -6,7 +6,7 @@
 use super::segments::agree;
 use super::{Group, LaneMemory, LaneModel};
 use crate::inference::engines::choice;
-use crate::kernels::LANES;
+use wayfix_kernels::LANES;
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::Transition;

@@ -6,9 +6,9 @@ use super::{Group, LaneMemory, LaneModel};
 use crate::hmm::Hmm;
 use crate::inference::engines::choice;
 use crate::inference::engines::parallel::{self, MemoryPool};
-use crate::kernels::{self, LANES, Packed};
+use wayfix_kernels::{self as kernels, LANES, Packed};
 use crate::likelihood::LearnLikelihood;
-use crate::limits::BACK_LIFT;
+use wayfix_kernels::limits::BACK_LIFT;
 use crate::sequence::Sequence;
 use crate::transition::{LearnTransition, MoveCounts};
 

@@ -9,9 +9,9 @@
 use super::{Group, LaneMemory, LaneModel};
 use crate::inference::LogSum;
 use crate::inference::step::Workspace;
-use crate::kernels::{self, Eight, LANES, Packed};
+use wayfix_kernels::{self as kernels, Eight, LANES, Packed};
 use crate::likelihood::{Likelihood, Values};
-use crate::limits::{self, BACK_LIFT, LEAST_NORMALIZER, LIFT, TINY, UNSCALED, exponent, power};
+use wayfix_kernels::limits::{self, BACK_LIFT, LEAST_NORMALIZER, LIFT, TINY, UNSCALED, exponent, power};
 use crate::sequence::Sequence;
 use crate::transition::Transition;
 

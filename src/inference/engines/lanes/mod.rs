@@ -23,9 +23,9 @@ use std::sync::OnceLock;
 
 use crate::hmm::Hmm;
 use crate::inference::step::Workspace;
-use crate::kernels::{LANES, Lines, Packed};
+use wayfix_kernels::{LANES, Lines, Packed};
 use crate::likelihood::Likelihood;
-use crate::limits::LIFT;
+use wayfix_kernels::limits::LIFT;
 use crate::sequence::Sequence;
 use crate::transition::Transition;
 

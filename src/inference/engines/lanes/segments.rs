@@ -14,7 +14,7 @@
 use super::cut::{Segments, with_group};
 use super::{LaneMemory, LaneModel};
 use crate::inference::LogSum;
-use crate::kernels::{self, LANES, Packed};
+use wayfix_kernels::{self as kernels, LANES, Packed};
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::Transition;

@@ -6,7 +6,7 @@ use super::{LaneMemory, LaneModel};
 use crate::hmm::Hmm;
 use crate::inference::LogSum;
 use crate::inference::engines::choice;
-use crate::kernels::{self, LANES, Packed, in_large_pages};
+use wayfix_kernels::{self as kernels, LANES, Packed, in_large_pages};
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::Transition;

@@ -7,7 +7,7 @@ use super::cut::Segments;
 use super::segments::{Invalid, SegmentGroup};
 use super::{LaneMemory, LaneModel};
 use crate::inference::engines::choice;
-use crate::kernels::{LANES, Packed};
+use wayfix_kernels::{LANES, Packed};
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::Transition;

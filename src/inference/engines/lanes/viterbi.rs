@@ -6,7 +6,7 @@
 use super::{Group, LaneMemory, LaneModel};
 use crate::inference::step::scores::{TakenOut, best, likelihood_scores};
 use crate::inference::step::{Step, Workspace};
-use crate::kernels::{self, LANES, Packed, ScoresIn};
+use wayfix_kernels::{self as kernels, LANES, Packed, ScoresIn};
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::TransitionEntries;

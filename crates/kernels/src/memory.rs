@@ -1,0 +1,133 @@
+//! Memory of vectors: aligned to cache lines, and in large pages where it is large.
+#![allow(unsafe_code, reason = "a system call with the address of a vector")]
+
+use std::ops::{Deref, DerefMut};
+
+/// Sizes of a cache line, a page and a large page, as a rule, in bytes.
+pub(super) const LINE: usize = 64;
+const PAGE: usize = 4096;
+const LARGE_PAGE: usize = 2 << 20;
+/// Smallest size of a large vector; others are left alone.
+pub(super) const LARGE: usize = 2 * LARGE_PAGE;
+/// Vectors of this size begin on a page: a load waits for an earlier store if their addresses
+/// differ by pages alone, as those of neighbouring places in two vectors otherwise might.
+const SEVERAL_PAGES: usize = 16 * PAGE;
+
+/// Doubles from the beginning of a cache line on: loads of eight that straddle two lines take
+/// twice as long. Many begin on a page, very many on a large page, with room to the end of the
+/// last one, so that none has to come in small pages.
+pub struct Aligned {
+    /// Up to the end of the vector.
+    values: Vec<f64>,
+    start: usize,
+}
+
+impl Aligned {
+    /// Creates `len` values.
+    pub fn new(len: usize, value: f64) -> Self {
+        // The larger a vector is, the more loads gain from alignment, and the less the memory
+        // before its start matters.
+        let (unit, room) = match len * size_of::<f64>() {
+            LARGE.. => (LARGE_PAGE, 2),
+            SEVERAL_PAGES.. => (PAGE, 1),
+            _ => (LINE, 1),
+        };
+        // The allocator aligns to 8 or 16 bytes: an aligned start is less than a unit away. One value
+        // less than a unit is enough, as starts are multiples of a value.
+        let spare = room * unit / size_of::<f64>() - 1;
+        let mut values = in_large_pages(vec![value; len + spare]);
+        // `align_offset` may give up and return a huge number. Only speed depends on the alignment:
+        // then the vector begins where it can.
+        let start = values.as_ptr().align_offset(unit).min(spare);
+        values.truncate(start + len);
+        Self { values, start }
+    }
+
+    /// Number of values that there is memory for.
+    pub fn capacity(&self) -> usize {
+        self.values.capacity()
+    }
+}
+
+impl From<Vec<f64>> for Aligned {
+    /// Takes values as they are, wherever they begin: for values at rest, which take no more memory
+    /// than their numbers.
+    fn from(values: Vec<f64>) -> Self {
+        Self { values, start: 0 }
+    }
+}
+
+impl PartialEq for Aligned {
+    fn eq(&self, other: &Self) -> bool {
+        self[..] == other[..]
+    }
+}
+
+impl Deref for Aligned {
+    type Target = [f64];
+
+    #[inline(always)]
+    fn deref(&self) -> &[f64] {
+        &self.values[self.start..]
+    }
+}
+
+impl DerefMut for Aligned {
+    #[inline(always)]
+    fn deref_mut(&mut self) -> &mut [f64] {
+        &mut self.values[self.start..]
+    }
+}
+
+impl Clone for Aligned {
+    fn clone(&self) -> Self {
+        // Not a copy of the fields: the same distance from another address is not aligned.
+        let mut copy = Self::new(self.len(), 0.0);
+        copy.copy_from_slice(self);
+        copy
+    }
+}
+
+impl std::fmt::Debug for Aligned {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        self[..].fmt(f)
+    }
+}
+
+/// Returns the same vector; if it is large, its memory comes in large pages from now on, where the
+/// system has them.
+///
+/// A system provides memory at the first write, as a rule 4 KB at a time, each of which costs as
+/// much as 2,000 additions. Linux can provide 2 MB at a time, on most machines only on request.
+pub fn in_large_pages<T>(vec: Vec<T>) -> Vec<T> {
+    let bytes = vec.capacity() * size_of::<T>();
+    if bytes >= LARGE {
+        request(vec.as_ptr().addr(), bytes);
+    }
+    vec
+}
+
+#[cfg(all(target_os = "linux", any(target_arch = "x86_64", target_arch = "aarch64")))]
+fn request(start: usize, bytes: usize) {
+    use std::ffi::{c_int, c_void};
+
+    unsafe extern "C" {
+        /// madvise(2), of the C library that the standard library links.
+        fn madvise(start: *mut c_void, bytes: usize, advice: c_int) -> c_int;
+    }
+    /// `MADV_HUGEPAGE`, on these architectures.
+    const HUGE_PAGE: c_int = 14;
+    // The call takes whole pages. The first may begin before the vector: more memory is advised,
+    // which harms nothing. On machines with pages above 4 KB the call may fail.
+    let first = start & !(PAGE - 1);
+    let end = (start + bytes) & !(PAGE - 1);
+    // SAFETY: the signature is that of the C library's function. This advice changes how memory is
+    // provided, not what is in it, whosever it is, and the system checks the addresses: no range can
+    // be a wrong one. A failure (older systems have no such pages) does not matter.
+    unsafe {
+        madvise(std::ptr::without_provenance_mut(first), end - first, HUGE_PAGE);
+    }
+}
+
+#[cfg(not(all(target_os = "linux", any(target_arch = "x86_64", target_arch = "aarch64"))))]
+fn request(_start: usize, _bytes: usize) {}
