@@ -8,7 +8,7 @@ use crate::error::{BeliefError, Parameter};
 ///
 /// Wide enough for rounding over millions of states, and narrow enough that a missing entry is
 /// found. It only decides on acceptance: no value is ever changed by it.
-pub(crate) const SUM_TOLERANCE: f64 = 1e-9;
+pub const SUM_TOLERANCE: f64 = 1e-9;
 
 /// A probability distribution over the states 0 to n − 1.
 ///
@@ -112,14 +112,16 @@ impl Belief {
     }
 
     /// Creates a belief from values that are known to be a distribution.
-    pub(crate) fn known(probabilities: Vec<f64>) -> Self {
+    #[doc(hidden)]
+    pub fn known(probabilities: Vec<f64>) -> Self {
         Self { probabilities }
     }
 }
 
 impl<'a> Belief<&'a [f64]> {
     /// Creates a view of values that are known to be a distribution.
-    pub(crate) fn view(probabilities: &'a [f64]) -> Self {
+    #[doc(hidden)]
+    pub fn view(probabilities: &'a [f64]) -> Self {
         Self { probabilities }
     }
 
@@ -137,7 +139,8 @@ impl<S: AsRef<[f64]>> Belief<S> {
         self.values().len()
     }
 
-    pub(crate) fn values(&self) -> &[f64] {
+    #[doc(hidden)]
+    pub fn values(&self) -> &[f64] {
         self.probabilities.as_ref()
     }
 
@@ -286,6 +289,20 @@ fn sum_of_valid(values: &[f64]) -> Result<f64, BeliefError> {
     match values.iter().position(|&p| !(p >= 0.0 && p.is_finite())) {
         Some(state) => Err(BeliefError::Probability { state, value: values[state] }),
         None => Ok(values.iter().sum()),
+    }
+}
+
+#[cfg(feature = "serde")]
+impl<S: AsRef<[f64]>> serde::Serialize for Belief<S> {
+    fn serialize<Out: serde::Serializer>(&self, serializer: Out) -> Result<Out::Ok, Out::Error> {
+        self.values().serialize(serializer)
+    }
+}
+
+#[cfg(feature = "serde")]
+impl<'de> serde::Deserialize<'de> for Belief {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        Self::new(Vec::deserialize(deserializer)?).map_err(crate::stored::refused)
     }
 }
 

@@ -89,16 +89,16 @@ pub struct Displacement<'d> {
 
 /// A parameter that a displacement by nothing has seen.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Seen {
+pub struct Seen {
     /// Its value.
-    pub(crate) value: f64,
+    pub value: f64,
     /// Scale of its coordinate.
-    pub(crate) scale: Scale,
+    pub scale: Scale,
 }
 
 /// Scale of a coordinate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Scale {
+pub enum Scale {
     /// That of a number, without a bound.
     Plain,
     /// That of a logarithm, with a bound of the number at infinity.
@@ -127,7 +127,7 @@ impl<'d> Displacement<'d> {
     }
 
     /// Parameters that have passed, if the displacement is by nothing.
-    pub(crate) fn into_seen(self) -> Vec<Seen> {
+    pub fn into_seen(self) -> Vec<Seen> {
         self.seen
     }
 
@@ -257,7 +257,7 @@ impl<'d> Displacement<'d> {
 /// # Errors
 ///
 /// The first row of whose diagonal no more than this part is left by the rows before it.
-pub(crate) fn cholesky(size: usize, matrix: &mut [f64], least: f64) -> Result<(), usize> {
+pub fn cholesky(size: usize, matrix: &mut [f64], least: f64) -> Result<(), usize> {
     for i in 0..size {
         let (above, row) = matrix.split_at_mut(i * size);
         for j in 0..i {

@@ -85,7 +85,8 @@ impl Groups {
     }
 
     /// Creates a grouping from groups that are known to be numbered without gaps.
-    pub(crate) fn numbered(of: Vec<usize>, count: usize) -> Self {
+    #[doc(hidden)]
+    pub fn numbered(of: Vec<usize>, count: usize) -> Self {
         let mut ends = vec![0; count];
         of.iter().for_each(|&group| ends[group] += 1);
         let mut start = 0;
@@ -225,5 +226,19 @@ impl Groups {
         let group =
             |&state: &usize| self.group_of(state).ok_or(BeliefError::Ungrouped { state, states });
         path.iter().map(group).collect()
+    }
+}
+
+#[cfg(feature = "serde")]
+impl serde::Serialize for Groups {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.as_slice().serialize(serializer)
+    }
+}
+
+#[cfg(feature = "serde")]
+impl<'de> serde::Deserialize<'de> for Groups {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        Self::new(Vec::deserialize(deserializer)?).map_err(crate::stored::refused)
     }
 }

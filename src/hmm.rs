@@ -84,7 +84,8 @@ impl Prior {
     }
 
     /// The same convention with another distribution.
-    pub(crate) fn with_belief(&self, belief: Belief) -> Self {
+    #[doc(hidden)]
+    pub fn with_belief(&self, belief: Belief) -> Self {
         match self {
             Self::BeforeFirstTransition(_) => Self::BeforeFirstTransition(belief),
             Self::AtFirstObservation(_) => Self::AtFirstObservation(belief),
@@ -186,7 +187,8 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         self.rounding_tails(true)
     }
 
-    pub(crate) fn rounding_tails(self, rounds_tails: bool) -> Self {
+    #[doc(hidden)]
+    pub fn rounding_tails(self, rounds_tails: bool) -> Self {
         Self { rounds_tails, ..self }
     }
 
@@ -275,4 +277,14 @@ fn check_stationary<A: Transition>(belief: &Belief, transition: &A) -> Result<()
         return Err(HmmError::NotStationary { state, before, after: after[state] });
     }
     Ok(())
+}
+
+#[cfg(feature = "serde")]
+crate::stored! {
+    [A: Transition, B: Likelihood] Hmm<A, B>: [A, B], |hmm| {
+        prior: Prior = hmm.prior(),
+        transition: A = hmm.transition(),
+        likelihood: B = hmm.likelihood(),
+        rounds_tails: bool = hmm.rounds_tails(),
+    } => self::Hmm::new(prior, transition, likelihood).map(|hmm| hmm.rounding_tails(rounds_tails));
 }

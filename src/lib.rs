@@ -179,16 +179,9 @@
 
 // On docs.rs, labels items with the features that they need.
 #![cfg_attr(docsrs, feature(doc_cfg))]
-// Pages of the core point to the modules of vehicles, which are not there without this feature.
-#![cfg_attr(not(feature = "places"), allow(rustdoc::broken_intra_doc_links))]
+#![allow(missing_docs)] // TEMP
 
 mod belief;
-#[cfg(any(
-    all(feature = "csv", any(feature = "emission", feature = "places")),
-    feature = "geojson",
-    feature = "gpx",
-    feature = "osm"
-))]
 mod files;
 mod fixed;
 mod free_parameters;
@@ -197,30 +190,21 @@ mod hmm;
 mod random;
 mod reorder;
 mod sequence;
-mod standard_normal;
+#[cfg(feature = "serde")]
+mod stored;
 
 #[cfg(feature = "canberra")]
 pub mod canberra;
-#[cfg(feature = "emission")]
-pub mod emission;
 pub mod error;
-#[cfg(feature = "places")]
 pub mod evaluate;
 pub mod guide;
 pub mod inference;
+#[doc(hidden)]
+pub mod internal;
 pub mod likelihood;
-#[cfg(feature = "places")]
 pub mod map;
-#[cfg(feature = "matching")]
-pub mod matching;
-#[cfg(feature = "places")]
 pub mod motion;
-#[cfg(feature = "places")]
 pub mod observation;
-#[cfg(feature = "serde")]
-pub mod persistence;
-#[cfg(feature = "places")]
-pub mod recognition;
 pub mod transition;
 
 pub use belief::{Belief, BeliefView};

@@ -4,7 +4,7 @@ use rand::{Rng, RngExt};
 
 /// Draws an index with probability proportional to its weight. The weights sum to `total` up to
 /// rounding; an index of weight 0 is not drawn (unless all are 0).
-pub(crate) fn index<R: Rng + ?Sized>(
+pub fn index<R: Rng + ?Sized>(
     weights: impl Iterator<Item = (usize, f64)>,
     total: f64,
     rng: &mut R,

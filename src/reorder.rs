@@ -27,7 +27,7 @@ pub trait ReorderStates: Sized {
 }
 
 /// Position of each former state in an order that holds each once.
-pub(crate) fn positions(order: &[usize]) -> Vec<usize> {
+pub fn positions(order: &[usize]) -> Vec<usize> {
     let mut positions = vec![0; order.len()];
     order.iter().enumerate().for_each(|(new, &old)| positions[old] = new);
     positions

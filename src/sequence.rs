@@ -170,3 +170,35 @@ impl<U, Y: ?Sized, T: Borrow<Y>> Sequence<U, Y> for Controlled<'_, U, T> {
         self.observations[step - 1].borrow()
     }
 }
+
+/// The T columns of a d × T matrix, each an observation of d numbers, without copying them.
+/// `try_as_col_major` of a matrix of faer gives this form of it, unless the values of a column do
+/// not lie one after another.
+///
+/// A T × d matrix with an observation in each row has its values in the wrong order for faer, which
+/// stores columns; keep its transpose, or copy it.
+///
+/// ```
+/// use wayfix::Sequence;
+///
+/// let values = [1.0, 10.0, 2.0, 20.0, 3.0, 30.0];
+/// let matrix = faer::MatRef::from_column_major_slice(&values, 2, 3);
+/// let columns = matrix.try_as_col_major().expect("stored by columns");
+/// assert_eq!(columns.steps(), 3);
+/// assert_eq!(columns.observation(2), [2.0, 20.0]);
+/// assert!(matrix.transpose().try_as_col_major().is_none());
+/// ```
+#[cfg(feature = "faer")]
+impl Sequence<(), [f64]> for faer::MatRef<'_, f64, usize, usize, faer::ContiguousFwd> {
+    fn steps(&self) -> usize {
+        self.ncols()
+    }
+
+    fn control(&self, _: usize) -> &() {
+        &()
+    }
+
+    fn observation(&self, step: usize) -> &[f64] {
+        self.col(step - 1).as_slice()
+    }
+}

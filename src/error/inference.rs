@@ -171,12 +171,14 @@ impl InferenceError {
     }
 
     /// A step whose likelihood could not be computed, or is invalid.
-    pub(crate) fn likelihood(step: usize, cause: LikelihoodError) -> Self {
+    #[doc(hidden)]
+    pub fn likelihood(step: usize, cause: LikelihoodError) -> Self {
         Self::Likelihood(At::new(&["step ", " has no valid likelihood"], step, cause))
     }
 
     /// A step whose control the transition operator does not accept.
-    pub(crate) fn control(step: usize, cause: TransitionError) -> Self {
+    #[doc(hidden)]
+    pub fn control(step: usize, cause: TransitionError) -> Self {
         Self::Control(At::new(&["step ", " has no valid control"], step, cause))
     }
 }

@@ -207,7 +207,8 @@ pub enum LearnError {
 
 impl LearnError {
     /// Sequences of which none could be learned from; `first` is the first failure, if any.
-    pub(crate) fn nothing(sequences: usize, first: Option<SequenceError>) -> Self {
+    #[doc(hidden)]
+    pub fn nothing(sequences: usize, first: Option<SequenceError>) -> Self {
         let words = &["there is no observation to learn from, in ", " sequences given"];
         match first {
             None => Self::Nothing { sequences },
@@ -216,13 +217,15 @@ impl LearnError {
     }
 
     /// A part that is not valid once its parameters are displaced.
-    pub(crate) fn displaced(error: impl Into<Box<dyn Error + Send + Sync>>) -> Self {
+    #[doc(hidden)]
+    pub fn displaced(error: impl Into<Box<dyn Error + Send + Sync>>) -> Self {
         let what = "a part of the model cannot be displaced";
         Self::Displaced(Failed { what, cause: Arc::from(error.into()) })
     }
 
     /// A sensor that could not be estimated.
-    pub(crate) fn likelihood(error: impl Into<Box<dyn Error + Send + Sync>>) -> Self {
+    #[doc(hidden)]
+    pub fn likelihood(error: impl Into<Box<dyn Error + Send + Sync>>) -> Self {
         let what = "the sensor cannot be estimated";
         Self::Likelihood(Failed { what, cause: Arc::from(error.into()) })
     }

@@ -21,7 +21,7 @@ pub use hmm::HmmError;
 pub use inference::InferenceError;
 pub use learn::{LearnError, SequenceError};
 pub use likelihood::LikelihoodError;
-pub(crate) use payload::Number;
+pub use payload::Number;
 pub use payload::{At, Count, Failed, Parameter};
 pub use snapshot::SnapshotError;
 pub use table::TableError;

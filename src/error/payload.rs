@@ -3,7 +3,6 @@
 use std::borrow::Cow;
 use std::error::Error;
 use std::fmt;
-#[cfg(feature = "places")]
 use std::ops::RangeInclusive;
 
 /// A number that is out of its range.
@@ -19,17 +18,14 @@ pub struct Parameter {
 }
 
 impl Parameter {
-    pub(crate) fn new(
-        what: impl Into<Cow<'static, str>>,
-        value: f64,
-        expected: &'static str,
-    ) -> Self {
+    #[doc(hidden)]
+    pub fn new(what: impl Into<Cow<'static, str>>, value: f64, expected: &'static str) -> Self {
         Self { what: what.into(), value, expected }
     }
 
     /// Checks that a value is in its range; NaN never is.
-    #[cfg(feature = "places")]
-    pub(crate) fn check(
+    #[doc(hidden)]
+    pub fn check(
         what: &'static str,
         value: f64,
         range: RangeInclusive<f64>,
@@ -41,7 +37,7 @@ impl Parameter {
 
 /// A number in a message: as it is or, if that is long, in scientific notation.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Number(pub(crate) f64);
+pub struct Number(pub f64);
 
 /// Most characters of a number that is printed as it is.
 const LONGEST: usize = 24;

@@ -39,7 +39,6 @@
 //! ```
 
 mod calibration;
-mod curves;
 mod error;
 mod places;
 mod scores;
@@ -48,7 +47,6 @@ mod states;
 pub use calibration::{
     ReliabilityBin, expected_calibration_error, maximum_calibration_error, reliability,
 };
-pub use curves::{ThresholdCurve, ThresholdPoint};
 pub use error::EvaluationError;
 pub use places::{is_within, recall_within, steps_to_localize, steps_to_localize_correctly};
 pub use scores::{binary_log_score, brier_score, log_score};
@@ -62,7 +60,7 @@ fn check_lengths<T, E>(truth: &[T], estimates: &[E]) -> Result<(), EvaluationErr
     if truth == estimated { Ok(()) } else { Err(EvaluationError::Length { truth, estimated }) }
 }
 
-fn check_level(level: f64) -> Result<(), EvaluationError> {
+pub fn check_level(level: f64) -> Result<(), EvaluationError> {
     if (0.0..=1.0).contains(&level) {
         Ok(())
     } else {

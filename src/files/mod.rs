@@ -3,21 +3,18 @@
 #[cfg(feature = "csv")]
 mod rows;
 
-#[cfg(all(feature = "csv", feature = "places"))]
-pub(crate) use rows::{Row, unknown};
 #[cfg(feature = "csv")]
-pub(crate) use rows::{Text, each_row};
+pub use rows::{Row, Text, each_row, unknown};
 
 use std::borrow::Cow;
 use std::fs::File;
-#[cfg(any(feature = "geojson", feature = "gpx"))]
 use std::io::Read;
 use std::path::Path;
 
 /// A file that cannot be read, or a line of it that is not valid. Modules make their own errors of
 /// it.
 #[derive(Debug)]
-pub(crate) enum FileError {
+pub enum FileError {
     Read {
         file: String,
         reason: String,
@@ -31,7 +28,7 @@ pub(crate) enum FileError {
 }
 
 /// Opens a file. Returns its name for messages, too.
-pub(crate) fn open(path: &Path) -> Result<(String, File), FileError> {
+pub fn open(path: &Path) -> Result<(String, File), FileError> {
     let file = path.display().to_string();
     match File::open(path) {
         Ok(reader) => Ok((file, reader)),
@@ -40,8 +37,7 @@ pub(crate) fn open(path: &Path) -> Result<(String, File), FileError> {
 }
 
 /// Reads all of a file that must be UTF-8, without the mark of its encoding.
-#[cfg(any(feature = "geojson", feature = "gpx"))]
-pub(crate) fn text_of(file: &str, mut reader: impl Read) -> Result<String, FileError> {
+pub fn text_of(file: &str, mut reader: impl Read) -> Result<String, FileError> {
     let mut text = String::new();
     if let Err(error) = reader.read_to_string(&mut text) {
         return Err(FileError::Read { file: file.to_owned(), reason: error.to_string() });
@@ -56,12 +52,12 @@ pub(crate) fn text_of(file: &str, mut reader: impl Read) -> Result<String, FileE
 const LONGEST: usize = 60;
 
 /// Returns a field, cut to the length that error messages quote.
-pub(crate) fn excerpt(field: &str) -> Cow<'_, str> {
+pub fn excerpt(field: &str) -> Cow<'_, str> {
     shortened(field, LONGEST)
 }
 
 /// Returns a text, cut to so many characters.
-pub(crate) fn shortened(text: &str, most: usize) -> Cow<'_, str> {
+pub fn shortened(text: &str, most: usize) -> Cow<'_, str> {
     match text.char_indices().nth(most) {
         Some((end, _)) => Cow::Owned(format!("{}…", &text[..end])),
         None => Cow::Borrowed(text),

@@ -1,7 +1,6 @@
 //! Rows of CSV files: a header, then fields by their columns, with the line of each in errors.
 
 use std::io::{self, Read};
-#[cfg(feature = "places")]
 use std::str::FromStr;
 
 use csv::{ByteRecord, Position, Reader, ReaderBuilder, StringRecord};
@@ -10,9 +9,8 @@ use super::{FileError, excerpt};
 
 /// Treatment of bytes that are no UTF-8.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Text {
+pub enum Text {
     /// An error.
-    #[cfg_attr(not(feature = "places"), expect(dead_code))]
     Strict,
     /// Replaced, for files of which some columns are not read.
     Lossy,
@@ -20,12 +18,11 @@ pub(crate) enum Text {
 
 /// A row, and where its columns are. Spaces around fields do not count.
 #[derive(Debug)]
-pub(crate) struct Row<'a> {
+pub struct Row<'a> {
     /// First line of the row in the file, from 1.
-    #[cfg_attr(not(feature = "matching"), expect(dead_code))]
-    pub(crate) line: u64,
+    pub line: u64,
     /// Number of fields of the header.
-    pub(crate) width: usize,
+    pub width: usize,
     record: &'a StringRecord,
     /// Place of each column in the row, if the file has it.
     places: &'a [Option<usize>],
@@ -35,13 +32,12 @@ pub(crate) struct Row<'a> {
 
 impl Row<'_> {
     /// Number of fields.
-    pub(crate) fn len(&self) -> usize {
+    pub fn len(&self) -> usize {
         self.record.len()
     }
 
     /// Checks that there are as many fields as in the header, in the words of the `csv` crate.
-    #[cfg(feature = "matching")]
-    pub(crate) fn check_width(&self) -> Result<(), String> {
+    pub fn check_width(&self) -> Result<(), String> {
         let Self { line, width, .. } = *self;
         let (found, [record, byte]) = (self.len(), place_of(self.record.position()));
         if found == width {
@@ -53,33 +49,29 @@ impl Row<'_> {
     }
 
     /// True if the file has a column.
-    #[cfg(feature = "places")]
-    pub(crate) fn has(&self, column: usize) -> bool {
+    pub fn has(&self, column: usize) -> bool {
         self.places[column].is_some()
     }
 
     /// Text of a column, empty if the file does not have it.
-    pub(crate) fn text(&self, column: usize) -> &str {
+    pub fn text(&self, column: usize) -> &str {
         self.places[column].and_then(|place| self.record.get(place)).unwrap_or_default().trim()
     }
 
-    #[cfg(feature = "places")]
-    pub(crate) fn id(&self, column: usize) -> Result<u64, String> {
+    pub fn id(&self, column: usize) -> Result<u64, String> {
         self.parse(column, "a whole number from 0")
     }
 
-    #[cfg(feature = "places")]
-    pub(crate) fn number(&self, column: usize) -> Result<f64, String> {
+    pub fn number(&self, column: usize) -> Result<f64, String> {
         self.parse(column, "a number")
     }
 
-    #[cfg(feature = "places")]
     fn parse<T: FromStr>(&self, column: usize, expected: &str) -> Result<T, String> {
         self.text(column).parse().map_err(|_| self.unexpected(column, expected))
     }
 
     /// Problem of a field that is not what is expected.
-    pub(crate) fn unexpected(&self, column: usize, expected: &str) -> String {
+    pub fn unexpected(&self, column: usize, expected: &str) -> String {
         let found = excerpt(self.text(column));
         format!("{} is {found:?}, expected {expected}", self.names[column])
     }
@@ -88,7 +80,7 @@ impl Row<'_> {
 /// Reads the rows of a file. `find` gets the header, which is empty for an empty file, and finds
 /// the place of each column; `take` gets each row after it that is not empty. The problems that
 /// they report are returned with file and line. Returns the line after the last row.
-pub(crate) fn each_row<C: AsRef<[Option<usize>]>>(
+pub fn each_row<C: AsRef<[Option<usize>]>>(
     (file, reader): (&str, impl Read),
     text: Text,
     names: &[&str],
@@ -123,11 +115,7 @@ pub(crate) fn each_row<C: AsRef<[Option<usize>]>>(
 }
 
 /// Names in a header that are none of the columns read.
-#[cfg(feature = "places")]
-pub(crate) fn unknown(
-    header: &StringRecord,
-    places: &[Option<usize>],
-) -> impl Iterator<Item = String> {
+pub fn unknown(header: &StringRecord, places: &[Option<usize>]) -> impl Iterator<Item = String> {
     let unknown = header.iter().enumerate().filter(|(place, _)| !places.contains(&Some(*place)));
     unknown.map(|(_, name)| excerpt(name).into_owned())
 }

@@ -14,9 +14,6 @@ pub mod from_hmmlearn {}
 #[doc = include_str!("from_dynamax.md")]
 pub mod from_dynamax {}
 
-#[doc = include_str!("from_depmixs4_and_momentuhmm.md")]
-pub mod from_depmixs4_and_momentuhmm {}
-
 #[doc = include_str!("labels.md")]
 pub mod labels {}
 
@@ -26,12 +23,8 @@ pub mod silent_states {}
 #[doc = include_str!("performance.md")]
 pub mod performance {}
 
-#[doc = include_str!("from_descriptors.md")]
-pub mod from_descriptors {}
-
 #[doc = include_str!("lost_robot.md")]
 pub mod lost_robot {}
 
-#[cfg(feature = "matching")]
-#[doc = include_str!("from_gps.md")]
-pub mod from_gps {}
+#[doc = include_str!("storing.md")]
+pub mod storing {}

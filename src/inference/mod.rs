@@ -45,8 +45,6 @@ pub use decoding::viterbi::ViterbiPath;
 pub use learning::criteria::Criteria;
 pub use learning::expectations::Expectations;
 pub use learning::learned_model::{LearnedModel, LearningOptions};
-pub use learning::model_selection::{Candidate, ModelSelection};
-pub use learning::standard_errors::StandardErrors;
 pub use pruned::{Certificate, PrunedFilter, PrunedFilterSnapshot, Pruning};
 pub use sequences::forward::FilteredSequence;
 pub use sequences::path_sampler::PathSampler;
@@ -62,21 +60,8 @@ pub use streams::online_viterbi::OnlineViterbi;
 pub use streams::online_viterbi_snapshot::OnlineViterbiSnapshot;
 pub use trellis::{SmoothedTrellis, Trellis};
 
-#[cfg(feature = "emission")]
-pub(crate) use sequences::left_out::left_out;
-pub(crate) use step::state::LogSum;
-#[cfg(feature = "places")]
-pub(crate) use step::state::MOST_STEPS;
+pub use sequences::left_out::left_out;
+pub use step::state::LogSum;
+pub use step::state::MOST_STEPS;
 
-/// Lists of the fields of states, with their codecs.
-#[cfg(feature = "serde")]
-pub(crate) mod stored_states {
-    pub(crate) use super::pruned::snapshot::{OTHERS, pruned_fields};
-    pub(crate) use super::streams::filter_snapshot::filter_fields;
-    pub(crate) use super::streams::format::*;
-    pub(crate) use super::streams::online_viterbi_snapshot::{
-        LEVELS, TAKEN_OUT, online_viterbi_fields,
-    };
-}
-#[cfg(feature = "matching")]
-pub(crate) use trellis::{Scale, TrellisForward};
+pub use trellis::{Scale, TrellisForward};

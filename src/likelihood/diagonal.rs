@@ -1,8 +1,8 @@
 //! Diagonals: the likelihoods of one observation.
 
 use crate::error::{LikelihoodError, Parameter};
-use wayfix_kernels::{self as kernels, Valid};
 use wayfix_kernels::limits;
+use wayfix_kernels::{self as kernels, Valid};
 
 /// Diagonal of B(y): one likelihood per state, as numbers or as logarithms, with an optional
 /// common log factor.

@@ -132,7 +132,7 @@ where
 }
 
 /// Product of two diagonals, written to `out`, which has a value for each state.
-pub(crate) fn product_of<'a>(
+pub fn product_of<'a>(
     first: &Diagonal<'_>,
     second: &Diagonal<'_>,
     out: &'a mut [f64],
@@ -197,4 +197,12 @@ where
     fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> (Y1, Y2) {
         (self.first.sample(state, rng), self.second.sample(state, rng))
     }
+}
+
+#[cfg(feature = "serde")]
+crate::stored! {
+    [B1: Likelihood<Observation: Sized>, B2: Likelihood<Observation: Sized>] FusedLikelihood<B1, B2>: [B1, B2], |fused| {
+        first: B1 = fused.first,
+        second: B2 = fused.second,
+    } => Self::new(first, second);
 }

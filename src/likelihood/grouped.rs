@@ -127,3 +127,11 @@ impl<B: SampleObservation> SampleObservation for GroupedLikelihood<B> {
         self.sensor.sample(self.groups.as_slice()[state], rng)
     }
 }
+
+#[cfg(feature = "serde")]
+crate::stored! {
+    [B: Likelihood] GroupedLikelihood<B>: [B], |grouped| {
+        sensor: B = grouped.sensor,
+        groups: Groups = grouped.groups(),
+    } => Self::new(sensor, groups);
+}

@@ -12,7 +12,7 @@ use crate::free_parameters::{Displacement, FreeParameters};
 type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;
 
 /// Probabilities in proportion to counts with a pseudo-count; 0 stays 0, and without counts all stay.
-pub(crate) fn shares(old: &[f64], counts: &[f64], pseudo_count: f64) -> Vec<f64> {
+pub fn shares(old: &[f64], counts: &[f64], pseudo_count: f64) -> Vec<f64> {
     let pairs = old.iter().zip(counts);
     let weight = |(p, count): (&f64, &f64)| if *p > 0.0 { count + pseudo_count } else { 0.0 };
     let weights: Vec<f64> = pairs.map(weight).collect();

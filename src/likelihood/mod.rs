@@ -43,14 +43,12 @@ pub use diagonal::Diagonal;
 pub(crate) use diagonal::Values;
 pub use function::LogLikelihoodFn;
 pub use fused::FusedLikelihood;
-#[cfg(feature = "emission")]
-pub(crate) use fused::product_of;
+pub use fused::product_of;
 pub use grouped::GroupedLikelihood;
 pub use learn::LearnLikelihood;
 pub use local::LocalLikelihood;
 pub(crate) use local::check_local;
-#[cfg(feature = "emission")]
-pub(crate) use maximize::shares;
+pub use maximize::shares;
 pub use next::SampleNext;
 pub use optional::OptionalLikelihood;
 pub use pooled::PooledLikelihood;

@@ -104,3 +104,21 @@ where
         Some(self.sensor.sample(state, rng))
     }
 }
+
+#[cfg(feature = "serde")]
+crate::stored! {
+    [B: Likelihood<Observation: Sized>] OptionalLikelihood<B>: [B], |optional| {
+        sensor: B = optional.sensor,
+    } => optional(sensor);
+}
+
+/// As [`OptionalLikelihood::new`], but with an error if there is no memory for so many states.
+#[cfg(feature = "serde")]
+fn optional<B: Likelihood>(
+    sensor: B,
+) -> Result<OptionalLikelihood<B>, std::collections::TryReserveError> {
+    let mut ones = Vec::new();
+    ones.try_reserve_exact(sensor.states())?;
+    ones.resize(sensor.states(), 1.0);
+    Ok(OptionalLikelihood { sensor, ones })
+}

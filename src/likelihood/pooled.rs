@@ -154,3 +154,11 @@ impl<B: SampleObservation> SampleObservation for PooledLikelihood<B> {
         self.sensor.sample(image, rng)
     }
 }
+
+#[cfg(feature = "serde")]
+crate::stored! {
+    [B: Likelihood] PooledLikelihood<B>: [B], |pooled| {
+        sensor: B = pooled.sensor,
+        groups: Groups = pooled.groups(),
+    } => Self::new(sensor, groups);
+}

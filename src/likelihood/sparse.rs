@@ -108,6 +108,13 @@ impl SparseObservation {
         Self { listed: Box::new([(state, 1.0)]), elsewhere: 0.0 }
     }
 
+    /// Creates an observation from pairs that are known to be valid and in ascending order.
+    #[doc(hidden)]
+    #[must_use]
+    pub fn from_sorted(listed: Vec<(usize, f64)>, elsewhere: f64) -> Self {
+        Self { listed: listed.into(), elsewhere }
+    }
+
     /// Listed states in ascending order, with their likelihoods.
     #[must_use]
     pub fn listed(&self) -> &[(usize, f64)] {
@@ -204,6 +211,13 @@ impl LocalLikelihood for SparseLikelihood {
     fn listed_states(&self, observation: &SparseObservation, states: &mut Vec<usize>) {
         observation.listed_states(self.states, states);
     }
+}
+
+#[cfg(feature = "serde")]
+crate::stored! {
+    [] SparseLikelihood: [], |sparse| {
+        states: usize = sparse.states,
+    } => Ok::<_, std::convert::Infallible>(Self::new(states));
 }
 
 #[cfg(test)]

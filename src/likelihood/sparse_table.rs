@@ -96,7 +96,6 @@ impl SparseTableLikelihood {
     }
 
     /// Creates a table from valid likelihoods of states that exist.
-    #[cfg(feature = "places")]
     pub(crate) fn known(states: usize, symbols: Vec<SparseObservation>) -> Self {
         Self { states, symbols }
     }
@@ -148,4 +147,12 @@ impl LocalLikelihood for SparseTableLikelihood {
     fn listed_states(&self, &symbol: &usize, states: &mut Vec<usize>) {
         self.symbol(symbol).into_iter().for_each(|seen| seen.listed_states(self.states, states));
     }
+}
+
+#[cfg(feature = "serde")]
+crate::stored! {
+    [] SparseTableLikelihood: [], |table| {
+        states: usize = table.states,
+        symbols: Vec<(Vec<(usize, f64)>, f64)> = table.to_lists(),
+    } => Self::from_lists(states, &symbols);
 }

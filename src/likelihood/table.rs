@@ -5,9 +5,9 @@ use rand::Rng;
 use super::{Diagonal, Likelihood, LocalLikelihood, SampleObservation, Scratch};
 use crate::belief::{Belief, SUM_TOLERANCE};
 use crate::error::{LikelihoodError, TableError};
-use wayfix_kernels as kernels;
 use crate::random::index;
 use crate::reorder::ReorderStates;
+use wayfix_kernels as kernels;
 
 /// A table p(symbol | state), also called emission matrix or confusion matrix. The observation is
 /// the symbol, 0 to m − 1.
@@ -232,4 +232,11 @@ impl SampleObservation for TableLikelihood {
         let row = self.columns[state..].iter().step_by(self.states).copied();
         index(row.enumerate(), 1.0, rng)
     }
+}
+
+#[cfg(feature = "serde")]
+crate::stored! {
+    [] TableLikelihood: [], |table| {
+        rows: Vec<Vec<f64>> = table.to_rows(),
+    } => Self::from_rows(&rows);
 }

@@ -112,3 +112,11 @@ impl<Y: ?Sized> Clone for LikelihoodVector<Y> {
 }
 
 impl<Y: ?Sized> Copy for LikelihoodVector<Y> {}
+
+#[cfg(feature = "serde")]
+crate::stored! {
+    [Y: AsRef<[f64]> + ?Sized] LikelihoodVector<Y>: [], |vector| {
+        states: usize = vector.states,
+        log: bool = vector.log,
+    } => Ok::<_, std::convert::Infallible>(Self { states, log, observation: PhantomData });
+}

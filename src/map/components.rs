@@ -6,7 +6,7 @@ const NONE: u32 = u32::MAX;
 /// Number of the strongly connected component of each vertex, by Tarjan (1972), without recursion:
 /// a long road takes no stack. `next` gives the ends of the edges out of a vertex. O(vertices +
 /// edges).
-pub(super) fn components<I: Iterator<Item = usize>>(
+pub fn components<I: Iterator<Item = usize>>(
     vertices: usize,
     next: impl Fn(usize) -> I,
 ) -> Vec<u32> {

@@ -2,7 +2,6 @@
 //! counted from 1.
 
 use crate::error::{Number, Parameter, TransitionError};
-#[cfg(any(feature = "csv", feature = "geojson", feature = "gpx", feature = "osm"))]
 use crate::files::FileError;
 
 /// Places and roads that do not form a map, turning probabilities or counts of traffic that do not
@@ -245,7 +244,6 @@ pub enum MapError {
     },
 }
 
-#[cfg(any(feature = "csv", feature = "geojson", feature = "gpx", feature = "osm"))]
 impl From<FileError> for MapError {
     fn from(source: FileError) -> Self {
         match source {

@@ -1,7 +1,7 @@
 //! Consistent flows from counts of traffic on roads.
 
 use super::components::components;
-use super::{MapError, RoadMap, RoadNetwork};
+use super::{MapError, RoadMap};
 
 /// Largest difference between what enters and what leaves a node, relative to both.
 const TOLERANCE: f64 = 1e-9;
@@ -42,21 +42,8 @@ impl<P> RoadMap<P> {
     }
 }
 
-impl<P> RoadNetwork<P> {
-    /// Flow nearest to counts of traffic, one per edge: at each node, as much enters as leaves.
-    /// See [`RoadMap::consistent_flow`].
-    ///
-    /// # Errors
-    ///
-    /// As [`RoadMap::consistent_flow`].
-    pub fn consistent_flow(&self, counts: &[f64]) -> Result<Vec<f64>, MapError> {
-        let ends: Vec<_> = self.edges().iter().map(|edge| [edge.from, edge.to]).collect();
-        balance(self.nodes().len(), &ends, counts, |i| self.nodes()[i].id)
-    }
-}
-
 /// Scales counts until in- and outflow of each node are equal, node by node.
-fn balance(
+pub fn balance(
     nodes: usize,
     ends: &[[usize; 2]],
     counts: &[f64],

@@ -35,40 +35,29 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-mod cells;
 mod class;
 mod components;
 mod error;
 mod flow;
-#[cfg(any(feature = "csv", feature = "geojson", feature = "osm"))]
-mod import;
-mod network;
 mod places;
 mod position;
 mod road_map;
 mod search;
 mod turning;
 
-pub(crate) use cells::Layout;
-pub use cells::RoadCells;
 pub use class::RoadClass;
 pub use error::MapError;
-#[cfg(any(feature = "csv", feature = "geojson", feature = "osm"))]
-pub use import::{ImportNote, ImportOptions, ImportReport};
-#[cfg(all(feature = "geojson", feature = "matching"))]
-pub(crate) use import::{line_string, parse_geojson};
-#[cfg(feature = "matching")]
-pub use network::EdgeIndex;
-#[cfg(any(feature = "csv", feature = "geojson", feature = "osm"))]
-use network::FASTEST_ROAD;
-#[cfg(feature = "geojson")]
-use network::LONGEST_ROAD;
-pub use network::{
-    Cleaning, CleaningStep, Edge, EdgeOptions, NearEdge, NetworkBuilder, Reached, RoadNetwork,
-    RouteCosts, RouteMeasures, RouteSearch,
-};
 pub use places::Place;
-pub(crate) use position::turned;
 pub use position::{Coordinates, PlanePosition, Position};
 pub use road_map::{CleaningReport, Road, RoadMap, RoadPath};
 pub use turning::{ByClass, FittedTurn, TurningProbabilities, TurningRule};
+
+// For networks of roads, in a crate of their own.
+#[doc(hidden)]
+pub use {
+    components::components,
+    flow::balance,
+    places::{Places, check_position},
+    position::turned,
+    search::{Label, Search},
+};

@@ -21,8 +21,8 @@ pub struct Place<P = Position> {
 
 /// Places with positions that were checked, and their indices by id.
 #[derive(Debug, Clone)]
-pub(super) struct Places<P> {
-    pub(super) list: Vec<Place<P>>,
+pub struct Places<P> {
+    pub list: Vec<Place<P>>,
     indices: HashMap<u64, u32>,
 }
 
@@ -34,17 +34,17 @@ impl<P> Default for Places<P> {
 
 impl<P> Places<P> {
     /// Lists places whose ids and positions were checked before.
-    pub(super) fn of_checked(list: Vec<Place<P>>) -> Self {
+    pub fn of_checked(list: Vec<Place<P>>) -> Self {
         let indices = list.iter().zip(0..).map(|(place, index)| (place.id, index)).collect();
         Self { list, indices }
     }
 
-    pub(super) fn index_of(&self, id: u64) -> Option<usize> {
+    pub fn index_of(&self, id: u64) -> Option<usize> {
         self.indices.get(&id).map(|&index| index as usize)
     }
 
     /// Indices of the ends of a road.
-    pub(super) fn ends(&self, from: u64, to: u64) -> Result<[usize; 2], MapError> {
+    pub fn ends(&self, from: u64, to: u64) -> Result<[usize; 2], MapError> {
         let index = |id| self.index_of(id).ok_or(MapError::UnknownPlace { from, to, missing: id });
         Ok([index(from)?, index(to)?])
     }
@@ -52,7 +52,7 @@ impl<P> Places<P> {
 
 impl<P: Coordinates> Places<P> {
     /// Adds a place. Returns its index.
-    pub(super) fn add(&mut self, place: Place<P>) -> Result<usize, MapError> {
+    pub fn add(&mut self, place: Place<P>) -> Result<usize, MapError> {
         let (id, index) = (place.id, self.list.len());
         check_position(id, place.position)?;
         match self.indices.entry(id) {
@@ -65,13 +65,13 @@ impl<P: Coordinates> Places<P> {
 
     /// Straight distance of two places.
     #[cfg(feature = "csv")]
-    pub(super) fn straight(&self, [from, to]: [usize; 2]) -> f64 {
+    pub fn straight(&self, [from, to]: [usize; 2]) -> f64 {
         self.list[from].position.metres_to(self.list[to].position)
     }
 }
 
 /// Checks that a position is on Earth, or in the plane.
-pub(super) fn check_position<P: Coordinates>(id: u64, position: P) -> Result<(), MapError> {
+pub fn check_position<P: Coordinates>(id: u64, position: P) -> Result<(), MapError> {
     for ((coordinate, limit), value) in P::AXES.into_iter().zip(position.values()) {
         if !(-limit..=limit).contains(&value) {
             return Err(MapError::Coordinate { id, coordinate, value, limit, unit: P::UNIT });

@@ -15,7 +15,7 @@ pub trait Coordinates: Copy + PartialEq + Debug + Send + Sync + Axes {
 }
 
 /// Two named numbers with their valid ranges, and their projection to a plane.
-pub(crate) trait Axes: Sized {
+pub trait Axes: Sized {
     /// Name and largest magnitude of each number.
     const AXES: [(&'static str, f64); 2];
     /// Unit of both numbers.
@@ -59,7 +59,7 @@ pub(crate) trait Axes: Sized {
 }
 
 /// A number whose values repeat, as that value which is within half a period of another number.
-pub(crate) fn turned(value: f64, near: f64, period: f64) -> f64 {
+pub fn turned(value: f64, near: f64, period: f64) -> f64 {
     let off = value - near;
     // False for no number, and without a period.
     if off.abs() > 0.5 * period { value - period * (off / period).round() } else { value }

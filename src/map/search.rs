@@ -6,7 +6,7 @@ use std::collections::BinaryHeap;
 
 /// Labels and queue of a search. They keep their memory from one search to the next.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Search<T> {
+pub struct Search<T> {
     labels: Vec<Label<T>>,
     /// Number of the search; labels of another number are those of an earlier one.
     number: u32,
@@ -17,19 +17,19 @@ pub(super) struct Search<T> {
 
 /// Best way to a vertex so far.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Label<T> {
+pub struct Label<T> {
     search: u32,
     /// The vertex before; the start itself for a start.
-    pub(super) before: u32,
+    pub before: u32,
     is_settled: bool,
-    pub(super) cost: f64,
+    pub cost: f64,
     /// Measures of the way.
-    pub(super) way: T,
+    pub way: T,
 }
 
 impl<T: Copy + Default> Search<T> {
     /// Starts a search among so many vertices, or more.
-    pub(super) fn start(&mut self, vertices: usize) {
+    pub fn start(&mut self, vertices: usize) {
         self.labels.resize(vertices.max(self.labels.len()), Label::default());
         if self.number == u32::MAX {
             self.labels.fill(Label::default());
@@ -43,7 +43,7 @@ impl<T: Copy + Default> Search<T> {
     /// one; of equally long ones the first stays, or with `lowest` that by the vertex with the lowest
     /// number.
     #[inline]
-    pub(super) fn offer(
+    pub fn offer(
         &mut self,
         (to, rank): (usize, u32),
         before: usize,
@@ -66,7 +66,7 @@ impl<T: Copy + Default> Search<T> {
 
     /// Settles the nearest vertex that is left, to which no shorter way can be found.
     #[inline]
-    pub(super) fn settle(&mut self) -> Option<(usize, Label<T>)> {
+    pub fn settle(&mut self) -> Option<(usize, Label<T>)> {
         while let Some(Reverse((.., vertex))) = self.queue.pop() {
             let label = &mut self.labels[vertex as usize];
             // A vertex is in the queue once for each better way that was found.
@@ -78,12 +78,12 @@ impl<T: Copy + Default> Search<T> {
     }
 
     /// Label of a vertex that was settled in the last search.
-    pub(super) fn settled(&self, vertex: usize) -> Option<&Label<T>> {
+    pub fn settled(&self, vertex: usize) -> Option<&Label<T>> {
         self.labels.get(vertex).filter(|label| label.search == self.number && label.is_settled)
     }
 
     /// Label of a vertex that the last search met.
-    pub(super) fn met(&self, vertex: usize) -> Option<&Label<T>> {
+    pub fn met(&self, vertex: usize) -> Option<&Label<T>> {
         self.labels.get(vertex).filter(|label| label.search == self.number)
     }
 }

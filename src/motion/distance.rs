@@ -5,12 +5,12 @@
 use std::f64::consts::PI;
 
 use crate::error::{Parameter, TransitionError};
-use wayfix_kernels::log2;
-use wayfix_kernels::limits::LARGEST_LOG;
 use crate::map::RoadMap;
 use crate::transition::{
     Measured, MoveLikelihood, SparseTransition, Transition, TransitionEntries, delegate,
 };
+use wayfix_kernels::limits::LARGEST_LOG;
+use wayfix_kernels::log2;
 
 /// A sparse operator whose moves have lengths, with the distance driven as evidence: at a
 /// junction, a vehicle that has driven 200 m took the road of that length.
@@ -306,4 +306,27 @@ fn relative(read: OdometryReading, length: f64, nearest: f64) -> f64 {
     let excess = if gap == 0.0 || off == 0.0 { 0.0 } else { 2.0 * (gap / read.variance) * off };
     let log = (-excess).min(0.0);
     if log >= -LARGEST_LOG { log } else { f64::NEG_INFINITY }
+}
+
+#[cfg(feature = "serde")]
+crate::stored! {
+    [] DistanceTransition: [], |a| {
+        base: SparseTransition = a.base(),
+        lengths: Vec<f64> = a.0.likelihood.of_moves.iter().map(|length| length.metres).collect::<Vec<_>>(),
+    } => distances(base, &lengths);
+}
+
+#[cfg(feature = "serde")]
+fn distances(
+    base: SparseTransition,
+    lengths: &[f64],
+) -> Result<DistanceTransition, TransitionError> {
+    let (found, expected) = (lengths.len(), base.entries());
+    if found != expected {
+        let what = "the number of lengths".to_owned();
+        let expected = "one for each entry of the base";
+        return Err(Parameter::new(what, found as f64, expected).into());
+    }
+    let mut lengths = lengths.iter().copied();
+    DistanceTransition::build(base, |_, _| Ok(lengths.next().unwrap_or(f64::NAN)))
 }

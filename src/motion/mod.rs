@@ -13,23 +13,8 @@
 //! Operators of single moves, without a vehicle in mind, are in
 //! [`transition`](crate::transition).
 
-mod cells;
 mod distance;
-mod learn;
-mod odometry;
 mod off_map;
-mod route;
-mod speeds;
-mod window;
 
-pub use cells::{
-    CellTransition, EdgeTurns, Odometer, Travel, TurnWeights, WheelOdometer, WheelTransition,
-    WheelTravel, Wheels,
-};
 pub use distance::{DistanceTransition, OdometryReading};
-pub use odometry::OdometryModel;
 pub use off_map::OffMapTransition;
-pub use route::{
-    Driven, OffMap, RouteControl, RouteTransition, ViewChange, ViewChangeRates, ViewEvidence,
-};
-pub use speeds::Speeds;

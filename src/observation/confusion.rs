@@ -265,3 +265,13 @@ fn of_pairs(error: &TransitionError) -> ObservationError {
         )),
     }
 }
+
+#[cfg(feature = "serde")]
+crate::stored! {
+    [] Confusion: [], |confusion| {
+        places: usize = confusion.places(),
+        place: Vec<u32> = confusion.entries_of(|place, _, _| place as u32),
+        seen_as: Vec<u32> = confusion.entries_of(|_, seen_as, _| seen_as as u32),
+        probability: Vec<f64> = confusion.entries_of(|_, _, p| p),
+    } => Self::from_lists(places, &place, &seen_as, &probability);
+}

@@ -4,9 +4,9 @@ use std::f64::consts::TAU;
 
 use super::{Confusion, ObservationError};
 use crate::error::Parameter;
-use wayfix_kernels as kernels;
 use crate::likelihood::TableLikelihood;
 use crate::map::{Coordinates, RoadMap};
+use wayfix_kernels as kernels;
 
 /// Distance between two places, for the Gaussian part of a sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]

@@ -29,27 +29,10 @@
 //! and [`TagLikelihood`] tags that are read at nodes, or names of roads.
 
 mod confusion;
-mod descriptors;
 mod error;
 mod gaussian;
-mod odds;
-mod position;
-mod rows;
 mod seen_places;
-mod standardize;
-mod standardizer;
-mod tags;
-mod view;
 
 pub use confusion::Confusion;
-pub(crate) use descriptors::check_descriptor;
-pub use descriptors::{Distance, ReferenceDescriptors};
 pub use error::ObservationError;
 pub use gaussian::Metric;
-pub use odds::MatchOdds;
-pub use position::{PositionFix, PositionLikelihood};
-pub(crate) use rows::{RowScratch, change, row_scores, within};
-pub(crate) use standardize::Spread;
-pub use standardizer::Standardizer;
-pub use tags::{ReadRates, TagLikelihood};
-pub use view::{ViewComparison, view_change};

@@ -9,7 +9,7 @@ thread_local! {
 }
 
 /// Element type of a buffer: numbers, or states as 32-bit indices.
-pub(crate) trait Pooled: Copy + Default + 'static {
+pub trait Pooled: Copy + Default + 'static {
     fn pool() -> &'static LocalKey<RefCell<Vec<Vec<Self>>>>;
 }
 
@@ -32,7 +32,7 @@ const LINE: usize = 64;
 ///
 /// Buffers are kept for each thread, last in first out: the same calls, however
 /// they nest, get the same buffers again, and allocate only the first time.
-pub(crate) fn with<T: Pooled, R>(count: usize, work: impl FnOnce(&mut [T]) -> R) -> R {
+pub fn with<T: Pooled, R>(count: usize, work: impl FnOnce(&mut [T]) -> R) -> R {
     // Aligned to a cache line, so that no eight doubles lie in two lines.
     let room = LINE / size_of::<T>();
     let mut buffer: Vec<T> = take(count + room);
@@ -104,7 +104,7 @@ fn put_back<T: Pooled>(buffer: Vec<T>) {
 
 /// Makes the thread keep memory for two buffers, for a first product that must not allocate. Nothing
 /// is written to it.
-pub(crate) fn reserve_two(count: usize) {
+pub fn reserve_two(count: usize) {
     NUMBERS.with_borrow_mut(|pool| {
         if pool.len() < 2 {
             pool.resize_with(2, Vec::new);
@@ -118,15 +118,12 @@ pub(crate) fn reserve_two(count: usize) {
 }
 
 /// Lends two buffers of the same size, as [`with`] does.
-pub(crate) fn with_two<T: Pooled, R>(
-    count: usize,
-    work: impl FnOnce(&mut [T], &mut [T]) -> R,
-) -> R {
+pub fn with_two<T: Pooled, R>(count: usize, work: impl FnOnce(&mut [T], &mut [T]) -> R) -> R {
     with(count, |first| with(count, |second| work(first, second)))
 }
 
 /// Lends an empty buffer that may grow, and keeps its memory, as [`with`] does.
-pub(crate) fn with_growing<T: Pooled, R>(work: impl FnOnce(&mut Vec<T>) -> R) -> R {
+pub fn with_growing<T: Pooled, R>(work: impl FnOnce(&mut Vec<T>) -> R) -> R {
     let mut buffer = take(0);
     let result = work(&mut buffer);
     put_back(buffer);

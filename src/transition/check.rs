@@ -5,7 +5,7 @@ use crate::error::{Parameter, TransitionError};
 use wayfix_kernels as kernels;
 
 /// Checks that all column sums are one.
-pub(super) fn check_columns(sums: &[f64]) -> Result<(), TransitionError> {
+pub fn check_columns(sums: &[f64]) -> Result<(), TransitionError> {
     let one = 1.0 - SUM_TOLERANCE..=1.0 + SUM_TOLERANCE;
     match sums.iter().position(|sum| !one.contains(sum)) {
         Some(column) => Err(TransitionError::ColumnSum { column, sum: sums[column] }),
@@ -15,10 +15,7 @@ pub(super) fn check_columns(sums: &[f64]) -> Result<(), TransitionError> {
 
 /// [`check_columns`] of a stored matrix: if its rows sum to one instead, it was given as
 /// its transpose, and the error says so.
-pub(super) fn check_columns_of(
-    sums: &[f64],
-    row: impl Fn(usize) -> f64,
-) -> Result<(), TransitionError> {
+pub fn check_columns_of(sums: &[f64], row: impl Fn(usize) -> f64) -> Result<(), TransitionError> {
     check_columns(sums).map_err(|error| match error {
         TransitionError::ColumnSum { column, sum }
             if (0..sums.len()).all(|i| (row(i) - 1.0).abs() <= SUM_TOLERANCE) =>
@@ -30,7 +27,7 @@ pub(super) fn check_columns_of(
 }
 
 /// Checks that a count fits 32-bit indices.
-pub(crate) fn check_count(what: &'static str, count: usize) -> Result<(), TransitionError> {
+pub fn check_count(what: &'static str, count: usize) -> Result<(), TransitionError> {
     if u32::try_from(count).is_err() {
         return Err(TransitionError::TooMany { what, count });
     }
@@ -38,7 +35,7 @@ pub(crate) fn check_count(what: &'static str, count: usize) -> Result<(), Transi
 }
 
 /// Checks that values are probabilities that sum to one; `whole` names the sum in errors.
-pub(crate) fn check_sum(
+pub fn check_sum(
     values: &[f64],
     whole: String,
     name: impl Fn(usize) -> String,
@@ -54,10 +51,7 @@ pub(crate) fn check_sum(
     Ok(())
 }
 
-pub(crate) fn check_probability(
-    value: f64,
-    what: impl FnOnce() -> String,
-) -> Result<(), TransitionError> {
+pub fn check_probability(value: f64, what: impl FnOnce() -> String) -> Result<(), TransitionError> {
     if !(0.0..=1.0).contains(&value) {
         let expected = "a value from 0 to 1";
         return Err(Parameter::new(what(), value, expected).into());
@@ -66,13 +60,13 @@ pub(crate) fn check_probability(
 }
 
 /// Asserts the lengths of a product's slices. Inference ensures them; direct callers have to.
-pub(crate) fn check_slices(states: usize, x: &[f64], out: &[f64]) {
+pub fn check_slices(states: usize, x: &[f64], out: &[f64]) {
     assert_eq!(x.len(), states, "x must have one value per state");
     assert_eq!(out.len(), states, "out must have one value per state");
 }
 
 /// Checks that there is at least one row, and that each has as many values as there are rows.
-pub(super) fn check_rows<R: AsRef<[f64]>>(rows: &[R]) -> Result<(), TransitionError> {
+pub fn check_rows<R: AsRef<[f64]>>(rows: &[R]) -> Result<(), TransitionError> {
     let expected = rows.len();
     if expected == 0 {
         return Err(TransitionError::Empty);
@@ -85,12 +79,21 @@ pub(super) fn check_rows<R: AsRef<[f64]>>(rows: &[R]) -> Result<(), TransitionEr
 }
 
 /// Checks that a slice has n × n values, with n above 0.
-pub(super) fn check_square(states: usize, found: usize) -> Result<(), TransitionError> {
+pub fn check_square(states: usize, found: usize) -> Result<(), TransitionError> {
     if states == 0 {
         return Err(TransitionError::Empty);
     }
     if states.checked_mul(states) != Some(found) {
         return Err(TransitionError::WrongLength { states, found });
+    }
+    Ok(())
+}
+
+/// Checks a sum of probabilities that was read.
+#[cfg(feature = "serde")]
+pub fn check_one(value: f64, what: impl FnOnce() -> String) -> Result<(), TransitionError> {
+    if (value - 1.0).abs() > SUM_TOLERANCE {
+        return Err(Parameter::new(what(), value, "1").into());
     }
     Ok(())
 }

@@ -7,7 +7,7 @@ use wayfix_kernels::{Lines, Sliced, Width};
 /// Sparse lines: rows of A, or its columns. Line i occupies
 /// `indices[starts[i]..starts[i + 1]]`; within a line, indices ascend.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Compressed {
+pub struct Compressed {
     starts: Vec<u32>,
     indices: Vec<u32>,
     values: Width<Vec<f64>, Vec<f32>>,
@@ -16,10 +16,8 @@ pub(crate) struct Compressed {
 impl Compressed {
     /// Builds lines from fewer than 2^32 entries (line, index, value) in any order. The indices of
     /// a line keep the order of the entries. O(n + entries).
-    pub(super) fn new(
-        lines: usize,
-        entries: impl Iterator<Item = (u32, u32, f64)> + Clone,
-    ) -> Self {
+    #[doc(hidden)]
+    pub fn new(lines: usize, entries: impl Iterator<Item = (u32, u32, f64)> + Clone) -> Self {
         let mut starts = vec![0_u32; lines + 1];
         for (line, ..) in entries.clone() {
             starts[line as usize + 1] += 1;
@@ -45,7 +43,8 @@ impl Compressed {
     }
 
     /// Returns the lines of the transpose, in which indices ascend. O(n + entries).
-    pub(super) fn transposed(&self) -> Self {
+    #[doc(hidden)]
+    pub fn transposed(&self) -> Self {
         let lines = 0..self.lines() as u32;
         let entries = lines.flat_map(|line| {
             self.line(line as usize).map(move |(index, value)| (index as u32, line, value))
@@ -54,18 +53,17 @@ impl Compressed {
     }
 
     /// Returns the starts of the lines, with the end of the last, and the indices of all.
-    #[cfg(feature = "places")]
-    pub(crate) fn into_pattern(self) -> (Vec<u32>, Vec<u32>) {
+    pub fn into_pattern(self) -> (Vec<u32>, Vec<u32>) {
         (self.starts, self.indices)
     }
 
     /// Number of lines.
-    pub(crate) fn lines(&self) -> usize {
+    pub fn lines(&self) -> usize {
         self.starts.len() - 1
     }
 
     /// Number of entries.
-    pub(crate) fn entries(&self) -> usize {
+    pub fn entries(&self) -> usize {
         self.indices.len()
     }
 
@@ -80,7 +78,7 @@ impl Compressed {
     }
 
     /// The start of each line, and the end.
-    pub(crate) fn starts(&self) -> &[u32] {
+    pub fn starts(&self) -> &[u32] {
         &self.starts
     }
 
@@ -92,7 +90,7 @@ impl Compressed {
 
     /// The indices of a line.
     #[inline]
-    pub(crate) fn indices(&self, line: usize) -> &[u32] {
+    pub fn indices(&self, line: usize) -> &[u32] {
         &self.indices[self.range(line)]
     }
 
@@ -121,7 +119,8 @@ impl Compressed {
 
     /// Index and value of the entry at a position among all.
     #[inline]
-    pub(super) fn entry(&self, at: usize) -> (usize, f64) {
+    #[doc(hidden)]
+    pub fn entry(&self, at: usize) -> (usize, f64) {
         let value = match &self.values {
             Width::Double(values) => values[at],
             Width::Single(values) => f64::from(values[at]),
@@ -131,7 +130,7 @@ impl Compressed {
 
     /// The entries of a line, in ascending order of their index.
     #[inline]
-    pub(crate) fn line(&self, line: usize) -> impl Iterator<Item = (usize, f64)> + Clone {
+    pub fn line(&self, line: usize) -> impl Iterator<Item = (usize, f64)> + Clone {
         let range = self.range(line);
         let indices = &self.indices[range.clone()];
         let values = match &self.values {

@@ -293,3 +293,78 @@ impl LearnTransition for ConstrainedTransition {
         self.parameters() - kinds.iter().filter(|kind| !kind.is_empty()).count()
     }
 }
+
+#[cfg(feature = "serde")]
+crate::stored! {
+    [] ConstrainedTransition: [], |a| {
+        transition: SparseTransition = a.transition,
+        parameters: Vec<Option<u32>> = {
+            let number = |parameter: &(u32, u32)| (parameter.0 != FIXED).then_some(parameter.0);
+            a.parameters.iter().map(number).collect::<Vec<_>>()
+        },
+        pseudo_counts: Vec<f64> = a.pseudo_counts,
+    } => constrained(transition, &parameters, &pseudo_counts);
+}
+
+/// Checks parameters for the invariants of [`ConstrainedTransition`]: they are numbered without
+/// gaps, have equal shares of what is not fixed up to rounding, and two states share all of theirs
+/// or none.
+#[cfg(feature = "serde")]
+fn constrained(
+    transition: SparseTransition,
+    numbers: &[Option<u32>],
+    pseudo_counts: &[f64],
+) -> Result<ConstrainedTransition, String> {
+    let (found, expected) = (numbers.len(), transition.entries());
+    if found != expected {
+        return Err(format!("{found} parameters for {expected} entries, expected one each"));
+    }
+    let mut used: Vec<u32> = numbers.iter().flatten().copied().collect();
+    used.sort_unstable();
+    used.dedup();
+    if let Some((gap, _)) =
+        used.iter().enumerate().find(|(number, used)| **used as usize != *number)
+    {
+        return Err(format!("no entry has parameter {gap}, though one has a higher one"));
+    }
+    let mut kinds = BTreeMap::new();
+    let mut known: Vec<Option<(usize, f64)>> = vec![None; used.len()];
+    let mut parameters = Vec::with_capacity(found);
+    for from in 0..transition.states() {
+        let column = &numbers[parameters.len()..];
+        let column = &column[..transition.outgoing(&(), from).count()];
+        let mut sorted: Vec<u32> = column.iter().flatten().copied().collect();
+        sorted.sort_unstable();
+        let next = kinds.len();
+        let kind = *kinds.entry(sorted.clone()).or_insert(next);
+        let entries = || column.iter().zip(transition.outgoing(&(), from));
+        let rest: f64 = entries().filter(|entry| entry.0.is_some()).map(|entry| entry.1.1).sum();
+        for (number, (to, p)) in entries() {
+            let Some(number) = *number else {
+                parameters.push((FIXED, 1));
+                continue;
+            };
+            let share = p / rest;
+            let (its_kind, value) = *known[number as usize].get_or_insert((kind, share));
+            if its_kind != kind || (share - value).abs() > crate::belief::SUM_TOLERANCE {
+                return Err(format!(
+                    "the transition from state {from} to state {to} has parameter {number}, which another state has with other parameters or another probability"
+                ));
+            }
+            let after = sorted.partition_point(|other| *other <= number);
+            let times = after - sorted.partition_point(|other| *other < number);
+            parameters.push((number, times as u32));
+        }
+    }
+    let constrained = ConstrainedTransition { transition, parameters, pseudo_counts: Vec::new() };
+    if pseudo_counts.is_empty() {
+        return Ok(constrained);
+    }
+    if pseudo_counts.len() != found {
+        let given = pseudo_counts.len();
+        return Err(format!("{given} pseudo-counts for {found} entries, expected one each"));
+    }
+    let mut counts = pseudo_counts.iter().copied();
+    let counted = constrained.with_pseudo_counts(|_, _| counts.next().unwrap_or_default());
+    counted.map_err(|error| error.to_string())
+}

@@ -5,8 +5,8 @@ use std::sync::OnceLock;
 
 use super::check::{check_columns_of, check_count, check_rows, check_square};
 use crate::error::TransitionError;
-use wayfix_kernels::{Dense, Lines, Panels};
 use wayfix_kernels::limits;
+use wayfix_kernels::{Dense, Lines, Panels};
 
 /// Most states whose entries `Debug` shows.
 const SHOWN: usize = 8;
@@ -185,4 +185,19 @@ impl DenseTransition {
     pub(crate) fn values(&self) -> Vec<f64> {
         (0..self.matrix.states()).flat_map(|j| self.matrix.column(j)).copied().collect()
     }
+}
+
+#[cfg(feature = "serde")]
+use super::Transition;
+
+#[cfg(feature = "serde")]
+crate::stored! {
+    [] DenseTransition: [], |a| {
+        states: usize = a.states(),
+        columns: Vec<f64> = a.values(),
+    } => if states.checked_mul(states) == Some(columns.len()) {
+        Self::from_fn(states, |to, from| columns[from * states + to])
+    } else {
+        Err(TransitionError::WrongLength { states, found: columns.len() })
+    };
 }

@@ -3,8 +3,8 @@
 use std::error::Error;
 
 use super::{
-    ConstrainedTransition, DenseTransition, GeneratorTransition, RestartTransition,
-    SparseTransition, SwitchedTransition, Transition, TransitionEntries,
+    ConstrainedTransition, DenseTransition, RestartTransition, SparseTransition,
+    SwitchedTransition, Transition, TransitionEntries,
 };
 use crate::error::Parameter;
 use crate::free_parameters::{Displacement, FreeParameters};
@@ -77,15 +77,6 @@ impl FreeParameters for ConstrainedTransition {
         }
         let (parameters, pseudo_counts) = (self.parameters.clone(), self.pseudo_counts.clone());
         Ok(Self { transition, parameters, pseudo_counts })
-    }
-}
-
-/// Rates of the legal moves.
-impl FreeParameters for GeneratorTransition {
-    fn displaced(&self, by: &mut Displacement<'_>) -> Outcome<Self> {
-        let moved = self.triplets().map(|(to, from, rate)| (to, from, by.positive(rate)));
-        let moved: Vec<_> = moved.collect();
-        Ok(Self::from_triplets(self.states(), moved)?)
     }
 }
 

@@ -97,7 +97,7 @@ pub trait TransitionEntries: Transition {
 
 /// The maximum of `log2 A[i, j] + x[j]` and the first j that attains it.
 #[inline]
-pub(crate) fn best_of(entries: impl Iterator<Item = (u32, f64)>, x: &[f64]) -> (f64, u32) {
+pub fn best_of(entries: impl Iterator<Item = (u32, f64)>, x: &[f64]) -> (f64, u32) {
     let mut best = (f64::NEG_INFINITY, 0);
     for (j, log2) in entries {
         let value = log2 + x[j as usize];

@@ -265,3 +265,12 @@ fn extremes<A: TransitionEntries>(a: &A, control: &A::Control) -> (f64, f64) {
     let entries = (0..a.states()).flat_map(|from| a.outgoing(control, from));
     entries.fold((1.0, 0.0), |(least, most), (_, p)| (p.min(least), p.max(most)))
 }
+
+#[cfg(feature = "serde")]
+crate::stored! {
+    [A1: Transition, A2: Transition<Control = A1::Control>]
+    KroneckerTransition<A1, A2>: [A1, A2], |a| {
+        first: A1 = a.first,
+        second: A2 = a.second,
+    } => Self::new(first, second);
+}

@@ -1,11 +1,11 @@
 //! Products in logarithms, for numbers beyond the range of a double.
 
 use super::buffers;
-use wayfix_kernels::{exp_in_place, log2};
 use wayfix_kernels::limits::LIFT;
+use wayfix_kernels::{exp_in_place, log2};
 
 /// Largest entry of a step with evidence that is taken in linear space.
-pub(super) const LARGEST: f64 = 1e300;
+pub const LARGEST: f64 = 1e300;
 
 /// Width of a band, in nats: the product of its smallest number with the smallest entry is still
 /// a normal double.
@@ -18,14 +18,14 @@ const HIGHEST: f64 = 709.8;
 const DIGITS: f64 = 40.0;
 
 /// Computes a product in logarithms by a linear one for each band of numbers of similar size.
-pub(crate) fn by_bands(x: &[f64], out: &mut [f64], product: impl FnMut(&[f64], &mut [f64])) {
+pub fn by_bands(x: &[f64], out: &mut [f64], product: impl FnMut(&[f64], &mut [f64])) {
     bands(x, out, (usize::MAX, HIGHEST), product);
 }
 
 /// Computes a product in logarithms for a dense matrix, whose entries are at most near 1: by a few
 /// bands, and the sums of lines that need more by themselves. (Where lines are short, a band costs
 /// more than all of their sums.)
-pub(super) fn by_lines<I: Iterator<Item = (usize, f64)> + Clone>(
+pub fn by_lines<I: Iterator<Item = (usize, f64)> + Clone>(
     x: &[f64],
     out: &mut [f64],
     product: impl FnMut(&[f64], &mut [f64]),
@@ -93,7 +93,7 @@ fn bands(
 }
 
 /// ln Σ of value · exp(x\[index\]) over entries (index, value).
-pub(crate) fn sum(entries: impl Iterator<Item = (usize, f64)> + Clone, x: &[f64]) -> f64 {
+pub fn sum(entries: impl Iterator<Item = (usize, f64)> + Clone, x: &[f64]) -> f64 {
     let largest = entries.clone().map(|(j, _)| x[j]).fold(f64::NEG_INFINITY, f64::max);
     if largest == f64::NEG_INFINITY {
         return largest;
@@ -108,13 +108,13 @@ pub(crate) fn sum(entries: impl Iterator<Item = (usize, f64)> + Clone, x: &[f64]
 }
 
 /// ln(e^a + e^b); NaN if one of them is.
-pub(crate) fn add(a: f64, b: f64) -> f64 {
+pub fn add(a: f64, b: f64) -> f64 {
     let (high, low) = if a > b { (a, b) } else { (b, a) };
     if low == f64::NEG_INFINITY { high } else { high + (low - high).exp().ln_1p() }
 }
 
 /// log2(2^a + 2^b), rounded to the grid of scores.
-pub(super) fn add_log2(a: f64, b: f64) -> f64 {
+pub fn add_log2(a: f64, b: f64) -> f64 {
     let (high, low) = if a > b { (a, b) } else { (b, a) };
     if low == f64::NEG_INFINITY { high } else { high + log2(1.0 + (low - high).exp2()) }
 }

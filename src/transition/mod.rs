@@ -29,8 +29,8 @@
 //! Wrapping operators take any operator, or require [`TransitionEntries`] where they need single
 //! entries. [`Stored`] matrices have faster loops.
 
-pub(crate) mod buffers;
-mod check;
+pub mod buffers;
+pub(crate) mod check;
 mod compressed;
 mod constrained;
 mod dense;
@@ -38,12 +38,10 @@ mod displaced;
 mod dwell;
 mod entries;
 mod evidence;
-mod generator;
 mod jump;
 mod kronecker;
 mod learn;
-pub(crate) mod log;
-mod logit;
+pub mod log;
 mod maximize;
 mod measured;
 mod moves;
@@ -64,28 +62,21 @@ mod window;
 
 pub use buffers::with_scratch;
 use check::check_columns;
-pub(crate) use check::{check_count, check_probability, check_slices, check_sum};
-#[cfg(feature = "places")]
-pub(crate) use compressed::Compressed;
+pub use check::{check_count, check_probability, check_slices, check_sum};
+pub use compressed::Compressed;
 pub use constrained::ConstrainedTransition;
-#[cfg(feature = "serde")]
-pub(crate) use constrained::FIXED;
 pub use dense::DenseTransition;
 pub use dwell::{Durations, DwellTransition};
 pub use entries::TransitionEntries;
-pub(crate) use entries::best_of;
+pub use entries::best_of;
 use entries::merge;
 pub use evidence::EvidenceTransition;
-pub use generator::{GeneratorStatistics, GeneratorTransition};
-#[cfg(feature = "places")]
 pub(crate) use jump::{Jumps, scaled, times};
 pub use kronecker::KroneckerTransition;
 pub use learn::LearnTransition;
-pub use logit::{InputCounts, LogitTransition};
-#[cfg(feature = "places")]
 pub(crate) use measured::{Measured, MoveLikelihood};
 pub use moves::{Move, MoveCounts};
-pub(crate) use no_control::NoControl;
+pub use no_control::NoControl;
 pub use operator::Transition;
 pub use power::PowerTransition;
 pub use restart::RestartTransition;
@@ -95,5 +86,5 @@ pub(crate) use stationary::{Stationary, the_control};
 pub use stored::Stored;
 pub use switched::SwitchedTransition;
 pub(crate) use validate::validate;
-use validate::{refuse_evidence, validate_with};
+pub use validate::{refuse_evidence, validate_with};
 pub use window::WindowTransition;

@@ -133,3 +133,11 @@ impl<A: Transition> TransitionEntries for PowerTransition<A> {
         });
     }
 }
+
+#[cfg(feature = "serde")]
+crate::stored! {
+    [A: Transition] PowerTransition<A>: [A], |a| {
+        inner: A = a.inner,
+        exponent: u32 = a.exponent(),
+    } => Ok::<_, std::convert::Infallible>(Self::new(inner, exponent));
+}

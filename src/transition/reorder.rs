@@ -3,9 +3,9 @@
 use super::compressed::Compressed;
 use super::{DenseTransition, SparseTransition, SwitchedTransition};
 use crate::fixed::Fixed;
-use wayfix_kernels::Dense;
 use crate::reorder::{self, ReorderStates};
 use crate::transition::Transition;
+use wayfix_kernels::Dense;
 
 impl ReorderStates for DenseTransition {
     fn reordered(&self, order: &[usize]) -> Self {

@@ -262,3 +262,35 @@ impl<A: LearnTransition> LearnTransition for RestartTransition<A> {
 fn log2_bound(p: f64) -> f64 {
     (p.to_bits() >> 52) as f64 - 1022.0
 }
+
+#[cfg(feature = "serde")]
+crate::stored! {
+    [A: Transition] RestartTransition<A>: [A], |a| {
+        inner: A = a.jumps.inner,
+        keep: f64 = a.jumps.keep,
+        restart: Vec<f64> = a.jumps.to,
+        evidence: Option<f64> = a.jumps.evidence,
+    } => restarting(inner, keep, restart).and_then(|a| a.with_optional_evidence(evidence));
+}
+
+#[cfg(feature = "serde")]
+fn restarting<A: Transition>(
+    inner: A,
+    keep: f64,
+    restart: Vec<f64>,
+) -> Result<RestartTransition<A>, TransitionError> {
+    check_probability(keep, || "the probability of no restart".to_owned())?;
+    let (found, expected) = (restart.len(), inner.states());
+    if found != expected {
+        return Err(TransitionError::PartStates { part: "restart belief", found, expected });
+    }
+    if let Some((state, &value)) = restart.iter().enumerate().find(|(_, p)| p.is_nan() || **p < 0.0)
+    {
+        let what = format!("the probability of a restart in state {state}");
+        let expected = "a finite value of at least 0";
+        return Err(crate::error::Parameter::new(what, value, expected).into());
+    }
+    let sum = keep + restart.iter().sum::<f64>();
+    crate::transition::check::check_one(sum, || "the probability of a restart or none".to_owned())?;
+    Ok(RestartTransition::from_parts(inner, keep, restart))
+}

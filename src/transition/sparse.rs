@@ -6,8 +6,8 @@ use std::sync::OnceLock;
 use super::check::{check_columns_of, check_count, check_rows, check_square};
 use super::compressed::Compressed;
 use crate::error::TransitionError;
-use wayfix_kernels::{EntryValues, Lines, Scores, Sliced, max_step};
 use wayfix_kernels::limits;
+use wayfix_kernels::{EntryValues, Lines, Scores, Sliced, max_step};
 
 /// A sparse transition matrix, stored by rows and by columns with 32-bit indices.
 ///
@@ -97,7 +97,8 @@ impl SparseTransition {
 
     /// Checks triplets, and returns those above 0 as (from, to, value); `wrong` is the error of a
     /// value that is NaN, negative or infinite.
-    pub(super) fn above_zero(
+    #[doc(hidden)]
+    pub fn above_zero(
         states: usize,
         triplets: impl IntoIterator<Item = (usize, usize, f64)>,
         wrong: impl Fn((usize, usize, f64)) -> TransitionError,
@@ -247,14 +248,26 @@ impl SparseTransition {
 }
 
 impl SparseTransition {
+    /// Entries by rows.
+    #[doc(hidden)]
+    #[must_use]
+    pub fn rows(&self) -> &Compressed {
+        &self.rows
+    }
+
+    /// Entries by columns.
+    #[doc(hidden)]
+    #[must_use]
+    pub fn columns(&self) -> &Compressed {
+        &self.columns
+    }
+
     /// Positions of the entries out of a state among all, column by column.
-    #[cfg(feature = "places")]
     pub(crate) fn positions(&self, from: usize) -> std::ops::Range<usize> {
         self.columns.range(from)
     }
 
     /// Number of an entry among those out of a state. O(log entries of the column).
-    #[cfg(feature = "places")]
     pub(crate) fn position(&self, to: usize, from: usize) -> Option<usize> {
         self.columns.indices(from).binary_search_by_key(&to, |index| *index as usize).ok()
     }
@@ -275,4 +288,58 @@ impl SparseTransition {
         let log2 = self.log2.get_or_init(|| self.sliced_rows.log2());
         max_step(&self.sliced_rows, log2, x, likelihoods, next, from)
     }
+}
+
+#[cfg(feature = "serde")]
+use super::{Transition, TransitionEntries};
+
+#[cfg(feature = "serde")]
+crate::stored! {
+    [] SparseTransition: [], |a| {
+        states: usize = a.states(),
+        to: Vec<u32> = entries(a, |to, _, _| to as u32),
+        from: Vec<u32> = entries(a, |_, from, _| from as u32),
+        probability: Vec<f64> = entries(a, |_, _, p| p),
+    } => sparse(states, &to, &from, &probability);
+}
+
+/// Maps each entry (to, from, probability), column by column.
+#[cfg(feature = "serde")]
+fn entries<T>(a: &SparseTransition, part: impl Fn(usize, usize, f64) -> T) -> Vec<T> {
+    let columns = (0..a.states()).map(|from| (from, a.outgoing(&(), from)));
+    let part = &part;
+    columns.flat_map(|(from, column)| column.map(move |(to, p)| part(to, from, p))).collect()
+}
+
+#[cfg(feature = "serde")]
+fn sparse(
+    states: usize,
+    to: &[u32],
+    from: &[u32],
+    probability: &[f64],
+) -> Result<SparseTransition, TransitionError> {
+    for (what, found) in [("from", from.len()), ("probability", probability.len())] {
+        if found != to.len() {
+            let what = format!("the number of values in `{what}`");
+            let expected = "as many as in `to`";
+            return Err(crate::error::Parameter::new(what, found as f64, expected).into());
+        }
+    }
+    if to.len() < states {
+        // Some state has no way out. An error before any allocation keeps a wrong number of
+        // states from exhausting memory.
+        let mut left = vec![false; to.len() + 1];
+        for &from in from {
+            if let Some(left) = left.get_mut(from as usize) {
+                *left = true;
+            }
+        }
+        let column = left.iter().position(|left| !left).unwrap_or(0);
+        return Err(TransitionError::ColumnSum { column, sum: 0.0 });
+    }
+    let entries = to.iter().zip(from).zip(probability);
+    SparseTransition::from_triplets(
+        states,
+        entries.map(|((&to, &from), &p)| (to as usize, from as usize, p)),
+    )
 }

@@ -82,3 +82,10 @@ impl<A: Transition<Control = ()>> Transition for SwitchedTransition<A> {
 impl<A: TransitionEntries<Control = ()>> TransitionEntries for SwitchedTransition<A> {
     delegate!(a, control => a.operators[*control], &(); all_entries);
 }
+
+#[cfg(feature = "serde")]
+crate::stored! {
+    [A: Transition<Control = ()>] SwitchedTransition<A>: [A], |a| {
+        operators: Vec<A> = a.operators,
+    } => Self::new(operators);
+}

@@ -16,7 +16,7 @@ pub(crate) fn validate<A: Transition>(transition: &A) -> Result<(), TransitionEr
 
 /// Checks the operator of a control: its columns sum to one, A' 1 = 1 (but for evidence on
 /// moves), and its two products are transposes, v' (A u) = u' (A' v).
-pub(super) fn validate_with<A: Transition>(
+pub fn validate_with<A: Transition>(
     transition: &A,
     control: &A::Control,
 ) -> Result<(), TransitionError> {
@@ -47,7 +47,7 @@ pub(super) fn validate_with<A: Transition>(
 
 /// Refuses inner operators with evidence, for operators that add moves without a likelihood of
 /// the measurements.
-pub(super) fn refuse_evidence<A: Transition>(
+pub fn refuse_evidence<A: Transition>(
     inner: &A,
     control: &A::Control,
     operator: &str,

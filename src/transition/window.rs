@@ -290,3 +290,17 @@ impl TransitionEntries for WindowTransition {
         self.after().for_each(|column| offer_column(column, out, from));
     }
 }
+
+#[cfg(feature = "serde")]
+crate::stored! {
+    [] WindowTransition: [], |a| {
+        states: usize = a.states(),
+        first: isize = a.first,
+        weights: Vec<f64> = {
+            let mut weights = vec![0.0; a.window.last().map_or(0, |last| last.to + 1)];
+            a.window.iter().for_each(|entry| weights[entry.to] = entry.value);
+            weights
+        },
+        closed: bool = a.closed,
+    } => Self::new(states, first, &weights, closed);
+}

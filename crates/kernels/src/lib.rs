@@ -17,7 +17,11 @@
 //! Unsafe code is in `simd` (instructions), `layout/entries` (indices that were checked before)
 //! and `memory` (a system call). Each block says which invariant it relies on.
 
-#![allow(missing_docs, missing_debug_implementations, reason = "no promise is made to anyone but the crates of this workspace")]
+#![allow(
+    missing_docs,
+    missing_debug_implementations,
+    reason = "no promise is made to anyone but the crates of this workspace"
+)]
 
 mod layout;
 pub mod limits;

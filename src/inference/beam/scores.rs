@@ -4,9 +4,9 @@ use std::f64::consts::LOG2_E;
 
 use crate::inference::pruned::active_set::ActiveSet;
 use crate::inference::step::scores::unlifted_log2;
+use crate::transition::TransitionEntries;
 use wayfix_kernels as kernels;
 use wayfix_kernels::limits::LIFT;
-use crate::transition::TransitionEntries;
 
 /// Upper bound on log2 of an entry without evidence on the move: above 0, since columns may
 /// deviate from one by 1e-9.

@@ -5,10 +5,10 @@ use crate::hmm::Hmm;
 use crate::inference::engines::{choice, few_states};
 use crate::inference::step::scores::{TakenOut, best};
 use crate::inference::step::{Step, Workspace};
-use wayfix_kernels::{Aligned, in_large_pages};
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::TransitionEntries;
+use wayfix_kernels::{Aligned, in_large_pages};
 
 /// The most probable path of hidden states, and its probability.
 ///

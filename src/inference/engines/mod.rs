@@ -3,4 +3,4 @@
 pub(crate) mod choice;
 pub(crate) mod few_states;
 pub(crate) mod lanes;
-pub(crate) mod parallel;
+pub mod parallel;

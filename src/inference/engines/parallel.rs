@@ -5,7 +5,7 @@ use std::sync::{Mutex, PoisonError};
 
 /// Maps items, each by one thread with memory of its own. Each result is computed by one thread,
 /// and does not depend on the number of threads.
-pub(crate) fn map<T: Send, M: Default, R: Send>(
+pub fn map<T: Send, M: Default, R: Send>(
     items: Vec<T>,
     work: impl Fn(T, &mut M) -> R + Sync,
 ) -> Vec<R> {
@@ -25,7 +25,7 @@ pub(crate) fn map<T: Send, M: Default, R: Send>(
 /// Works on items, and takes the results in the order of the items, on the thread of the caller,
 /// until there are none left or `take` breaks. At most `ahead` items for each thread are under
 /// way or wait to be taken.
-pub(crate) fn in_order<T: Send, R: Send, Stop>(
+pub fn in_order<T: Send, R: Send, Stop>(
     mut items: impl Iterator<Item = T>,
     ahead: usize,
     work: impl Fn(T) -> R + Sync,
@@ -44,7 +44,7 @@ pub(crate) fn in_order<T: Send, R: Send, Stop>(
 
 /// Memory that is not in use, for whichever thread needs it next.
 #[derive(Debug)]
-pub(crate) struct MemoryPool<T>(Mutex<Vec<T>>);
+pub struct MemoryPool<T>(Mutex<Vec<T>>);
 
 impl<T> Default for MemoryPool<T> {
     fn default() -> Self {
@@ -61,12 +61,12 @@ impl<T> Clone for MemoryPool<T> {
 
 impl<T> MemoryPool<T> {
     /// Takes some memory out, if there is any.
-    pub(crate) fn pop(&self) -> Option<T> {
+    pub fn pop(&self) -> Option<T> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).pop()
     }
 
     /// Puts memory back.
-    pub(crate) fn push(&self, memory: T) {
+    pub fn push(&self, memory: T) {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).push(memory);
     }
 }
@@ -93,7 +93,7 @@ mod threads {
         }
     }
 
-    pub(crate) fn in_order<T: Send, R: Send, Stop>(
+    pub fn in_order<T: Send, R: Send, Stop>(
         items: &mut impl Iterator<Item = T>,
         ahead: usize,
         work: &(impl Fn(T) -> R + Sync),

@@ -245,7 +245,8 @@ where
 
 impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     /// Log density of the priors that the options and the parts stand for, without its constant.
-    pub(super) fn log_prior(&self, learning: &LearningOptions) -> f64 {
+    #[doc(hidden)]
+    pub fn log_prior(&self, learning: &LearningOptions) -> f64 {
         let prior = if learning.keep_prior || learning.prior_pseudo_count == 0.0 {
             0.0
         } else {

@@ -12,10 +12,10 @@ use crate::inference::engines::choice;
 use crate::inference::engines::lanes::{Group, LaneExpectations, LaneMemory, LaneModel};
 use crate::inference::engines::parallel;
 use crate::inference::sequences::smooth_each::Order;
-use wayfix_kernels::LANES;
 use crate::likelihood::LearnLikelihood;
 use crate::sequence::{Sequence, by_length};
 use crate::transition::LearnTransition;
+use wayfix_kernels::LANES;
 
 /// # Learning in parts
 impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
@@ -67,7 +67,8 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
 
     /// Returns the expectations of sequences with their indices, added up, and the errors of those
     /// that have none.
-    pub(crate) fn expectations_of<S>(
+    #[doc(hidden)]
+    pub fn expectations_of<S>(
         &self,
         sequences: &[(usize, &S)],
     ) -> (Expectations<B, A::Statistics>, Vec<SequenceError>)

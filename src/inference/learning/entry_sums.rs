@@ -8,9 +8,9 @@ use std::ops::Range;
 
 use crate::hmm::Hmm;
 use crate::inference::step::in_logs::BeliefRef;
-use wayfix_kernels::{self as kernels, Lines, exp_in_place};
 use crate::likelihood::LearnLikelihood;
 use crate::transition::{LearnTransition, MoveCounts};
+use wayfix_kernels::{self as kernels, Lines, exp_in_place};
 
 /// Sums of ξ over steps, for each entry of a matrix.
 pub(super) struct EntrySums<'m> {

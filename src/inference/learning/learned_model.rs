@@ -50,7 +50,8 @@ impl Default for LearningOptions {
 }
 
 impl LearningOptions {
-    pub(crate) fn check(&self) -> Result<(), LearnError> {
+    #[doc(hidden)]
+    pub fn check(&self) -> Result<(), LearnError> {
         for (what, value) in [
             ("tolerance", self.tolerance),
             ("pseudo-count of the prior", self.prior_pseudo_count),

@@ -274,6 +274,8 @@ macro_rules! pruned_fields {
         }
     };
 }
-#[cfg(feature = "serde")]
-pub(crate) use pruned_fields;
 pruned_fields!(in_bytes);
+#[cfg(feature = "serde")]
+use crate::inference::streams::format::with_names;
+#[cfg(feature = "serde")]
+pruned_fields!(with_names);

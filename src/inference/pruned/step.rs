@@ -18,8 +18,8 @@ use crate::hmm::Hmm;
 use crate::inference::step::Step;
 use crate::inference::step::state::next_step;
 use crate::likelihood::{Diagonal, LocalLikelihood, Scratch, check_local};
-use wayfix_kernels::limits;
 use crate::transition::{NoControl, TransitionEntries};
+use wayfix_kernels::limits;
 
 /// Largest part of the tolerance that a step may drop, and the first one. It is so small because
 /// an observation that contradicts the belief multiplies the dropped mass, and because ten times

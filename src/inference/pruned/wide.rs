@@ -4,8 +4,8 @@ use super::advance::Sums;
 use super::envelope::{Envelope, PRUNED_LIFT};
 use super::moves::{Bounds, Moves};
 use crate::inference::pruned::active_set::ActiveSet;
-use wayfix_kernels::Aligned;
 use crate::transition::Transition;
+use wayfix_kernels::Aligned;
 
 /// Share of all states above which products go through the whole matrix: at this share they take
 /// about as long as listing the states and looking up each entry, on 27,143 places with five

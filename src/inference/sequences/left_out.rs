@@ -14,11 +14,11 @@ use crate::sequence::Sequence;
 use crate::transition::Transition;
 
 /// Distributions of X_k for k = 1 … T, a row of n numbers each.
-pub(crate) struct LeftOut {
+pub struct LeftOut {
     /// p(X_k | y_1 … y_{k-1})
-    pub(crate) predicted: Vec<f64>,
+    pub predicted: Vec<f64>,
     /// p(X_k | y_1 … y_{k-1}, y_{k+1} … y_T)
-    pub(crate) others: Vec<f64>,
+    pub others: Vec<f64>,
 }
 
 /// Returns both distributions of all steps. One product with A a step, and one with A' in logarithms.
@@ -26,7 +26,7 @@ pub(crate) struct LeftOut {
 /// # Errors
 ///
 /// [`InferenceError`] with the step, as for the smoother.
-pub(crate) fn left_out<A, B, S>(hmm: &Hmm<A, B>, sequence: &S) -> Result<LeftOut, InferenceError>
+pub fn left_out<A, B, S>(hmm: &Hmm<A, B>, sequence: &S) -> Result<LeftOut, InferenceError>
 where
     A: Transition,
     B: Likelihood,

@@ -13,10 +13,10 @@ use crate::error::SequenceError;
 use crate::hmm::Hmm;
 use crate::inference::decoding::viterbi::ViterbiPath;
 use crate::inference::engines::lanes::{self, LaneRoutine};
-use wayfix_kernels::LANES;
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::{Transition, TransitionEntries};
+use wayfix_kernels::LANES;
 
 /// # Many sequences
 ///

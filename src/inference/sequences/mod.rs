@@ -1,7 +1,6 @@
 //! Posteriors of whole sequences, one or many, paths drawn from them, and simulation.
 
 pub(crate) mod forward;
-#[cfg(feature = "emission")]
 pub(crate) mod left_out;
 pub(crate) mod many_sequences;
 pub(crate) mod pairwise;

@@ -6,9 +6,9 @@ use std::ops::Range;
 
 use crate::error::InferenceError;
 use crate::inference::step::in_logs::BeliefRef;
+use crate::transition::{LearnTransition, Move, MoveCounts, Transition, TransitionEntries, log};
 use wayfix_kernels as kernels;
 use wayfix_kernels::limits;
-use crate::transition::{LearnTransition, Move, MoveCounts, Transition, TransitionEntries, log};
 
 /// Pairwise posterior p(X_{k-1} = j, X_k = i | y_1 … y_T) of one step k, as a product that is
 /// never stored: α_{k-1}(j) A\[i, j\] γ_k(i) / p_k(i).

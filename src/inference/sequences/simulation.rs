@@ -157,8 +157,7 @@ impl<A: TransitionEntries<Control = ()>, B: SampleNext> Hmm<A, B> {
     /// [`simulate`](Self::simulate).
     ///
     /// ```
-    /// # #[cfg(feature = "emission")]
-    /// # {
+    /// #    /// # {
     /// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
     /// use wayfix::emission::LinearRegression;
     /// use wayfix::{Belief, DenseTransition, Hmm, Prior};

@@ -21,10 +21,10 @@
 use super::Step;
 use super::in_logs::{BeliefRef, normalize_logs};
 use crate::error::InferenceError;
-use wayfix_kernels::{self as kernels, Aligned, BackwardStep, Product};
 use crate::likelihood::{Likelihood, Scratch};
-use wayfix_kernels::limits::{self, BACK_LIFT, LIFT};
 use crate::transition::Transition;
+use wayfix_kernels::limits::{self, BACK_LIFT, LIFT};
+use wayfix_kernels::{self as kernels, Aligned, BackwardStep, Product};
 
 /// Memory for backward steps, and what the last one left besides γ_{k-1}.
 #[derive(Debug, Clone)]

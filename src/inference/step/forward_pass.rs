@@ -12,10 +12,10 @@ use super::in_logs::BeliefRef;
 use super::state::{BeliefForm, FilterSnapshot, StepScratch};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use wayfix_kernels::in_large_pages;
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::Transition;
+use wayfix_kernels::in_large_pages;
 
 /// Distributions over n states, one after the other.
 #[derive(Debug, Clone)]

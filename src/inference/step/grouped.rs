@@ -7,10 +7,10 @@ use super::in_logs::BeliefRef;
 use super::state::{BeliefForm, LiftedBelief, StepOutput};
 use super::{Step, holds};
 use crate::groups::Groups;
-use wayfix_kernels::{self as kernels, ForwardStep, ForwardSums, Product, Watch};
 use crate::likelihood::{Diagonal, Likelihood};
-use wayfix_kernels::limits;
 use crate::transition::Transition;
+use wayfix_kernels::limits;
+use wayfix_kernels::{self as kernels, ForwardStep, ForwardSums, Product, Watch};
 
 /// Number of likelihoods of one group that are multiplied at a time.
 const REPEATED: usize = 512;

@@ -10,10 +10,10 @@ use std::f64::consts::LN_2;
 use super::Step;
 use super::state::{BeliefForm, StepOutcome, StepOutput};
 use crate::error::InferenceError;
-use wayfix_kernels::{self as kernels, Valid};
 use crate::likelihood::{Diagonal, Likelihood};
-use wayfix_kernels::limits::{self, LIFT};
 use crate::transition::{Transition, TransitionEntries};
+use wayfix_kernels::limits::{self, LIFT};
+use wayfix_kernels::{self as kernels, Valid};
 
 /// A distribution, also as logarithms if it has positive values outside the range of `f64`.
 #[derive(Debug, Clone, Copy)]
@@ -24,7 +24,8 @@ pub(crate) struct BeliefRef<'a> {
 
 impl BeliefRef<'_> {
     /// Returns the logarithm of one probability.
-    pub(crate) fn log(&self, state: usize) -> f64 {
+    #[doc(hidden)]
+    pub fn log(&self, state: usize) -> f64 {
         self.logs.map_or_else(|| self.linear[state].ln(), |logs| logs[state])
     }
 

@@ -22,11 +22,11 @@ use self::in_logs::BeliefRef;
 use self::state::{BeliefForm, LiftedBelief, StepOutcome, StepOutput, StepScratch};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use wayfix_kernels::{self as kernels, ForwardStep, ForwardSums, Product, Watch};
 use crate::likelihood::{Diagonal, Likelihood, Values};
-use wayfix_kernels::limits::{self, LIFT};
 use crate::sequence::Sequence;
 use crate::transition::{SparseTransition, Stored, Transition};
+use wayfix_kernels::limits::{self, LIFT};
+use wayfix_kernels::{self as kernels, ForwardStep, ForwardSums, Product, Watch};
 
 pub(crate) use self::state::Workspace;
 

@@ -6,10 +6,10 @@ use super::in_logs::{BeliefRef, loses, normalize_logs};
 use super::state::{BeliefForm, StepOutcome, StepOutput, StepScratch};
 use super::{Likelihoods, Step};
 use crate::error::InferenceError;
-use wayfix_kernels::{self as kernels, Valid};
 use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
-use wayfix_kernels::limits::{self, LIFT};
 use crate::transition::{Transition, TransitionEntries};
+use wayfix_kernels::limits::{self, LIFT};
+use wayfix_kernels::{self as kernels, Valid};
 
 impl<A: Transition, B: Likelihood> Step<'_, A, B> {
     /// Returns true if entries of a step with evidence are outside the range of `f64`.

@@ -7,10 +7,10 @@ use std::f64::consts::{LN_2, LOG2_E};
 use super::{Step, Workspace};
 use crate::error::InferenceError;
 use crate::inference::LogSum;
-use wayfix_kernels::{self as kernels, Scores, ScoresIn};
 use crate::likelihood::{Diagonal, Likelihood, Values};
-use wayfix_kernels::limits::{self, LIFT};
 use crate::transition::TransitionEntries;
+use wayfix_kernels::limits::{self, LIFT};
+use wayfix_kernels::{self as kernels, Scores, ScoresIn};
 
 /// Amounts taken out of the scores.
 #[derive(Debug, Clone, Default, PartialEq)]

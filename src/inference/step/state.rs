@@ -11,14 +11,13 @@ use std::mem;
 use super::Step;
 use super::in_logs::BeliefRef;
 use crate::error::InferenceError;
-use wayfix_kernels::{self as kernels, Aligned};
 use crate::likelihood::{Likelihood, Scratch};
-use wayfix_kernels::limits::LIFTED_STEPS;
 use crate::transition::{Transition, buffers};
+use wayfix_kernels::limits::LIFTED_STEPS;
+use wayfix_kernels::{self as kernels, Aligned};
 
 /// Largest number of steps of a filter or snapshot: an `f64` can count them.
-pub(crate) const MOST_STEPS: usize =
-    if usize::BITS > 53 { (1_u64 << 53) as usize } else { usize::MAX };
+pub const MOST_STEPS: usize = if usize::BITS > 53 { (1_u64 << 53) as usize } else { usize::MAX };
 
 /// Returns the number of the step after `steps` steps.
 pub(crate) fn next_step(steps: usize) -> Result<usize, InferenceError> {
@@ -27,14 +26,15 @@ pub(crate) fn next_step(steps: usize) -> Result<usize, InferenceError> {
 
 /// Compensated sum of many logarithms (Neumaier 1974), so that a million steps do not drift.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(crate) struct LogSum {
+pub struct LogSum {
     pub(crate) sum: f64,
     pub(crate) lost: f64,
 }
 
 impl LogSum {
     #[inline]
-    pub(crate) fn add(&mut self, value: f64) {
+    #[doc(hidden)]
+    pub fn add(&mut self, value: f64) {
         let sum = self.sum + value;
         // With the larger one first, this difference is the rounding of the sum, exactly.
         self.lost += if self.sum.abs() >= value.abs() {
@@ -55,7 +55,8 @@ impl LogSum {
         self.sum.is_finite() && (self.sum + self.lost).is_finite()
     }
 
-    pub(crate) fn value(self) -> f64 {
+    #[doc(hidden)]
+    pub fn value(self) -> f64 {
         // An infinite sum has no meaningful compensation.
         if self.sum.is_finite() { self.sum + self.lost } else { self.sum }
     }

@@ -25,7 +25,7 @@ const KINDS: [(Kind, &str); 5] = [
 ];
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Kind {
+pub enum Kind {
     Filter = 1,
     FixedLag = 2,
     Pruned = 3,
@@ -52,40 +52,40 @@ fn checksum(bytes: &[u8]) -> u64 {
     words.fold(bytes.len() as u64, add)
 }
 
-pub(crate) struct Writer {
-    pub(super) bytes: Vec<u8>,
+pub struct Writer {
+    pub bytes: Vec<u8>,
 }
 
 impl Writer {
-    pub(crate) fn new(kind: Kind) -> Self {
+    pub fn new(kind: Kind) -> Self {
         Self { bytes: [MAGIC, &[kind as u8, VERSION]].concat() }
     }
 
     /// Returns the bytes of a whole state.
-    pub(crate) fn whole(kind: Kind, write: impl FnOnce(&mut Self)) -> Vec<u8> {
+    pub fn whole(kind: Kind, write: impl FnOnce(&mut Self)) -> Vec<u8> {
         let mut writer = Self::new(kind);
         write(&mut writer);
         writer.finish()
     }
 
-    pub(crate) fn word(&mut self, value: u64) {
+    pub fn word(&mut self, value: u64) {
         self.bytes.extend(value.to_le_bytes());
     }
 
-    pub(crate) fn integer(&mut self, value: usize) {
+    pub fn integer(&mut self, value: usize) {
         self.word(value as u64);
     }
 
-    pub(crate) fn double(&mut self, value: f64) {
+    pub fn double(&mut self, value: f64) {
         self.bytes.extend(value.to_bits().to_le_bytes());
     }
 
-    pub(crate) fn log_sum(&mut self, LogSum { sum, lost }: LogSum) {
+    pub fn log_sum(&mut self, LogSum { sum, lost }: LogSum) {
         [sum, lost].into_iter().for_each(|value| self.double(value));
     }
 
     /// Writes numbers, most of which may be `usual`.
-    pub(crate) fn doubles(&mut self, values: &[f64], usual: f64) {
+    pub fn doubles(&mut self, values: &[f64], usual: f64) {
         // By bits: −0 is not 0, and a NaN is one value.
         let is_usual = |value: &f64| value.to_bits() == usual.to_bits();
         let others = values.iter().filter(|value| !is_usual(value));
@@ -99,21 +99,21 @@ impl Writer {
         others.for_each(|value| self.double(*value));
     }
 
-    pub(crate) fn finish(mut self) -> Vec<u8> {
+    pub fn finish(mut self) -> Vec<u8> {
         let sum = checksum(&self.bytes);
         self.bytes.extend(sum.to_le_bytes());
         self.bytes
     }
 }
 
-pub(crate) struct Reader<'a> {
+pub struct Reader<'a> {
     /// All bytes before the checksum.
     bytes: &'a [u8],
     at: usize,
 }
 
 impl<'a> Reader<'a> {
-    pub(crate) fn new(bytes: &'a [u8], kind: Kind) -> Result<Self, SnapshotError> {
+    pub fn new(bytes: &'a [u8], kind: Kind) -> Result<Self, SnapshotError> {
         // In this order, so that a message names the first difference: bytes of something else,
         // of a later version, of another state, and only then damage.
         let Some((header, _)) = bytes.split_first_chunk::<HEADER>() else {
@@ -147,7 +147,7 @@ impl<'a> Reader<'a> {
 
     /// Reads a whole state, and checks that no bytes are left, which says more than a number that
     /// is wrong for that reason.
-    pub(crate) fn whole<T>(
+    pub fn whole<T>(
         bytes: &'a [u8],
         kind: Kind,
         read: impl FnOnce(&mut Self) -> Result<T, SnapshotError>,
@@ -158,7 +158,7 @@ impl<'a> Reader<'a> {
         Ok(state)
     }
 
-    pub(crate) fn take(&mut self, count: usize) -> Result<&'a [u8], SnapshotError> {
+    pub fn take(&mut self, count: usize) -> Result<&'a [u8], SnapshotError> {
         // A count from damaged bytes may be anything up to 2^64.
         let end = self.at.saturating_add(count);
         let found = self.bytes.get(self.at..end).ok_or(SnapshotError::Length {
@@ -169,7 +169,7 @@ impl<'a> Reader<'a> {
         Ok(found)
     }
 
-    pub(crate) fn words(
+    pub fn words(
         &mut self,
         count: usize,
     ) -> Result<impl Iterator<Item = u64> + use<'a>, SnapshotError> {
@@ -177,26 +177,26 @@ impl<'a> Reader<'a> {
         Ok(bytes.as_chunks::<8>().0.iter().map(|word| u64::from_le_bytes(*word)))
     }
 
-    pub(crate) fn word(&mut self) -> Result<u64, SnapshotError> {
+    pub fn word(&mut self) -> Result<u64, SnapshotError> {
         Ok(self.words(1)?.fold(0, |_, word| word))
     }
 
-    pub(crate) fn integer(&mut self) -> Result<usize, SnapshotError> {
+    pub fn integer(&mut self) -> Result<usize, SnapshotError> {
         let found = self.word()?;
         usize::try_from(found).map_err(|_| contents(format!("{found} is beyond a usize")))
     }
 
-    pub(crate) fn double(&mut self) -> Result<f64, SnapshotError> {
+    pub fn double(&mut self) -> Result<f64, SnapshotError> {
         Ok(f64::from_bits(self.word()?))
     }
 
-    pub(crate) fn log_sum(&mut self) -> Result<LogSum, SnapshotError> {
+    pub fn log_sum(&mut self) -> Result<LogSum, SnapshotError> {
         Ok(LogSum { sum: self.double()?, lost: self.double()? })
     }
 
     /// Reads numbers written by [`Writer::doubles`]. Allocates at most 64 times the length of the
     /// bytes.
-    pub(crate) fn doubles(&mut self, usual: f64) -> Result<Vec<f64>, SnapshotError> {
+    pub fn doubles(&mut self, usual: f64) -> Result<Vec<f64>, SnapshotError> {
         let count = self.integer()?;
         // The masks are there, or this fails: so no damaged count makes a vector of any size.
         let masks = self.words(count.div_ceil(64))?;
@@ -214,7 +214,7 @@ impl<'a> Reader<'a> {
         Ok(values)
     }
 
-    pub(crate) fn finish(&self) -> Result<(), SnapshotError> {
+    pub fn finish(&self) -> Result<(), SnapshotError> {
         match self.bytes.len() - self.at {
             0 => Ok(()),
             found => {
@@ -225,6 +225,6 @@ impl<'a> Reader<'a> {
     }
 }
 
-pub(crate) fn contents(reason: String) -> SnapshotError {
+pub fn contents(reason: String) -> SnapshotError {
     SnapshotError::Contents { reason }
 }

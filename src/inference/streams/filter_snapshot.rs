@@ -72,6 +72,23 @@ impl FilterSnapshot {
         self.log_likelihood.value()
     }
 
+    /// True if a state may be the true one, also where its probability is below the range of doubles.
+    #[doc(hidden)]
+    #[must_use]
+    pub fn is_possible(&self, state: usize) -> bool {
+        self.held().log(state) > f64::NEG_INFINITY
+    }
+
+    /// Replaces the belief, its logarithms if there are any (with −∞ for nothing), and the number
+    /// of steps, for models that get more states. A filter checks the result when it is restored.
+    #[doc(hidden)]
+    #[must_use]
+    pub fn remade(&self, steps: usize, mut values: impl FnMut(&[f64], f64) -> Vec<f64>) -> Self {
+        let belief = Aligned::from(values(&self.belief, 0.0));
+        let logs = values(&self.logs, f64::NEG_INFINITY);
+        Self { steps, belief, logs, ..self.clone() }
+    }
+
     /// Memory on the heap, in bytes, besides the snapshot itself: 8 for each state, or 16 if the
     /// belief is also held as logarithms. (That of a filter has room for steps.)
     #[must_use]
@@ -171,6 +188,8 @@ macro_rules! filter_fields {
         }
     };
 }
-#[cfg(feature = "serde")]
-pub(crate) use filter_fields;
 filter_fields!(in_bytes);
+#[cfg(feature = "serde")]
+use crate::inference::streams::format::with_names;
+#[cfg(feature = "serde")]
+filter_fields!(with_names);

@@ -182,3 +182,12 @@ impl<U> FixedLagSnapshot<U> {
         Self::checked(lag, present, past).map_err(contents)
     }
 }
+
+#[cfg(feature = "serde")]
+crate::stored! {
+    [U] FixedLagSnapshot<U>: [U], |state| {
+        lag: usize = state.window.lag,
+        present: FilterSnapshot = state.present,
+        past: VecDeque<(FilterSnapshot, U)> = state.window.past,
+    } => self::FixedLagSnapshot::checked(lag, present, past);
+}

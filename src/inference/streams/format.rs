@@ -1,6 +1,6 @@
 //! Formats of states. A state lists its fields once, in a macro that hands the list on: to
-//! [`in_bytes`] for its [bytes](super::bytes), and, with the feature `serde`, to the module
-//! `persistence` for formats with names. A field of the list is
+//! [`in_bytes`] for its [bytes](super::bytes), and, with the feature `serde`, to
+//! [`with_names`] for formats with names. A field of the list is
 //! `name: type with names = codec(path in the state)`, in the order of formats with names; the
 //! order in bytes follows.
 
@@ -171,3 +171,24 @@ macro_rules! in_bytes {
     };
 }
 pub(crate) use in_bytes;
+
+/// Stores a state with a list of fields, by their names.
+#[cfg(feature = "serde")]
+macro_rules! with_names {
+    (
+        $state:ident, {$($name:ident: $data:ty = $codec:ident($($path:ident).+),)*}
+        bytes: $($next:ident),*
+    ) => {
+        crate::stored! {
+            [] $state: [], |state| {
+                $($name: $data = ($codec.data)(&state.$($path).+),)*
+            } => {
+                let mut state = self::$state::blank();
+                $(state.$($path).+ = ($codec.value)($name);)*
+                state.checked()
+            };
+        }
+    };
+}
+#[cfg(feature = "serde")]
+pub(crate) use with_names;

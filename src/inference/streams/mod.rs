@@ -1,6 +1,6 @@
 //! Live routines, one observation at a time, and their states as plain data.
 
-pub(crate) mod bytes;
+pub mod bytes;
 pub(crate) mod filter;
 pub(crate) mod filter_snapshot;
 pub(crate) mod fixed_lag;

@@ -214,6 +214,8 @@ macro_rules! online_viterbi_fields {
         }
     };
 }
-#[cfg(feature = "serde")]
-pub(crate) use online_viterbi_fields;
 online_viterbi_fields!(in_bytes);
+#[cfg(feature = "serde")]
+use crate::inference::streams::format::with_names;
+#[cfg(feature = "serde")]
+online_viterbi_fields!(with_names);

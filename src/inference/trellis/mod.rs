@@ -4,12 +4,10 @@
 mod k_best;
 mod smooth;
 mod viterbi;
-#[cfg(feature = "matching")]
 mod window;
 
 pub use smooth::SmoothedTrellis;
-#[cfg(feature = "matching")]
-pub(crate) use smooth::TrellisForward;
+pub use smooth::TrellisForward;
 
 use crate::error::InferenceError;
 use crate::inference::LogSum;
@@ -190,7 +188,8 @@ impl Trellis {
 
     /// Computes ln p(X_k = i | y_1 … y_k) for the states of a step from that of the step before.
     /// Returns what was taken out, with a sum of −∞ if nothing is possible.
-    pub(crate) fn forward_step(&self, step: usize, before: &[f64], out: &mut Vec<f64>) -> Scale {
+    #[doc(hidden)]
+    pub fn forward_step(&self, step: usize, before: &[f64], out: &mut Vec<f64>) -> Scale {
         out.clear();
         // The largest weight and the largest log-likelihood come out before anything is added:
         // beside numbers of 1e5 small differences would lose their digits. Of states that are
@@ -231,7 +230,7 @@ impl Trellis {
 /// Logarithms taken out of a step, before they could take digits from the others: the largest
 /// weight, the largest log-likelihood, and that of the sum that is left.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Scale {
+pub struct Scale {
     weight: f64,
     likelihood: f64,
     sum: f64,
@@ -239,12 +238,14 @@ pub(crate) struct Scale {
 
 impl Scale {
     /// ln p(y_k | y_1 … y_{k-1}).
-    pub(crate) fn log(self) -> f64 {
+    #[doc(hidden)]
+    pub fn log(self) -> f64 {
         (self.weight + self.likelihood) + self.sum
     }
 
     /// Adds ln p(y_k | y_1 … y_{k-1}) to a sum, without rounding it first.
-    pub(crate) fn add_to(self, sum: &mut LogSum) {
+    #[doc(hidden)]
+    pub fn add_to(self, sum: &mut LogSum) {
         [self.weight, self.likelihood, self.sum].into_iter().for_each(|log| sum.add(log));
     }
 }

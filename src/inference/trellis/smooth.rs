@@ -21,18 +21,15 @@ pub struct SmoothedTrellis {
 /// Forward pass over a trellis: filtered logarithms of all its states, and what was taken out of
 /// each step. Who grows a trellis by the filtered distribution of its last step has it already.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct TrellisForward {
+pub struct TrellisForward {
     log_filtered: Vec<f64>,
     scales: Vec<Scale>,
 }
 
 impl TrellisForward {
     /// Adds the result of [`Trellis::forward_step`] for the next step.
-    pub(crate) fn push(
-        &mut self,
-        log_filtered: &[f64],
-        scale: Scale,
-    ) -> Result<(), InferenceError> {
+    #[doc(hidden)]
+    pub fn push(&mut self, log_filtered: &[f64], scale: Scale) -> Result<(), InferenceError> {
         self.scales.push(scale);
         if scale.sum == f64::NEG_INFINITY {
             return Err(InferenceError::Impossible { step: self.scales.len() });
@@ -61,7 +58,8 @@ impl Trellis {
     }
 
     /// Computes the smoothed distributions after a forward pass over all steps.
-    pub(crate) fn smooth_after(&self, forward: TrellisForward) -> SmoothedTrellis {
+    #[doc(hidden)]
+    pub fn smooth_after(&self, forward: TrellisForward) -> SmoothedTrellis {
         let TrellisForward { log_filtered, scales } = forward;
         let mut steps = self.steps.clone();
         steps.push(self.log_likelihoods.len());

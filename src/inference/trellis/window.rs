@@ -5,7 +5,8 @@ use super::Trellis;
 impl Trellis {
     /// Removes the first step. The next becomes the first, with the logarithms of a distribution
     /// of its states in place of all that was before.
-    pub(crate) fn remove_first(&mut self, log_distribution: &[f64]) {
+    #[doc(hidden)]
+    pub fn remove_first(&mut self, log_distribution: &[f64]) {
         let (first, second) = (self.range(1).end, self.range(2).end);
         let moves = self.moves[second] as usize;
         self.steps.remove(0);
@@ -23,7 +24,8 @@ impl Trellis {
     }
 
     /// Removes the last step, whose states may not all be there.
-    pub(crate) fn remove_last(&mut self) {
+    #[doc(hidden)]
+    pub fn remove_last(&mut self) {
         let Some(first) = self.steps.pop() else { return };
         self.log_likelihoods.truncate(first);
         self.moves.truncate(first + 1);
@@ -33,7 +35,8 @@ impl Trellis {
     }
 
     /// Gives back memory that is not in use, if it is much.
-    pub(crate) fn shrink(&mut self) {
+    #[doc(hidden)]
+    pub fn shrink(&mut self) {
         if self.from.capacity() > self.from.len() + self.from.len() / 4 + 16 {
             self.from.shrink_to_fit();
             self.log_weights.shrink_to_fit();
@@ -43,7 +46,8 @@ impl Trellis {
     }
 
     /// Bytes of memory beside the value itself.
-    pub(crate) fn bytes(&self) -> usize {
+    #[doc(hidden)]
+    pub fn bytes(&self) -> usize {
         let doubles = self.log_likelihoods.capacity() + self.log_weights.capacity();
         let indices = 2 * self.steps.capacity() + self.moves.capacity();
         doubles * size_of::<f64>() + (indices + self.from.capacity()) * size_of::<u32>()

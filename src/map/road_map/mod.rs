@@ -6,7 +6,6 @@ mod builder;
 mod csv;
 mod graph;
 mod map;
-mod of_network;
 mod report;
 mod shortest;
 

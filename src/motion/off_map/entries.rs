@@ -3,8 +3,8 @@
 use std::iter::once;
 
 use super::OffMapTransition;
-use wayfix_kernels::log2;
 use crate::transition::{Transition, TransitionEntries, best_of, check_slices};
+use wayfix_kernels::log2;
 
 impl<A: Transition> OffMapTransition<A> {
     /// Lists a row, given its moves on the map: `entry` makes entries of probabilities, and those

@@ -6,10 +6,10 @@ mod entries;
 use crate::belief::Belief;
 use crate::error::TransitionError;
 use crate::groups::Groups;
-use wayfix_kernels as kernels;
 use crate::transition::{
     Jumps, Transition, check_count, check_probability, check_slices, delegate, log, scaled, times,
 };
+use wayfix_kernels as kernels;
 
 /// An operator with one more state, the last one: off the map, or at a new place. For a vehicle
 /// that may leave the map and come back, and for a camera whose view may match no place.
@@ -226,4 +226,32 @@ impl<A: Transition> Transition for OffMapTransition<A> {
         self.jumps.inner.needs_logs(control)
             || self.jumps.need_logs(control, &[self.leave, self.stay])
     }
+}
+
+#[cfg(feature = "serde")]
+crate::stored! {
+    [A: Transition] OffMapTransition<A>: [A], |a| {
+        inner: A = a.jumps.inner,
+        leave: f64 = a.leave,
+        stay: f64 = a.stay,
+        back: Vec<f64> = a.jumps.to,
+        evidence: Option<f64> = a.jumps.evidence,
+    } => off_map(inner, leave, stay, back).and_then(|a| a.with_optional_evidence(evidence));
+}
+
+#[cfg(feature = "serde")]
+fn off_map<A: Transition>(
+    inner: A,
+    leave: f64,
+    stay: f64,
+    back: Vec<f64>,
+) -> Result<OffMapTransition<A>, TransitionError> {
+    check_probability(leave, || "the rate of leaving".to_owned())?;
+    check_probability(stay, || "the probability of no return".to_owned())?;
+    for (state, &p) in back.iter().enumerate() {
+        check_probability(p, || format!("the probability of a return to state {state}"))?;
+    }
+    let sum = stay + back.iter().sum::<f64>();
+    crate::transition::check::check_one(sum, || "the probability of a return or none".to_owned())?;
+    OffMapTransition::from_parts(inner, leave, stay, back)
 }

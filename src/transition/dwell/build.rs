@@ -3,8 +3,8 @@
 use super::{Durations, DwellTransition};
 use crate::error::{Parameter, TransitionError};
 use crate::groups::Groups;
-use wayfix_kernels::log2;
 use crate::transition::{Transition, check_count, check_probability, check_sum};
+use wayfix_kernels::log2;
 
 impl<A: Transition> DwellTransition<A> {
     /// Creates the operator from distributions of dwell times:

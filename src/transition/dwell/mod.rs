@@ -241,3 +241,46 @@ impl<A: Transition> Transition for DwellTransition<A> {
         super::refuse_evidence(&self.moves, control, "DwellTransition")
     }
 }
+
+#[cfg(feature = "serde")]
+crate::stored! {
+    [A: Transition] DwellTransition<A>: [A], |a| {
+        moves: A = a.moves,
+        ages: Vec<Vec<(f64, f64)>> = {
+            let age = |state: usize| (a.leave[state], a.stay[state]);
+            a.ranges().map(|(_, states)| states.map(age).collect()).collect::<Vec<Vec<_>>>()
+        },
+        durations: Vec<Durations> = a.durations,
+    } => dwelling(moves, ages, &durations);
+}
+
+#[cfg(feature = "serde")]
+fn dwelling<A: Transition>(
+    moves: A,
+    ages: Vec<Vec<(f64, f64)>>,
+    durations: &[Durations],
+) -> Result<DwellTransition<A>, TransitionError> {
+    if let ([_, ..], Some(first)) = (durations, ages.first()) {
+        let place = ages.iter().position(|ages| ages.len() != first.len());
+        if let Some(place) = place.or((ages.len() != durations.len()).then_some(durations.len())) {
+            let what = format!("the number of ages of place {place}");
+            let found = ages.get(place).map_or(0, Vec::len);
+            return Err(Parameter::new(what, found as f64, "the same in all places").into());
+        }
+        return DwellTransition::from_durations(moves, durations, first.len());
+    }
+    for (place, ages) in ages.iter().enumerate() {
+        if ages.is_empty() {
+            let what = format!("the number of ages of place {place}");
+            return Err(Parameter::new(what, 0.0, "at least 1").into());
+        }
+        for (&(leave, stay), steps) in ages.iter().zip(1..) {
+            let what =
+                |verb: &str| format!("the probability of {verb} place {place} after {steps} steps");
+            crate::transition::check_probability(leave, || what("leaving"))?;
+            crate::transition::check_probability(stay, || what("staying in"))?;
+            crate::transition::check::check_one(leave + stay, || what("leaving or staying in"))?;
+        }
+    }
+    DwellTransition::from_ages(moves, ages)
+}

@@ -10,11 +10,11 @@
 
 use super::product::{Product, ProductRows, SparseRows};
 use super::row_sums::Sink;
+use crate::limits::BACK_LIFT;
 use crate::parallel::{Splits, run_in_parts};
 use crate::simd::{
     Blocks, BlocksMut, LANES, Simd, WithSimd, row_block, row_block_ahead, store, total,
 };
-use crate::limits::BACK_LIFT;
 
 /// `ratio = q ∘ b` times a factor; what unlifted is below the smallest normal double becomes 0.
 struct DivideByPrediction<'a> {

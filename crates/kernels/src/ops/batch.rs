@@ -12,8 +12,8 @@ use super::packing::flags;
 use super::row_sums::{Maxima, Sink};
 use super::semiring::{MaxPlus, SumProduct};
 use crate::layout::Packed;
-use crate::simd::{Eight, LANES, Simd, kernels};
 use crate::limits::LIFT;
+use crate::simd::{Eight, LANES, Simd, kernels};
 
 kernels! {
     /// `out = (A x) ∘ b`, or `x ∘ b` without a matrix. Returns the sums of `out`.

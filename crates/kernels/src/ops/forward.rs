@@ -9,11 +9,11 @@ use std::marker::PhantomData;
 
 use super::product::{Product, ProductRows, SparseRows};
 use super::row_sums::Sink;
+use crate::limits::{LIFT, TINY};
 use crate::parallel::{PART, Splits, run_in_parts};
 use crate::simd::{
     Blocks, BlocksMut, LANES, Simd, WithSimd, row_block, row_block_ahead, run, store, total,
 };
-use crate::limits::{LIFT, TINY};
 
 /// `out = p ∘ b` for a prediction p that sums to `lift`.
 pub struct ForwardStep<'a> {

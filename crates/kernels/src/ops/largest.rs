@@ -4,8 +4,8 @@
 //! Nothing from outside reaches a recursion unchecked. One pass finds the largest value and whether
 //! all are valid; which one is not is searched only if there is one.
 
-use crate::simd::{LANES, Simd, kernels};
 use crate::limits::LARGEST_LOG;
+use crate::simd::{LANES, Simd, kernels};
 
 /// Condition that values have to meet.
 #[derive(Debug, Clone, Copy)]

@@ -3,8 +3,8 @@
 
 use std::f64::consts::LOG2_E;
 
-use crate::simd::{LANES, Simd, kernels, row_block, store};
 use crate::limits::exponent;
+use crate::simd::{LANES, Simd, kernels, row_block, store};
 
 /// Number of steps of the grid to 1.
 const GRID_STEPS: f64 = (1_u64 << 45) as f64;

@@ -8,9 +8,7 @@ use super::log2::{log2_lanes, log2_over};
 use super::row_sums::{Maxima, Sink};
 use super::semiring::MaxPlus;
 use crate::layout::{EntryValues, Sliced, store_indices};
-use crate::simd::{
-    Blocks, BlocksMut, LANES, Simd, kernels, row_block, row_block_ahead, store,
-};
+use crate::simd::{Blocks, BlocksMut, LANES, Simd, kernels, row_block, row_block_ahead, store};
 
 /// Scores of an observation, each to be lowered by `shift`.
 #[derive(Debug, Clone, Copy)]

@@ -2,8 +2,8 @@
 //! eight values of eight rows, instead of 64 moves.
 
 use crate::layout::Packed;
-use crate::simd::{Eight, LANES, Simd, kernels, row_block_ahead, store};
 use crate::limits::TINY;
+use crate::simd::{Eight, LANES, Simd, kernels, row_block_ahead, store};
 
 /// Range of the packed values of each lane.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -13,8 +13,8 @@ use super::chain::keep_better;
 use super::segment_vectors::{Scaled, SegmentStep, SegmentVectors, SmallModel, keep_range};
 use super::semiring::{MaxPlus, Semiring, SumProduct};
 use crate::layout::Packed;
-use crate::simd::{Eight, LANES, Simd, kernels};
 use crate::limits::STEPS_BETWEEN_CHECKS;
+use crate::simd::{Eight, LANES, Simd, kernels};
 
 kernels! {
     /// Returns the products B(y_k) A … B(y_1) A of each segment, column after column; `None` if

@@ -4,8 +4,8 @@
 //!
 //! Of several states that attain a maximum the lowest is kept, in whatever order entries come.
 
-use crate::simd::Simd;
 use crate::limits::{LEAST_IN_CHAIN, LEAST_SCORE, MIDDLE_RANGE, power};
+use crate::simd::Simd;
 
 /// Power of two that is taken out of a scale at a time.
 const SHIFT: i64 = 64;

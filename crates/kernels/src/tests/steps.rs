@@ -6,8 +6,8 @@ use proptest::prelude::*;
 use super::{
     cases, close, everywhere, in_layouts, numbers, product, rows, sliced, some_zero, sum_is,
 };
-use crate::ops::*;
 use crate::limits::{BACK_LIFT, LIFT};
+use crate::ops::*;
 
 /// A step of the filter: results and sums.
 fn forward(

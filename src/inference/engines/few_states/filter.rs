@@ -6,10 +6,10 @@ use super::likelihoods::{LikelihoodRows, SensorRows};
 use super::segments::unpack_segments;
 use crate::hmm::Hmm;
 use crate::inference::engines::choice::{self, GATHERED};
-use wayfix_kernels::{LANES, Packed, filter_segments, in_large_pages};
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::Transition;
+use wayfix_kernels::{LANES, Packed, filter_segments, in_large_pages};
 
 /// Filters a sequence as [`Hmm::forward`] does: returns a row for each step from 0, and the
 /// log-likelihoods of each step and of all.

@@ -5,11 +5,11 @@ use std::ops::Range;
 
 use crate::hmm::Hmm;
 use crate::inference::step::scores::{TakenOut, likelihood_scores};
-use wayfix_kernels::{self as kernels, Scores, ScoresIn, Valid};
 use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
-use wayfix_kernels::limits::{LARGEST_LOG, LEAST_FACTOR, UNSCALED, UNSHIFTED, exponent, power};
 use crate::sequence::Sequence;
 use crate::transition::Transition;
+use wayfix_kernels::limits::{LARGEST_LOG, LEAST_FACTOR, UNSCALED, UNSHIFTED, exponent, power};
+use wayfix_kernels::{self as kernels, Scores, ScoresIn, Valid};
 
 /// Logarithm of [`LEAST_FACTOR`], or more.
 const LEAST_LOG: f64 = -138.0;

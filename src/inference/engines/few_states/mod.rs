@@ -19,10 +19,12 @@ pub(crate) use viterbi::viterbi;
 
 use super::choice::{self, Engine};
 use crate::hmm::Hmm;
-use wayfix_kernels::{ChainState, LANES, Packed, SmallModel};
 use crate::likelihood::Likelihood;
-use wayfix_kernels::limits::{self, LEAST_FACTOR, LEAST_IN_CHAIN, LIFT, MIDDLE_RANGE, exponent, power};
 use crate::transition::Transition;
+use wayfix_kernels::limits::{
+    self, LEAST_FACTOR, LEAST_IN_CHAIN, LIFT, MIDDLE_RANGE, exponent, power,
+};
+use wayfix_kernels::{ChainState, LANES, Packed, SmallModel};
 
 /// A model in arrays; states beyond the last are never possible.
 struct FewStatesModel {

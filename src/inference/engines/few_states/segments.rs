@@ -2,11 +2,11 @@
 //! of its own.
 
 use super::rescale;
+use wayfix_kernels::limits::{LARGEST_EXPONENT_GAP, power};
 use wayfix_kernels::{
     ChainState, Eight, LANES, Packed, Scaled, SmallModel, SumProduct, multiply_segments,
 };
 use wayfix_kernels::{pack, unpack};
-use wayfix_kernels::limits::{LARGEST_EXPONENT_GAP, power};
 
 /// Products of eight segments.
 pub(crate) struct SegmentProducts<const N: usize>([Scaled<N>; N]);

@@ -7,10 +7,10 @@ use super::likelihoods::{LikelihoodRows, SensorRows};
 use super::segments::{pack_segments, unpack_segments};
 use crate::hmm::Hmm;
 use crate::inference::engines::choice::{self, GATHERED};
-use wayfix_kernels::{ChainState, Packed, chain_backward, in_large_pages, smooth_segments};
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::Transition;
+use wayfix_kernels::{ChainState, Packed, chain_backward, in_large_pages, smooth_segments};
 
 /// Smooths a sequence as [`Hmm::smooth`] does: returns a row for each step from 0, and the
 /// log-likelihood.

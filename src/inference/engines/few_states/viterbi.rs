@@ -9,14 +9,14 @@ use crate::hmm::Hmm;
 use crate::inference::engines::choice::{self, Engine, GATHERED};
 use crate::inference::step::scores::{TakenOut, best};
 use crate::inference::step::{Step, Workspace};
+use crate::likelihood::Likelihood;
+use crate::sequence::Sequence;
+use crate::transition::TransitionEntries;
+use wayfix_kernels::limits::{LEAST_EXACT_SCORE, LEAST_SCORE, LEAST_SEGMENT_PRODUCT};
 use wayfix_kernels::{
     Backpointers, ChainPointers, ChainState, Eight, LANES, MaxPlus, Packed, Scaled, SmallModel,
     chain_decode, decode_segments, in_large_pages, multiply_segments,
 };
-use crate::likelihood::Likelihood;
-use wayfix_kernels::limits::{LEAST_EXACT_SCORE, LEAST_SCORE, LEAST_SEGMENT_PRODUCT};
-use crate::sequence::Sequence;
-use crate::transition::TransitionEntries;
 
 /// [`Hmm::viterbi`]: states and log-probability.
 pub(crate) fn viterbi<A, B, S>(hmm: &Hmm<A, B>, sequence: &S) -> Option<(Vec<usize>, f64)>

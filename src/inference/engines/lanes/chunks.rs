@@ -14,10 +14,10 @@ use crate::error::{InferenceError, SequenceError};
 use crate::hmm::Hmm;
 use crate::inference::engines::choice::{CHUNKS_AHEAD, ChunkSize, ManyPlan, STREAMED};
 use crate::inference::engines::parallel::{self, MemoryPool};
-use wayfix_kernels::{self as kernels, Aligned, Eight, LANES};
 use crate::likelihood::Likelihood;
 use crate::sequence::{Sequence, by_length};
 use crate::transition::Transition;
+use wayfix_kernels::{self as kernels, Aligned, Eight, LANES};
 
 /// A routine for one sequence that also runs on a group of eight, with results R.
 pub(crate) struct LaneRoutine<A: Transition, B, S, P, R> {

@@ -6,10 +6,10 @@
 use super::segments::agree;
 use super::{Group, LaneMemory, LaneModel};
 use crate::inference::engines::choice;
-use wayfix_kernels::LANES;
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::Transition;
+use wayfix_kernels::LANES;
 
 /// Distance of two beliefs that have forgotten where they started: below that which is allowed at
 /// a joint.

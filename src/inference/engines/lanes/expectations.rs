@@ -6,11 +6,11 @@ use super::{Group, LaneMemory, LaneModel};
 use crate::hmm::Hmm;
 use crate::inference::engines::choice;
 use crate::inference::engines::parallel::{self, MemoryPool};
-use wayfix_kernels::{self as kernels, LANES, Packed};
 use crate::likelihood::LearnLikelihood;
-use wayfix_kernels::limits::BACK_LIFT;
 use crate::sequence::Sequence;
 use crate::transition::{LearnTransition, MoveCounts};
+use wayfix_kernels::limits::BACK_LIFT;
+use wayfix_kernels::{self as kernels, LANES, Packed};
 
 /// Expectations of the sequences of a group, added up over its valid lanes.
 pub(crate) struct LaneExpectations<T> {

@@ -9,11 +9,13 @@
 use super::{Group, LaneMemory, LaneModel};
 use crate::inference::LogSum;
 use crate::inference::step::Workspace;
-use wayfix_kernels::{self as kernels, Eight, LANES, Packed};
 use crate::likelihood::{Likelihood, Values};
-use wayfix_kernels::limits::{self, BACK_LIFT, LEAST_NORMALIZER, LIFT, TINY, UNSCALED, exponent, power};
 use crate::sequence::Sequence;
 use crate::transition::Transition;
+use wayfix_kernels::limits::{
+    self, BACK_LIFT, LEAST_NORMALIZER, LIFT, TINY, UNSCALED, exponent, power,
+};
+use wayfix_kernels::{self as kernels, Eight, LANES, Packed};
 
 /// Results of the passes for each lane.
 pub(crate) struct LaneForward {

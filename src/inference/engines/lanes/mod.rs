@@ -23,11 +23,11 @@ use std::sync::OnceLock;
 
 use crate::hmm::Hmm;
 use crate::inference::step::Workspace;
-use wayfix_kernels::{LANES, Lines, Packed};
 use crate::likelihood::Likelihood;
-use wayfix_kernels::limits::LIFT;
 use crate::sequence::Sequence;
 use crate::transition::Transition;
+use wayfix_kernels::limits::LIFT;
+use wayfix_kernels::{LANES, Lines, Packed};
 
 pub(crate) use chunks::{LaneRoutine, SharedRows, collect_all, visit_all};
 pub(crate) use expectations::LaneExpectations;

@@ -14,10 +14,10 @@
 use super::cut::{Segments, with_group};
 use super::{LaneMemory, LaneModel};
 use crate::inference::LogSum;
-use wayfix_kernels::{self as kernels, LANES, Packed};
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::Transition;
+use wayfix_kernels::{self as kernels, LANES, Packed};
 
 /// Largest distance of the vectors of two segments at their joint. Above the rounding of a step,
 /// n / 2^53 at most, and usually of its root.

@@ -6,10 +6,10 @@ use super::{LaneMemory, LaneModel};
 use crate::hmm::Hmm;
 use crate::inference::LogSum;
 use crate::inference::engines::choice;
-use wayfix_kernels::{self as kernels, LANES, Packed, in_large_pages};
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::Transition;
+use wayfix_kernels::{self as kernels, LANES, Packed, in_large_pages};
 
 /// Smooths a sequence as [`Hmm::smooth`] does: returns a row for each step from 0, and the
 /// log-likelihood; `None` if it is not for segments.

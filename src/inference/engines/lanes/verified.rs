@@ -7,10 +7,10 @@ use super::cut::Segments;
 use super::segments::{Invalid, SegmentGroup};
 use super::{LaneMemory, LaneModel};
 use crate::inference::engines::choice;
-use wayfix_kernels::{LANES, Packed};
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::Transition;
+use wayfix_kernels::{LANES, Packed};
 
 /// A group of segments to run, with a place for results.
 pub(crate) struct Task<P> {

@@ -6,10 +6,10 @@
 use super::{Group, LaneMemory, LaneModel};
 use crate::inference::step::scores::{TakenOut, best, likelihood_scores};
 use crate::inference::step::{Step, Workspace};
-use wayfix_kernels::{self as kernels, LANES, Packed, ScoresIn};
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::TransitionEntries;
+use wayfix_kernels::{self as kernels, LANES, Packed, ScoresIn};
 
 impl<A: TransitionEntries, B: Likelihood> LaneModel<'_, A, B> {
     /// Decodes a group: returns the path of each lane, and its log-probability.

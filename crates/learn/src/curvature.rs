@@ -1,0 +1,224 @@
+//! Curvature of an objective at its maximum, by central differences.
+//!
+//! Each coordinate has a step of its own, along which the objective falls by some thousandths of a
+//! nat: some hundredths of the error of the parameter given the others. Differences at this step and
+//! at half of it are extrapolated (Richardson 1911), so that the error of a second derivative is of
+//! the fourth order in the step, and of the second in the fall. Rounding has an error of the inverse
+//! of the fall: the fall is chosen so that both are small.
+
+use wayfix::inference::LearnError;
+use wayfix::internal::parallel;
+use wayfix::internal::{ParameterScale as Scale, cholesky};
+
+/// Longest step along a logarithm. However small its information, its derivatives of all orders are
+/// of one size: the sixth then is 1e-7 of the difference.
+const LONGEST: f64 = 0.1;
+/// Least share of its information that a parameter keeps beside the others, if they can be told
+/// apart: more than the errors of differences, which may be 1e-7 of it.
+const LEAST_PIVOT: f64 = 1e-6;
+/// Gain that a maximum may still hold, in nats: half a nat is one standard error.
+const GAIN: f64 = 0.5;
+/// Relative rounding of an objective, or more.
+const ROUNDING: f64 = 1e-12;
+
+/// An objective of coordinates, as its difference from that at 0.
+pub(super) struct Objective<F> {
+    /// The difference.
+    pub(super) difference: F,
+    /// Scale of each coordinate.
+    pub(super) scales: Vec<Scale>,
+    /// Sum of the sizes of the terms of the objective.
+    pub(super) size: f64,
+}
+
+/// A coordinate that has no place in a maximum.
+pub(super) enum Fault {
+    /// The objective stays the same along it.
+    Flat(usize),
+    /// The objective rises along it.
+    Rises(usize),
+    /// The objective could not be evaluated.
+    Failed(LearnError),
+}
+
+impl From<LearnError> for Fault {
+    fn from(error: LearnError) -> Self {
+        Self::Failed(error)
+    }
+}
+
+/// Information of the coordinates that are not at a bound.
+pub(super) struct Information {
+    /// Their numbers.
+    pub(super) coordinates: Vec<usize>,
+    /// Step along each.
+    pub(super) steps: Vec<f64>,
+    /// Root of the information of each.
+    pub(super) scales: Vec<f64>,
+    /// Cholesky factor of the information in units of 1 / scale.
+    factor: Vec<f64>,
+}
+
+/// Differences along one coordinate.
+#[derive(Clone, Copy)]
+struct Slice {
+    step: f64,
+    /// Sums of the objective at ± the step and at ± half of it.
+    sums: [f64; 2],
+    gradient: f64,
+    information: f64,
+}
+
+/// Extrapolates differences at a step and at half of it, of an error of the second order.
+pub(super) fn extrapolated([whole, half]: [f64; 2]) -> f64 {
+    (4.0 * half - whole) / 3.0
+}
+
+impl<F: Fn(&[f64]) -> Result<f64, LearnError> + Sync> Objective<F> {
+    /// Computes the information. O(p) evaluations of the objective to find steps, and 2 p² after
+    /// that, with O(p²) memory and O(p³) operations.
+    pub(super) fn information(&self) -> Result<Information, Fault> {
+        let all: Vec<usize> = (0..self.scales.len()).collect();
+        let slices = parallel::map(all, |at, (): &mut ()| self.slice(at));
+        let slices = slices.into_iter().collect::<Result<Vec<Option<Slice>>, Fault>>()?;
+        let kept = slices.into_iter().enumerate().filter_map(|(at, slice)| Some((at, slice?)));
+        let (coordinates, slices): (Vec<usize>, Vec<Slice>) = kept.unzip();
+        let (p, row) = (coordinates.len(), |i: usize, (): &mut ()| {
+            (0..i)
+                .map(|j| self.mixed([coordinates[i], coordinates[j]], [slices[i], slices[j]]))
+                .collect::<Result<Vec<f64>, LearnError>>()
+        });
+        let rows = parallel::map((0..p).collect(), row);
+        let scales: Vec<f64> = slices.iter().map(|slice| slice.information.sqrt()).collect();
+        let mut factor = vec![0.0; p * p];
+        for (i, row) in rows.into_iter().enumerate() {
+            for (j, value) in row?.into_iter().enumerate() {
+                factor[i * p + j] = value / scales[i] / scales[j];
+            }
+            factor[i * p + i] = 1.0;
+        }
+        cholesky(p, &mut factor, LEAST_PIVOT).map_err(|row| Fault::Flat(coordinates[row]))?;
+        let steps = slices.iter().map(|slice| slice.step).collect();
+        let information = Information { coordinates, steps, scales, factor };
+        let mut gradient: Vec<f64> = slices.iter().map(|slice| slice.gradient).collect();
+        let steepest = |best: usize, at: usize| {
+            let size = |at: usize| (slices[at].gradient / information.scales[at]).abs();
+            if size(at) > size(best) { at } else { best }
+        };
+        let steepest = (0..p).fold(0, steepest);
+        information.solve(&mut gradient);
+        if gradient.iter().map(|g| g * g).sum::<f64>() > 2.0 * GAIN {
+            return Err(Fault::Rises(information.coordinates[steepest]));
+        }
+        Ok(information)
+    }
+
+    /// The objective at displacements of some coordinates.
+    fn at(&self, displaced: &[(usize, f64)]) -> Result<f64, LearnError> {
+        let mut by = vec![0.0; self.scales.len()];
+        displaced.iter().for_each(|(at, value)| by[*at] = *value);
+        (self.difference)(&by)
+    }
+
+    /// Differences along a coordinate; `None` if it is at a bound.
+    fn slice(&self, at: usize) -> Result<Option<Slice>, Fault> {
+        let Some(step) = self.step(at)? else {
+            return if self.reaches(at) { Ok(None) } else { Err(Fault::Flat(at)) };
+        };
+        let mut sums = [0.0; 2];
+        let (mut gradients, mut curvatures) = ([0.0; 2], [0.0; 2]);
+        for (level, h) in [step, step / 2.0].into_iter().enumerate() {
+            let (up, down) = (self.at(&[(at, h)])?, self.at(&[(at, -h)])?);
+            sums[level] = up + down;
+            gradients[level] = (up - down) / h / 2.0;
+            curvatures[level] = -sums[level] / h / h;
+        }
+        let gradient = extrapolated(gradients);
+        let information = extrapolated(curvatures);
+        // Near a bound at infinity the objective goes on rising, as −c e^±δ, so that a Newton step
+        // leads on by a whole unit wherever it begins; c, less than that of one observation, is the
+        // information. Odds to a larger number only fall.
+        let ahead = match self.scales[at] {
+            Scale::Plain => 0.0,
+            Scale::Log => gradient.abs(),
+            Scale::Odds => -gradient,
+        };
+        if information < 1.0 && (0.5 * information..2.0 * information).contains(&ahead) {
+            return Ok(None);
+        }
+        if information.is_nan() || information <= 0.0 {
+            return Err(Fault::Rises(at));
+        }
+        Ok(Some(Slice { step, sums, gradient, information }))
+    }
+
+    /// A step along which the objective falls as far as it should, or a quarter to four times as
+    /// far; `None` if rounding hides all.
+    fn step(&self, at: usize) -> Result<Option<f64>, LearnError> {
+        // Errors of the second order in the fall, and of rounding over the fall, are equal at the
+        // cube root of rounding, but for factors.
+        let aim = 10.0 * (f64::EPSILON * (1.0 + self.size)).cbrt();
+        let plain = self.scales[at] == Scale::Plain;
+        let mut most = if plain { f64::INFINITY } else { LONGEST };
+        let (mut step, mut found) = (1e-3, None);
+        for _ in 0..100 {
+            let both = self.at(&[(at, step)]).and_then(|up| Ok(up + self.at(&[(at, -step)])?));
+            let factor = match both {
+                Ok(sum) if sum.is_finite() => {
+                    let fall = 0.5 * sum.abs();
+                    let seen = fall > ROUNDING * (1.0 + self.size);
+                    if (0.25 * aim..4.0 * aim).contains(&fall) || step == most {
+                        return Ok(seen.then_some(step));
+                    }
+                    found = if seen { Some(step) } else { found };
+                    if seen { (aim / fall).sqrt().clamp(1e-3, 1e3) } else { 1e3 }
+                }
+                Ok(_) | Err(LearnError::Displaced(_) | LearnError::Sequence(_)) => {
+                    most = step / 2.0;
+                    0.1
+                }
+                Err(error) => return Err(error),
+            };
+            step = (step * factor).min(most);
+        }
+        Ok(found)
+    }
+
+    /// True if a logarithm that seems to have no influence has some far from here.
+    fn reaches(&self, at: usize) -> bool {
+        // From the least double above 0 it is e^745 to 1. At each of these distances some
+        // influence that was hidden before is seen, before others vanish.
+        let far = (1..=46).flat_map(|k| [f64::from(16 * k), -f64::from(16 * k)]);
+        let changes = |by: f64| {
+            // Failures say nothing: numbers that overflow, or are ruled out.
+            self.at(&[(at, by)]).is_ok_and(|found| found.abs() > ROUNDING * (1.0 + self.size))
+        };
+        self.scales[at] != Scale::Plain && far.into_iter().any(changes)
+    }
+
+    /// Minus the mixed derivative of two coordinates.
+    fn mixed(&self, [i, j]: [usize; 2], slices: [Slice; 2]) -> Result<f64, LearnError> {
+        let mut found = [0.0; 2];
+        for (level, part) in [1.0, 0.5].into_iter().enumerate() {
+            let [a, b] = slices.map(|slice| slice.step * part);
+            let both = self.at(&[(i, a), (j, b)])? + self.at(&[(i, -a), (j, -b)])?;
+            let alone = slices[0].sums[level] + slices[1].sums[level];
+            found[level] = -(both - alone) / a / b / 2.0;
+        }
+        Ok(extrapolated(found))
+    }
+}
+
+impl Information {
+    /// Replaces the derivatives g of a number with respect to the coordinates by a vector whose
+    /// square is g' I⁻¹ g, the variance of the number. O(p²).
+    pub(super) fn solve(&self, derivatives: &mut [f64]) {
+        let p = self.coordinates.len();
+        derivatives.iter_mut().zip(&self.scales).for_each(|(g, scale)| *g /= scale);
+        for i in 0..p {
+            let row = &self.factor[i * p..][..=i];
+            let dot: f64 = row[..i].iter().zip(&*derivatives).map(|(l, g)| l * g).sum();
+            derivatives[i] = (derivatives[i] - dot) / row[i];
+        }
+    }
+}

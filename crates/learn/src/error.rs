@@ -1,0 +1,295 @@
+//! Errors of families.
+
+use std::ops::Range;
+
+use wayfix::LikelihoodError;
+use wayfix::inference::LearnError;
+use wayfix::internal::Number;
+
+/// An invalid parameter or observation of a family, statistics that determine no parameter, or
+/// numbers that are no series of observations.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum EmissionError {
+    /// There are no states, or observations have no components.
+    #[error(
+        "a family needs at least one state and one component, found {states} states and {components} components"
+    )]
+    Empty {
+        /// Number of states.
+        states: usize,
+        /// Number of components of an observation, d.
+        components: usize,
+    },
+    /// A list of parameters has a wrong length.
+    #[error("the {what}{} has {found} values, expected {expected}", of_state(*.state))]
+    Length {
+        /// Name of the parameter.
+        what: &'static str,
+        /// The state, from 0, unless the list is common to all.
+        state: Option<usize>,
+        /// Number of values found.
+        found: usize,
+        /// Number of values expected.
+        expected: usize,
+    },
+    /// A parameter is out of its range.
+    #[error(
+        "the {what}{}{} is {value}, expected {expected}",
+        of_state(*.state),
+        at(*.component),
+        value = Number(*.value)
+    )]
+    Parameter {
+        /// Name of the parameter.
+        what: &'static str,
+        /// The state, from 0, unless the parameter is common to all.
+        state: Option<usize>,
+        /// The component, from 0, unless the parameter is that of the whole vector.
+        component: Option<usize>,
+        /// Value found.
+        value: f64,
+        /// Valid values, in words.
+        expected: &'static str,
+    },
+    /// A covariance is not positive definite.
+    #[error("the covariance{} is not positive definite, at component {component}", of_state(*.state))]
+    NotPositiveDefinite {
+        /// The state, from 0, unless the covariance is common to all.
+        state: Option<usize>,
+        /// The component at which its factorisation fails, from 0.
+        component: usize,
+    },
+    /// The observations behind a state do not determine its parameters.
+    #[error("the {what}{}{} cannot be estimated from {} expected observations: {reason}", of_state(*.state), at(*.component), rounded(*.weight))]
+    TooFew {
+        /// The state, from 0, unless the parameter is common to all.
+        state: Option<usize>,
+        /// The component, from 0, unless the parameter is that of the whole vector.
+        component: Option<usize>,
+        /// Name of the parameter.
+        what: &'static str,
+        /// Expected number of observations behind the state.
+        weight: f64,
+        /// Reason, and what to do.
+        reason: &'static str,
+    },
+    /// An observation has a wrong number of components.
+    #[error("the observation has {found} components, expected {expected}")]
+    Components {
+        /// Number of components found.
+        found: usize,
+        /// Number of components expected.
+        expected: usize,
+    },
+    /// Observations have no such component.
+    #[error("there is no component {component}, observations have {components}")]
+    NoComponent {
+        /// The component asked for, from 0.
+        component: usize,
+        /// Number of components of an observation.
+        components: usize,
+    },
+    /// An observation that is a direction does not have length one.
+    #[error("the observation has length {value}, expected 1 within 1e-6", value = Number(*.value))]
+    Norm {
+        /// Length found.
+        value: f64,
+    },
+    /// A component of an observation is out of its range.
+    #[error(
+        "component {component} of the observation is {value}, expected {expected}",
+        value = Number(*.value)
+    )]
+    Observation {
+        /// The component, from 0.
+        component: usize,
+        /// Value found.
+        value: f64,
+        /// Valid values, in words.
+        expected: &'static str,
+    },
+    /// There are no observations.
+    #[error("there are no observations")]
+    NoObservations,
+    /// A component is missing in all observations, so that nothing can be learned of it.
+    #[error("component {component} is missing in all observations")]
+    AllMissing {
+        /// The component, from 0.
+        component: usize,
+    },
+    /// There are fewer different observations than clusters.
+    #[error("{found} different observations cannot start {expected} {what}")]
+    TooFewDifferent {
+        /// Number of observations that differ in known components.
+        found: usize,
+        /// Number of clusters.
+        expected: usize,
+        /// Name of the clusters, such as "states".
+        what: &'static str,
+    },
+    /// A component has the same value in all observations, so that a family is not determined.
+    #[error(
+        "component {component} is always {value}; leave it out, or give a prior: {cause}",
+        value = Number(*.value)
+    )]
+    Constant {
+        /// The component of the observation, from 0.
+        component: usize,
+        /// The value.
+        value: f64,
+        /// Error of the family, which names the parameter.
+        cause: Box<EmissionError>,
+    },
+    /// An observation of several sequences is invalid.
+    #[error("sequence {sequence}, step {step}: {cause}")]
+    Step {
+        /// The sequence, from 0.
+        sequence: usize,
+        /// The step, from 1.
+        step: usize,
+        /// Error of the observation.
+        cause: Box<EmissionError>,
+    },
+    /// A part of a state's mixture has an error.
+    #[error("part {part} of a mixture: {cause}")]
+    Part {
+        /// The part, from 0.
+        part: usize,
+        /// Error of the part, with the state.
+        cause: Box<EmissionError>,
+    },
+    /// A factor of a [`Product`](super::Product) has an error that is about its own components.
+    #[error("{} of the row: {cause}", components(*.from, *.to))]
+    Factor {
+        /// First component of a row that belongs to the factor, from 0.
+        from: usize,
+        /// Component after the last that does.
+        to: usize,
+        /// Error of the factor, which counts its components from 0.
+        cause: Box<EmissionError>,
+    },
+    /// Observations must have at least one component.
+    #[error("observations have 0 components, expected at least 1")]
+    NoComponents,
+    /// The last row is not complete.
+    #[error("{values} values are no whole number of observations with {components} components")]
+    Incomplete {
+        /// Number of values.
+        values: usize,
+        /// Number of components of an observation.
+        components: usize,
+    },
+    /// There are fewer rows than an observation with its predecessors needs.
+    #[error("{rows} rows are too few for observations with {order} predecessors")]
+    TooFewRows {
+        /// Number of rows.
+        rows: usize,
+        /// Number of predecessors.
+        order: usize,
+    },
+    /// A file cannot be opened or read.
+    #[error("{file} cannot be read: {reason}")]
+    Read {
+        /// Name of the file.
+        file: String,
+        /// Cause, in words.
+        reason: String,
+    },
+    /// A line is not valid.
+    #[error("{file}, line {line}: {problem}")]
+    Line {
+        /// Name of the file.
+        file: String,
+        /// The line, from 1.
+        line: u64,
+        /// Defect, in words.
+        problem: String,
+    },
+}
+
+impl EmissionError {
+    /// Returns an error of the family of components `from` to `to` as that of the whole row: a
+    /// component of an observation is counted from the row's start.
+    pub(super) fn in_factor(self, from: usize, to: usize) -> Self {
+        match self {
+            Self::Observation { component, value, expected } => {
+                Self::Observation { component: from + component, value, expected }
+            }
+            Self::Factor { from: inner, to, cause } => {
+                Self::Factor { from: from + inner, to: from + to, cause }
+            }
+            other => Self::Factor { from, to, cause: Box::new(other) },
+        }
+    }
+
+    /// Returns an error of a Gaussian as that of a part of a mixture: among the parts of the
+    /// state, or of all states, m each.
+    pub(super) fn in_part(mut self, known: Option<usize>, m: usize) -> Self {
+        use EmissionError as E;
+        let (E::Length { state, .. }
+        | E::Parameter { state, .. }
+        | E::NotPositiveDefinite { state, .. }
+        | E::TooFew { state, .. }) = &mut self
+        else {
+            return self;
+        };
+        let Some(at) = *state else {
+            return self;
+        };
+        *state = Some(known.unwrap_or(at / m));
+        Self::Part { part: at % m, cause: Box::new(self) }
+    }
+
+    /// Components of the family whose parameters observations do not determine, and among them
+    /// the one of these parameters, if it is known. `all` are those of the family with the error.
+    pub(super) fn undetermined(&self, all: Range<usize>) -> Option<(Range<usize>, Option<usize>)> {
+        match self {
+            Self::TooFew { component, .. } => {
+                let component = component.map(|component| all.start + component);
+                Some((all, component))
+            }
+            Self::Part { cause, .. } => cause.undetermined(all),
+            Self::Factor { from, to, cause } => {
+                cause.undetermined(all.start + from..all.start + to)
+            }
+            _ => None,
+        }
+    }
+}
+
+/// " of state 3", or nothing.
+fn of_state(state: Option<usize>) -> String {
+    state.map_or_else(String::new, |state| format!(" of state {state}"))
+}
+
+/// ", component 2,", or nothing.
+fn at(component: Option<usize>) -> String {
+    component.map_or_else(String::new, |component| format!(", component {component},"))
+}
+
+/// "component 2", or "components 2 to 4".
+fn components(from: usize, to: usize) -> String {
+    if from + 1 >= to {
+        format!("component {from}")
+    } else {
+        format!("components {from} to {}", to - 1)
+    }
+}
+
+/// A weight without the digits that rounding leaves.
+fn rounded(weight: f64) -> f64 {
+    if weight < 1e-3 { weight } else { (weight * 1e6).round() / 1e6 }
+}
+
+impl From<EmissionError> for LikelihoodError {
+    fn from(source: EmissionError) -> Self {
+        Self::sensor(source)
+    }
+}
+
+impl From<EmissionError> for LearnError {
+    fn from(source: EmissionError) -> Self {
+        Self::likelihood(source)
+    }
+}

@@ -1,0 +1,299 @@
+//! Families of independent components: b_i(y) is the product of their densities (section 1 of the
+//! formulas).
+
+use std::error::Error;
+
+use rand::Rng;
+
+use super::univariate::{Cumulative, Univariate};
+use crate::check::{at, check, check_components, check_length, check_shape, shape};
+use crate::{Clusters, EmissionError, Family, Marginals, StartFromClusters, Tails};
+use wayfix::LikelihoodError;
+use wayfix::ReorderStates;
+use wayfix::likelihood::SampleObservation;
+use wayfix::{Diagonal, Likelihood, Scratch};
+
+/// A family of observations with d components that are independent of each other, given the
+/// state: for each state and component a distribution of one number.
+///
+/// Distributions make families of themselves, such as [`Poisson::family`](super::Poisson::family).
+/// [`Univariate`] shows how to add one of your own.
+///
+/// # Missing components
+///
+/// NaN is an error, unless the family takes it as missing
+/// ([`with_missing`](Self::with_missing)): the component is then integrated out.
+///
+/// # Prior
+///
+/// Learning maximises the likelihood, unless there is a conjugate prior
+/// ([`with_prior`](Self::with_prior)). It is given as further observations: so many in each state,
+/// of which the distribution is known. Its density is proportional to exp(c E ln p(y | θ)), where the
+/// expectation is over observations y with the distribution of the prior, and c is their number,
+/// which need not be whole.
+///
+/// # Cost
+///
+/// A step costs O(n d), and allocates nothing. Memory: O(n d).
+#[derive(Debug, Clone, PartialEq)]
+pub struct Independent<F> {
+    pub(super) states: usize,
+    pub(super) components: usize,
+    pub(super) missing: bool,
+    /// Distribution of component c in state i at c n + i; in the same order the prior's, with its
+    /// number of observations.
+    pub(super) parts: Vec<F>,
+    pub(super) prior: Option<(Vec<F>, f64)>,
+}
+
+impl<F> Independent<F> {
+    /// Creates a family from one row for each state, with the distribution of each component.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError`] if there are no states or components, or rows of different lengths.
+    pub fn from_rows<R: AsRef<[F]>>(rows: &[R]) -> Result<Self, EmissionError>
+    where
+        F: Clone,
+    {
+        let shape = shape("list of components", rows)?;
+        Self::build(shape, |state, component| Ok(rows[state].as_ref()[component].clone()))
+    }
+
+    /// Creates a family of distributions with one parameter, from a named list of its values.
+    pub(super) fn of_one<R: AsRef<[f64]>>(
+        what: &'static str,
+        rows: &[R],
+        new: impl Fn(f64) -> Result<F, EmissionError>,
+    ) -> Result<Self, EmissionError> {
+        Self::build(shape(what, rows)?, |state, c| new(rows[state].as_ref()[c]))
+    }
+
+    /// Creates a family of distributions with two parameters, from named lists of their values.
+    pub(super) fn of_two<R: AsRef<[f64]>, S: AsRef<[f64]>>(
+        [what, other]: [&'static str; 2],
+        rows: &[R],
+        others: &[S],
+        new: impl Fn(f64, f64) -> Result<F, EmissionError>,
+    ) -> Result<Self, EmissionError> {
+        let shape = shape(what, rows)?;
+        check_shape(other, others, shape)?;
+        Self::build(shape, |state, c| new(rows[state].as_ref()[c], others[state].as_ref()[c]))
+    }
+
+    /// Creates a family from the distribution of each state and component.
+    pub(super) fn build(
+        (states, components): (usize, usize),
+        part: impl Fn(usize, usize) -> Result<F, EmissionError>,
+    ) -> Result<Self, EmissionError> {
+        let mut parts = Vec::with_capacity(states * components);
+        for component in 0..components {
+            for state in 0..states {
+                parts.push(part(state, component).map_err(|e| at(e, state, Some(component)))?);
+            }
+        }
+        Ok(Self { states, components, missing: false, parts, prior: None })
+    }
+
+    /// Takes NaN as a missing component, which is integrated out in likelihoods and in learning.
+    #[must_use]
+    pub fn with_missing(self) -> Self {
+        Self { missing: true, ..self }
+    }
+
+    /// Adds a conjugate prior: learning proceeds as if each state had shown `count` more
+    /// observations, distributed as `prior`, a family with one state for all or as many states
+    /// as this.
+    ///
+    /// ```
+    /// use wayfix_learn::Poisson;
+    ///
+    /// // As if each state had shown half an observation more, with a mean of 5.
+    /// let events = Poisson::family(&[[3.0], [10.0]])?;
+    /// let events = events.with_prior(Poisson::family(&[[5.0]])?, 0.5)?;
+    /// # Ok::<(), wayfix_learn::EmissionError>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError`] if the prior has another number of states or components, or `count` is
+    /// not a finite value above 0.
+    pub fn with_prior(self, prior: Self, count: f64) -> Result<Self, EmissionError>
+    where
+        F: Clone,
+    {
+        let n = self.states;
+        let what = "list of components of the prior";
+        check_length(what, None, prior.components, self.components)?;
+        if prior.states != 1 {
+            check_length("list of states of the prior", None, prior.states, n)?;
+        }
+        let (what, valid) =
+            ("number of observations of the prior", count > 0.0 && count.is_finite());
+        check(what, count, valid, "a finite value above 0")?;
+        let parts = if prior.states == n {
+            prior.parts
+        } else {
+            prior.parts.iter().flat_map(|part| vec![part.clone(); n]).collect()
+        };
+        Ok(Self { prior: Some((parts, count)), ..self })
+    }
+
+    /// True if NaN is a missing component.
+    #[must_use]
+    pub fn takes_missing(&self) -> bool {
+        self.missing
+    }
+
+    /// Distribution of a component in a state, or `None` if either does not exist.
+    #[must_use]
+    pub fn component(&self, state: usize, component: usize) -> Option<&F> {
+        self.parts.chunks_exact(self.states).nth(component)?.get(state)
+    }
+
+    /// The prior, with one distribution for each state, and its number of observations.
+    #[must_use]
+    pub fn prior(&self) -> Option<(Self, f64)>
+    where
+        F: Clone,
+    {
+        let &Self { states, components, ref prior, .. } = self;
+        let (parts, count) = prior.clone()?;
+        Some((Self { states, components, missing: false, parts, prior: None }, count))
+    }
+
+    /// Returns one row for each state with a parameter of each component, as lists of parameters
+    /// are given: `family.parameters(Poisson::rate)`.
+    #[must_use]
+    pub fn parameters(&self, parameter: impl Fn(&F) -> f64) -> Vec<Vec<f64>> {
+        self.rows(parameter)
+    }
+
+    /// Returns one row for each state with a value for each component.
+    pub(crate) fn rows<T>(&self, parameter: impl Fn(&F) -> T) -> Vec<Vec<T>> {
+        let row = |state| self.parts[state..].iter().step_by(self.states).map(&parameter).collect();
+        (0..self.states).map(row).collect()
+    }
+}
+
+impl<F: Univariate> Independent<F> {
+    /// Calls a function for each component that is not missing, with its number, its observation
+    /// and its distributions in all states.
+    pub(super) fn visit(
+        &self,
+        observation: &[f64],
+        mut then: impl FnMut(usize, F::Point, &[F]),
+    ) -> Result<(), EmissionError> {
+        check_components(observation, self.components)?;
+        let parts = self.parts.chunks_exact(self.states);
+        for (component, (&value, parts)) in observation.iter().zip(parts).enumerate() {
+            if value.is_nan() && self.missing {
+                continue;
+            }
+            let point = if value.is_nan() { None } else { F::point(value) };
+            let expected = F::VALUES;
+            let error = || EmissionError::Observation { component, value, expected };
+            then(component, point.ok_or_else(error)?, parts);
+        }
+        Ok(())
+    }
+}
+
+impl<F: Univariate> Likelihood for Independent<F> {
+    type Observation = [f64];
+
+    fn states(&self) -> usize {
+        self.states
+    }
+
+    fn diagonal<'a>(
+        &'a self,
+        observation: &'a [f64],
+        scratch: &'a mut Scratch,
+    ) -> Result<Diagonal<'a>, LikelihoodError> {
+        let logs = scratch.values(self.states);
+        logs.fill(0.0);
+        self.visit(observation, |_, point, parts| {
+            logs.iter_mut().zip(parts).for_each(|(log, part)| *log += part.log_density(&point));
+        })?;
+        Ok(Diagonal::log(logs))
+    }
+}
+
+impl<F: Univariate> Family for Independent<F> {
+    fn components(&self) -> usize {
+        self.components
+    }
+}
+
+impl<F: Cumulative> Marginals for Independent<F> {
+    fn numbers(&self) -> usize {
+        self.components
+    }
+
+    fn number(&self, row: &[f64], component: usize) -> Result<Option<f64>, LikelihoodError> {
+        check_components(row, self.components)?;
+        let (value, expected) = (row[component], F::VALUES);
+        if value.is_nan() && self.missing {
+            return Ok(None);
+        }
+        if value.is_nan() || F::point(value).is_none() {
+            return Err(EmissionError::Observation { component, value, expected }.into());
+        }
+        Ok(Some(F::principal(value)))
+    }
+
+    fn log_density(&self, state: usize, component: usize, y: f64) -> f64 {
+        let part = &self.parts[component * self.states + state];
+        let point = if y.is_nan() { None } else { F::point(y) };
+        point.map_or(f64::NEG_INFINITY, |point| part.log_density(&point))
+    }
+
+    fn tails(&self, state: usize, component: usize, y: f64) -> Tails {
+        self.parts[component * self.states + state].tails(y)
+    }
+}
+
+/// M steps that lead near the maximum, where one does not.
+const ROUNDS: usize = 20;
+
+impl<F: Univariate + Send + Sync> StartFromClusters for Independent<F> {
+    fn start<R: Rng + ?Sized>(
+        &self,
+        clusters: &Clusters<'_>,
+        _: &mut R,
+    ) -> Result<Self, Box<dyn Error + Send + Sync>> {
+        let rounds = if F::EXACT { 0 } else { ROUNDS };
+        (0..rounds).try_fold(clusters.fit(self)?, |family, _| clusters.round(&family))
+    }
+}
+
+impl<F: Univariate> SampleObservation for Independent<F> {
+    type Sample = Vec<f64>;
+
+    fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> Vec<f64> {
+        self.parts[state..].iter().step_by(self.states).map(|part| part.draw(rng)).collect()
+    }
+}
+
+impl<F: Clone> ReorderStates for Independent<F> {
+    fn reordered(&self, order: &[usize]) -> Self {
+        let reordered = |parts: &[F]| {
+            let components = parts.chunks_exact(self.states);
+            components.flat_map(|part| order.iter().map(|&state| part[state].clone())).collect()
+        };
+        let prior = self.prior.as_ref().map(|(parts, count)| (reordered(parts), *count));
+        Self { parts: reordered(&self.parts), prior, ..*self }
+    }
+}
+
+/// Returns a family with its settings.
+#[cfg(feature = "serde")]
+pub(crate) fn with_settings<F: Clone>(
+    family: Independent<F>,
+    missing: bool,
+    prior: Option<(Independent<F>, f64)>,
+) -> Result<Independent<F>, EmissionError> {
+    let family = crate::family::when(missing, family, Independent::with_missing);
+    prior.into_iter().try_fold(family, |family, (prior, count)| family.with_prior(prior, count))
+}

@@ -1,0 +1,182 @@
+//! Gamma distribution: durations and speeds, by their mean and their spread around it.
+
+use std::f64::consts::TAU;
+
+use rand::Rng;
+use rand_distr::Distribution;
+
+use super::family::Independent;
+use super::univariate::{Cumulative, Univariate, positive};
+use crate::check::{LOWEST, check, spread};
+use crate::special::{Odds, ln_minus_digamma, log_excess, root, stirling};
+use crate::{EmissionError, Tails};
+
+/// Gamma distribution of a positive number, such as a duration or a speed.
+///
+/// With shapes a_c and scales s_c, a [family](Self::family) of d numbers has
+/// p(y) = Π_c y_c^{a_c − 1} exp(−y_c / s_c) / (Γ(a_c) s_c^{a_c}), of finite y_c above 0: the mean is
+/// a s, the variance a s².
+///
+/// Learning finds the shape that solves ln a − ψ(a) = ln ȳ − mean of ln y, by Newton's method in ln a
+/// to the last digits, with the start of Minka (*Estimating a Gamma distribution*, 2002), and the
+/// scale ȳ / a; both are exact also for a large shape. Observations that are all alike determine
+/// no shape, an [error](EmissionError::TooFew), unless there is a prior: that of c
+/// [observations](Independent::with_prior) with shape b and scale t has the density of a and s
+/// proportional to exp(c ((a − 1) (ψ(b) + ln t) − b t / s − ln Γ(a) − a ln s)), which is conjugate
+/// (Miller, 1980).
+///
+/// ```
+/// use wayfix_learn::Gamma;
+/// use wayfix::inference::LearningOptions;
+/// use wayfix::{Belief, DenseTransition, Hmm, Prior};
+///
+/// let hmm = Hmm::new(
+///     Prior::AtFirstObservation(Belief::uniform(2)?),
+///     DenseTransition::from_rows(&[[0.9, 0.1], [0.1, 0.9]])?,
+///     Gamma::family(&[[2.0], [2.0]], &[[1.0], [10.0]])?, // shapes, then scales
+/// )?;
+/// let waits = [[1.2], [2.7], [1.9], [30.0], [24.0], [41.0], [2.2], [1.4]];
+/// let learned = hmm.learn(&[waits], &LearningOptions::default())?;
+/// let long = learned.model().likelihood().component(1, 0).unwrap();
+/// assert!((long.shape() * long.scale() - 95.0 / 3.0).abs() < 1e-3); // their mean
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Gamma {
+    shape: f64,
+    scale: f64,
+    mean: f64,
+    ln_mean: f64,
+    /// Log density at the mean, without −ln y.
+    constant: f64,
+}
+
+impl Gamma {
+    /// Creates the distribution with this shape and scale.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError::Parameter`] unless shape, scale and their product, the mean, are finite
+    /// and above 0 (from 2.2e-308).
+    pub fn new(shape: f64, scale: f64) -> Result<Self, EmissionError> {
+        let is_valid = |value: f64| value >= f64::MIN_POSITIVE && value.is_finite();
+        let expected = "a finite value above 0 (from 2.2e-308)";
+        let shape = check("shape", shape, is_valid(shape), expected)?;
+        let scale = check("scale", scale, is_valid(scale), expected)?;
+        let mean =
+            check("product of shape and scale", shape * scale, is_valid(shape * scale), expected)?;
+        let constant = 0.5 * (shape.ln() - TAU.ln()) - stirling(shape);
+        Ok(Self { shape, scale, mean, ln_mean: mean.ln(), constant })
+    }
+
+    /// Creates a family from one row for each state, with the shape of each component, and one with
+    /// the scales.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError`] if there are no states or components, for rows of different lengths, or a
+    /// shape, scale or product of them that is not finite and above 0.
+    pub fn family(
+        shapes: &[impl AsRef<[f64]>],
+        scales: &[impl AsRef<[f64]>],
+    ) -> Result<Independent<Self>, EmissionError> {
+        Independent::of_two(["list of shapes", "list of scales"], shapes, scales, Self::new)
+    }
+
+    /// Shape a.
+    #[must_use]
+    pub fn shape(&self) -> f64 {
+        self.shape
+    }
+
+    /// Scale s. The mean is a s, the variance a s².
+    #[must_use]
+    pub fn scale(&self) -> f64 {
+        self.scale
+    }
+
+    /// Distance of y from the mean m, in parts of m, and y / m − 1 − ln(y / m).
+    fn excess(&self, [y, ln]: [f64; 2]) -> (f64, f64) {
+        let u = (y - self.mean) / self.mean;
+        // Far from the mean the difference of the logarithms has all the digits that are left.
+        (u, if (-0.4..=0.6).contains(&u) { log_excess(u) } else { u - (ln - self.ln_mean) })
+    }
+}
+
+impl Univariate for Gamma {
+    const VALUES: &'static str = "a finite value above 0";
+    /// The number and its logarithm.
+    type Point = [f64; 2];
+    /// 1, u and u − ln(1 + u), where u = y / m − 1 and m is the present mean.
+    type Statistics = [f64; 3];
+
+    fn point(value: f64) -> Option<[f64; 2]> {
+        positive(value)
+    }
+
+    // By the distance from the mean: the terms of the usual form cancel where the shape is large.
+    fn log_density(&self, &y: &[f64; 2]) -> f64 {
+        (self.constant - self.shape * self.excess(y).1 - y[1]).max(LOWEST)
+    }
+
+    #[inline]
+    fn statistics(&self, &y: &[f64; 2]) -> [f64; 3] {
+        let (u, excess) = self.excess(y);
+        [1.0, u, excess]
+    }
+
+    fn expectations(&self, of: &Self) -> [f64; 3] {
+        let (u, excess) = self.excess([of.mean, of.ln_mean]);
+        [1.0, u, excess + ln_minus_digamma(of.shape).0]
+    }
+
+    fn expected_log_density(&self, &[_, _, excess]: &[f64; 3]) -> f64 {
+        self.constant - self.shape * excess
+    }
+
+    fn maximize(&self, &[weight, sum, excess]: &[f64; 3]) -> Result<Self, EmissionError> {
+        let (u, excess) = (sum / weight, excess / weight);
+        // ln of the mean less the mean of ln, which is ln a − ψ(a) at the maximum.
+        let s = spread("shape", weight, excess - log_excess(u), excess)?;
+        let ln_s = s.ln();
+        let start = (3.0 - s + ((s - 3.0).powi(2) + 24.0 * s).sqrt()) / (12.0 * s);
+        let start = if start > 0.0 && start.is_finite() { start } else { s.recip() };
+        let shape = root(start, |shape| {
+            let (value, slope) = ln_minus_digamma(shape);
+            (ln_s - value.ln(), -slope / value)
+        });
+        Self::new(shape, (self.mean + self.mean * u) / shape)
+    }
+
+    fn free_parameters(&self) -> usize {
+        2
+    }
+
+    fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> f64 {
+        // Both parameters are valid there, too; a draw that a double does not hold is the nearest
+        // that it does.
+        let draw = rand_distr::Gamma::new(self.shape, self.scale);
+        let draw = draw.map_or(self.mean, |draw| draw.sample(rng));
+        draw.clamp(f64::from_bits(1), f64::MAX)
+    }
+}
+
+impl Cumulative for Gamma {
+    /// O(1): an integral of the density of ln y, in some hundred evaluations; with a relative error
+    /// below 1e-12 while the shape is below 1e4, and of that of y times its effect beyond.
+    fn tails(&self, y: f64) -> Tails {
+        let above = (y - self.mean) / self.mean;
+        let u = if above.abs() < 0.5 { above.ln_1p() } else { y.max(0.0).ln() - self.ln_mean };
+        Tails::between(Odds::gamma(self.shape).sides(u))
+    }
+}
+
+#[cfg(feature = "serde")]
+wayfix::stored! {
+    [] Gamma for Independent<self::Gamma>: [], |family| {
+        shapes: Vec<Vec<f64>> = family.parameters(self::Gamma::shape),
+        scales: Vec<Vec<f64>> = family.parameters(self::Gamma::scale),
+        missing: bool = family.takes_missing(),
+        prior: Option<(Independent<self::Gamma>, f64)> = family.prior(),
+    } => self::Gamma::family(&shapes, &scales).and_then(|new| crate::independent::with_settings(new, missing, prior));
+}

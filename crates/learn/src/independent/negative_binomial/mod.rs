@@ -1,0 +1,246 @@
+//! Negative binomial distribution: counts of events that come in clusters.
+
+mod dispersion;
+
+use rand::Rng;
+use rand_distr::Distribution;
+
+use super::counts::{expectation, tails};
+use super::family::Independent;
+use super::poisson::{MOST, arrivals, is_count};
+use super::univariate::{Cumulative, Univariate};
+use crate::check::check;
+use crate::special::{Odds, excess_ratio, ln_factorial, log_excess, stirling};
+use crate::{EmissionError, Tails};
+
+/// Negative binomial distribution of a count, a whole number from 0 to 2^53, whose variance is above
+/// that of a [`Poisson`](super::Poisson) count.
+///
+/// With means m_c and dispersions α_c, of which r_c = 1 / α_c is the size, a [family](Self::family)
+/// of d counts has p(y) = Π_c Γ(y_c + r_c) / (Γ(r_c) y_c!) (r_c / (r_c + m_c))^{r_c}
+/// (m_c / (r_c + m_c))^{y_c}: the variance is m + α m². It is the Poisson distribution where the
+/// dispersion is 0, and the geometric one where it is 1.
+///
+/// Learning sets each mean to the weighted mean of the counts. If their variance is not above it, the
+/// dispersion is 0, which is then the maximum (Levin and Reeds, 1977). Else no statistics of finite
+/// number determine it: the likelihood has a bound from below that has its value and its first two
+/// derivatives at the present dispersion, and which is maximised. So no step lowers the likelihood,
+/// and near the maximum each doubles the number of right digits.
+///
+/// The [prior](Independent::with_prior) is that of c further observations, whose expectations are
+/// summed numerically, in some thousand evaluations.
+///
+/// ```
+/// use wayfix_learn::NegativeBinomial;
+/// use wayfix::{Belief, DenseTransition, Hmm, Prior};
+///
+/// let hmm = Hmm::new(
+///     Prior::AtFirstObservation(Belief::uniform(2)?),
+///     DenseTransition::from_rows(&[[0.9, 0.1], [0.1, 0.9]])?,
+///     NegativeBinomial::family(&[[2.0], [20.0]], &[[0.5], [0.5]])?, // means, then dispersions
+/// )?;
+/// assert_eq!(hmm.viterbi(&[[0.0], [7.0], [1.0], [14.0], [51.0]])?.states(), [0, 0, 0, 1, 1]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NegativeBinomial {
+    mean: f64,
+    dispersion: f64,
+    ln_mean: f64,
+    /// ln(1 + α m)
+    ln_spread: f64,
+    /// Logarithm of the probability of 0.
+    zero: f64,
+    /// Error of Stirling's formula for the size.
+    error: f64,
+}
+
+/// Count up to which the rising factorial is a product.
+const PRODUCT: f64 = 16.0;
+
+impl NegativeBinomial {
+    /// Creates the distribution with this mean and dispersion.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError::Parameter`] unless the mean is from 0 to 2^53 and the dispersion from 0 to
+    /// 1e100.
+    pub fn new(mean: f64, dispersion: f64) -> Result<Self, EmissionError> {
+        let valid = (0.0..=MOST).contains(&mean);
+        let mean = check("mean", mean, valid, "a value from 0 to 2^53")?;
+        let valid = (0.0..=1e100).contains(&dispersion);
+        let dispersion = check("dispersion", dispersion, valid, "a value from 0 to 1e100")?;
+        let spread = dispersion * mean;
+        let ln_spread = spread.ln_1p();
+        // Below that, its next term is below the last digit, and the quotient may underflow.
+        let zero = if spread < 1e-16 { -mean } else { -ln_spread / dispersion };
+        let error = if dispersion == 0.0 { 0.0 } else { stirling(dispersion.recip()) };
+        Ok(Self { mean, dispersion, ln_mean: mean.ln(), ln_spread, zero, error })
+    }
+
+    /// Creates a family from one row for each state, with the mean of each component, and one with
+    /// the dispersions.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError`] if there are no states or components, for rows of different lengths, a
+    /// mean that is not from 0 to 2^53, or a dispersion that is not from 0 to 1e100.
+    pub fn family(
+        means: &[impl AsRef<[f64]>],
+        dispersions: &[impl AsRef<[f64]>],
+    ) -> Result<Independent<Self>, EmissionError> {
+        Independent::of_two(["list of means", "list of dispersions"], means, dispersions, Self::new)
+    }
+
+    /// Mean m.
+    #[must_use]
+    pub fn mean(&self) -> f64 {
+        self.mean
+    }
+
+    /// Dispersion α. The size is 1 / α, the variance m + α m².
+    #[must_use]
+    pub fn dispersion(&self) -> f64 {
+        self.dispersion
+    }
+
+    /// Log probability of a count above `PRODUCT`, by the saddle point (Loader, 2000): distances of
+    /// y and r from what is expected of them, given their sum.
+    fn far(&self, y: f64, rest: f64) -> f64 {
+        let Self { mean, dispersion, .. } = *self;
+        let ln_grown = (dispersion * y).ln_1p();
+        let d = (y - mean) / (1.0 + dispersion * mean);
+        let (u, v) = (dispersion * d, -d / y);
+        let of_size = if u < -0.5 {
+            (u - (ln_grown - self.ln_spread)) / dispersion
+        } else {
+            d * u * excess_ratio(u)
+        };
+        let of_count = if v < -0.5 {
+            v - (self.ln_mean - y.ln() + ln_grown - self.ln_spread)
+        } else {
+            log_excess(v)
+        };
+        let errors =
+            if dispersion == 0.0 { 0.0 } else { stirling(dispersion.recip() + y) - self.error };
+        errors - rest - 0.5 * ln_grown - of_size - y * of_count
+    }
+}
+
+impl Univariate for NegativeBinomial {
+    const VALUES: &'static str = "a whole number from 0 to 2^53";
+    const HAS_ZERO: bool = true;
+    const EXACT: bool = false;
+    /// The count y, with ln(y!), and that less y (ln y − 1).
+    type Point = (f64, (f64, f64));
+    /// 1, y, (y − m)², the sums of j / (1 + α j) and of its square over j < y, and the log density.
+    type Statistics = [f64; 6];
+
+    fn point(value: f64) -> Option<Self::Point> {
+        is_count(value).then(|| (value, ln_factorial(value)))
+    }
+
+    fn log_density(&self, &(y, (ln_factorial, rest)): &Self::Point) -> f64 {
+        if y == 0.0 {
+            self.zero
+        } else if self.mean == 0.0 {
+            f64::NEG_INFINITY
+        } else if y > PRODUCT {
+            self.far(y, rest)
+        } else {
+            let (mut log, mut product, mut j) = (0.0, 1.0_f64, 1.0);
+            while j < y {
+                product *= 1.0 + self.dispersion * j;
+                if product > 1e150 {
+                    log += product.ln();
+                    product = 1.0;
+                }
+                j += 1.0;
+            }
+            log += product.ln();
+            log - ln_factorial + y * (self.ln_mean - self.ln_spread) + self.zero
+        }
+    }
+
+    fn statistics(&self, point: &Self::Point) -> [f64; 6] {
+        let y = point.0;
+        let [first, second] = dispersion::sums(y, self.dispersion);
+        [1.0, y, (y - self.mean).powi(2), first, second, self.log_density(point)]
+    }
+
+    fn expectations(&self, of: &Self) -> [f64; 6] {
+        let (mean, spread) = (of.mean, 1.0 + of.dispersion * of.mean);
+        let point = |y| (y, ln_factorial(y));
+        let scales = [(mean * spread).sqrt(), spread];
+        let all = expectation(
+            mean,
+            scales,
+            |y| of.log_density(&point(y)),
+            |y| {
+                let [_, _, _, first, second, log] = self.statistics(&point(y));
+                [first, second, log]
+            },
+        );
+        let square = mean * spread + (mean - self.mean).powi(2);
+        [1.0, mean, square, all[0], all[1], all[2]]
+    }
+
+    fn expected_log_density(&self, expectations: &[f64; 6]) -> f64 {
+        expectations[5]
+    }
+
+    fn maximize(&self, sums: &[f64; 6]) -> Result<Self, EmissionError> {
+        let [_, mean, square, first, second, _] = sums.map(|sum| sum / sums[0]);
+        let variance = square - (mean - self.mean).powi(2);
+        let dispersion = if mean == 0.0 {
+            self.dispersion
+        } else {
+            dispersion::maximize(self.dispersion, mean, variance, [first, second])
+        };
+        Self::new(mean, dispersion)
+    }
+
+    fn free_parameters(&self) -> usize {
+        2
+    }
+
+    fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> f64 {
+        // With so little dispersion, no double but the mean is drawn. A draw above the largest count
+        // is that one.
+        let rate = if self.dispersion < 1e-40 {
+            self.mean
+        } else {
+            let (size, scale) = (self.dispersion.recip(), self.dispersion * self.mean);
+            rand_distr::Gamma::new(size, scale).map_or(self.mean, |rates| rates.sample(rng))
+        };
+        rand_distr::Poisson::new(rate.min(MOST)).map_or(0.0, |counts| counts.sample(rng)).min(MOST)
+    }
+}
+
+impl Cumulative for NegativeBinomial {
+    /// O(1): an incomplete beta function on either side, in some hundred evaluations each.
+    fn tails(&self, y: f64) -> Tails {
+        let size = self.dispersion.recip();
+        tails(y, self, |y| {
+            // Below that, y + size is the size.
+            if self.dispersion < 1e-100 {
+                return arrivals(y, self.mean);
+            }
+            let ratio = (y + 1.0) / self.mean;
+            let far = || (y + 1.0).ln() - self.ln_mean;
+            let odds = if ratio.is_finite() { ratio.ln() } else { far() };
+            Odds::beta(size, y + 1.0).sides(odds)
+        })
+    }
+}
+
+#[cfg(feature = "serde")]
+wayfix::stored! {
+    [] NegativeBinomial for Independent<self::NegativeBinomial>: [], |family| {
+        means: Vec<Vec<f64>> = family.parameters(self::NegativeBinomial::mean),
+        dispersions: Vec<Vec<f64>> = family.parameters(self::NegativeBinomial::dispersion),
+        missing: bool = family.takes_missing(),
+        prior: Option<(Independent<self::NegativeBinomial>, f64)> = family.prior(),
+    } => self::NegativeBinomial::family(&means, &dispersions)
+        .and_then(|new| crate::independent::with_settings(new, missing, prior));
+}

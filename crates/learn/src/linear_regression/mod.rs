@@ -1,0 +1,310 @@
+//! Linear regression on an input: its parameters, predictions and draws.
+
+mod learn;
+mod simulate;
+mod step;
+
+use rand::Rng;
+
+use super::check::{check, check_length, flatten};
+use super::normal::{CovarianceType, GaussianPrior, Normals, Settings, flatten_covariances};
+use super::{EmissionError, Family, Gaussian};
+use wayfix::Likelihood;
+use wayfix::ReorderStates;
+use wayfix::likelihood::SampleObservation;
+use wayfix_kernels::{Eight, LANES};
+
+/// Outputs that are linear in an input, with Gaussian noise: in each state y = B x + c + noise. An
+/// observation is a row with the p numbers of the input x and then the d numbers of the output y.
+///
+/// With the coefficients B (d × p), the intercept c and the covariance Σ of a state's noise, full
+/// or diagonal, the density is that of the output given the input,
+///
+/// ```text
+/// p(y | x) = (2π)^(−d/2) det(Σ)^(−1/2) exp(−½ (y − B x − c)' Σ⁻¹ (y − B x − c)).
+/// ```
+///
+/// Inputs have no distribution: nothing can be simulated by
+/// [`Hmm::simulate`](wayfix::Hmm::simulate), but [`sample`](Self::sample) draws an output for an
+/// input, and [`Hmm::simulate_after`](wayfix::Hmm::simulate_after) a sequence whose inputs are the
+/// outputs before.
+///
+/// An intercept is the output at an input of 0: inputs that are far from 0 beside their spread, such
+/// as times of a clock, lose digits there, and should have a constant subtracted before.
+///
+/// Learning is weighted least squares in closed form (Quandt and Ramsey 1978; Hamilton 1989 for
+/// states that follow a Markov chain). Inputs of a state that do not vary in all directions are an
+/// error, unless there is [a ridge](Self::with_ridge). A step takes O(n d (p + d)), eight states
+/// side by side, and allocates nothing; its statistics O(n (p + d)²).
+///
+/// [Missing components](Self::with_missing) of the output are integrated out; inputs must be
+/// complete.
+///
+/// ```
+/// use wayfix_learn::{LinearRegression, Rows};
+/// use wayfix::inference::LearningOptions;
+/// use wayfix::{Belief, DenseTransition, Hmm, Prior};
+///
+/// // One input and one output: y = x in state 0, y = -x in state 1.
+/// let rows = [1.0, 1.1, 2.0, 1.9, 3.0, 3.1, 4.0, 3.9, 1.0, -1.1, 2.0, -1.9, 3.0, -3.1, 4.0, -4.0];
+/// let family =
+///     LinearRegression::diagonal(&[[0.5], [-0.5]], &[[0.0], [0.0]], &[[1.0], [1.0]])?;
+/// let hmm = Hmm::new(
+///     Prior::AtFirstObservation(Belief::uniform(2)?),
+///     DenseTransition::from_rows(&[[0.8, 0.2], [0.2, 0.8]])?,
+///     family,
+/// )?;
+/// let learned = hmm.learn(&[Rows::new(&rows, 2)?], &LearningOptions::default())?;
+/// let found = learned.model().likelihood();
+/// assert!((found.coefficients(0).unwrap()[0] - 1.0).abs() < 0.1);
+/// assert!((found.coefficients(1).unwrap()[0] + 1.0).abs() < 0.1);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
+/// # Autoregressive Gaussians
+///
+/// With the observations before as the input, from [`Rows::lagged`](super::Rows::lagged), this is
+/// the autoregressive Gaussian of some order: B has d × (order · d) coefficients, those of the
+/// oldest observation first. [`Hmm::simulate_after`](wayfix::Hmm::simulate_after) draws sequences
+/// from it, after `order` values that are given, and
+/// [`Filter::simulate_after`](wayfix::Filter::simulate_after) what may follow a series.
+///
+/// ```
+/// use wayfix_learn::{LinearRegression, Rows};
+/// use wayfix::inference::LearningOptions;
+/// use wayfix::{Belief, DenseTransition, Hmm, Prior};
+///
+/// // One state, in which each value is half the one before, and one more.
+/// let values = [8.0, 5.1, 3.4, 2.8, 2.5, 2.2, 2.0, 2.1, 2.0];
+/// let family = LinearRegression::diagonal(&[[0.0]], &[[0.0]], &[[1.0]])?;
+/// let hmm = Hmm::new(
+///     Prior::AtFirstObservation(Belief::uniform(1)?),
+///     DenseTransition::from_rows(&[[1.0]])?,
+///     family,
+/// )?;
+/// let rows = Rows::new(&values, 1)?.lagged(1)?;
+/// let learned = hmm.learn(&[rows], &LearningOptions::default())?;
+/// let found = learned.model().likelihood();
+/// assert!((found.coefficients(0).unwrap()[0] - 0.5).abs() < 0.05);
+/// assert!((found.intercept(0).unwrap()[0] - 1.0).abs() < 0.1);
+/// assert!((found.predict(0, &[4.0])?[0] - 3.0).abs() < 0.1);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct LinearRegression {
+    noise: Gaussian,
+    inputs: usize,
+    /// Intercept and coefficients of each output, in one row for each state.
+    lines: Vec<f64>,
+    /// The same in blocks of eight states.
+    blocks: Vec<Eight>,
+    ridge: f64,
+}
+
+impl LinearRegression {
+    /// Creates a family with the variances of each state's noise: for each state d × p
+    /// coefficients, row after row, d intercepts and d variances.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError`] without states, inputs or outputs, for a wrong length, a value that is
+    /// not finite, or a variance that is not above 2.2e-308.
+    pub fn diagonal<M: AsRef<[f64]>, C: AsRef<[f64]>, V: AsRef<[f64]>>(
+        coefficients: &[M],
+        intercepts: &[C],
+        variances: &[V],
+    ) -> Result<Self, EmissionError> {
+        Self::new(CovarianceType::Diagonal, coefficients, intercepts, variances)
+    }
+
+    /// Creates a family with a covariance of each state's noise: for each state d × p
+    /// coefficients, row after row, d intercepts and d × d covariances, row after row.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError`] as [`diagonal`](Self::diagonal), and for a covariance that is not
+    /// symmetric within 1e-9 and positive definite.
+    pub fn full<M: AsRef<[f64]>, C: AsRef<[f64]>, V: AsRef<[f64]>>(
+        coefficients: &[M],
+        intercepts: &[C],
+        covariances: &[V],
+    ) -> Result<Self, EmissionError> {
+        Self::new(CovarianceType::Full, coefficients, intercepts, covariances)
+    }
+
+    pub(crate) fn new<M: AsRef<[f64]>, C: AsRef<[f64]>, V: AsRef<[f64]>>(
+        kind: CovarianceType,
+        coefficients: &[M],
+        intercepts: &[C],
+        covariances: &[V],
+    ) -> Result<Self, EmissionError> {
+        let states = intercepts.len();
+        let d = intercepts.first().map_or(0, |first| first.as_ref().len());
+        let first = coefficients.first().map_or(0, |first| first.as_ref().len());
+        let p = first.checked_div(d).unwrap_or(0);
+        if states == 0 || p == 0 {
+            return Err(EmissionError::Empty { states, components: d.min(p) });
+        }
+        check_length("list of coefficients", None, coefficients.len(), states)?;
+        check_length("list of covariances", None, covariances.len(), states)?;
+        let coefficients = flatten("list of coefficients", coefficients, d * p)?;
+        let intercepts = flatten("intercept", intercepts, d)?;
+        let covariances = flatten_covariances(kind, covariances, d)?;
+        let zeros = vec![0.0; states * d];
+        let noise = Gaussian::of(Normals::new(kind, d, zeros, covariances, Settings::default())?);
+        let each = coefficients.chunks_exact(p).zip(&intercepts);
+        let lines = each.flat_map(|(slopes, c)| [*c].into_iter().chain(slopes.iter().copied()));
+        Ok(Self::of(noise, p, lines.collect(), 0.0))
+    }
+
+    fn of(noise: Gaussian, inputs: usize, lines: Vec<f64>, ridge: f64) -> Self {
+        let each = noise.components() * (1 + inputs);
+        let mut blocks = vec![Eight::default(); noise.normals().blocks() * each];
+        for (at, line) in lines.chunks_exact(each).enumerate() {
+            for (k, value) in line.iter().enumerate() {
+                blocks[at / LANES * each + k][at % LANES] = *value;
+            }
+        }
+        Self { noise, inputs, lines, blocks, ridge }
+    }
+
+    /// Returns the family with missing components of the output, given as NaN. They are integrated
+    /// out. Without this, a NaN is an error.
+    #[must_use]
+    pub fn with_missing(self) -> Self {
+        Self { noise: self.noise.with_missing(), ..self }
+    }
+
+    /// Returns the family with a prior of the coefficients: −½ λ tr(B' Σ⁻¹ B) is added to the
+    /// logarithm of its density, which draws B to 0 (intercepts are free). 0 by default.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError::Parameter`] unless λ is finite and not negative.
+    pub fn with_ridge(self, lambda: f64) -> Result<Self, EmissionError> {
+        let valid = lambda >= 0.0 && lambda.is_finite();
+        Ok(Self { ridge: check("ridge", lambda, valid, "a finite value of at least 0")?, ..self })
+    }
+
+    /// Returns the family with a prior of the noise, for learning: ν and Ψ of a [`GaussianPrior`],
+    /// whose mean plays no part. By default there is none.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError::Length`] if the prior has another number of components than the output.
+    pub fn with_noise_prior(self, mut prior: GaussianPrior) -> Result<Self, EmissionError> {
+        prior.mean_weight = 0.0;
+        Ok(Self { noise: self.noise.with_prior(prior)?, ..self })
+    }
+
+    /// Number of components of the input, p.
+    #[must_use]
+    pub fn inputs(&self) -> usize {
+        self.inputs
+    }
+
+    /// Number of components of the output, d.
+    #[must_use]
+    pub fn outputs(&self) -> usize {
+        self.noise.components()
+    }
+
+    /// Returns the coefficients of a state, d × p values row after row, or `None` if it does not
+    /// exist.
+    #[must_use]
+    pub fn coefficients(&self, state: usize) -> Option<Vec<f64>> {
+        let lines = self.lines_of(state)?.chunks_exact(1 + self.inputs);
+        Some(lines.flat_map(|line| line[1..].to_vec()).collect())
+    }
+
+    /// Returns the intercept of a state, d values, or `None` if it does not exist.
+    #[must_use]
+    pub fn intercept(&self, state: usize) -> Option<Vec<f64>> {
+        Some(self.lines_of(state)?.iter().step_by(1 + self.inputs).copied().collect())
+    }
+
+    /// The ridge λ.
+    #[must_use]
+    pub fn ridge(&self) -> f64 {
+        self.ridge
+    }
+
+    /// Noise of the outputs: a Gaussian with means of 0, the covariances, the prior, and whether
+    /// components may be missing.
+    #[must_use]
+    pub fn noise(&self) -> &Gaussian {
+        &self.noise
+    }
+
+    /// Expected output in a state, B x + c.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError`] if the input does not have p finite components, or
+    /// [`EmissionError::Length`] if the state does not exist.
+    pub fn predict(&self, state: usize, input: &[f64]) -> Result<Vec<f64>, EmissionError> {
+        let lines = self.lines_of(state).ok_or(EmissionError::Length {
+            what: "number of states up to the one asked for",
+            state: None,
+            found: state.saturating_add(1),
+            expected: self.noise.states(),
+        })?;
+        self.check_input(input, self.inputs)?;
+        Ok(lines.chunks_exact(1 + self.inputs).map(|line| predicted(line, input)).collect())
+    }
+
+    /// Draws an output for an input in a state.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError`] as [`predict`](Self::predict).
+    pub fn sample<R: Rng + ?Sized>(
+        &self,
+        state: usize,
+        input: &[f64],
+        rng: &mut R,
+    ) -> Result<Vec<f64>, EmissionError> {
+        let mut output = self.predict(state, input)?;
+        let noise = self.noise.sample(state, rng);
+        output.iter_mut().zip(noise).for_each(|(y, noise)| *y += noise);
+        Ok(output)
+    }
+
+    fn lines_of(&self, state: usize) -> Option<&[f64]> {
+        self.lines.chunks_exact(self.outputs() * (1 + self.inputs)).nth(state)
+    }
+}
+
+/// Output of a line, an intercept with slopes.
+fn predicted(line: &[f64], input: &[f64]) -> f64 {
+    line[0] + line[1..].iter().zip(input).map(|(slope, x)| slope * x).sum::<f64>()
+}
+
+impl ReorderStates for LinearRegression {
+    fn reordered(&self, order: &[usize]) -> Self {
+        let lines = order.iter().flat_map(|state| self.lines_of(*state).expect("it exists"));
+        Self::of(self.noise.reordered(order), self.inputs, lines.copied().collect(), self.ridge)
+    }
+}
+
+#[cfg(feature = "serde")]
+wayfix::stored! {
+    [] LinearRegression: [], |family| {
+        full: bool = (family.noise().covariance_type() == CovarianceType::Full),
+        coefficients: Vec<Vec<f64>> = crate::family::by_state(|state| family.coefficients(state)),
+        intercepts: Vec<Vec<f64>> = crate::family::by_state(|state| family.intercept(state)),
+        covariances: Vec<Vec<f64>> = family.noise().covariances(),
+        missing: bool = family.noise().takes_missing(),
+        ridge: f64 = family.ridge(),
+        noise_prior: Option<crate::GaussianPrior> = family.noise().prior(),
+    } => Self::new(matrices(full), &coefficients, &intercepts, &covariances)
+        .and_then(|new| new.with_ridge(ridge))
+        .map(|new| crate::family::when(missing, new, Self::with_missing))
+        .and_then(|new| noise_prior.into_iter().try_fold(new, Self::with_noise_prior));
+}
+
+/// Type of covariances that are matrices, or variances.
+#[cfg(feature = "serde")]
+fn matrices(full: bool) -> CovarianceType {
+    if full { CovarianceType::Full } else { CovarianceType::Diagonal }
+}

@@ -1,0 +1,253 @@
+//! E step of normal densities: distances of an observation, and expectations of missing components.
+
+use super::form::{Shape, packed};
+use super::lanes::{Differences, Distances, Eliminate, FromMeans};
+use super::moments::Moments;
+use super::normals::{LN_2_PI, Normals};
+use crate::EmissionError;
+use crate::check::{check_components, check_values};
+use wayfix_kernels::{Eight, LANES, Simd, WithSimd, run};
+
+impl Normals {
+    /// Number of blocks of eight densities.
+    pub(crate) fn blocks(&self) -> usize {
+        self.log_norms.len()
+    }
+
+    /// Number of blocks of memory that distances take.
+    pub(crate) fn memory(&self) -> usize {
+        let elimination = self.settings.missing && self.kind.shape() == Shape::Triangular;
+        2 * self.blocks() + self.d + if elimination { self.elimination() } else { 0 }
+    }
+
+    fn elimination(&self) -> usize {
+        self.d + Shape::Triangular.entries(self.d)
+    }
+
+    /// Writes to `memory` the squared distance of an observation from each mean, in blocks, and
+    /// after these, in as many, the logarithm of each density at the mean; both for the
+    /// components that are not missing, whose number is returned.
+    #[inline]
+    pub(crate) fn distances(
+        &self,
+        y: &[f64],
+        memory: &mut [Eight],
+    ) -> Result<usize, EmissionError> {
+        let observed = self.check(y)?;
+        self.distances_from(&FromMeans { y, centres: &self.centres }, y, observed, memory)?;
+        Ok(observed)
+    }
+
+    /// As [`distances`](Self::distances), with these differences from the observation, which is
+    /// valid and has so many components that are not missing.
+    #[inline]
+    pub(crate) fn distances_from(
+        &self,
+        differences: &impl Differences,
+        y: &[f64],
+        observed: usize,
+        memory: &mut [Eight],
+    ) -> Result<(), EmissionError> {
+        let (d, triangular) = (self.d, self.kind.shape() == Shape::Triangular);
+        if observed < d && triangular {
+            return (0..self.blocks())
+                .try_for_each(|block| self.eliminate(y, differences, block, memory));
+        }
+        let (out, rest) = memory.split_at_mut(self.blocks());
+        let (norms, rest) = rest.split_at_mut(self.blocks());
+        let (factors, deltas) = (&*self.factors, &mut rest[..d]);
+        run(Distances { shape: self.kind.shape(), factors, deltas, differences, out });
+        norms.copy_from_slice(&self.log_norms);
+        if observed < d {
+            for (norms, parts) in norms.iter_mut().zip(self.parts.chunks_exact(d)) {
+                *norms = Eight::default();
+                for (part, _) in parts.iter().zip(y).filter(|part| !part.1.is_nan()) {
+                    norms.iter_mut().zip(part).for_each(|(norm, part)| *norm += part);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Checks an observation, and returns its number of components that are not missing.
+    #[inline]
+    pub(crate) fn check(&self, y: &[f64]) -> Result<usize, EmissionError> {
+        check_components(y, self.d)?;
+        // The sum of these products is 0 if all values are finite.
+        if y.iter().map(|y| y * 0.0).sum::<f64>() == 0.0 {
+            return Ok(self.d);
+        }
+        let is_missing = |y: f64| self.settings.missing && y.is_nan();
+        let expected = if self.settings.missing {
+            "a finite value, or NaN if it is missing"
+        } else {
+            "a finite value (NaN for a missing one only with `with_missing`)"
+        };
+        check_values(y, |y| y.is_finite() || is_missing(y), expected)?;
+        Ok(y.iter().filter(|y| !y.is_nan()).count())
+    }
+
+    /// Writes the distance and the norm of one block for an observation with missing components;
+    /// then `memory` holds, after both, differences and covariances as [`Eliminate`] leaves them.
+    fn eliminate(
+        &self,
+        y: &[f64],
+        differences: &impl Differences,
+        block: usize,
+        memory: &mut [Eight],
+    ) -> Result<(), EmissionError> {
+        let (d, entries) = (self.d, Shape::Triangular.entries(self.d));
+        let (distances, rest) = memory.split_at_mut(self.blocks());
+        let (norms, rest) = rest.split_at_mut(self.blocks());
+        let (deltas, rest) = rest.split_at_mut(d);
+        let (covariance, rest) = rest.split_at_mut(entries);
+        covariance.copy_from_slice(&self.parts[block * entries..][..entries]);
+        run(Write { differences, block, out: deltas });
+        let (distance, pivots) = (&mut distances[block], &mut rest[..d]);
+        run(Eliminate { y, deltas, covariance, distance, pivots });
+        norms[block] = Eight::default();
+        for (component, pivot) in pivots.iter().enumerate().filter(|c| !y[c.0].is_nan()) {
+            for (l, (norm, pivot)) in norms[block].iter_mut().zip(pivot).enumerate() {
+                // Pivots of a factored matrix are positive, but for rounding.
+                if pivot.is_nan() || *pivot <= 0.0 {
+                    let state = Some(block * LANES + l);
+                    return Err(EmissionError::NotPositiveDefinite { state, component });
+                }
+                *norm -= 0.5 * (LN_2_PI + pivot.ln());
+            }
+        }
+        Ok(())
+    }
+
+    /// Turns the distances in `memory` into logarithms of densities.
+    #[inline]
+    pub(crate) fn logs(&self, memory: &mut [Eight]) {
+        let (distances, rest) = memory.split_at_mut(self.blocks());
+        for (distance, norm) in distances.iter_mut().zip(rest) {
+            for (distance, norm) in distance.iter_mut().zip(norm) {
+                *distance = density(*norm - 0.5 * *distance);
+            }
+        }
+    }
+
+    /// Writes the differences of a block.
+    #[inline]
+    pub(crate) fn write(&self, differences: &impl Differences, block: usize, out: &mut [Eight]) {
+        run(Write { differences, block, out: &mut out[..self.d] });
+    }
+
+    /// Adds an observation with these weights for each block to moments. What is missing has its
+    /// conditional distribution, whose covariance counts with the weights `conditional`.
+    #[inline]
+    pub(crate) fn add(
+        &self,
+        moments: &mut Moments,
+        y: &[f64],
+        weights: &[Eight],
+        conditional: &[Eight],
+        memory: &mut [Eight],
+    ) {
+        let is_complete = !self.settings.missing || y.iter().all(|y| !y.is_nan());
+        if is_complete || self.kind.shape() == Shape::Diagonal {
+            return moments.add(weights, y, &self.centres);
+        }
+        if y.iter().all(|y| y.is_nan()) {
+            return;
+        }
+        let differences = FromMeans { y, centres: &self.centres };
+        for (block, weight) in weights.iter().enumerate() {
+            if *weight == Eight::default() {
+                continue;
+            }
+            let expected = self.expected(&differences, y, block, memory);
+            let Ok((deltas, covariance)) = expected else { continue };
+            moments.add_block(block, weight, deltas);
+            let at = moments.scatter_mut(block);
+            add_missing(at, 0, y, &conditional[block], covariance);
+        }
+    }
+
+    /// Expected differences of a block, with those of missing components given the others, and
+    /// packed covariances, which are valid between components that are missing.
+    pub(crate) fn expected<'a>(
+        &self,
+        differences: &impl Differences,
+        y: &[f64],
+        block: usize,
+        memory: &'a mut [Eight],
+    ) -> Result<(&'a [Eight], &'a [Eight]), EmissionError> {
+        let d = self.d;
+        self.eliminate(y, differences, block, memory)?;
+        let (deltas, rest) = memory[2 * self.blocks()..].split_at_mut(d);
+        for (delta, _) in deltas.iter_mut().zip(y).filter(|pair| pair.1.is_nan()) {
+            delta.iter_mut().for_each(|delta| *delta = -*delta);
+        }
+        // The others as before the elimination.
+        let (covariance, before) = rest.split_at_mut(Shape::Triangular.entries(d));
+        run(Write { differences, block, out: &mut before[..d] });
+        for ((delta, before), _) in
+            deltas.iter_mut().zip(before).zip(y).filter(|pair| !pair.1.is_nan())
+        {
+            *delta = *before;
+        }
+        Ok((deltas, covariance))
+    }
+}
+
+/// Adds conditional covariances of missing components to a scatter in which `before` components
+/// precede those, both packed.
+pub(crate) fn add_missing(
+    scatter: &mut [Eight],
+    before: usize,
+    y: &[f64],
+    weight: &Eight,
+    covariance: &[Eight],
+) {
+    let is_missing = |i: &usize| y[*i].is_nan();
+    for i in (0..y.len()).filter(is_missing) {
+        for j in (0..=i).filter(is_missing) {
+            let sums = scatter[packed(before + i, before + j)].iter_mut();
+            let products = weight.iter().zip(&covariance[packed(i, j)]).map(|(w, c)| w * c);
+            sums.zip(products).for_each(|(sum, product)| *sum += product);
+        }
+    }
+}
+
+/// Writes the differences of a block.
+struct Write<'a, D> {
+    differences: &'a D,
+    block: usize,
+    out: &'a mut [Eight],
+}
+
+impl<D: Differences> WithSimd for Write<'_, D> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        self.differences.write(s, self.block, self.out);
+    }
+}
+
+/// Logarithm of a density, as a [`Diagonal`](wayfix::Diagonal) takes it: −∞ (a density of 0) below
+/// −1e300, and where the distance is beyond the range of doubles.
+#[inline(always)]
+pub(crate) fn density(log: f64) -> f64 {
+    if log >= -1e300 { log } else { f64::NEG_INFINITY }
+}
+
+/// Memory of a step in blocks of eight.
+pub(crate) fn eights(values: &mut [f64]) -> &mut [Eight] {
+    values.as_chunks_mut().0
+}
+
+/// Copies weights into blocks of eight, with 0 in the lanes that are left.
+#[inline]
+pub(crate) fn in_blocks(weights: &[f64], out: &mut [Eight]) {
+    let (blocks, rest) = weights.as_chunks::<LANES>();
+    out[..blocks.len()].copy_from_slice(blocks);
+    if let Some(last) = out.get_mut(blocks.len()) {
+        *last = Eight::default();
+        last[..rest.len()].copy_from_slice(rest);
+    }
+}

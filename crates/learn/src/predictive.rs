@@ -1,0 +1,219 @@
+//! Distributions of observations to come.
+
+use std::borrow::Borrow;
+use std::ops::Deref;
+
+use rand::Rng;
+
+use super::marginals::check_component;
+use super::{EmissionError, Marginals, Tails};
+use wayfix::Belief;
+use wayfix::Filter;
+use wayfix::Hmm;
+use wayfix::Transition;
+use wayfix::internal::NoControl;
+use wayfix::internal::index;
+use wayfix::likelihood::SampleObservation;
+use wayfix::{InferenceError, LikelihoodError};
+use wayfix_kernels::log_sum;
+
+/// Distribution of one number of an observation, given a belief: the mixture of its distributions in
+/// the states.
+///
+/// Made by [`ahead`](Self::ahead) of a filter for observations to come, and by [`new`](Self::new) for any belief.
+///
+/// ```
+/// use wayfix_learn::{Gamma, Predictive};
+/// use wayfix::{Belief, DenseTransition, Hmm, Prior};
+///
+/// // Minutes between trams, by day and at night.
+/// let hmm = Hmm::new(
+///     Prior::AtFirstObservation(Belief::uniform(2)?),
+///     DenseTransition::from_rows(&[[0.95, 0.05], [0.05, 0.95]])?,
+///     Gamma::family(&[[9.0], [9.0]], &[[1.0], [3.0]])?, // shapes, then scales
+/// )?;
+/// let mut filter = hmm.filter();
+/// filter.step(&[8.0])?;
+/// let next = Predictive::ahead(&filter, 1, 0)?;
+/// let [usual, long] = [next.quantile(0.5)?, next.quantile(0.95)?];
+/// assert!(usual < 10.0 && long > 15.0);
+/// assert!((next.tails(long).below - 0.95).abs() < 1e-12);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct Predictive<'a, B> {
+    likelihood: &'a B,
+    belief: Belief,
+    component: usize,
+}
+
+impl<'a, B: Marginals> Predictive<'a, B> {
+    /// Returns the distribution of a component of the observation `steps` ahead, given all so far: of
+    /// the next one with 1, of another one at the present step with 0. The component is 0 where
+    /// observations are one number. Costs `steps` products with A.
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError`] as [`Filter::forecast`], and with the step if there is no such
+    /// component.
+    pub fn ahead<M, A>(
+        filter: &'a Filter<M>,
+        steps: usize,
+        component: usize,
+    ) -> Result<Self, InferenceError>
+    where
+        M: Deref<Target = Hmm<A, B>>,
+        A: Transition + 'a,
+        A::Control: NoControl,
+    {
+        Self::at(filter, filter.forecast(steps)?, steps, component)
+    }
+
+    /// Returns the distribution of a component of the observation `controls.len()` steps ahead, under
+    /// one control a step, as [`ahead`](Self::ahead).
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError`] as [`Filter::forecast_with`], and with the step if there is no
+    /// such component.
+    pub fn ahead_with<M, A>(
+        filter: &'a Filter<M>,
+        controls: &[A::Control],
+        component: usize,
+    ) -> Result<Self, InferenceError>
+    where
+        M: Deref<Target = Hmm<A, B>>,
+        A: Transition + 'a,
+    {
+        Self::at(filter, filter.forecast_with(controls)?, controls.len(), component)
+    }
+
+    fn at<M, A>(
+        filter: &'a Filter<M>,
+        belief: Belief,
+        ahead: usize,
+        component: usize,
+    ) -> Result<Self, InferenceError>
+    where
+        M: Deref<Target = Hmm<A, B>>,
+        A: Transition + 'a,
+    {
+        let step = filter.steps().saturating_add(ahead);
+        Self::new(filter.model().likelihood(), belief, component)
+            .map_err(|error| InferenceError::likelihood(step, error))
+    }
+
+    /// Creates the distribution of a component of an observation, 0 where it is one number, of a state
+    /// with this belief.
+    ///
+    /// # Errors
+    ///
+    /// [`LikelihoodError`] if the belief has another number of states, or there is no such component.
+    pub fn new(
+        likelihood: &'a B,
+        belief: Belief,
+        component: usize,
+    ) -> Result<Self, LikelihoodError> {
+        let (found, expected) = (belief.states(), likelihood.states());
+        if found != expected {
+            return Err(LikelihoodError::WrongLength { found, expected });
+        }
+        check_component(likelihood, component)?;
+        Ok(Self { likelihood, belief, component })
+    }
+
+    /// Distribution of the state in which the observation will be made.
+    #[must_use]
+    pub fn belief(&self) -> &Belief {
+        &self.belief
+    }
+
+    /// States that are possible, with their probabilities.
+    fn states(&self) -> impl Iterator<Item = (usize, f64)> + Clone {
+        self.belief.as_slice().iter().copied().enumerate().filter(|(_, p)| *p > 0.0)
+    }
+
+    /// Logarithm of the density of a number (among counts and symbols, of its probability): −∞ where it
+    /// is 0, and for what is no observation, such as NaN. O(n).
+    ///
+    /// Where observations have one component, it is what the filter returns for the step:
+    /// ln p(y_1 … y_{k+1}) − ln p(y_1 … y_k).
+    #[must_use]
+    pub fn log_density(&self, y: f64) -> f64 {
+        let log = |(state, p): (usize, f64)| {
+            p.ln() + self.likelihood.log_density(state, self.component, y)
+        };
+        log_sum(self.states().map(log))
+    }
+
+    /// Probabilities below, at and above a number; NaN counts as one above all others. O(n) tails of a
+    /// state. Angles are counted from −π to π.
+    #[must_use]
+    pub fn tails(&self, y: f64) -> Tails {
+        let y = if y.is_nan() { f64::INFINITY } else { y };
+        let mut mixed = Tails::default();
+        for (state, p) in self.states() {
+            mixed.add(p, self.likelihood.tails(state, self.component, y));
+        }
+        mixed
+    }
+
+    /// Returns the least number y (as doubles are ordered) with P(Y ≤ y) ≥ p: 0.5 for the median.
+    ///
+    /// Above ½, the least with P(Y > y) ≤ 1 − p, which has more digits. Found to the last digit, in 64
+    /// evaluations of the [tails](Self::tails); the largest double if no number is large enough.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError::Parameter`] unless p is above 0 and below 1.
+    pub fn quantile(&self, p: f64) -> Result<f64, EmissionError> {
+        let valid = p > 0.0 && p < 1.0;
+        super::check::check("probability", p, valid, "a value above 0 and below 1")?;
+        let is_enough = |y: f64| {
+            let tails = self.tails(y);
+            if p <= 0.5 { tails.up_to() >= p } else { tails.above <= 1.0 - p }
+        };
+        let (mut low, mut high) = (order(f64::MIN), order(f64::MAX));
+        while low < high {
+            // Without an overflow, and rounded down.
+            let middle = (low & high) + ((low ^ high) >> 1);
+            if is_enough(number(middle)) {
+                high = middle;
+            } else {
+                low = middle + 1;
+            }
+        }
+        Ok(number(high))
+    }
+
+    /// Draws a number: a state, and an observation in it. O(n).
+    ///
+    /// # Errors
+    ///
+    /// [`LikelihoodError`] if the sensor draws what it does not take itself, or nothing.
+    pub fn sample<R: Rng + ?Sized>(&self, rng: &mut R) -> Result<f64, LikelihoodError>
+    where
+        B: SampleObservation,
+    {
+        let state = index(self.states(), 1.0, rng);
+        let drawn = self.likelihood.sample(state, rng);
+        let number = self.likelihood.number(drawn.borrow(), self.component)?;
+        number.ok_or_else(|| {
+            let (component, value, expected) =
+                (self.component, f64::NAN, "a number that was drawn");
+            EmissionError::Observation { component, value, expected }.into()
+        })
+    }
+}
+
+/// Place of a double in their order, from the bits; −0 is just below 0.
+fn order(y: f64) -> i64 {
+    let bits = y.to_bits().cast_signed();
+    bits ^ (((bits >> 63).cast_unsigned() >> 1).cast_signed())
+}
+
+/// The double at a place in their order.
+fn number(order: i64) -> f64 {
+    let bits = order ^ (((order >> 63).cast_unsigned() >> 1).cast_signed());
+    f64::from_bits(bits.cast_unsigned())
+}

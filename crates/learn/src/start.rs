@@ -1,0 +1,273 @@
+//! Models to begin learning with (section 9 of the formulas finds the maximum that is near).
+
+use rand::{Rng, RngExt};
+
+use super::{Clusters, EmissionError, StartFromClusters, StartKind};
+use wayfix::Belief;
+use wayfix::DenseTransition;
+use wayfix::InferenceError;
+use wayfix::Scratch;
+use wayfix::Sequence;
+use wayfix::inference::LearningOptions;
+use wayfix::inference::{LearnError, SequenceError};
+use wayfix::internal::parallel;
+use wayfix::{Hmm, Prior};
+
+/// Candidates of each start.
+const CANDIDATES: usize = 8;
+/// Iterations of learning from each. On random problems, fewer of both find the highest end of ten
+/// starts less often: so few iterations say little of an end.
+const SHORT: usize = 15;
+
+/// Models to start learning from, as many as asked for, of several [kinds](StartKind) in turn:
+/// that of a start is [`StartKind::of`] its index.
+///
+/// A start is that of eight candidates from which 15 iterations of learning come furthest
+/// (Biernacki, Celeux and Govaert 2003, for mixtures). Each comes from random [`Clusters`] of its
+/// kind, whose observations give the family its parameters.
+///
+/// Parameters are estimated from the observations of each cluster, with a tenth of the weight from
+/// all observations. The transition of every other candidate is what the clusters of successive
+/// observations show, with one more of each; those between have a random one, in which few moves
+/// out of a state are probable. The prior is uniform at the first observation.
+/// [`Hmm::learn_best`] learns from all and keeps the best:
+///
+/// ```
+/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+/// use wayfix_learn::{Gaussian, GaussianPrior, StartKind, starts};
+/// use wayfix::inference::LearningOptions;
+/// use wayfix::Hmm;
+///
+/// let calm = (0..40).map(|k| [0.1 * f64::from(k % 3)]);
+/// let busy = (0..40).map(|k| [5.0 + 0.5 * f64::from(k % 5)]);
+/// let series: Vec<[f64; 1]> = calm.chain(busy).collect();
+///
+/// let family = Gaussian::diagonal(&[[0.0], [0.0]], &[[1.0], [1.0]])?; // two states, one component
+/// // 0.01 times the variance of all, so that no state becomes as narrow as one observation.
+/// let family = family.with_prior(GaussianPrior::new(1)?.with_covariance(0.0, &[0.09])?)?;
+/// let starts = starts(&family, &[&series], 5, &mut ChaCha8Rng::seed_from_u64(1))?;
+/// let learned = Hmm::learn_best(&starts, &[&series], &LearningOptions::default(), |_, _| ())?;
+/// let mean = |state| learned.model().likelihood().mean(state).unwrap()[0];
+/// assert!((mean(0) - 0.1).abs() < 0.01 && (mean(1) - 6.0).abs() < 0.01);
+/// assert_eq!(StartKind::of(learned.start()), StartKind::Position); // it was enough here
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
+/// # The family
+///
+/// `family` is a placeholder. It decides the number of states, the kind of covariance, the
+/// [prior](super::GaussianPrior) of its parameters, whether components may be missing, and the
+/// number of a mixture's parts, which come from clusters within that of a state. It also keeps
+/// what is fixed (put fixed means in ascending order, as clusters are) and what observations do
+/// not give: probabilities of 0, and in the start, but not in learning, the degrees of freedom of a
+/// [`StudentT`](super::StudentT). Its other parameters have no influence, but for the choice among equals (a mean direction of observations that have none).
+///
+/// Without a prior a state may take hold of one observation, or of several that are the same:
+/// the likelihood then has no maximum, and learning ends there. `with_prior`, as above, avoids it
+/// in starts and in learning.
+///
+/// Distances are Euclidean, so that a group of headings around ±π is two clusters
+/// ([`Clusters`] says what to do).
+///
+/// # Another transition
+///
+/// Keep the family alone to learn with a transition of your own. States are in ascending order of
+/// the first component's mean in their clusters, which tells little where clusters differ in
+/// something else; [`Hmm::reordered`] puts them in the order in which they follow each other.
+///
+/// ```
+/// # use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+/// # use wayfix_learn::{Gaussian, starts};
+/// # use wayfix::{Belief, DenseTransition, Hmm, HmmError, Prior};
+/// # let series = [[0.0], [0.1], [0.2], [5.0], [5.1], [5.3]];
+/// # let family = Gaussian::diagonal(&[[0.0], [0.0]], &[[1.0], [1.0]])?;
+/// # let starts = starts(&family, &[&series], 2, &mut ChaCha8Rng::seed_from_u64(1))?;
+/// // From state 0 to state 1, and never back.
+/// let onward = DenseTransition::from_rows(&[[0.9, 0.0], [0.1, 1.0]])?;
+/// let first = Prior::AtFirstObservation(Belief::new(vec![1.0, 0.0])?);
+/// let own = |start: Hmm<_, _>| Hmm::new(first.clone(), onward.clone(), start.into_parts().2);
+/// let starts = starts.into_iter().map(own).collect::<Result<Vec<_>, HmmError>>()?;
+/// # assert_eq!(starts.len(), 2);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
+/// # Errors
+///
+/// [`LearnError::Sequence`] with sequence and step if the family refuses an observation;
+/// [`LearnError::Likelihood`] if there are no observations, or fewer different ones than states,
+/// if a component is missing in all, or if clusters do not determine the parameters, which a prior
+/// may help. A component that is always the same is then named.
+///
+/// # Complexity
+///
+/// Each start costs as much as eight [`Clusters`] and 128 iterations of learning, one or two times
+/// as much as learning from it to the end. In parallel with the feature `rayon`.
+pub fn starts<B, S, R>(
+    family: &B,
+    sequences: &[S],
+    count: usize,
+    rng: &mut R,
+) -> Result<Vec<Hmm<DenseTransition, B>>, LearnError>
+where
+    B: StartFromClusters,
+    S: Sequence<(), [f64]> + Sync,
+    R: Rng + ?Sized,
+{
+    check(family, sequences)?;
+    if count > 0 {
+        // Kinds that look at more than a row could do with fewer different ones, families seldom.
+        clusters(StartKind::Position, sequences, family.states(), rng)?;
+    }
+    of_kinds(family, sequences, count, rng)
+}
+
+/// Checks that the family takes all observations, and that no component is missing in all.
+fn check<B, S>(family: &B, sequences: &[S]) -> Result<(), LearnError>
+where
+    B: StartFromClusters,
+    S: Sequence<(), [f64]>,
+{
+    let mut scratch = Scratch::default();
+    let mut is_missing = Vec::new();
+    for (sequence, observations) in sequences.iter().enumerate() {
+        for step in 1..=observations.steps() {
+            let row = observations.observation(step);
+            if let Err(source) = family.diagonal(row, &mut scratch) {
+                let source = InferenceError::likelihood(step, source);
+                return Err(SequenceError { sequence, source }.into());
+            }
+            is_missing.resize(row.len(), true);
+            is_missing.iter_mut().zip(row).for_each(|(is_missing, y)| *is_missing &= y.is_nan());
+        }
+    }
+    match is_missing.iter().position(|is_missing| *is_missing) {
+        None => Ok(()),
+        Some(component) => Err(LearnError::likelihood(EmissionError::AllMissing { component })),
+    }
+}
+
+/// Returns a start of each kind in turn. Segments take the place of a kind that does not tell
+/// enough observations apart.
+pub(super) fn of_kinds<B, S, R>(
+    family: &B,
+    sequences: &[S],
+    count: usize,
+    rng: &mut R,
+) -> Result<Vec<Hmm<DenseTransition, B>>, LearnError>
+where
+    B: StartFromClusters,
+    S: Sequence<(), [f64]> + Sync,
+    R: Rng + ?Sized,
+{
+    let mut of_kind = |kind| {
+        let draw = |at| candidate(family, sequences, kind, at % 2 == 1, rng);
+        furthest((0..CANDIDATES).map(draw).collect(), sequences)
+    };
+    let mut start =
+        |kind| of_kind(kind).or_else(|error| of_kind(StartKind::Segments).map_err(|_| error));
+    (0..count).map(|index| start(StartKind::of(index))).collect()
+}
+
+/// Returns the candidate from which a few iterations come furthest, the first of several.
+///
+/// # Errors
+///
+/// The first candidate's, if there is none that is no error.
+fn furthest<B, S>(
+    candidates: Vec<Result<Hmm<DenseTransition, B>, LearnError>>,
+    sequences: &[S],
+) -> Result<Hmm<DenseTransition, B>, LearnError>
+where
+    B: StartFromClusters,
+    S: Sequence<(), [f64]> + Sync,
+{
+    let few = LearningOptions { iterations: SHORT, ..LearningOptions::default() };
+    let ranked = parallel::map(candidates, |start: Result<Hmm<_, _>, _>, (): &mut ()| {
+        let start = start?;
+        // One that fails comes after all others: its likelihood may have no bound.
+        let rank = match start.learn(sequences, &few) {
+            Ok(end) => (!end.failed(), end.objective()),
+            Err(_) => (false, f64::NEG_INFINITY),
+        };
+        Ok((rank, start))
+    });
+    let further = |best, other| match (best, other) {
+        (Ok((best, _)), Ok((rank, start))) if rank > best => Ok((rank, start)),
+        (Err(_), other @ Ok(_)) => other,
+        (best, _) => best,
+    };
+    let nothing = Err(LearnError::nothing(sequences.len(), None));
+    ranked.into_iter().reduce(further).unwrap_or(nothing).map(|(_, start)| start)
+}
+
+/// Returns a model from clusters of a kind.
+fn candidate<B, S, R>(
+    family: &B,
+    sequences: &[S],
+    kind: StartKind,
+    draws_moves: bool,
+    rng: &mut R,
+) -> Result<Hmm<DenseTransition, B>, LearnError>
+where
+    B: StartFromClusters,
+    S: Sequence<(), [f64]>,
+    R: Rng + ?Sized,
+{
+    let n = family.states();
+    let clusters = clusters(kind, sequences, n, rng)?;
+    let likelihood = family
+        .start(&clusters, rng)
+        .map_err(|error| LearnError::likelihood(clusters.explain(error)))?;
+    let moves =
+        if draws_moves { random_moves(n, rng) } else { shown_moves(n, sequences, &clusters) };
+    let sums: Vec<f64> = moves.chunks_exact(n).map(|row| row.iter().sum()).collect();
+    let transition = DenseTransition::from_fn(n, |to, from| moves[from * n + to] / sums[from])?;
+    let prior = Prior::AtFirstObservation(Belief::uniform(n)?);
+    Ok(Hmm::new(prior, transition, likelihood)?)
+}
+
+fn clusters<'a, S, R>(
+    kind: StartKind,
+    sequences: &'a [S],
+    states: usize,
+    rng: &mut R,
+) -> Result<Clusters<'a>, LearnError>
+where
+    S: Sequence<(), [f64]>,
+    R: Rng + ?Sized,
+{
+    Clusters::of_kind(kind, sequences, states, rng).map_err(|error| match error {
+        EmissionError::TooFewDifferent { found, expected, .. } => {
+            let what = "states";
+            LearnError::likelihood(EmissionError::TooFewDifferent { found, expected, what })
+        }
+        other => LearnError::likelihood(other),
+    })
+}
+
+/// Moves between the clusters of successive observations, out of each state in a row, and one more
+/// of each.
+fn shown_moves<S: Sequence<(), [f64]>>(
+    n: usize,
+    sequences: &[S],
+    clusters: &Clusters<'_>,
+) -> Vec<f64> {
+    let mut moves = vec![1.0; n * n];
+    for (sequence, labels) in sequences.iter().zip(clusters.labels()) {
+        // An observation without a known component tells nothing of its state.
+        let is_known = |step: usize| sequence.observation(step).iter().any(|y| !y.is_nan());
+        let pairs = (1..).zip(labels.windows(2));
+        for (_, pair) in pairs.filter(|&(step, _)| is_known(step) && is_known(step + 1)) {
+            moves[pair[0] * n + pair[1]] += 1.0;
+        }
+    }
+    moves
+}
+
+/// Random weights of the moves out of each state in a row, of which few are large: nearly those of
+/// a Dirichlet distribution with 1/n for each. None is 0, since that would stay so.
+fn random_moves<R: Rng + ?Sized>(n: usize, rng: &mut R) -> Vec<f64> {
+    // Above 0: the smallest is 2^-53, its power 2^-424.
+    let power = |p: f64| std::iter::repeat_n(p, n.min(8)).product::<f64>();
+    (0..n * n).map(|_| power(1.0 - rng.random::<f64>())).collect()
+}

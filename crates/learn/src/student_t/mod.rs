@@ -1,0 +1,238 @@
+//! Student's t distribution of vectors: its densities b_i(y), section 1 of the guide's formulas.
+
+mod learn;
+mod start;
+
+use std::f64::consts::TAU;
+
+use rand::Rng;
+use rand_distr::{ChiSquared, Distribution};
+
+use super::check::{at, check, check_length};
+use super::gaussian::Gaussian;
+use super::normal::{density, eights};
+use super::special::{Odds, ln_rising};
+use super::{EmissionError, Family, Marginals, Tails};
+use wayfix::LikelihoodError;
+use wayfix::ReorderStates;
+use wayfix::likelihood::SampleObservation;
+use wayfix::{Diagonal, Likelihood, Scratch};
+
+/// Vectors with Student's t distribution, for noise with outliers: a [`Gaussian`] whose covariance
+/// is the scale, and degrees of freedom for each state.
+///
+/// With the mean μ, the scale Σ and the degrees of freedom ν of a state, the density of an
+/// observation of d numbers is
+///
+/// ```text
+/// p(y) = Γ((ν+d)/2) / (Γ(ν/2) (νπ)^(d/2) det(Σ)^(1/2)) (1 + (y − μ)' Σ⁻¹ (y − μ) / ν)^(−(ν+d)/2),
+/// ```
+///
+/// a Gaussian for large ν; its covariance is Σ ν / (ν − 2) for ν > 2.
+///
+/// An observation is taken for a Gaussian one whose precision is multiplied by an unknown u, of
+/// mean 1. Learning expects u (so that outliers count little) and then maximises means and scales
+/// in closed form, and ν by Newton's method (Liu and Rubin 1995, without their second pass). It
+/// never falls, but where the tails are light, ν grows without end, ever more slowly; then a
+/// [`Gaussian`] fits. [`with_fixed_degrees`](Self::with_fixed_degrees) keeps ν.
+///
+/// Priors, missing components, fixed parameters and the complexity of a step are those of the
+/// [`Gaussian`], with Σ in place of its covariance; a step also takes n logarithms.
+///
+/// ```
+/// use wayfix_learn::{Gaussian, Rows, StudentT};
+/// use wayfix::inference::LearningOptions;
+/// use wayfix::{Belief, DenseTransition, Hmm, Prior};
+///
+/// let values = [0.1, -0.2, 0.3, 90.0, 0.0, -0.1, 5.2, 4.9, -70.0, 5.0, 5.1, 0.2, -0.3];
+/// let family = StudentT::new(&[2.0, 2.0], Gaussian::spherical(&[[-1.0], [4.0]], &[1.0, 1.0])?)?;
+/// let hmm = Hmm::new(
+///     Prior::AtFirstObservation(Belief::uniform(2)?),
+///     DenseTransition::from_rows(&[[0.8, 0.2], [0.2, 0.8]])?,
+///     family.with_fixed_degrees(),
+/// )?;
+/// let learned = hmm.learn(&[Rows::new(&values, 1)?], &LearningOptions::default())?;
+/// let found = learned.model().likelihood().gaussian();
+/// assert!(found.mean(0).unwrap()[0].abs() < 0.2); // in spite of 90
+/// assert!((found.mean(1).unwrap()[0] - 5.0).abs() < 0.2); // and of -70
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct StudentT {
+    gaussian: Gaussian,
+    degrees: Vec<f64>,
+    /// True if the degrees of freedom are not learned.
+    fixed: bool,
+    /// For each state, ln(Γ((ν+k)/2) / (Γ(ν/2) (ν/2)^(k/2))) for k = 0 to d components.
+    log_norms: Vec<f64>,
+}
+
+/// Least degrees of freedom: with fewer, draws leave the range of doubles.
+const LEAST: f64 = 0.01;
+
+impl StudentT {
+    /// Creates a family from the degrees of freedom of each state, and a Gaussian with its mean and
+    /// its scale.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError`] for another number of states, or degrees of freedom that are not finite
+    /// and at least 0.01.
+    pub fn new(degrees: &[f64], gaussian: Gaussian) -> Result<Self, EmissionError> {
+        check_length("list of degrees of freedom", None, degrees.len(), gaussian.states())?;
+        Self::of(gaussian, degrees.to_vec(), false)
+    }
+
+    fn of(gaussian: Gaussian, degrees: Vec<f64>, fixed: bool) -> Result<Self, EmissionError> {
+        for (state, &nu) in degrees.iter().enumerate() {
+            let valid = nu >= LEAST && nu.is_finite();
+            check("degrees of freedom", nu, valid, "a finite value of at least 0.01")
+                .map_err(|error| at(error, state, None))?;
+        }
+        let d = gaussian.components();
+        let norms = degrees.iter().flat_map(|nu| (0..=d).map(move |k| ln_rising(nu / 2.0, k)));
+        Ok(Self { log_norms: norms.collect(), gaussian, degrees, fixed })
+    }
+
+    /// Returns the family with degrees of freedom that learning keeps.
+    #[must_use]
+    pub fn with_fixed_degrees(self) -> Self {
+        Self { fixed: true, ..self }
+    }
+
+    /// Means, scales (as covariances) and settings.
+    #[must_use]
+    pub fn gaussian(&self) -> &Gaussian {
+        &self.gaussian
+    }
+
+    /// Degrees of freedom of each state.
+    #[must_use]
+    pub fn degrees(&self) -> &[f64] {
+        &self.degrees
+    }
+
+    /// True if learning keeps the degrees of freedom.
+    #[must_use]
+    pub fn has_fixed_degrees(&self) -> bool {
+        self.fixed
+    }
+}
+
+impl Likelihood for StudentT {
+    type Observation = [f64];
+
+    fn states(&self) -> usize {
+        self.degrees.len()
+    }
+
+    fn diagonal<'a>(
+        &'a self,
+        y: &'a [f64],
+        scratch: &'a mut Scratch,
+    ) -> Result<Diagonal<'a>, LikelihoodError> {
+        let (normals, n) = (self.gaussian.normals(), self.degrees.len());
+        let d = normals.components();
+        let values = scratch.values(normals.memory() * 8);
+        let memory = eights(values);
+        let observed = normals.distances(y, memory)?;
+        let (distances, norms) = memory.as_flattened_mut().split_at_mut(normals.blocks() * 8);
+        for (state, (distance, norm)) in distances.iter_mut().zip(norms).enumerate().take(n) {
+            let nu = self.degrees[state];
+            let power = 0.5 * (nu + observed as f64) * (*distance / nu).ln_1p();
+            *distance = density(*norm + self.log_norms[state * (d + 1) + observed] - power);
+        }
+        Ok(Diagonal::log(&values[..n]))
+    }
+}
+
+impl Family for StudentT {
+    fn components(&self) -> usize {
+        self.gaussian.components()
+    }
+}
+
+impl SampleObservation for StudentT {
+    type Sample = Vec<f64>;
+
+    /// Draws an observation. Those beyond the range of doubles are drawn again.
+    fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> Vec<f64> {
+        let nu = self.degrees[state];
+        let chi_squared = ChiSquared::new(nu).expect("degrees of freedom are above 0");
+        let mean = self.gaussian.mean(state).expect("the state exists");
+        loop {
+            let mut y = self.gaussian.sample(state, rng);
+            let stretch = (nu / chi_squared.sample(rng)).sqrt();
+            y.iter_mut().zip(mean).for_each(|(y, mean)| *y = mean + (*y - mean) * stretch);
+            if y.iter().all(|y| y.is_finite()) {
+                return y;
+            }
+        }
+    }
+}
+
+impl ReorderStates for StudentT {
+    fn reordered(&self, order: &[usize]) -> Self {
+        let d = self.gaussian.components();
+        let norms = order.iter().flat_map(|state| &self.log_norms[state * (d + 1)..][..=d]);
+        Self {
+            gaussian: self.gaussian.reordered(order),
+            degrees: order.iter().map(|state| self.degrees[*state]).collect(),
+            fixed: self.fixed,
+            log_norms: norms.copied().collect(),
+        }
+    }
+}
+
+/// Each component by itself, with its scale. Tails take O(1): an incomplete beta function, in some
+/// hundred evaluations.
+impl Marginals for StudentT {
+    fn numbers(&self) -> usize {
+        self.gaussian.components()
+    }
+
+    fn number(&self, row: &[f64], component: usize) -> Result<Option<f64>, LikelihoodError> {
+        self.gaussian.number(row, component)
+    }
+
+    fn log_density(&self, state: usize, component: usize, y: f64) -> f64 {
+        if !y.is_finite() {
+            return f64::NEG_INFINITY;
+        }
+        let [z, ln_scale] = self.gaussian.normals().standardize(state, component, y);
+        let (nu, d) = (self.degrees[state], self.gaussian.components());
+        // ln(1 + z² / ν), whose square may be out of range.
+        let ratio = z.abs() / nu.sqrt();
+        let tail = if ratio < 1e100 { (ratio * ratio).ln_1p() } else { 2.0 * ratio.ln() };
+        let norm = self.log_norms[state * (d + 1) + 1] - 0.5 * TAU.ln() - ln_scale;
+        density(norm - 0.5 * (nu + 1.0) * tail)
+    }
+
+    fn tails(&self, state: usize, component: usize, y: f64) -> Tails {
+        let z = self.gaussian.normals().standardize(state, component, y)[0];
+        let [beyond, within] = Odds::student(self.degrees[state], z).map(|p| 0.5 * p);
+        let sides = [beyond, 0.5 + within];
+        Tails::between(if z < 0.0 { sides } else { [sides[1], sides[0]] })
+    }
+}
+
+#[cfg(feature = "serde")]
+wayfix::stored! {
+    [] StudentT: [], |family| {
+        scale_type: crate::CovarianceType = family.gaussian().covariance_type(),
+        degrees: Vec<f64> = family.degrees(),
+        means: Vec<Vec<f64>> = family.gaussian().means(),
+        scales: Vec<Vec<f64>> = family.gaussian().covariances(),
+        fixed_degrees: bool = family.has_fixed_degrees(),
+        missing: bool = family.gaussian().takes_missing(),
+        fixed_means: bool = family.gaussian().has_fixed_means(),
+        fixed_covariances: bool = family.gaussian().has_fixed_covariances(),
+        prior: Option<crate::GaussianPrior> = family.gaussian().prior(),
+    } => Gaussian::new(scale_type, &means, &scales)
+        .map(|new| crate::family::when(missing, new, Gaussian::with_missing))
+        .map(|new| crate::family::when(fixed_means, new, Gaussian::with_fixed_means))
+        .map(|new| crate::family::when(fixed_covariances, new, Gaussian::with_fixed_covariances))
+        .and_then(|new| prior.into_iter().try_fold(new, Gaussian::with_prior))
+        .and_then(|gaussian| Self::new(&degrees, gaussian))
+        .map(|new| crate::family::when(fixed_degrees, new, Self::with_fixed_degrees));
+}

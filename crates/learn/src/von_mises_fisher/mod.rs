@@ -1,0 +1,264 @@
+//! Directions in any number of dimensions: their densities b_i(y), section 1 of the guide's
+//! formulas.
+
+mod learn;
+
+use std::f64::consts::TAU;
+
+use rand::Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+use super::check::{LOWEST, at, check, check_components, check_length, check_values, shape};
+use super::concentration::draw;
+use super::special::Bessel;
+use super::{EmissionError, Family};
+use wayfix::LikelihoodError;
+use wayfix::ReorderStates;
+use wayfix::likelihood::SampleObservation;
+use wayfix::{Diagonal, Likelihood, Scratch};
+
+/// Distance from length one within which a vector is a direction.
+const TOLERANCE: f64 = 1e-6;
+
+/// Directions in d ≥ 2 dimensions, as vectors of length one: a von Mises–Fisher distribution in
+/// each state.
+///
+/// p(y) = κ^ν exp(κ μ·y) / ((2π)^{d/2} I_ν(κ)), where ν = d/2 − 1, with a mean direction μ of length one and a
+/// concentration κ ≥ 0: at 0 all directions are as likely, and for large κ the variance around μ
+/// is 1 / κ in each of d − 1 dimensions. The density is that on the sphere. Vectors within 1e-6 of
+/// length one are taken, and scaled to it.
+///
+/// Learning sets μ to the direction of the mean vector, and κ to the solution of
+/// I_{ν+1}(κ) / I_ν(κ) = its length, by Newton's method to the last digits, from the start of Banerjee et al.
+/// (2005); approximations of it (Sra, 2012) are not used. Observations that are all alike
+/// determine no concentration, an [error](EmissionError::TooFew), unless there is a
+/// [prior](Self::with_prior).
+///
+/// A vector may be missing as a whole ([`with_missing`](Self::with_missing)), but not in part.
+///
+/// A step costs O(n d), learning O(n d) an observation, and O(n (d + √κ)) a re-estimation. Memory: O(n d).
+///
+/// ```
+/// use wayfix_learn::VonMisesFisher;
+/// use wayfix::{Belief, DenseTransition, Hmm, Prior};
+///
+/// let hmm = Hmm::new(
+///     Prior::AtFirstObservation(Belief::uniform(2)?),
+///     DenseTransition::from_rows(&[[0.9, 0.1], [0.1, 0.9]])?,
+///     VonMisesFisher::new(&[[1.0, 0.0, 0.0], [0.0, 0.6, 0.8]], &[20.0, 5.0])?,
+/// )?;
+/// let seen = [[0.8, 0.6, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+/// assert_eq!(hmm.viterbi(&seen)?.states(), [0, 0, 1]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub struct VonMisesFisher {
+    components: usize,
+    missing: bool,
+    /// Direction of state i from i d on.
+    means: Vec<f64>,
+    concentrations: Vec<f64>,
+    /// Log density at each mean direction.
+    peaks: Vec<f64>,
+    /// Distribution of further observations in each state, and their number.
+    prior: Option<(Box<Self>, f64)>,
+}
+
+/// Returns the length of a vector.
+fn length(vector: &[f64]) -> f64 {
+    vector.iter().map(|x| x * x).sum::<f64>().sqrt()
+}
+
+/// 1 − the cosine of two directions, as half their squared distance, in which nothing cancels.
+fn cosine_distance(mean: &[f64], direction: impl Iterator<Item = f64>) -> f64 {
+    0.5 * mean.iter().zip(direction).map(|(m, y)| (y - m).powi(2)).sum::<f64>()
+}
+
+impl VonMisesFisher {
+    /// Creates a family from one row for each state with its mean direction, and the
+    /// concentrations of the states. O(n (d + √κ)).
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError`] if there are no states, for rows of different lengths or of less than two
+    /// components, a direction whose length is not one within 1e-6, or a concentration that is not
+    /// from 0 to 1e300.
+    pub fn new<R: AsRef<[f64]>>(
+        means: &[R],
+        concentrations: &[f64],
+    ) -> Result<Self, EmissionError> {
+        let (states, components) = shape("mean direction", means)?;
+        let value = components as f64;
+        check("number of components", value, components > 1, "at least 2")?;
+        check_length("list of concentrations", None, concentrations.len(), states)?;
+        let mut directions = Vec::with_capacity(states * components);
+        let mut peaks = Vec::with_capacity(states);
+        for (state, (mean, &k)) in means.iter().zip(concentrations).enumerate() {
+            let mean = mean.as_ref();
+            let long = length(mean);
+            let valid = (long - 1.0).abs() <= TOLERANCE;
+            check("length of the mean direction", long, valid, "1 within 1e-6")
+                .and_then(|_| {
+                    let valid = (0.0..=1e300).contains(&k);
+                    check("concentration", k, valid, "a value from 0 to 1e300")
+                })
+                .map_err(|error| at(error, state, None))?;
+            // One that is right but for rounding is kept to the bit.
+            let scale = if (long - 1.0).abs() < 1e-12 { 1.0 } else { long.recip() };
+            directions.extend(mean.iter().map(|m| m * scale));
+            let half = 0.5 * components as f64;
+            peaks.push(-half * TAU.ln() - Bessel::new(half - 1.0, k).log);
+        }
+        let (means, concentrations) = (directions, concentrations.to_vec());
+        Ok(Self { components, missing: false, means, concentrations, peaks, prior: None })
+    }
+
+    /// Takes a row of NaN alone as a missing observation.
+    #[must_use]
+    pub fn with_missing(self) -> Self {
+        Self { missing: true, ..self }
+    }
+
+    /// Adds a conjugate prior: learning proceeds as if each state had shown `count` more
+    /// observations, distributed as `prior`, a family with one state for all or as many states
+    /// as this.
+    ///
+    /// With the direction m and the concentration k of the prior, its density of μ and κ is
+    /// proportional to exp(c κ μ·m I_{ν+1}(k) / I_ν(k)) (κ^ν / I_ν(κ))^c, where c is the count, which need
+    /// not be whole.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError`] if the prior has another number of states or components, or `count` is
+    /// not a finite value above 0.
+    pub fn with_prior(self, prior: Self, count: f64) -> Result<Self, EmissionError> {
+        let n = self.states();
+        check_length("mean direction of the prior", None, prior.components, self.components)?;
+        if prior.states() != 1 {
+            check_length("list of states of the prior", None, prior.states(), n)?;
+        }
+        let (what, valid) =
+            ("number of observations of the prior", count > 0.0 && count.is_finite());
+        check(what, count, valid, "a finite value above 0")?;
+        let order: Vec<usize> = if prior.states() == n { (0..n).collect() } else { vec![0; n] };
+        let prior = Self { missing: false, prior: None, ..prior }.reordered(&order);
+        Ok(Self { prior: Some((Box::new(prior), count)), ..self })
+    }
+
+    /// True if a row of NaN alone is a missing observation.
+    #[must_use]
+    pub fn takes_missing(&self) -> bool {
+        self.missing
+    }
+
+    /// Mean directions, one row for each state.
+    #[must_use]
+    pub fn means(&self) -> Vec<Vec<f64>> {
+        self.means.chunks_exact(self.components).map(<[f64]>::to_vec).collect()
+    }
+
+    /// Concentrations, one for each state.
+    #[must_use]
+    pub fn concentrations(&self) -> &[f64] {
+        &self.concentrations
+    }
+
+    /// The prior, with one distribution for each state, and its number of observations.
+    #[must_use]
+    pub fn prior(&self) -> Option<(&Self, f64)> {
+        self.prior.as_ref().map(|(prior, count)| (&**prior, *count))
+    }
+
+    /// Mean direction of a state.
+    fn mean(&self, state: usize) -> &[f64] {
+        &self.means[state * self.components..][..self.components]
+    }
+
+    /// Returns the factor that brings a valid vector to length one, or `None` if it is missing.
+    fn scale(&self, observation: &[f64]) -> Result<Option<f64>, EmissionError> {
+        check_components(observation, self.components)?;
+        if self.missing && observation.iter().all(|y| y.is_nan()) {
+            return Ok(None);
+        }
+        check_values(observation, f64::is_finite, "a finite value")?;
+        let value = length(observation);
+        let valid = (value - 1.0).abs() <= TOLERANCE;
+        if valid { Ok(Some(value.recip())) } else { Err(EmissionError::Norm { value }) }
+    }
+}
+
+impl Likelihood for VonMisesFisher {
+    type Observation = [f64];
+
+    fn states(&self) -> usize {
+        self.concentrations.len()
+    }
+
+    fn diagonal<'a>(
+        &'a self,
+        observation: &'a [f64],
+        scratch: &'a mut Scratch,
+    ) -> Result<Diagonal<'a>, LikelihoodError> {
+        let logs = scratch.values(self.states());
+        logs.fill(0.0);
+        if let Some(scale) = self.scale(observation)? {
+            let states = self.peaks.iter().zip(&self.concentrations);
+            let states = states.zip(self.means.chunks_exact(self.components));
+            for (log, ((peak, k), mean)) in logs.iter_mut().zip(states) {
+                let distance = cosine_distance(mean, observation.iter().map(|y| y * scale));
+                *log = (peak - k * distance).max(LOWEST);
+            }
+        }
+        Ok(Diagonal::log(logs))
+    }
+}
+
+impl Family for VonMisesFisher {
+    fn components(&self) -> usize {
+        self.components
+    }
+}
+
+impl SampleObservation for VonMisesFisher {
+    type Sample = Vec<f64>;
+
+    fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> Vec<f64> {
+        let mean = self.mean(state);
+        let distance = draw(self.components, self.concentrations[state], rng);
+        // A direction across the mean, all of them as likely.
+        let mut across: Vec<f64> = mean.iter().map(|_| StandardNormal.sample(rng)).collect();
+        let along: f64 = across.iter().zip(mean).map(|(a, m)| a * m).sum();
+        across.iter_mut().zip(mean).for_each(|(a, m)| *a -= along * m);
+        let part = (distance * (2.0 - distance)).max(0.0).sqrt() / length(&across);
+        let parts = across.iter().zip(mean);
+        let direction: Vec<f64> = parts.map(|(a, m)| (1.0 - distance) * m + part * a).collect();
+        let long = length(&direction);
+        direction.iter().map(|y| y / long).collect()
+    }
+}
+
+impl ReorderStates for VonMisesFisher {
+    fn reordered(&self, order: &[usize]) -> Self {
+        let prior = self.prior.as_ref();
+        Self {
+            components: self.components,
+            missing: self.missing,
+            means: order.iter().flat_map(|&i| self.mean(i)).copied().collect(),
+            concentrations: order.iter().map(|&i| self.concentrations[i]).collect(),
+            peaks: order.iter().map(|&i| self.peaks[i]).collect(),
+            prior: prior.map(|(prior, count)| (Box::new(prior.reordered(order)), *count)),
+        }
+    }
+}
+
+#[cfg(feature = "serde")]
+wayfix::stored! {
+    [] VonMisesFisher: [], |family| {
+        means: Vec<Vec<f64>> = family.means(),
+        concentrations: Vec<f64> = family.concentrations(),
+        missing: bool = family.takes_missing(),
+        prior: Option<(self::VonMisesFisher, f64)> = family.prior(),
+    } => Self::new(&means, &concentrations)
+        .map(|new| crate::family::when(missing, new, Self::with_missing))
+        .and_then(|new| prior.into_iter().try_fold(new, |new, (prior, count)| new.with_prior(prior, count)));
+}

@@ -1,0 +1,309 @@
+//! Comparing a fit with labels and recordings, to find reasons to doubt it.
+
+use std::ops::RangeInclusive;
+
+use super::fit::LabelledPart;
+use super::views::{EQUAL, STANDS, least, nearest};
+use super::warning::{ENOUGH, SPAN, Warning};
+use super::{Answer, RecognitionError, Recognizer, Recording};
+use crate::motion::{OdometryModel, RouteControl};
+use crate::observation::{RowScratch, row_scores};
+use wayfix::observation::ObservationError;
+
+/// Mean rank above which matches are near to chance.
+const CHANCE: f64 = 0.4;
+/// Share of labelled queries, and deviations, by which the nearest image is right more often than
+/// the best score if scores are wrong.
+const BETTER: f64 = 0.1;
+const SURELY: f64 = 3.0;
+/// Range of the scale and largest deviation of odometry that is in references.
+const SCALES: RangeInclusive<f64> = 0.8..=1.25;
+const DEVIATION: f64 = 1.0;
+/// Share of the log-likelihood of a vehicle that is surely lost, below which a recording is
+/// suspect. On eleven recordings of genuine drives the share was below 0, and on drives elsewhere,
+/// shuffled references and noise at least 0.6.
+const SUSPECT: f64 = 0.3;
+/// Number of new frames below which they are too few to say that they match nothing.
+const FEWEST: usize = 50;
+/// Number of moves below which they are too few to say how fast the vehicle is.
+const FEWEST_MOVES: usize = 20;
+/// Difference of two means of best scores, in deviations, above which they are unlike. Between
+/// thirds of a drive it was 1.6 at most, and between queries of the references' own season and
+/// others at least 2.
+const UNLIKE: f64 = 1.8;
+/// Least probability of answers that odometry is compared with, and the difference over a stretch
+/// of equal readings above which they contradict it, in places and as a share of the way.
+const SURE: f64 = 0.9;
+const DIFFERENCE: f64 = 6.0;
+const DIFFERENCE_SHARE: f64 = 0.25;
+
+/// Numbers of queries for which the nearest image, or the best score, is right.
+#[derive(Default)]
+struct Rivals {
+    queries: f64,
+    nearest: f64,
+    single: f64,
+    both: f64,
+}
+
+impl Rivals {
+    fn take(&mut self, nearest: bool, single: bool) {
+        let add = |count: &mut f64, one: bool| *count += f64::from(u8::from(one));
+        self.queries += 1.0;
+        add(&mut self.nearest, nearest);
+        add(&mut self.single, single);
+        add(&mut self.both, nearest && single);
+    }
+
+    /// Warns if the nearest image is right far more often, and not by chance: by McNemar's test.
+    fn warning(&self) -> Option<Warning> {
+        let Self { queries, nearest, single, both } = *self;
+        let least = BETTER * queries;
+        let chance = SURELY * f64::sqrt(nearest + single - 2.0 * both);
+        (nearest - single > chance.max(least))
+            .then(|| Warning::Nearest { nearest: nearest / queries, single: single / queries })
+    }
+}
+
+impl Recognizer {
+    /// Returns warnings from the scores of labelled queries, and the mean and deviation of the
+    /// best scores.
+    pub(super) fn examine<Q>(
+        &self,
+        parts: &[LabelledPart<'_, Q>],
+        rows: &[Vec<Vec<f32>>],
+    ) -> Result<(Vec<Warning>, Option<[f64; 2]>), ObservationError> {
+        let mut scores = vec![0.0; self.references()];
+        let (mut ranks, mut best) = (Vec::new(), Vec::new());
+        let (mut within, mut scratch) = (Vec::new(), RowScratch::default());
+        let mut rivals = Rivals::default();
+        let mut before = Vec::new();
+        for (part, rows) in parts.iter().zip(rows) {
+            for (places, row) in part.places.iter().zip(rows) {
+                let Some(places) = places else { continue };
+                self.sensor.standardizer.scores(row, &mut scores)?;
+                ranks.push(mean_rank(&scores, places));
+                row_scores(row, &mut within, &mut scratch)?;
+                best.extend(Some(f64::from(least(&within))).filter(|best| best.is_finite()));
+                // A vehicle that stands is one witness.
+                if before != *row {
+                    let window = self.options().window;
+                    let right =
+                        |at: usize| at + window >= *places.start() && at <= places.end() + window;
+                    let single = (0..scores.len()).min_by(|a, b| scores[*a].total_cmp(&scores[*b]));
+                    rivals.take(right(nearest(&within)), single.is_some_and(right));
+                    before.clone_from(row);
+                }
+            }
+        }
+        let mut warnings = Vec::new();
+        let rank = ranks.iter().sum::<f64>() / ranks.len() as f64;
+        if rank > CHANCE && self.references() > 2 {
+            warnings.push(Warning::Chance { rank });
+        }
+        warnings.extend(rivals.warning());
+        if ranks.len() < ENOUGH {
+            warnings.push(Warning::Short { steps: ranks.len() });
+        }
+        Ok((warnings, moments(&best)))
+    }
+
+    /// Returns warnings from labels and odometry.
+    pub(super) fn examine_drives<Q>(
+        &self,
+        parts: &[LabelledPart<'_, Q>],
+        has_odometry: bool,
+    ) -> Vec<Warning> {
+        let mut warnings = Vec::new();
+        let OdometryModel { scale, deviation, .. } = self.options().odometry;
+        if has_odometry && !(SCALES.contains(&scale) && deviation <= DEVIATION) {
+            warnings.push(Warning::Odometry { scale, deviation });
+        }
+        let off = parts.iter().flat_map(|part| part.places).filter(|places| places.is_none());
+        let steps = off.count();
+        if steps > 0 && self.options().off_map.is_none() {
+            warnings.push(Warning::OffMap { steps });
+        }
+        warnings
+    }
+}
+
+/// Mean rank of some places: the share of other references that score less, ties counted
+/// half.
+fn mean_rank(scores: &[f64], places: &RangeInclusive<usize>) -> f64 {
+    let mut sorted = scores.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let others = scores.len().saturating_sub(1).max(1) as f64;
+    let right = &scores[places.clone()];
+    let rank = |score: &f64| {
+        let less = sorted.partition_point(|other| other < score);
+        let equal = sorted.partition_point(|other| other <= score) - less;
+        (less as f64 + 0.5 * (equal as f64 - 1.0)) / others
+    };
+    right.iter().map(rank).sum::<f64>() / right.len() as f64
+}
+
+impl Recording {
+    /// Returns all reasons to doubt the recording: most views are
+    /// [unchanged](Warning::Unchanged) although the vehicle moves, odometry is
+    /// [stuck](Warning::Stuck), the view is [still](Warning::Still) though it reads that the
+    /// vehicle moves, the queries are [unlike](Warning::Unlike) those of the fit, they match
+    /// [nothing](Warning::Nothing) for a while though the map is never left, or the vehicle is
+    /// [faster](Warning::Fast) than the options let it be. Needs no labels. Costs
+    /// as much as [`filtered`](Self::filtered), twice that if odometry reads the same for long, and as
+    /// [`smoothed`](Self::smoothed) if queries are unlike and the map may be left.
+    #[must_use]
+    pub fn doubts(&self) -> Vec<Warning> {
+        let own = self.own_doubts.iter().cloned();
+        let stuck = own.clone().any(|doubt| matches!(doubt, Warning::Stuck { .. }));
+        let stuck = if stuck { None } else { self.stuck() };
+        let fast = self.fast();
+        own.chain(stuck).chain(self.unlike()).chain(fast).chain(self.nothing()).collect()
+    }
+
+    /// Warns if the nearest references, without odometry, agree on a speed that is not modelled.
+    fn fast(&self) -> Option<Warning> {
+        let n = self.recognizer.references();
+        let speeds = self.recognizer.options().speeds.values().iter();
+        let fastest = speeds.fold(0.0, |most: f64, speed| most.max(speed.abs()));
+        let nearest = |odds: &Vec<f32>| {
+            (0..n).max_by(|a, b| odds[*a].total_cmp(&odds[*b]).then(b.cmp(a))).unwrap_or(0)
+        };
+        let places: Vec<usize> = self.single_odds.iter().map(nearest).collect();
+        let steps = places.windows(2).zip(&self.controls[1.min(self.steps())..]);
+        let free = steps.filter(|(_, control)| control.odometry.is_none());
+        let moved = free.map(|(pair, _)| {
+            let way = pair[0].abs_diff(pair[1]);
+            (if self.recognizer.options().closed { way.min(n - way) } else { way }) as f64
+        });
+        let mut moved: Vec<f64> = moved.collect();
+        moved.sort_unstable_by(f64::total_cmp);
+        let median = *moved.get(moved.len() / 2)?;
+        // Frames that match nothing jump anywhere.
+        let alike = |way: &&f64| (**way - median).abs() <= 1.0 + 0.25 * median;
+        let agreed = 2 * moved.iter().filter(alike).count() > moved.len();
+        (moved.len() >= FEWEST_MOVES && agreed && median > fastest + 0.5)
+            .then_some(Warning::Fast { moved: median, fastest })
+    }
+
+    fn unlike(&self) -> Option<Warning> {
+        let [labelled, deviation] = self.recognizer.parameters().best_scores?;
+        let unlike = |scores: &[f64]| {
+            let [recording, _] = moments(scores)?;
+            let unlike = (recording - labelled).abs() > UNLIKE * deviation;
+            unlike.then_some(Warning::Unlike { labelled, recording })
+        };
+        let finite = |best: &f64| best.is_finite();
+        let all: Vec<f64> = self.best_scores.iter().copied().filter(finite).collect();
+        let warning = unlike(&all)?;
+        if self.recognizer.options().off_map.is_none() {
+            return Some(warning);
+        }
+        // Queries off the map match nothing, unlike labelled ones; but if most are, the camera may
+        // be another.
+        let beliefs = self.smoothed().ok()?;
+        let scores = self.best_scores.iter().enumerate();
+        let on_map = scores.filter(|(step, _)| beliefs.mass(*step, None) < 0.5);
+        let on_map: Vec<f64> = on_map.map(|(_, best)| *best).filter(finite).collect();
+        if on_map.len() < all.len() / 2 { Some(warning) } else { unlike(&on_map) }
+    }
+
+    /// Warns if odometry reads again and again that the vehicle moves at one speed, and the images
+    /// alone say that it moves at another.
+    fn stuck(&self) -> Option<Warning> {
+        let mut answers = Vec::new();
+        let mut start = 0;
+        while start < self.steps() {
+            let reading = self.controls[start].odometry;
+            let equal = self.controls[start..].iter().take_while(|next| next.odometry == reading);
+            let run = start..start + equal.count().max(1);
+            start = run.end;
+            let Some(reading) = reading.filter(|reading| reading.abs() > STANDS) else { continue };
+            if run.len() <= EQUAL as usize {
+                continue;
+            }
+            if answers.is_empty() {
+                answers = self.without_odometry().ok()?;
+            }
+            if self.contradicted(reading, &answers[run.clone()]) {
+                return Some(Warning::Stuck { reading, steps: run.len() as u32 });
+            }
+        }
+        None
+    }
+
+    /// True if answers are often further on, or less far, than by a reading that stays.
+    fn contradicted(&self, reading: f64, answers: &[Answer]) -> bool {
+        let OdometryModel { scale, bias, .. } = self.recognizer.options().odometry;
+        let driven = f64::from(EQUAL) * (reading - bias) / scale;
+        let sure = |answer: &Answer| -> Option<f64> {
+            let place = answer.place.filter(|_| answer.probability > SURE)?;
+            Some(place as f64)
+        };
+        let ends: Vec<Option<f64>> = answers.iter().step_by(EQUAL as usize).map(sure).collect();
+        let (mut judged, mut against) = (0, 0);
+        for pair in ends.windows(2) {
+            let [Some(before), Some(after)] = *pair else { continue };
+            let difference = (self.recognizer.places_between(before, after) - driven).abs();
+            judged += 1;
+            against += usize::from(difference > DIFFERENCE.max(DIFFERENCE_SHARE * driven.abs()));
+        }
+        // A single contradiction may come from a wrong answer.
+        against > 1 && 4 * against > judged
+    }
+
+    /// The filter's answers by images alone.
+    fn without_odometry(&self) -> Result<Vec<Answer>, RecognitionError> {
+        let mut filter = self.recognizer.model.filter();
+        let mut places = vec![0.0; self.recognizer.places()];
+        let answer = |(control, likelihoods): (&RouteControl, &Vec<f64>)| {
+            let control = RouteControl { odometry: None, ..*control };
+            let log = filter.step_with(&control, likelihoods)?;
+            self.recognizer.add_up(filter.belief().as_slice(), &mut places);
+            Ok(self.recognizer.answer(&places, log))
+        };
+        self.controls.iter().zip(&self.likelihoods).map(answer).collect()
+    }
+
+    /// Warns if the filter predicts the images hardly better than for a vehicle that is surely
+    /// lost, whose log-likelihood a step is ln `lost_odds` for an independent view.
+    fn nothing(&self) -> Option<Warning> {
+        let options = self.recognizer.options();
+        if options.off_map.is_some() || options.lost_odds == 1.0 {
+            return None;
+        }
+        let mut filter = self.recognizer.model.filter();
+        // Sums of log-likelihoods, of the filter's and of those of a lost vehicle.
+        let (mut sums, mut steps) = (vec![[0.0; 2]], Vec::new());
+        for (step, (control, likelihoods)) in (1..).zip(self.controls.iter().zip(&self.likelihoods))
+        {
+            filter.predict_with(control).ok()?;
+            let log = filter.update(likelihoods).ok()?;
+            // Unchanged frames carry no evidence.
+            if likelihoods.iter().any(|likelihood| *likelihood != 1.0) {
+                let [sum, lost] = sums[steps.len()];
+                sums.push([sum + log, lost + likelihoods[self.recognizer.references()].ln()]);
+                steps.push(step);
+            }
+        }
+        let frames = steps.len().min(SPAN);
+        if frames < FEWEST {
+            return None;
+        }
+        let spans = sums.iter().zip(&sums[frames..]).zip(&steps[frames - 1..]);
+        let means = spans.map(|((from, to), step)| {
+            let [sum, lost] = [0, 1].map(|of| (to[of] - from[of]) / frames as f64);
+            (sum - SUSPECT * lost, sum, *step)
+        });
+        let (above, mean, step) = means.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        (above < 0.0).then_some(Warning::Nothing { mean, step, frames })
+    }
+}
+
+/// Mean and standard deviation; `None` for no values.
+fn moments(values: &[f64]) -> Option<[f64; 2]> {
+    let count = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    let square = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / count;
+    (count > 0.0).then(|| [mean, square.sqrt()])
+}

@@ -1,0 +1,222 @@
+//! Learning from labelled parts of drives.
+
+use std::ops::RangeInclusive;
+
+use super::parameters::Parameters;
+use super::recognizer::check_control;
+use super::sensor::Scratch;
+use super::{RecognitionError, Recognizer};
+use crate::motion::{OdometryModel, OffMap, RouteControl};
+use crate::observation::{RowScratch, row_scores};
+use wayfix::error::Count;
+use wayfix::observation::ObservationError;
+
+/// Consecutive steps of a drive whose places are known.
+#[derive(Debug)]
+pub struct LabelledPart<'a, Q> {
+    /// The queries, as [`Recognizer::recording`] takes them.
+    pub queries: &'a [Q],
+    /// For each query, the references that show its place, or `None` if it is off the map.
+    pub places: &'a [Option<RangeInclusive<usize>>],
+    /// For each query, the odometry reading of the way before it; empty if there are none.
+    pub odometry: &'a [Option<f64>],
+}
+
+// Derived impls would require `Q: Clone` and `Q: Copy`.
+impl<Q> Clone for LabelledPart<'_, Q> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+
+impl<Q> Copy for LabelledPart<'_, Q> {}
+
+impl<Q> LabelledPart<'_, Q> {
+    /// Steps from `first` to before `end`.
+    pub(super) fn cut(&self, first: usize, end: usize) -> Self {
+        let odometry = self.odometry.get(first..end).unwrap_or(&[]);
+        Self { queries: &self.queries[first..end], places: &self.places[first..end], odometry }
+    }
+}
+
+/// Prior counts, in steps, of the present rates of leaving the map and of coming back.
+const LEAVE_COUNT: f64 = 500.0;
+const BACK_COUNT: f64 = 67.0;
+
+/// Moves and readings by the labels of a part.
+pub(super) struct Labels {
+    /// Places moved at each step between two steps labelled on the map.
+    pub(super) moves: Vec<f64>,
+    /// Moves of which odometry has a reading, each with the reading.
+    pub(super) read: Vec<(f64, f64)>,
+}
+
+impl Recognizer {
+    /// Learns from labelled parts of drives.
+    ///
+    /// Learned are the use, the changes and the slack of speeds, odometry, the rates of leaving the
+    /// map, the usual scores of each reference, and
+    /// the [temperature](crate::observation::MatchOdds), by its log score on each half of the parts
+    /// with what was learned from the other. Learning starts from the present options; everything
+    /// else learned before is replaced.
+    ///
+    /// [`Parameters::doubts`] lists reasons to doubt the result. O(steps n k) time, and ten times that
+    /// for the temperature; O(steps n) memory.
+    ///
+    /// # Errors
+    ///
+    /// [`RecognitionError`] for queries or labels that are not valid, or fewer than two
+    /// steps in a row on the map.
+    pub fn fit<Q: AsRef<[f32]>>(
+        &self,
+        parts: &[LabelledPart<'_, Q>],
+    ) -> Result<Self, RecognitionError> {
+        let fitted = self.fit_at_temperature(parts)?;
+        let fit = self.fit_temperature(fitted.parameters().clone(), parts)?;
+        self.with_parameters(fit)
+    }
+
+    /// Learns all but the temperature.
+    pub(super) fn fit_at_temperature<Q: AsRef<[f32]>>(
+        &self,
+        parts: &[LabelledPart<'_, Q>],
+    ) -> Result<Self, RecognitionError> {
+        self.check_labels(parts)?;
+        let mut rows = Vec::new();
+        for (number, part) in parts.iter().enumerate() {
+            let invalid = |error: RecognitionError| error.of_part(number);
+            rows.push(self.compare(*part).map_err(invalid)?);
+        }
+        let mut fit = Parameters::new(self.options().clone());
+        self.fit_camera(&rows, &mut fit)?;
+        let labels: Vec<Labels> = parts.iter().map(|part| self.read(part)).collect();
+        let drives: Vec<&[f64]> = labels.iter().map(|part| &part.moves[..]).collect();
+        fit.options.speeds = fit.options.speeds.fit(&drives)?;
+        let (moves, read): (Vec<f64>, Vec<f64>) =
+            labels.iter().flat_map(|part| part.read.iter().copied()).unzip();
+        let has_odometry = moves.len() > 1;
+        if has_odometry {
+            fit.options.odometry = OdometryModel::fit(&[(moves, read)])?;
+        }
+        fit.options.off_map = fit.options.off_map.map(|before| rates(before, parts));
+        let fitted = self.with_parameters(fit.clone())?;
+        let wrong = |cause| RecognitionError::query(0, cause);
+        (fit.warnings, fit.best_scores) = fitted.examine(parts, &rows).map_err(wrong)?;
+        fit.warnings.extend(fitted.examine_drives(parts, has_odometry));
+        self.with_parameters(fit)
+    }
+
+    fn fit_camera(
+        &self,
+        rows: &[Vec<Vec<f32>>],
+        fit: &mut Parameters,
+    ) -> Result<(), RecognitionError> {
+        let wrong = |cause| RecognitionError::query(0, cause);
+        let mut sensor = self.with_parameters(fit.clone())?.sensor;
+        let mut scratch = Scratch::default();
+        for part in rows {
+            for row in part {
+                sensor.learn_row(&fit.options, row, &mut scratch).map_err(wrong)?;
+            }
+            sensor.forget();
+        }
+        fit.standardizer = fit.options.standardize.then_some(sensor.standardizer);
+        Ok(())
+    }
+
+    pub(super) fn check_labels<Q>(
+        &self,
+        parts: &[LabelledPart<'_, Q>],
+    ) -> Result<(), RecognitionError> {
+        let references = self.references();
+        let (mut found, mut pairs) = (0, 0);
+        for (number, part) in parts.iter().enumerate() {
+            let expected = part.queries.len();
+            let counts = [
+                ("labels", part.places.len(), true),
+                ("odometry readings", part.odometry.len(), !part.odometry.is_empty()),
+            ];
+            for (what, count, needed) in counts {
+                if needed && count != expected {
+                    return Err(Count { what, found: count, expected }.into());
+                }
+            }
+            for (step, places) in part.places.iter().enumerate() {
+                let Some(places) = places else { continue };
+                let place = *places.end();
+                if place >= references || places.is_empty() {
+                    let part = number;
+                    return Err(RecognitionError::Label { part, step, place, references });
+                }
+                found += 1;
+                pairs += usize::from(step > 0 && part.places[step - 1].is_some());
+            }
+        }
+        if pairs == 0 { Err(RecognitionError::FewLabels { found }) } else { Ok(()) }
+    }
+
+    /// Returns the distances of each query to each reference. Checks all queries and readings,
+    /// of which learning uses only some.
+    pub(super) fn compare<Q: AsRef<[f32]>>(
+        &self,
+        part: LabelledPart<'_, Q>,
+    ) -> Result<Vec<Vec<f32>>, RecognitionError> {
+        let (mut rows, mut more, mut scores) = (Vec::new(), Vec::new(), Vec::new());
+        let mut scratch = RowScratch::default();
+        for (at, query) in part.queries.iter().enumerate() {
+            let (step, mut row) = (at + 1, Vec::new());
+            self.references.distances(step, query.as_ref(), &mut row, &mut more)?;
+            let invalid = |cause| RecognitionError::query(step, cause);
+            self.sensor.standardizer.check(&row).map_err(invalid)?;
+            let compared = row_scores(&row, &mut scores, &mut scratch).map_err(invalid)?;
+            if compared == 0 && self.options().off_map.is_none() {
+                return Err(invalid(ObservationError::NoMatch));
+            }
+            let odometry = part.odometry.get(at).copied().flatten();
+            let control = RouteControl { odometry, ..RouteControl::default() };
+            check_control(self.motion(), step, &control)?;
+            rows.push(row);
+        }
+        Ok(rows)
+    }
+
+    pub(super) fn read<Q>(&self, part: &LabelledPart<'_, Q>) -> Labels {
+        let middle = |at: usize| {
+            let places = part.places[at].as_ref()?;
+            Some(0.5 * (*places.start() as f64 + *places.end() as f64))
+        };
+        let mut labels = Labels { moves: Vec::new(), read: Vec::new() };
+        for at in 1..part.places.len() {
+            let (Some(before), Some(after)) = (middle(at - 1), middle(at)) else { continue };
+            let moved = self.places_between(before, after);
+            labels.moves.push(moved);
+            if let Some(reading) = part.odometry.get(at).copied().flatten() {
+                labels.read.push((moved, reading));
+            }
+        }
+        labels
+    }
+}
+
+/// Rates of leaving the map and coming back, learned if a label is off the map.
+pub(super) fn rates<Q>(before: OffMap, parts: &[LabelledPart<'_, Q>]) -> OffMap {
+    let (mut left, mut on) = (before.leave * LEAVE_COUNT, LEAVE_COUNT);
+    let (mut returned, mut off) = (before.back * BACK_COUNT, BACK_COUNT);
+    for part in parts {
+        for pair in part.places.windows(2) {
+            match (&pair[0], &pair[1]) {
+                (Some(_), after) => {
+                    on += 1.0;
+                    left += f64::from(u8::from(after.is_none()));
+                }
+                (None, after) => {
+                    off += 1.0;
+                    returned += f64::from(u8::from(after.is_some()));
+                }
+            }
+        }
+    }
+    // A drive that never left the map does not show that the vehicle never does.
+    let off_map = parts.iter().any(|part| part.places.iter().any(Option::is_none));
+    if off_map { OffMap { leave: left / on, back: returned / off, ..before } } else { before }
+}

@@ -1,0 +1,19 @@
+//! Motion along a route: hidden speeds, odometry, changes of the view.
+//!
+//! | for | take |
+//! |---|---|
+//! | places in a row (reference images), with steps of any length | [`RouteTransition`], with hidden [`Speeds`] and a [`RouteControl`] |
+//! | errors of odometry along a route | [`OdometryModel`] |
+//! | a vehicle that may leave the route | [`OffMap`] |
+
+mod learn;
+mod odometry;
+mod route;
+mod speeds;
+mod window;
+
+pub use odometry::OdometryModel;
+pub use route::{
+    Driven, OffMap, RouteControl, RouteTransition, ViewChange, ViewChangeRates, ViewEvidence,
+};
+pub use speeds::Speeds;

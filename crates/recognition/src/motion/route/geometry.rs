@@ -1,0 +1,256 @@
+//! Places reached by windows along a route. On an open one, moves beyond an end stop there; around a
+//! loop, several moves of a long window may join the same two places, and their weights add up.
+
+use std::iter::Chain;
+use std::ops::Range;
+
+use super::RouteTransition;
+use super::moves::{add_combined, combine};
+use wayfix::internal::buffers;
+use wayfix_kernels as kernels;
+
+/// Places in ascending order, in up to two ranges: windows on a closed route may wrap around.
+pub(super) type Places = Chain<Range<usize>, Range<usize>>;
+
+/// The shape of a route.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Line {
+    pub(super) places: usize,
+    pub(super) closed: bool,
+}
+
+impl Line {
+    /// Places reached by a range of moves; on an open route, moves beyond an end stop there.
+    pub(super) fn targets(self, moves: (isize, isize), from: usize) -> Places {
+        let from = from.cast_signed();
+        let (first, last) = (from + moves.0, from + moves.1);
+        if self.closed {
+            return self.around(first, last);
+        }
+        let most = self.places.cast_signed() - 1;
+        between(first.clamp(0, most), last.clamp(0, most))
+    }
+
+    /// Places from which a range of moves reaches one.
+    pub(super) fn sources(self, moves: (isize, isize), to: usize) -> Places {
+        let to = to.cast_signed();
+        let (first, last) = (to - moves.1, to - moves.0);
+        if self.closed {
+            return self.around(first, last);
+        }
+        let most = self.places.cast_signed() - 1;
+        between(
+            if to == 0 { 0 } else { first.max(0) },
+            if to == most { most } else { last.min(most) },
+        )
+    }
+
+    /// Places within a distance of one.
+    pub(super) fn near(self, place: usize, within: usize) -> Places {
+        let (place, within) = (place.cast_signed(), within.min(self.places).cast_signed());
+        if self.closed {
+            return self.around(place - within, place + within);
+        }
+        between((place - within).max(0), (place + within).min(self.places.cast_signed() - 1))
+    }
+
+    /// Number of places within a distance of one.
+    pub(super) fn count_near(self, place: usize, within: usize) -> usize {
+        let (a, b) = {
+            let places = self.near(place, within);
+            places.size_hint()
+        };
+        b.unwrap_or(a)
+    }
+
+    /// Places of a closed route between two indices, modulo its length.
+    fn around(self, first: isize, last: isize) -> Places {
+        let n = self.places;
+        let start = first.rem_euclid(n.cast_signed()).cast_unsigned();
+        let count = (last.abs_diff(first) + 1).min(n);
+        let end = start + count;
+        (0..end.saturating_sub(n)).chain(start..end.min(n))
+    }
+
+    /// The ends of an open route, which several moves may reach; none on a closed route.
+    pub(super) fn ends(self) -> impl Iterator<Item = usize> + Clone {
+        let last = self.places - 1;
+        let first = (!self.closed).then_some(0).into_iter();
+        first.chain((!self.closed && last > 0).then_some(last))
+    }
+
+    /// The place that a move leads to, or `None` beyond an end.
+    pub(super) fn moved(self, from: usize, m: isize) -> Option<usize> {
+        let to = from.cast_signed() + m;
+        if self.closed {
+            return Some(to.rem_euclid(self.places.cast_signed()).cast_unsigned());
+        }
+        usize::try_from(to).ok().filter(|to| *to < self.places)
+    }
+
+    /// Runs of places of the route in a range that may go beyond its ends, each with the number of
+    /// positions of the range before it.
+    pub(super) fn spans(
+        self,
+        first: isize,
+        count: usize,
+    ) -> impl Iterator<Item = (Range<usize>, usize)> {
+        let n = self.places;
+        let mut at = if self.closed { 0 } else { (-first).max(0).cast_unsigned() };
+        std::iter::from_fn(move || {
+            let place = first + at.cast_signed();
+            let start = if self.closed { place.rem_euclid(n.cast_signed()) } else { place };
+            let start = start.cast_unsigned();
+            if at >= count || start >= n {
+                return None;
+            }
+            let (before, end) = (at, n.min(start + count - at));
+            at += end - start;
+            Some((start..end, before))
+        })
+    }
+
+    /// `out[j] = Σ` of x over the places within a distance of j, by sums over 1, 2, 4, …
+    /// places: O(n log within), without subtractions.
+    pub(super) fn sum_near(self, x: &[f64], within: usize, out: &mut [f64]) {
+        let n = self.places;
+        out.fill(0.0);
+        let within = within.min(n);
+        let width = 2 * within + 1;
+        if self.closed && width >= n {
+            return out.fill(kernels::sum(x));
+        }
+        // Padded with the other end of a loop, or with zeros beyond the ends.
+        buffers::with_two(n + width - 1, |sums, next| {
+            sums.fill(0.0);
+            sums[within..within + n].copy_from_slice(x);
+            if self.closed {
+                sums[..within].copy_from_slice(&x[n - within..]);
+                sums[within + n..].copy_from_slice(&x[..within]);
+            }
+            let (mut sums, mut next) = (sums, next);
+            let (mut done, mut size) = (0, 1);
+            while done < width {
+                if width & size != 0 {
+                    add_combined(out, &[(1.0, &sums[done..done + n])]);
+                    done += size;
+                }
+                if done < width {
+                    let count = sums.len() - size;
+                    combine(&mut next[..count], &[(1.0, &sums[..count]), (1.0, &sums[size..])]);
+                    next[count..].fill(0.0);
+                    std::mem::swap(&mut sums, &mut next);
+                    size *= 2;
+                }
+            }
+        });
+    }
+}
+
+impl RouteTransition {
+    /// The first and the last move of a speed.
+    pub(super) fn span_of(&self, speed: usize) -> (isize, isize) {
+        let window = &self.speeds.windows[speed];
+        (window.first, window.last())
+    }
+
+    /// Bound on the moves of all speeds; a multiple of eight, so that blocks padded with as many
+    /// places stay aligned to vectors.
+    pub(super) fn reach(&self) -> usize {
+        let windows = self.speeds.windows.iter();
+        let reach = windows.map(|window| window.last().max(-window.first));
+        reach.max().unwrap_or(0).max(0).cast_unsigned().next_multiple_of(8)
+    }
+
+    /// Weight of the way between two places at a speed with the weights `window`, summed over all
+    /// moves that join them.
+    pub(super) fn move_weight(&self, speed: usize, window: &[f64], from: usize, to: usize) -> f64 {
+        let Line { places, closed } = self.line;
+        let at = to.cast_signed() - from.cast_signed() - self.speeds.windows[speed].first;
+        if closed {
+            let at = at.rem_euclid(places.cast_signed()).cast_unsigned();
+            return window.iter().skip(at).step_by(places).sum();
+        }
+        let cut = |at: isize| at.max(0).cast_unsigned().min(window.len());
+        let start = if to == 0 { 0 } else { cut(at) };
+        let end = if to + 1 == places { window.len() } else { cut(at + 1) };
+        window[start..end].iter().sum()
+    }
+}
+
+/// Places of an open route from `first` to `last`, which may be below 0.
+fn between(first: isize, last: isize) -> Places {
+    (first.cast_unsigned()..(last.max(-1) + 1).cast_unsigned()).chain(0..0)
+}
+
+/// Terms of the sums at runs of places, without the ends of an open route, where several moves
+/// stop.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Stencil(Vec<Run>);
+
+#[derive(Debug, Clone)]
+struct Run {
+    places: Range<usize>,
+    taps: Vec<Tap>,
+}
+
+/// A term of a sum.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Tap {
+    /// Offset from the place; around a loop, it may lead beyond the ends.
+    offset: isize,
+    /// Index of the weight in the window.
+    weight: usize,
+    /// True for a move that ends where it began.
+    stays: bool,
+}
+
+/// Direction of a stencil.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Direction {
+    /// Sums at the targets of moves, over their sources.
+    Into,
+    /// Sums at the sources of moves, over their targets.
+    OutOf,
+}
+
+impl Stencil {
+    /// Builds the stencil of moves from `first` on.
+    pub(super) fn new(line: Line, first: isize, count: usize, direction: Direction) -> Self {
+        let mut runs: Vec<Run> = Vec::new();
+        for place in 0..line.places {
+            let mut taps = Vec::new();
+            for (weight, m) in (0..count).zip(first..) {
+                let shift = if direction == Direction::Into { -m } else { m };
+                let Some(other) = line.moved(place, shift) else { continue };
+                let to = if direction == Direction::Into { place } else { other };
+                if line.ends().any(|end| end == to) {
+                    continue;
+                }
+                taps.push(Tap { offset: shift, weight, stays: other == place });
+            }
+            match runs.last_mut() {
+                Some(run) if run.taps == taps => run.places.end = place + 1,
+                _ => runs.push(Run { places: place..place + 1, taps }),
+            }
+        }
+        Self(runs)
+    }
+
+    /// Visits the runs among some places: the places, and for each tap the first place that it
+    /// reads, its weight, and whether the move ends where it began.
+    pub(super) fn runs(
+        &self,
+        places: Range<usize>,
+    ) -> impl Iterator<Item = (Range<usize>, impl Iterator<Item = (isize, usize, bool)> + Clone)>
+    {
+        let first = self.0.partition_point(|run| run.places.end <= places.start);
+        let runs = self.0[first..].iter().take_while(move |run| run.places.start < places.end);
+        runs.map(move |run| {
+            let start = run.places.start.max(places.start);
+            let from = start.cast_signed();
+            let taps = run.taps.iter().map(move |tap| (from + tap.offset, tap.weight, tap.stays));
+            (start..run.places.end.min(places.end), taps)
+        })
+    }
+}

@@ -1,0 +1,289 @@
+//! A vehicle at hidden speeds along a route, with measurements as evidence on moves: the operator A_u
+//! of section 10 of the guide, Route. Its columns are not normalised.
+
+mod driven;
+mod entries;
+mod geometry;
+mod moves;
+mod off_map;
+mod products;
+mod step;
+mod views;
+
+pub use driven::Driven;
+use geometry::{Direction, Line, Stencil};
+pub use off_map::OffMap;
+pub use views::{ViewChange, ViewChangeRates, ViewEvidence};
+
+use super::{OdometryModel, Speeds};
+use wayfix::Belief;
+use wayfix::TransitionError;
+use wayfix::internal::check_count;
+use wayfix::likelihood::Groups;
+
+/// Evidence on a step of a [`RouteTransition`]; none by default.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+pub struct RouteControl {
+    /// Distance driven by odometry, in places; `None` without a reading.
+    pub odometry: Option<f64>,
+    /// Change of the view; ignored without [views](RouteTransition::with_views).
+    pub view: Option<ViewEvidence>,
+    /// Motion before the step, which predicts readings off the map.
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
+    pub before: Option<Driven>,
+}
+
+/// A vehicle that drives along the places of a route, reference images in order, at one of several
+/// hidden [speeds](Speeds), with odometry and changes of the view as
+/// [evidence on moves](wayfix::Transition::evidence).
+///
+/// State g n + i is the speed g at place i, of n places; [off the map](Self::with_off_map),
+/// there are n more states, one for each place where the vehicle may have left. In a step, the
+/// speed changes to g' with probability G\[g', g\], and the place by a move m, with the weights w
+/// of the **new** speed. This is multiplied by the likelihood of the measurements u:
+///
+/// A_u\[(g', i + m), (g, i)\] = G\[g', g\] Σ_v w_g'(m, v) p(odometry | v) p(view | i, i + m),
+///
+/// where v goes through the speeds that g' stands for. The columns are not normalised:
+/// a measurement that contradicts all moves from a place is evidence against the place. On a
+/// closed route, a loop, the first place follows the last. On an open one, moves beyond an end
+/// stop there, with the lesser p(view) of standing and moving on.
+///
+/// Products and steps of Viterbi cost O(n k (k + w)) for k speeds with windows of
+/// w weights, in contiguous loops, and n r more for r places near where the vehicle left.
+/// Memory is O(k (k + w)). Listing the entries into or out of a state costs
+/// O(k w); to or from off the map O(n k).
+///
+/// ```
+/// use wayfix_recognition::motion::{RouteControl, RouteTransition, Speeds};
+/// use wayfix::likelihood::GroupedLikelihood;
+/// use wayfix::{Belief, Hmm, LikelihoodVector, Prior};
+///
+/// // 50 images of a route; the vehicle starts at the tenth.
+/// let drive = RouteTransition::new(50, false, Speeds::default())?;
+/// let speed = drive.speeds().nearest(2.0);
+/// let start = drive.index(speed, 10).expect("there is such a place");
+/// let prior = Prior::BeforeFirstTransition(Belief::certain(50 * 15, start)?);
+/// let sensor = GroupedLikelihood::new(LikelihoodVector::linear(50), drive.place_groups())?;
+/// let hmm = Hmm::new(prior, drive, sensor)?;
+///
+/// let mut filter = hmm.filter();
+/// filter.predict_with(&RouteControl { odometry: Some(1.9), ..RouteControl::default() })?;
+/// filter.predict_with(&RouteControl { odometry: Some(2.1), ..RouteControl::default() })?;
+/// let places = hmm.transition().place_groups().marginal(&filter.belief())?;
+/// assert_eq!(places.mode(), 14);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct RouteTransition {
+    line: Line,
+    speeds: Speeds,
+    odometry: OdometryModel,
+    views: Option<ViewChangeRates>,
+    off_map: Option<OffMap>,
+    /// G, row by row: `switching[to * k + from]`.
+    switching: Vec<f64>,
+    /// Start of each speed's weights among those of all, and the end.
+    starts: Vec<usize>,
+    /// For each place where the vehicle may leave, the probability of each place near it.
+    near_shares: Vec<f64>,
+    /// The stencils of each speed, into places and out of them.
+    stencils: Vec<[Stencil; 2]>,
+}
+
+impl RouteTransition {
+    /// Creates a route of `places` places, `closed` or open, for a vehicle at these speeds.
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError::Empty`] for no places, or [`TransitionError::TooMany`] for more
+    /// than 2^32 − 1 states.
+    pub fn new(places: usize, closed: bool, speeds: Speeds) -> Result<Self, TransitionError> {
+        let k = speeds.values().len();
+        if places == 0 {
+            return Err(TransitionError::Empty);
+        }
+        check_count("states", places.saturating_mul(k + 1))?;
+        let mut starts = vec![0];
+        starts.extend(speeds.windows.iter().scan(0, |end, window| {
+            *end += window.weights.len();
+            Some(*end)
+        }));
+        let route = Self {
+            line: Line { places, closed },
+            switching: speeds.switching(),
+            speeds,
+            odometry: OdometryModel::default(),
+            views: None,
+            off_map: None,
+            starts,
+            near_shares: Vec::new(),
+            stencils: Vec::new(),
+        };
+        Ok(route.with_stencils())
+    }
+
+    /// Sets the model of odometry.
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError::Parameter`] for a scale that is not from 0.01 to 100, a bias
+    /// beyond 1e6, or a deviation that is not from 0.001 to 1e6.
+    pub fn with_odometry(self, odometry: OdometryModel) -> Result<Self, TransitionError> {
+        odometry.check()?;
+        Ok(Self { odometry, ..self })
+    }
+
+    /// Adds changes of the camera's view as evidence.
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError::Parameter`] for a rate below 1e-30 or not below 1.
+    pub fn with_views(self, rates: ViewChangeRates) -> Result<Self, TransitionError> {
+        rates.check()?;
+        Ok(Self { views: Some(rates), ..self })
+    }
+
+    /// Adds states off the map.
+    ///
+    /// A measurement there is as likely as at the speed [before](RouteControl::before) the step,
+    /// or at another speed with the probability that speeds change; if no motion before is given,
+    /// as at speeds by their shares.
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError::Parameter`] for rates that are not from 1e-30 to 1.
+    pub fn with_off_map(self, off_map: OffMap) -> Result<Self, TransitionError> {
+        off_map.check()?;
+        let share = |left| off_map.near / self.line.count_near(left, off_map.within) as f64;
+        let near_shares = (0..self.line.places).map(share).collect();
+        Ok(Self { off_map: Some(off_map), near_shares, ..self })
+    }
+
+    /// The number of places, n.
+    #[must_use]
+    pub fn places(&self) -> usize {
+        self.line.places
+    }
+
+    /// True if the route is a loop.
+    #[must_use]
+    pub fn is_closed(&self) -> bool {
+        self.line.closed
+    }
+
+    /// The speeds.
+    #[must_use]
+    pub fn speeds(&self) -> &Speeds {
+        &self.speeds
+    }
+
+    /// Model of odometry.
+    #[must_use]
+    pub fn odometry(&self) -> &OdometryModel {
+        &self.odometry
+    }
+
+    /// Rates of leaving the map, if it may be left.
+    #[must_use]
+    pub fn off_map(&self) -> Option<&OffMap> {
+        self.off_map.as_ref()
+    }
+
+    /// The state of a speed at a place, or `None` if there is none.
+    #[must_use]
+    pub fn index(&self, speed: usize, place: usize) -> Option<usize> {
+        let n = self.line.places;
+        (speed < self.k() && place < n).then(|| speed * n + place)
+    }
+
+    /// Index of a state's speed on the grid; `None` off the map, or if there is no such state.
+    #[must_use]
+    pub fn speed_of(&self, state: usize) -> Option<usize> {
+        Some(state / self.line.places).filter(|speed| *speed < self.k())
+    }
+
+    /// Place of a state, off the map the one where the vehicle left; `None` if there is no such
+    /// state.
+    #[must_use]
+    pub fn place_of(&self, state: usize) -> Option<usize> {
+        (state < self.count()).then(|| state % self.line.places)
+    }
+
+    /// The states grouped by place, with a last group for off the map, if it is modelled:
+    /// for a sensor that sees only places, and for their probabilities.
+    #[must_use]
+    pub fn place_groups(&self) -> Groups {
+        let n = self.line.places;
+        let group = |state| if state / n < self.k() { state % n } else { n };
+        let groups = n + usize::from(self.off_map.is_some());
+        Groups::numbered((0..self.count()).map(group).collect(), groups)
+    }
+
+    /// The states grouped by speed, with a last group for off the map, if it is modelled.
+    #[must_use]
+    pub fn speed_groups(&self) -> Groups {
+        let groups = self.k() + usize::from(self.off_map.is_some());
+        Groups::numbered((0..self.count()).map(|state| state / self.line.places).collect(), groups)
+    }
+
+    /// The belief of a vehicle that may be anywhere: uniform over places, at speeds by their
+    /// shares, and off the map by [its share](OffMap::share).
+    #[must_use]
+    pub fn anywhere(&self) -> Belief {
+        let (n, off) = (self.line.places, self.off_map.map_or(0.0, |off_map| off_map.share()));
+        let on = self.speeds.shares().iter().map(|share| share * (1.0 - off) / n as f64);
+        let layers = on.chain(self.off_map.map(|_| off / n as f64));
+        Belief::known(layers.flat_map(|p| std::iter::repeat_n(p, n)).collect())
+    }
+
+    fn with_stencils(self) -> Self {
+        let stencil = |direction| {
+            move |window: &super::speeds::Window, route: &Self| {
+                Stencil::new(route.line, window.first, window.weights.len(), direction)
+            }
+        };
+        let (into, out_of) = (stencil(Direction::Into), stencil(Direction::OutOf));
+        let windows = self.speeds.windows.iter();
+        let stencils = windows.map(|window| [into(window, &self), out_of(window, &self)]).collect();
+        Self { stencils, ..self }
+    }
+
+    fn k(&self) -> usize {
+        self.speeds.values().len()
+    }
+
+    fn count(&self) -> usize {
+        self.line.places * (self.k() + usize::from(self.off_map.is_some()))
+    }
+}
+
+#[cfg(feature = "serde")]
+wayfix::stored! {
+    [] RouteTransition: [], |route| {
+        places: usize = route.places(),
+        closed: bool = route.is_closed(),
+        speeds: Speeds = route.speeds(),
+        odometry: OdometryModel = route.odometry(),
+        views: Option<ViewChangeRates> = route.views(),
+        off_map: Option<OffMap> = route.off_map(),
+    } => Self::new(places, closed, speeds)
+        .and_then(|route| route.with_odometry(odometry))
+        .and_then(|route| optional(route, views, crate::motion::RouteTransition::with_views))
+        .and_then(|route| optional(route, off_map, crate::motion::RouteTransition::with_off_map));
+}
+
+/// Adds an optional part to a route.
+#[cfg(feature = "serde")]
+fn optional<T>(
+    route: RouteTransition,
+    part: Option<T>,
+    with: impl FnOnce(RouteTransition, T) -> Result<RouteTransition, TransitionError>,
+) -> Result<RouteTransition, TransitionError> {
+    match part {
+        Some(part) => with(route, part),
+        None => Ok(route),
+    }
+}

@@ -1,0 +1,264 @@
+//! The speeds of a vehicle along a route, and their changes: the grid, the shares r and the matrix G
+//! of section 10 of the guide, Route. Columns of G sum to one.
+
+pub(super) use super::window::Window;
+use wayfix::TransitionError;
+use wayfix::error::Parameter;
+use wayfix::internal::{check_probability, check_sum};
+
+/// Largest number of speeds: changes take memory and time for each pair.
+const MOST_SPEEDS: usize = 1024;
+/// Default slack.
+const SLACK: f64 = 0.04;
+/// The largest speed, in places a step.
+const FASTEST: f64 = 64.0;
+
+/// A grid of speeds, in places a step, and the probabilities of their changes.
+///
+/// From one step to the next, a speed may change to a neighbour on the grid (the vehicle
+/// accelerates or brakes), or to any speed (it stops, sets off, turns round). Negative speeds
+/// reverse.
+///
+/// A speed of the grid stands for itself with probability ½, else for its cell: all speeds nearer
+/// to it than to its neighbours. 0 is standing still. So a vehicle at 1.1 places a step, which
+/// passes one reference in most steps and two in one of ten, is tracked with speeds of 1 and
+/// 1⅛.
+///
+/// The default grid, −2, −1, 0, ¼, eighths from ½ to 1½, 2 and 3, was chosen on some recordings,
+/// with drives of constant and changing speeds, stops and reversals. In a long dark stretch a
+/// vehicle between two speeds of the grid drifts: with quarters instead of eighths, filters at
+/// constant speeds from 0.7 to 1.6 were right in 0.90 to 0.95 of the steps instead of 0.96 to 0.98;
+/// with twentieths in 0.98.
+///
+/// ```
+/// use wayfix_recognition::motion::Speeds;
+///
+/// let speeds = Speeds::default();
+/// assert_eq!(speeds.values().len(), 15);
+/// // 150 steps at ¾ place a step, then a stop.
+/// let moves: Vec<f64> = (1..=150).map(|k| f64::from(k * 3 / 4 - (k - 1) * 3 / 4)).collect();
+/// let learned = speeds.fit(&[moves, vec![0.0; 20]])?;
+/// let share = |speed: f64| learned.shares()[learned.nearest(speed)];
+/// assert!(share(0.75) > 0.5 && share(0.0) > share(2.0));
+/// # Ok::<(), wayfix::TransitionError>(())
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub struct Speeds {
+    values: Vec<f64>,
+    shares: Vec<f64>,
+    nearby: f64,
+    anywhere: f64,
+    slack: f64,
+    /// The distribution of moves of each speed.
+    pub(super) windows: Vec<Window>,
+}
+
+impl Default for Speeds {
+    fn default() -> Self {
+        let eighths = (4..=12).map(|k| 0.125 * f64::from(k));
+        let values: Vec<f64> =
+            [-2.0, -1.0, 0.0, 0.25].into_iter().chain(eighths).chain([2.0, 3.0]).collect();
+        let shares = usual_shares(&values);
+        Self::build(values, shares, [0.01, 0.005, SLACK])
+    }
+}
+
+/// Default shares: slow rather than fast, and above all standing and one place a step, the speed
+/// of the recorded route.
+fn usual_shares(values: &[f64]) -> Vec<f64> {
+    let usual = |v: &f64| if *v == 0.0 || *v == 1.0 { 3.0 } else { 1.0 };
+    let weights: Vec<f64> = values.iter().map(|v| usual(v) * (-0.4 * v.abs()).exp()).collect();
+    let sum: f64 = weights.iter().sum();
+    weights.into_iter().map(|weight| weight / sum).collect()
+}
+
+impl Speeds {
+    /// Creates a grid of speeds with the default changes and slack: in a step, to a neighbour with
+    /// probability 0.01, to any speed with 0.005.
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError::Empty`] for no speeds, or [`TransitionError::Parameter`] for more than
+    /// 1,024, or unless they ascend and are from −64 to 64.
+    pub fn new(values: &[f64]) -> Result<Self, TransitionError> {
+        if values.is_empty() {
+            return Err(TransitionError::Empty);
+        }
+        if values.len() > MOST_SPEEDS {
+            let (what, value) = ("the number of speeds", values.len() as f64);
+            return Err(Parameter::new(what, value, "at most 1024").into());
+        }
+        for (at, &value) in values.iter().enumerate() {
+            let above = at == 0 || value > values[at - 1];
+            if !(value.abs() <= FASTEST && above) {
+                let what = format!("speed {at}");
+                let expected = "a value from -64 to 64, above the one before";
+                return Err(Parameter::new(what, value, expected).into());
+            }
+        }
+        Ok(Self::build(values.to_vec(), usual_shares(values), [0.01, 0.005, SLACK]))
+    }
+
+    /// Sets the probabilities of a change in a step: to one of the neighbouring speeds,
+    /// and to any, by their [shares](Self::shares).
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError::Parameter`] unless both, and their sum, are from 0 to 1.
+    pub fn with_changes(self, nearby: f64, anywhere: f64) -> Result<Self, TransitionError> {
+        check_probability(nearby, || "the probability of a neighbouring speed".into())?;
+        check_probability(anywhere, || "the probability of any speed".into())?;
+        check_probability(nearby + anywhere, || "the probability of another speed".into())?;
+        Ok(Self { nearby, anywhere, ..self })
+    }
+
+    /// Sets the shares of the speeds: the fraction of time at each, and its probability in a change
+    /// to any speed.
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError::PartStates`] for another number of shares than of speeds, or
+    /// [`TransitionError::Parameter`] unless they are probabilities that sum to one.
+    pub fn with_shares(self, shares: &[f64]) -> Result<Self, TransitionError> {
+        let (found, expected) = (shares.len(), self.values.len());
+        if found != expected {
+            return Err(TransitionError::PartStates { part: "shares of speeds", found, expected });
+        }
+        check_sum(shares, "the sum of the shares of speeds".into(), |g| {
+            format!("the share of speed {g}")
+        })?;
+        Ok(Self { shares: shares.to_vec(), ..self })
+    }
+
+    /// Sets the slack: the probability that a step leads one place farther than its speed, and the
+    /// same for one place less: the noise of a step. 0.04 by default, and always 0 for standing. A
+    /// train has none; on a road, where speeds waver and references are unevenly spaced, it is
+    /// 0.1 or so.
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError::Parameter`] unless it is from 0 to 0.5.
+    pub fn with_slack(self, slack: f64) -> Result<Self, TransitionError> {
+        if !(0.0..=0.5).contains(&slack) {
+            let (what, expected) = ("the slack of speeds", "a value from 0 to 0.5");
+            return Err(Parameter::new(what, slack, expected).into());
+        }
+        Ok(Self::build(self.values, self.shares, [self.nearby, self.anywhere, slack]))
+    }
+
+    fn build(values: Vec<f64>, shares: Vec<f64>, [nearby, anywhere, slack]: [f64; 3]) -> Self {
+        let windows = (0..values.len()).map(|g| Window::new(&values, g, slack)).collect();
+        Self { values, shares, nearby, anywhere, slack, windows }
+    }
+
+    /// The speeds, ascending, in places a step.
+    #[must_use]
+    pub fn values(&self) -> &[f64] {
+        &self.values
+    }
+
+    /// The share of time at each speed.
+    #[must_use]
+    pub fn shares(&self) -> &[f64] {
+        &self.shares
+    }
+
+    /// The probabilities of a change in a step: to a neighbouring speed, and to any.
+    #[must_use]
+    pub fn changes(&self) -> (f64, f64) {
+        (self.nearby, self.anywhere)
+    }
+
+    /// The probability that a step leads one place farther than its speed, and of one place less.
+    #[must_use]
+    pub fn slack(&self) -> f64 {
+        self.slack
+    }
+
+    /// The index of the speed of the grid nearest to a speed, the lower of two; 0 for NaN.
+    #[must_use]
+    pub fn nearest(&self, speed: f64) -> usize {
+        let closer = |best: usize, at: usize| {
+            let off = |at: usize| (self.values[at] - speed).abs();
+            if off(at) < off(best) { at } else { best }
+        };
+        (0..self.values.len()).fold(0, closer)
+    }
+
+    /// Transition matrix of the speeds, row by row: `[to * k + from]`.
+    pub(super) fn switching(&self) -> Vec<f64> {
+        let k = self.values.len();
+        let mut matrix = Vec::with_capacity(k * k);
+        for to in 0..k {
+            for from in 0..k {
+                let neighbors = usize::from(from > 0) + usize::from(from + 1 < k);
+                let near = if neighbors == 0 { 0.0 } else { self.nearby / neighbors as f64 };
+                let lost = if neighbors == 0 { 0.0 } else { self.nearby };
+                // Rounding may take 1 − 0.9 − 0.1 below 0.
+                let stay = if to == from { (1.0 - lost - self.anywhere).max(0.0) } else { 0.0 };
+                let step = if to.abs_diff(from) == 1 { near } else { 0.0 };
+                matrix.push(stay + step + self.anywhere * self.shares[to]);
+            }
+        }
+        matrix
+    }
+}
+
+#[cfg(feature = "serde")]
+wayfix::stored! {
+    [] Speeds: [], |speeds| {
+        values: Vec<f64> = speeds.values(),
+        shares: Vec<f64> = speeds.shares(),
+        nearby: f64 = speeds.changes().0,
+        anywhere: f64 = speeds.changes().1,
+        slack: f64 = speeds.slack(),
+    } => Self::new(&values)
+        .and_then(|speeds| speeds.with_shares(&shares))
+        .and_then(|speeds| speeds.with_changes(nearby, anywhere))
+        .and_then(|speeds| speeds.with_slack(slack));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn windows_are_distributions_with_the_mean_of_the_cell() {
+        for slack in [0.0, 0.02, 0.3] {
+            let speeds = Speeds::default().with_slack(slack).unwrap();
+            for (g, window) in speeds.windows.iter().enumerate() {
+                let sum: f64 = window.weights.iter().sum();
+                let moves = window.weights.iter().zip(window.first..);
+                let mean: f64 = moves.map(|(p, m)| p * m as f64).sum();
+                let nodes = window.nodes.iter().zip(&window.shares);
+                let cell: f64 = nodes.map(|(v, share)| v * share).sum();
+                assert!((sum - 1.0).abs() < 1e-12 && (mean - cell).abs() < 1e-12, "{g}");
+            }
+            let k = speeds.values().len();
+            let switching = speeds.switching();
+            for from in 0..k {
+                let sum: f64 = switching[from..].iter().step_by(k).sum();
+                assert!((sum - 1.0).abs() < 1e-12);
+            }
+        }
+        let alone = Speeds::new(&[1.0]).unwrap().with_slack(0.0).unwrap();
+        assert_eq!(alone.windows[0].weights, [1.0]);
+        assert_eq!(alone.switching(), [1.0]);
+    }
+
+    #[test]
+    fn invalid_grids_are_errors() {
+        assert!(Speeds::new(&[]).is_err());
+        for wrong in [[0.0, 0.0], [1.0, 0.0], [0.0, f64::NAN], [0.0, 65.0]] {
+            let error = Speeds::new(&wrong).unwrap_err().to_string();
+            assert!(error.starts_with("speed 1 is"), "{error}");
+        }
+        let many: Vec<f64> = (0..60_000).map(|k| 0.001 * f64::from(k)).collect();
+        assert!(Speeds::new(&many[..1024]).is_ok());
+        let error = Speeds::new(&many).unwrap_err().to_string();
+        assert_eq!(error, "the number of speeds is 60000, expected at most 1024");
+        assert!(Speeds::default().with_changes(0.6, 0.6).is_err());
+        assert!(Speeds::default().with_shares(&[1.0]).is_err());
+        assert!(Speeds::default().with_slack(0.6).is_err());
+    }
+}

@@ -1,0 +1,19 @@
+//! Sensors of views: descriptors of images, their distances to references, and the odds of each.
+//!
+//! [`ReferenceDescriptors`] computes the distance to each reference, [`Standardizer`] the scores, and
+//! [`MatchOdds`] the odds of each reference; [`view_change`] says whether the view has changed.
+
+mod descriptors;
+mod odds;
+mod rows;
+mod standardize;
+mod standardizer;
+mod view;
+
+pub(crate) use descriptors::check_descriptor;
+pub use descriptors::{Distance, ReferenceDescriptors};
+pub use odds::MatchOdds;
+pub(crate) use rows::{RowScratch, change, row_scores, within};
+pub(crate) use standardize::Spread;
+pub use standardizer::Standardizer;
+pub use view::{ViewComparison, view_change};

@@ -1,0 +1,282 @@
+//! Standardised scores, in units of each reference's scores for other queries.
+
+use super::rows::{RowScratch, row_scores};
+use super::standardize::{CountIn, Spread, Standardize, Usual};
+use wayfix::error::Parameter;
+use wayfix::observation::ObservationError;
+use wayfix_kernels::run;
+
+/// Brings the distances of a query to one scale for all references.
+///
+/// A distance is first scored within its row: its difference from the median, in median
+/// deviations, and beyond three of them as a logarithm, up to 1000, so that a few references that are
+/// saturated or broken move no other score. Then it is compared with the usual scores of its
+/// reference for other queries, as in the test-normalisation of speaker recognition (Auckenthaler,
+/// Carey and Lloyd-Thomas 2000). A reference that looks like everything (a dark tunnel, a plain
+/// wall) is near to most queries, and one whose distances hardly vary is never very near to any.
+///
+/// The places of the queries need not be known, so that it learns as the vehicle drives. How far
+/// the mean of a few queries can be trusted is learned, too: with a variance B between references,
+/// and W of one reference over queries, n queries move the usual score by the share
+/// n B / (n B + W) of their mean (empirical Bayes; Efron and Morris 1975), and the rest counts as
+/// uncertainty.
+///
+/// ```
+/// use wayfix_recognition::observation::Standardizer;
+///
+/// // Reference 0 is near to everything.
+/// let mut references = Standardizer::new(5)?;
+/// for k in 0..30 {
+///     let other = |i: usize| 0.8 + 0.02 * ((k * i) % 5) as f32;
+///     references.observe(&[0.1, other(1), other(2), other(3), other(4)])?;
+/// }
+/// let mut scores = [0.0; 5];
+/// references.scores(&[0.1, 0.4, 0.84, 0.8, 0.88], &mut scores)?;
+/// assert!(scores[1] < scores[0]);
+/// # Ok::<(), wayfix::observation::ObservationError>(())
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub struct Standardizer {
+    /// Number of queries observed.
+    pub(crate) count: f64,
+    /// For each reference, the sum of its scores for these queries, and of their squares.
+    pub(crate) sums: Vec<f64>,
+    pub(crate) squares: Vec<f64>,
+    /// For each reference, the sum of squared differences from the next one's scores.
+    pub(crate) steps: Vec<f64>,
+}
+
+impl Standardizer {
+    /// Creates a standardizer for this many references, before any query.
+    ///
+    /// # Errors
+    ///
+    /// [`ObservationError::Parameter`] if there are none.
+    pub fn new(references: usize) -> Result<Self, ObservationError> {
+        if references == 0 {
+            let (what, expected) = ("the number of references", "at least 1");
+            return Err(Parameter::new(what, 0.0, expected).into());
+        }
+        Ok(Self {
+            count: 0.0,
+            sums: vec![0.0; references],
+            squares: vec![0.0; references],
+            steps: vec![0.0; references],
+        })
+    }
+
+    /// Checks sums read from storage.
+    #[cfg(feature = "serde")]
+    pub(crate) fn checked(self) -> Result<Self, ObservationError> {
+        let Self { count, sums, squares, steps } = &self;
+        Self::new(sums.len())?;
+        let lengths = [
+            ("the number of sums of squares", squares.len()),
+            ("the number of sums of steps", steps.len()),
+        ];
+        if let Some(&(what, found)) = lengths.iter().find(|(_, found)| *found != sums.len()) {
+            return Err(Parameter::new(what, found as f64, "as many as sums of scores").into());
+        }
+        // Far above any real count, and such that no variance overflows 32 bits.
+        let ranges: [(_, &[f64], _, _); 4] = [
+            ("the number of queries", &[*count], 0.0..=1e15, "from 0 to 1e15"),
+            ("a sum of scores", sums, -1e17..=1e17, "from -1e17 to 1e17"),
+            ("a sum of squared steps", steps, 0.0..=1e35, "from 0 to 1e35"),
+            ("a sum of squared scores", squares, 0.0..=1e35, "from 0 to 1e35"),
+        ];
+        for (what, values, range, expected) in ranges {
+            values
+                .iter()
+                .try_for_each(|value| Parameter::check(what, *value, range.clone(), expected))?;
+        }
+        Ok(self)
+    }
+
+    /// The number of references.
+    #[must_use]
+    pub fn references(&self) -> usize {
+        self.sums.len()
+    }
+
+    /// The number of queries observed.
+    #[must_use]
+    pub fn count(&self) -> f64 {
+        self.count
+    }
+
+    /// Learns from a query, whose place need not be known. Leave out the queries of a vehicle that
+    /// stands still, which show one place again and again. O(n) time and memory.
+    ///
+    /// # Errors
+    ///
+    /// [`ObservationError`] for a row of another length, or with NaN or −∞.
+    pub fn observe(&mut self, distances: &[f32]) -> Result<(), ObservationError> {
+        let rows = self.row_scores(distances)?;
+        self.count_in(self.spread(), &rows, 1.0);
+        Ok(())
+    }
+
+    /// Reduces the weight of all queries so far to that of at most `count`: for queries from
+    /// elsewhere, such as the references themselves.
+    #[must_use]
+    pub fn discounted(self, count: f64) -> Self {
+        if !(count >= 0.0 && count < self.count) {
+            return self;
+        }
+        let part = count / self.count;
+        let scaled = |values: Vec<f64>| values.into_iter().map(|value| value * part).collect();
+        Self {
+            count,
+            sums: scaled(self.sums),
+            squares: scaled(self.squares),
+            steps: scaled(self.steps),
+        }
+    }
+
+    /// Computes the score of each reference, smaller for more alike: around 0 with a deviation of
+    /// about 1 for wrong ones. Infinite distances give infinite scores. Learns nothing. O(n) time and
+    /// memory.
+    ///
+    /// # Errors
+    ///
+    /// As [`observe`](Self::observe).
+    ///
+    /// # Panics
+    ///
+    /// If `out` differs in length from `distances`.
+    pub fn scores(&self, distances: &[f32], out: &mut [f64]) -> Result<(), ObservationError> {
+        let rows = self.row_scores(distances)?;
+        self.standardize(self.spread(), &rows, out);
+        Ok(())
+    }
+
+    fn row_scores(&self, distances: &[f32]) -> Result<Vec<f32>, ObservationError> {
+        self.check(distances)?;
+        let mut rows = Vec::new();
+        row_scores(distances, &mut rows, &mut RowScratch::default())?;
+        Ok(rows)
+    }
+
+    /// Checks the length of a row.
+    pub(crate) fn check(&self, distances: &[f32]) -> Result<(), ObservationError> {
+        let (found, expected) = (distances.len(), self.references());
+        if found == expected {
+            Ok(())
+        } else {
+            Err(ObservationError::Distances { found, expected })
+        }
+    }
+
+    /// Learns from [row scores](row_scores), as from a query of this weight; `spread` is that
+    /// [before](Self::spread).
+    pub(crate) fn count_in(&mut self, spread: Spread, rows: &[f32], weight: f64) {
+        self.count += weight;
+        run(CountIn { spread, rows, weight, known: self });
+    }
+
+    /// The usual score of a reference within its row.
+    pub(crate) fn usual(&self, spread: Spread, reference: usize) -> f32 {
+        (self.sums[reference] * spread.mean_share) as f32
+    }
+
+    /// Usual scores, and how sure they are.
+    pub(crate) fn spread(&self) -> Spread {
+        run(Usual(self))
+    }
+
+    /// A quantile of the changes from a reference to the next, as of a change from view to view;
+    /// 0 before any query. O(n). `scratch` is overwritten.
+    #[expect(clippy::cast_sign_loss, reason = "a count times a share")]
+    pub(crate) fn step_quantile(&self, share: f64, scratch: &mut Vec<f64>) -> f64 {
+        let pairs = self.squares.windows(2).zip(&self.steps);
+        let changes = pairs.map(|(two, step)| step / (two[0] + two[1]));
+        scratch.clear();
+        scratch.reserve(self.squares.len());
+        // References that no query tells apart are repeated images, or broken.
+        scratch.extend(changes.filter(|change| change.is_finite() && *change > 0.0));
+        let at = (scratch.len() as f64 * share) as usize;
+        if at >= scratch.len() {
+            return 0.0;
+        }
+        *scratch.select_nth_unstable_by(at, f64::total_cmp).1
+    }
+
+    /// [`scores`](Self::scores) of [row scores](row_scores).
+    pub(crate) fn standardize(&self, spread: Spread, rows: &[f32], out: &mut [f64]) {
+        assert_eq!(out.len(), rows.len(), "out must have one value per reference");
+        run(Standardize { known: self, spread, rows, out });
+    }
+}
+
+#[cfg(feature = "serde")]
+wayfix::stored! {
+    [] Standardizer: [], |known| {
+        count: f64 = known.count,
+        sums: Vec<f64> = known.sums,
+        squares: Vec<f64> = known.squares,
+        steps: Vec<f64> = known.steps,
+    } => Self { count, sums, squares, steps }.checked();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(k: u32, n: u32) -> Vec<f32> {
+        let noise = |i: u32| ((k * 37 + i * 101 + k * i) % 89) as f32 / 89.0;
+        (0..n).map(|i| noise(i) - if i < 4 { 0.7 } else { 0.0 }).collect()
+    }
+
+    #[test]
+    fn references_come_to_the_same_mean_and_deviation() {
+        let n = 40;
+        let mut standard = Standardizer::new(n as usize).unwrap();
+        (0..2000).for_each(|k| standard.observe(&row(k, n)).unwrap());
+        let mut scores = vec![0.0; n as usize];
+        let (mut sums, mut squares) = (scores.clone(), scores.clone());
+        for k in 0..2000 {
+            standard.scores(&row(k, n), &mut scores).unwrap();
+            for (i, score) in scores.iter().enumerate() {
+                sums[i] += score / 2000.0;
+                squares[i] += score * score / 2000.0;
+            }
+        }
+        assert!(sums.iter().all(|mean| mean.abs() < 0.1), "{sums:?}");
+        assert!(squares.iter().all(|square| (square - 1.0).abs() < 0.2), "{squares:?}");
+    }
+
+    #[test]
+    fn like_references_are_not_told_apart_by_a_few_queries() {
+        // All references are alike, so that their means over ten queries are noise.
+        let mut state = 1_u32;
+        let mut noise = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) as f32
+        };
+        let mut standard = Standardizer::new(200).unwrap();
+        for _ in 0..10 {
+            let alike: Vec<f32> = (0..200).map(|_| noise()).collect();
+            standard.observe(&alike).unwrap();
+        }
+        let Spread { mean_share, .. } = standard.spread();
+        // Of the prior, which expects a third of the variance between references.
+        assert!(10.0 * mean_share < 0.65, "{mean_share}");
+    }
+
+    #[test]
+    fn invalid_rows_are_errors() {
+        let mut standard = Standardizer::new(2).unwrap();
+        let before = standard.clone();
+        assert!(standard.observe(&[1.0]).is_err());
+        assert!(standard.scores(&[1.0, f32::NAN], &mut [0.0; 2]).is_err());
+        assert!(standard.observe(&[1.0, f32::NEG_INFINITY]).is_err());
+        assert_eq!(standard, before);
+        let mut scores = [0.0; 2];
+        standard.observe(&[1.0, f32::INFINITY]).unwrap();
+        standard.scores(&[1.0, f32::INFINITY], &mut scores).unwrap();
+        assert!(scores[0].is_finite() && scores[1] == f64::INFINITY);
+        standard.scores(&[2.0, 2.0], &mut scores).unwrap();
+        assert!(scores.iter().all(|score| score.is_finite()));
+        assert!(Standardizer::new(0).is_err());
+    }
+}

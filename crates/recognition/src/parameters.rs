@@ -1,0 +1,113 @@
+//! Result of learning.
+
+use super::warning::Warning;
+use super::{Options, RecognitionError};
+use crate::observation::Standardizer;
+use wayfix::error::Count;
+#[cfg(feature = "serde")]
+use wayfix::error::Parameter;
+
+/// Result of learning: the options of a [`Recognizer`](super::Recognizer), and what was learned
+/// of each reference.
+///
+/// With the feature `serde` it can be stored, without [doubts](Self::doubts) and
+/// [temperature scores](Self::temperature_scores), which do not count in comparisons either.
+#[derive(Debug, Clone)]
+pub struct Parameters {
+    pub(crate) options: Options,
+    pub(crate) standardizer: Option<Standardizer>,
+    /// Mean and deviation of the best score of a query.
+    pub(crate) best_scores: Option<[f64; 2]>,
+    pub(super) warnings: Vec<Warning>,
+    pub(super) temperature_scores: Vec<(f64, f64)>,
+}
+
+impl PartialEq for Parameters {
+    fn eq(&self, other: &Self) -> bool {
+        self.options == other.options
+            && self.standardizer == other.standardizer
+            && self.best_scores == other.best_scores
+    }
+}
+
+impl Parameters {
+    pub(super) fn new(options: Options) -> Self {
+        Self {
+            options,
+            standardizer: None,
+            best_scores: None,
+            warnings: Vec::new(),
+            temperature_scores: Vec::new(),
+        }
+    }
+
+    /// A fit read from storage, checked.
+    #[cfg(feature = "serde")]
+    pub(crate) fn from_parts(
+        options: Options,
+        standardizer: Option<Standardizer>,
+        best_scores: Option<[f64; 2]>,
+    ) -> Result<Self, RecognitionError> {
+        options.check()?;
+        if let Some([mean, deviation]) = best_scores {
+            let (what, all) = ("the mean of the best scores", f64::MIN..=f64::MAX);
+            Parameter::check(what, mean, all, "a finite value")?;
+            let (what, expected) =
+                ("the deviation of the best scores", "a finite value of at least 0");
+            Parameter::check(what, deviation, 0.0..=f64::MAX, expected)?;
+        }
+        Ok(Self { standardizer, best_scores, ..Self::new(options) })
+    }
+
+    /// The options, including the learned ones.
+    #[must_use]
+    pub fn options(&self) -> &Options {
+        &self.options
+    }
+
+    /// Replaces the options.
+    #[must_use]
+    pub fn with_options(self, options: Options) -> Self {
+        Self { options, ..self }
+    }
+
+    /// Drops everything learned of single references: for another map.
+    #[must_use]
+    pub fn without_references(self) -> Self {
+        Self { standardizer: None, best_scores: None, ..self }
+    }
+
+    /// Reasons to doubt the fit. Empty for one read from storage.
+    #[must_use]
+    pub fn doubts(&self) -> &[Warning] {
+        &self.warnings
+    }
+
+    /// The temperatures that were tried, hottest first, each with its score: the filter's log score
+    /// over labelled steps that the fit had not learned from, in independent steps, and the
+    /// logarithm of the prior. The highest score decides. Empty if there was no choice, and for a
+    /// fit read from storage.
+    #[must_use]
+    pub fn temperature_scores(&self) -> &[(f64, f64)] {
+        &self.temperature_scores
+    }
+
+    /// Checks the options, and drops learned references if their number differs.
+    pub(super) fn checked(self, references: usize) -> Result<Self, RecognitionError> {
+        self.options.check()?;
+        if references == 0 {
+            return Err(Count { what: "references", found: 0, expected: 1 }.into());
+        }
+        let others = self.standardizer.as_ref().is_some_and(|s| s.references() != references);
+        Ok(if others { self.without_references() } else { self })
+    }
+}
+
+#[cfg(feature = "serde")]
+wayfix::stored! {
+    [] Fit for self::Parameters: [], |fit| {
+        options: Options = fit.options,
+        standardizer: Option<Standardizer> = fit.standardizer,
+        best_scores: Option<[f64; 2]> = fit.best_scores,
+    } => Self::from_parts(options, standardizer, best_scores);
+}

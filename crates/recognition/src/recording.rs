@@ -1,0 +1,276 @@
+//! A whole drive, and its beliefs.
+
+use std::borrow::Borrow;
+use std::f64::consts::LN_2;
+use std::ops::RangeInclusive;
+
+use super::answer::at_most_one;
+use super::recognizer::check_control;
+use super::sensor::Scratch;
+use super::views::Doubts;
+use super::warning::Warning;
+use super::{Answer, RecognitionError, Recognizer};
+use crate::motion::RouteControl;
+use crate::observation::Standardizer;
+use wayfix::Sequence;
+use wayfix::error::Count;
+use wayfix::inference::Order;
+use wayfix::{Belief, BeliefView};
+
+/// A drive compared with the references, to be filtered, smoothed or decoded.
+///
+/// Step k, from 1, is that of query k − 1. Likelihoods are those of the time: the sensor
+/// learns of the references as the vehicle drives, and the smoother takes the likelihoods that
+/// the filter had.
+#[derive(Debug, Clone)]
+pub struct Recording {
+    pub(super) recognizer: Recognizer,
+    pub(super) controls: Vec<RouteControl>,
+    pub(super) likelihoods: Vec<Vec<f64>>,
+    /// log2 of the odds of each place by each single frame.
+    pub(super) single_odds: Vec<Vec<f32>>,
+    pub(super) best_scores: Vec<f64>,
+    /// Usual scores at the end of the recording.
+    pub(super) standardizer: Standardizer,
+    /// Reasons to doubt the views and readings.
+    pub(super) own_doubts: Vec<Warning>,
+}
+
+/// Beliefs over places, one for each step of a recording.
+#[derive(Debug, Clone)]
+pub struct PlaceBeliefs {
+    recognizer: Recognizer,
+    rows: Vec<f64>,
+    log_likelihoods: Vec<f64>,
+}
+
+impl Recognizer {
+    /// Compares a whole drive with the references: a query for each step, and the odometry
+    /// reading of the way before it, in references, or none at all. O(steps × n) memory, of
+    /// 8 bytes each.
+    ///
+    /// # Errors
+    ///
+    /// [`RecognitionError`] for a query that is not valid, with its step, or another
+    /// number of odometry readings than of queries.
+    pub fn recording<Q: AsRef<[f32]>>(
+        &self,
+        queries: &[Q],
+        odometry: &[Option<f64>],
+    ) -> Result<Recording, RecognitionError> {
+        if !(odometry.is_empty() || odometry.len() == queries.len()) {
+            let (found, expected) = (odometry.len(), queries.len());
+            return Err(Count { what: "odometry readings", found, expected }.into());
+        }
+        let (mut sensor, mut scratch) = (self.sensor.clone(), Scratch::default());
+        scratch.single_odds = vec![0.0; self.references()];
+        let (mut controls, mut likelihoods) = (Vec::new(), Vec::new());
+        let (mut best_scores, mut single_odds) = (Vec::new(), Vec::new());
+        let mut doubts = Doubts::default();
+        for (at, query) in queries.iter().enumerate() {
+            let (step, reading) = (at + 1, odometry.get(at).copied().flatten());
+            let sighting = sensor.observe(self, step, query.as_ref(), reading, &mut scratch)?;
+            check_control(self.motion(), step, &sighting.control)?;
+            sensor.learn(self, &sighting, &mut scratch);
+            doubts.take(&sensor.tally);
+            controls.push(sighting.control);
+            best_scores.push(scratch.best_score());
+            likelihoods.push(std::mem::take(&mut scratch.likelihoods));
+            single_odds.push(scratch.single_odds.clone());
+        }
+        Ok(Recording {
+            recognizer: self.clone(),
+            controls,
+            likelihoods,
+            single_odds,
+            best_scores,
+            standardizer: sensor.standardizer,
+            own_doubts: doubts.into_warnings(),
+        })
+    }
+}
+
+impl Recording {
+    /// The number of steps.
+    #[must_use]
+    pub fn steps(&self) -> usize {
+        self.controls.len()
+    }
+
+    /// Filtered beliefs: of each step, given the queries up to it. O(n k) a step.
+    ///
+    /// # Errors
+    ///
+    /// [`RecognitionError::Inference`] with the step that is impossible.
+    pub fn filtered(&self) -> Result<PlaceBeliefs, RecognitionError> {
+        let mut filter = self.recognizer.model.filter();
+        let mut beliefs = PlaceBeliefs::new(&self.recognizer, self.steps());
+        for (at, (control, likelihoods)) in self.controls.iter().zip(&self.likelihoods).enumerate()
+        {
+            let log = filter.step_with(control, likelihoods)?;
+            beliefs.set(at, filter.belief(), log);
+        }
+        Ok(beliefs)
+    }
+
+    /// Smoothed beliefs: of each step, given all queries. O(n k √steps) memory beside the
+    /// result.
+    ///
+    /// # Errors
+    ///
+    /// [`RecognitionError::Inference`] with the step that is impossible.
+    pub fn smoothed(&self) -> Result<PlaceBeliefs, RecognitionError> {
+        let mut beliefs = PlaceBeliefs::new(&self.recognizer, self.steps());
+        self.recognizer.model.smooth_each(self, Order::Backward, |step| {
+            if let Some(at) = step.step().checked_sub(1) {
+                beliefs.set(at, step.smoothed(), 0.0);
+            }
+        })?;
+        Ok(beliefs)
+    }
+
+    /// Fixed-lag beliefs: of each step, given the queries up to `lag` steps later, one result for
+    /// each lag. O(n k longest lag) a step, and as much memory.
+    ///
+    /// # Errors
+    ///
+    /// [`RecognitionError::Inference`] with the step that is impossible.
+    pub fn lagged(&self, lags: &[usize]) -> Result<Vec<PlaceBeliefs>, RecognitionError> {
+        let count = self.steps();
+        let mut all = vec![PlaceBeliefs::new(&self.recognizer, count); lags.len()];
+        let longest = lags.iter().copied().max().unwrap_or(0).min(count.saturating_sub(1));
+        let mut stream = self.recognizer.model.fixed_lag(longest);
+        let mut logs = Vec::with_capacity(count);
+        for (now, (control, likelihoods)) in self.controls.iter().zip(&self.likelihoods).enumerate()
+        {
+            logs.push(stream.step_with(control, likelihoods)?);
+            for (lag, beliefs) in lags.iter().zip(&mut all) {
+                // At the end, the remaining steps are answered with all queries.
+                let oldest = now.saturating_sub(*lag);
+                let due = if now + 1 == count { oldest..count } else { oldest..oldest + 1 };
+                for at in due.filter(|at| now + 1 == count || at + *lag == now) {
+                    if let Some(belief) = stream.get(at + 1) {
+                        beliefs.set(at, belief, logs[at]);
+                    }
+                }
+            }
+        }
+        Ok(all)
+    }
+
+    /// Single-image beliefs: of each step, given its query alone and a uniform prior, at the
+    /// temperature of single images. O(n) a step.
+    ///
+    /// A baseline: how much more often the answers of [`filtered`](Self::filtered) are right is what
+    /// motion adds. Its odds are those of the sensor, with
+    /// standardized references and all that a fit has learned of them.
+    #[must_use]
+    pub fn single(&self) -> PlaceBeliefs {
+        let mut beliefs = PlaceBeliefs::new(&self.recognizer, self.steps());
+        let temperature = self.recognizer.options().odds.temperature();
+        let off = self.recognizer.options().off_map.map_or(0.0, |off_map| off_map.share());
+        let n = self.recognizer.references();
+        for (at, odds) in self.single_odds.iter().enumerate() {
+            let prior = |i: usize| if i < n { (1.0 - off) / n as f64 } else { off };
+            let log2 = odds.iter().map(|log2| f64::from(*log2) * temperature);
+            // Off the map, the odds are 1.
+            let most = log2.clone().fold(if off > 0.0 { 0.0 } else { f64::NEG_INFINITY }, f64::max);
+            let own = beliefs.row_mut(at);
+            let row = own.iter_mut().zip(log2.chain(std::iter::once(0.0))).enumerate();
+            if most == f64::NEG_INFINITY {
+                // The frame rules out all places: the prior stays.
+                row.for_each(|(i, (own, _))| *own = prior(i));
+                beliefs.log_likelihoods[at] = most;
+                continue;
+            }
+            row.for_each(|(i, (own, log2))| *own = prior(i) * (log2 - most).exp2());
+            let sum: f64 = own.iter().sum();
+            own.iter_mut().for_each(|own| *own /= sum);
+            beliefs.log_likelihoods[at] = sum.ln() + most * LN_2;
+        }
+        beliefs
+    }
+}
+
+/// The drive for models of one's own: the motion before each step, and the likelihoods of places.
+impl<Y: ?Sized> Sequence<RouteControl, Y> for Recording
+where
+    Vec<f64>: Borrow<Y>,
+{
+    fn steps(&self) -> usize {
+        self.controls.len()
+    }
+
+    fn control(&self, step: usize) -> &RouteControl {
+        &self.controls[step - 1]
+    }
+
+    fn observation(&self, step: usize) -> &Y {
+        self.likelihoods[step - 1].borrow()
+    }
+}
+
+impl PlaceBeliefs {
+    fn new(recognizer: &Recognizer, steps: usize) -> Self {
+        let rows = vec![0.0; recognizer.places() * steps];
+        let log_likelihoods = vec![0.0; steps];
+        Self { recognizer: recognizer.clone(), rows, log_likelihoods }
+    }
+
+    fn row_mut(&mut self, at: usize) -> &mut [f64] {
+        let width = self.recognizer.places();
+        &mut self.rows[at * width..][..width]
+    }
+
+    fn set(&mut self, at: usize, belief: BeliefView<'_>, log_likelihood: f64) {
+        let Self { recognizer, rows, log_likelihoods } = self;
+        let width = recognizer.places();
+        recognizer.add_up(belief.as_slice(), &mut rows[at * width..][..width]);
+        log_likelihoods[at] = log_likelihood;
+    }
+
+    /// The number of steps.
+    #[must_use]
+    pub fn steps(&self) -> usize {
+        self.log_likelihoods.len()
+    }
+
+    /// Returns the belief over places at a step, from 0, with a last entry for off the map if that
+    /// is modelled; `None` beyond the last step.
+    #[must_use]
+    pub fn get(&self, at: usize) -> Option<BeliefView<'_>> {
+        let width = self.recognizer.places();
+        let start = at.checked_mul(width)?;
+        Some(Belief::view(self.rows.get(start..start.checked_add(width)?)?))
+    }
+
+    /// Iterates over the beliefs, step by step.
+    pub fn iter(&self) -> impl ExactSizeIterator<Item = BeliefView<'_>> {
+        self.rows.chunks_exact(self.recognizer.places()).map(Belief::view)
+    }
+
+    /// Returns the answer of each step. Its log-likelihood is that of the filter's step, and 0 for
+    /// smoothed beliefs.
+    #[must_use]
+    pub fn answers(&self) -> Vec<Answer> {
+        let beliefs = self.rows.chunks_exact(self.recognizer.places());
+        let pairs = beliefs.zip(&self.log_likelihoods);
+        pairs.map(|(places, log)| self.recognizer.answer(places, *log)).collect()
+    }
+
+    /// Returns the probability of some places, or of off the map for `None`, at a step, from 0; 0
+    /// beyond the last step. Places beyond the last count as 0.
+    #[must_use]
+    pub fn mass(&self, at: usize, places: Option<&RangeInclusive<usize>>) -> f64 {
+        let Some(belief) = self.get(at) else { return 0.0 };
+        let (belief, n) = (belief.as_slice(), self.recognizer.references());
+        let sum: f64 = match places {
+            None => belief.get(n).copied().unwrap_or(0.0),
+            Some(places) => {
+                let end = places.end().saturating_add(1).min(n);
+                belief[(*places.start()).min(end)..end].iter().sum()
+            }
+        };
+        at_most_one(sum)
+    }
+}

@@ -1,0 +1,280 @@
+//! The camera: from a query to likelihoods and evidence on the move, and what queries teach of the
+//! references.
+//!
+//! A step takes two calls, so that an error between them leaves no trace: [`Sensor::observe`]
+//! changes scratch memory alone, and [`Sensor::learn`] follows once the filter has taken the step.
+
+use super::recognizer::KNOWN_COUNT;
+use super::views::{Tally, View, least, nearest};
+use super::{Options, RecognitionError, Recognizer};
+use crate::motion::{Driven, RouteControl, ViewChange, ViewEvidence};
+use crate::observation::{RowScratch, Spread, Standardizer, row_scores, within};
+use wayfix::observation::ObservationError;
+
+/// Share of a view that is new from which on it counts as a whole witness: along a densely sampled
+/// route, successive frames are partly one witness.
+const WITNESS: f64 = 0.03;
+/// A view is unchanged up to this part of this quantile of the changes from a reference to the next:
+/// nearly all steps along the route change it more, those in dark stretches, too.
+const STILL_SHARE: f64 = 0.02;
+const STILL_PART: f64 = 0.2;
+
+/// Share of the least score from which on a reference is among the nearest.
+const AMONG: f32 = 0.8;
+/// Share of its score in a row above which the usual score of a reference explains that it is near.
+const USUALLY: f32 = 0.3;
+/// Number of queries from which on usual scores are known well enough for that: those known before
+/// the drive may be of another season, and ten of the drive.
+const ACQUAINTED: f64 = 2.0 * KNOWN_COUNT;
+/// Largest share of lingering views that counts, so that a reference that becomes near to every
+/// query is learned at last.
+const MOST_LINGERING: f64 = 0.8;
+/// Number of new views over which the share of lingering ones fades, by e.
+const LINGERING: f64 = 20.0;
+
+/// Largest change of an unchanged view.
+fn still(standardizer: &Standardizer, scratch: &mut Vec<f64>) -> f64 {
+    STILL_PART * standardizer.step_quantile(STILL_SHARE, scratch)
+}
+
+/// A query seen by the sensor, before the sensor has learned from it.
+#[derive(Debug)]
+pub(super) struct Sighting {
+    /// Odometry, the view, and the motion before the step.
+    pub(super) control: RouteControl,
+    view: View,
+    /// Length of the run of views like this one, with it.
+    run: u32,
+    /// Variances of usual scores, if the view is evidence on the place.
+    spread: Option<Spread>,
+}
+
+/// Scratch memory of a sensor: no result depends on what an earlier step left in it, but for
+/// `single_odds`.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Scratch {
+    distances: Vec<f32>,
+    more: Vec<f32>,
+    /// Scores within the row of the last query.
+    scores: Vec<f32>,
+    rows: RowScratch,
+    /// Changes from a reference to the next.
+    changes: Vec<f64>,
+    /// The likelihood of each place, then that of off the map.
+    pub(super) likelihoods: Vec<f64>,
+    /// log2 of the odds of each place by the last new frame alone; empty where nobody asks for them.
+    pub(super) single_odds: Vec<f32>,
+}
+
+impl Scratch {
+    /// The least score within the row of the last query.
+    pub(super) fn best_score(&self) -> f64 {
+        f64::from(least(&self.scores))
+    }
+}
+
+/// State of the camera, with all that it has learned of the references so far: plain data, and its
+/// own snapshot. It is causal: live and in recordings, a step depends on no later query.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Sensor {
+    pub(crate) standardizer: Standardizer,
+    /// Scores within the row of the last view that was new.
+    pub(crate) last_view: Option<Vec<f32>>,
+    /// Length of the run of views like the last one, changed or not.
+    pub(crate) run: Option<(Option<ViewChange>, u32)>,
+    /// Largest change of an unchanged view.
+    pub(crate) still: f64,
+    /// Share of recent new views in which the reference that was nearest before is still among the
+    /// nearest.
+    pub(crate) lingering: f64,
+    /// Motion by odometry and views, if the vehicle may leave the map.
+    pub(crate) driven: Option<Driven>,
+    /// Recent views and readings.
+    pub(crate) tally: Tally,
+}
+
+impl Sensor {
+    pub(super) fn new(standardizer: Standardizer) -> Self {
+        Self {
+            still: still(&standardizer, &mut Vec::new()),
+            standardizer,
+            last_view: None,
+            run: None,
+            lingering: 0.0,
+            driven: None,
+            tally: Tally::default(),
+        }
+    }
+
+    /// Computes the likelihoods of the query of a step into the scratch memory. The odometry
+    /// reading is not checked.
+    pub(super) fn observe(
+        &self,
+        recognizer: &Recognizer,
+        step: usize,
+        query: &[f32],
+        odometry: Option<f64>,
+        scratch: &mut Scratch,
+    ) -> Result<Sighting, RecognitionError> {
+        let (options, n) = (recognizer.options(), recognizer.references());
+        let failed = |cause| RecognitionError::query(step, cause);
+        recognizer.references.distances(step, query, &mut scratch.distances, &mut scratch.more)?;
+        let view = self.compare(options, scratch).map_err(failed)?;
+        let Scratch { scores, likelihoods, single_odds, .. } = scratch;
+        let nowhere = scores.iter().all(|score| *score == f32::INFINITY);
+        if nowhere && options.off_map.is_none() {
+            return Err(failed(ObservationError::NoMatch));
+        }
+        likelihoods.resize(n + 1, 1.0);
+        let spread = (view.fresh > 0.0 || nowhere).then(|| self.standardizer.spread());
+        if let Some(spread) = spread {
+            let (places, off) = likelihoods.split_at_mut(n);
+            self.standardizer.standardize(spread, scores, places);
+            options.odds.log2_odds_of(&places[..single_odds.len()], single_odds);
+            let weight = (view.fresh / WITNESS).min(1.0);
+            options.odds.odds_of(weight, places);
+            let off_map = options.off_map.is_some();
+            let odds = if off_map { options.off_map_odds } else { options.lost_odds };
+            off.fill(odds.powf(weight));
+        } else {
+            // A repeated view adds no evidence on the place.
+            likelihoods.fill(1.0);
+        }
+        let run = match self.run {
+            Some((before, count)) if before == view.change => count.saturating_add(1),
+            _ => 1,
+        };
+        let weight = 1.0 / (1.0 + f64::from(run - 1) * options.view_fades);
+        let evidence = view.change.map(|view| ViewEvidence { view, weight });
+        // The first view has no view before it.
+        let evidence = evidence.filter(|_| options.use_views && self.run.is_some());
+        let control = RouteControl { view: evidence, ..self.control(odometry) };
+        Ok(Sighting { control, view, run, spread })
+    }
+
+    /// Learns from a query after the filter has taken its step; `scratch` must be as
+    /// [`observe`](Self::observe) left it.
+    pub(super) fn learn(
+        &mut self,
+        recognizer: &Recognizer,
+        sighting: &Sighting,
+        scratch: &mut Scratch,
+    ) {
+        let Sighting { control, view, run, spread } = sighting;
+        if let Some(spread) = spread {
+            self.learn_scores(recognizer.options(), *spread, view.fresh, scratch);
+        }
+        self.tally.take(self.run.map(|_| view), control.odometry);
+        self.run = Some((view.change, *run));
+        self.drive(recognizer, control);
+    }
+
+    /// Takes a step without a query. The next view then counts as the first after a gap: it may
+    /// have changed or not for any reason.
+    pub(super) fn skip(&mut self, recognizer: &Recognizer, control: &RouteControl) {
+        self.run = None;
+        self.drive(recognizer, control);
+    }
+
+    /// Control of a step by odometry, after the motion before the step.
+    pub(super) fn control(&self, odometry: Option<f64>) -> RouteControl {
+        RouteControl { odometry, view: None, before: self.driven }
+    }
+
+    /// Estimates the motion of a step. It matters off the map only: a lost vehicle need not go on
+    /// as it did.
+    fn drive(&mut self, recognizer: &Recognizer, control: &RouteControl) {
+        let measured = control.view.is_some() || control.odometry.is_some();
+        if measured && recognizer.options().off_map.is_some() {
+            self.driven = Some(recognizer.motion().driven(control));
+        }
+    }
+
+    /// Compares the last row of distances with that of the last new view.
+    fn compare(&self, options: &Options, scratch: &mut Scratch) -> Result<View, ObservationError> {
+        let Scratch { distances, scores, rows, .. } = scratch;
+        self.standardizer.check(distances)?;
+        row_scores(distances, scores, rows)?;
+        Ok(match &self.last_view {
+            Some(last) => View::beside(last, self.still, scores, options),
+            None => View::FIRST,
+        })
+    }
+
+    /// Learns usual scores from the last row, that of a view with a new part.
+    #[expect(clippy::cast_sign_loss, reason = "ln(1 + count) is at least 0")]
+    fn learn_scores(
+        &mut self,
+        options: &Options,
+        spread: Spread,
+        fresh: f64,
+        scratch: &mut Scratch,
+    ) {
+        let Self { standardizer, last_view, lingering, .. } = self;
+        let Scratch { scores, changes, .. } = scratch;
+        if options.standardize {
+            if let Some(last) = last_view {
+                let at = nearest(last);
+                // A reference that is near to every query stays nearest, too, but its usual score
+                // says so.
+                let lingers = scores[at] <= AMONG * least(scores)
+                    && standardizer.count() >= ACQUAINTED
+                    && standardizer.usual(spread, at) > USUALLY * within(scores[at]);
+                *lingering += (f64::from(u8::from(lingers)) - *lingering) / LINGERING;
+            }
+            // A vehicle that moves on slowly has views with new noise and little else: its place
+            // must not become usual. The share of lingering views stands for the correlation of
+            // views.
+            let lingering = lingering.min(MOST_LINGERING);
+            let fresh = fresh * (1.0 - lingering) / (1.0 + lingering);
+            let level = |count: f64| (30.0 * count.ln_1p()) as u32;
+            let before = level(standardizer.count());
+            standardizer.count_in(spread, scores, fresh);
+            // The threshold follows at some steps only, since it takes as long as all else.
+            if level(standardizer.count()) != before {
+                self.still = still(standardizer, changes);
+            }
+        }
+        match last_view {
+            Some(last) => last.copy_from_slice(scores),
+            None => *last_view = Some(scores.clone()),
+        }
+    }
+
+    /// Learns usual scores from a row of distances alone.
+    pub(super) fn learn_row(
+        &mut self,
+        options: &Options,
+        row: &[f32],
+        scratch: &mut Scratch,
+    ) -> Result<(), ObservationError> {
+        scratch.distances.clear();
+        scratch.distances.extend_from_slice(row);
+        let View { fresh, .. } = self.compare(options, scratch)?;
+        if fresh > 0.0 {
+            self.learn_scores(options, self.standardizer.spread(), fresh, scratch);
+        }
+        Ok(())
+    }
+
+    /// Forgets the last view, but nothing learned of the references.
+    pub(super) fn forget(&mut self) {
+        (self.run, self.lingering, self.driven) = (None, 0.0, None);
+        self.tally = Tally::default();
+        // Infinite distances are not compared; the memory is kept.
+        self.last_view.iter_mut().for_each(|row| row.fill(f32::INFINITY));
+    }
+
+    /// Extends the sensor to more references, the first of which are the present ones.
+    ///
+    /// Usual scores are those of `fresh`, which treats all references alike. If old references
+    /// had learned from many queries and new ones from few, old places would win (on a railway by
+    /// pixels, up to 27 times as many wrong matches).
+    pub(super) fn extended(&self, fresh: &Self) -> Self {
+        let mut sensor = Self { standardizer: fresh.standardizer.clone(), ..self.clone() };
+        let count = fresh.standardizer.references();
+        // Infinite distances are not compared.
+        sensor.last_view.iter_mut().for_each(|row| row.resize(count, f32::INFINITY));
+        sensor
+    }
+}

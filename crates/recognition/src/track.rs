@@ -1,0 +1,345 @@
+//! Live tracking.
+
+use std::sync::Arc;
+
+use super::recognizer::{Model, check_control};
+use super::sensor::{Scratch, Sensor};
+use super::warning::Warning;
+use super::{Answer, RecognitionError, Recognizer};
+use crate::motion::RouteControl;
+use wayfix::Filter;
+use wayfix::InferenceError;
+use wayfix::error::{Count, Parameter};
+use wayfix::inference::FilterSnapshot;
+use wayfix::internal::MOST_STEPS;
+use wayfix::{Belief, BeliefView};
+use wayfix_kernels::Aligned;
+
+/// A vehicle tracked step by step.
+///
+/// A step costs O(n k) for n references and k speeds, and the comparison with the
+/// references; it allocates nothing after the first two. `Send` and `Clone`.
+#[derive(Debug, Clone)]
+pub struct Track {
+    recognizer: Recognizer,
+    filter: Filter<Arc<Model>>,
+    sensor: Sensor,
+    scratch: Scratch,
+    places: Vec<f64>,
+}
+
+/// State of a [`Track`], as plain data to be restored. With the feature `serde` it can be
+/// stored, so that a position survives a restart.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TrackSnapshot {
+    pub(crate) filter: FilterSnapshot,
+    pub(crate) sensor: Sensor,
+}
+
+impl Recognizer {
+    /// Starts to track a vehicle, which may be anywhere at first.
+    #[must_use]
+    pub fn track(&self) -> Track {
+        let mut track = Track {
+            filter: Filter::new(Arc::clone(&self.model)),
+            sensor: self.sensor.clone(),
+            scratch: Scratch::default(),
+            places: vec![0.0; self.places()],
+            recognizer: self.clone(),
+        };
+        track.add_up();
+        track
+    }
+}
+
+impl TrackSnapshot {
+    /// The number of steps taken.
+    #[must_use]
+    pub fn steps(&self) -> usize {
+        self.filter.steps()
+    }
+
+    /// The number of references of its track.
+    #[must_use]
+    pub fn references(&self) -> usize {
+        self.sensor.standardizer.references()
+    }
+}
+
+impl Track {
+    /// Takes the next query, a descriptor or a row of distances as the recogniser was made for,
+    /// and the distance driven by odometry since the last one, in references, if that is known.
+    /// For a lost frame, call [`predict`](Self::predict).
+    ///
+    /// A wheel slip does little harm, but a lasting fault (wheels that are stuck, a unit that
+    /// stopped counting) is not a slip: give `None`. [`doubts`](Self::doubts) shows some of them.
+    ///
+    /// # Errors
+    ///
+    /// [`RecognitionError`] if the query or the reading is not valid, or impossible; the
+    /// track is then as before.
+    pub fn step(
+        &mut self,
+        query: &[f32],
+        odometry: Option<f64>,
+    ) -> Result<Answer, RecognitionError> {
+        let Self { recognizer, sensor, scratch, .. } = self;
+        let step = self.filter.steps().saturating_add(1);
+        let sighting = sensor.observe(recognizer, step, query, odometry, scratch)?;
+        let log_likelihood = self.advance(&sighting.control)?;
+        self.sensor.learn(&self.recognizer, &sighting, &mut self.scratch);
+        Ok(self.recognizer.answer(&self.places, log_likelihood))
+    }
+
+    /// Takes a step without a query, for a lost frame: the motion alone, with the odometry reading
+    /// if there is one. The next view then counts as the first after a gap: a change of it is no
+    /// evidence of moving or standing.
+    ///
+    /// # Errors
+    ///
+    /// [`RecognitionError`] if the reading is not valid; the track is then as before.
+    pub fn predict(&mut self, odometry: Option<f64>) -> Result<Answer, RecognitionError> {
+        let control = self.sensor.control(odometry);
+        self.scratch.likelihoods.resize(self.recognizer.references() + 1, 1.0);
+        self.scratch.likelihoods.fill(1.0);
+        let log_likelihood = self.advance(&control)?;
+        self.sensor.skip(&self.recognizer, &control);
+        Ok(self.recognizer.answer(&self.places, log_likelihood))
+    }
+
+    /// Takes a step of the filter with the likelihoods in the scratch memory.
+    fn advance(&mut self, control: &RouteControl) -> Result<f64, RecognitionError> {
+        // The filter checks all controls but the first, since no move leads to the first step; the
+        // sensor keeps its reading.
+        if self.filter.steps() == 0 {
+            check_control(self.recognizer.motion(), 1, control)?;
+        }
+        let log_likelihood = self.filter.step_with(control, &self.scratch.likelihoods)?;
+        self.add_up();
+        Ok(log_likelihood)
+    }
+
+    /// The belief over places, with a last entry for off the map if that is modelled.
+    #[must_use]
+    pub fn places(&self) -> BeliefView<'_> {
+        Belief::view(&self.places)
+    }
+
+    /// The number of steps taken.
+    #[must_use]
+    pub fn steps(&self) -> usize {
+        self.filter.steps()
+    }
+
+    /// Log-likelihood of all queries and measurements.
+    #[must_use]
+    pub fn log_likelihood(&self) -> f64 {
+        self.filter.log_likelihood()
+    }
+
+    /// The recogniser.
+    #[must_use]
+    pub fn recognizer(&self) -> &Recognizer {
+        &self.recognizer
+    }
+
+    /// Returns reasons to doubt the recent views and readings: most views are
+    /// [unchanged](Warning::Unchanged) although the vehicle moves, odometry is
+    /// [stuck](Warning::Stuck), or the view is [still](Warning::Still) though it reads that the
+    /// vehicle moves. A reading that stays is compared with changes of the view alone; whether it is
+    /// the speed at which the images move on, [`Recording::doubts`](super::Recording::doubts) tells.
+    /// Cheap enough for each step.
+    #[must_use]
+    pub fn doubts(&self) -> Vec<Warning> {
+        self.sensor.tally.doubts()
+    }
+
+    /// Returns the state of the track. O(n k).
+    #[must_use]
+    pub fn snapshot(&self) -> TrackSnapshot {
+        TrackSnapshot { filter: self.filter.snapshot(), sensor: self.sensor.clone() }
+    }
+
+    /// Restores a state, from a track of this recogniser or one with an equal fit: the next
+    /// answers are then the same, to the bit.
+    ///
+    /// # Errors
+    ///
+    /// [`RecognitionError`] for a state with another number of references or speeds, at the
+    /// largest number of steps, or of a vehicle that is surely lost although the map is never
+    /// left; the track is then as before.
+    pub fn restore(&mut self, state: &TrackSnapshot) -> Result<(), RecognitionError> {
+        let TrackSnapshot { filter, sensor } = state;
+        let expected = self.recognizer.references();
+        let rows = sensor.last_view.as_ref().map(Vec::len);
+        for found in [Some(state.references()), rows].into_iter().flatten() {
+            if found != expected {
+                let what = "references of the state of a track";
+                return Err(Count { what, found, expected }.into());
+            }
+        }
+        if filter.steps() >= MOST_STEPS {
+            return Err(InferenceError::TooMany { steps: filter.steps() }.into());
+        }
+        self.check_belief(filter)?;
+        self.filter.restore(filter)?;
+        self.sensor.clone_from(sensor);
+        self.add_up();
+        Ok(())
+    }
+
+    /// Checks that there is mass on the map if that is never left: answers are conditional on it.
+    fn check_belief(&self, filter: &FilterSnapshot) -> Result<(), RecognitionError> {
+        let states =
+            self.recognizer.motion().speeds().values().len() * self.recognizer.references();
+        let belief = filter.belief();
+        let on_map = (0..states.min(belief.as_slice().len())).any(|i| filter.is_possible(i));
+        // The filter reports another number of states.
+        if on_map
+            || self.recognizer.options().off_map.is_some()
+            || belief.as_slice().len() <= states
+        {
+            return Ok(());
+        }
+        let (what, expected) = ("the belief on the map of the state of a track", "above 0");
+        Err(Parameter::new(what, 0.0, expected).into())
+    }
+
+    /// Extends the track to more references, the first of which are the present ones.
+    pub(super) fn extended(&self, recognizer: &Recognizer) -> Result<Self, RecognitionError> {
+        let (before, after) = (self.recognizer.references(), recognizer.references());
+        let extended = |values: &[f64], nothing: f64| -> Vec<f64> {
+            let new = std::iter::repeat_n(nothing, after - before);
+            let layers = values.chunks(before);
+            layers.flat_map(|layer| layer.iter().copied().chain(new.clone())).collect()
+        };
+        // Without logarithms, an empty list stays one.
+        let filter = self.filter.snapshot();
+        let filter = filter.remade(filter.steps(), extended);
+        let sensor = self.sensor.extended(&recognizer.sensor);
+        let mut track = recognizer.track();
+        track.restore(&TrackSnapshot { filter, sensor })?;
+        Ok(track)
+    }
+
+    /// Sets the number of steps taken, without evidence.
+    pub(super) fn after(mut self, steps: usize) -> Result<Self, RecognitionError> {
+        let mut state = self.snapshot();
+        state.filter = state.filter.remade(steps, |values, _| values.to_vec());
+        self.restore(&state)?;
+        Ok(self)
+    }
+
+    /// Forgets the position and the last view, but nothing learned of the references.
+    pub fn relocate(&mut self) {
+        self.filter.restart();
+        self.sensor.forget();
+        self.add_up();
+    }
+
+    fn add_up(&mut self) {
+        let Self { recognizer, filter, places, .. } = self;
+        recognizer.add_up(filter.belief().as_slice(), places);
+    }
+}
+
+#[cfg(feature = "serde")]
+wayfix::stored! {
+    [] TrackSnapshot: [], |state| {
+        filter: FilterSnapshot = state.filter,
+        standardizer: crate::observation::Standardizer = state.sensor.standardizer,
+        last_view: Option<Vec<Option<f32>>> =
+            state.sensor.last_view.as_ref().map(|row| row.iter().map(finite).collect::<Vec<_>>()),
+        run: Option<(Option<crate::motion::ViewChange>, u32)> = state.sensor.run,
+        still: f64 = state.sensor.still,
+        lingering: f64 = state.sensor.lingering,
+        driven: Option<crate::motion::Driven> = state.sensor.driven,
+        tally: crate::views::Tally = state.sensor.tally,
+    } => track_state(filter, standardizer, last_view, run, [still, lingering], driven, tally);
+}
+
+/// A finite score, or `None`, since JSON has no infinity.
+#[cfg(feature = "serde")]
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "an iterator gives it so")]
+fn finite(distance: &f32) -> Option<f32> {
+    Some(*distance).filter(|distance| distance.is_finite())
+}
+
+#[cfg(feature = "serde")]
+fn track_state(
+    filter: FilterSnapshot,
+    standardizer: crate::observation::Standardizer,
+    last_view: Option<Vec<Option<f32>>>,
+    run: Option<(Option<crate::motion::ViewChange>, u32)>,
+    [still, lingering]: [f64; 2],
+    driven: Option<crate::motion::Driven>,
+    tally: crate::views::Tally,
+) -> Result<TrackSnapshot, String> {
+    if !(0.0..=2.0).contains(&still) {
+        return Err(format!("an unchanged view by up to {still}, expected from 0 to 2"));
+    }
+    if !(0.0..=1.0).contains(&lingering) {
+        return Err(format!("a share of lingering views of {lingering}, expected from 0 to 1"));
+    }
+    if run.is_some_and(|(_, count)| count == 0) {
+        return Err("a run of 0 views, expected at least 1".into());
+    }
+    let distance = |distance: Option<f32>| distance.unwrap_or(f32::INFINITY);
+    let last_view: Option<Vec<f32>> = last_view.map(|row| row.into_iter().map(distance).collect());
+    for value in last_view.iter().flatten() {
+        if value.is_nan() || *value == f32::NEG_INFINITY {
+            return Err(format!("a score of {value} in the last view, expected a number or null"));
+        }
+    }
+    Ok(TrackSnapshot {
+        filter,
+        sensor: Sensor {
+            standardizer,
+            last_view,
+            run,
+            still,
+            lingering,
+            driven,
+            tally: tally.checked()?,
+        },
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Options;
+    use crate::observation::Distance;
+
+    #[test]
+    fn more_references_take_nothing_away() {
+        let image = |place: usize| -> Vec<f32> {
+            (1..17).map(|k| ((place * 16 + k).pow(2) as f32 * 0.37).sin()).collect()
+        };
+        let images: Vec<Vec<f32>> = (0..80).map(image).collect();
+        let of = |count: usize| {
+            Recognizer::from_descriptors(&images[..count], Distance::Cosine, Options::default())
+        };
+        let mut track = of(60).unwrap().track().after(7).unwrap();
+        for image in &images[10..30] {
+            track.step(image, Some(1.0)).unwrap();
+        }
+        let mut more = track.extended(&of(80).unwrap()).unwrap();
+        assert_eq!((more.steps(), more.log_likelihood()), (27, track.log_likelihood()));
+        let places = more.places().as_slice().iter().zip(track.places().as_slice());
+        assert!(places.map(|(a, b)| (a - b).abs()).all(|apart| apart < 1e-12));
+        let (before, after) = (&track.sensor, &more.sensor);
+        assert_eq!(before.run, after.run);
+        assert_eq!(before.tally, after.tally);
+        let view = |sensor: &Sensor| sensor.last_view.clone().unwrap();
+        assert_eq!(view(before)[..], view(after)[..60]);
+        assert_eq!(after.standardizer.references(), 80);
+        // A repeated view is not new.
+        let last = view(after);
+        let answer = more.step(&images[29], Some(0.0)).unwrap();
+        assert!(answer.place.is_some_and(|place| place.abs_diff(29) <= 1));
+        assert_eq!(view(&more.sensor), last);
+        let error = more.step(&[f32::NAN; 16], None).unwrap_err().to_string();
+        assert!(error.starts_with("the descriptor of the query of step 29 "), "{error}");
+    }
+}

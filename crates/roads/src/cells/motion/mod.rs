@@ -1,0 +1,236 @@
+//! Motion on the cells of roads, by metres driven: A = Σ w_k M^k, with M one cell ahead. All such
+//! operators commute, so that the rate of readings does not matter.
+
+mod edge_turns;
+mod odometer;
+mod products;
+mod slips;
+mod travel;
+mod turns;
+mod walk;
+mod wheel_odometer;
+mod wheel_transition;
+mod wheels;
+
+use std::sync::Arc;
+
+pub use edge_turns::EdgeTurns;
+pub use odometer::Odometer;
+pub use travel::Travel;
+pub use turns::TurnWeights;
+pub use wheel_odometer::{WheelOdometer, WheelTravel};
+pub use wheel_transition::WheelTransition;
+pub use wheels::Wheels;
+
+use crate::cells::{Layout, RoadCells};
+use turns::Turns;
+use wayfix::TransitionError;
+use wayfix::{Transition, TransitionEntries};
+
+/// A vehicle on the [cells of roads](RoadCells), by the metres driven in a step: ticks of
+/// centimetres as well as jumps of a kilometre over many junctions.
+///
+/// Let M move the belief by one cell: to the next on the same edge, or from the last one to the
+/// first cells of the edges that may follow, by their [`TurnWeights`]; forbidden turns are never
+/// taken. The control is a [`Travel`], the probability w_k of each number k of cells, and the
+/// operator
+///
+/// ```text
+/// A = Σ w_k M^k
+/// ```
+///
+/// All operators of the same M commute, and two steps are one step by the sum of their distances,
+/// also across junctions: the result does not depend on the rate of the readings.
+///
+/// # Metres
+///
+/// [`travel`](Self::travel) gives the w of metres with a variance, of which both are kept exactly:
+/// around a whole number of cells a symmetric Skellam distribution (close to a Gaussian, defined
+/// on whole numbers, and closed under sums), and between two whole numbers in proportion. The
+/// variance is that of the metres, the [rounding](RoadCells::rounding) of the map, and at least
+/// that of lying between whole numbers. Tails below 1e-20 are cut. A vehicle that would have
+/// driven less than nothing stays.
+///
+/// **Readings shorter than some ten cells go through an [`Odometer`]**, which keeps what does not
+/// make up a whole cell. Given directly, each of them adds up to a quarter of the square of a
+/// cell to the variance.
+///
+/// **Errors of readings are taken for independent**, and average out. Wheels that are 2% too large
+/// do not: where they are the odometer, take a [`WheelTransition`], which finds out their scale.
+///
+/// # Control or evidence
+///
+/// A distance chooses the operator, and its columns sum to one. That loses nothing here: with all
+/// distances equally likely beforehand, the probability of a reading is the same wherever the
+/// vehicle is, and where it ends up says nothing about it. This is unlike a
+/// [`DistanceTransition`](super::DistanceTransition), whose roads have lengths to compare with.
+///
+/// The exception is the end of the network: an edge that nothing may follow, such as a one-way
+/// road that leaves the map. By default, a vehicle there stays. Its odometer speaks against that,
+/// and a wrong position that comes to such an end survives there longer than it should.
+/// [`with_evidence_at_ends`](Self::with_evidence_at_ends) counts it: what would drive on from an
+/// end is impossible. Columns then sum to less than one, which is
+/// [evidence on the move](Transition::evidence) with the costs that this has in a
+/// [`PrunedFilter`](wayfix::PrunedFilter). Better is a map without such [ends](Self::ends). A dead
+/// end with a way back is none.
+///
+/// A vehicle turns around at nodes only, and not between them. For one that may be carried
+/// elsewhere, put it into a [`RestartTransition`](wayfix::transition::RestartTransition).
+///
+/// # Costs
+///
+/// Products take k passes over all cells and turns for a step of at most k cells: 50 for a
+/// kilometre on cells of 20 m. Entries are listed by walking over edges, without regard to the
+/// number of all cells: those of a step within an edge cost its weights, those across junctions
+/// O(r log r) with r for the edges (each at each distance) and cells reached. A
+/// [`PrunedFilter`](wayfix::PrunedFilter) needs no more than them. Memory: 12 bytes an edge and 32
+/// bytes a turn beside the cells, which are shared.
+///
+/// ```
+/// use wayfix_roads::NetworkBuilder;
+/// use wayfix::map::{PlanePosition, RoadClass};
+/// use wayfix_roads::cells::RoadCells;
+/// use wayfix_roads::cells::{CellTransition, TurnWeights};
+/// use wayfix::{Belief, Hmm, LikelihoodVector, Prior};
+///
+/// // A road of 100 m that forks into a main road and a street.
+/// let mut builder = NetworkBuilder::new();
+/// for (id, x, y) in [(1, 0.0, 0.0), (2, 100.0, 0.0), (3, 200.0, 50.0), (4, 200.0, -50.0)] {
+///     builder.node(id, PlanePosition { x, y })?;
+/// }
+/// builder.both_ways(1, 2, RoadClass::Main)?;
+/// builder.both_ways(2, 3, RoadClass::Main)?;
+/// builder.both_ways(2, 4, RoadClass::Street)?;
+/// let cells = RoadCells::new(builder.build()?, 5.0)?;
+///
+/// let motion = CellTransition::new(&cells, &TurnWeights::default())?;
+/// let mut odometer = motion.odometer();
+/// let start = Prior::BeforeFirstTransition(Belief::certain(cells.states(), cells.cell_at(0, 0.0))?);
+/// let hmm = Hmm::new(start, motion, LikelihoodVector::linear(cells.states()))?;
+/// let mut filter = hmm.filter();
+/// // Ten times a second, 1.5 m driven with an error of 3 cm.
+/// for _ in 0..100 {
+///     filter.predict_with(&odometer.add(1.5, 0.0009)?)?;
+/// }
+/// // 150 m on: halfway on the main road, most likely, within a few cells.
+/// let at = filter.belief().mode();
+/// let network = cells.network();
+/// assert_eq!(cells.edge(at), network.edge_between(1, 2).unwrap());
+/// assert!((cells.metres_along(at) + odometer.ahead() - 52.5).abs() < 5.0);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct CellTransition {
+    layout: Arc<Layout>,
+    /// Turns by the edge before and by the edge after.
+    next: Turns,
+    before: Turns,
+    /// Edges that nothing may follow.
+    ends: Vec<u32>,
+    /// True if a vehicle stays at an end, false if it cannot.
+    stay: bool,
+    mean_metres: f64,
+    rounding: f64,
+}
+
+impl CellTransition {
+    /// Creates the motion on cells, with the turns of their network. O(turns), of which there are
+    /// as many as pairs of an edge and one that follows.
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError::Parameter`] for a weight out of its range, or
+    /// [`TransitionError::TooMany`] for more turns than 32-bit indices address.
+    pub fn new<P>(cells: &RoadCells<P>, weights: &TurnWeights) -> Result<Self, TransitionError> {
+        Ok(Self::of_turns(cells, Turns::new(cells.network(), weights)?))
+    }
+
+    fn of_turns<P>(cells: &RoadCells<P>, next: Turns) -> Self {
+        let before = next.reversed();
+        let layout = cells.layout().clone();
+        let edges = (0..).zip(0..layout.edge_count());
+        let ends = edges.filter(|edge| next.of(edge.1).is_empty()).map(|edge| edge.0).collect();
+        let (mean_metres, rounding) = (cells.mean_metres(), cells.rounding());
+        Self { layout, next, before, ends, stay: true, mean_metres, rounding }
+    }
+
+    /// Makes it impossible to stay at an end of the network when metres are driven.
+    #[must_use]
+    pub fn with_evidence_at_ends(self) -> Self {
+        Self { stay: false, ..self }
+    }
+
+    /// Edges that nothing may follow, in ascending order.
+    #[must_use]
+    pub fn ends(&self) -> impl ExactSizeIterator<Item = usize> {
+        self.ends.iter().map(|&edge| edge as usize)
+    }
+
+    /// Returns the probability that an edge is followed by another at its end.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such edge.
+    #[must_use]
+    pub fn turn(&self, edge: usize, next: usize) -> f64 {
+        self.next.probability(edge, next)
+    }
+
+    /// Returns the control of a step by metres driven, with the variance of their error in square
+    /// metres; for long steps, see [above](Self#metres).
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError::Control`] unless the metres are finite and at least 0, and the variance
+    /// is finite and at least 0, or [`TransitionError::Parameter`] for more than 10,000,000 cells,
+    /// or a deviation of more than 100,000.
+    pub fn travel(&self, metres: f64, variance: f64) -> Result<Travel, TransitionError> {
+        odometer::check(metres, variance)?;
+        if metres < 0.0 {
+            let text = format!("{metres} metres driven, expected 0 or more");
+            return Err(TransitionError::Control(text));
+        }
+        let all = variance + metres * self.rounding;
+        Travel::measured(metres / self.mean_metres, all / self.mean_metres.powi(2), &[1.0])
+    }
+
+    /// Returns an odometer at 0, which makes controls of short readings.
+    #[must_use]
+    pub fn odometer(&self) -> Odometer {
+        Odometer::new(self.mean_metres, self.rounding)
+    }
+
+    fn stays_at_end(&self, edge: usize) -> bool {
+        self.stay && self.next.of(edge).is_empty()
+    }
+}
+
+impl Transition for CellTransition {
+    type Control = Travel;
+
+    fn states(&self) -> usize {
+        self.layout.states()
+    }
+
+    fn apply(&self, travel: &Travel, x: &[f64], out: &mut [f64]) {
+        self.product(travel, x, out);
+    }
+
+    fn apply_transpose(&self, travel: &Travel, x: &[f64], out: &mut [f64]) {
+        self.transposed_product(travel, x, out);
+    }
+
+    fn evidence(&self, travel: &Travel) -> Option<f64> {
+        (!self.stay && !self.ends.is_empty() && travel.last() > 0).then_some(0.0)
+    }
+}
+
+impl TransitionEntries for CellTransition {
+    fn incoming(&self, travel: &Travel, to: usize) -> impl Iterator<Item = (usize, f64)> {
+        self.behind(travel, to)
+    }
+
+    fn outgoing(&self, travel: &Travel, from: usize) -> impl Iterator<Item = (usize, f64)> {
+        self.ahead(travel, from)
+    }
+}

@@ -1,0 +1,168 @@
+//! Errors of wheels that last: the scale of an odometer as a hidden chain. Of m coins, each is
+//! turned over at a rate; the scale is 1 + d (heads − tails) / √m, an Ornstein–Uhlenbeck process on
+//! m + 1 values (Ehrenfest's urn), whose stationary distribution is binomial.
+
+use wayfix::TransitionError;
+use wayfix::error::Parameter;
+
+/// Number of coins, m.
+pub(super) const COINS: usize = 8;
+/// Largest deviation of the scale: the smallest of the scales is then 0.43.
+const MOST: f64 = 0.2;
+/// Largest mean loss in a slip, in cells.
+const MOST_SLIPPED: f64 = 1000.0;
+
+/// Errors of the wheels of a vehicle on [cells of roads](crate::cells::RoadCells), for a
+/// [`WheelTransition`](super::WheelTransition).
+///
+/// Noise that is new in each reading averages out over a drive; these do not:
+///
+/// - **Scale.** Tyres are never quite as large as they are taken to be, which makes all readings of
+///   a drive wrong by the same factor. After a hundred metres an error of 2% is 2 m, where noise of
+///   3 cm in each metre is 30 cm. The scale is hidden, and is learned while driving: it has
+///   [nine values](super::WheelTransition::scales), binomial around 1 with the given deviation, and
+///   changes slowly.
+/// - **Slips.** Now and then wheels turn, and the vehicle does not move as far. Slips come at
+///   random, and each takes a random number of metres (exponentially distributed, in whole cells
+///   geometrically) off the distance.
+///
+/// The default is for wheels that nobody has calibrated.
+///
+/// ```
+/// use wayfix_roads::cells::Wheels;
+///
+/// // Calibrated last week, on a floor that is wet in places.
+/// let wheels = Wheels { scale: 0.01, slips: 0.05, ..Wheels::default() };
+/// assert_eq!(wheels.slipped, 0.1);
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+pub struct Wheels {
+    /// Standard deviation of the scale, the metres read for each metre driven, among vehicles and
+    /// days: from 0 (the scale is 1) to 0.2. Scales are found up to 2.8 deviations off 1.
+    pub scale: f64,
+    /// Metres over which the correlation of the scale falls to 1/e. Above 0; if infinite, the scale
+    /// never changes.
+    pub lasts: f64,
+    /// Slips per metre, from 0 to 1,000. Together they may take off at most half of the metres.
+    pub slips: f64,
+    /// Mean metres by which a slip shortens the distance; above 0, at most 1,000 cells.
+    pub slipped: f64,
+}
+
+impl Default for Wheels {
+    /// A scale with a deviation of 2% that lasts for 2 km, and a slip of 10 cm in 50 m.
+    fn default() -> Self {
+        Self { scale: 0.02, lasts: 2000.0, slips: 0.02, slipped: 0.1 }
+    }
+}
+
+impl Wheels {
+    /// Checks the numbers, for cells of so many metres.
+    pub(super) fn check(&self, cell: f64) -> Result<(), TransitionError> {
+        let Self { scale, lasts, slips, slipped } = *self;
+        let wrong = |what: &str, value, expected| {
+            Err(Parameter::new(what.to_owned(), value, expected).into())
+        };
+        if !(0.0..=MOST).contains(&scale) {
+            return wrong("the deviation of the wheels' scale", scale, "a value from 0 to 0.2");
+        }
+        if lasts.is_nan() || lasts <= 0.0 {
+            return wrong("the distance over which the scale lasts", lasts, "metres above 0");
+        }
+        if !(0.0..=1000.0).contains(&slips) {
+            return wrong("the number of slips in a metre", slips, "a value from 0 to 1000");
+        }
+        if !(slipped > 0.0 && slipped <= MOST_SLIPPED * cell) {
+            return wrong("the metres lost in a slip", slipped, "above 0, at most 1000 cells");
+        }
+        if slips * slipped > 0.5 {
+            let what = "the part of the metres lost in slips";
+            return wrong(what, slips * slipped, "at most a half");
+        }
+        Ok(())
+    }
+
+    /// Scales, ascending.
+    pub(super) fn scales(&self) -> Vec<f64> {
+        if self.scale == 0.0 {
+            return vec![1.0];
+        }
+        let (m, step) = (COINS as f64, self.scale / (COINS as f64).sqrt());
+        (0..=COINS).map(|heads| 1.0 + step * (2.0 * heads as f64 - m)).collect()
+    }
+
+    /// Stationary probabilities of the scales.
+    pub(super) fn shares(&self) -> Vec<f64> {
+        if self.scale == 0.0 { vec![1.0] } else { heads(COINS, 0.5) }
+    }
+
+    /// Probabilities of a scale after so many metres, given one before: `[to * count + from]`.
+    pub(super) fn changes(&self, metres: f64) -> Vec<f64> {
+        if self.scale == 0.0 {
+            return vec![1.0];
+        }
+        // A coin is turned over an odd number of times.
+        let turned = -0.5 * (-metres / self.lasts).exp_m1();
+        let count = COINS + 1;
+        let mut changes = vec![0.0; count * count];
+        for from in 0..count {
+            let (kept, new) = (heads(from, 1.0 - turned), heads(COINS - from, turned));
+            for (a, p) in kept.iter().enumerate() {
+                for (b, q) in new.iter().enumerate() {
+                    changes[(a + b) * count + from] += p * q;
+                }
+            }
+        }
+        changes
+    }
+}
+
+/// Probabilities of the number of heads of so many coins.
+fn heads(coins: usize, p: f64) -> Vec<f64> {
+    let mut all = vec![0.0; coins + 1];
+    all[0] = 1.0;
+    for last in 1..=coins {
+        for at in (0..=last).rev() {
+            let before = if at > 0 { all[at - 1] } else { 0.0 };
+            all[at] = (1.0 - p) * all[at] + p * before;
+        }
+    }
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_scale_is_a_stationary_process_of_its_deviation() {
+        let wheels = Wheels { scale: 0.03, lasts: 500.0, ..Wheels::default() };
+        let (scales, shares) = (wheels.scales(), wheels.shares());
+        let mean: f64 = scales.iter().zip(&shares).map(|(s, p)| p * s).sum();
+        let variance: f64 = scales.iter().zip(&shares).map(|(s, p)| p * (s - 1.0).powi(2)).sum();
+        assert!((mean - 1.0).abs() < 1e-12 && (variance.sqrt() - 0.03).abs() < 1e-12);
+        let count = scales.len();
+        let changes = wheels.changes(200.0);
+        let mut covariance = 0.0;
+        for to in 0..count {
+            let row = (0..count).map(|from| changes[to * count + from] * shares[from]);
+            assert!((row.sum::<f64>() - shares[to]).abs() < 1e-15);
+            for from in 0..count {
+                let p = changes[to * count + from] * shares[from];
+                covariance += p * (scales[to] - 1.0) * (scales[from] - 1.0);
+            }
+        }
+        assert!((covariance / variance - (-0.4_f64).exp()).abs() < 1e-12);
+        // Changes add up.
+        let (once, twice) = (wheels.changes(7.0), wheels.changes(14.0));
+        for to in 0..count {
+            for from in 0..count {
+                let sum: f64 =
+                    (0..count).map(|by| once[to * count + by] * once[by * count + from]).sum();
+                assert!((sum - twice[to * count + from]).abs() < 1e-15);
+            }
+        }
+    }
+}

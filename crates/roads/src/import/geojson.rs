@@ -1,0 +1,251 @@
+//! Networks from GeoJSON.
+
+use std::collections::HashMap;
+use std::io::Read;
+use std::path::Path;
+
+use geojson::{Error, Feature, GeoJson, GeometryValue, JsonObject, JsonValue};
+
+use super::finish::{finish, position_problem};
+use super::lines::Lines;
+use super::options::ImportOptions;
+use super::report::{ImportNote, ImportReport};
+use super::tags::{RoadTags, road_of};
+use super::words::{class_of, directions, speed_of};
+use crate::{LONGEST_ROAD, NetworkBuilder, RoadNetwork};
+use wayfix::internal::{excerpt, open, shortened, text_of};
+use wayfix::map::{MapError, Position};
+
+/// Most characters of what the parser says, which quotes the text.
+const LONGEST_PROBLEM: usize = 300;
+
+impl RoadNetwork {
+    /// Reads a network from a GeoJSON file: lines (`LineString`, `MultiLineString`), alone, in
+    /// collections of geometries, or in features.
+    ///
+    /// Lines are joined where they share a point, to the seventh decimal of a degree, and split
+    /// there; nodes are numbered from 0 as they appear. Properties of a feature, all optional:
+    /// `class` (main, arterial, collector, street, or 3 to 0), or else `highway` and the other tags of
+    /// [`from_osm_file`](Self::from_osm_file); `oneway` (yes, no, -1, or a truth value; two-way
+    /// without), `length_m`, `speed_kmh` or `maxspeed`, `junction` (roundabout). Without class and
+    /// highway a line is a street. O(bytes + edges log).
+    ///
+    /// # Errors
+    ///
+    /// [`MapError::Line`] with the line where the text is no GeoJSON; [`MapError::Feature`] with the
+    /// feature for a point not on Earth (which says so if latitude and longitude seem swapped) and
+    /// an invalid property; [`MapError::Read`] if the file can't be read; [`MapError::Empty`] if no
+    /// road is left; and those of [`cleaned`](Self::cleaned).
+    pub fn from_geojson_file(
+        path: impl AsRef<Path>,
+        options: &ImportOptions,
+    ) -> Result<(Self, ImportReport), MapError> {
+        let (file, reader) = open(path.as_ref())?;
+        read(&file, reader, options)
+    }
+
+    /// Reads a network from a reader, as [`from_geojson_file`](Self::from_geojson_file); errors
+    /// call it "features".
+    ///
+    /// ```
+    /// use wayfix_roads::{ImportOptions, RoadNetwork};
+    ///
+    /// let text = r#"{"type": "FeatureCollection", "features": [
+    ///   {"type": "Feature", "properties": {"highway": "primary", "maxspeed": 60}, "geometry":
+    ///     {"type": "LineString", "coordinates": [[149.12, -35.28], [149.13, -35.28], [149.14, -35.28]]}},
+    ///   {"type": "Feature", "properties": {"class": "street", "oneway": "yes"}, "geometry":
+    ///     {"type": "LineString", "coordinates": [[149.13, -35.28], [149.13, -35.27]]}}
+    /// ]}"#;
+    /// let (network, report) = RoadNetwork::from_geojson(text.as_bytes(), &ImportOptions::default())?;
+    /// assert_eq!(report.to_string(), "read 4 nodes, 5 edges");
+    /// assert_eq!(network.edges()[0].speed, Some(60.0 / 3.6));
+    /// # Ok::<(), wayfix::map::MapError>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// As [`from_geojson_file`](Self::from_geojson_file).
+    pub fn from_geojson(
+        reader: impl Read,
+        options: &ImportOptions,
+    ) -> Result<(Self, ImportReport), MapError> {
+        read("features", reader, options)
+    }
+}
+
+fn read(
+    file: &str,
+    reader: impl Read,
+    options: &ImportOptions,
+) -> Result<(RoadNetwork, ImportReport), MapError> {
+    let parsed = parse_geojson(file, reader)?;
+    let mut roads = Roads {
+        lines: Lines { numbered: true, ..Lines::default() },
+        keys: HashMap::new(),
+        report: ImportReport::default(),
+    };
+    let none = JsonObject::new();
+    let at = |feature, problem| MapError::Feature { file: file.to_owned(), feature, problem };
+    let mut take = |number: usize, feature: &Feature| {
+        let Some(geometry) = &feature.geometry else {
+            roads.report.note(ImportNote::OtherGeometry);
+            return Ok(());
+        };
+        let properties = feature.properties.as_ref().unwrap_or(&none);
+        let taken = roads.take(&geometry.value, properties, options);
+        taken.map_err(|problem| at(number, problem))
+    };
+    match &parsed {
+        GeoJson::Geometry(geometry) => {
+            roads.take(&geometry.value, &none, options).map_err(|problem| at(1, problem))?;
+        }
+        GeoJson::Feature(feature) => take(1, feature)?,
+        GeoJson::FeatureCollection(collection) => {
+            for (feature, number) in collection.features.iter().zip(1..) {
+                take(number, feature)?;
+            }
+        }
+    }
+    let Roads { lines, mut report, .. } = roads;
+    let mut builder = NetworkBuilder::new();
+    lines.split(&mut builder, &mut report)?;
+    finish(builder, report, options)
+}
+
+/// Parses a file, with the line of what is no GeoJSON in errors.
+pub(crate) fn parse_geojson(file: &str, reader: impl Read) -> Result<GeoJson, MapError> {
+    let at = |line, problem| MapError::Line { file: file.to_owned(), line, problem };
+    text_of(file, reader)?.parse().map_err(|error: Error| match &error {
+        Error::MalformedGeoJson(json) => {
+            let problem = shortened(&json.to_string(), LONGEST_PROBLEM).into_owned();
+            at(json.line().max(1) as u64, problem)
+        }
+        _ => at(1, shortened(&error.to_string(), LONGEST_PROBLEM).into_owned()),
+    })
+}
+
+/// Lines of a file.
+struct Roads {
+    lines: Lines,
+    /// Number of each point, by its rounded coordinates.
+    keys: HashMap<[i64; 2], u64>,
+    report: ImportReport,
+}
+
+impl Roads {
+    fn take(
+        &mut self,
+        value: &GeometryValue,
+        properties: &JsonObject,
+        options: &ImportOptions,
+    ) -> Result<(), String> {
+        match value {
+            GeometryValue::GeometryCollection { geometries } => geometries
+                .iter()
+                .try_for_each(|geometry| self.take(&geometry.value, properties, options)),
+            GeometryValue::LineString { coordinates } => {
+                self.take_line(coordinates, properties, options)
+            }
+            GeometryValue::MultiLineString { coordinates } => {
+                coordinates.iter().try_for_each(|line| self.take_line(line, properties, options))
+            }
+            _ => {
+                self.report.note(ImportNote::OtherGeometry);
+                Ok(())
+            }
+        }
+    }
+
+    fn take_line(
+        &mut self,
+        line: &[geojson::Position],
+        properties: &JsonObject,
+        options: &ImportOptions,
+    ) -> Result<(), String> {
+        let words: HashMap<&str, String> =
+            properties.iter().filter_map(|(key, value)| Some((&**key, word(value)?))).collect();
+        let tag = |name: &str| words.get(name).map(String::as_str);
+        let tags = match road(tag, options, &mut self.report)? {
+            Ok(tags) => tags,
+            Err(note) => {
+                self.report.note(note);
+                return Ok(());
+            }
+        };
+        let metres = match tag("length_m") {
+            None => None,
+            Some(text) => match text.parse::<f64>() {
+                Ok(0.0) => {
+                    self.report.note(ImportNote::ZeroLength);
+                    None
+                }
+                Ok(metres) if metres > 0.0 && metres <= LONGEST_ROAD => Some(metres),
+                _ => {
+                    let text = excerpt(text);
+                    return Err(format!("length_m is {text:?}, expected metres from 0 to 1e12"));
+                }
+            },
+        };
+        let points = line.iter().map(|point| self.point(point.as_slice()));
+        let points = points.collect::<Result<Vec<u64>, String>>()?;
+        if !self.lines.add(points, tags, metres) {
+            self.report.note(ImportNote::NoLine);
+        }
+        Ok(())
+    }
+
+    /// Number of a point.
+    fn point(&mut self, point: &[f64]) -> Result<u64, String> {
+        let [longitude, latitude, ..] = *point else {
+            return Err(format!("{} coordinates, expected longitude and latitude", point.len()));
+        };
+        let position = Position { latitude, longitude };
+        if let Some(problem) = position_problem(position) {
+            return Err(problem);
+        }
+        let next = self.keys.len() as u64;
+        // Lines that are cut at the antimeridian, as the format asks, meet there.
+        let east = if longitude == -180.0 { 180.0 } else { longitude };
+        let rounded = [latitude, east].map(|degrees| (degrees * 1e7).round() as i64);
+        let key = *self.keys.entry(rounded).or_insert(next);
+        self.lines.points.entry(key).or_default().position.get_or_insert(position);
+        Ok(key)
+    }
+}
+
+/// Road of properties, or the reason why it is skipped.
+fn road<'a>(
+    tag: impl Fn(&str) -> Option<&'a str> + Copy,
+    options: &ImportOptions,
+    report: &mut ImportReport,
+) -> Result<Result<RoadTags, ImportNote>, String> {
+    if let (None, Some(_)) = (tag("class"), tag("highway")) {
+        let own_speed = tag("speed_kmh").and_then(speed_of);
+        let road = road_of(tag, options, report);
+        if road.is_ok() && tag("speed_kmh").is_some() && own_speed.is_none() {
+            report.note(ImportNote::UnknownSpeed);
+        }
+        return Ok(road.map(|road| RoadTags { speed: own_speed.or(road.speed), ..road }));
+    }
+    let class = class_of(&excerpt(tag("class").unwrap_or_default()))?;
+    let oneway = tag("oneway").unwrap_or_default();
+    let [forward, backward] = directions(oneway)
+        .ok_or_else(|| format!("oneway is {:?}, expected yes, no or -1", excerpt(oneway)))?;
+    let given = tag("speed_kmh").or(tag("maxspeed"));
+    let speed = given.and_then(speed_of);
+    if given.is_some() && speed.is_none() {
+        report.note(ImportNote::UnknownSpeed);
+    }
+    let roundabout = matches!(tag("junction"), Some("roundabout" | "circular"));
+    Ok(Ok(RoadTags { class, forward, backward, speed, roundabout }))
+}
+
+/// Value of a property as a word; none for null, lists and objects.
+fn word(value: &JsonValue) -> Option<String> {
+    match value {
+        JsonValue::String(text) => Some(text.clone()),
+        JsonValue::Number(number) => Some(number.to_string()),
+        JsonValue::Bool(truth) => Some(truth.to_string()),
+        _ => None,
+    }
+}

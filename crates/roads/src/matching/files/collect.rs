@@ -1,0 +1,117 @@
+//! Drives of a file, collected point by point.
+
+use std::cmp::Ordering;
+use std::collections::HashMap;
+
+use super::{Trace, TraceReport};
+use crate::matching::TracePoint;
+use wayfix::internal::excerpt;
+
+/// Most lines of skipped points that are kept.
+const MOST_LINES: usize = 10;
+
+/// A problem, and where it is: in a line, or in a feature of GeoJSON.
+pub(super) type Problem = (u64, String);
+
+/// Drives that were read so far.
+#[derive(Debug, Default)]
+pub(super) struct Collector {
+    pub(super) traces: Vec<Trace>,
+    pub(super) report: TraceReport,
+    /// Number of drives that were to have each name.
+    names: HashMap<String, usize>,
+    /// Place of the first point of the last drive that goes back in time.
+    first_back: u64,
+    /// Problem of the first drive that mostly goes back in time.
+    descending: Option<Problem>,
+}
+
+impl Collector {
+    /// Starts a drive, unless there is one with the name.
+    #[cfg(any(feature = "csv", feature = "geojson"))]
+    pub(super) fn start(&mut self, name: &str) -> Result<(), String> {
+        if self.names.insert(name.to_owned(), 1).is_some() {
+            let name = excerpt(name);
+            return Err(format!("points of drive {name:?} are apart, expected them together"));
+        }
+        self.push(name.to_owned());
+        Ok(())
+    }
+
+    /// Starts a drive with a name, or with a number behind it if there is one of that name.
+    #[cfg(any(feature = "gpx", feature = "geojson"))]
+    pub(super) fn start_numbered(&mut self, name: &str) {
+        let mut number = self.names.get(name).map_or(1, |count| count + 1);
+        let mut numbered = name.to_owned();
+        while number > 1 {
+            numbered = format!("{name} ({number})");
+            if !self.names.contains_key(&numbered) {
+                break;
+            }
+            number += 1;
+        }
+        self.names.insert(name.to_owned(), number);
+        if number > 1 {
+            self.names.insert(numbered.clone(), 1);
+        }
+        self.push(numbered);
+    }
+
+    fn push(&mut self, name: String) {
+        self.end();
+        self.traces.push(Trace { name, points: Vec::new(), repeated: 0, backwards: 0 });
+    }
+
+    /// Adds a point of the last drive, unless it is not later than the one before.
+    pub(super) fn add(&mut self, point: TracePoint, place: u64) {
+        let Some(Trace { points, repeated, backwards, .. }) = self.traces.last_mut() else {
+            return;
+        };
+        let report = &mut self.report;
+        // Not the total order, in which -0 is before 0.
+        match points.last().and_then(|last| point.time.partial_cmp(&last.time)) {
+            Some(Ordering::Equal) => {
+                (*repeated, report.repeated) = (*repeated + 1, report.repeated + 1);
+            }
+            Some(Ordering::Less) => {
+                if *backwards == 0 {
+                    self.first_back = place;
+                }
+                (*backwards, report.backwards) = (*backwards + 1, report.backwards + 1);
+            }
+            _ => {
+                points.push(point);
+                return;
+            }
+        }
+        if report.skipped_lines.len() < MOST_LINES {
+            report.skipped_lines.push(place);
+        }
+    }
+
+    /// Checks the last drive, of which there are no more points.
+    fn end(&mut self) {
+        if let Some(Trace { name, points, backwards, .. }) = self.traces.last()
+            && *backwards > points.len()
+            && self.descending.is_none()
+        {
+            let name = excerpt(name);
+            let problem = format!(
+                "{backwards} points of drive {name:?} from here on go back in time, expected ascending times"
+            );
+            self.descending = Some((self.first_back, problem));
+        }
+    }
+
+    /// Returns the drives. `end` is where the file ends.
+    pub(super) fn finish(mut self, end: u64) -> Result<(Vec<Trace>, TraceReport), Problem> {
+        self.end();
+        if let Some(problem) = self.descending {
+            return Err(problem);
+        }
+        if self.traces.is_empty() {
+            return Err((end, String::from("there are no points, expected at least one")));
+        }
+        Ok((self.traces, self.report))
+    }
+}

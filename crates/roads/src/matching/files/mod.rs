@@ -1,0 +1,162 @@
+//! Drives from files.
+
+mod collect;
+#[cfg(feature = "csv")]
+mod csv;
+#[cfg(feature = "geojson")]
+mod geojson;
+#[cfg(feature = "gpx")]
+mod gpx;
+mod time;
+
+use std::fmt;
+use std::io::Read;
+use std::path::Path;
+
+use super::TracePoint;
+use wayfix::internal::open;
+use wayfix::map::MapError;
+
+/// A drive read from a file. [`Matcher::learn`](super::Matcher::learn) takes it as it is, and
+/// [`Matcher::match_drive`](super::Matcher::match_drive) its `points`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Trace {
+    /// Name of the drive in the file.
+    pub name: String,
+    /// Points in the order of the file, each later than the one before.
+    pub points: Vec<TracePoint>,
+    /// Number of points left out because they have the same time as the last one taken.
+    pub repeated: usize,
+    /// Number of points that were left out, earlier than the last one taken.
+    pub backwards: usize,
+}
+
+impl AsRef<[TracePoint]> for Trace {
+    fn as_ref(&self) -> &[TracePoint] {
+        &self.points
+    }
+}
+
+/// Report of a file of drives.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[non_exhaustive]
+pub struct TraceReport {
+    /// Number of points left out because they have the same time as the last one taken, of all
+    /// drives; each [`Trace`] has its own count.
+    pub repeated: usize,
+    /// Number of points that were left out, earlier than the last one taken.
+    pub backwards: usize,
+    /// Lines of the first ten points that were left out; empty for GeoJSON, where points have none.
+    pub skipped_lines: Vec<u64>,
+    /// Columns that are not known and were not read.
+    pub ignored_columns: Vec<String>,
+}
+
+/// Prints the counts, and a line for each column that is not known.
+impl fmt::Display for TraceReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { repeated, backwards, skipped_lines: lines, ignored_columns } = self;
+        write!(
+            f,
+            "skipped {repeated} points of the same time and {backwards} that go back in time"
+        )?;
+        if !lines.is_empty() {
+            let named: Vec<String> = lines.iter().map(u64::to_string).collect();
+            let more = if lines.len() < repeated + backwards { ", …" } else { "" };
+            let word = if lines.len() == 1 { "line" } else { "lines" };
+            write!(f, " ({word} {}{more})", named.join(", "))?;
+        }
+        ignored_columns.iter().try_for_each(|column| write!(f, "\ncolumn not known: {column}"))
+    }
+}
+
+/// Reads drives from a file: GPX (`.gpx`), GeoJSON (`.geojson`, `.json`), or CSV (any other).
+///
+/// - **CSV** has the header `trace,time,longitude,latitude[,accuracy,heading,speed]`, with its
+///   columns in any order: the name of the drive, the time, degrees, and, if known, metres, degrees
+///   clockwise from north (from −180 to 360) and metres per second. The lines of a drive follow
+///   each other.
+/// - **GPX**: each segment of a track is a drive, named after the track or by its number, with a
+///   number appended where drives share a name. Each point has a time, and may have `speed` and
+///   `course`, as elements of its own or among its extensions. Waypoints and routes are not read.
+/// - **GeoJSON**: a line is a drive. Its name is in `trace` or `name`, or else is the number of its
+///   feature; a list of its times is in `coordTimes` or `times`, among its properties or in
+///   `coordinateProperties`. A `MultiLineString` is a drive for each line, with a list of times for
+///   each. Points belong to the drive that their `trace` names, or all to one; they have a `time`
+///   or `timestamp`, and, if known, `accuracy`, `heading` or `course`, and `speed`.
+///
+/// Times are seconds, or dates and times by ISO 8601 (`2024-05-01T12:00:00Z`,
+/// `2024-05-01 14:00:00.5+02:00`; UTC without an offset), read as seconds since 1970. Points that
+/// are not later than the last one taken are skipped, and counted for each drive and in total; the
+/// report names the lines of the first ten, and the columns that are not known. A GPX or GeoJSON
+/// file is read as a whole: O(bytes) memory.
+///
+/// # Errors
+///
+/// [`MapError::Read`] if the file cannot be opened or read, or the feature for its format (`csv`,
+/// `gpx`, `geojson`) is not enabled; otherwise [`MapError::Line`] with file and line, or
+/// [`MapError::Feature`] with the feature of GeoJSON, for a missing column, attribute or property,
+/// a value that cannot be parsed or is out of range, a drive whose points are not together or
+/// mostly go back in time, text that is not of the format, and a file without points.
+pub fn read_traces(path: impl AsRef<Path>) -> Result<(Vec<Trace>, TraceReport), MapError> {
+    let (name, file) = open(path.as_ref())?;
+    read_traces_from(&name, file)
+}
+
+/// Reads drives from a reader, as [`read_traces`] does from a file. The extension of the name tells
+/// the format, and errors quote the name.
+///
+/// ```
+/// use wayfix_roads::matching::read_traces_from;
+///
+/// let text = "trace,time,longitude,latitude,acuracy\nA,0,149.13,-35.28,5\nA,0,149.13,-35.28,5\n";
+/// let (traces, report) = read_traces_from("drive", text.as_bytes())?;
+/// assert_eq!((traces.len(), traces[0].points.len()), (1, 1));
+/// assert_eq!(
+///     report.to_string(),
+///     "skipped 1 points of the same time and 0 that go back in time (line 3)\n\
+///      column not known: acuracy"
+/// );
+///
+/// let text = "trace,time,longitude,latitude\nA,0,149.13,-35.28\nA,1,149.13,-95\n";
+/// let error = read_traces_from("drive", text.as_bytes()).unwrap_err();
+/// assert_eq!(
+///     error.to_string(),
+///     "drive, line 3: the point has latitude -95, expected a latitude from -90 to 90 degrees"
+/// );
+/// # Ok::<(), wayfix::map::MapError>(())
+/// ```
+///
+/// # Errors
+///
+/// As [`read_traces`].
+pub fn read_traces_from(
+    name: &str,
+    reader: impl Read,
+) -> Result<(Vec<Trace>, TraceReport), MapError> {
+    let end = Path::new(name).extension().unwrap_or_default();
+    let is = |extension: &str| end.eq_ignore_ascii_case(extension);
+    if is("gpx") {
+        #[cfg(feature = "gpx")]
+        return gpx::read(name, reader);
+        #[cfg(not(feature = "gpx"))]
+        return needs("gpx", name);
+    }
+    if is("geojson") || is("json") {
+        #[cfg(feature = "geojson")]
+        return geojson::read(name, reader);
+        #[cfg(not(feature = "geojson"))]
+        return needs("geojson", name);
+    }
+    #[cfg(feature = "csv")]
+    return csv::read(name, reader);
+    #[cfg(not(feature = "csv"))]
+    return needs("csv", name);
+}
+
+/// Error for a format that was left out.
+#[cfg(not(all(feature = "csv", feature = "geojson", feature = "gpx")))]
+fn needs(feature: &str, name: &str) -> Result<(Vec<Trace>, TraceReport), MapError> {
+    let reason = format!("this format needs the feature `{feature}`");
+    Err(MapError::Read { file: name.to_owned(), reason })
+}

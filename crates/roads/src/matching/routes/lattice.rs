@@ -1,0 +1,173 @@
+//! Posterior of a drive as a Markov chain whose moves spell out the route.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+use super::rules::{Link, Mode, RouteExtension, RouteRules, links};
+use crate::RoadNetwork;
+use crate::matching::MatchedDrive;
+use crate::matching::candidates::{Candidate, OFF_ROAD};
+use crate::matching::step::MatchStep;
+use wayfix::map::Coordinates;
+
+/// Probability at and below which a move is left out.
+const LEAST_MOVE: f64 = 1e-30;
+/// Word after the last edge of a route.
+pub(super) const END: u32 = OFF_ROAD - 1;
+
+/// Nodes are states, each once for each [`Mode`], behind a start and before an end. Arcs carry
+/// p(state | state before, all points), and the words that they add to the route: edges, off the
+/// road, and the end. All paths with the same words are one route.
+#[derive(Debug, Default)]
+pub(super) struct Lattice {
+    /// State of each node in its step; 0 for the start and the end.
+    pub(super) states: Vec<u32>,
+    /// Arcs out of each node; arcs lead to nodes with higher numbers.
+    arcs_of: Vec<Range<u32>>,
+    arcs: Vec<Arc>,
+    pub(super) words: Vec<u32>,
+}
+
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Arc {
+    pub(super) to: u32,
+    pub(super) words: [u32; 2],
+    pub(super) probability: f64,
+}
+
+/// Share of a route's probability that is on its way along an arc, after some of its words.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Share {
+    pub(super) to: u32,
+    /// Words to come.
+    pub(super) words: [u32; 2],
+    pub(super) probability: f64,
+}
+
+impl Share {
+    pub(super) fn has_arrived(&self) -> bool {
+        self.words[0] == self.words[1]
+    }
+}
+
+impl Arc {
+    /// Share on the way along the arc, of a share that was at its node.
+    pub(super) fn share(&self, probability: f64) -> Share {
+        let Self { to, words, .. } = *self;
+        Share { to, words, probability: probability * self.probability }
+    }
+}
+
+/// Nodes of a step, with their modes, by their states.
+type Nodes = Vec<BTreeMap<Mode, u32>>;
+
+impl Lattice {
+    /// Builds the lattice of a drive. O(moves) time, and that of the searches for their ways.
+    pub(super) fn new<P: Coordinates>(
+        network: &RoadNetwork<P>,
+        drive: &MatchedDrive<P>,
+        search: &mut MatchStep<'_, P>,
+    ) -> Self {
+        let mut lattice = Self::default();
+        let start = lattice.node(0);
+        let mut nodes: Nodes = vec![BTreeMap::new(); drive.states[0].len()];
+        for (state, probability) in drive.smoothed.smoothed(1).iter().enumerate() {
+            let mut added = RouteExtension::default();
+            let mode = RouteRules::<P>::start(&drive.states[0][state], &mut added);
+            if *probability > LEAST_MOVE {
+                let to = lattice.node_of(&mut nodes, state, mode);
+                lattice.arc(to, *probability, &added);
+            }
+        }
+        lattice.close(start, 0);
+        for step in 1..drive.states.len() {
+            nodes = lattice.step(network, drive, step, &nodes, search);
+        }
+        let end = lattice.node(0);
+        let last = &drive.states[drive.states.len() - 1];
+        for (state, modes) in last.iter().zip(&nodes) {
+            for (mode, node) in modes {
+                let (mut added, first) = (RouteExtension::default(), lattice.arcs.len());
+                RouteRules::<P>::finish(*mode, state, &mut added);
+                lattice.arc(end, 1.0, &added);
+                // The end is the last word of the last arc.
+                lattice.words.push(END);
+                lattice.arcs[first].words[1] += 1;
+                lattice.close(*node, first);
+            }
+        }
+        lattice
+    }
+
+    /// Adds the arcs from the nodes of a step, from 1, to the next. Returns the nodes of the next.
+    fn step<P: Coordinates>(
+        &mut self,
+        network: &RoadNetwork<P>,
+        drive: &MatchedDrive<P>,
+        step: usize,
+        nodes: &Nodes,
+        search: &mut MatchStep<'_, P>,
+    ) -> Nodes {
+        let [before, states] = [&drive.states[step - 1], &drive.states[step]];
+        // Moves out of each state.
+        let mut moves: Vec<Vec<(usize, f64)>> = vec![Vec::new(); before.len()];
+        for to in 0..states.len() {
+            for (from, probability) in drive.smoothed.moves(&drive.trellis, step + 1, to) {
+                if probability > LEAST_MOVE {
+                    moves[from].push((to, probability));
+                }
+            }
+        }
+        let rules = RouteRules(network);
+        let points = [&drive.points[step - 1], &drive.points[step]];
+        let mut next: Nodes = vec![BTreeMap::new(); states.len()];
+        let mut targets: Vec<Candidate> = Vec::new();
+        for (number, (from, moves)) in before.iter().zip(&moves).enumerate() {
+            let sum: f64 = moves.iter().map(|to| to.1).sum();
+            targets.clear();
+            targets.extend(moves.iter().map(|to| states[to.0]).filter(|to| !to.is_off_road()));
+            let ways = links(from, &targets, points, search);
+            for (mode, node) in &nodes[number] {
+                let first = self.arcs.len();
+                let mut links = ways.iter();
+                for &(state, probability) in moves {
+                    let (to, mut added) = (&states[state], RouteExtension::default());
+                    let link = if to.is_off_road() { None } else { links.next() };
+                    let link = link.unwrap_or(&Link::SameEdge);
+                    let mode = rules.go(*mode, [from, to], link, &mut added);
+                    let to = self.node_of(&mut next, state, mode);
+                    self.arc(to, probability / sum, &added);
+                }
+                self.close(*node, first);
+            }
+        }
+        next
+    }
+
+    fn node(&mut self, state: usize) -> u32 {
+        self.states.push(state as u32);
+        self.arcs_of.push(0..0);
+        (self.states.len() - 1) as u32
+    }
+
+    fn node_of(&mut self, nodes: &mut Nodes, state: usize, mode: Mode) -> u32 {
+        *nodes[state].entry(mode).or_insert_with(|| self.node(state))
+    }
+
+    fn arc(&mut self, to: u32, probability: f64, added: &RouteExtension) {
+        let first = self.words.len() as u32;
+        self.words.extend(added.parts.iter().map(|part| part.edge));
+        self.arcs.push(Arc { to, words: [first, self.words.len() as u32], probability });
+    }
+
+    /// Ends the arcs of a node, of which the first is given.
+    fn close(&mut self, node: u32, first: usize) {
+        self.arcs_of[node as usize] = first as u32..self.arcs.len() as u32;
+    }
+
+    /// Arcs out of a node.
+    pub(super) fn arcs(&self, node: u32) -> &[Arc] {
+        let arcs = &self.arcs_of[node as usize];
+        &self.arcs[arcs.start as usize..arcs.end as usize]
+    }
+}

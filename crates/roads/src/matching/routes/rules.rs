@@ -1,0 +1,258 @@
+//! Rules by which moves add stretches to a route, so that none of them has no length.
+//!
+//! A state does not put its edge into the route; the first metre driven there does. A position at
+//! the very end of an edge, or at the place of a U-turn, thus leaves no stretch of 0 m.
+
+use crate::RoadNetwork;
+use crate::matching::TracePoint;
+use crate::matching::candidates::{Candidate, OFF_ROAD};
+use crate::matching::step::MatchStep;
+use crate::matching::ways::WayKind;
+use wayfix::map::Coordinates;
+
+/// Metres below which a stretch has no length.
+pub(super) const LEAST: f64 = 1e-3;
+
+/// Edge of a state in the route that leads to it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Mode {
+    /// The last stretch is on the edge, or off the road.
+    Driven,
+    /// No metre was driven on a road yet, since the start or the last stretch off the road.
+    Fresh { after_off_road: bool },
+    /// The last stretch is on the edge `after`, and no metre was driven on that of the state. If
+    /// `turned`, the vehicle came onto the reverse edge and turned there at once.
+    Waiting { after: u32, turned: bool },
+}
+
+/// Way of a move between two states on roads.
+#[derive(Debug, Clone)]
+pub(super) enum Link {
+    SameEdge,
+    /// A U-turn on the way.
+    Turn,
+    /// Edges in order, those of both states included.
+    Edges(Vec<usize>),
+}
+
+/// Part of an edge that a move adds, or a stretch off the road.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Part {
+    pub(super) edge: u32,
+    pub(super) enter: f64,
+    pub(super) exit: f64,
+}
+
+/// A move's parts, and the least exit from the stretch before them.
+#[derive(Debug, Clone, Default)]
+pub(super) struct RouteExtension {
+    pub(super) extend: Option<f64>,
+    /// True if the last stretch is off the road, and ends at the second point.
+    pub(super) from_off_road: bool,
+    pub(super) parts: Vec<Part>,
+}
+
+impl RouteExtension {
+    fn push(&mut self, edge: usize, enter: f64, exit: f64) {
+        self.parts.push(Part { edge: edge as u32, enter, exit });
+    }
+
+    fn off_road(&mut self) {
+        self.parts.push(Part { edge: OFF_ROAD, enter: 0.0, exit: 0.0 });
+    }
+}
+
+/// Ways from a state to others on roads at the next point; none off the road.
+pub(super) fn links<P: Coordinates>(
+    from: &Candidate,
+    to: &[Candidate],
+    points: [&TracePoint<P>; 2],
+    step: &mut MatchStep<'_, P>,
+) -> Vec<Link> {
+    if from.is_off_road() || to.is_empty() {
+        return Vec::new();
+    }
+    let (ways, jitter) = step.ways(from, to, points);
+    let link = |to: &Candidate| match ways.kind(from, to, jitter) {
+        Some(WayKind::SameEdge) => Link::SameEdge,
+        Some(WayKind::Turn) => Link::Turn,
+        _ => Link::Edges(ways.search.route(from.edge as usize, to.edge as usize)),
+    };
+    to.iter().map(link).collect()
+}
+
+/// Rules by which moves add stretches.
+#[derive(Debug)]
+pub(super) struct RouteRules<'a, P>(pub(super) &'a RoadNetwork<P>);
+
+impl<P: Coordinates> RouteRules<'_, P> {
+    /// Begins a route.
+    pub(super) fn start(state: &Candidate, added: &mut RouteExtension) -> Mode {
+        if !state.is_off_road() {
+            return Mode::Fresh { after_off_road: false };
+        }
+        added.off_road();
+        Mode::Driven
+    }
+
+    /// Ends a route. That of a vehicle that stood all the time has a stretch without length.
+    pub(super) fn finish(mode: Mode, state: &Candidate, added: &mut RouteExtension) {
+        if mode == (Mode::Fresh { after_off_road: false }) {
+            added.push(state.edge as usize, state.along, state.along);
+        }
+    }
+
+    /// Goes on from a state to the next. `link` is looked at between roads.
+    pub(super) fn go(
+        &self,
+        mode: Mode,
+        [from, to]: [&Candidate; 2],
+        link: &Link,
+        added: &mut RouteExtension,
+    ) -> Mode {
+        added.from_off_road = from.is_off_road();
+        match (from.is_off_road(), to.is_off_road()) {
+            (true, true) => Mode::Driven,
+            (true, false) => Mode::Fresh { after_off_road: true },
+            (false, true) => {
+                // A point on a road between two off the road is no part of its own.
+                if mode == (Mode::Fresh { after_off_road: true }) {
+                    added.from_off_road = true;
+                } else {
+                    added.off_road();
+                }
+                Mode::Driven
+            }
+            (false, false) => match link {
+                Link::SameEdge => self.same_edge(mode, from, to, added),
+                Link::Turn => self.turn(mode, from, to, added),
+                Link::Edges(edges) => self.edges(mode, from, to, edges, added),
+            },
+        }
+    }
+
+    pub(super) fn length(&self, edge: usize) -> f64 {
+        self.0.edges()[edge].metres
+    }
+
+    /// True if the edge before was left by a U-turn for this one.
+    fn is_back(&self, edge: usize, after: u32) -> bool {
+        self.0.reverse(edge) == Some(after as usize)
+    }
+
+    fn same_edge(
+        &self,
+        mode: Mode,
+        from: &Candidate,
+        to: &Candidate,
+        added: &mut RouteExtension,
+    ) -> Mode {
+        let edge = from.edge as usize;
+        match mode {
+            Mode::Driven => added.extend = Some(to.along),
+            Mode::Fresh { .. } | Mode::Waiting { turned: false, .. }
+                if to.along > from.along + LEAST =>
+            {
+                let at_start =
+                    matches!(mode, Mode::Waiting { after, .. } if !self.is_back(edge, after));
+                added.push(edge, if at_start { 0.0 } else { from.along }, to.along);
+                return Mode::Driven;
+            }
+            Mode::Waiting { after, turned: false } if self.is_back(edge, after) => {
+                added.extend = Some(self.length(after as usize) - to.along);
+            }
+            Mode::Waiting { turned: true, .. } if to.along < self.length(edge) - LEAST => {
+                return self.turned_later(to, added);
+            }
+            Mode::Fresh { .. } | Mode::Waiting { .. } => {}
+        }
+        mode
+    }
+
+    /// The vehicle went some way into the reverse edge of a state, and turned.
+    fn turned_later(&self, to: &Candidate, added: &mut RouteExtension) -> Mode {
+        let Some(reverse) = self.0.reverse(to.edge as usize) else { return Mode::Driven };
+        added.push(reverse, 0.0, (self.length(reverse) - to.along).max(0.0));
+        Mode::Waiting { after: reverse as u32, turned: false }
+    }
+
+    fn turn(
+        &self,
+        mode: Mode,
+        from: &Candidate,
+        to: &Candidate,
+        added: &mut RouteExtension,
+    ) -> Mode {
+        let [edge, next] = [from.edge as usize, to.edge as usize];
+        let here = (self.length(next) - from.along).max(0.0);
+        let moves = to.along > here + LEAST;
+        match mode {
+            Mode::Driven | Mode::Fresh { .. } if moves => added.push(next, here, to.along),
+            Mode::Driven => {
+                added.extend = Some(self.length(edge) - to.along);
+                return Mode::Waiting { after: from.edge, turned: false };
+            }
+            Mode::Fresh { .. } => return mode,
+            Mode::Waiting { after, turned: false } if after == to.edge => {
+                added.extend = Some(to.along);
+            }
+            Mode::Waiting { turned: true, .. } if to.along > LEAST => {
+                added.push(next, 0.0, to.along);
+            }
+            Mode::Waiting { after, turned: true } => return Mode::Waiting { after, turned: false },
+            Mode::Waiting { .. } if to.along < self.length(next) - LEAST => {
+                return self.turned_later(to, added);
+            }
+            Mode::Waiting { after, .. } => return Mode::Waiting { after, turned: true },
+        }
+        Mode::Driven
+    }
+
+    fn edges(
+        &self,
+        mode: Mode,
+        from: &Candidate,
+        to: &Candidate,
+        edges: &[usize],
+        added: &mut RouteExtension,
+    ) -> Mode {
+        let [_, between @ .., next] = edges else { return mode };
+        let (edge, first) = (from.edge as usize, *between.first().unwrap_or(next));
+        let length = self.length(edge);
+        let at_end = from.along >= length - LEAST;
+        let mut last = Some(from.edge);
+        match mode {
+            Mode::Driven => added.extend = Some(length),
+            Mode::Fresh { .. } if at_end => last = None,
+            Mode::Fresh { .. } => added.push(edge, from.along, length),
+            Mode::Waiting { after, turned: false } if self.is_back(edge, after) => {
+                added.push(edge, from.along, length);
+            }
+            Mode::Waiting { turned: false, .. } if !at_end => added.push(edge, 0.0, length),
+            Mode::Waiting { after, .. } if self.connects(after as usize, first) => {
+                last = Some(after);
+            }
+            // Without the way into an edge and back, the turn would be a forbidden one.
+            Mode::Waiting { turned, .. } => {
+                if let Some(reverse) = self.0.reverse(edge).filter(|_| turned) {
+                    added.push(reverse, 0.0, 0.0);
+                }
+                added.push(edge, if turned { length } else { 0.0 }, length);
+            }
+        }
+        for &edge in between {
+            added.push(edge, 0.0, self.length(edge));
+            last = Some(edge as u32);
+        }
+        if to.along > LEAST {
+            added.push(*next, 0.0, to.along);
+            return Mode::Driven;
+        }
+        last.map_or(mode, |after| Mode::Waiting { after, turned: false })
+    }
+
+    fn connects(&self, edge: usize, next: usize) -> bool {
+        let edges = self.0.edges();
+        edges[edge].to == edges[next].from && self.0.may_turn(edge, next)
+    }
+}

@@ -1,0 +1,252 @@
+//! Live matching: the state of a vehicle, point by point.
+
+use super::answer::{RoadAnswer, Stretches, credible, edges};
+use super::candidates::{Candidate, deviation};
+use super::step::{ForwardStep, MatchStep, PreviousStep};
+use super::{MatchError, Matcher, TracePoint};
+use wayfix::inference::Trellis;
+use wayfix::internal::LogSum;
+use wayfix::map::{Coordinates, Position};
+
+/// A vehicle on the road: its belief after the last point, and the last few points for answers that
+/// may come late. Plain data, separate from the [`Matcher`] that moves it; a few kilobytes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Vehicle<P = Position> {
+    pub(super) progress: Progress<P>,
+    pub(super) window: Window,
+}
+
+/// Progress of a vehicle: all of its state but the window.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Progress<P> {
+    /// Fingerprint of the network.
+    pub(super) network: u64,
+    /// Number of points that the window keeps beside the last.
+    pub(super) lag: usize,
+    pub(super) points: usize,
+    /// The last point.
+    pub(super) point: TracePoint<P>,
+    pub(super) speed: f64,
+    pub(super) stood: f64,
+    pub(super) log_likelihood: LogSum,
+    /// ln p(last point | all before).
+    pub(super) last: f64,
+}
+
+/// Last steps of a vehicle, the oldest first, with the filtered distribution of the last.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Window {
+    /// The first step has its filtered distribution as prior.
+    pub(super) trellis: Trellis,
+    pub(super) states: Vec<Vec<Candidate>>,
+    pub(super) log_filtered: Vec<f64>,
+}
+
+impl<P: Coordinates> Matcher<P> {
+    /// Starts a vehicle at the first point of its drive. It keeps `lag` points beside the last for
+    /// [late answers](Vehicle::late).
+    ///
+    /// # Errors
+    ///
+    /// [`MatchError::Point`] for a number out of range.
+    pub fn start(&self, point: &TracePoint<P>, lag: usize) -> Result<Vehicle<P>, MatchError> {
+        point.check(0, None)?;
+        let mut trellis = Trellis::new();
+        let taken = MatchStep::new(self, &self.model).first(point, &mut trellis)?;
+        let ForwardStep { states, log_filtered, scale, speed, stood } = taken;
+        let mut log_likelihood = LogSum::default();
+        scale.add_to(&mut log_likelihood);
+        let (network, point, last) = (self.fingerprint, *point, scale.log());
+        let progress =
+            Progress { network, lag, points: 1, point, speed, stood, log_likelihood, last };
+        let window = Window { trellis, states: vec![states], log_filtered };
+        Ok(Vehicle { progress, window })
+    }
+
+    /// Takes the next point of a vehicle. Returns ln p(point | all before). After an error the
+    /// vehicle is as it was before the call.
+    ///
+    /// # Errors
+    ///
+    /// [`MatchError::Point`] for a number out of range, [`MatchError::Time`] for a point that is
+    /// not later than the last, each with the number of points so far as its index, and
+    /// [`MatchError::Network`] for a vehicle that a matcher of another network started.
+    pub fn step(&self, vehicle: &mut Vehicle<P>, point: &TracePoint<P>) -> Result<f64, MatchError> {
+        let Vehicle { progress, window } = vehicle;
+        self.check_network(progress.network)?;
+        point.check(progress.points, Some(&progress.point))?;
+        self.check(window.last())?;
+        let states = window.states.last().map_or(&[][..], |states| states);
+        let (log_filtered, speed, stood) =
+            (&window.log_filtered[..], progress.speed, progress.stood);
+        let before = PreviousStep { point: &progress.point, states, log_filtered, speed, stood };
+        let mut step = MatchStep::new(self, &self.model);
+        let ForwardStep { mut states, log_filtered, scale, speed, stood } =
+            step.next(&before, point, &mut window.trellis)?;
+        states.shrink_to_fit();
+        window.states.push(states);
+        window.log_filtered = log_filtered;
+        if window.states.len() - 1 > progress.lag {
+            window.forget();
+        }
+        scale.add_to(&mut progress.log_likelihood);
+        progress.last = scale.log();
+        (progress.point, progress.speed, progress.stood) = (*point, speed, stood);
+        progress.points = progress.points.saturating_add(1);
+        Ok(progress.last)
+    }
+}
+
+impl<P> Matcher<P> {
+    /// Checks that states are on edges of the network, or off the road.
+    fn check(&self, states: &[Candidate]) -> Result<(), MatchError> {
+        let edges = self.network.edges().len();
+        let unknown = |state: &&Candidate| !state.is_off_road() && state.edge as usize >= edges;
+        match states.iter().find(unknown) {
+            Some(state) => Err(MatchError::Vehicle { edge: state.edge as usize, edges }),
+            None => Ok(()),
+        }
+    }
+}
+
+impl Window {
+    /// States of the last step.
+    fn last(&self) -> &[Candidate] {
+        self.states.last().map_or(&[], |states| states)
+    }
+
+    /// Filtered distribution of the last step.
+    fn filtered(&self) -> Vec<f64> {
+        self.log_filtered.iter().map(|log| log.exp()).collect()
+    }
+
+    /// Removes the oldest step. The next has its filtered distribution as prior.
+    fn forget(&mut self) {
+        let (mut before, mut filtered) = (Vec::new(), Vec::new());
+        self.trellis.forward_step(1, &[0.0], &mut before);
+        self.trellis.forward_step(2, &before, &mut filtered);
+        self.trellis.remove_first(&filtered);
+        self.trellis.shrink();
+        self.states.remove(0);
+        self.states.shrink_to_fit();
+    }
+}
+
+impl<P: Coordinates> Vehicle<P> {
+    /// Number of points so far.
+    #[must_use]
+    pub fn points(&self) -> usize {
+        self.progress.points
+    }
+
+    /// The last point.
+    #[must_use]
+    pub fn last_point(&self) -> &TracePoint<P> {
+        &self.progress.point
+    }
+
+    /// Answer for the last point, from all points so far.
+    #[must_use]
+    pub fn live(&self) -> RoadAnswer {
+        RoadAnswer::new(self.window.last(), &self.window.filtered())
+    }
+
+    /// Answer for the point `lag` points ago, from all points so far; for the first point until
+    /// there are more. Equal to [`MatchedDrive::late`](super::MatchedDrive::late) up to rounding.
+    #[must_use]
+    pub fn late(&self) -> RoadAnswer {
+        self.ago(self.points_late()).unwrap_or_else(|| self.live())
+    }
+
+    /// Answer for an earlier point, so many points ago, from all points so far: for callers who
+    /// wait until an answer is probable enough. `None` if the point has left the window.
+    #[must_use]
+    pub fn ago(&self, points: usize) -> Option<RoadAnswer> {
+        let index = self.points_late().checked_sub(points)?;
+        if points == 0 {
+            return Some(self.live());
+        }
+        let smoothed = self.window.trellis.smooth().ok()?;
+        Some(RoadAnswer::new(&self.window.states[index], smoothed.smoothed(index + 1)))
+    }
+
+    /// Stretches of roads that hold the vehicle now with a probability of at least `mass`, above 0
+    /// and at most 1. If all roads together hold less, since the vehicle may be off the road, these
+    /// are all possible edges, and [`probability`](Stretches::probability) says how much they hold.
+    ///
+    /// ```
+    /// # use wayfix_roads::NetworkBuilder;
+    /// # use wayfix::map::{PlanePosition, RoadClass};
+    /// # let mut builder = NetworkBuilder::new();
+    /// # builder.node(1, PlanePosition { x: 0.0, y: 0.0 })?;
+    /// # builder.node(2, PlanePosition { x: 500.0, y: 0.0 })?;
+    /// # builder.one_way(1, 2, RoadClass::Street)?;
+    /// # let network = builder.build()?;
+    /// use wayfix_roads::matching::{Matcher, TracePoint};
+    ///
+    /// // A street of 500 m.
+    /// let matcher = Matcher::new(network);
+    /// let point = TracePoint::new(0.0, PlanePosition { x: 200.0, y: 3.0 });
+    /// let vehicle = matcher.start(&point, 0)?;
+    ///
+    /// let around = vehicle.credible(&matcher, 0.9)?;
+    /// assert!(around.probability >= 0.9);
+    /// let part = &around.stretches[0];
+    /// assert!(150.0 < part.enter && part.enter < 200.0 && 200.0 < part.exit && part.exit < 250.0);
+    ///
+    /// // It may be off the road: nothing holds it for sure.
+    /// let all = vehicle.credible(&matcher, 1.0)?;
+    /// assert_eq!([all.stretches[0].enter, all.stretches[0].exit], [0.0, 500.0]);
+    /// assert!(all.probability < 1.0);
+    /// assert!(vehicle.credible(&matcher, 1.5).is_err());
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// [`MatchError::Parameter`] for a mass out of range, and [`MatchError::Network`] for a matcher
+    /// of another network.
+    pub fn credible(&self, matcher: &Matcher<P>, mass: f64) -> Result<Stretches<P>, MatchError> {
+        let states = self.window.last();
+        matcher.check_network(self.progress.network)?;
+        matcher.check(states)?;
+        let sigma = deviation(&matcher.model, &self.progress.point);
+        credible(&matcher.network, states, &self.window.filtered(), sigma, mass)
+    }
+
+    /// Number of points by which the late answer is behind the last point.
+    #[must_use]
+    pub fn points_late(&self) -> usize {
+        self.window.states.len() - 1
+    }
+
+    /// ln p(last point | all before).
+    #[must_use]
+    pub fn log_normalizer(&self) -> f64 {
+        self.progress.last
+    }
+
+    /// ln p(all points so far), as densities in metres.
+    #[must_use]
+    pub fn log_likelihood(&self) -> f64 {
+        self.progress.log_likelihood.value()
+    }
+
+    /// Edges with their probabilities, the most probable first; the state off the road is not among
+    /// them.
+    #[must_use]
+    pub fn edges(&self) -> Vec<(usize, f64)> {
+        edges(self.window.last(), &self.window.filtered())
+    }
+
+    /// Bytes of memory.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        let Window { trellis, states, log_filtered } = &self.window;
+        size_of::<Self>()
+            + trellis.bytes()
+            + states.iter().map(Vec::capacity).sum::<usize>() * size_of::<Candidate>()
+            + states.capacity() * size_of::<Vec<Candidate>>()
+            + log_filtered.capacity() * size_of::<f64>()
+    }
+}

@@ -1,0 +1,53 @@
+//! An edge near a position.
+
+use super::road_network::RoadNetwork;
+use wayfix::map::Coordinates;
+
+/// An edge near a position, at the point of its line that is nearest.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NearEdge {
+    /// Index of the edge.
+    pub edge: usize,
+    /// Metres from the start of the edge to the nearest point, between 0 and its length.
+    pub metres_along: f64,
+    /// Metres between the position and the nearest point.
+    pub metres_off: f64,
+    /// Metres across, from the position to the line that goes on straight beyond the ends of the
+    /// edge.
+    pub across: f64,
+    /// Metres by which the position is beyond the end of the edge along that line; below 0 before
+    /// its start, 0 beside the edge.
+    pub beyond: f64,
+    /// The nearest point, in the plane of the network; near the antimeridian on the side of the
+    /// position.
+    pub(crate) point: [f64; 2],
+    /// From the start to the end of the straight piece with that point, in the plane.
+    pub(crate) piece: [f64; 2],
+}
+
+impl NearEdge {
+    /// Nearest point, in the coordinates of the network.
+    #[must_use]
+    pub fn position<P: Coordinates>(&self, _: &RoadNetwork<P>) -> P {
+        P::from_plane(self.point)
+    }
+
+    /// Direction of the road at the nearest point, in radians clockwise from north, from −π to π;
+    /// in a plane, from the y-axis.
+    #[must_use]
+    pub fn heading(&self) -> f64 {
+        let [dx, dy] = self.piece;
+        dx.atan2(dy)
+    }
+
+    /// Direction of the road there, in the plane; of length 1, or 0.
+    pub(crate) fn direction(&self) -> [f64; 2] {
+        direction(self.piece).0
+    }
+}
+
+/// Direction of a straight piece, of length 1, or 0 if the piece has none; and the piece's length.
+pub(super) fn direction([dx, dy]: [f64; 2]) -> ([f64; 2], f64) {
+    let length = dx.hypot(dy);
+    (if length > 0.0 { [dx / length, dy / length] } else { [0.0; 2] }, length)
+}

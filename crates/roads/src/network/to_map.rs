@@ -1,0 +1,21 @@
+//! Maps of the nodes of a network.
+
+use crate::{Edge, RoadNetwork};
+use wayfix::map::{Coordinates, MapError, Road, RoadMap};
+
+impl<P: Coordinates> RoadNetwork<P> {
+    /// Map of the nodes as places, with the shortest of parallel edges and without loops. O((nodes
+    /// + edges) log).
+    ///
+    /// # Errors
+    ///
+    /// [`MapError::Empty`] if there are no nodes.
+    pub fn to_map(&self) -> Result<RoadMap<P>, MapError> {
+        let road = |edge: &Edge| {
+            let [from, to] = [edge.from, edge.to].map(|node| self.nodes()[node].id);
+            Road { from, to, class: edge.class, metres: edge.metres }
+        };
+        let cleaned = RoadMap::cleaned(self.nodes().iter().cloned(), self.edges().iter().map(road));
+        cleaned.map(|cleaned| cleaned.0)
+    }
+}
