@@ -8,8 +8,9 @@ use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
-use wayfix::map::{ImportOptions, NetworkBuilder, Position, RoadClass, RoadNetwork};
-use wayfix::matching::{MatchModel, Matcher, TracePoint};
+use wayfix::map::{Position, RoadClass};
+use wayfix_roads::matching::{MatchModel, Matcher, TracePoint};
+use wayfix_roads::{ImportOptions, NetworkBuilder, RoadNetwork};
 
 const SIDE: u64 = 40;
 const NOISE: f64 = 10.0;

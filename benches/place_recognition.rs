@@ -17,13 +17,13 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_m
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use wayfix::likelihood::GroupedLikelihood;
-use wayfix::motion::{
-    RouteControl, RouteTransition, Speeds, ViewChange, ViewChangeRates, ViewEvidence,
-};
-use wayfix::observation::{Distance, ReferenceDescriptors};
-use wayfix::recognition::{Options, Recognizer};
 use wayfix::transition::WindowTransition;
 use wayfix::{Belief, Hmm, Likelihood, LikelihoodVector, Prior, Transition};
+use wayfix_recognition::motion::{
+    RouteControl, RouteTransition, Speeds, ViewChange, ViewChangeRates, ViewEvidence,
+};
+use wayfix_recognition::observation::{Distance, ReferenceDescriptors};
+use wayfix_recognition::{Options, Recognizer};
 
 /// Queries of the largest call.
 const MOST: usize = 64;

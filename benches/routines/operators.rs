@@ -6,13 +6,13 @@ use criterion::Criterion;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, Exp1};
 use wayfix::motion::{DistanceTransition, OdometryReading, OffMapTransition};
-use wayfix::motion::{
-    OffMap, RouteControl, RouteTransition, Speeds, ViewChange, ViewChangeRates, ViewEvidence,
-};
 use wayfix::transition::{
     DwellTransition, KroneckerTransition, PowerTransition, RestartTransition, WindowTransition,
 };
 use wayfix::{Belief, DenseTransition, SparseTransition, TransitionEntries};
+use wayfix_recognition::motion::{
+    OffMap, RouteControl, RouteTransition, Speeds, ViewChange, ViewChangeRates, ViewEvidence,
+};
 
 use crate::timed::Group;
 

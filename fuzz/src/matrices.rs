@@ -1,14 +1,9 @@
 //! Random operators with the matrices that they must equal.
 
 use wayfix::motion::{DistanceTransition, OdometryReading};
-use wayfix::motion::{
-    OdometryModel, OffMap, RouteControl, RouteTransition, Speeds, ViewChange, ViewChangeRates,
-    ViewEvidence,
-};
-use wayfix::transition::{
-    EvidenceTransition, GeneratorTransition, KroneckerTransition, RestartTransition,
-    SwitchedTransition, WindowTransition,
-};
+use wayfix_recognition::motion::{OdometryModel, OffMap, RouteControl, RouteTransition, Speeds, ViewChange, ViewChangeRates, ViewEvidence};
+use wayfix::transition::{EvidenceTransition, KroneckerTransition, RestartTransition, SwitchedTransition, WindowTransition};
+use wayfix_learn::GeneratorTransition;
 use wayfix::{Belief, DenseTransition, SparseTransition, TransitionEntries};
 
 use crate::draw::Draw;

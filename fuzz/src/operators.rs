@@ -2,11 +2,9 @@
 //! call goes to the operator itself.
 
 use wayfix::motion::{DistanceTransition, OdometryReading};
-use wayfix::motion::{RouteControl, RouteTransition};
-use wayfix::transition::{
-    EvidenceTransition, GeneratorTransition, KroneckerTransition, LearnTransition, MoveCounts,
-    RestartTransition, Stored, SwitchedTransition, WindowTransition,
-};
+use wayfix_recognition::motion::{RouteControl, RouteTransition};
+use wayfix::transition::{EvidenceTransition, KroneckerTransition, LearnTransition, MoveCounts, RestartTransition, Stored, SwitchedTransition, WindowTransition};
+use wayfix_learn::GeneratorTransition;
 use wayfix::{DenseTransition, SparseTransition, Transition, TransitionEntries, TransitionError};
 
 use crate::model::Matrix;

@@ -3,7 +3,7 @@
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use wayfix::Likelihood;
-use wayfix::emission::{Gaussian, Poisson};
+use wayfix_learn::{Gaussian, Poisson};
 use wayfix::likelihood::Scratch;
 
 use crate::array::matrix;

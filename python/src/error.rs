@@ -4,7 +4,9 @@ use pyo3::create_exception;
 use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
 use wayfix::error::{SequenceError, TransitionError};
-use wayfix::{InferenceError, matching::MatchError, recognition::RecognitionError};
+use wayfix::InferenceError;
+use wayfix_roads::matching::MatchError;
+use wayfix_recognition::RecognitionError;
 
 create_exception!(
     wayfix,

@@ -3,7 +3,8 @@
 use numpy::{PyArray1, ToPyArray};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use wayfix::evaluate::{self, ThresholdCurve, ThresholdPoint};
+use wayfix::evaluate;
+use wayfix_recognition::{ThresholdCurve, ThresholdPoint};
 
 use crate::array::doubles;
 use crate::array::integers;

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
-use wayfix::emission::Rows;
+use wayfix_learn::Rows;
 use wayfix::{DenseTransition, Hmm, LikelihoodVector, Prior, SparseTransition, TableLikelihood};
 
 use crate::array::{self, matrix};

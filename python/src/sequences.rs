@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicU64;
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, ToPyArray};
 use pyo3::prelude::*;
-use wayfix::emission::Rows;
+use wayfix_learn::Rows;
 use wayfix::inference::{SmoothedSequence, ViterbiPath};
 use wayfix::{Belief, DenseTransition, Hmm, Likelihood, LikelihoodVector, Prior};
 

@@ -5,7 +5,7 @@ use crate::error::{Parameter, TransitionError};
 use wayfix_kernels as kernels;
 
 /// Checks that all column sums are one.
-pub fn check_columns(sums: &[f64]) -> Result<(), TransitionError> {
+pub(crate) fn check_columns(sums: &[f64]) -> Result<(), TransitionError> {
     let one = 1.0 - SUM_TOLERANCE..=1.0 + SUM_TOLERANCE;
     match sums.iter().position(|sum| !one.contains(sum)) {
         Some(column) => Err(TransitionError::ColumnSum { column, sum: sums[column] }),
@@ -15,7 +15,10 @@ pub fn check_columns(sums: &[f64]) -> Result<(), TransitionError> {
 
 /// [`check_columns`] of a stored matrix: if its rows sum to one instead, it was given as
 /// its transpose, and the error says so.
-pub fn check_columns_of(sums: &[f64], row: impl Fn(usize) -> f64) -> Result<(), TransitionError> {
+pub(crate) fn check_columns_of(
+    sums: &[f64],
+    row: impl Fn(usize) -> f64,
+) -> Result<(), TransitionError> {
     check_columns(sums).map_err(|error| match error {
         TransitionError::ColumnSum { column, sum }
             if (0..sums.len()).all(|i| (row(i) - 1.0).abs() <= SUM_TOLERANCE) =>
@@ -66,7 +69,7 @@ pub fn check_slices(states: usize, x: &[f64], out: &[f64]) {
 }
 
 /// Checks that there is at least one row, and that each has as many values as there are rows.
-pub fn check_rows<R: AsRef<[f64]>>(rows: &[R]) -> Result<(), TransitionError> {
+pub(crate) fn check_rows<R: AsRef<[f64]>>(rows: &[R]) -> Result<(), TransitionError> {
     let expected = rows.len();
     if expected == 0 {
         return Err(TransitionError::Empty);
@@ -79,7 +82,7 @@ pub fn check_rows<R: AsRef<[f64]>>(rows: &[R]) -> Result<(), TransitionError> {
 }
 
 /// Checks that a slice has n × n values, with n above 0.
-pub fn check_square(states: usize, found: usize) -> Result<(), TransitionError> {
+pub(crate) fn check_square(states: usize, found: usize) -> Result<(), TransitionError> {
     if states == 0 {
         return Err(TransitionError::Empty);
     }
@@ -91,7 +94,7 @@ pub fn check_square(states: usize, found: usize) -> Result<(), TransitionError> 
 
 /// Checks a sum of probabilities that was read.
 #[cfg(feature = "serde")]
-pub fn check_one(value: f64, what: impl FnOnce() -> String) -> Result<(), TransitionError> {
+pub(crate) fn check_one(value: f64, what: impl FnOnce() -> String) -> Result<(), TransitionError> {
     if (value - 1.0).abs() > SUM_TOLERANCE {
         return Err(Parameter::new(what(), value, "1").into());
     }

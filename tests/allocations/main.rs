@@ -1,17 +1,9 @@
 //! How often memory is asked for, and how much of it is held. The counters count for
 //! each thread by itself, so that tests may run beside each other.
 
-#[path = "../it/kit/noise.rs"]
-mod noise;
-
-mod descriptors;
-#[cfg(feature = "emission")]
-mod emission;
 mod memory;
 mod operators;
 mod pruned;
-mod recognition;
-mod route;
 mod scratch;
 mod streams;
 

@@ -103,7 +103,7 @@ fn values_of_32_bits_are_taken_as_doubles() {
 fn threads_do_not_change_a_bit() {
     let (hmm, seen) = (hmm(), seen());
     let results = [1, 2, 4].map(|threads| {
-        crate::kit::with_threads(threads, || {
+        crate::threads::with_threads(threads, || {
             let mut back = vec![f64::NAN; PLACES];
             hmm.transition().apply_transpose(&(), &seen[0], &mut back);
             (hmm.smooth(&seen[..]).unwrap(), hmm.forward(&seen[..]).unwrap(), back)

@@ -309,7 +309,7 @@ proptest! {
             "{:?} {:?} {:?} {:?}",
             hmm.forward_all(drives), hmm.smooth_all(drives), hmm.log_likelihood_all(drives), hmm.viterbi_all(drives)
         );
-        prop_assert_eq!(crate::kit::with_threads(1, all), crate::kit::with_threads(4, all));
+        prop_assert_eq!(crate::threads::with_threads(1, all), crate::threads::with_threads(4, all));
     }
 }
 

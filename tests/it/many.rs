@@ -104,7 +104,7 @@ fn learning_does_not_depend_on_the_threads() {
         learned
     };
     #[cfg(feature = "rayon")]
-    let results = [1, 4].map(|threads| crate::kit::with_threads(threads, learn));
+    let results = [1, 4].map(|threads| crate::threads::with_threads(threads, learn));
     #[cfg(not(feature = "rayon"))]
     let results = [learn(), learn()];
     let [one, four] = results;

@@ -7,7 +7,7 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::test_runner::TestCaseResult;
 use wayfix::inference::Pruning;
-use wayfix::motion::{DistanceTransition, OffMapTransition, RouteTransition, Speeds};
+use wayfix::motion::{DistanceTransition, OffMapTransition};
 use wayfix::transition::{
     ConstrainedTransition, DwellTransition, EvidenceTransition, KroneckerTransition,
     PowerTransition, RestartTransition, Stored, SwitchedTransition, WindowTransition,
@@ -70,8 +70,6 @@ fn operators_declare_to_have_no_control_or_not() {
     assert!(declares(ConstrainedTransition::new(still()).with_ties(|_, _| 0)));
 
     assert!(!declares(gears()));
-    let speeds = Speeds::new(&[0.0]).unwrap();
-    assert!(!declares(RouteTransition::new(1, true, speeds).unwrap()));
     assert!(!declares(DistanceTransition::new(still(), |_, _| 1.0).unwrap()));
     assert!(!declares(EvidenceTransition::new(&a, |_: &f64, _, _| -1.0).unwrap()));
     assert!(!declares(EvidenceTransition::new(&a, |(): &(), _, _| -1.0).unwrap()));

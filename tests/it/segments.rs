@@ -437,5 +437,5 @@ fn threads_do_not_change_a_bit_of_segments() {
         format!("{:?} {moves:?} {:?} {:?}", sums.first(), sums.sensor(), sums.log_likelihood())
     };
     assert!(in_lanes(&seen, |noted| drop(hmm.expectations(noted))));
-    assert_eq!(crate::kit::with_threads(1, learn), crate::kit::with_threads(4, learn));
+    assert_eq!(crate::threads::with_threads(1, learn), crate::threads::with_threads(4, learn));
 }

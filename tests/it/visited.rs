@@ -25,7 +25,7 @@ fn drives() -> Vec<Vec<usize>> {
 fn on_threads<R: Send>(work: impl Fn() -> R + Send + Sync) -> Vec<R> {
     #[cfg(feature = "rayon")]
     {
-        let pooled = [1, 3].map(|threads| crate::kit::with_threads(threads, &work));
+        let pooled = [1, 3].map(|threads| crate::threads::with_threads(threads, &work));
         pooled.into_iter().chain([work()]).collect()
     }
     #[cfg(not(feature = "rayon"))]

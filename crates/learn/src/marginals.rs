@@ -56,7 +56,7 @@ use wayfix::{Likelihood, OptionalLikelihood, TableLikelihood};
 /// # use wayfix::{Belief, DenseTransition, Hmm, Prior};
 /// let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
 /// let hmm = Hmm::new(prior, DenseTransition::from_rows(&[[0.5; 2]; 2])?, Widths(vec![1.0, 4.0]))?;
-/// let residuals = hmm.pseudo_residuals(&[1.0, 0.5], 0)?;
+/// let residuals = PseudoResiduals::new(&hmm, &[1.0, 0.5], 0)?;
 /// assert_eq!(residuals.forecast()[0].map(|tails| tails.below), Some(0.5 * 1.0 + 0.5 * 0.25));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```

@@ -70,12 +70,12 @@ impl StandardErrors {
     /// let hmm = Hmm::new(Prior::AtFirstObservation(Belief::uniform(1)?), one, table)?;
     /// let seen = |hmm: &Hmm<_, TableLikelihood>| hmm.likelihood().probability(0, 1).unwrap_or(0.0);
     /// let options = LearningOptions::default();
-    /// let plain = hmm.standard_errors(&[hours], &options, |hmm| vec![seen(hmm)])?;
+    /// let plain = StandardErrors::from_likelihood(&hmm, &[hours], &options, |hmm| vec![seen(hmm)])?;
     /// let (low, high) = plain.intervals(0.95)?[0];
     /// assert!(low < 0.0 && (high - 0.378).abs() < 1e-3); // 1/6 ± 1.96 √(5/36 / 12)
     ///
     /// let logit = |p: f64| (p / (1.0 - p)).ln();
-    /// let logits = hmm.standard_errors(&[hours], &options, |hmm| vec![logit(seen(hmm))])?;
+    /// let logits = StandardErrors::from_likelihood(&hmm, &[hours], &options, |hmm| vec![logit(seen(hmm))])?;
     /// let (low, high) = logits.intervals(0.95)?[0];
     /// let probability = |logit: f64| 1.0 / (1.0 + (-logit).exp());
     /// assert!((probability(low) - 0.042).abs() < 1e-3 && (probability(high) - 0.477).abs() < 1e-3);

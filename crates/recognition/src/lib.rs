@@ -70,9 +70,5 @@ pub use options::Options;
 pub use parameters::Parameters;
 pub use recognizer::Recognizer;
 pub use recording::{PlaceBeliefs, Recording};
-#[cfg(feature = "serde")]
-pub(crate) use sensor::Sensor;
 pub use track::{Track, TrackSnapshot};
-#[cfg(feature = "serde")]
-pub(crate) use views::Tally;
 pub use warning::Warning;

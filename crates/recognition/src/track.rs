@@ -13,7 +13,6 @@ use wayfix::error::{Count, Parameter};
 use wayfix::inference::FilterSnapshot;
 use wayfix::internal::MOST_STEPS;
 use wayfix::{Belief, BeliefView};
-use wayfix_kernels::Aligned;
 
 /// A vehicle tracked step by step.
 ///

@@ -3,10 +3,8 @@
 use serde::{Serialize, de::DeserializeOwned};
 use wayfix::likelihood::{GroupedLikelihood, Groups, PooledLikelihood, SparseObservation};
 use wayfix::motion::{DistanceTransition, OffMapTransition};
-use wayfix::transition::{
-    ConstrainedTransition, DwellTransition, GeneratorTransition, KroneckerTransition,
-    PowerTransition, RestartTransition, SwitchedTransition,
-};
+use wayfix::transition::{ConstrainedTransition, DwellTransition, KroneckerTransition, PowerTransition, RestartTransition, SwitchedTransition};
+use wayfix_learn::GeneratorTransition;
 use wayfix::{
     Belief, DenseTransition, FusedLikelihood, Hmm, Likelihood, LikelihoodVector,
     OptionalLikelihood, Prior, SparseLikelihood, SparseTransition, TableLikelihood, Transition,

@@ -1,7 +1,7 @@
 //! What a recogniser has learned, and what a track knows, from JSON.
 
-use wayfix::motion::OffMap;
-use wayfix::recognition::{Options, Recognizer, Track};
+use wayfix_recognition::motion::OffMap;
+use wayfix_recognition::{Options, Recognizer, Track};
 
 use super::read;
 use crate::counts::Counts;

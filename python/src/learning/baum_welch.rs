@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 
 use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
-use wayfix::emission::Rows;
+use wayfix_learn::Rows;
 use wayfix::error::{LearnError, SequenceError};
 use wayfix::inference::{LearnedModel, LearningOptions};
 use wayfix::{Hmm, Likelihood, Transition};

@@ -5,11 +5,7 @@ use std::error::Error;
 use pyo3::prelude::*;
 use serde_json::Value;
 use wayfix::Likelihood;
-use wayfix::emission::{
-    Bernoulli, Beta, Binomial, Exponential, Family, Gamma, Gaussian, GaussianMixture, Hurdle,
-    Independent, LinearRegression, LogNormal, Multinomial, NegativeBinomial, Poisson, SkewedT,
-    StudentT, VonMises, VonMisesFisher, Weibull, WrappedCauchy, ZeroInflated,
-};
+use wayfix_learn::{Bernoulli, Beta, Binomial, Exponential, Family, Gamma, Gaussian, GaussianMixture, Hurdle, Independent, LinearRegression, LogNormal, Multinomial, NegativeBinomial, Poisson, SkewedT, StudentT, VonMises, VonMisesFisher, Weibull, WrappedCauchy, ZeroInflated};
 use wayfix::error::LikelihoodError;
 use wayfix::likelihood::{Diagonal, LearnLikelihood, Scratch};
 

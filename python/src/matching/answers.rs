@@ -2,8 +2,9 @@
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
-use wayfix::map::{Position, RoadNetwork};
-use wayfix::matching::RoadAnswer;
+use wayfix::map::Position;
+use wayfix_roads::RoadNetwork;
+use wayfix_roads::matching::RoadAnswer;
 
 use crate::typed::index;
 

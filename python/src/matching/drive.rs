@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use numpy::{PyArray1, ToPyArray};
 use pyo3::prelude::*;
-use wayfix::matching::{MatchedDrive, Stretches};
+use wayfix_roads::matching::{MatchedDrive, Stretches};
 
 use super::answers::Answers;
 use super::trips::Estimator;

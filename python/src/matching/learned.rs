@@ -1,7 +1,7 @@
 //! Learned models, as Python sees them.
 
 use pyo3::prelude::*;
-use wayfix::matching::LearnedMatchModel;
+use wayfix_roads::matching::LearnedMatchModel;
 
 use crate::options::to_python;
 

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use numpy::ToPyArray;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use wayfix::matching::{MatchModel, Matcher, TracePoint};
+use wayfix_roads::matching::{MatchModel, Matcher, TracePoint};
 
 use super::points::{Columns, moment, point};
 use super::trips::{Drives, Estimator};
@@ -280,7 +280,7 @@ impl PyMatcher {
 /// out.
 #[pyfunction]
 pub(crate) fn read_traces(py: Python<'_>, path: PathBuf) -> PyResult<(Bound<'_, PyDict>, String)> {
-    let read = in_background(py, move |_| wayfix::matching::read_traces(path))?;
+    let read = in_background(py, move |_| wayfix_roads::matching::read_traces(path))?;
     let (traces, report) = read.map_err(invalid)?;
     let column = |of: fn(&TracePoint) -> f64| -> Vec<f64> {
         traces.iter().flat_map(|trace| trace.points.iter().map(of)).collect()

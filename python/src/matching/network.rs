@@ -6,7 +6,8 @@ use std::sync::Arc;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, ToPyArray};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
-use wayfix::map::{Cleaning, ImportOptions, ImportReport, MapError, Position, RoadNetwork};
+use wayfix_roads::{Cleaning, ImportOptions, ImportReport, RoadNetwork};
+use wayfix::map::{MapError, Position};
 
 use super::stored::Stored;
 use crate::error::invalid;
@@ -115,7 +116,7 @@ impl PyRoadNetwork {
     fn column<'py, T: numpy::Element>(
         &self,
         py: Python<'py>,
-        of: impl Fn(&wayfix::map::Edge) -> T,
+        of: impl Fn(&wayfix_roads::Edge) -> T,
     ) -> Bound<'py, PyArray1<T>> {
         PyArray1::from_vec(py, self.network.edges().iter().map(of).collect())
     }
@@ -220,7 +221,7 @@ impl PyRoadNetwork {
             network.edges().iter().map(|edge| edge.class.to_string()).collect();
         columns.set_item("class", py.import("numpy")?.call_method1("array", (classes, "U9"))?)?;
         columns.set_item("length_m", self.column(py, |edge| edge.metres))?;
-        let speed = |edge: &wayfix::map::Edge| edge.speed.map_or(f64::NAN, |speed| 3.6 * speed);
+        let speed = |edge: &wayfix_roads::Edge| edge.speed.map_or(f64::NAN, |speed| 3.6 * speed);
         columns.set_item("speed_kmh", self.column(py, speed))?;
         columns.set_item("roundabout", self.column(py, |edge| edge.roundabout))?;
         let reverse: Vec<i64> =

@@ -3,7 +3,7 @@
 use numpy::PyReadonlyArray1;
 use pyo3::prelude::*;
 use wayfix::map::Position;
-use wayfix::matching::TracePoint;
+use wayfix_roads::matching::TracePoint;
 
 use crate::array::doubles;
 use crate::error::invalid;

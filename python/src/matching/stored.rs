@@ -1,7 +1,8 @@
 //! Networks as pickles keep them.
 
 use serde::{Deserialize, Serialize};
-use wayfix::map::{EdgeOptions, NetworkBuilder, Place, Position, RoadClass, RoadNetwork};
+use wayfix_roads::{EdgeOptions, NetworkBuilder, RoadNetwork};
+use wayfix::map::{Place, Position, RoadClass};
 
 type Point = (f64, f64);
 
@@ -31,7 +32,7 @@ fn position((latitude, longitude): Point) -> Position {
 impl Stored {
     pub(super) fn of(network: &RoadNetwork) -> Self {
         let (nodes, edges) = (network.nodes(), network.edges());
-        let edge = |(number, edge): (usize, &wayfix::map::Edge)| {
+        let edge = |(number, edge): (usize, &wayfix_roads::Edge)| {
             let [from, to] = [edge.from, edge.to].map(|end| nodes[end].id);
             let line = network.shape(number);
             let between = line[1..line.len() - 1].iter().map(point).collect();

@@ -3,7 +3,7 @@
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, ToPyArray};
 use pyo3::prelude::*;
 use wayfix::map::Position;
-use wayfix::matching::{RankedRoutes, Stretch, Stretches};
+use wayfix_roads::matching::{RankedRoutes, Stretch, Stretches};
 
 use super::PyMatcher;
 use super::network::line;

@@ -7,7 +7,7 @@ use std::sync::{Mutex, PoisonError};
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use wayfix::matching::{MatchError, MatchedDrive, Matcher, RoadAnswer, Stretch, TracePoint};
+use wayfix_roads::matching::{MatchError, MatchedDrive, Matcher, RoadAnswer, Stretch, TracePoint};
 
 use super::answers::Answers;
 use crate::error::invalid;

@@ -5,7 +5,7 @@ use std::sync::{Mutex, MutexGuard};
 use numpy::{PyArray1, ToPyArray};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
-use wayfix::matching::Vehicle;
+use wayfix_roads::matching::Vehicle;
 
 use super::points::{moment, point};
 use super::{PyMatcher, PyRoadAnswer, PyStretches};
@@ -43,7 +43,7 @@ impl PyVehicle {
         py.detach(|| work(&mut self.lock()))
     }
 
-    fn answer(&self, found: wayfix::matching::RoadAnswer) -> PyRoadAnswer {
+    fn answer(&self, found: wayfix_roads::matching::RoadAnswer) -> PyRoadAnswer {
         PyRoadAnswer::new(self.matcher.get().matcher.network(), found)
     }
 }

@@ -1,7 +1,7 @@
 //! The answer of one step.
 
 use pyo3::prelude::*;
-use wayfix::recognition::Answer;
+use wayfix_recognition::Answer;
 
 /// Estimated position of the vehicle at one step.
 ///

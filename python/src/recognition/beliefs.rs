@@ -5,7 +5,7 @@ use numpy::{
 };
 use pyo3::prelude::*;
 use wayfix::Belief;
-use wayfix::recognition::{PlaceBeliefs, Recognizer};
+use wayfix_recognition::{PlaceBeliefs, Recognizer};
 
 use crate::array::integers;
 use crate::error::invalid;

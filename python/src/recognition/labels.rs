@@ -4,7 +4,7 @@ use std::ops::RangeInclusive;
 
 use numpy::PyUntypedArrayMethods;
 use pyo3::prelude::*;
-use wayfix::recognition::LabelledPart;
+use wayfix_recognition::LabelledPart;
 
 use crate::array::integers;
 use crate::error::invalid;

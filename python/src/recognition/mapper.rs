@@ -6,8 +6,8 @@ use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use wayfix::observation::Distance;
-use wayfix::recognition::{Mapper, Options};
+use wayfix_recognition::observation::Distance;
+use wayfix_recognition::{Mapper, Options};
 
 use super::options::{distance, options};
 use super::queries::query;

@@ -3,9 +3,9 @@
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use serde_json::Value;
-use wayfix::motion::Speeds;
-use wayfix::observation::Distance;
-use wayfix::recognition::Options;
+use wayfix_recognition::motion::Speeds;
+use wayfix_recognition::observation::Distance;
+use wayfix_recognition::Options;
 
 use crate::error::{invalid, reserve};
 use crate::options::replaced;

@@ -3,8 +3,8 @@
 use numpy::{PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use wayfix::observation::Distance;
-use wayfix::recognition::{Options, Parameters, Recognizer};
+use wayfix_recognition::observation::Distance;
+use wayfix_recognition::{Options, Parameters, Recognizer};
 
 use super::labels::{Parts, places};
 use super::options::{check_memory, distance, options};

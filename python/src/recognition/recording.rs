@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use numpy::{PyArray1, PyArray2, ToPyArray};
 use pyo3::prelude::*;
-use wayfix::recognition::{PlaceBeliefs, RecognitionError, Recording};
+use wayfix_recognition::{PlaceBeliefs, RecognitionError, Recording};
 
 use super::beliefs::Answers;
 use super::{PyPlaceBeliefs, PyRecognizer};

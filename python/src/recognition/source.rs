@@ -3,7 +3,7 @@
 use numpy::{PyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyList;
-use wayfix::observation::Distance;
+use wayfix_recognition::observation::Distance;
 
 use super::options::name;
 

@@ -5,7 +5,7 @@ use std::sync::{Mutex, MutexGuard};
 use numpy::{PyArray1, ToPyArray};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
-use wayfix::recognition::{Track, TrackSnapshot};
+use wayfix_recognition::{Track, TrackSnapshot};
 
 use super::queries::query;
 use super::{PyAnswer, PyRecognizer};

@@ -93,7 +93,7 @@ mod threads {
         }
     }
 
-    pub fn in_order<T: Send, R: Send, Stop>(
+    pub(super) fn in_order<T: Send, R: Send, Stop>(
         items: &mut impl Iterator<Item = T>,
         ahead: usize,
         work: &(impl Fn(T) -> R + Sync),

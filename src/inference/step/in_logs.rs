@@ -25,7 +25,7 @@ pub(crate) struct BeliefRef<'a> {
 impl BeliefRef<'_> {
     /// Returns the logarithm of one probability.
     #[doc(hidden)]
-    pub fn log(&self, state: usize) -> f64 {
+    pub(crate) fn log(&self, state: usize) -> f64 {
         self.logs.map_or_else(|| self.linear[state].ln(), |logs| logs[state])
     }
 

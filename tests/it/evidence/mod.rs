@@ -7,7 +7,7 @@ mod restarts;
 mod wide;
 
 use proptest::prelude::*;
-use wayfix::inference::{Order, Pruning};
+use wayfix::inference::Pruning;
 use wayfix::transition::EvidenceTransition;
 use wayfix::{
     Belief, Controlled, Hmm, InferenceError, LikelihoodVector, OptionalLikelihood, Prior,
@@ -15,125 +15,28 @@ use wayfix::{
 };
 
 use crate::kit::{
-    Evidence, Kind, Model, NEVER, Sensor, all_close, cases, close_logs, measured_models, rng,
-    same_results, says,
+    Evidence, Kind, Model, NEVER, cases, check_enumeration, check_evidence, check_frequencies,
+    measured_models, possible, rng, says,
 };
-use crate::{enumeration, routines};
-
-/// What is believed after a prediction alone, and p(u), for each step.
-fn check_predictions<A: TransitionEntries<Control = usize>>(
-    model: &Model,
-    hmm: &Hmm<A, Sensor>,
-) -> Result<(), TestCaseError> {
-    let mut filter = hmm.filter();
-    for k in 1..=model.steps() {
-        let mut part = Model { logs: model.logs[..k].to_vec(), ..model.clone() };
-        part.logs[k - 1] = None;
-        let answer = part.enumerate();
-        let before = filter.snapshot();
-        match filter.predict_with(&(k - 1)) {
-            Ok(()) => {
-                all_close(filter.belief().as_slice(), &answer.filtered[k], 1e-11, 1e-290)?;
-                close_logs(filter.log_likelihood(), answer.log_likelihood, 1e-12)?;
-            }
-            Err(error) => {
-                let step_of = |error: &_| match error {
-                    InferenceError::ImpossibleMove { step } => Some(*step),
-                    _ => None,
-                };
-                prop_assert_eq!(step_of(&error), answer.impossible_at);
-                prop_assert_eq!(filter.snapshot(), before);
-                return Ok(());
-            }
-        }
-        // What was measured ahead is known: the forecast is given it.
-        filter.restore(&before).unwrap();
-        let ahead = filter.forecast_with(&[k - 1]).unwrap();
-        all_close(ahead.as_slice(), &answer.filtered[k], 1e-11, 1e-290)?;
-        if filter.step_with(&(k - 1), &model.logs[k - 1]).is_err() {
-            return Ok(());
-        }
-        let mut other = hmm.filter();
-        other.restore(&filter.snapshot()).unwrap();
-        prop_assert_eq!(other.snapshot(), filter.snapshot());
-    }
-    Ok(())
-}
-
-/// The stream is the batch decoder, after every step.
-fn check_online<A: TransitionEntries<Control = usize>>(
-    model: &Model,
-    hmm: &Hmm<A, Sensor>,
-) -> Result<(), TestCaseError> {
-    let (mut decoder, mut path) = (hmm.online_viterbi(), Vec::new());
-    for k in 1..=model.steps() {
-        let part = Model { logs: model.logs[..k].to_vec(), ..model.clone() };
-        match (decoder.step_with(&(k - 1), &model.logs[k - 1]), hmm.viterbi(&part)) {
-            (Ok(states), Ok(batch)) => {
-                path.extend_from_slice(states);
-                prop_assert_eq!([&path[..], &decoder.undecided()].concat(), batch.states());
-                prop_assert_eq!(decoder.log_probability(), batch.log_probability());
-            }
-            (stream, batch) => {
-                let (stream, batch) = (stream.map(|_| ()), batch.map(|_| ()));
-                prop_assert_eq!(stream.unwrap_err().to_string(), batch.unwrap_err().to_string());
-                break;
-            }
-        }
-    }
-    Ok(())
-}
-
-/// All routines of models with this operator.
-pub(crate) fn check<A: TransitionEntries<Control = usize> + Sync>(
-    model: &Model,
-    transition: A,
-    (lag, count, seed): (usize, usize, u64),
-) -> Result<(), TestCaseError> {
-    let hmm = model.hmm(transition);
-    let answer = model.enumerate();
-    enumeration::check(model, &hmm, &model.logs, &answer)?;
-    check_predictions(model, &hmm)?;
-    check_online(model, &hmm)?;
-    routines::check_fixed_lag(model, &hmm, lag)?;
-    routines::check_entropy(model, &hmm)?;
-    routines::check_k_best(model, &hmm, count)?;
-    routines::check_drawn(model, &hmm, seed)?;
-    if answer.impossible_at.is_none() {
-        let order = if seed % 2 == 0 { Order::Forward } else { Order::Backward };
-        routines::check_pairs(model, &hmm, order)?;
-    }
-    let drives = [model.clone(), model.clone(), Model { logs: Vec::new(), ..model.clone() }];
-    let each = |i: usize| &drives[i];
-    same_results(&hmm.forward_all(&drives), 3, |i| hmm.forward(each(i)), PartialEq::eq)?;
-    same_results(&hmm.smooth_all(&drives), 3, |i| hmm.smooth(each(i)), PartialEq::eq)?;
-    same_results(
-        &hmm.log_likelihood_all(&drives),
-        3,
-        |i| hmm.log_likelihood(each(i)),
-        PartialEq::eq,
-    )?;
-    same_results(&hmm.viterbi_all(&drives), 3, |i| hmm.viterbi(each(i)), PartialEq::eq)
-}
 
 proptest! {
     #![proptest_config(cases())]
 
     #[test]
     fn evidence_equals_enumeration(model in measured_models(Kind::Shifted, false), of in (0..8_usize, 0..40_usize, any::<u64>())) {
-        check(&model, model.measured(), of)?;
+        check_evidence(&model, model.measured(), of)?;
     }
 
     /// Likelihoods of one step 1e400 apart, and log factors that leave all of them beyond
     /// doubles.
     #[test]
     fn evidence_of_wide_ranges_equals_enumeration(model in measured_models(Kind::Shifted, true), of in (0..8_usize, 0..40_usize, any::<u64>())) {
-        check(&model, model.measured(), of)?;
+        check_evidence(&model, model.measured(), of)?;
     }
 
     #[test]
     fn evidence_on_extremes_equals_enumeration(model in measured_models(Kind::Extreme, true), of in (0..8_usize, 0..40_usize, any::<u64>())) {
-        check(&model, model.measured(), of)?;
+        check_evidence(&model, model.measured(), of)?;
     }
 
     /// The smoother then goes back by the likelihoods, in two products a step.
@@ -145,13 +48,13 @@ proptest! {
         model.logs = ys.iter().map(|ys| ys.as_ref().map(log)).collect();
         let sensor = OptionalLikelihood::new(LikelihoodVector::linear(model.states).owned());
         let hmm = Hmm::new(model.prior(), model.measured(), sensor).unwrap();
-        enumeration::check(&model, &hmm, &ys, &model.enumerate())?;
+        check_enumeration(&model, &hmm, &ys, &model.enumerate())?;
     }
 
     /// An operator with the required methods alone.
     #[test]
     fn evidence_of_an_own_operator_equals_enumeration(model in measured_models(Kind::Shifted, false), of in (0..8_usize, 0..40_usize, any::<u64>())) {
-        check(&model, model.own_measured(), of)?;
+        check_evidence(&model, model.own_measured(), of)?;
     }
 
 }
@@ -164,9 +67,9 @@ fn paths_drawn_with_evidence_have_their_frequencies() {
     while tested < 20 {
         let wide = tested % 2 == 0;
         let model = measured_models(Kind::Plain, wide).new_tree(&mut runner).unwrap().current();
-        if routines::possible(&model) && model.steps() >= 2 {
+        if possible(&model) && model.steps() >= 2 {
             let hmm = model.hmm(model.measured());
-            tested += u64::from(routines::check_frequencies(&model, &hmm, tested));
+            tested += u64::from(check_frequencies(&model, &hmm, tested));
         }
     }
 }

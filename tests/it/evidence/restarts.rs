@@ -66,7 +66,7 @@ fn check(
         Some(log) => a.with_evidence(*log).unwrap(),
         None => a,
     };
-    super::check(&with_restarts(model, *rate, r, *log), a, of)
+    crate::kit::check_evidence(&with_restarts(model, *rate, r, *log), a, of)
 }
 
 proptest! {

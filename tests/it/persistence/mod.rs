@@ -1,75 +1,27 @@
 //! What is stored comes back to the bit, and what is no model is refused.
 
-mod damage;
-mod motion;
 mod names;
 mod places;
-mod recognition;
 mod refused;
 mod streams;
 
 use proptest::collection::vec;
 use proptest::prelude::*;
-use serde::{Serialize, de::DeserializeOwned};
 use wayfix::inference::{FixedLagSnapshot, LearningOptions};
 use wayfix::likelihood::{GroupedLikelihood, SparseObservation};
 use wayfix::transition::{
-    ConstrainedTransition, DwellTransition, GeneratorTransition, KroneckerTransition,
-    LogitTransition, PowerTransition, RestartTransition, SwitchedTransition, WindowTransition,
+    ConstrainedTransition, DwellTransition, KroneckerTransition, PowerTransition,
+    RestartTransition, SwitchedTransition, WindowTransition,
 };
 use wayfix::{
     Belief, DenseTransition, Fixed, FusedLikelihood, Hmm, LikelihoodVector, OptionalLikelihood,
-    Prior, SparseLikelihood, SparseTransition, TableLikelihood, Transition, TransitionEntries,
+    Prior, SparseLikelihood, SparseTransition, TableLikelihood, Transition,
 };
 
-use self::damage::damage;
-use crate::kit::{Kind, Model, bits, cases, models, weighted};
-
-fn json<T: Serialize>(value: &T) -> String {
-    serde_json::to_string(value).unwrap()
-}
-
-/// There and back. JSON tells any two doubles apart, so that it tells whether
-/// all bits are the same.
-fn stored<T: Serialize + DeserializeOwned>(value: &T) -> T {
-    let text = json(value);
-    let back: T = serde_json::from_str(&text).unwrap_or_else(|error| panic!("{error} in {text}"));
-    assert_eq!(json(&back), text);
-    back
-}
-
-/// All products and entries of an operator.
-fn outcome<A: TransitionEntries>(a: &A, u: &A::Control) -> Vec<Vec<u64>> {
-    let n = a.states();
-    let x: Vec<f64> = (0..n).map(|i| (i as f64 * 0.618_033_988_7 + 0.1).fract()).collect();
-    let logs: Vec<f64> = x.iter().map(|x| x.ln() * 700.0).collect();
-    let product = |apply: &dyn Fn(&mut [f64])| {
-        let mut out = vec![0.0; n];
-        apply(&mut out);
-        bits(&out)
-    };
-    let mut from = vec![0; n];
-    let mut all = vec![
-        product(&|out| a.apply(u, &x, out)),
-        product(&|out| a.apply_transpose(u, &x, out)),
-        product(&|out| a.apply_log(u, &logs, out)),
-        product(&|out| a.apply_transpose_log(u, &logs, out)),
-    ];
-    let mut best = vec![0.0; n];
-    a.max_product(u, &logs, &mut best, &mut from);
-    all.push(bits(&best));
-    all.push(from.into_iter().map(u64::from).collect());
-    for state in 0..n {
-        all.push(a.incoming(u, state).flat_map(|(j, p)| [j as u64, p.to_bits()]).collect());
-        all.push(a.outgoing(u, state).flat_map(|(i, p)| [i as u64, p.to_bits()]).collect());
-    }
-    all
-}
-
-#[track_caller]
-fn operator<A: TransitionEntries + Serialize + DeserializeOwned>(a: &A, u: &A::Control) {
-    assert_eq!(outcome(&stored(a), u), outcome(a, u), "{}", json(a));
-}
+use crate::kit::{
+    Kind, Model, assert_stored_operator as operator, bits, cases, check_columns, damage, json,
+    models, stored, weighted,
+};
 
 /// What operators of all kinds are made from.
 #[derive(Debug, Clone)]
@@ -119,16 +71,6 @@ impl Parts {
         ConstrainedTransition::new(self.sparse()).with_ties(|from, to| (from * 3 + to) % 2)
     }
 
-    /// Slopes that some moves share, and that others do not have.
-    fn logit(&self) -> LogitTransition {
-        let mut a = LogitTransition::new(&self.sparse(), 2).unwrap();
-        a = a.with_shared_slopes(|from, to| (from != to).then_some((from + to) % 3));
-        for (from, to) in a.moves().filter(|m| m.0 != m.1).collect::<Vec<_>>() {
-            a = a.with_slopes(from, to, &[0.1 * to as f64, self.rate - 0.3]).unwrap();
-        }
-        a.with_ridge(self.rate).unwrap()
-    }
-
     fn window(&self) -> Option<WindowTransition> {
         WindowTransition::new(self.model.states, self.first, &self.weights, self.closed).ok()
     }
@@ -173,18 +115,12 @@ proptest! {
         operator(&parts.model.sparse(), &(parts.model.steps() - 1));
         operator(&parts.tied(), &());
         prop_assert_eq!(stored(&parts.tied()).parameters(), parts.tied().parameters());
-        operator(&parts.logit(), &vec![parts.rate, -2.5]);
         operator(&parts.nested(), &());
         operator(&PowerTransition::new(restart(parts.sparse()), parts.exponent), &());
         let leaving: Vec<_> = (0..n).map(|i| vec![parts.rate, 1.0 / (3.0 + i as f64)]).collect();
         let leaving = DwellTransition::from_leaving(parts.model.sparse(), &leaving).unwrap();
         operator(&RestartTransition::new(
             leaving.clone(), parts.rate, leaving.arriving(&parts.belief()).unwrap()).unwrap(), &0);
-        // Entries as rates, but for the smallest.
-        let moves = parts.sparse();
-        let rates = moves.triplets().filter(|&(to, from, p)| to != from && p > 1e-290);
-        let rates: Vec<_> = rates.map(|(to, from, p)| (to, from, p / (parts.rate + 0.1))).collect();
-        operator(&GeneratorTransition::from_triplets(n, rates).unwrap(), &2.5);
         if let Some(window) = parts.window() {
             operator(&window, &());
             let pairs = KroneckerTransition::new(window, parts.sparse()).unwrap();
@@ -282,14 +218,6 @@ proptest! {
                 let _ = hmm.viterbi(&[vec![0.0; n * n], vec![-1.0; n * n]]);
             }
         }
-        let logit = damage.of(&json(&parts.logit()));
-        if let Ok(logit) = serde_json::from_str::<LogitTransition>(&logit) {
-            // Without slopes any number of inputs is valid, also one that memory does not hold.
-            let inputs = vec![0.5; logit.inputs().min(9)];
-            if logit.check_control(&inputs).is_ok() {
-                check_columns(&logit, &inputs)?;
-            }
-        }
         let dense = damage.of(&json(&parts.model.dense()));
         if let Ok(dense) = serde_json::from_str::<SwitchedTransition<DenseTransition>>(&dense) {
             check_columns(&dense, &0)?;
@@ -314,11 +242,4 @@ proptest! {
             }
         }
     }
-}
-
-fn check_columns<A: Transition>(a: &A, u: &A::Control) -> Result<(), TestCaseError> {
-    let mut sums = vec![0.0; a.states()];
-    a.apply_transpose(u, &vec![1.0; a.states()], &mut sums);
-    prop_assert!(sums.iter().all(|sum| (sum - 1.0).abs() < 1e-8), "{sums:?}");
-    Ok(())
 }

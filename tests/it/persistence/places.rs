@@ -1,11 +1,10 @@
 //! Operators of places and their sensors come back to the bit, and say what is wrong.
 
+use crate::kit::{json, refuses, stored};
 use wayfix::likelihood::{Groups, PooledLikelihood, SparseTableLikelihood};
 use wayfix::motion::{DistanceTransition, OffMapTransition};
 use wayfix::{Belief, SparseLikelihood, SparseTransition, TransitionEntries};
 
-use super::refused::refuses;
-use super::{json, stored};
 use crate::kit::still;
 use crate::operators::distance::{fork, ways};
 

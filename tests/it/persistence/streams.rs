@@ -1,10 +1,10 @@
 //! What streams know.
 
+use crate::kit::{json, stored};
 use proptest::prelude::*;
 use wayfix::inference::Pruning;
 use wayfix::{SparseTransition, TableLikelihood};
 
-use super::{json, stored};
 use crate::kit::{Kind, cases, models};
 
 proptest! {

@@ -6,8 +6,8 @@ use std::hint::black_box;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use serde_json::json;
-use wayfix::emission::LinearRegression;
-use wayfix::transition::LogitTransition;
+use wayfix_learn::LinearRegression;
+use wayfix_learn::LogitTransition;
 use wayfix::{
     Belief, Controlled, Hmm, Prior, Sequence, SparseTransition, Transition, TransitionEntries,
 };

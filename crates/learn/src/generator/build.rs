@@ -5,7 +5,6 @@ use wayfix::ReorderStates;
 use wayfix::SparseTransition;
 use wayfix::TransitionError;
 use wayfix::error::Parameter;
-use wayfix::internal;
 use wayfix::internal::Compressed;
 use wayfix::internal::check_count;
 

@@ -4,7 +4,6 @@ use std::f64::consts::LOG2_E;
 
 use super::LogitTransition;
 use wayfix::ReorderStates;
-use wayfix::internal;
 use wayfix::internal::{buffers, check_slices};
 use wayfix::{Transition, TransitionEntries};
 use wayfix_kernels as kernels;

@@ -1,7 +1,8 @@
 //! Drives of any points.
 
-use wayfix::map::{NetworkBuilder, Position, RoadClass};
-use wayfix::matching::{MatchError, MatchModel, MatchedDrive, Matcher, RoadAnswer, TracePoint};
+use wayfix_roads::NetworkBuilder;
+use wayfix::map::{Position, RoadClass};
+use wayfix_roads::matching::{MatchError, MatchModel, MatchedDrive, Matcher, RoadAnswer, TracePoint};
 
 use super::super::check_message;
 use super::{CORNERS, place};

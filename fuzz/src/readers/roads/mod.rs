@@ -9,7 +9,8 @@ mod vehicles;
 
 use std::io::Cursor;
 
-use wayfix::map::{ImportOptions, ImportReport, MapError, RoadNetwork};
+use wayfix_roads::{ImportOptions, ImportReport, RoadNetwork};
+use wayfix::map::MapError;
 
 use super::{check_message, damage::damaged};
 use crate::counts::Counts;

@@ -1,7 +1,8 @@
 //! Networks that were accepted, and their cleaning.
 
-use wayfix::map::{Cleaning, ImportNote, ImportOptions, Position, RoadNetwork};
-use wayfix::matching::Matcher;
+use wayfix_roads::{Cleaning, ImportNote, ImportOptions, RoadNetwork};
+use wayfix::map::Position;
+use wayfix_roads::matching::Matcher;
 
 use super::super::check_message;
 use super::drives;

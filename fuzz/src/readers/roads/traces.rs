@@ -1,7 +1,7 @@
 //! Drives from files of each format.
 
 use wayfix::map::MapError;
-use wayfix::matching::read_traces_from;
+use wayfix_roads::matching::read_traces_from;
 
 use super::super::damage::damaged;
 use super::{CORNERS, drives, place, refused, show};

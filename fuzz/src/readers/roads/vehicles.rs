@@ -1,7 +1,7 @@
 //! Vehicles from bytes.
 
 use wayfix::map::Position;
-use wayfix::matching::{Matcher, TracePoint, Vehicle};
+use wayfix_roads::matching::{Matcher, TracePoint, Vehicle};
 
 use super::super::check_message;
 use super::{CORNERS, drives, place};

@@ -4,7 +4,7 @@ use std::fs;
 
 use rand_chacha::ChaCha8Rng;
 use wayfix::TableLikelihood;
-use wayfix::emission::{Bernoulli, EmissionError, Gamma, Independent, Multinomial, Poisson};
+use wayfix_learn::{Bernoulli, EmissionError, Gamma, Independent, Multinomial, Poisson};
 use wayfix::likelihood::{LearnLikelihood, Likelihood, SampleObservation};
 
 use super::{Array, Case, SMALL, Sizes, draw, generator, model};

@@ -1,7 +1,7 @@
 //! Gaussian vectors and their mixtures.
 
 use rand_chacha::ChaCha8Rng;
-use wayfix::emission::{CovarianceType, Family, Gaussian, GaussianMixture};
+use wayfix_learn::{CovarianceType, Family, Gaussian, GaussianMixture};
 
 use super::{Array, Case, SMALL, Sizes, draw, generator, model, normals, sums};
 use crate::model::distribution;

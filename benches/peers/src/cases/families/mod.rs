@@ -11,7 +11,7 @@ use std::time::Instant;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use serde_json::json;
-use wayfix::emission::Rows;
+use wayfix_learn::Rows;
 use wayfix::inference::{LearnedModel, LearningOptions};
 use wayfix::likelihood::{LearnLikelihood, Likelihood, SampleObservation};
 use wayfix::{Belief, DenseTransition, Hmm, Prior, Sequence};

@@ -1,6 +1,6 @@
 //! Outputs that are linear in inputs, or in the outputs before.
 
-use wayfix::emission::{CovarianceType, Gaussian, LinearRegression, Rows};
+use wayfix_learn::{CovarianceType, Gaussian, LinearRegression, Rows};
 
 use super::gaussian::{covariances, round};
 use super::{Array, Case, Model, SMALL, generator, model, normals, sums};

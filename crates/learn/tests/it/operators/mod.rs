@@ -1,0 +1,4 @@
+//! Operators against the dense matrices that define them.
+
+mod generator;
+mod logit;

@@ -1,0 +1,81 @@
+//! Recogniser of a recording: the defaults, a fit to its labelled part, or a saved fit.
+
+use std::{ops::Range, path::Path};
+
+use wayfix_recognition::motion::{OffMap, Speeds};
+use wayfix_recognition::{LabelledPart, Options, Parameters, Recognizer};
+
+use super::{Fallible, Task, waiting};
+
+pub(crate) fn recognizer(Task { recording, split, common }: Task<'_>) -> Fallible<Recognizer> {
+    let mut options = Options::default();
+    options.closed = recording.closed;
+    options.off_map = common.off_map.then(OffMap::default);
+    if !common.speeds.is_empty() {
+        let mut speeds = common.speeds.clone();
+        speeds.sort_by(f64::total_cmp);
+        speeds.dedup();
+        options.speeds = Speeds::new(&speeds).map_err(|error| format!("--speeds: {error}"))?;
+    }
+    let mut recognizer = Recognizer::from_distances(recording.references, options)?;
+    if let Some(file) = &common.fit {
+        let fit = saved(file)?;
+        let mut options = fit.options().clone();
+        options.closed = recording.closed;
+        options.off_map = common.off_map.then(|| options.off_map.unwrap_or_default());
+        recognizer = recognizer.with_parameters(fit.with_options(options))?;
+    } else if let Some(truth) = recording.truth.as_ref().filter(|_| !split.fit_on.is_empty()) {
+        let rows = recording.rows();
+        let part = |range: &Range<usize>| LabelledPart {
+            queries: &rows[range.clone()],
+            places: &truth[range.clone()],
+            odometry: recording.odometry.get(range.clone()).unwrap_or(&[]),
+        };
+        let parts: Vec<_> = split.fit_on.iter().map(part).collect();
+        let fitted = waiting("fitting", || recognizer.fit(&parts));
+        recognizer = fitted.map_err(|error| format!("--fit-on: {error}"))?;
+    }
+    if let Some(temperature) = common.temperature {
+        let mut options = recognizer.options().clone();
+        let odds = options.odds.with_temperature(temperature);
+        options.odds = odds.map_err(|error| format!("--temperature: {error}"))?;
+        recognizer =
+            recognizer.with_parameters(recognizer.parameters().clone().with_options(options))?;
+    }
+    Ok(recognizer)
+}
+
+/// Summarises a fit: temperature, speeds in use, and reasons to doubt it.
+pub(crate) fn notes(fit: &Parameters) -> Vec<String> {
+    let Options { odds, speeds, .. } = fit.options();
+    let used = speeds.values().iter().zip(speeds.shares()).filter(|(_, share)| **share >= 0.01);
+    let used: Vec<String> = used.map(|(speed, share)| format!("{speed}: {share:.2}")).collect();
+    let temperature = format!("temperature {}", odds.temperature());
+    let mut notes = vec![temperature, format!("shares of speeds: {}", used.join(", "))];
+    notes.extend(fit.doubts().iter().map(|warning| format!("WARNING: {warning}")));
+    notes
+}
+
+#[cfg(feature = "serde")]
+fn saved(file: &Path) -> Result<Parameters, String> {
+    let name = file.display();
+    let text = std::fs::read(file).map_err(|error| format!("cannot read {name}: {error}"))?;
+    serde_json::from_slice(&text).map_err(|error| format!("{name} is not a fit: {error}"))
+}
+
+#[cfg(feature = "serde")]
+pub(crate) fn save(file: &Path, fit: &Parameters) -> Result<(), String> {
+    let written = serde_json::to_vec(fit).map_err(std::io::Error::from);
+    let written = written.and_then(|text| std::fs::write(file, text));
+    written.map_err(|error| format!("cannot write {}: {error}", file.display()))
+}
+
+#[cfg(not(feature = "serde"))]
+fn saved(_: &Path) -> Result<Parameters, String> {
+    Err(String::from("--fit: expected `cargo run --features serde`"))
+}
+
+#[cfg(not(feature = "serde"))]
+pub(crate) fn save(_: &Path, _: &Parameters) -> Result<(), String> {
+    Err(String::from("--save: expected `cargo run --features serde`"))
+}

@@ -1,0 +1,14 @@
+//! Tests of the public interface. What several topics need is in `kit`.
+//!
+//! Properties run on 256 random cases each, or as many as the environment variable
+//! `WAYFIX_CASES` says.
+
+use wayfix_test_kit as kit;
+
+mod curves;
+mod descriptors;
+mod motion;
+#[cfg(feature = "serde")]
+mod persistence;
+mod place_recognition;
+mod recognition;

@@ -1,0 +1,5 @@
+//! What is stored comes back to the bit, and what is no model is refused.
+
+mod motion;
+mod names;
+mod recognition;

@@ -1,0 +1,344 @@
+//! What a recogniser has learned and where a vehicle is, stored and restored.
+
+use crate::kit::{damage, json, refuses, stored};
+use std::sync::LazyLock;
+
+use proptest::prelude::*;
+use wayfix::error::Count;
+use wayfix_recognition::motion::{OdometryModel, OffMap, Speeds};
+use wayfix_recognition::observation::{Distance, MatchOdds, Standardizer};
+use wayfix_recognition::{
+    Answer, LabelledPart, Options, Parameters, RecognitionError, Recognizer, Track, TrackSnapshot,
+};
+
+use crate::kit::{cases_of, noise, text};
+
+const PLACES: usize = 30;
+const DIMENSION: usize = 12;
+
+/// References, and queries along them with noise, a stop, and a detour.
+fn made_up() -> (Vec<Vec<f32>>, Vec<Vec<f32>>) {
+    let rows = |count: usize, seed| -> Vec<Vec<f32>> {
+        noise(DIMENSION * count, seed).chunks(DIMENSION).map(<[f32]>::to_vec).collect()
+    };
+    let (references, elsewhere) = (rows(PLACES, 1), rows(10, 3));
+    let places = (2..12).chain([12; 6]).chain(12..28).map(Some).chain([None; 8]);
+    let queries = places.chain((20..29).map(Some)).zip(rows(60, 2)).enumerate();
+    let queries = queries.map(|(k, (place, noise))| {
+        let seen = place.map_or(&elsewhere[k % 10], |place| &references[place]);
+        let still = place == Some(12);
+        seen.iter().zip(noise).map(|(x, e)| x + if still { 0.0 } else { 0.6 * e }).collect()
+    });
+    (references.clone(), queries.collect())
+}
+
+fn options() -> Options {
+    let mut options = Options::default();
+    options.off_map = Some(OffMap::default());
+    options
+}
+
+fn fitted() -> &'static (Recognizer, Vec<Vec<f32>>) {
+    static FITTED: LazyLock<(Recognizer, Vec<Vec<f32>>)> = LazyLock::new(fit);
+    &FITTED
+}
+
+fn fit() -> (Recognizer, Vec<Vec<f32>>) {
+    let (references, queries) = made_up();
+    let recognizer = Recognizer::from_descriptors(&references, Distance::Cosine, options());
+    let places: Vec<_> =
+        (2..12).chain([12; 6]).chain(12..28).map(|place| Some(place..=place)).collect();
+    let odometry: Vec<_> =
+        (0..32).map(|k| Some(if (10..16).contains(&k) { 0.0 } else { 1.0 })).collect();
+    let part = LabelledPart { queries: &queries[..32], places: &places, odometry: &odometry };
+    (recognizer.unwrap().fit(&[part]).unwrap(), queries)
+}
+
+fn answers(track: &mut Track, queries: &[Vec<f32>]) -> Vec<Answer> {
+    queries.iter().map(|query| track.step(query, None).unwrap()).collect()
+}
+
+#[test]
+fn a_fit_comes_back_to_the_bit() {
+    let (recognizer, queries) = fitted();
+    let fit = recognizer.parameters();
+    let back = stored(fit);
+    assert_eq!(&back, fit);
+    assert!(back.doubts().is_empty() && back.temperature_scores().is_empty());
+    let (references, _) = made_up();
+    let fresh = Recognizer::from_descriptors(&references, Distance::Cosine, Options::default());
+    let again = fresh.unwrap().with_parameters(back).unwrap();
+    assert_eq!(answers(&mut again.track(), queries), answers(&mut recognizer.track(), queries));
+    assert_eq!(stored(&Options::default()), Options::default());
+    assert_eq!(stored(&MatchOdds::default()), MatchOdds::default());
+}
+
+#[test]
+fn a_live_position_survives_a_restart() {
+    let (recognizer, queries) = fitted();
+    for stop in [0, 1, 2, 13, 33, queries.len()] {
+        let mut track = recognizer.track();
+        answers(&mut track, &queries[..stop]);
+        let (fit, state) = (json(recognizer.parameters()), json(&track.snapshot()));
+        let before = answers(&mut track, &queries[stop..]);
+
+        let (references, _) = made_up();
+        let fresh = Recognizer::from_descriptors(&references, Distance::Cosine, Options::default());
+        let fit: Parameters = serde_json::from_str(&fit).unwrap();
+        let again = fresh.unwrap().with_parameters(fit).unwrap();
+        let mut next = again.track();
+        let state: TrackSnapshot = serde_json::from_str(&state).unwrap();
+        assert_eq!((state.steps(), state.references()), (stop, PLACES));
+        assert_eq!(json(&state), json(&stored(&state)));
+        next.restore(&state).unwrap();
+        assert_eq!(next.snapshot(), state);
+        assert_eq!(answers(&mut next, &queries[stop..]), before, "stopped after {stop}");
+        assert_eq!(next.places().as_slice(), track.places().as_slice());
+        assert_eq!(next.log_likelihood().to_bits(), track.log_likelihood().to_bits());
+    }
+}
+
+#[test]
+fn infinite_distances_are_stored() {
+    let recognizer = Recognizer::from_distances(3, options()).unwrap();
+    let mut track = recognizer.track();
+    for row in [[0.1, 0.5, f32::INFINITY], [f32::INFINITY; 3]] {
+        track.step(&row, None).unwrap();
+        let state = track.snapshot();
+        assert_eq!(stored(&state), state);
+        assert!(json(&state).contains("null"));
+    }
+}
+
+#[test]
+fn a_state_of_another_recogniser_is_refused() {
+    let track = |references: usize, speeds: &[f64]| {
+        let mut options = options();
+        options.speeds = Speeds::new(speeds).unwrap();
+        Recognizer::from_distances(references, options).unwrap().track()
+    };
+    let mut own = track(3, &[0.0, 1.0]);
+    own.step(&[0.1, 0.5, 0.7], None).unwrap();
+    let before = own.snapshot();
+    let error = own.restore(&track(4, &[0.0, 1.0]).snapshot()).unwrap_err();
+    assert!(
+        matches!(error, RecognitionError::Count(Count { found: 4, expected: 3, .. })),
+        "{error}"
+    );
+    let error = own.restore(&track(3, &[0.0, 1.0, 2.0]).snapshot()).unwrap_err();
+    assert!(matches!(error, RecognitionError::Inference(_)), "{error}");
+    let text = json(&before);
+    let row = &text[text.find(r#""last_view":["#).unwrap()..];
+    let row = &row[..=row.find(']').unwrap()];
+    let short = text.replace(row, r#""last_view":[0.1,0.5]"#);
+    let shorter: TrackSnapshot = serde_json::from_str(&short).unwrap();
+    assert!(matches!(own.restore(&shorter), Err(RecognitionError::Count(Count { found: 2, .. }))));
+    assert_eq!(own.snapshot(), before);
+}
+
+#[test]
+fn a_state_that_no_step_can_follow_is_refused() {
+    for map_is_left in [false, true] {
+        let mut options = options();
+        options.off_map = options.off_map.filter(|_| map_is_left);
+        let mut track = Recognizer::from_distances(3, options).unwrap().track();
+        track.step(&[0.1, 0.5, 0.7], None).unwrap();
+        let before = track.snapshot();
+        let changed = |change: &dyn Fn(&mut serde_json::Value)| -> TrackSnapshot {
+            let mut value = serde_json::to_value(&before).unwrap();
+            change(&mut value["filter"]);
+            serde_json::from_value(value).unwrap()
+        };
+        let most = changed(&|filter| filter["steps"] = (1_u64 << 53).into());
+        let error = track.restore(&most).unwrap_err();
+        assert!(error.to_string().contains("the most that can be counted"), "{error}");
+        let nowhere = changed(&|filter| {
+            let belief = filter["belief"].as_array().map(Vec::len).unwrap();
+            let off = |state: usize| if state < belief - 3 { 0.0 } else { 1.0 / 3.0 };
+            filter["belief"] = (0..belief).map(off).collect::<Vec<f64>>().into();
+        });
+        if map_is_left {
+            track.restore(&nowhere).unwrap();
+            assert_eq!(track.step(&[0.5, 0.1, 0.7], None).unwrap().place, None);
+            continue;
+        }
+        let error = track.restore(&nowhere).unwrap_err().to_string();
+        assert_eq!(error, "the belief on the map of the state of a track is 0, expected above 0");
+        assert_eq!(track.snapshot(), before);
+        let mut last = track.clone();
+        last.restore(&changed(&|filter| filter["steps"] = ((1_u64 << 53) - 1).into())).unwrap();
+        last.step(&[0.1, 0.5, 0.7], None).unwrap();
+        let end = last.snapshot();
+        assert!(last.step(&[0.9, 0.5, 0.7], None).is_err() && last.predict(None).is_err());
+        assert_eq!(last.snapshot(), end);
+    }
+}
+
+/// Such odds that nothing is left of any place.
+#[test]
+fn answers_are_honest_where_doubles_end() {
+    let fit = json(Recognizer::from_distances(PLACES, Options::default()).unwrap().parameters());
+    let odds = &fit[fit.find(r#""odds":"#).unwrap()..];
+    let odds = &odds[..=odds.find('}').unwrap()];
+    let extreme =
+        r#""odds":{"version":1,"slope":100.0,"even":-100.0,"nothing":1e-12,"temperature":0.01}"#;
+    let mut fit = fit.replace(odds, extreme);
+    let lost = &fit[fit.find(r#""lost":"#).unwrap()..];
+    let lost = lost[..=lost.find('}').unwrap()].to_string();
+    fit = fit.replace(&lost, r#""lost":{"leave":1e-7,"back":1e-7,"near":0.0,"within":0}"#);
+    let fit: Parameters = serde_json::from_str(&fit).unwrap();
+    let recognizer = Recognizer::from_distances(PLACES, Options::default()).unwrap();
+    let recognizer = recognizer.with_parameters(fit).unwrap();
+    let row =
+        |k: usize| -> Vec<f32> { (0..PLACES).map(|i| 0.5 + 0.01 * ((i * k) % 7) as f32).collect() };
+    let mut track = recognizer.track();
+    for k in 1..20 {
+        let answer = track.step(&row(k), None).unwrap();
+        assert!(answer.probability <= 0.5, "{answer:?}");
+        let sum: f64 = track.places().as_slice().iter().sum();
+        assert!((sum - 1.0).abs() < 1e-9, "{sum}");
+    }
+    let mut other = recognizer.track();
+    other.restore(&track.snapshot()).unwrap();
+    assert_eq!(other.step(&row(3), None).unwrap(), track.step(&row(3), None).unwrap());
+}
+
+#[test]
+fn what_was_not_learned_is_refused() {
+    let known =
+        r#"{"version":1,"count":2.0,"sums":[0.5,-0.5],"squares":[1.0,2.0],"steps":[1.5,0.0]}"#;
+    assert_eq!(json(&serde_json::from_str::<Standardizer>(known).unwrap()), known);
+    let refused = |from: &str, to: &str, expected: &str| {
+        refuses::<Standardizer>(&known.replace(from, to), expected);
+    };
+    refused("2.0,\"", "-1,\"", "the number of queries is -1, expected from 0 to 1e15");
+    refused(
+        "[0.5,-0.5]",
+        "[0.5]",
+        "the number of sums of squares is 2, expected as many as sums of scores",
+    );
+    refused(
+        "[0.5,-0.5]",
+        "[0.5,1e18]",
+        &format!("a sum of scores is {}, expected from -1e17 to 1e17", 1e18),
+    );
+    refused("[1.0,2.0]", "[1.0,-2.0]", "a sum of squared scores is -2, expected from 0 to 1e35");
+    let steps = "the number of sums of steps is 1, expected as many as sums of scores";
+    refused("[1.5,0.0]", "[1.5]", steps);
+    refused("[1.5,0.0]", "[-1.5,0.0]", "a sum of squared steps is -1.5, expected from 0 to 1e35");
+    refused("[1.0,2.0]", "[1.0,null]", "invalid type: null, expected f64");
+    let none = r#"{"version":1,"count":0,"sums":[],"squares":[],"steps":[]}"#;
+    refuses::<Standardizer>(none, "the number of references is 0, expected at least 1");
+
+    let odds = json(&MatchOdds::default());
+    let refused = |from: &str, to: &str, expected: &str| {
+        assert!(odds.contains(from));
+        refuses::<MatchOdds>(&odds.replace(from, to), expected);
+    };
+    refused(
+        r#""temperature":1.8"#,
+        r#""temperature":0"#,
+        "the temperature is 0, expected from 0.01 to 1000",
+    );
+    refused(
+        r#""slope":2.0"#,
+        r#""slope":-1"#,
+        "the slope of the odds is -1, expected from 0 to 100",
+    );
+    refused("-1.15", "1e9", "the score with even odds is 1000000000, expected from -100 to 100");
+    refused(
+        r#""nothing":0.05"#,
+        r#""nothing":2"#,
+        "the probability that a frame says nothing is 2, expected from 1e-12 to 1",
+    );
+
+    let fit = json(fitted().0.parameters());
+    let refused = |from: &str, to: &str, expected: &str| {
+        assert!(fit.contains(from));
+        refuses::<Parameters>(&fit.replacen(from, to, 1), expected);
+    };
+    refused(r#""version":1"#, r#""version":2"#, "version 2, expected 1");
+    refused(
+        r#""view_fades":0.1"#,
+        r#""view_fades":-1"#,
+        "view_fades is -1, expected from 0 to 1e6",
+    );
+    let best = &fit[fit.find(r#""best_scores":"#).unwrap()..];
+    refused(
+        best,
+        r#""best_scores":[0,-1]}"#,
+        "the deviation of the best scores is -1, expected a finite value of at least 0",
+    );
+    refused(best, r#""best_scores":[0]}"#, "invalid length 1, expected an array of length 2");
+
+    let mut track = fitted().0.track();
+    answers(&mut track, &fitted().1[..3]);
+    let state = json(&track.snapshot());
+    let run = &state[state.find(r#""run":"#).unwrap()..];
+    let run = &run[..=run.find(']').unwrap()];
+    refuses::<TrackSnapshot>(
+        &state.replace(run, r#""run":["changed",0]"#),
+        "a run of 0 views, expected at least 1",
+    );
+
+    let part = |name: &str, end: char| {
+        let part = &state[state.find(&format!(r#""{name}":"#)).unwrap()..];
+        &part[..part.find(end).unwrap()]
+    };
+    let refused = |from: &str, to: &str, expected: &str| {
+        refuses::<TrackSnapshot>(&state.replacen(from, to, 1), expected);
+    };
+    let range = "an unchanged view by up to -1, expected from 0 to 2";
+    refused(part("still", ','), r#""still":-1"#, range);
+    let range = "a share of lingering views of 2, expected from 0 to 1";
+    refused(part("lingering", ','), r#""lingering":2"#, range);
+
+    // Rates are checked when a recogniser is made.
+    let fit: Parameters = serde_json::from_str(
+        &fit.replacen(r#""leave":0.00001"#, r#""leave":0"#, 1)
+            .replacen(r#""leave":1e-5"#, r#""leave":0"#, 1)
+            .replacen(r#""leave":0.002"#, r#""leave":0"#, 1),
+    )
+    .unwrap();
+    let message =
+        text(Recognizer::from_distances(PLACES, Options::default()).unwrap().with_parameters(fit));
+    assert_eq!(
+        message,
+        "the model of motion is not valid: the probability of leaving the map is 0, expected from 1e-30 to 1"
+    );
+    let wrong = OdometryModel { scale: 0.0, ..OdometryModel::default() };
+    assert_eq!(stored(&wrong), wrong);
+}
+
+proptest! {
+    #![proptest_config(cases_of(400))]
+
+    /// Whatever is changed in a file, there is an error or a track that goes on.
+    #[test]
+    fn damaged_fits_and_states_are_refused_or_valid(damage in damage(), stop in 0..40_usize) {
+        let (recognizer, queries) = fitted();
+        let mut track = recognizer.track();
+        answers(&mut track, &queries[..stop]);
+        if let Ok(state) = serde_json::from_str::<TrackSnapshot>(&damage.of(&json(&track.snapshot()))) {
+            let mut other = recognizer.track();
+            if other.restore(&state).is_ok() {
+                for query in &queries[stop..] {
+                    if let Ok(answer) = other.step(query, Some(1.0)) {
+                        prop_assert!((0.0..=1.0).contains(&answer.probability));
+                        prop_assert!((0.0..=1.0).contains(&answer.off_map));
+                    }
+                }
+            }
+        }
+        if let Ok(fit) = serde_json::from_str::<Parameters>(&damage.of(&json(recognizer.parameters())))
+            && let Ok(other) = recognizer.with_parameters(fit)
+        {
+            let mut track = other.track();
+            for query in queries {
+                if let Ok(answer) = track.step(query, Some(1.0)) {
+                    prop_assert!((0.0..=1.0).contains(&answer.probability));
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,140 @@
+//! A track over lost frames, after a relocation, and where doubles end.
+
+use wayfix::InferenceError;
+use wayfix::error::{At, Failed};
+use wayfix_recognition::observation::MatchOdds;
+use wayfix_recognition::{Options, RecognitionError, Recognizer};
+
+use super::{PLACES, options, recognizer, right, seen};
+
+#[test]
+fn lost_frames_are_steps_of_motion_alone() {
+    for off_map in [false, true] {
+        let (recognizer, world) = recognizer(100, off_map);
+        let drive: Vec<usize> = (10..60).collect();
+        let queries = seen(&world, &drive, 0.4, 101);
+        let mut track = recognizer.track();
+        let mut answers = Vec::new();
+        for (k, query) in queries.iter().enumerate() {
+            let lost = k > 20 && k % 10 < 4;
+            let answer = if lost { track.predict(Some(1.0)) } else { track.step(query, Some(1.0)) };
+            answers.push(answer.unwrap());
+            assert_eq!(track.steps(), k + 1);
+            let total: f64 = track.places().as_slice().iter().sum();
+            assert!((total - 1.0).abs() < 1e-9);
+        }
+        assert!(right(&answers[15..], &drive[15..]) >= 33);
+        let sum: f64 = answers.iter().map(|answer| answer.log_likelihood).sum();
+        assert!((sum - track.log_likelihood()).abs() < 1e-9);
+        // A step of which nothing is known is no evidence.
+        assert!(track.predict(None).unwrap().log_likelihood.abs() < 1e-12);
+        let before = track.snapshot();
+        for reading in [f64::NAN, 1e7] {
+            let error = track.predict(Some(reading)).unwrap_err();
+            let of_step = |e: &_| matches!(e, InferenceError::Control(At { number: 52, .. }));
+            assert!(
+                matches!(&error, RecognitionError::Inference(Failed { cause: e, .. }) if of_step(e)),
+                "{error}"
+            );
+            assert_eq!(track.snapshot(), before);
+        }
+        // It may begin with one, too.
+        let mut track = recognizer.track();
+        assert!(track.predict(Some(f64::NAN)).is_err());
+        track.predict(Some(1.0)).unwrap();
+        track.step(&queries[0], None).unwrap();
+    }
+}
+
+/// The view after lost frames has the frame before them, not the one of the step before, to
+/// be compared with.
+#[test]
+fn a_view_after_a_lost_frame_is_no_evidence_on_the_move() {
+    let (recognizer, world) = recognizer(110, false);
+    let drive: Vec<usize> = (10..40).collect();
+    let queries = seen(&world, &drive, 0.3, 111);
+    let mut blind = Options::default();
+    blind.use_views = false;
+    let blind =
+        recognizer.with_parameters(recognizer.parameters().clone().with_options(blind)).unwrap();
+    let (mut track, mut other) = (recognizer.track(), blind.track());
+    queries.iter().for_each(|query| _ = track.step(query, None).unwrap());
+    other.restore(&track.snapshot()).unwrap();
+    for track in [&mut track, &mut other] {
+        track.predict(None).unwrap();
+        track.step(&queries[29], None).unwrap();
+    }
+    assert_eq!(track.places().as_slice(), other.places().as_slice());
+}
+
+#[test]
+fn a_parked_vehicle_that_is_relocated_sees_again() {
+    let (recognizer, world) = recognizer(120, false);
+    let queries = seen(&world, &[70; 20], 0.3, 121);
+    let mut track = recognizer.track();
+    queries.iter().for_each(|query| _ = track.step(query, None).unwrap());
+    track.relocate();
+    let mut fresh = recognizer.track();
+    let (again, first) = (track.step(&queries[19], None).unwrap(), fresh.step(&queries[19], None));
+    let first = first.unwrap();
+    assert_eq!((again.place, first.place), (Some(70), Some(70)));
+    assert!(again.probability > 0.5 * first.probability, "{again:?} {first:?}");
+}
+
+#[test]
+fn a_vehicle_is_not_lost_all_the_time() {
+    let mut lost = options(false);
+    lost.lost.back = 1e-25;
+    let error = Recognizer::from_distances(3, lost).unwrap_err();
+    assert_eq!(
+        error.to_string(),
+        "the share of time for which it is lost is 1, expected at most 0.99"
+    );
+    // Where the map may be left, it is never lost.
+    let mut lost = options(true);
+    lost.lost.back = 1e-25;
+    assert!(Recognizer::from_distances(3, lost).is_ok());
+}
+
+#[test]
+fn single_images_have_no_temperature() {
+    let (recognizer, world) = recognizer(130, true);
+    let drive: Vec<usize> = (10..60).chain(PLACES..PLACES + 5).collect();
+    let queries = seen(&world, &drive, 0.5, 131);
+    let single = |temperature: f64, nothing: f64| {
+        let mut options = recognizer.options().clone();
+        options.odds = MatchOdds::default().with_temperature(temperature).unwrap();
+        options.odds = options.odds.with_nothing(nothing).unwrap();
+        let other = recognizer
+            .with_parameters(recognizer.parameters().clone().with_options(options))
+            .unwrap();
+        other.recording(&queries, &[]).unwrap().single()
+    };
+    for nothing in [1e-12, 0.1] {
+        let usual = single(2.5, nothing);
+        for temperature in [0.01, 0.3, 1000.0] {
+            let beliefs = single(temperature, nothing);
+            assert!(super::apart(&beliefs, &usual) < 1e-2);
+            for (a, b) in beliefs.answers().iter().zip(usual.answers()) {
+                assert!((a.log_likelihood - b.log_likelihood).abs() < 1e-2);
+                assert!(a.probability > 0.0 && a.probability <= 1.0);
+            }
+        }
+    }
+    // Surely off the map, and no place likelier than another.
+    let rows = Recognizer::from_distances(3, options(true)).unwrap();
+    let nowhere = rows.recording(&[[f32::INFINITY; 3]], &[]).unwrap().single();
+    assert_eq!(nowhere.mass(0, None), 1.0);
+    assert!(nowhere.answers()[0].log_likelihood.is_finite());
+}
+
+#[test]
+fn the_mass_of_no_place_is_zero() {
+    let (recognizer, world) = recognizer(140, false);
+    let recording = recognizer.recording(&seen(&world, &[3, 4], 0.5, 141), &[]).unwrap();
+    let beliefs = recording.filtered().unwrap();
+    assert_eq!(beliefs.mass(0, Some(&(PLACES..=PLACES + 3))).to_bits(), 0);
+    assert_eq!(beliefs.mass(9, Some(&(0..=3))).to_bits(), 0);
+    assert_eq!(recognizer.mass_near(&[], 3, 1).to_bits(), 0);
+    assert!(recognizer.mass_near(&[f64::NAN; 5], 3, 1).is_nan());
+}

@@ -1,0 +1,137 @@
+//! Mapping while driving: what is refused, and what is carried over.
+
+use wayfix::InferenceError;
+use wayfix::error::{At, Failed, Parameter};
+use wayfix::observation::ObservationError;
+use wayfix_recognition::motion::OffMap;
+use wayfix_recognition::observation::Distance;
+use wayfix_recognition::{Mapper, Options, RecognitionError};
+
+const LOOP: usize = 120;
+
+fn image(place: usize) -> Vec<f32> {
+    (1..17).map(|k| ((place * 16 + k).pow(2) as f32 * 0.37).sin()).collect()
+}
+
+#[test]
+fn what_is_no_descriptor_never_becomes_a_reference() {
+    let too_long = [f32::MAX; 16];
+    let cases: [(Distance, &[f32]); 5] = [
+        (Distance::Cosine, &[0.0; 16]),
+        (Distance::Euclidean, &too_long),
+        (Distance::Cosine, &[f32::NAN; 16]),
+        (Distance::Euclidean, &[]),
+        (Distance::Cosine, &[1.0; 3]),
+    ];
+    for (distance, wrong) in cases {
+        let mut mapper = Mapper::new(distance, Options::default()).unwrap();
+        let mut again = 0;
+        for step in 0..LOOP * 3 / 2 {
+            if step % 30 == 7 || (step == 0 && wrong.len() != 3) {
+                let before = mapper.references().len();
+                let error = mapper.step(wrong, None).unwrap_err();
+                match error {
+                    RecognitionError::Parameter(Parameter { what, .. }) => {
+                        assert_eq!((&*what, wrong), ("the length of a descriptor", &too_long[..]));
+                    }
+                    RecognitionError::Descriptor(At { number: at, .. }) => assert_eq!(at, step + 1),
+                    error => panic!("{error}"),
+                }
+                assert_eq!(mapper.references().len(), before);
+            }
+            let place = mapper.step(&image(step % LOOP), None).unwrap().and_then(|seen| seen.place);
+            again += u32::from(place.is_some_and(|place| place.abs_diff(step % LOOP) <= 2));
+        }
+        assert!(again > 30, "{distance:?} {again}");
+    }
+    let mut mapper = Mapper::new(Distance::Cosine, Options::default()).unwrap();
+    let error = mapper.step(&[0.0; 4], None).unwrap_err();
+    let zero = |source: &_| matches!(source, ObservationError::Zero { .. });
+    assert!(matches!(&error, RecognitionError::Descriptor(At { cause, .. }) if zero(cause)));
+    assert_eq!(
+        error.to_string(),
+        "the descriptor of the query of step 1 is not valid: query 0 is 0 in every element, so it \
+         has no cosine with another"
+    );
+}
+
+/// Of the same images no model can be made; that is no error.
+#[test]
+fn a_vehicle_that_stands_from_the_start_is_no_error() {
+    let mut options = Options::default();
+    options.view_threshold = 0.0;
+    let mut mapper = Mapper::new(Distance::Cosine, options).unwrap();
+    for _ in 0..120 {
+        mapper.step(&image(1), Some(0.0)).unwrap();
+    }
+}
+
+/// With odometry, noise in front of a red light makes no references.
+#[test]
+fn a_vehicle_that_stands_adds_no_references_by_odometry() {
+    let noisy = |place: usize, step: usize| -> Vec<f32> {
+        let noise = |k: usize| 0.02 * ((step * 31 + k * 17) as f32).sin();
+        image(place).iter().enumerate().map(|(k, x)| x + noise(k)).collect()
+    };
+    let count = |odometry: Option<f64>| {
+        let mut mapper = Mapper::new(Distance::Cosine, Options::default()).unwrap();
+        for step in 0..20 {
+            mapper.step(&noisy(step, step), Some(1.0)).unwrap();
+        }
+        for step in 20..45 {
+            mapper.step(&noisy(19, step), odometry).unwrap();
+        }
+        mapper.references().len()
+    };
+    assert!(count(Some(0.0)) == 20 && count(None) > 35);
+}
+
+/// Two tunnels look alike, but nothing after them does.
+#[test]
+fn a_dark_stretch_like_another_is_no_place_seen_before() {
+    let dark = |step: usize| -> Vec<f32> {
+        (0..16).map(|k| 0.3 + 0.01 * ((step * 13 + k * 7) as f32).sin()).collect()
+    };
+    let light = |step: usize| -> Vec<f32> {
+        let scrambled = |k: usize| (step * 16 + k + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 40;
+        (0..16).map(|k| (scrambled(k) * scrambled(k) % 1009) as f32 / 1009.0).collect()
+    };
+    let mut mapper = Mapper::new(Distance::Euclidean, Options::default()).unwrap();
+    for step in 0..300 {
+        let is_dark = (60..72).contains(&step) || (200..212).contains(&step);
+        let view = if is_dark { dark(step) } else { light(step) };
+        let seen = mapper.step(&view, None).unwrap();
+        assert!(seen.is_none(), "{step}: {seen:?}");
+    }
+}
+
+#[test]
+fn options_and_readings_are_checked_from_the_start() {
+    let with = |change: &dyn Fn(&mut Options)| {
+        let mut options = Options::default();
+        change(&mut options);
+        Mapper::new(Distance::Cosine, options).unwrap_err().to_string()
+    };
+    let never = Some(OffMap { leave: 0.0, ..OffMap::default() });
+    let start = "the model of motion is not valid: the ";
+    assert!(with(&|options| options.off_map = never).starts_with(start));
+    assert!(with(&|options| options.odometry.scale = 0.0).starts_with(start));
+    assert!(with(&|options| options.views.moved = 0.0).starts_with("the model of motion"));
+    assert!(with(&|options| options.lost_odds = 2.0).starts_with("lost_odds is 2"));
+
+    let made = Mapper::new(Distance::Cosine, Options::default()).unwrap();
+    let mut mapper = made.with_gap(usize::MAX);
+    for step in 0..100 {
+        for reading in [f64::NAN, f64::INFINITY, 1e7] {
+            let error = mapper.step(&image(step), Some(reading)).unwrap_err();
+            let names = |e: &_| matches!(e, InferenceError::Control(At { number: at, .. }) if *at == step + 1);
+            assert!(
+                matches!(&error, RecognitionError::Inference(Failed { cause: e, .. }) if names(e)),
+                "{error}"
+            );
+        }
+        assert_eq!(mapper.references().len(), step);
+        assert_eq!(mapper.step(&image(step), Some(1.0)).unwrap(), None);
+        assert_eq!(mapper.references().len(), step + 1);
+    }
+}

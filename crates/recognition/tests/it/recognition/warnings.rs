@@ -1,0 +1,334 @@
+//! Warnings of a fit, of a recording and of a track.
+
+use std::ops::RangeInclusive;
+
+use wayfix_recognition::observation::Distance;
+use wayfix_recognition::{LabelledPart, Recognizer, Warning};
+
+use super::{PLACES, labels, options, recognizer, seen, usual_drive};
+use crate::kit::noise;
+
+#[test]
+fn warnings_are_given_where_they_should_be() {
+    let (recognizer, world) = recognizer(70, false);
+    let drive = usual_drive();
+    let queries = seen(&world, &drive, 0.5, 71);
+    let places = labels(&drive);
+    let part = LabelledPart { queries: &queries, places: &places, odometry: &[] };
+    let fitted = recognizer.fit(&[part]).unwrap();
+    assert!(fitted.parameters().doubts().iter().all(|w| matches!(w, Warning::Edge { .. })));
+    assert_eq!(fitted.parameters().temperature_scores().len(), 5);
+
+    // Labels of other places, near the right ones.
+    let contradicted = |shift: usize| {
+        let places: Vec<_> = places.iter().flatten().map(|place| place.end() - shift).collect();
+        let places: Vec<_> = places.iter().map(|at| Some(*at..=*at)).collect();
+        let part = LabelledPart { queries: &queries, places: &places, odometry: &[] };
+        let fitted = recognizer.fit(&[part]).unwrap();
+        let is = |w: &Warning| matches!(w, Warning::Contradicted { share } if *share > 0.6);
+        fitted.parameters().doubts().iter().any(is)
+    };
+    assert!(!contradicted(0) && [3, 6, 10].into_iter().all(contradicted));
+
+    let part = LabelledPart { queries: &queries[..12], places: &places[..12], odometry: &[] };
+    let few = recognizer.fit(&[part]).unwrap();
+    assert!(few.parameters().doubts().contains(&Warning::Short { steps: 12 }));
+
+    // Similarities that were taken for distances.
+    let cosine = |a: &[f32], b: &[f32]| {
+        let dot = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>();
+        dot(a, b) / (dot(a, a) * dot(b, b)).sqrt()
+    };
+    let row = |query: &Vec<f32>| -> Vec<f32> {
+        world[..PLACES].iter().map(|reference| cosine(query, reference)).collect()
+    };
+    let rows: Vec<Vec<f32>> = queries.iter().map(row).collect();
+    let matrix = Recognizer::from_distances(PLACES, options(false)).unwrap();
+    let part = LabelledPart { queries: &rows, places: &places, odometry: &[] };
+    let wrong = matrix.fit(&[part]).unwrap();
+    let chance = wrong
+        .parameters()
+        .doubts()
+        .iter()
+        .any(|w| matches!(w, Warning::Chance { rank } if *rank > 0.5));
+    assert!(chance, "{:?}", wrong.parameters().doubts());
+    assert!(wrong.parameters().doubts()[0].to_string().contains("similarities and distances"));
+    let rows: Vec<Vec<f32>> = rows.iter().map(|row| row.iter().map(|s| -s).collect()).collect();
+    let part = LabelledPart { queries: &rows, places: &places, odometry: &[] };
+    let fine = matrix.fit(&[part]).unwrap();
+    assert!(!fine.parameters().doubts().iter().any(|w| matches!(w, Warning::Chance { .. })));
+}
+
+fn chance(recognizer: &Recognizer) -> bool {
+    recognizer.parameters().doubts().iter().any(|w| matches!(w, Warning::Chance { .. }))
+}
+
+/// Of seven references one is nearest by chance, too.
+#[test]
+fn chance_is_seen_with_labels_that_are_ranges() {
+    let drive: Vec<usize> = (3..117).collect();
+    let (recognizer, world) = recognizer(150, false);
+    let good = seen(&world, &drive, 0.5, 151);
+    let other = seen(&super::world(152), &drive, 0.5, 153);
+    let places: Vec<Option<RangeInclusive<usize>>> =
+        drive.iter().map(|place| Some(place - 3..=(place + 3).min(PLACES - 1))).collect();
+    let fit = |queries: &[Vec<f32>]| {
+        recognizer.fit(&[LabelledPart { queries, places: &places, odometry: &[] }]).unwrap()
+    };
+    assert!(chance(&fit(&other)));
+    let exact = labels(&drive);
+    let part = LabelledPart { queries: &good, places: &exact, odometry: &[] };
+    assert!(!chance(&recognizer.fit(&[part]).unwrap()));
+    let rows = vec![[0.5; PLACES]; drive.len()];
+    let matrix = Recognizer::from_distances(PLACES, options(false)).unwrap();
+    let part = LabelledPart { queries: &rows, places: &places, odometry: &[] };
+    assert!(chance(&matrix.fit(&[part]).unwrap()));
+}
+
+#[test]
+fn odometry_in_another_unit_is_seen() {
+    let drive = usual_drive();
+    let (recognizer, world) = recognizer(160, false);
+    let queries = seen(&world, &drive, 0.5, 161);
+    let places = labels(&drive);
+    let warned = |unit: f64, error: f32| {
+        let noise = noise(drive.len(), 162);
+        let moved = |at: usize| drive[at] as f64 - drive[at.saturating_sub(1)] as f64;
+        let odometry: Vec<Option<f64>> = (0..drive.len())
+            .map(|at| Some(unit * moved(at) + f64::from(error * noise[at])))
+            .collect();
+        let part = LabelledPart { queries: &queries, places: &places, odometry: &odometry };
+        let fitted = recognizer.fit(&[part]).unwrap();
+        let warnings = fitted.parameters().doubts().to_vec();
+        warnings.iter().any(|w| matches!(w, Warning::Odometry { .. }))
+    };
+    assert!(!warned(1.0, 0.0) && !warned(1.04, 0.3));
+    assert!(warned(5.0, 0.1) && warned(0.3, 0.1) && warned(1.0, 5.0) && warned(-1.0, 0.1));
+}
+
+#[test]
+fn labels_off_the_map_that_are_not_learned_from_are_told() {
+    let drive: Vec<usize> = (10..50).chain(PLACES..PLACES + 20).chain(50..80).collect();
+    let places = labels(&drive);
+    for off_map in [false, true] {
+        let (recognizer, world) = recognizer(170, off_map);
+        let queries = seen(&world, &drive, 0.5, 171);
+        let part = LabelledPart { queries: &queries, places: &places, odometry: &[] };
+        let fitted = recognizer.fit(&[part]).unwrap();
+        let told = fitted.parameters().doubts().contains(&Warning::OffMap { steps: 20 });
+        assert_eq!(told, !off_map);
+    }
+}
+
+fn doubts(recognizer: &Recognizer, queries: &[Vec<f32>], odometry: &[Option<f64>]) -> Vec<Warning> {
+    recognizer.recording(queries, odometry).unwrap().doubts()
+}
+
+/// All doubts of a track in the course of a drive.
+fn live(recognizer: &Recognizer, queries: &[Vec<f32>], odometry: &[Option<f64>]) -> Vec<Warning> {
+    let mut track = recognizer.track();
+    let mut all = Vec::new();
+    for (at, query) in queries.iter().enumerate() {
+        track.step(query, odometry.get(at).copied().flatten()).unwrap();
+        all.extend(track.doubts());
+    }
+    all
+}
+
+/// To the last place and back, so many times.
+fn there_and_back(times: usize) -> Vec<usize> {
+    let once = (0..PLACES).chain((0..PLACES - 1).rev());
+    (0..times).flat_map(|_| once.clone()).collect()
+}
+
+#[test]
+fn a_recording_that_matches_nothing_is_told() {
+    let drive = there_and_back(1);
+    for seed in 0..3 {
+        let (recognizer, world) = recognizer(180 + seed, false);
+        let doubts = |queries: &[Vec<f32>]| doubts(&recognizer, queries, &[]);
+        assert_eq!(doubts(&seen(&world, &drive, 0.5, 190)), []);
+        let elsewhere = seen(&super::world(200 + seed), &drive, 0.5, 191);
+        let told = |queries: &[Vec<f32>], expected: usize| {
+            let found = doubts(queries);
+            let [Warning::Nothing { mean, step, frames }] = found[..] else { panic!("{found:?}") };
+            assert!(mean < -0.25 && (frames..=queries.len()).contains(&step));
+            assert_eq!(frames, expected);
+        };
+        told(&elsewhere, 200);
+        told(&elsewhere[..100], 100);
+        assert_eq!(doubts(&elsewhere[..40]), []);
+        let blank: Vec<Vec<f32>> =
+            noise(24 * drive.len(), 192).chunks(24).map(<[f32]>::to_vec).collect();
+        told(&blank, 200);
+        // Where the map may be left, the answers tell.
+        let made = Recognizer::from_descriptors(&world[..PLACES], Distance::Cosine, options(true));
+        assert_eq!(made.unwrap().recording(&elsewhere, &[]).unwrap().doubts(), []);
+    }
+}
+
+#[test]
+fn a_vehicle_that_is_faster_than_the_speeds_is_told() {
+    let (recognizer, world) = recognizer(81, false);
+    let fastest = recognizer.options().speeds.values().iter().copied().fold(0.0, f64::max);
+    for (speed, seed) in (1..9).zip(82..) {
+        let drive: Vec<usize> = (0..PLACES).step_by(speed).collect();
+        let found = doubts(&recognizer, &seen(&world, &drive, 0.3, seed), &[]);
+        let fast = found.iter().find_map(|doubt| match doubt {
+            Warning::Fast { moved, fastest } => Some((*moved, *fastest)),
+            _ => None,
+        });
+        let is_fast = speed as f64 > fastest + 0.5 && drive.len() > 20;
+        assert_eq!(fast, is_fast.then_some((speed as f64, fastest)), "{speed} {found:?}");
+    }
+    // Odometry says how far it goes, and noise goes nowhere.
+    let drive: Vec<usize> = (0..PLACES).step_by(5).collect();
+    let queries = seen(&world, &drive, 0.3, 91);
+    let readings = vec![Some(5.0); queries.len()];
+    let is_fast = |doubts: &[Warning]| doubts.iter().any(|w| matches!(w, Warning::Fast { .. }));
+    assert!(!is_fast(&doubts(&recognizer, &queries, &readings)));
+    let elsewhere: Vec<Vec<f32>> = (0..100).map(|at| noise(world[0].len(), 92 + at)).collect();
+    assert!(!is_fast(&doubts(&recognizer, &elsewhere, &[])));
+}
+
+/// Rows of distances, to each of which the same large offset is added: so a few references are
+/// always nearest, and all views look alike.
+fn rows(world: &[Vec<f32>], queries: &[Vec<f32>], offset: f32) -> Vec<Vec<f32>> {
+    let offsets = noise(PLACES, 220);
+    let distance = |a: &[f32], b: &[f32]| -> f32 {
+        a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f32>().sqrt()
+    };
+    let row = |query: &Vec<f32>| -> Vec<f32> {
+        let pairs = world[..PLACES].iter().zip(&offsets);
+        pairs.map(|(reference, o)| distance(query, reference) + offset * o).collect()
+    };
+    queries.iter().map(row).collect()
+}
+
+#[test]
+fn views_that_are_all_alike_are_told() {
+    let world = super::world(221);
+    let matrix = Recognizer::from_distances(PLACES, options(false)).unwrap();
+    let unchanged = |drive: &[usize], offset: f32| {
+        let rows = rows(&world, &seen(&world, drive, 0.5, 222), offset);
+        let told = |doubts: &[Warning]| {
+            doubts.iter().any(|doubt| matches!(doubt, Warning::Unchanged { .. }))
+        };
+        let by = [doubts(&matrix, &rows, &[]), live(&matrix, &rows, &[])].map(|d| told(&d));
+        assert_eq!(by[0], by[1]);
+        by[0]
+    };
+    let drive = there_and_back(1);
+    for offset in [20.0, 100.0, 1000.0] {
+        assert!(unchanged(&drive, offset), "{offset}");
+    }
+    assert!(!unchanged(&drive, 0.0) && !unchanged(&usual_drive(), 0.0));
+    // A vehicle that stands for most of the time.
+    let stands: Vec<usize> = (0..120).chain([119; 250]).chain((30..119).rev()).collect();
+    assert!(!unchanged(&stands, 0.0));
+    // Repeated exactly.
+    let queries = seen(&world, &drive, 0.5, 223);
+    let twice: Vec<Vec<f32>> = queries.iter().flat_map(|query| vec![query.clone(); 3]).collect();
+    let rows = rows(&world, &twice, 0.0);
+    assert_eq!((doubts(&matrix, &rows, &[]), live(&matrix, &rows, &[])), (vec![], vec![]));
+    let text = Warning::Unchanged { unchanged: 0.9, repeated: 0.0 }.to_string();
+    assert!(text.starts_with("90% of recent views"), "{text}");
+}
+
+#[test]
+fn scores_that_are_worse_than_the_nearest_image_are_told() {
+    let (recognizer, world) = recognizer(230, false);
+    let nearest = |drive: &[usize]| {
+        let queries = seen(&world, drive, 0.8, 231);
+        let places = labels(drive);
+        let part = LabelledPart { queries: &queries, places: &places, odometry: &[] };
+        let fitted = recognizer.fit(&[part]).unwrap();
+        let doubts = fitted.parameters().doubts().to_vec();
+        doubts.iter().any(|doubt| matches!(doubt, Warning::Nearest { .. }))
+    };
+    assert!(!nearest(&there_and_back(1)) && !nearest(&usual_drive()));
+    // References that are seen most of the time are taken for ones that look like everything.
+    let shuttle: Vec<usize> = (0..200).map(|k| [40, 43][k % 2]).collect();
+    assert!(nearest(&shuttle));
+}
+
+#[test]
+fn queries_unlike_the_labelled_ones_are_told() {
+    let (recognizer, world) = recognizer(240, false);
+    let drive = there_and_back(2);
+    let third = drive.len() / 3;
+    let unlike = |labelled: f32, noise: f32| {
+        let queries = seen(&world, &drive, labelled, 241);
+        let places = labels(&drive);
+        let (queries, places) = (&queries[..third], &places[..third]);
+        let fitted = recognizer.fit(&[LabelledPart { queries, places, odometry: &[] }]).unwrap();
+        let rest = seen(&world, &drive[third..], noise, 242);
+        let doubts = doubts(&fitted, &rest, &[]);
+        doubts.iter().any(|doubt| matches!(doubt, Warning::Unlike { .. }))
+    };
+    assert!(!unlike(0.7, 0.7) && !unlike(0.2, 0.2));
+    assert!(unlike(0.05, 1.0) && unlike(1.0, 0.05));
+}
+
+/// Images of a detour match nothing, which says nothing of the others.
+#[test]
+fn queries_off_the_map_are_not_unlike() {
+    let unlike = |off_map: bool| {
+        let (recognizer, world) = recognizer(245, off_map);
+        let drive: Vec<usize> = (10..60).chain(PLACES..PLACES + 40).chain(60..110).collect();
+        let places = labels(&drive);
+        let queries = seen(&world, &drive, 0.5, 246);
+        let part = LabelledPart { queries: &queries[..50], places: &places[..50], odometry: &[] };
+        let fitted = recognizer.fit(&[part]).unwrap();
+        let doubts = doubts(&fitted, &queries[50..], &[]);
+        doubts.iter().any(|doubt| matches!(doubt, Warning::Unlike { .. }))
+    };
+    assert!(!unlike(true) && unlike(false));
+}
+
+#[test]
+fn stuck_odometry_is_told() {
+    let (recognizer, world) = recognizer(250, false);
+    // One place a step, a stop, and two.
+    let leg = || (0..PLACES).chain([PLACES - 1; 80]).chain((0..PLACES).rev().step_by(2));
+    let drive: Vec<usize> = leg().chain(leg()).collect();
+    let queries = seen(&world, &drive, 0.5, 251);
+    let error = noise(drive.len(), 252);
+    let moved = |at: usize| drive[at] as f64 - drive[at.saturating_sub(1)] as f64;
+    let healthy: Vec<Option<f64>> =
+        (0..drive.len()).map(|at| Some(moved(at) + 0.2 * f64::from(error[at]))).collect();
+    let stuck = |doubts: &[Warning]| doubts.iter().any(|d| matches!(d, Warning::Stuck { .. }));
+    let still = |doubts: &[Warning]| doubts.iter().any(|d| matches!(d, Warning::Still { .. }));
+    let exact: Vec<Option<f64>> = (0..drive.len()).map(|at| Some(moved(at))).collect();
+    for odometry in [&healthy, &exact] {
+        for doubts in
+            [doubts(&recognizer, &queries, odometry), live(&recognizer, &queries, odometry)]
+        {
+            assert!(!stuck(&doubts) && !still(&doubts), "{doubts:?}");
+        }
+    }
+    for value in [0.0, 1.0, -2.0, 3.0] {
+        let mut odometry = healthy.clone();
+        odometry[50..].fill(Some(value));
+        let found = doubts(&recognizer, &queries, &odometry);
+        assert!(stuck(&found), "{value}: {found:?}");
+        assert!(stuck(&live(&recognizer, &queries, &odometry)), "{value}");
+        assert!(found.iter().any(|doubt| doubt.to_string().contains("is it stuck?")));
+    }
+    // At one speed all along, while the vehicle drives at another.
+    let drive = there_and_back(1);
+    let queries = seen(&world, &drive, 0.5, 253);
+    let constant = |speed: f64| vec![Some(speed); PLACES - 1];
+    let (ahead, ahead_twice) = (constant(1.0), constant(2.0));
+    let queries_ahead = &queries[..PLACES - 1];
+    assert!(!stuck(&doubts(&recognizer, queries_ahead, &ahead)));
+    assert!(stuck(&doubts(&recognizer, queries_ahead, &ahead_twice)));
+    // A camera that is stuck.
+    let mut frozen = queries.clone();
+    let last = frozen[60].clone();
+    frozen[60..].fill(last);
+    let odometry: Vec<Option<f64>> =
+        (0..drive.len()).map(|at| Some(1.0 + 0.2 * f64::from(error[at]))).collect();
+    assert!(still(&doubts(&recognizer, &frozen, &odometry)));
+    assert!(still(&live(&recognizer, &frozen, &odometry)));
+}

@@ -1,0 +1,100 @@
+//! Comparisons of numbers and of results.
+
+use std::convert::Infallible;
+use std::fmt::Debug;
+use std::ops::ControlFlow;
+
+use proptest::prelude::*;
+use proptest::test_runner::TestCaseResult;
+use wayfix::InferenceError;
+use wayfix::inference::SequenceError;
+
+use super::NEVER;
+
+/// Equal, but for this part of the expected value, or of `floor` if that is more.
+#[track_caller]
+pub fn close(found: f64, expected: f64, tolerance: f64, floor: f64) -> TestCaseResult {
+    let within = (found - expected).abs() <= tolerance * expected.abs().max(floor);
+    if found == expected || within {
+        return Ok(());
+    }
+    let place = std::panic::Location::caller();
+    Err(TestCaseError::fail(format!("found {found:e}, expected {expected:e}, at {place}")))
+}
+
+/// Equal logarithms: but for this part of them, or of 1.
+#[track_caller]
+pub fn close_logs(found: f64, expected: f64, tolerance: f64) -> TestCaseResult {
+    close(found, expected, tolerance, 1.0)
+}
+
+/// [`close`], number by number.
+#[track_caller]
+pub fn all_close(found: &[f64], expected: &[f64], tolerance: f64, floor: f64) -> TestCaseResult {
+    prop_assert_eq!(found.len(), expected.len());
+    for (&found, &expected) in found.iter().zip(expected) {
+        close(found, expected, tolerance, floor)?;
+    }
+    Ok(())
+}
+
+/// The bits of numbers, for comparisons that tell 0 from −0.
+pub fn bits(values: &[f64]) -> Vec<u64> {
+    values.iter().map(|value| value.to_bits()).collect()
+}
+
+/// ln Σ exp.
+pub fn log_sum(terms: impl Iterator<Item = f64> + Clone) -> f64 {
+    let largest = terms.clone().fold(NEVER, f64::max);
+    if largest == NEVER {
+        return NEVER;
+    }
+    largest + terms.map(|term| (term - largest).exp()).sum::<f64>().ln()
+}
+
+/// ln(e^sum + e^log), into the first.
+pub fn log_add(sum: &mut f64, log: f64) {
+    let (high, low) = if *sum > log { (*sum, log) } else { (log, *sum) };
+    *sum = if low == NEVER { high } else { high + (low - high).exp().ln_1p() };
+}
+
+/// Results of many sequences against those of each by itself: near ones, or the same
+/// error with the number of its sequence.
+pub fn same_results<R: Debug>(
+    many: &[Result<R, SequenceError>],
+    count: usize,
+    one: impl Fn(usize) -> Result<R, InferenceError>,
+    near: impl Fn(&R, &R) -> bool,
+) -> TestCaseResult {
+    prop_assert_eq!(many.len(), count);
+    for (index, found) in many.iter().enumerate() {
+        match (found, one(index)) {
+            (Ok(found), Ok(expected)) => {
+                prop_assert!(near(found, &expected), "{index}: {found:?}, expected {expected:?}");
+            }
+            (Err(found), Err(expected)) => {
+                prop_assert_eq!(found.sequence, index);
+                prop_assert_eq!(found.source.to_string(), expected.to_string());
+            }
+            (found, expected) => prop_assert!(false, "{found:?}, expected {expected:?}"),
+        }
+    }
+    Ok(())
+}
+
+/// Visitor of all results.
+pub type Visit<'a, R> =
+    &'a mut dyn FnMut(usize, Result<R, SequenceError>) -> ControlFlow<Infallible>;
+
+/// The results that a routine passes to a visitor, in order.
+pub fn visited<R>(
+    map_all: impl FnOnce(Visit<'_, R>) -> ControlFlow<Infallible>,
+) -> Vec<Result<R, SequenceError>> {
+    let mut results = Vec::new();
+    let ControlFlow::Continue(()) = map_all(&mut |index, result| {
+        assert_eq!(index, results.len());
+        results.push(result);
+        ControlFlow::Continue(())
+    });
+    results
+}
