@@ -6,11 +6,8 @@ use std::path::{Path, PathBuf};
 
 use crate::error::{FleetError, Outcome};
 use crate::input::files::{InputFile, InputFiles};
-use crate::job::{Job, Progress, Summary};
-use crate::model::Model;
-use crate::overwrite;
-use crate::partial::beside;
-use crate::run::{Target, run_into};
+use crate::job::{Job, Progress, Summary, Target};
+use crate::overwrite::{self, beside};
 
 /// True for a folder that exists, or a name that ends with a slash.
 pub(crate) fn is_folder(output: &Path) -> bool {
@@ -36,9 +33,9 @@ pub(crate) fn outside(files: &InputFiles, result: &Path) -> Outcome<()> {
 /// Runs over each file by itself.
 pub(crate) fn run(
     job: &Job,
-    model: &Model,
     files: &InputFiles,
     progress: &mut dyn FnMut(&Progress),
+    run_into: impl Fn(&InputFiles, Target<'_>, &mut dyn FnMut(&Progress)) -> Outcome<Summary>,
 ) -> Outcome<Summary> {
     let mut made: HashMap<PathBuf, &InputFile> = HashMap::new();
     for file in &files.files {
@@ -66,7 +63,7 @@ pub(crate) fn run(
         let one =
             InputFiles { files: vec![file.clone()], folders: Vec::new(), is_one: files.is_one };
         let mut last = Progress::default();
-        let done = run_into(job, model, &one, target, &mut |state| {
+        let done = run_into(&one, target, &mut |state| {
             last = *state;
             progress(&Progress {
                 rows: before.rows + state.rows,

@@ -1,6 +1,6 @@
 //! A routine over files of drives: its settings, its state and its outcome.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use arrow_schema::DataType;
 use serde_json::{Value, json};
@@ -65,6 +65,15 @@ impl Job {
             "compression": format!("{:?}", self.pack),
         })
     }
+}
+
+/// Files of the results of some files.
+#[derive(Clone, Copy)]
+pub(crate) struct Target<'a> {
+    pub(crate) output: &'a Path,
+    pub(crate) left_out: Option<&'a Path>,
+    /// True if rows have the name of the file that they come from.
+    pub(crate) has_names: bool,
 }
 
 /// State of a run.

@@ -6,16 +6,18 @@
 //! parts it stands for.
 
 use std::fs::{self, File, OpenOptions, TryLockError};
+use std::hash::Hasher;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use twox_hash::XxHash3_64;
 
 use crate::checksum;
 use crate::error::{FleetError, Outcome};
 use crate::input::pieces::Piece;
-use crate::partial::beside;
+use crate::overwrite::beside;
 
 /// A complete part: row groups of the output, of a query any number, else one.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -136,6 +138,33 @@ impl Journal {
         self.file.seek(SeekFrom::Start(length)).map_err(&wrong)?;
         Ok(())
     }
+}
+
+/// Number of parts, from the first, whose bytes are as they were written.
+pub(crate) fn intact(
+    file: &mut File,
+    parts: impl Iterator<Item = (u64, u64)>,
+) -> io::Result<usize> {
+    file.seek(SeekFrom::Start(0))?;
+    let (mut start, mut number, mut buffer) = (0, 0, vec![0; 1 << 20]);
+    for (end, written) in parts {
+        let mut hash = XxHash3_64::default();
+        let mut left: u64 = end.saturating_sub(start);
+        while left > 0 {
+            let most = buffer.len().min(usize::try_from(left).unwrap_or(usize::MAX));
+            let read = file.read(&mut buffer[..most])?;
+            if read == 0 {
+                return Ok(number);
+            }
+            hash.write(&buffer[..read]);
+            left -= read as u64;
+        }
+        if hash.finish() != written {
+            return Ok(number);
+        }
+        (start, number) = (end, number + 1);
+    }
+    Ok(number)
 }
 
 /// Opens a file that one run at a time may write to, or creates it. Its lock is held as long as the

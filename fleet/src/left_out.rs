@@ -13,8 +13,8 @@ use twox_hash::XxHash3_64;
 
 use crate::error::{FleetError, Outcome};
 use crate::input::Invalid;
-use crate::journal::{Part, open_locked};
-use crate::partial::{beside, intact};
+use crate::journal::{Part, intact, open_locked};
+use crate::overwrite::beside;
 
 /// A file of drives that are left out, under construction.
 pub(crate) struct LeftOut {

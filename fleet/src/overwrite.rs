@@ -5,7 +5,6 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::error::{FleetError, Outcome};
-use crate::partial::beside;
 use crate::storage;
 
 /// Endings of an output and of the files that commands write beside it.
@@ -22,6 +21,13 @@ const ENDINGS: [&str; 11] = [
     ".iteration",
     ".iteration.new",
 ];
+
+/// Name of a file beside the output.
+pub(crate) fn beside(output: &Path, ending: &str) -> PathBuf {
+    let mut name = output.as_os_str().to_owned();
+    name.push(ending);
+    PathBuf::from(name)
+}
 
 /// Refuses outputs that are also read, whatever their paths: by another spelling, or through a link.
 ///

@@ -13,11 +13,11 @@ use crate::input::files::{InputFiles, find};
 use crate::input::invalid::halves;
 use crate::input::source::Source;
 use crate::input::{Drives, Form, Invalid};
-use crate::job::{Job, Progress, Summary};
+use crate::job::{Job, Progress, Summary, Target};
 use crate::model::Model;
 use crate::names::{hashes, named, with_file};
 use crate::output::{self, Batch, Results, Table};
-use crate::overwrite::{self, is_same};
+use crate::overwrite::{self, beside, is_same};
 use crate::partial::{Opened, Partial, Plan};
 use crate::pipeline;
 use crate::properties::properties;
@@ -51,7 +51,9 @@ pub fn run(job: &Job, mut progress: impl FnMut(&Progress)) -> Outcome<Summary> {
         return Err(FleetError::Settings(message.to_owned()));
     }
     if folder::is_folder(&job.output) {
-        return folder::run(job, &model, &files, &mut progress);
+        return folder::run(job, &files, &mut progress, |one, target, progress| {
+            run_into(job, &model, one, target, progress)
+        });
     }
     overwrite::refuse(results().map(PathBuf::as_path), files.read_with(&job.model))?;
     let has_names = !files.is_one;
@@ -59,16 +61,7 @@ pub fn run(job: &Job, mut progress: impl FnMut(&Progress)) -> Outcome<Summary> {
     run_into(job, &model, &files, out, &mut progress)
 }
 
-/// Files of the results of some files.
-#[derive(Clone, Copy)]
-pub(crate) struct Target<'a> {
-    pub(crate) output: &'a Path,
-    pub(crate) left_out: Option<&'a Path>,
-    /// True if rows have the name of the file that they come from.
-    pub(crate) has_names: bool,
-}
-
-pub(crate) fn run_into(
+fn run_into(
     job: &Job,
     model: &Model,
     files: &InputFiles,
@@ -215,7 +208,7 @@ fn finished(
     source: &Source<'_>,
     names: u64,
 ) -> Outcome<Option<[u64; 4]>> {
-    if job.start.force || !output.is_file() || crate::partial::beside(output, ".journal").exists() {
+    if job.start.force || !output.is_file() || beside(output, ".journal").exists() {
         return Ok(None);
     }
     let found = Finished::read(output)?;

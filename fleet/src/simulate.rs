@@ -18,8 +18,7 @@ use wayfix::{Hmm, TableLikelihood, TransitionEntries};
 use crate::error::{FleetError, Outcome};
 use crate::journal::open_locked;
 use crate::model::{Model, with_hmm};
-use crate::overwrite;
-use crate::partial::beside;
+use crate::overwrite::{self, beside};
 use crate::sensor::{Kind, Sensor};
 
 /// Steps of a row group, if drives are not longer.

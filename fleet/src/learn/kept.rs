@@ -13,7 +13,7 @@ use super::Course;
 use crate::checksum;
 use crate::error::{FleetError, Outcome};
 use crate::journal::Lock;
-use crate::partial::beside;
+use crate::overwrite::beside;
 
 /// State of an unfinished run, after a re-estimation.
 #[derive(Serialize, Deserialize)]

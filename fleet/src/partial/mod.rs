@@ -29,7 +29,7 @@ use crate::journal::{Journal, Part};
 use crate::left_out::LeftOut;
 use crate::row_groups::{append, footer, hex};
 use crate::spool::{Disk, Spool};
-pub(crate) use open::{Opened, Plan, intact};
+pub(crate) use open::{Opened, Plan};
 
 /// Way to begin an output.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -58,13 +58,6 @@ pub(crate) struct Partial {
     /// Last piece that is noted, and the hash of all up to it.
     noted: (Option<(usize, u64)>, Digest),
     settings: Value,
-}
-
-/// Name of a file beside the output.
-pub(crate) fn beside(output: &Path, ending: &str) -> PathBuf {
-    let mut name = output.as_os_str().to_owned();
-    name.push(ending);
-    PathBuf::from(name)
 }
 
 impl Partial {

@@ -1,8 +1,7 @@
 //! Ways to begin an output: from nothing, or after the parts that are complete.
 
-use std::fs::{File, OpenOptions};
-use std::hash::Hasher;
-use std::io::{self, Read, Seek, SeekFrom};
+use std::fs::OpenOptions;
+use std::io::{Seek, SeekFrom};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -13,12 +12,13 @@ use parquet::file::properties::WriterProperties;
 use serde_json::Value;
 use twox_hash::XxHash3_64;
 
-use super::{Partial, Start, beside, note};
+use super::{Partial, Start, note};
 use crate::error::{FleetError, Outcome};
 use crate::finished::Finished;
 use crate::input::pieces::{Digest, Pieces};
-use crate::journal::Journal;
+use crate::journal::{Journal, intact};
 use crate::left_out::LeftOut;
+use crate::overwrite::beside;
 use crate::row_groups::replay;
 use crate::spool::{Disk, Spool};
 
@@ -143,31 +143,4 @@ impl Partial {
             settings,
         })))
     }
-}
-
-/// Number of parts, from the first, whose bytes are as they were written.
-pub(crate) fn intact(
-    file: &mut File,
-    parts: impl Iterator<Item = (u64, u64)>,
-) -> io::Result<usize> {
-    file.seek(SeekFrom::Start(0))?;
-    let (mut start, mut number, mut buffer) = (0, 0, vec![0; 1 << 20]);
-    for (end, written) in parts {
-        let mut hash = XxHash3_64::default();
-        let mut left: u64 = end.saturating_sub(start);
-        while left > 0 {
-            let most = buffer.len().min(usize::try_from(left).unwrap_or(usize::MAX));
-            let read = file.read(&mut buffer[..most])?;
-            if read == 0 {
-                return Ok(number);
-            }
-            hash.write(&buffer[..read]);
-            left -= read as u64;
-        }
-        if hash.finish() != written {
-            return Ok(number);
-        }
-        (start, number) = (end, number + 1);
-    }
-    Ok(number)
 }

@@ -28,7 +28,7 @@ use wayfix::{Hmm, Likelihood, Transition};
 use super::block::{Block, Fields, Source};
 use super::{LONGEST_HASH, Pool, PoolOptions, lock};
 use crate::error::{FleetError, Outcome};
-use crate::partial::beside;
+use crate::overwrite::beside;
 use crate::pipeline::in_order;
 
 const MAGIC: &[u8; 8] = b"wayfixpl";

@@ -22,7 +22,7 @@ use crate::expected::Expected;
 use crate::input::{Form, Layout};
 use crate::learn::{Course, LearnJob, inputs, iterate, save};
 use crate::model::{Model, with_hmm};
-use crate::partial::beside;
+use crate::overwrite::beside;
 use crate::sensor::{Kind, Sensor};
 
 /// Drives of a batch.

@@ -24,7 +24,8 @@ use super::{by_range, context};
 use crate::error::{FleetError, Outcome};
 use crate::finished::Finished;
 use crate::input::pieces::Pieces;
-use crate::partial::{Opened, Partial, Plan, Start, beside};
+use crate::overwrite::beside;
+use crate::partial::{Opened, Partial, Plan, Start};
 use crate::properties::Pack;
 
 /// A query that can be run by parts.

@@ -17,8 +17,7 @@ use crate::error::{FleetError, Outcome};
 use crate::folder;
 use crate::input::files::find;
 use crate::journal::open_locked;
-use crate::overwrite;
-use crate::partial::beside;
+use crate::overwrite::{self, beside};
 use crate::properties::Pack;
 
 /// Times that a query is given to a cluster, if executors are lost after its last task.
