@@ -168,7 +168,7 @@ fn an_output_is_of_one_process() {
     let mut first = begin(&folder, &of);
     let second = command(&folder, &of).output().unwrap();
     let told = String::from_utf8(second.stderr).unwrap();
-    assert!(!second.status.success() && told.contains("another run has locked"), "{told}");
+    assert!(!second.status.success() && told.contains("another run holds the lock on"), "{told}");
     first.kill().unwrap();
     assert!(!first.wait().unwrap().success());
     assert!(folder.has_leftovers() && !of.output.exists());

@@ -88,7 +88,7 @@ fn every_other_option_is_named() {
         change(&mut other);
         let error = refused(&other);
         assert!(
-            error.contains("of an unfinished run that differs") && error.contains(said),
+            error.contains("an unfinished run with different settings") && error.contains(said),
             "{error}"
         );
     };

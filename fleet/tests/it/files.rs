@@ -172,7 +172,7 @@ fn inputs_that_cannot_be_meant_are_refused() {
         (
             &["days/day=1/part-0.parquet", "days/day=2/part-0.parquet"],
             "results/",
-            "would have the same file of results",
+            "would both be written to the same file of results",
         ),
     ] {
         let error = run(&job(&folder, inputs, output), |_| {}).unwrap_err().to_string();

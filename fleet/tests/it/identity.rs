@@ -143,7 +143,7 @@ fn learning_goes_on_with_the_same_content_only() {
     assert!(stop(3).is_err());
     change(&job.input, 2000, |byte| !byte);
     let error = learn(&job, |_, _| {}).unwrap_err().to_string();
-    assert!(error.contains("another model, input or prior"), "{error}");
+    assert!(error.contains("another model, input, prior"), "{error}");
     change(&job.input, 2000, |byte| !byte);
     let later = std::time::SystemTime::now() + std::time::Duration::from_secs(1000);
     File::options().append(true).open(&job.input).unwrap().set_modified(later).unwrap();

@@ -57,7 +57,7 @@ fn flipped_bits_are_refused_or_change_nothing() {
             Err(error) => {
                 let error = error.to_string();
                 assert!(error.contains("out.parquet.journal: line "), "{error}");
-                assert!(error.contains("is damaged, or of another version"), "{error}");
+                assert!(error.contains("is damaged, or from another version"), "{error}");
                 refused += 1;
             }
             Ok(done) => {

@@ -151,7 +151,8 @@ fn two_processes_do_not_share_an_output() {
         });
         for (done, said) in done.iter().zip(&said) {
             // The second one may also come when all is done.
-            let is_refused = said.contains("another run has locked") || said.contains("exists");
+            let is_refused =
+                said.contains("another run holds the lock on") || said.contains("exists");
             assert!(*done || is_refused, "{said}");
         }
         assert!(done.contains(&true), "{said:?}");

@@ -94,7 +94,7 @@ fn fewer_iterations_than_are_made_are_refused() {
     let mut job = stop(&folder);
     job.iterations = 1;
     let error = learn(&job, |_, _| {}).unwrap_err().to_string();
-    assert!(error.contains("has made 2 re-estimations, but --iterations is 1"), "{error}");
+    assert!(error.contains("made 2 re-estimations already, but --iterations is 1"), "{error}");
     job.iterations = 2;
     assert_eq!(learn(&job, |_, _| {}).unwrap().log_likelihoods.len(), 3);
     let found = fs::read(&job.output).unwrap();

@@ -172,6 +172,6 @@ fn two_runs_do_not_share_an_output() {
         }
     })
     .unwrap();
-    assert!(errors[0].contains("another run has locked"), "{errors:?}");
+    assert!(errors[0].contains("another run holds the lock on"), "{errors:?}");
     assert!(job.output.exists());
 }

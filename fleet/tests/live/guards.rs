@@ -46,7 +46,7 @@ fn a_snapshot_has_one_run_at_a_time() {
         })
     });
     said.recv().unwrap();
-    assert!(refusal(&job, "").contains("another run has locked"));
+    assert!(refusal(&job, "").contains("another run holds the lock on"));
     drop(writer);
     thread.join().unwrap().unwrap();
     assert!(!folder.path("snapshot.lock").exists());

@@ -92,7 +92,7 @@ impl Folder {
 pub(crate) fn go_on(job: &Job) -> Result<Summary, FleetError> {
     loop {
         match run(job, |_| {}) {
-            Err(error) if error.to_string().contains("another run has locked") => {}
+            Err(error) if error.to_string().contains("another run holds the lock on") => {}
             done => return done,
         }
     }

@@ -148,6 +148,6 @@ fn the_file_of_an_unfinished_run_is_asked_for() {
     fs::remove_file(job.left_out.as_ref().unwrap()).unwrap();
     other.left_out = Some(other.output.clone());
     let error = go_on(&other).unwrap_err().to_string();
-    assert!(error.contains("must be another than the output"), "{error}");
+    assert!(error.contains("other than the output"), "{error}");
     assert!(go_on(&job).unwrap().resumed > 0);
 }
