@@ -231,8 +231,8 @@ fn kind(value: Value) -> Result<Kind, String> {
         serde_json::from_value(value).map_err(|error| format!("the sensor: {error}"))
     }
     let has = |field: &str| value.get(field).is_some();
-    // Each name is specific to one format, except `states`, which a sparse table has as well: so
-    // `symbols` comes first.
+    // Each of these fields belongs to one format only, except `states`, which others have too: so
+    // it comes last.
     if has("rows") {
         read(value).map(Kind::Table)
     } else if has("symbols") {

@@ -27,7 +27,7 @@ fn a_file_that_is_shorter_is_refused_and_one_that_is_longer_goes_on() {
     let some = drives(33, 6000, 1, 60);
     folder.write("drives.parquet", &long(&some).slice(0, 28_000), 7000);
     let error = refused(&job);
-    assert!(error.contains("row group or block 4 is no longer there"), "{error}");
+    assert!(error.contains("row group or block 4 has disappeared"), "{error}");
     // More: what was read is as it was.
     let more = [some, drives(34, 500, 1, 60)].concat();
     folder.write("drives.parquet", &long(&more), 7000);

@@ -165,7 +165,7 @@ fn inputs_that_cannot_be_meant_are_refused() {
         (&["days"][..], "days/out.parquet", "which is part of the input"),
         (&["days"], "days/day=1/", "which is part of the input"),
         (&["days/day=*"], "days/day=2/results/", "which is part of the input"),
-        (&["days", "days/day=1/part-0.parquet"], "out.parquet", "is there twice in the input"),
+        (&["days", "days/day=1/part-0.parquet"], "out.parquet", "occurs twice in the input"),
         (&["days/*.csv"], "out.parquet", "has no files"),
         (&["empty"], "out.parquet", "has no files"),
         (&["none.parquet"], "out.parquet", "No such file"),

@@ -15,12 +15,15 @@ fn ids_that_are_no_plain_integers_are_named() {
         (
             ["1", "a"],
             "column `trace_id`, row 1 (counted from 0): `a` is not a 64-bit integer, but the first \
-             id of the file is one, so that all must be; write all ids as text that is no number \
-             (`v7`), or take Parquet with a column of text",
+             id of the file is an integer, so all must be; write all ids as text that is not a \
+             number (`v7`), or use Parquet with a text column",
         ),
-        (["7", "007"], "row 1 (counted from 0): `007` is no integer in its plain form (7), but"),
-        (["7", "+7"], "`+7` is no integer in its plain form (7), but"),
-        (["0", "-0"], "`-0` is no integer in its plain form (0), but"),
+        (
+            ["7", "007"],
+            "row 1 (counted from 0): `007` is not an integer in its plain form (7), but",
+        ),
+        (["7", "+7"], "`+7` is not an integer in its plain form (7), but"),
+        (["0", "-0"], "`-0` is not an integer in its plain form (0), but"),
         (["7", "9223372036854775808"], "`9223372036854775808` is not a 64-bit integer, but"),
     ] {
         let lines = ids.map(|id| format!("{id},1,0\n")).concat();

@@ -79,7 +79,7 @@ fn types_and_numbers_of_arguments() {
     let refused = |sql: &str| refused(&folder, &table, sql);
     contains(
         &refused(&format!("SELECT wayfix_smooth({model}, trace_id) FROM drives")),
-        "column `observations`: has the type Int64 of the observation of one step, expected a list",
+        "column `observations`: has the type Int64, that of one observation; expected a list",
     );
     contains(
         &refused(&format!("SELECT wayfix_smooth({model}, [1.5, trace_id]) FROM drives")),

@@ -103,7 +103,7 @@ fn what_cannot_be_meant_is_refused() {
         (at("nothing"), "has no files"),
         (at("days3/"), "has no files"),
         (at("days/*.parquet"), "has no files"),
-        (PathBuf::from("ftp://host/file.parquet"), "there is no store for this URL"),
+        (PathBuf::from("ftp://host/file.parquet"), "no store for this URL"),
         (at("days2/other.parquet"), "other.parquet: "),
     ] {
         let error = folder_error(&folder, &[input], "out.parquet");
@@ -111,7 +111,7 @@ fn what_cannot_be_meant_is_refused() {
     }
     let twice = [at("days"), at("days/more.parquet")];
     let error = folder_error(&folder, &twice, "out.parquet");
-    assert!(error.contains("is there twice in the input"), "{error}");
+    assert!(error.contains("occurs twice in the input"), "{error}");
     let mut job = job(&folder, &[at("days")], "out.parquet");
     job.output = at("out.parquet");
     let error = go_on(&job).unwrap_err().to_string();

@@ -57,7 +57,7 @@ fn each_kind_in_the_long_form() {
                 (3, json!(2), "observation", "symbol 9 does not exist"),
                 (6, json!(3), "step", "is null"),
                 (8, json!(4), "step", "step 1 follows step 2 of drive 4"),
-                (10, json!(5), "step", "step 1 of drive 5 is there twice"),
+                (10, json!(5), "step", "step 1 of drive 5 occurs twice"),
                 (12, json!(3), "trace_id", "drive 3 follows drive 6"),
                 (14, json!(7), "observation", "is null"),
                 (16, json!(null), "trace_id", "is null"),
