@@ -123,11 +123,14 @@ fn models_are_those_of_a_folder() {
     fs::remove_file(of("").output).unwrap();
     for name in [outside.as_str(), "../model.json", "/etc/passwd", "/etc/none", "none.json"] {
         let message = error(&of(name)).to_string();
-        let expected = "is none of the models, expected the name of a file in their folder";
+        let expected = "is not one of the models, expected the name of a file in their folder";
         assert!(message.contains(name) && message.contains(expected), "{message}");
     }
     let message = error(&Query { models: Some(models.into()), ..of("a.json") }).to_string();
-    assert!(message.contains("--models is an option of executors and scheduler"), "{message}");
+    assert!(
+        message.contains("--models is an option of the executors and the scheduler"),
+        "{message}"
+    );
 }
 
 fn command(folder: &Folder, of: &Query) -> Command {

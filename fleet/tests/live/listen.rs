@@ -73,7 +73,7 @@ fn one_run_listens_and_one_connection_has_a_name() {
     let listening = ServiceJob { listen: Some(at(&socket)), ..job(&folder) };
     let run = Running::begin(listening.clone());
     let second = serve(&listening, &Control::new(), io::empty(), Vec::new(), |_| ());
-    assert!(second.unwrap_err().to_string().contains("another run listens"));
+    assert!(second.unwrap_err().to_string().contains("another run is listening"));
 
     let (mut first, lines) = (Client::new(&socket).unwrap(), lines_of(1, 10));
     assert_eq!(first.name("gate").unwrap(), None);

@@ -164,7 +164,7 @@ fn a_table_must_be_in_the_order_that_is_said() {
             all([1, 1, 2, 2, 1, 2]),
             all([1, 2, 1, 2, 3, 3]),
             "column `trace_id`, `step`, row 4 (counted from 0): (1, 3) follows (2, 2), expected \
-             rows that are sorted by these columns, no two the same",
+             rows sorted by these columns, without duplicates",
         ),
         (all([1, 1, 2, 2, 3, 3]), all([1, 2, 3, 2, 1, 2]), "row 3 (counted from 0): (2, 2)"),
         (all([1, 1, 2, 2, 3, 3]), all([1, 2, 1, 1, 1, 2]), "row 3 (counted from 0): (2, 1)"),
@@ -198,7 +198,7 @@ fn a_table_must_be_in_the_order_that_is_said() {
     let query = over(&folder, "drives.parquet", &["seen"], "SELECT * FROM drives");
     contains(
         &error(&query).to_string(),
-        "column `seen` is nested, expected numbers, texts or times",
+        "column `seen` is nested, expected numbers, text or times",
     );
 }
 

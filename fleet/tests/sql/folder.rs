@@ -61,7 +61,7 @@ fn no_file_outside_can_be_named() {
     for name in refused {
         let message = error(&query(&folder, name)).to_string();
         let expected = format!(
-            "wayfix_score: {name}: is none of the models, expected the name of a file in their \
+            "wayfix_score: {name}: is not one of the models, expected the name of a file in their \
              folder"
         );
         assert!(message.contains(&expected), "{message}");

@@ -69,7 +69,7 @@ fn rows_are_those_of_the_whole_query() {
         let mut of = over(&folder, input, key, &sql);
         of.part = 0;
         let (expected, summary, whole) = run(&of);
-        assert_eq!((summary.parts, whole.unwrap()), (0, "no parts are wanted".to_owned()));
+        assert_eq!((summary.parts, whole.unwrap()), (0, "--part is 0".to_owned()));
         assert!(expected.num_rows() > 500);
         for (part, threads, least) in [(1, 3, 20), (1000, 2, 8), (1 << 20, 1, 1)] {
             (of.part, of.threads) = (part, threads);
@@ -94,24 +94,24 @@ fn what_needs_other_rows_is_named() {
         ("SELECT row_number() OVER () FROM drives", "needs other rows"),
         ("SELECT step FROM drives ORDER BY step", "needs all rows"),
         ("SELECT trace_id FROM drives ORDER BY trace_id DESC", "needs all rows"),
-        ("SELECT count(*) FROM drives", "has groups of more than one `trace_id`"),
-        ("SELECT step, count(*) FROM drives GROUP BY step", "groups of more than one `trace_id`"),
+        ("SELECT count(*) FROM drives", "groups rows of different `trace_id`"),
+        ("SELECT step, count(*) FROM drives GROUP BY step", "groups rows of different `trace_id`"),
         (
             "SELECT -trace_id AS trace_id, count(*) FROM drives GROUP BY 1",
-            "groups of more than one `trace_id`",
+            "groups rows of different `trace_id`",
         ),
         (
             "SELECT trace_id, count(*) FROM (SELECT step AS trace_id FROM drives) GROUP BY 1",
-            "groups of more than one `trace_id`",
+            "groups rows of different `trace_id`",
         ),
         (
             "SELECT trace_id, count(*) FROM drives GROUP BY ROLLUP (trace_id)",
-            "groups of more than one `trace_id`",
+            "groups rows of different `trace_id`",
         ),
         ("SELECT step FROM drives WHERE step > (SELECT min(step) FROM drives)", "a subquery"),
         ("SELECT step FROM drives WHERE step IN (SELECT step FROM drives)", "a subquery"),
-        ("SELECT step, random() FROM drives", "random depends on the moment"),
-        ("SELECT step, now() FROM drives", "now depends on the moment"),
+        ("SELECT step, random() FROM drives", "random depends on when it is called"),
+        ("SELECT step, now() FROM drives", "now depends on when it is called"),
         ("EXPLAIN SELECT step FROM drives", "needs other rows"),
         ("SELECT 1", "needs other rows"),
     ] {
@@ -131,7 +131,7 @@ fn what_needs_other_rows_is_named() {
     assert_eq!(whole.unwrap(), "no table has an --order");
     fs::write(folder.path("a.csv"), "trace_id,step\n1,1\n").unwrap();
     let (_, _, whole) = run(&over(&folder, "a.csv", &["trace_id"], "SELECT * FROM drives"));
-    assert_eq!(whole.unwrap(), "no part of a CSV file can be read alone");
+    assert_eq!(whole.unwrap(), "a CSV file can only be read as a whole");
 }
 
 fn smoothing(folder: &Folder) -> Query {
@@ -179,7 +179,7 @@ fn an_interrupted_query_goes_on() {
     };
     refused(&other, "batch is 8, was 16");
     refused(&Query { sql: of.sql.replace("2.5", "2.0"), ..of.clone() }, "query is ");
-    refused(&Query { part: 0, ..of.clone() }, "is of an unfinished run");
+    refused(&Query { part: 0, ..of.clone() }, "is from an unfinished run");
     refused(&Query { sql: "SELECT count(*) FROM drives".to_owned(), ..of.clone() }, "unfinished");
     let input = fs::read(folder.path("long.parquet")).unwrap();
     folder.write("long.parquet", &long(&drives(52, 600, 0, 40)), 300);

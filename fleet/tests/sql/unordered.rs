@@ -53,7 +53,7 @@ fn an_order_is_asked_for() {
         // Also of a sorted table: threads put pieces together in any order.
         for key in [&[] as &[&str], &["trace_id", "step"]] {
             let message = error(&query(sql, key)).to_string();
-            let expected = "has no ORDER BY, so that the steps of a drive come in any order";
+            let expected = "has no ORDER BY, so the steps of a drive come in any order";
             assert!(message.contains(expected), "{sql}: {message}");
             assert!(message.contains("array_agg("), "{message}");
             assert!(message.contains("observation ORDER BY step)"), "{message}");
