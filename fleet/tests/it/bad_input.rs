@@ -10,7 +10,7 @@ use wayfix::{Hmm, LikelihoodVector};
 
 use crate::kit::*;
 
-/// Runs on a table in vain; checks that nothing is left, and returns the message.
+/// Runs on a table and expects an error; checks that nothing is left, and returns the message.
 fn refused(folder: &Folder, rows: &RecordBatch) -> String {
     folder.write("bad.parquet", rows, 4);
     let error = folder.error("bad.parquet");
@@ -220,7 +220,7 @@ fn damaged_files_are_refused() {
         assert!(error.contains("bad.parquet: "), "{error}");
         assert!(!folder.has_leftovers());
     }
-    // A file with a hole, of which the first part is good.
+    // A file with a hole, whose first part is intact.
     let mut damaged = whole.clone();
     let middle = whole.len() / 2;
     damaged[middle..middle + 2000].fill(0xa5);
@@ -232,7 +232,7 @@ fn damaged_files_are_refused() {
         wayfix_fleet::output::Table::Steps,
     );
     assert!(wayfix_fleet::run(&job, |_| {}).is_err());
-    // What was finished before stays for the next run.
+    // Parts finished before the error stay for the next run.
     assert!(!job.output.exists() && folder.has_leftovers());
     fs::write(folder.path("bad.parquet"), &whole).unwrap();
     assert!(wayfix_fleet::run(&job, |_| {}).unwrap().resumed > 0);

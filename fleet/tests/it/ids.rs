@@ -34,7 +34,7 @@ fn ids_that_are_no_plain_integers_are_named() {
     }
 }
 
-/// Ids of text are other drives if their text is.
+/// Ids as text differ if their text does.
 #[test]
 fn ids_with_zeros_before_them_are_text() {
     let folder = Folder::new(&model(1));
@@ -54,14 +54,14 @@ fn ids_with_zeros_before_them_are_text() {
         assert_eq!(summary.drives, 2);
         assert_eq!(texts(&found, "trace_id"), expected.map(Some));
     }
-    // The first id that is there says what ids are.
+    // The first id present decides the type.
     fs::write(folder.path("ids.csv"), "trace_id,step,observation\n,1,0\n9,1,1\n10,1,1\n").unwrap();
     let mut job = folder.job("ids.csv", "first.parquet", Verb::Score, Table::Drives);
     job.left_out = Some(folder.path("first.jsonl"));
     let (summary, found) = folder.results(&job);
     assert_eq!((summary.drives, summary.left_out), (2, 1));
     assert_eq!(integers(&found, "trace_id"), [Some(9), Some(10)]);
-    // With the option, such an id is one that cannot be read.
+    // With the option, such an id counts as unreadable.
     fs::write(folder.path("ids.csv"), "trace_id,step,observation\n7,1,0\n007,1,1\n8,1,1\n")
         .unwrap();
     job = folder.job("ids.csv", "left.parquet", Verb::Score, Table::Drives);

@@ -9,7 +9,7 @@ use wayfix_fleet::{Job, Summary, run};
 use crate::kit::*;
 use crate::resume::{interrupt, prepare};
 
-/// A run with drives that are left out, stopped in its middle, and what a whole one makes.
+/// A run with left-out drives, stopped halfway, and the result of a whole one.
 fn stopped(folder: &Folder) -> (Job, Summary, [Vec<u8>; 2]) {
     let mut some = drives(33, 400, 1, 30);
     for drive in [3, 40, 41, 170, 320] {

@@ -63,7 +63,7 @@ fn a_finished_run_says_so() {
     let model = fs::read(folder.path("out.json")).unwrap();
     assert_eq!(run(&[]), (true, format!("{}; finished already\n", said.trim_end())));
     assert!(fs::read(folder.path("out.json")).unwrap() == model);
-    // A kill between the last two acts leaves the state of the run.
+    // A kill between the last two steps leaves the state of the run behind.
     fs::write(folder.path("out.json.partial"), "").unwrap();
     assert!(run(&[]).0 && !folder.has_leftovers());
     let exists = |more: &[&str]| {

@@ -99,7 +99,7 @@ fn what_may_be_a_mistake_is_said() {
     assert!(text.contains("states 0, 1, 2: each cannot be reached"), "{text}");
 }
 
-/// The table of sensors in the README, as it stands.
+/// The table of sensors in the README.
 #[test]
 fn the_sensors_of_the_readme_are_valid() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/README.md");

@@ -1,4 +1,4 @@
-//! An output never takes the place of what is read.
+//! An output never overwrites what is read.
 
 use std::fs;
 use std::path::PathBuf;
@@ -69,7 +69,7 @@ fn an_output_that_is_read_is_refused_by_every_path() {
             refused(&[command, "--input", input, "--quiet"], output);
         }
     }
-    // One of several inputs, the lines about drives, and a folder of results.
+    // One of several inputs, the file of left-out drives, and a folder of results.
     let two = ["smooth", "--input", "nested.parquet", "--input", "out.json.lock", "--quiet"];
     refused(&two, "nested.parquet");
     let lines = ["smooth", "--input", "nested.parquet", "--quiet", "--skip-invalid", "model.json"];

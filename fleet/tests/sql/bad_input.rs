@@ -141,7 +141,7 @@ fn models_that_do_not_fit() {
         &refused(&write("places.json", &places.unwrap())),
         "1 arguments after the model, but its sensor takes `latitudes`, `longitudes`, `deviations`",
     );
-    // Likelihoods for a model of another size.
+    // Likelihoods for a model with another number of states.
     let lists = "SELECT trace_id, [[0.5, 0.25]] AS seen FROM drives";
     let path = write("vector.json", &vector);
     let sql = format!("SELECT wayfix_score('{path}', seen) FROM ({lists})");
@@ -181,7 +181,7 @@ fn a_table_must_be_in_the_order_that_is_said() {
         let query = over(&folder, "drives.parquet", &["trace_id", "step"], sql);
         contains(&error(&query).to_string(), expected);
     }
-    // Between two batches; and texts.
+    // Across two batches; and text.
     let mut ids: Vec<i64> = (0..70_000).collect();
     ids[65_536] = 65_535;
     let texts: StringArray = ids.iter().map(|id| Some(format!("{id:06}"))).collect();
@@ -222,14 +222,14 @@ fn files_and_queries() {
     for sql in ["SELECT", "SELECT nothing FROM drives", "DROP TABLE drives", "COPY drives TO 'x'"] {
         error(&over(&folder, "drives.parquet", &[], sql));
     }
-    // An output that exists stays as it is.
+    // An existing output is left alone.
     fs::write(folder.path("rows.parquet"), b"mine").unwrap();
     let mut query = over(&folder, "drives.parquet", &[], &sql);
     query.force = false;
     let message = wayfix_fleet::sql::query(&query, |_| {}).unwrap_err().to_string();
     contains(&message, "exists");
     assert_eq!(fs::read(folder.path("rows.parquet")).unwrap(), b"mine");
-    // The command gives what the function gives.
+    // The command returns what the function returns.
     query.force = true;
     let found = rows(&query);
     let file = nested(&vec![vec![0, 1, 2, 3]; 2000]);

@@ -1,4 +1,4 @@
-//! The output of a query is none of the files that it reads.
+//! The output of a query never overwrites files that it reads.
 
 use std::fs;
 use std::os::unix::fs::symlink;

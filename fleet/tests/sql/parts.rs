@@ -1,4 +1,4 @@
-//! Queries by parts of a sorted table, and those that cannot be.
+//! Queries by parts of a sorted table, and queries that cannot be run so.
 
 use std::fs;
 use std::process::{Command, Stdio};
@@ -12,8 +12,8 @@ use wayfix_fleet::sql::{Query, QueryState, QuerySummary, query};
 use crate::kit::*;
 use crate::tables::*;
 
-/// A long table, a nested one, and the long one in a folder of three files, whose borders are
-/// within drives.
+/// A long table, a nested one, and the long one in a folder of three files whose borders lie within
+/// drives.
 fn prepare() -> Folder {
     let folder = Folder::new(&model(6));
     let drives = drives(51, 600, 1, 40);
@@ -120,7 +120,7 @@ fn what_needs_other_rows_is_named() {
         assert!(whole.as_ref().is_some_and(|whole| whole.contains(expected)), "{sql}: {whole:?}");
         assert_eq!(summary.parts, 0);
     }
-    // A table without rows has a part without rows.
+    // A table without rows makes one part without rows.
     folder.write("none.parquet", &long(&[]), 10);
     let sql = "SELECT step FROM drives";
     let none = over(&folder, "none.parquet", &["trace_id", "step"], sql);
@@ -144,7 +144,7 @@ fn smoothing(folder: &Folder) -> Query {
     over(folder, "long.parquet", &["trace_id", "step"], &sql)
 }
 
-/// Leaves a query with some parts, by a panic in its middle.
+/// Leaves a query with some parts behind, by a panic halfway.
 fn interrupt(of: &Query) {
     let of = of.clone();
     let stopped = thread::spawn(move || {
@@ -164,7 +164,7 @@ fn an_interrupted_query_goes_on() {
     let (_, summary, _) = run(&of);
     assert!(summary.parts > 20);
     let expected = fs::read(&of.output).unwrap();
-    // It says that it has come to its end, and another one does not replace it.
+    // It says that it is finished, and another query does not replace it.
     let again = query(&of, |_| {}).unwrap();
     assert_eq!((again.rows, again.parts, again.finished), (summary.rows, 0, true));
     let other = Query { batch: 8, ..of.clone() };
@@ -190,7 +190,7 @@ fn an_interrupted_query_goes_on() {
     assert_eq!((resumed.rows, resumed.parts), (summary.rows, summary.parts));
     assert!(fs::read(&of.output).unwrap() == expected);
 
-    // Another model, by the same name. This process would not see it, since it has read the first.
+    // Another model under the same name. This process would not notice, as it has read the first.
     fs::remove_file(&of.output).unwrap();
     interrupt(&of);
     fs::write(folder.path("model.json"), serde_json::to_vec(&model(7)).unwrap()).unwrap();
@@ -203,7 +203,7 @@ fn an_interrupted_query_goes_on() {
     assert!(!folder.has_leftovers());
 }
 
-/// An error in a part keeps those before it, and nothing if there is none.
+/// An error in a part keeps the parts before it, and leaves nothing if there are none.
 #[test]
 fn an_error_is_an_interruption() {
     let folder = prepare();
@@ -248,7 +248,7 @@ fn a_killed_query_goes_on() {
             let mut child = command(&folder, &of).stderr(Stdio::null()).spawn().unwrap();
             if left > 0 {
                 thread::sleep(whole.mul_f64(rng.random_range(0.0..1.1)));
-                // In vain if it has come to its end.
+                // Fails if the process has already ended.
                 _ = child.kill();
                 left -= 1;
             }
@@ -259,7 +259,7 @@ fn a_killed_query_goes_on() {
             }
         }
         assert!(fs::read(&of.output).unwrap() == expected, "{left} kills left");
-        // A lock that a killed run leaves is no obstacle.
+        // A lock file left by a killed run is no obstacle.
         let told = command(&folder, &of).stderr(Stdio::piped()).output().unwrap();
         assert!(told.status.success() && told.stderr.is_empty(), "{told:?}");
         assert!(!of.output.with_extension("parquet.unfinished").exists());
