@@ -115,7 +115,7 @@ impl LongDrives {
                     }
                     self.faults.interrupted = false;
                     let fault = faults.into_iter().next();
-                    // `last` is the step before the run if the drive goes on.
+                    // `last` is the step before the run if the drive continues.
                     let fault = fault.or_else(|| {
                         let fault = rising(steps, from..to, last, &id);
                         let (row, message) = fault?;

@@ -160,7 +160,7 @@ mod tests {
             let some: Vec<f64> = (0..n)
                 .map(|_| {
                     let weight = (-spread * rng.random_range(0.0..1.0_f64)).exp();
-                    // Equal ones and zeros.
+                    // Ties and zeros.
                     match rng.random_range(0..5) {
                         0 => 0.0,
                         1 => 0.5,

@@ -87,7 +87,7 @@ where
                 Ok(length)
             });
             if written.is_err() {
-                // Or updates would go on saving entries for nobody.
+                // Or updates would keep saving entries for nobody.
                 shards.iter().for_each(|shard| lock(shard).end_cut());
             }
             written

@@ -78,7 +78,7 @@ impl<'a> ByParts<'a> {
         Ok(Ok(Self { query, source, models: hashes }))
     }
 
-    /// Runs the query, or goes on with it.
+    /// Runs the query, or continues it.
     pub(super) async fn run(
         &self,
         models: &Models,

@@ -115,7 +115,7 @@ mod tests {
     #[test]
     fn ranges_begin_with_drives() {
         let keys: Vec<i64> = vec![1, 1, 1, 2, 3, 3, 3, 3, 4, 5, 5];
-        // Rows that are wanted, borders of files, and rows with which ranges begin.
+        // Wanted rows, borders of files, and expected beginnings of ranges.
         for (wanted, borders, expected) in [
             (vec![], vec![], vec![]),
             (vec![1], vec![], vec![3]),

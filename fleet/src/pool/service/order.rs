@@ -163,7 +163,7 @@ mod tests {
 
     #[test]
     fn what_waits_is_within_the_memory() {
-        // Nobody agrees with this clock, so that its lines would wait without end.
+        // No other vehicle confirms this clock, so its lines would wait forever.
         let mut order = Order::new(10, 2, 100 * (EACH + 4));
         let mut out = Vec::new();
         for number in 0..1000 {
