@@ -5,9 +5,10 @@
 //! cargo run --release --example city -- --roads FOLDER --output drives.parquet --model model.json
 //! ```
 //!
-//! The folder holds `nodes.csv` (a line for each node) and `edges.csv` (`from,to,…`). A vehicle
-//! stays or takes any road out, and begins anywhere. A sighting lists the place with 0.6 or one
-//! of its neighbours, and the places around what it lists; elsewhere its likelihood is 1e-6.
+//! The folder has `nodes.csv` (one line per node) and `edges.csv` (`from,to,…`). A vehicle stays or
+//! takes any road out, and starts anywhere. A sighting lists the true place with probability 0.6,
+//! or else one of its neighbours, and the places around the one it lists; elsewhere the likelihood
+//! is 1e-6.
 
 use std::error::Error;
 use std::fs::{self, File};
@@ -41,7 +42,7 @@ struct Arguments {
     /// Number of drives.
     #[arg(long, default_value_t = 20_000)]
     drives: usize,
-    /// Steps of each.
+    /// Steps of each drive.
     #[arg(long, default_value_t = 50)]
     steps: usize,
     /// Drives, a Parquet file.
@@ -99,7 +100,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         (start.elapsed().as_secs_f64(), (arguments.drives * arguments.steps) as f64);
     println!(
         "pruned filters, {cores} threads: {seconds:.2} s, {:.0} steps a second, {:.0} active states; \
-         {} of {} drives end where they are believed to be",
+         {} of {} drives end where the filter believes them to be",
         all / seconds,
         active.into_inner() as f64 / all,
         right.into_inner(),
@@ -108,7 +109,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Model of a road network: any road out is as probable as to stay.
+/// Model of a road network: staying and each road out are equally probable.
 fn city(arguments: &Arguments) -> Result<City, Box<dyn Error>> {
     let read = |name: &str| fs::read_to_string(arguments.roads.join(name));
     let places = read("nodes.csv")?.lines().skip(1).filter(|line| !line.is_empty()).count();
@@ -132,7 +133,7 @@ fn city(arguments: &Arguments) -> Result<City, Box<dyn Error>> {
     Ok(Hmm::new(prior, transition, SparseLikelihood::new(places))?)
 }
 
-/// Writes drives, and returns where each ends.
+/// Writes drives, and returns where each one ends.
 fn write(hmm: &City, arguments: &Arguments) -> Result<Vec<usize>, Box<dyn Error>> {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let (count, steps) = (arguments.drives, arguments.steps);

@@ -1,4 +1,4 @@
-//! Cuts a Parquet file into many of so many rows each, to compare one file with a folder.
+//! Cuts a Parquet file into many with a given number of rows, to compare one file with a folder.
 //!
 //! ```text
 //! cargo run --release --example cut -- --input drives.parquet --rows 10000 --output days

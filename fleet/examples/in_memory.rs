@@ -1,11 +1,11 @@
-//! Times the library's verbs on drives in memory, to compare the command with.
+//! Times the library's routines on drives in memory, for comparison with the command.
 //!
 //! ```text
 //! cargo run --release --features rayon --example in_memory -- --input drives.parquet --model model.json
 //! ```
 //!
-//! Drives are read beforehand; results of a step are looked at for as long as it takes to find the
-//! most probable state and the entropy (or not at all, first line), and dropped.
+//! Drives are read beforehand. The results of a step are used to find the most probable state and
+//! the entropy (or not at all, first line), and dropped.
 
 use std::error::Error;
 use std::fs::{self, File};
@@ -50,7 +50,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let (seconds, used) = (start.elapsed().as_secs_f64(), processor() - before);
         let each = seconds * 1e9 / steps as f64;
         println!(
-            "{what:50} {seconds:7.2} s, {used:7.2} s of all processors, {each:6.1} ns a step \
+            "{what:50} {seconds:7.2} s, {used:7.2} s of processor time, {each:6.1} ns a step \
              (sum {sum:.6})"
         );
     };
@@ -93,11 +93,11 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Seconds that all threads have computed, where the system says so (Linux), to compare on a
-/// machine that others use too.
+/// Processor time of all threads in seconds, where the system reports it (Linux): comparable even
+/// on a busy machine.
 fn processor() -> f64 {
     let stat = fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    // After the name in brackets: user and system time, in hundredths of a second.
+    // After the name in brackets; user and system time, in hundredths of a second.
     let fields = stat.rsplit(')').next().unwrap_or_default().split_whitespace();
     let ticks = fields.skip(11).take(2).filter_map(|ticks| ticks.parse::<f64>().ok());
     ticks.sum::<f64>() / 100.0

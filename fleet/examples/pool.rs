@@ -1,12 +1,12 @@
-//! Times a pool of live vehicles, and prints what it takes.
+//! Times a pool of live vehicles, and prints its memory.
 //!
 //! ```text
 //! cargo run --release --example pool -- --model model.json --vehicles 1000000 --folder FOLDER
 //! ```
 //!
-//! The example `canberra` writes the model. Every vehicle drives on it; updates come in batches, in a
-//! random order of the vehicles. The folder gets the snapshot, and the vehicles beyond the memory in
-//! the last part.
+//! The example `canberra` writes the model. Every vehicle drives on it; updates come in batches, in
+//! random order of the vehicles. The folder receives the snapshot and, in the last part, the
+//! vehicles beyond the memory limit.
 
 use std::error::Error;
 use std::fs;
@@ -34,13 +34,13 @@ struct Arguments {
     /// Number of vehicles.
     #[arg(long, default_value_t = 1_000_000)]
     vehicles: usize,
-    /// Updates of each, on average, which are timed.
+    /// Timed updates per vehicle, on average.
     #[arg(long, default_value_t = 5)]
     rounds: usize,
     /// Updates in a batch.
     #[arg(long, default_value_t = 100_000)]
     batch: usize,
-    /// Threads; all cores by default.
+    /// Threads; by default one per core.
     #[arg(long)]
     threads: Option<usize>,
     /// Also writes the updates as lines of JSON, for the command `live`.
@@ -50,16 +50,16 @@ struct Arguments {
 
 type Road = Hmm<SparseTransition, Sensor>;
 
-/// Vehicles on the roads, as simulated.
+/// Simulated vehicles on the roads.
 struct Fleet {
     rng: ChaCha8Rng,
-    /// Steps that each vehicle has taken, and the drive that it is on.
+    /// Steps that each vehicle has taken, and its current drive.
     steps: Vec<u32>,
     drives: Vec<Vec<usize>>,
 }
 
 impl Fleet {
-    /// The next updates, each of a vehicle at random (`next` is `None`) or in order.
+    /// The next updates, of random vehicles (`next` is `None`) or of all in order.
     fn batch(&mut self, first: Option<usize>, count: usize) -> Vec<Update<Observation>> {
         let vehicles = self.steps.len();
         let update = |k: usize| {
@@ -117,13 +117,13 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     let report = |what: &str, [rate, each, refused]: [f64; 3]| {
         println!(
-            "{what:45} {rate:10.0} a second, {each:6.0} ns of a processor each, {refused} refused"
+            "{what:45} {rate:10.0} a second, {each:6.0} ns of processor time each, {refused} refused"
         );
     };
     report("first updates", batches(&mut pool, &mut fleet, &mut lines, 1, true)?);
     let usage = pool.usage();
     println!(
-        "{} vehicles, {} bytes each as counted, {} as the system says",
+        "{} vehicles, {} bytes each as counted, {} according to the system",
         usage.vehicles,
         usage.bytes / usage.vehicles.max(1),
         (resident() - before) / usage.vehicles.max(1)
@@ -161,10 +161,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         usage.file_bytes >> 20
     );
     let mut none = Lines::new(None)?;
-    report(
-        "updates, most vehicles on the disk",
-        batches(&mut pool, &mut fleet, &mut none, 1, false)?,
-    );
+    report("updates, most vehicles on disk", batches(&mut pool, &mut fleet, &mut none, 1, false)?);
     fs::remove_file(&file)?;
     Ok(())
 }
@@ -197,7 +194,7 @@ impl Lines {
     }
 }
 
-/// Bytes of this process in memory, where the system says so (Linux).
+/// Resident memory of this process in bytes, where the system reports it (Linux).
 fn resident() -> usize {
     let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
     let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
@@ -205,11 +202,11 @@ fn resident() -> usize {
     kilobytes.unwrap_or(0) * 1024
 }
 
-/// Seconds that all threads have computed, where the system says so (Linux), to compare on a
-/// machine that others use too.
+/// Processor time of all threads in seconds, where the system reports it (Linux): comparable even
+/// on a busy machine.
 fn processor() -> f64 {
     let stat = fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    // After the name in brackets: user and system time, in hundredths of a second.
+    // After the name in brackets; user and system time, in hundredths of a second.
     let fields = stat.rsplit(')').next().unwrap_or_default().split_whitespace();
     let ticks = fields.skip(11).take(2).filter_map(|ticks| ticks.parse::<f64>().ok());
     ticks.sum::<f64>() / 100.0

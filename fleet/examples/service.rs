@@ -1,5 +1,5 @@
-//! Times the service of live vehicles, without and with snapshots in turn: lines a second as fast
-//! as they are taken, and how long answers take while lines come at a steady rate.
+//! Times the service of live vehicles, without and with snapshots in turn: lines per second at full
+//! speed, and latency of answers while lines come at a steady rate.
 //!
 //! ```text
 //! cargo run --release --example service -- --model model.json --folder FOLDER
@@ -35,17 +35,17 @@ struct Arguments {
     /// Number of vehicles.
     #[arg(long, default_value_t = 1_000_000)]
     vehicles: usize,
-    /// Lines a second of the steady part.
+    /// Lines per second of the steady part.
     #[arg(long, default_value_t = 50_000)]
     rate: usize,
-    /// Seconds of each measurement, with a snapshot at its begin and each ten seconds.
+    /// Seconds of each measurement, with a snapshot at its beginning and every ten seconds.
     #[arg(long, default_value_t = 20)]
     seconds: u64,
-    /// Lines come by a connection, and answers are also written to a file, which is on the disk before
-    /// a snapshot is.
+    /// Sends lines over a connection, and also writes answers to a file, which is synced before a
+    /// snapshot.
     #[arg(long)]
     output: bool,
-    /// Times that all is measured.
+    /// Number of rounds.
     #[arg(long, default_value_t = 2)]
     rounds: usize,
 }
@@ -53,7 +53,7 @@ struct Arguments {
 /// Time between two snapshots.
 const EVERY: Duration = Duration::from_secs(10);
 
-/// Lines of vehicles at random.
+/// Lines of random vehicles.
 struct Lines {
     rng: ChaCha8Rng,
     steps: Vec<u32>,
@@ -88,7 +88,7 @@ impl Lines {
     }
 }
 
-/// Number of answers that have come.
+/// Number of answers received.
 #[derive(Debug, Default)]
 struct Answers {
     count: AtomicU64,
@@ -193,7 +193,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Times lines that come as fast as they are taken.
+/// Times lines sent as fast as they are taken.
 fn time_rate(
     arguments: &Arguments,
     lines: &mut Lines,
@@ -210,8 +210,8 @@ fn time_rate(
     Ok(())
 }
 
-/// Times how long answers take, from the moment at which a line was due: one that had to wait for
-/// others to be taken counts from then, too.
+/// Times the latency of answers from the moment at which a line was due, so waiting behind other
+/// lines counts, too.
 fn time_waits(
     arguments: &Arguments,
     lines: &mut Lines,
@@ -255,7 +255,7 @@ fn name(with: bool) -> &'static str {
     if with { "with snapshots" } else { "without snapshots" }
 }
 
-/// Asks for snapshots, as `--every` does.
+/// Requests snapshots, as `--every` does.
 struct Snapshots {
     is_over: Arc<AtomicBool>,
     thread: thread::JoinHandle<()>,

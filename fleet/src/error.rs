@@ -1,11 +1,11 @@
-//! Errors: each names the file, the column and the row, as far as there is one.
+//! Errors. Each names the file, the column and the row, where there is one.
 
 use std::io;
 use std::path::{Path, PathBuf};
 
 use parquet::errors::ParquetError;
 
-/// A run that cannot be made, or cannot go on.
+/// Reason why a run cannot start or continue.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FleetError {
@@ -17,7 +17,7 @@ pub enum FleetError {
         /// Cause.
         source: io::Error,
     },
-    /// A file is not what its name or its use says: it is damaged, truncated or of another kind.
+    /// A file is not what its name or use suggests: damaged, truncated, or of another kind.
     #[error("{}: {message}", path.display())]
     Format {
         /// The file.
@@ -25,7 +25,7 @@ pub enum FleetError {
         /// Cause, in words.
         message: String,
     },
-    /// A column is missing, or has a type that cannot be used.
+    /// A column is missing, or has an unusable type.
     #[error("column `{column}`: {message}")]
     Column {
         /// Name of the column.
@@ -33,7 +33,7 @@ pub enum FleetError {
         /// Cause, in words.
         message: String,
     },
-    /// A value of the input cannot be used.
+    /// An input value cannot be used.
     #[error("column `{column}`, row {row} (counted from 0): {message}")]
     Value {
         /// Name of the column.
@@ -43,15 +43,15 @@ pub enum FleetError {
         /// Cause, in words.
         message: String,
     },
-    /// A file is not the one that the finished parts were made of, or changes while it is read.
+    /// A file is not the one that the finished parts were made from, or changes while it is read.
     #[error("{}: {message}", path.display())]
     Changed {
         /// The file.
         path: PathBuf,
-        /// Piece that differs, in words.
+        /// The piece that differs, in words.
         message: String,
     },
-    /// One of several files of the input is at fault.
+    /// One of several input files is at fault.
     #[error("{}: {source}", path.display())]
     InFile {
         /// The file.
@@ -59,17 +59,17 @@ pub enum FleetError {
         /// Cause.
         source: Box<FleetError>,
     },
-    /// Settings contradict each other, the model, or the run that they continue.
+    /// Settings contradict each other, the model, or the run they continue.
     #[error("{0}")]
     Settings(String),
     /// The model cannot be learned from these drives.
     #[error("learning failed: {0}")]
     Learning(String),
-    /// A query is not valid, or fails.
+    /// A query is invalid, or fails.
     #[cfg(feature = "sql")]
     #[error("{0}")]
     Query(Box<datafusion::error::DataFusionError>),
-    /// A process of a cluster cannot go on.
+    /// A process of a cluster cannot continue.
     #[cfg(feature = "ballista")]
     #[error("{0}")]
     Cluster(String),
@@ -82,12 +82,14 @@ impl FleetError {
     /// Wraps an error of a file.
     pub(crate) fn file(path: &Path) -> impl Fn(io::Error) -> Self {
         move |source| match source.get_ref() {
+            // Readers can only return `io::Error`, so a replaced object travels inside one.
             Some(cause) if cause.is::<Replaced>() => Self::changed(path, cause.to_string()),
             _ => Self::File { path: path.to_owned(), source },
         }
     }
 
-    /// Wraps an error of a Parquet file. Those of the system keep their kind.
+    /// Wraps an error of a Parquet file. I/O errors keep their kind: they say nothing about the
+    /// contents, and a second run may succeed.
     pub(crate) fn parquet(path: &Path) -> impl Fn(ParquetError) -> Self {
         move |error| match error {
             ParquetError::External(cause) => match cause.downcast::<io::Error>() {
@@ -106,7 +108,7 @@ impl FleetError {
         Self::Changed { path: path.to_owned(), message: message.into() }
     }
 
-    /// Names the file, if the error does not.
+    /// Adds the file to the error, if it does not name one.
     pub(crate) fn in_file(self, path: &Path) -> Self {
         match self {
             Self::Column { .. } | Self::Value { .. } | Self::Arrow(_) => {
@@ -125,7 +127,7 @@ impl FleetError {
     }
 }
 
-/// Cause of a [`FleetError::Changed`], within an error of the system.
+/// Cause of a [`FleetError::Changed`], inside an `io::Error`.
 #[derive(Debug, thiserror::Error)]
 #[error("was written to while it was read")]
 pub(crate) struct Replaced;

@@ -1,4 +1,8 @@
-//! Expectations of drives, which learning adds up.
+//! Expected sufficient statistics of drives: the E-step of Baum–Welch (formulas, section 9).
+//!
+//! They are sums over drives, so batches, threads and processes can compute them apart and
+//! [`merge`](Expected::merge) them. Floating-point addition is not associative: callers merge in a
+//! fixed order if the result must not depend on the number of threads.
 
 use wayfix::error::At;
 use wayfix::inference::{Expectations, LearningOptions};
@@ -11,12 +15,12 @@ use crate::error::{FleetError, Outcome};
 use crate::input::Drives;
 use crate::sensor::Sensor;
 
-/// Expectations of some drives, as processes send them to each other.
+/// Expectations of some drives, as processes exchange them.
 #[cfg(feature = "sql")]
 #[derive(Debug, serde::Serialize, serde::Deserialize)]
 pub(crate) struct Sums {
     first: Vec<f64>,
-    /// Moves with their weights: states that are left, and reached.
+    /// Moves: the state left, the state reached, and the weight.
     moves: Vec<(usize, usize, f64)>,
     sensor: Vec<f64>,
     log_likelihood: f64,
@@ -30,12 +34,12 @@ pub(crate) struct Expected {
     sum: Expectations<Sensor>,
     /// Number of drives.
     pub(crate) drives: u64,
-    /// Number of drives that the model rules out, which are not in the sum.
+    /// Number of drives that the model rules out; they are not in the sum.
     pub(crate) left_out: u64,
 }
 
 impl Expected {
-    /// Expectations of no drive.
+    /// Expectations of no drives, the neutral element of `merge`.
     pub(crate) fn nothing<A>(hmm: &Hmm<A, Sensor>) -> Self
     where
         A: LearnTransition<Control = (), Statistics = MoveCounts>,
@@ -43,8 +47,8 @@ impl Expected {
         Self { sum: hmm.no_expectations(), drives: 0, left_out: 0 }
     }
 
-    /// Expectations of a batch. Drives that the model rules out are left out; what is not valid is
-    /// an error.
+    /// Expectations of a batch. Drives that the model rules out are left out; an invalid
+    /// observation is an error.
     pub(crate) fn of<A>(hmm: &Hmm<A, Sensor>, drives: &Drives) -> Outcome<Self>
     where
         A: LearnTransition<Control = (), Statistics = MoveCounts> + Sync,
@@ -55,6 +59,7 @@ impl Expected {
         let (sum, failed) = hmm.expectations(&each);
         for error in &failed {
             if let InferenceError::Likelihood(At { number: step, cause, .. }) = &error.source {
+                // Steps of errors count from 1.
                 let element = drives.offsets[error.sequence] + step - 1;
                 return Err(drives.refuse(element, &cause.to_string()));
             }
@@ -76,13 +81,15 @@ impl Expected {
         }
     }
 
-    /// Expectations with these sums, which must be of this model.
+    /// Expectations with these sums, which must belong to this model.
     #[cfg(feature = "sql")]
     pub(crate) fn from_sums<A>(hmm: &Hmm<A, Sensor>, sums: Sums) -> Outcome<Self>
     where
         A: LearnTransition<Control = (), Statistics = MoveCounts>,
     {
         let Sums { first, moves, sensor, log_likelihood, drives, left_out } = sums;
+        // Sums of another model would otherwise be added up silently, or index out of bounds in the
+        // M-step.
         let known = hmm.likelihood().statistics().len();
         if (first.len(), sensor.len()) != (hmm.states(), known) {
             let message = "the expectations of two models cannot be added up".to_owned();
@@ -94,7 +101,7 @@ impl Expected {
         Ok(Self { sum, drives, left_out })
     }
 
-    /// Adds those of other drives.
+    /// Adds the expectations of other drives.
     pub(crate) fn merge<A>(&mut self, hmm: &Hmm<A, Sensor>, other: &Self)
     where
         A: LearnTransition<Control = (), Statistics = MoveCounts>,
@@ -104,7 +111,7 @@ impl Expected {
         self.left_out += other.left_out;
     }
 
-    /// Number of the numbers in the sums, moves counted as three.
+    /// Size of the sums in numbers, a move counted as three.
     #[cfg(feature = "sql")]
     pub(crate) fn numbers(&self) -> usize {
         self.sum.first().len() + self.sum.sensor().len() + 3 * self.sum.moves().moves().len()
@@ -115,7 +122,7 @@ impl Expected {
         self.sum.log_likelihood()
     }
 
-    /// Returns the model that fits the expectations best.
+    /// Returns the model that maximises the expected log-likelihood: the M-step.
     pub(crate) fn maximize<A>(
         &self,
         hmm: &Hmm<A, Sensor>,

@@ -1,4 +1,7 @@
-//! What a complete output says of the run that made it, in the metadata of the file.
+//! Record of the run that made an output, in the metadata of the file.
+//!
+//! With it, repeating a command whose output is complete costs one pass over the input, to hash it,
+//! and no computation.
 
 use std::fs::File;
 use std::path::Path;
@@ -11,28 +14,30 @@ use crate::error::{FleetError, Outcome};
 
 const KEY: &str = "wayfix.run";
 
-/// A run that has come to its end.
+/// A finished run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Finished {
     /// Its settings.
     pub(crate) settings: Value,
-    /// Hash of what was read.
+    /// Hash of the input that was read.
     pub(crate) content: String,
-    /// Hash of the names of the files, if rows have them.
+    /// Hash of the names of the input files, if rows carry them.
     pub(crate) names: u64,
-    /// Drives, steps, drives that failed, and those left out.
+    /// Drives, steps, failed drives, and left-out drives.
     pub(crate) counts: [u64; 4],
 }
 
 impl Finished {
-    /// Returns what is written into the file.
+    /// Returns the entry for the metadata of the file.
     pub(crate) fn metadata(&self) -> KeyValue {
         KeyValue::new(KEY.to_owned(), serde_json::to_string(self).ok())
     }
 
-    /// Reads what a file says, if it is an output of this version.
+    /// Reads the record of a file, if it is an output of this version.
     pub(crate) fn read(path: &Path) -> Outcome<Option<Self>> {
         let file = File::open(path).map_err(FleetError::file(path))?;
+        // Any other file under that name has no record; it is not an error, as --force may replace
+        // it.
         let Ok(metadata) = ParquetMetaDataReader::new().parse_and_finish(&file) else {
             return Ok(None);
         };

@@ -1,4 +1,7 @@
-//! A file of results for each file of the input.
+//! Runs over a folder: one file of results for each file of the input.
+//!
+//! Each output has its own journal, so an interrupted run skips the finished ones and continues
+//! within the one it was writing.
 
 use std::collections::HashMap;
 use std::fs;
@@ -6,20 +9,18 @@ use std::path::{Path, PathBuf};
 
 use crate::error::{FleetError, Outcome};
 use crate::input::files::{InputFile, InputFiles};
-use crate::job::{Job, Progress, Summary};
-use crate::model::Model;
-use crate::overwrite;
-use crate::partial::beside;
-use crate::run::{Target, run_into};
+use crate::job::{Job, Progress, Summary, Target};
+use crate::overwrite::{self, beside};
 
-/// True for a folder that exists, or a name that ends with a slash.
+/// True for an existing folder, or for a name that ends with a slash.
 pub(crate) fn is_folder(output: &Path) -> bool {
     let name = output.as_os_str().as_encoded_bytes();
     output.is_dir() || name.last().is_some_and(|&last| std::path::is_separator(last.into()))
 }
 
-/// Refuses a result in a folder of the input, of which it would be part the next time.
+/// Refuses a result inside an input folder: the next run would read it as input.
 pub(crate) fn outside(files: &InputFiles, result: &Path) -> Outcome<()> {
+    // The result need not exist yet, so resolve links in its nearest existing ancestor.
     let parents = result.ancestors().filter(|path| !path.as_os_str().is_empty());
     let here = parents.chain([Path::new(".")]).find_map(|path| fs::canonicalize(path).ok());
     for folder in &files.folders {
@@ -33,18 +34,20 @@ pub(crate) fn outside(files: &InputFiles, result: &Path) -> Outcome<()> {
     Ok(())
 }
 
-/// Runs over each file by itself.
+/// Runs `run_into` over each file by itself.
 pub(crate) fn run(
     job: &Job,
-    model: &Model,
     files: &InputFiles,
     progress: &mut dyn FnMut(&Progress),
+    run_into: impl Fn(&InputFiles, Target<'_>, &mut dyn FnMut(&Progress)) -> Outcome<Summary>,
 ) -> Outcome<Summary> {
+    // All conflicts are found before the first file is written: inputs named in two folders may
+    // have the same relative path.
     let mut made: HashMap<PathBuf, &InputFile> = HashMap::new();
     for file in &files.files {
         if let Some(other) = made.insert(within(&job.output, file, "parquet"), file) {
             return Err(FleetError::Settings(format!(
-                "{} and {} would have the same file of results",
+                "{} and {} would both be written to the same file of results",
                 other.path.display(),
                 file.path.display()
             )));
@@ -64,9 +67,10 @@ pub(crate) fn run(
         }
         let target = Target { output: &output, left_out: left_out.as_deref(), has_names: false };
         let one =
+            // No folders: `outside` has already checked the original ones.
             InputFiles { files: vec![file.clone()], folders: Vec::new(), is_one: files.is_one };
         let mut last = Progress::default();
-        let done = run_into(job, model, &one, target, &mut |state| {
+        let done = run_into(&one, target, &mut |state| {
             last = *state;
             progress(&Progress {
                 rows: before.rows + state.rows,
@@ -88,7 +92,8 @@ pub(crate) fn run(
     Ok(sum)
 }
 
-/// Path in a folder of results, with an ending unless the file has it.
+/// Path of a result in the output folder: the relative path of the input, with `ending` added
+/// unless it is there already.
 fn within(folder: &Path, file: &InputFile, ending: &str) -> PathBuf {
     let path = folder.join(&file.relative);
     let has_it = path.extension().is_some_and(|found| found.eq_ignore_ascii_case(ending));

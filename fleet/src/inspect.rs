@@ -1,4 +1,4 @@
-//! The subcommand `model`: whether a file is a model, and what it says.
+//! The subcommand `model`: validates a model file and describes it.
 
 use std::path::{Path, PathBuf};
 
@@ -9,18 +9,18 @@ use crate::error::Outcome;
 use crate::model::{Model, Operator, with_hmm};
 use crate::sensor::{Kind, Sensor};
 
-/// States that a warning names.
+/// Maximum number of states that a warning lists.
 const NAMED: usize = 5;
 
-/// Looks into the file of a model.
+/// Inspects a model file.
 #[derive(Debug, Clone, Subcommand)]
 pub enum ModelCommand {
-    /// Whether the file is a model, and what in it may be a mistake.
+    /// Validates the file, and warns of likely mistakes in it.
     Check {
         /// Model, the JSON of a wayfix `Hmm`.
         file: PathBuf,
     },
-    /// Size, kind and hash of a model.
+    /// Shows size, kind and hash of the model.
     Show {
         /// Model, the JSON of a wayfix `Hmm`.
         file: PathBuf,
@@ -28,12 +28,12 @@ pub enum ModelCommand {
 }
 
 impl ModelCommand {
-    /// Returns what is to be said about the file.
+    /// Returns the report about the file.
     ///
     /// # Errors
     ///
-    /// [`FleetError`](crate::FleetError) if it is not a model, with the first number that is wrong
-    /// and where it is.
+    /// [`FleetError`](crate::FleetError) if it is not a model, naming the first wrong number and
+    /// its place.
     pub fn run(&self) -> Outcome<String> {
         match self {
             Self::Check { file } => {
@@ -47,8 +47,8 @@ impl ModelCommand {
     }
 }
 
-/// What may be a mistake in a model, though one can compute with it: states that are never reached
-/// or never left, and symbols that are never seen.
+/// Returns likely mistakes in a valid model: states that are never reached or never left, and
+/// symbols that are never seen.
 #[must_use]
 pub fn warnings(model: &Model) -> Vec<String> {
     with_hmm!(model, hmm => of_states(hmm).into_iter().chain(of_symbols(hmm.likelihood())).collect())
@@ -60,24 +60,29 @@ fn of_states<A: TransitionEntries<Control = ()>>(hmm: &Hmm<A, Sensor>) -> Vec<St
     let first = hmm.prior().belief().as_slice().iter().enumerate();
     let first: Vec<usize> = first.filter(|(_, p)| **p > 0.0).map(|(state, _)| state).collect();
     let mut next = match hmm.prior() {
-        // The first observation comes after a transition.
+        // The prior is that of X_0, and the first observation is made in X_1.
         Prior::BeforeFirstTransition(_) => {
             first.iter().flat_map(|&from| moves(from).map(|(to, _)| to)).collect()
         }
         _ => first,
     };
+    // Depth-first search from the possible first states.
     let mut is_reached = vec![false; n];
     while let Some(state) = next.pop() {
         if !std::mem::replace(&mut is_reached[state], true) {
+            // Only states not yet reached are pushed, so the stack holds at most one entry per
+            // move.
             next.extend(moves(state).map(|(to, _)| to).filter(|&to| !is_reached[to]));
         }
     }
     let unreached: Vec<usize> = (0..n).filter(|&state| !is_reached[state]).collect();
+    // A column of A sums to one, so a state is absorbing if all its moves lead back to it.
     let is_kept = |state: &usize| moves(*state).all(|(to, _)| to == *state);
     let kept: Vec<usize> = (0..n).filter(is_kept).collect();
-    let reached = "cannot be reached from the prior, so that no observation is made there";
+    let reached = "cannot be reached from the prior, so no observation is ever made there";
     let mut warnings = Vec::new();
     warnings.extend(named("state", &unreached, reached));
+    // A single state is absorbing by necessity.
     if n > 1 {
         warnings.extend(named("state", &kept, "cannot be left (absorbing)"));
     }
@@ -104,11 +109,11 @@ fn of_symbols(sensor: &Sensor) -> Option<String> {
     named(
         "symbol",
         &unseen,
-        "has probability 0 in every state, so that it makes a drive impossible",
+        "has probability 0 in every state, so a drive that contains it is impossible",
     )
 }
 
-/// A warning about states or symbols, with the first of them.
+/// A warning about states or symbols, which lists the first few.
 fn named(what: &str, which: &[usize], how: &str) -> Option<String> {
     let (first, rest) = which.split_at(which.len().min(NAMED));
     let first: Vec<String> = first.iter().map(ToString::to_string).collect();
@@ -122,7 +127,7 @@ fn named(what: &str, which: &[usize], how: &str) -> Option<String> {
     }
 }
 
-/// Lines about a model.
+/// Description of a model, in lines.
 fn show(model: &Model, file: &Path) -> String {
     let states = model.states();
     let (kind, entries) = match model.operator() {

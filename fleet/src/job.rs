@@ -1,6 +1,6 @@
-//! A routine over files of drives: its settings, its state and its outcome.
+//! A routine over files of drives: its settings, progress and outcome.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use arrow_schema::DataType;
 use serde_json::{Value, json};
@@ -16,30 +16,30 @@ use crate::properties::Pack;
 pub struct Job {
     /// File of the model.
     pub model: PathBuf,
-    /// Files of the drives, Parquet or CSV; folders of such files, or patterns.
+    /// Files of drives, Parquet or CSV; folders of such files, or patterns.
     pub inputs: Vec<PathBuf>,
-    /// File of the results, Parquet; or a folder, which exists or whose name ends with a slash,
-    /// for a file for each one of the input.
+    /// File of the results, Parquet; or a folder (one that exists, or a name ending in a slash)
+    /// that gets one file for each input file.
     pub output: PathBuf,
-    /// File (or folder, like the output) for drives that are no valid input; without it these end
-    /// the run.
+    /// File (or folder, like the output) for invalid drives, which are then left out; without it,
+    /// an invalid drive ends the run.
     pub left_out: Option<PathBuf>,
     /// Names of the columns of the input.
     pub names: ColumnNames,
     /// Routine.
     pub verb: Verb,
-    /// Content of the output.
+    /// Contents of the output.
     pub table: Table,
-    /// Form of the output; `None` for that of the input.
+    /// Form of the output; `None` for the form of the input.
     pub form: Option<Form>,
-    /// Rows of a part of the output (steps, if it is nested), at least: a row group, which an
-    /// interruption loses if it is not complete. It is kept in memory.
+    /// Minimum rows (steps, if nested) of a part of the output: a row group, kept in memory until
+    /// it is complete. An interruption loses only the part under construction.
     pub part: usize,
     /// Compression of the output.
     pub pack: Pack,
     /// Number of threads.
     pub threads: usize,
-    /// Way to begin.
+    /// How to treat existing output.
     pub start: Start,
 }
 
@@ -53,6 +53,8 @@ impl Job {
         has_names: bool,
     ) -> Value {
         json!({
+            // Whatever changes the bytes of the output or the boundaries of its parts. The number
+            // of threads does not.
             "version": env!("CARGO_PKG_VERSION"),
             "model": model.hash(),
             "columns": self.names.all(),
@@ -67,14 +69,23 @@ impl Job {
     }
 }
 
-/// State of a run.
+/// Where the results of some input files go.
+#[derive(Clone, Copy)]
+pub(crate) struct Target<'a> {
+    pub(crate) output: &'a Path,
+    pub(crate) left_out: Option<&'a Path>,
+    /// True if each row carries the name of its input file.
+    pub(crate) has_names: bool,
+}
+
+/// Progress of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Progress {
-    /// Rows of the input that are done.
+    /// Input rows done.
     pub rows: u64,
-    /// Rows of the input, if they are known.
+    /// All input rows, if known.
     pub all_rows: Option<u64>,
-    /// Drives that are done.
+    /// Drives done.
     pub drives: u64,
 }
 
@@ -85,17 +96,17 @@ pub struct Summary {
     pub drives: u64,
     /// Number of steps.
     pub steps: u64,
-    /// Number of drives that have an error.
+    /// Number of drives that ended with an error.
     pub failed: u64,
-    /// Number of drives that were no valid input, and are left out.
+    /// Number of invalid drives, which are left out.
     pub left_out: u64,
     /// Number of parts of the output.
     pub parts: usize,
-    /// Number of these parts that were made by an earlier run.
+    /// Number of these parts made by an earlier run.
     pub resumed: usize,
     /// Number of outputs.
     pub outputs: usize,
-    /// Number of these outputs that an earlier run has finished.
+    /// Number of these outputs finished by an earlier run.
     pub finished: usize,
 }
 

@@ -1,42 +1,48 @@
-//! The journal beside an unfinished output: which of its parts are complete.
+//! The journal beside an unfinished output: the list of its complete parts.
 //!
-//! A text file. The first line has the settings of the run as JSON, every other one a complete
-//! part, each after its [checksum]. A last line that was cut off or is damaged counts as not
-//! written: its part is made again. A damaged line before it is an error, since nothing says how many
-//! parts it stands for.
+//! A text file. The first line holds the settings of the run as JSON, every other line one complete
+//! part; each line begins with its [checksum]. A last line that is cut off or damaged counts as not
+//! written, and its part is made again. A damaged line before it is an error, since there is no
+//! telling how many parts it stood for.
+//!
+//! Lines are only appended, and a line is written after the bytes it describes, so after a crash
+//! the journal may lag behind the output but never runs ahead of what was written to the file;
+//! hashes tell if the disk lost bytes that the journal has.
 
 use std::fs::{self, File, OpenOptions, TryLockError};
+use std::hash::Hasher;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use twox_hash::XxHash3_64;
 
 use crate::checksum;
 use crate::error::{FleetError, Outcome};
 use crate::input::pieces::Piece;
-use crate::partial::beside;
+use crate::overwrite::beside;
 
-/// A complete part: row groups of the output, of a query any number, else one.
+/// A complete part: one row group of the output, or any number for a query.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Part {
-    /// File of the input that the last row of the part comes from.
+    /// Input file that the last row of the part comes from.
     pub(crate) file: usize,
-    /// Row of that file after the last one that the part is made of.
+    /// Row of that file after the last one in the part.
     pub(crate) end_row: u64,
     /// Hash of the names of all files up to that one.
     pub(crate) names: u64,
-    /// Pieces of the input that the part is made of, without those of the parts before.
+    /// Pieces of the input that the part was made from and earlier parts were not.
     pub(crate) pieces: Vec<Piece>,
-    /// End of the lines about drives that are left out, and their hash since the part before.
+    /// End of the lines on left-out drives, and the hash of those since the previous part.
     pub(crate) lines: (u64, u64),
-    /// Byte of the output after the last one of the part.
+    /// Byte of the output after the end of the part.
     pub(crate) end: u64,
-    /// Hash of the bytes since the part before (XXH3).
+    /// Hash (XXH3) of the bytes since the previous part.
     pub(crate) hash: u64,
-    /// Drives, steps, drives that failed and those left out, in this part and all before.
+    /// Drives, steps, failed drives and left-out drives, in this part and all before.
     pub(crate) counts: [u64; 4],
-    /// Metadata of the row groups as a Parquet footer, in hexadecimal digits.
+    /// Metadata of the row groups as a Parquet footer, in hexadecimal.
     pub(crate) metadata: String,
 }
 
@@ -52,8 +58,8 @@ pub(crate) struct Journal {
 }
 
 impl Journal {
-    /// Opens the journal of an output, or creates an empty one. Settings that differ from those
-    /// written are an error, unless `restart` forgets what is written.
+    /// Opens the journal of an output, or creates an empty one. Settings that differ from those in
+    /// the journal are an error, unless `restart` discards its contents.
     pub(crate) fn open(path: &Path, settings: &Value, restart: bool) -> Outcome<Self> {
         let wrong = FleetError::file(path);
         let mut file = open_locked(path)?;
@@ -61,11 +67,13 @@ impl Journal {
         file.read_to_end(&mut bytes).map_err(&wrong)?;
         let path = path.to_owned();
         let mut journal = Self { file, path, parts: Vec::new(), begun: false };
+        // Length of the prefix of whole, intact lines.
         let mut valid = 0;
         if !restart {
             for (number, line) in (1..).zip(bytes.split_inclusive(|&byte| byte == b'\n')) {
                 let end = valid + line.len();
                 let Some(text) = checksum::text(line) else {
+                    // The last line: the run was killed while writing it.
                     if end == bytes.len() {
                         break;
                     }
@@ -83,18 +91,19 @@ impl Journal {
                 valid = end;
             }
         }
+        // Later lines are appended right after the last intact one.
         journal.cut(valid as u64)?;
         Ok(journal)
     }
 
     fn damaged(&self, line: usize) -> FleetError {
         let message = format!(
-            "line {line} is damaged, or of another version of this program; start over with --restart"
+            "line {line} is damaged, or from another version of this program; start over with --restart"
         );
         FleetError::format(&self.path, message)
     }
 
-    /// Forgets all parts after so many, whose lines are written again.
+    /// Drops all but the first `parts` parts, and rewrites their lines.
     pub(crate) fn keep(&mut self, parts: usize, settings: &Value) -> Outcome<()> {
         if parts < self.parts.len() {
             let kept = self.parts.drain(..parts).collect::<Vec<_>>();
@@ -106,7 +115,7 @@ impl Journal {
         Ok(())
     }
 
-    /// Writes the settings.
+    /// Writes the settings, as the first line.
     pub(crate) fn begin(&mut self, settings: &Value) -> Outcome<()> {
         self.begun = true;
         self.line(&settings.to_string())
@@ -116,6 +125,7 @@ impl Journal {
     pub(crate) fn add(&mut self, part: Part) -> Outcome<()> {
         let text =
             serde_json::to_string(&part).map_err(|error| FleetError::format(&self.path, error))?;
+        // The caller has flushed the bytes of the part to the file.
         self.parts.push(part);
         self.line(&text)
     }
@@ -138,29 +148,61 @@ impl Journal {
     }
 }
 
-/// Opens a file that one run at a time may write to, or creates it. Its lock is held as long as the
-/// file is open.
+/// Number of leading parts whose bytes are as they were written; `parts` gives their ends and
+/// hashes.
+pub(crate) fn intact(
+    file: &mut File,
+    parts: impl Iterator<Item = (u64, u64)>,
+) -> io::Result<usize> {
+    file.seek(SeekFrom::Start(0))?;
+    let (mut start, mut number, mut buffer) = (0, 0, vec![0; 1 << 20]);
+    for (end, written) in parts {
+        let mut hash = XxHash3_64::default();
+        // A damaged end below `start` makes an empty part, whose hash will not match.
+        let mut left: u64 = end.saturating_sub(start);
+        while left > 0 {
+            let most = buffer.len().min(usize::try_from(left).unwrap_or(usize::MAX));
+            let read = file.read(&mut buffer[..most])?;
+            // The file ends within this part, so none after it can be intact.
+            if read == 0 {
+                return Ok(number);
+            }
+            hash.write(&buffer[..read]);
+            left -= read as u64;
+        }
+        if hash.finish() != written {
+            return Ok(number);
+        }
+        (start, number) = (end, number + 1);
+    }
+    Ok(number)
+}
+
+/// Opens or creates a file that only one run at a time may write to. The lock is held as long as
+/// the file stays open.
 pub(crate) fn open_locked(path: &Path) -> Outcome<File> {
     let wrong = FleetError::file(path);
     loop {
+        // Not truncated: until the lock is held, it may be the file of a running run.
         let mut options = OpenOptions::new();
         options.read(true).write(true).create(true).truncate(false);
         let file = options.open(path).map_err(&wrong)?;
         file.try_lock().map_err(|error| match error {
             TryLockError::WouldBlock => {
                 let path = path.display();
-                FleetError::Settings(format!("another run has locked {path}"))
+                FleetError::Settings(format!("another run holds the lock on {path}"))
             }
             TryLockError::Error(error) => wrong(error),
         })?;
-        // A run that ended since the file was opened has removed it, or given it another name.
+        // Between opening and locking, the previous owner may have removed or renamed the file; the
+        // lock would then be on a file that nobody else can find. Try again until it has the name.
         if is_at(&file, path).map_err(&wrong)? {
             return Ok(file);
         }
     }
 }
 
-/// A file beside an output or a snapshot that one run at a time has.
+/// A lock file beside an output or snapshot, held by one run at a time.
 #[derive(Debug)]
 pub(crate) struct Lock {
     path: PathBuf,
@@ -176,7 +218,7 @@ impl Lock {
 
 impl Drop for Lock {
     fn drop(&mut self) {
-        // One that is left stands in nobody's way.
+        // A leftover file does no harm: the lock is what counts, not the file.
         _ = fs::remove_file(&self.path);
     }
 }
@@ -193,13 +235,13 @@ fn is_at(file: &File, path: &Path) -> io::Result<bool> {
     }
 }
 
-/// Elsewhere a name that changes in that moment is not noticed.
+/// Elsewhere a rename between opening and locking goes unnoticed.
 #[cfg(not(unix))]
 fn is_at(_: &File, _: &Path) -> io::Result<bool> {
     Ok(true)
 }
 
-/// Names the settings that differ.
+/// Returns an error that names the settings that differ.
 fn compare(path: &Path, settings: &Value, written: &Value) -> Outcome<()> {
     if settings == written {
         return Ok(());
@@ -207,6 +249,7 @@ fn compare(path: &Path, settings: &Value, written: &Value) -> Outcome<()> {
     let empty = serde_json::Map::new();
     let (now, before) = (settings.as_object().unwrap_or(&empty), written.as_object());
     let before = before.unwrap_or(&empty);
+    // Only keys of this version: the version itself is one of them, and differs if keys do.
     let other = now.iter().filter(|(name, value)| before.get(*name) != Some(*value));
     let other: Vec<String> = other
         .map(|(name, value)| {
@@ -215,8 +258,8 @@ fn compare(path: &Path, settings: &Value, written: &Value) -> Outcome<()> {
         })
         .collect();
     Err(FleetError::Settings(format!(
-        "{} is of an unfinished run that differs ({}); make that one again, or start over with \
-         --restart",
+        "{} is from an unfinished run with different settings ({}); repeat that run, or start \
+         over with --restart",
         path.display(),
         other.join("; ")
     )))

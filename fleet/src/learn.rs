@@ -1,4 +1,8 @@
-//! Learning from a file of drives, which is read once for each iteration.
+//! Baum–Welch learning from files of drives, which are read once per iteration.
+//!
+//! After each M-step the model and the course so far are saved, so an interrupted run repeats at
+//! most one pass. Sums are added in the order of the input; with the input the same (its hash is
+//! compared in every pass), the result is the same to the bit.
 
 mod kept;
 
@@ -27,56 +31,57 @@ use crate::storage;
 pub(crate) use kept::save;
 use kept::{Kept, State};
 
-/// Batches for each thread that are under way.
+/// Batches per thread in flight.
 const AHEAD: usize = 2;
 
-/// Learning from a file.
+/// Settings of learning.
 #[derive(Debug, Clone)]
 pub struct LearnJob {
-    /// File of the model to start from.
+    /// File of the initial model.
     pub model: PathBuf,
-    /// File of the drives, Parquet or CSV; a folder of such files, or a pattern.
+    /// File of drives, Parquet or CSV; a folder of such files, or a pattern.
     pub input: PathBuf,
     /// File of the learned model, JSON.
     pub output: PathBuf,
     /// Names of the columns of the input.
     pub names: ColumnNames,
-    /// Largest number of re-estimations.
+    /// Maximum number of re-estimations.
     pub iterations: usize,
-    /// Gain of a re-estimation, in nats, below which learning stops.
+    /// Learning stops once a re-estimation gains less than this, in nats.
     pub tolerance: f64,
     /// True to keep the prior.
     pub keep_prior: bool,
     /// Number of threads.
     pub threads: usize,
-    /// Way to begin.
+    /// How to treat existing output.
     pub start: Start,
 }
 
-/// Course of learning.
+/// Record of a run of learning.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Course {
-    /// Log-likelihood of all drives that are not left out, of the given model and after each
+    /// Log-likelihood of all drives that are not left out, under the initial model and after each
     /// re-estimation.
     pub log_likelihoods: Vec<f64>,
     /// Number of drives that the model rules out, which are left out.
     pub left_out: u64,
-    /// True if an earlier run has finished the output.
+    /// True if an earlier run finished the output.
     #[serde(skip)]
     pub finished: bool,
 }
 
-/// Learns prior, transitions and sensor by Baum–Welch, as `Hmm::learn` of the library without
-/// pseudo-counts, or continues where a run was interrupted: after the last re-estimation.
+/// Learns prior, transitions and sensor by Baum–Welch, like `Hmm::learn` of the library without
+/// pseudo-counts, or continues an interrupted run after its last re-estimation.
 ///
-/// If an output with these settings and this input exists already, nothing is done.
+/// If an output of these settings and this input already exists, nothing is done.
 ///
-/// Memory does not grow with the file, which each iteration reads. Sums are in the order of the file: the result does not depend on the number of
-/// threads. Only a table learns; other sensors stay as they are.
+/// Each iteration reads the whole input, but memory does not grow with it. Sums are added in the
+/// order of the input, so the result does not depend on the number of threads. Only a table is
+/// learned; other sensors stay as they are.
 ///
 /// # Errors
 ///
-/// [`FleetError`] if a file cannot be read or written, settings or input are not valid, or no drive
+/// [`FleetError`] if a file cannot be read or written, settings or input are invalid, or no drive
 /// is possible under the model.
 pub fn learn(job: &LearnJob, mut progress: impl FnMut(usize, &Progress)) -> Outcome<Course> {
     storage::local(&job.output)?;
@@ -86,7 +91,7 @@ pub fn learn(job: &LearnJob, mut progress: impl FnMut(usize, &Progress)) -> Outc
     }))
 }
 
-/// Iterates with expectations from wherever they are computed, given a model and the number of
+/// Iterates with expectations computed elsewhere; `expect` gets the model and the number of
 /// re-estimations before it.
 #[cfg(feature = "sql")]
 pub(crate) fn iterate<A>(
@@ -105,7 +110,7 @@ where
     iterate_checked(hmm, model, job, |hmm, iteration, _| expect(hmm, iteration))
 }
 
-/// Iterates likewise; the expectations are also given the hash of the input that they should read.
+/// The same; `expect` also gets the hash of the input that it should read.
 fn iterate_checked<A>(
     hmm: &Hmm<A, Sensor>,
     model: &Model,
@@ -124,13 +129,15 @@ where
         return Err(FleetError::Settings(message));
     }
     let files = inputs(job)?;
+    // Locks the output, before anything about it is read.
     let kept = Kept::open(&job.output)?;
     let content = Source::new(&files, &job.names, hmm.likelihood(), false)?.digest()?.text();
     let settings = json!({
         "version": env!("CARGO_PKG_VERSION"), "model": model.hash(), "input": content,
         "columns": job.names.all(), "keep prior": job.keep_prior,
     });
-    // An unfinished run may go on with others of these.
+    // The number of iterations and the tolerance only decide when to stop, so an unfinished run may
+    // continue with different ones. A finished output must match them, too.
     let end = json!({"run": settings, "iterations": job.iterations, "tolerance": job.tolerance});
     if job.output.exists() && !job.start.force {
         let exists = || {
@@ -140,13 +147,14 @@ where
         return kept.finished(&end)?.ok_or_else(exists);
     }
     let (mut hmm, mut course) = (hmm.clone(), Course::default());
+    // A saved state holds the model after the M-step, and log-likelihoods of all models before it.
     let state = if job.start.restart { None } else { kept.state(&settings)? };
     if let Some(state) = state {
         let done = state.course.log_likelihoods.len();
         if done > job.iterations {
             let message = format!(
-                "the unfinished run has made {done} re-estimations, but --iterations is {}; give \
-                 at least as many, or start over with --restart",
+                "the unfinished run made {done} re-estimations already, but --iterations is {}; raise \
+                 it, or start over with --restart",
                 job.iterations
             );
             return Err(FleetError::Settings(message));
@@ -157,14 +165,18 @@ where
     }
     loop {
         let iteration = course.log_likelihoods.len();
+        // E-step. It also gives the log-likelihood of the current model, so the loop ends on one.
         let expected = expect(&hmm, iteration, &content)?;
         if expected.drives == expected.left_out {
-            let message = format!("none of {} drives is possible", expected.drives);
+            let message =
+                format!("none of the {} drives is possible under the model", expected.drives);
             return Err(FleetError::Learning(message));
         }
+        // An M-step cannot rule out a drive that it was estimated from. If the count changes all
+        // the same, log-likelihoods are of different drives and cannot be compared.
         if iteration > 0 && expected.left_out != course.left_out {
             let message = format!(
-                "{} drives are impossible after re-estimation {iteration}, before it were {}",
+                "{} drives are impossible after re-estimation {iteration}, but {} were before it",
                 expected.left_out, course.left_out
             );
             return Err(FleetError::Learning(message));
@@ -172,8 +184,11 @@ where
         course.left_out = expected.left_out;
         let before = course.log_likelihoods.last().copied();
         course.log_likelihoods.push(expected.log_likelihood());
+        // EM never lowers the log-likelihood, so a small gain means convergence. NaN does not
+        // occur: at least one drive is possible.
         let converged =
             before.is_some_and(|before| expected.log_likelihood() - before < job.tolerance);
+        // The model returned is the one that was just measured.
         if converged || iteration >= job.iterations {
             kept.finish(&hmm, &course, end)?;
             return Ok(course);
@@ -185,7 +200,7 @@ where
     }
 }
 
-/// Files of the input, which the output is none of.
+/// Input files, none of which the output may overwrite.
 pub(crate) fn inputs(job: &LearnJob) -> Outcome<InputFiles> {
     let files = find(std::slice::from_ref(&job.input))?;
     folder::outside(&files, &job.output)?;
@@ -193,7 +208,7 @@ pub(crate) fn inputs(job: &LearnJob) -> Outcome<InputFiles> {
     Ok(files)
 }
 
-/// Adds up the expectations of all drives of the input, which has a hash.
+/// Adds up the expectations of all drives, and checks that the input has the hash `content`.
 fn expect<A>(
     hmm: &Hmm<A, Sensor>,
     job: &LearnJob,
@@ -216,14 +231,16 @@ where
     pipeline::in_order(drives, job.threads, AHEAD, work, |done: Outcome<_>| {
         let (some, file, end_row) = done?;
         sum.merge(hmm, &some);
+        // Pieces are hashed as they are read, so the comparison costs no second pass.
         source.pieces.take(file, end_row).iter().for_each(|piece| digest.add(piece));
         state = Progress { rows: source.rows_until(file, end_row), drives: sum.drives, ..state };
         progress(&state);
         Ok(())
     })?;
     source.pieces.take(usize::MAX, u64::MAX).iter().for_each(|piece| digest.add(piece));
+    // Only now is all of the input read. Nothing has been saved from these sums.
     if digest.text() != content {
-        let message = "is not as it was when learning began; start over with --restart";
+        let message = "has changed since learning began; start over with --restart";
         return Err(FleetError::changed(&job.input, message));
     }
     Ok(sum)

@@ -1,7 +1,7 @@
-//! The file of the drives that are left out: a line of JSON for each.
+//! The file of left-out drives: one line of JSON for each.
 //!
-//! Like the output it has the ending `.partial` until it is complete, and the journal says which
-//! of its lines belong to parts that are complete.
+//! Like the output it ends in `.partial` until it is complete, and the journal records how many of
+//! its bytes belong to complete parts.
 
 use std::fs::{self, File};
 use std::hash::Hasher;
@@ -13,10 +13,10 @@ use twox_hash::XxHash3_64;
 
 use crate::error::{FleetError, Outcome};
 use crate::input::Invalid;
-use crate::journal::{Part, open_locked};
-use crate::partial::{beside, intact};
+use crate::journal::{Part, intact, open_locked};
+use crate::overwrite::beside;
 
-/// A file of drives that are left out, under construction.
+/// A file of left-out drives under construction.
 pub(crate) struct LeftOut {
     path: PathBuf,
     file: BufWriter<File>,
@@ -33,17 +33,17 @@ struct Line<'a> {
 }
 
 impl LeftOut {
-    /// Opens the file, and returns the number of parts of which it has all lines.
+    /// Opens the file, and returns the number of leading parts whose lines it has in full.
     ///
     /// # Errors
     ///
-    /// [`FleetError::Settings`] if parts have lines, but not in this file.
+    /// [`FleetError::Settings`] if parts have lines that are not in this file.
     pub(crate) fn open(path: Option<&Path>, parts: &[Part]) -> Outcome<Option<(Self, usize)>> {
         let lines = parts.last().is_some_and(|part| part.lines.0 > 0);
         let Some(path) = path else {
             if lines {
-                let message = "the unfinished run has left drives out; give its --skip-invalid \
-                               again, or start over with --restart";
+                let message = "the unfinished run left drives out; give its --skip-invalid again, or \
+                               start over with --restart";
                 return Err(FleetError::Settings(message.to_owned()));
             }
             return Ok(None);
@@ -51,20 +51,22 @@ impl LeftOut {
         let partial = beside(path, ".partial");
         if lines && !partial.exists() {
             let message = format!(
-                "the unfinished run has left drives out, but {} is not there; give its file, or \
+                "the unfinished run left drives out, but {} is missing; give the file of that run, or \
                  start over with --restart",
                 partial.display()
             );
             return Err(FleetError::Settings(message));
         }
         let mut file = open_locked(&partial)?;
+        // `intact` reads to the end of the last matching part; `cut` then truncates the file, so
+        // the position it leaves does not matter.
         let ends = parts.iter().map(|part| part.lines);
         let valid = intact(&mut file, ends).map_err(FleetError::file(&partial))?;
         let (path, file, hash) = (path.to_owned(), BufWriter::new(file), XxHash3_64::default());
         Ok(Some((Self { path, file, end: 0, hash }, valid)))
     }
 
-    /// Cuts off what does not belong to the parts.
+    /// Cuts off what lies beyond the given parts.
     pub(crate) fn cut(mut self, parts: &[Part]) -> Outcome<Self> {
         self.end = parts.last().map_or(0, |part| part.lines.0);
         let file = self.file.get_mut();
@@ -87,24 +89,25 @@ impl LeftOut {
         Ok(())
     }
 
-    /// Ends a part: returns the end of its lines, and their hash.
+    /// Ends a part, and returns the end of its lines and their hash.
     pub(crate) fn end_part(&mut self) -> Outcome<(u64, u64)> {
+        // Before the journal line that counts these bytes.
         self.file.flush().map_err(FleetError::file(&self.path))?;
         Ok((self.end, std::mem::take(&mut self.hash).finish()))
     }
 
-    /// Puts the lines on the disk.
+    /// Syncs the lines to disk.
     pub(crate) fn sync(&mut self) -> Outcome<()> {
         let done = self.file.flush().and_then(|()| self.file.get_ref().sync_all());
         done.map_err(FleetError::file(&self.path))
     }
 
-    /// Gives the file its name.
+    /// Renames the finished file.
     pub(crate) fn finish(self) -> Outcome<()> {
         Self::rename(&self.path)
     }
 
-    /// Gives a file its name, unless it has it.
+    /// Renames the finished file, unless that is done already.
     pub(crate) fn rename(path: &Path) -> Outcome<()> {
         let partial = beside(path, ".partial");
         if partial.exists() {

@@ -1,12 +1,12 @@
 //! One wayfix model over any number of drives: Arrow and Parquet in, Parquet out.
 //!
-//! [`run`] reads a file batch by batch, works on batches with all cores, and writes results in
-//! the order of the input, so that memory does not grow with the file. Its parts can be used
-//! alone: [`input`] turns record batches into drives, [`output`] turns drives into record batches
-//! of results, with a [`model`] that was read from a file.
+//! [`run`] reads a file batch by batch, works on the batches with all cores, and writes results in
+//! the order of the input, so memory does not grow with the file. Its parts can be used on their
+//! own: [`input`] turns record batches into drives, and [`output`] turns drives into record batches
+//! of results under a [`model`] read from a file.
 //!
-//! The README says which columns and which models a file may have; the [`guide`], which way to
-//! take when, and how other engines call these functions.
+//! The README lists the columns and models a file may have; the [`guide`] compares the ways to run
+//! and shows how other engines call these functions.
 
 mod checksum;
 #[cfg(feature = "ballista")]

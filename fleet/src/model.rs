@@ -1,4 +1,4 @@
-//! Models as files have them.
+//! Models read from files.
 
 use std::fs;
 use std::path::Path;
@@ -11,30 +11,30 @@ use crate::error::{FleetError, Outcome};
 use crate::sensor::Sensor;
 use crate::storage;
 
-/// Bytes of a file, at most: those of some twenty million places with five roads each.
+/// Maximum size of a file in bytes: enough for some twenty million places with five roads each.
 const LARGEST: u64 = 4 << 30;
 
-/// A model with either of the stored operators.
+/// A model with one of the two stored operators.
 #[derive(Debug, Clone)]
 #[expect(clippy::large_enum_variant, reason = "there is one of them")]
 pub enum Operator {
-    /// With the moves of a map.
+    /// With the sparse matrix of a map.
     Sparse(Hmm<SparseTransition, Sensor>),
     /// With a full matrix.
     Dense(Hmm<DenseTransition, Sensor>),
 }
 
-/// A model from a file, with the hash that names it.
+/// A model from a file, with the hash that identifies it.
 ///
-/// The file is the JSON of an `Hmm` of the library, with a `SparseTransition` or a
-/// `DenseTransition`, and with one of the sensors of [`Sensor`].
+/// The file is the JSON of an `Hmm` of the library, with a `SparseTransition` or `DenseTransition`
+/// and one of the sensors of [`Sensor`].
 #[derive(Debug, Clone)]
 pub struct Model {
     operator: Operator,
     hash: String,
 }
 
-/// Runs an expression with the model behind an [`Operator`].
+/// Evaluates an expression with the model behind an [`Operator`], whatever its type.
 macro_rules! with_hmm {
     ($model:expr, $hmm:ident => $body:expr) => {
         match $model.operator() {
@@ -50,11 +50,11 @@ impl Model {
     ///
     /// # Errors
     ///
-    /// [`FleetError`] if the file cannot be read, is a folder, a pipe or a device, has more than
-    /// 4 GiB, or is not such a model.
+    /// [`FleetError`] if the file cannot be read, is a folder, a pipe or a device, is larger than 4
+    /// GiB, or is not such a model.
     pub fn load(path: &Path) -> Outcome<Self> {
         let wrong = FleetError::file(path);
-        // Before it is opened: that would wait for whoever writes to a pipe.
+        // Checked before opening: opening a pipe waits for a writer.
         let found = fs::metadata(path).map_err(&wrong)?;
         if !found.is_file() {
             return Err(FleetError::format(path, "is not a file"));
@@ -76,17 +76,19 @@ impl Model {
         Self::from_json(&text).map_err(|message| FleetError::format(path, message))
     }
 
-    /// Reads a model from text; the hash is that of its bytes.
+    /// Parses a model; the hash is that of the bytes of the text.
     ///
     /// # Errors
     ///
-    /// A description, if it is not a model.
+    /// A description of what makes it not a model.
     pub fn from_json(text: &[u8]) -> Result<Self, String> {
         let value: Value =
             serde_json::from_slice(text).map_err(|error| format!("not a model: {error}"))?;
         let refused = |error: serde_json::Error| format!("not a model: {error}");
         let transition = value.get("transition");
         let has = |field| transition.is_some_and(|transition| transition.get(field).is_some());
+        // The two operators share no field names, so the first that is present decides. An untagged
+        // enum would give no reason for an error.
         let operator = if has("columns") {
             Operator::Dense(serde_json::from_value(value).map_err(refused)?)
         } else if has("to") {
@@ -99,14 +101,14 @@ impl Model {
         Ok(Self { operator, hash: format!("{:032x}", XxHash3_128::oneshot(text)) })
     }
 
-    /// The model, with its operator.
+    /// The model with its operator.
     #[must_use]
     pub fn operator(&self) -> &Operator {
         &self.operator
     }
 
-    /// Hash of the file (XXH3, 128 bits, as hexadecimal digits). Says whether two files are the
-    /// same, not whether one was forged.
+    /// Hash of the file (XXH3, 128 bits, in hexadecimal). It tells whether two files are the same,
+    /// not whether one was forged.
     #[must_use]
     pub fn hash(&self) -> &str {
         &self.hash
@@ -118,7 +120,7 @@ impl Model {
         with_hmm!(self, hmm => hmm.states())
     }
 
-    /// The sensor, which says what observations are.
+    /// The sensor, which determines the type of observations.
     #[must_use]
     pub fn sensor(&self) -> &Sensor {
         with_hmm!(self, hmm => hmm.likelihood())

@@ -1,14 +1,13 @@
-//! Results that would take the place of what is read.
+//! Outputs that would overwrite what is read.
 
 use std::collections::HashMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::error::{FleetError, Outcome};
-use crate::partial::beside;
 use crate::storage;
 
-/// Endings of an output and of the files that commands write beside it.
+/// Endings of an output and of the files that commands write beside it, the output itself first.
 const ENDINGS: [&str; 11] = [
     "",
     ".partial",
@@ -23,7 +22,14 @@ const ENDINGS: [&str; 11] = [
     ".iteration.new",
 ];
 
-/// Refuses outputs that are also read, whatever their paths: by another spelling, or through a link.
+/// Path of a file beside the output.
+pub(crate) fn beside(output: &Path, ending: &str) -> PathBuf {
+    let mut name = output.as_os_str().to_owned();
+    name.push(ending);
+    PathBuf::from(name)
+}
+
+/// Refuses outputs that are also read, whatever their paths: a different spelling, or a link.
 ///
 /// # Errors
 ///
@@ -38,7 +44,7 @@ pub(crate) fn refuse<'a>(
         for written in ENDINGS.map(|ending| beside(output, ending)) {
             if let Some(path) = place(&written).and_then(|place| read.get(&place)) {
                 return Err(FleetError::Settings(format!(
-                    "{} would be written to, but is read (as {}); give another --output",
+                    "{} would be written to, but is also read (as {}); choose another --output",
                     written.display(),
                     path.display()
                 )));
@@ -48,7 +54,8 @@ pub(crate) fn refuse<'a>(
     Ok(())
 }
 
-/// True if two paths are of one file, or of one name in a folder.
+/// True if two paths lead to the same file, or to the same name in a folder if there is no file
+/// yet.
 pub(crate) fn is_same(path: &Path, other: &Path) -> bool {
     let named = |path: &Path| {
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
@@ -62,12 +69,12 @@ pub(crate) fn is_same(path: &Path, other: &Path) -> bool {
     }
 }
 
-/// Path of what is read, if it is on a disk.
+/// Local path of an input, if it has one.
 fn on_disk(path: &Path) -> Option<PathBuf> {
     if storage::is_url(path) { storage::on_disk(path) } else { Some(path.to_owned()) }
 }
 
-/// What all paths to a file have in common.
+/// Identity of a file, whatever path leads to it: device and inode.
 #[cfg(unix)]
 type Place = (u64, u64);
 
@@ -77,7 +84,7 @@ fn place(path: &Path) -> Option<Place> {
     fs::metadata(path).ok().map(|found| (found.dev(), found.ino()))
 }
 
-/// Elsewhere hard links are not known.
+/// Elsewhere hard links are not recognised.
 #[cfg(not(unix))]
 type Place = PathBuf;
 

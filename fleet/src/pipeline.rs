@@ -1,15 +1,19 @@
-//! Work on items by several threads, with results in the order of the items.
+//! Parallel work on items, with results taken in the order of the items.
+//!
+//! Each item travels with the sender of a channel of its own, and the receivers wait in a queue in
+//! the order of the items. So the order holds by construction, however long each item takes, and
+//! the length of the queue bounds the memory.
 
 use std::collections::VecDeque;
 use std::sync::mpsc::{Receiver, SyncSender, channel, sync_channel};
 use std::sync::{Mutex, PoisonError};
 use std::thread;
 
-/// Works on items with so many threads, and takes the results in the order of the items, on the
-/// thread of the caller, which also reads the items.
+/// Works on items with `threads` threads, and takes the results in the order of the items. Items
+/// are read and results taken on the caller's thread.
 ///
-/// At most `ahead` items for each thread are under way or wait to be taken. An item that is an
-/// error ends the work, after the results of all items before it.
+/// At most `ahead` items per thread are in flight or wait to be taken. An item that is an error
+/// ends the work, after the results of all items before it.
 ///
 /// # Errors
 ///
@@ -25,23 +29,28 @@ pub(crate) fn in_order<T: Send, R: Send, E>(
     let (jobs, to_do) = channel::<(T, SyncSender<R>)>();
     let to_do = Mutex::new(to_do);
     thread::scope(|scope| {
-        // Dropped at the end of this closure, which ends the threads.
+        // Moved in, so that it is dropped at the end of this closure, also on an early return: the
+        // workers then find the channel closed and end, and the scope can join them.
         let jobs = jobs;
         for _ in 0..threads.max(1) {
             scope.spawn(|| {
                 while let Some((item, sender)) = next(&to_do) {
-                    // Nobody receives it after an error.
+                    // After an error nobody receives it.
                     _ = sender.send(work(item));
                 }
             });
         }
         let mut under_way: VecDeque<Receiver<R>> = VecDeque::with_capacity(most);
+        // After an error no more items are read, but those in flight are still taken.
         let mut items = items.fuse();
         let mut ended = None;
         loop {
+            // Keep the workers busy first. Only with a full queue, or no more items, wait for the
+            // oldest result.
             let next = if ended.is_none() && under_way.len() < most { items.next() } else { None };
             match next {
                 Some(Ok(item)) => {
+                    // With room for one result, a worker never waits for the caller.
                     let (sender, receiver) = sync_channel(1);
                     if jobs.send((item, sender)).is_err() {
                         return Ok(()); // every thread has panicked, which the scope passes on
@@ -56,6 +65,8 @@ pub(crate) fn in_order<T: Send, R: Send, E>(
                     take(result)?;
                 }
             }
+            // Take what is ready in order without waiting, so that results do not pile up while
+            // reading is slow.
             while let Some(Ok(result)) = under_way.front().map(Receiver::try_recv) {
                 under_way.pop_front();
                 take(result)?;
@@ -66,6 +77,8 @@ pub(crate) fn in_order<T: Send, R: Send, E>(
 }
 
 fn next<T>(to_do: &Mutex<Receiver<T>>) -> Option<T> {
+    // The lock is held while waiting for an item. Another idle worker then waits for the lock,
+    // which comes to the same; a busy one holds neither.
     to_do.lock().unwrap_or_else(PoisonError::into_inner).recv().ok()
 }
 

@@ -1,4 +1,5 @@
-//! A sensor of positions: each state is a place on Earth.
+//! A sensor of positions, where each state is a place on Earth: a Student density around each
+//! place.
 
 use std::f64::consts::PI;
 
@@ -6,12 +7,12 @@ use serde::{Deserialize, Serialize};
 use wayfix::map::Position;
 use wayfix::{Diagonal, Likelihood, LikelihoodError, Scratch};
 
-/// A measured position with its deviation.
+/// A measured position with its standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fix {
-    /// Degrees to the north.
+    /// Latitude in degrees, north positive.
     pub latitude: f64,
-    /// Degrees to the east.
+    /// Longitude in degrees, east positive.
     pub longitude: f64,
     /// Standard deviation of each coordinate, in metres, above 0.
     pub deviation: f64,
@@ -19,12 +20,12 @@ pub struct Fix {
 
 /// Density of a measured position around the place of each state.
 ///
-/// A Student distribution with ν degrees of freedom, as in the library's `PositionLikelihood`,
-/// for states that are points: with d the metres between fix and place, and s the deviation, b =
-/// (1 + d² / (ν s²))^(−(ν + 2) / 2) / (2π s²). O(n).
+/// A Student distribution with ν degrees of freedom, as in the library's `PositionLikelihood`, for
+/// states that are points: with d the distance in metres between fix and place, and s the
+/// deviation, b = (1 + d² / (ν s²))^(−(ν + 2) / 2) / (2π s²). O(n).
 ///
 /// In a file it has the fields `version` (1), `places`, a list of [latitude, longitude], and
-/// `degrees`, ν (3 is a good choice).
+/// `degrees`, the ν above (3 is a good choice).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Stored", into = "Stored")]
 pub struct Places {
@@ -32,7 +33,7 @@ pub struct Places {
     degrees: f64,
 }
 
-/// Places in a file.
+/// Places as stored in a file.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Stored {
@@ -51,6 +52,7 @@ pub struct PlaceError {
 }
 
 fn check(what: &str, value: f64, limit: f64, expected: &'static str) -> Result<(), PlaceError> {
+    // Also refuses NaN.
     if (-limit..=limit).contains(&value) {
         return Ok(());
     }
@@ -63,11 +65,11 @@ fn check_position(latitude: f64, longitude: f64) -> Result<(), PlaceError> {
 }
 
 impl Places {
-    /// Creates a sensor with the place of each state and the degrees of freedom.
+    /// Creates a sensor from the place of each state and the degrees of freedom.
     ///
     /// # Errors
     ///
-    /// [`PlaceError`] if a place is not on Earth, or the degrees of freedom are not from 1 to
+    /// [`PlaceError`] if a place is not on Earth, or the degrees of freedom are not between 1 and
     /// 1,000.
     pub fn new(places: Vec<Position>, degrees: f64) -> Result<Self, PlaceError> {
         places.iter().try_for_each(|place| check_position(place.latitude, place.longitude))?;
@@ -116,19 +118,25 @@ impl Likelihood for Places {
     ) -> Result<Diagonal<'a>, LikelihoodError> {
         let sensor = |error: PlaceError| LikelihoodError::sensor(error);
         check_position(fix.latitude, fix.longitude).map_err(sensor)?;
+        // Within these bounds the variance is a normal double, and its quotient with the largest
+        // squared distance on Earth is finite.
         if !(1e-6..=1e9).contains(&fix.deviation) {
             let what = "the deviation".to_owned();
-            let expected = "metres above 1e-6";
+            let expected = "metres from 1e-6 to 1e9";
             return Err(sensor(PlaceError { what, value: fix.deviation, expected }));
         }
         let at = Position { latitude: fix.latitude, longitude: fix.longitude };
         let variance = fix.deviation * fix.deviation;
         let logs = scratch.values(self.places.len());
         for (log, place) in logs.iter_mut().zip(&self.places) {
+            // ln b(i) up to a constant. ln_1p keeps the digits close to a place, where q / ν is
+            // small.
             let metres = at.metres_to(*place);
             let q = metres * metres / variance;
             *log = -0.5 * (self.degrees + 2.0) * (q / self.degrees).ln_1p();
         }
+        // The factor 1 / (2π s²) is the same for all states, so it only enters ln N_k. In
+        // logarithms, a fix far from every place does not underflow.
         Ok(Diagonal::log(logs).with_log_factor(-(2.0 * PI * variance).ln()))
     }
 }

@@ -15,11 +15,11 @@ use crate::output::{Table, Verb};
 /// Compression of the pages of an output.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Pack {
-    /// As they are: doubles with all their digits hardly get smaller.
+    /// Uncompressed: doubles at full precision hardly shrink.
     None,
     /// Fast.
     Lz4,
-    /// Fast, and read everywhere.
+    /// Fast, and readable everywhere.
     Snappy,
     /// Small.
     Zstd,
@@ -36,7 +36,7 @@ impl From<Pack> for Compression {
     }
 }
 
-/// Encodings: integers as differences, doubles as they are.
+/// Encodings: integers as differences, doubles plain.
 pub(crate) fn properties(
     job: &Job,
     model: &Model,
@@ -47,7 +47,8 @@ pub(crate) fn properties(
     let mut properties = WriterProperties::builder()
         .set_compression(job.pack.into())
         .set_dictionary_enabled(false)
-        // Their place is after all parts, so that they would have to be kept until then.
+        // The offset index follows all row groups, so it would have to be kept in memory until
+        // then.
         .set_offset_index_disabled(true)
         .set_statistics_enabled(EnabledStatistics::None)
         .set_max_row_group_row_count(None)
@@ -59,6 +60,7 @@ pub(crate) fn properties(
         let parts = list.iter().copied().chain([name]);
         ColumnPath::new(parts.map(str::to_owned).collect())
     };
+    // Columns by their paths in both forms; those that a schema lacks are ignored.
     for list in [
         &[][..],
         &["results", "list", "item"],
@@ -70,6 +72,7 @@ pub(crate) fn properties(
             properties = properties.set_column_encoding(column, Encoding::DELTA_BINARY_PACKED);
         }
     }
+    // Sorted integers have tiny differences. Texts repeat within a drive.
     let id = path(&[], "trace_id");
     properties = if *id_type == DataType::Int64 {
         properties.set_column_encoding(id.clone(), Encoding::DELTA_BINARY_PACKED)
@@ -80,11 +83,13 @@ pub(crate) fn properties(
         properties = properties.set_column_dictionary_enabled(path(&[], name), true);
     }
     if form == Form::Long && job.table != Table::Drives {
-        // The same in all rows of a drive.
+        // Constant within a drive, except for the filter, where it belongs to the step.
         for name in ["log_likelihood", "log_probability"] {
             let is_of_step = job.verb == Verb::Filter;
             properties = properties.set_column_dictionary_enabled(path(&[], name), !is_of_step);
         }
     }
+    // Readers that look for a drive skip row groups by the bounds of the id; other columns would
+    // only make the footer, and each line of the journal, longer.
     properties.set_column_statistics_enabled(id, EnabledStatistics::Chunk).build()
 }

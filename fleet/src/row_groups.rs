@@ -1,4 +1,7 @@
-//! Row groups of an output: written, or told to the writer when they are in the file already.
+//! Row groups of an output: written, or replayed to the writer when they are in the file already.
+//!
+//! Replayed groups must leave the writer in the state it had after writing them, so that the
+//! footer, and with it the whole file, comes out the same to the byte.
 
 #[cfg(feature = "sql")]
 use std::fs::File;
@@ -18,7 +21,7 @@ use parquet::file::writer::SerializedFileWriter;
 use crate::journal::Part;
 use crate::spool::{Nothing, Spool};
 
-/// Bytes of the end of a footer: the length of the metadata, and a mark.
+/// Trailing bytes of a footer: the length of the metadata, and the magic number.
 const FOOTER_TAIL: usize = 8;
 
 /// Writes the columns of a row group.
@@ -33,7 +36,7 @@ pub(crate) fn append(
     Ok(Arc::unwrap_or_clone(group.close()?))
 }
 
-/// Tells the writer of the row groups of a part that is in the file already.
+/// Replays the row groups of a part whose bytes are in the file already.
 pub(crate) fn replay(
     writer: &mut SerializedFileWriter<Spool>,
     part: &Part,
@@ -43,10 +46,12 @@ pub(crate) fn replay(
     let length = bytes.len().checked_sub(FOOTER_TAIL).ok_or_else(damaged)?;
     let metadata =
         ParquetMetaDataReader::decode_metadata_with_options(&bytes[..length], Some(&whole()))?;
+    // `Nothing` feeds zeros in place of the columns, and the spool drops as many bytes as the file
+    // has already: offsets advance, the disk is not touched.
     splice(writer, &Nothing, &metadata).map(|_| ())
 }
 
-/// Writes the row groups of a Parquet file of the same columns, as they are.
+/// Copies the row groups of a Parquet file with the same columns, without decoding them.
 #[cfg(feature = "sql")]
 pub(crate) fn copy(
     writer: &mut SerializedFileWriter<Spool>,
@@ -56,7 +61,8 @@ pub(crate) fn copy(
     splice(writer, file, &reader.parse_and_finish(file)?)
 }
 
-/// Metadata as they were written, so that the file gets the same footer in each way.
+/// Options that keep the metadata as written: the default folds encoding statistics into a mask,
+/// and the footer would differ from that of an uninterrupted run.
 fn whole() -> ParquetMetaDataOptions {
     ParquetMetaDataOptions::new().with_encoding_stats_as_mask(false)
 }
@@ -71,9 +77,12 @@ fn splice(
         let mut out = writer.next_row_group()?;
         for column in group.columns() {
             let close = ColumnCloseResult {
+                // The writer copies exactly this many bytes from `reader`. `max(0)`: a damaged
+                // journal may hold anything.
                 bytes_written: column.compressed_size().max(0).cast_unsigned(),
                 rows_written: group.num_rows().max(0).cast_unsigned(),
                 metadata: as_written(column)?,
+                // None of these is enabled in `properties`.
                 bloom_filter: None,
                 column_index: None,
                 offset_index: None,
@@ -85,8 +94,8 @@ fn splice(
     Ok(groups)
 }
 
-/// Metadata as the writer had it: what is read no longer says that bounds of signed numbers also
-/// stand in the fields of old readers.
+/// Metadata as the writer had it. The reader drops the mark that bounds of signed columns are also
+/// stored in the deprecated `min`/`max` fields, so set it again.
 fn as_written(column: &ColumnChunkMetaData) -> Result<ColumnChunkMetaData, ParquetError> {
     let Some(bounds) = column.statistics() else { return Ok(column.clone()) };
     let signed = column.column_descr().sort_order().is_signed();
@@ -104,7 +113,7 @@ fn as_written(column: &ColumnChunkMetaData) -> Result<ColumnChunkMetaData, Parqu
     column.clone().into_builder().set_statistics(bounds).build()
 }
 
-/// Metadata of row groups as a file would end with them.
+/// Encodes the metadata of row groups as the footer of a file that has only these.
 pub(crate) fn footer(
     writer: &SerializedFileWriter<Spool>,
     groups: Vec<RowGroupMetaData>,

@@ -1,4 +1,8 @@
 //! A routine over files of drives, batch by batch.
+//!
+//! Batches are read in order, worked on in parallel and written in order ([`pipeline::in_order`]);
+//! part boundaries depend only on the rows, so an interrupted run that continues writes the same
+//! bytes as one that was never interrupted.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -13,29 +17,28 @@ use crate::input::files::{InputFiles, find};
 use crate::input::invalid::halves;
 use crate::input::source::Source;
 use crate::input::{Drives, Form, Invalid};
-use crate::job::{Job, Progress, Summary};
+use crate::job::{Job, Progress, Summary, Target};
 use crate::model::Model;
 use crate::names::{hashes, named, with_file};
 use crate::output::{self, Batch, Results, Table};
-use crate::overwrite::{self, is_same};
+use crate::overwrite::{self, beside, is_same};
 use crate::partial::{Opened, Partial, Plan};
 use crate::pipeline;
 use crate::properties::properties;
 use crate::storage;
 
-/// Batches for each thread that are under way or wait to be written.
+/// Batches per thread in flight or waiting to be written.
 const AHEAD: usize = 4;
 
-/// Runs a routine over files, or continues a run that was interrupted.
+/// Runs a routine over files, or continues an interrupted run.
 ///
-/// Results are in the order of the input. Their file appears under its name when it is complete;
-/// until then it has the ending `.partial`, beside a file with the ending `.journal`. After an
-/// error the same call continues. If an output with these settings and this input exists already,
-/// nothing is done.
+/// Results are in the order of the input. The output gets its name only when it is complete; until
+/// then it ends in `.partial` and has a `.journal` beside it. After an error the same call
+/// continues. If an output of these settings and this input already exists, nothing is done.
 ///
 /// # Errors
 ///
-/// [`FleetError`] if a file cannot be read or written, or settings or input are not valid.
+/// [`FleetError`] if a file cannot be read or written, or settings or input are invalid.
 pub fn run(job: &Job, mut progress: impl FnMut(&Progress)) -> Outcome<Summary> {
     let results = || job.left_out.iter().chain([&job.output]);
     results().try_for_each(|path| storage::local(path))?;
@@ -46,12 +49,15 @@ pub fn run(job: &Job, mut progress: impl FnMut(&Progress)) -> Outcome<Summary> {
         && (is_same(left_out, &job.output)
             || (folder::is_folder(left_out) && !folder::is_folder(&job.output)))
     {
-        let message = "the file of --skip-invalid must be another than the output, and a folder \
-                       only if that is one";
+        let message = "--skip-invalid must name a file other than the output, and a folder only \
+                       if the output is one";
         return Err(FleetError::Settings(message.to_owned()));
     }
+    // A folder gets one output per input file, each with its own journal.
     if folder::is_folder(&job.output) {
-        return folder::run(job, &model, &files, &mut progress);
+        return folder::run(job, &files, &mut progress, |one, target, progress| {
+            run_into(job, &model, one, target, progress)
+        });
     }
     overwrite::refuse(results().map(PathBuf::as_path), files.read_with(&job.model))?;
     let has_names = !files.is_one;
@@ -59,16 +65,7 @@ pub fn run(job: &Job, mut progress: impl FnMut(&Progress)) -> Outcome<Summary> {
     run_into(job, &model, &files, out, &mut progress)
 }
 
-/// Files of the results of some files.
-#[derive(Clone, Copy)]
-pub(crate) struct Target<'a> {
-    pub(crate) output: &'a Path,
-    pub(crate) left_out: Option<&'a Path>,
-    /// True if rows have the name of the file that they come from.
-    pub(crate) has_names: bool,
-}
-
-pub(crate) fn run_into(
+fn run_into(
     job: &Job,
     model: &Model,
     files: &InputFiles,
@@ -77,10 +74,14 @@ pub(crate) fn run_into(
 ) -> Outcome<Summary> {
     let leave_out = target.left_out.is_some();
     let source = Source::new(files, &job.names, model.sensor(), leave_out)?;
+    // Everything that decides the bytes of the output is fixed here, before the first row is read:
+    // it goes into `settings`, which the journal compares.
     let form = job.form.unwrap_or(source.form);
     let results = Results::new(job.verb, job.table, form)?;
     let schema = Arc::new(results.schema(&source.id_type));
     let settings = job.settings(model, form, &source.id_type, target.has_names);
+    // `names[k]` hashes the names of files 0..=k. Rows carry the name of their file, so finished
+    // parts stay valid only as long as the files before them keep their names and order.
     let names = if target.has_names { hashes(files) } else { vec![0; files.files.len()] };
     let all_names = names.last().copied().unwrap_or(0);
     if let Some(counts) = finished(job, target.output, &settings, &source, all_names)? {
@@ -96,12 +97,16 @@ pub(crate) fn run_into(
         start: job.start,
         pieces: source.pieces.clone(),
     };
+    // From here on the output is locked: the journal is held open until `finish`.
     let mut out = match Partial::open(plan)? {
         Opened::Finished(counts) => return Ok(Summary::finished(counts)),
         Opened::Partial(out) => out,
     };
     let resumed = out.parts();
+    // Before any new row: parts of changed input must not be extended.
     check(&out, &source, &names, target)?;
+    // Rows before this position are in complete parts. A part always ends between drives, so
+    // reading resumes at the first row of a drive.
     let (file, row) = out.position();
     let mut place = (file, row);
     let mut state = Progress {
@@ -110,6 +115,7 @@ pub(crate) fn run_into(
         drives: out.counts()[0],
     };
     progress(&state);
+    // Runs on worker threads: everything except writing.
     let work = |(file, drives): (usize, Drives)| {
         let made = make(model, &results, &schema, &drives, leave_out);
         let (mut batches, invalid) = made.map_err(|error| source.name(file, error))?;
@@ -125,6 +131,8 @@ pub(crate) fn run_into(
     let done = pipeline::in_order(drives, job.threads, AHEAD, work, |made: Outcome<Made<'_>>| {
         let Made { place: at, batches, invalid, name } = made?;
         for batch in &batches {
+            // Nested rows are whole drives, so count their steps instead: a part then holds about
+            // as much in either form.
             let weight = if form == Form::Nested && job.table != Table::Drives {
                 batch.steps as usize
             } else {
@@ -133,6 +141,7 @@ pub(crate) fn run_into(
             out.write(&batch.rows, weight, [batch.drives, batch.steps, batch.failed, 0])?;
         }
         out.leave_out(&name, &invalid)?;
+        // All rows up to `at` are now in the part under construction, so it may end here.
         place = at;
         if out.weight() >= job.part {
             out.end_part(at.0, at.1, names[at.0])?;
@@ -142,8 +151,11 @@ pub(crate) fn run_into(
         progress(&state);
         Ok(())
     });
+    // The last part is whatever is left, of any weight.
     let done = done.and_then(|()| out.end_part(place.0, place.1, names[place.0]));
     if let Err(error) = done {
+        // Nothing to continue from: leave no files behind. Otherwise the journal stays, and the
+        // same command resumes after its last part.
         if out.parts() == 0 {
             out.discard()?;
         }
@@ -162,7 +174,7 @@ struct Made<'a> {
     name: std::borrow::Cow<'a, str>,
 }
 
-/// Results of drives; those that turn out not to be valid are an error, or are left out.
+/// Computes results of drives. Drives that turn out to be invalid are an error, or are left out.
 fn make(
     model: &Model,
     results: &Results,
@@ -173,6 +185,9 @@ fn make(
     if drives.is_empty() {
         return Ok((Vec::new(), drives.invalid.clone()));
     }
+    // Some values are only rejected by the sensor (a NaN likelihood, say), once results are
+    // computed. Bisecting finds them at a cost of O(log n) batches each, while a batch without any
+    // costs nothing extra.
     let (mut batches, mut invalid) = (Vec::new(), drives.invalid.clone());
     let make = |drives: &Drives| output::results(model, results, schema, drives);
     match make(drives) {
@@ -191,14 +206,14 @@ fn make(
     Ok((batches, invalid))
 }
 
-/// Checks that the input is the one that finished parts were made of.
+/// Checks that the input is the one that the finished parts were made from.
 fn check(out: &Partial, source: &Source<'_>, names: &[u64], target: Target<'_>) -> Outcome<()> {
     let parts = out.made();
     for part in parts {
         if names.get(part.file) != Some(&part.names) {
             return Err(FleetError::Settings(format!(
-                "the files of the input up to number {} are not those that parts of {} were made \
-                 of; make that run again, or start over with --restart",
+                "the first {} input files are not those that parts of {} were made from; repeat that \
+                 run, or start over with --restart",
                 part.file + 1,
                 target.output.display()
             )));
@@ -207,7 +222,7 @@ fn check(out: &Partial, source: &Source<'_>, names: &[u64], target: Target<'_>) 
     source.check(parts.iter().flat_map(|part| &part.pieces))
 }
 
-/// Counts of the run that made an output, if it was this one.
+/// Counts of the run that made an output, if it had these settings and this input.
 fn finished(
     job: &Job,
     output: &Path,
@@ -215,7 +230,9 @@ fn finished(
     source: &Source<'_>,
     names: u64,
 ) -> Outcome<Option<[u64; 4]>> {
-    if job.start.force || !output.is_file() || crate::partial::beside(output, ".journal").exists() {
+    // With a journal beside it, the run that made the output was killed before it could remove the
+    // journal, or another is about to replace the output: `Partial::open` tells them apart.
+    if job.start.force || !output.is_file() || beside(output, ".journal").exists() {
         return Ok(None);
     }
     let found = Finished::read(output)?;
@@ -223,5 +240,6 @@ fn finished(
     else {
         return Ok(None);
     };
+    // Last, because it reads the whole input.
     Ok((source.digest()?.text() == found.content).then_some(found.counts))
 }

@@ -1,4 +1,4 @@
-//! Sensors whose observations are found in columns, as one type.
+//! The sensors whose observations come in columns, as one type.
 
 use std::error::Error;
 
@@ -16,11 +16,11 @@ use crate::places::{Fix, Places};
 /// Observation of one step.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Observation {
-    /// Nothing was seen: a null, which an optional sensor allows.
+    /// Nothing was observed: a null, which an optional sensor allows.
     Missing,
     /// A symbol of a table, from 0.
     Symbol(usize),
-    /// Likelihoods of all states, or their logarithms. Shares the memory of its column.
+    /// Likelihoods of all states, or their logarithms; shares the memory of its column.
     Vector(ScalarBuffer<f64>),
     /// Likelihoods of a few states.
     Sparse(SparseObservation),
@@ -28,36 +28,36 @@ pub enum Observation {
     Fix(Fix),
 }
 
-/// Kind of a sensor: says what its observations are.
+/// Kind of a sensor, which determines the type of its observations.
 #[derive(Debug, Clone)]
 pub enum Kind {
-    /// A symbol in each step.
+    /// A symbol per step.
     Table(TableLikelihood),
-    /// The same, with a table that lists few states for each symbol.
+    /// A symbol per step, with a table that lists few states for each symbol.
     SparseTable(SparseTableLikelihood),
-    /// A list of likelihoods in each step, or of their logarithms.
+    /// A list of likelihoods per step, or of their logarithms.
     Vector {
         /// The sensor.
         vector: LikelihoodVector,
         /// True for logarithms.
         log: bool,
     },
-    /// A list of states and their likelihoods in each step.
+    /// A list of states and their likelihoods per step.
     Sparse(SparseLikelihood),
-    /// A position in each step.
+    /// A position per step.
     Places(Places),
 }
 
-/// A sensor of the library as a model file has it, or [`Places`].
+/// A sensor of the library as stored in a model file, or [`Places`].
 ///
 /// In a file it has the format of the library: that of a `TableLikelihood`, `LikelihoodVector`,
-/// `SparseLikelihood` or `SparseTableLikelihood`, or of an `OptionalLikelihood` of one of these,
-/// which allows nulls.
+/// `SparseLikelihood` or `SparseTableLikelihood`, or of an `OptionalLikelihood` around one of
+/// these, which allows nulls.
 #[derive(Debug, Clone)]
 pub struct Sensor {
     kind: Kind,
     optional: bool,
-    /// Likelihoods of a missing observation.
+    /// Likelihoods of a missing observation: all ones, since it says nothing about the state.
     ones: Vec<f64>,
 }
 
@@ -94,9 +94,9 @@ impl Kind {
     }
 }
 
-/// An observation that does not belong to the sensor.
+/// Error for an observation of another kind than the sensor.
 #[derive(Debug, thiserror::Error)]
-#[error("the observation is of another kind than the sensor")]
+#[error("the observation is not of the kind that the sensor takes")]
 struct OtherKind;
 
 impl Likelihood for Sensor {
@@ -149,12 +149,14 @@ impl LearnLikelihood for Sensor {
     }
 
     fn add(&self, statistics: &mut Vec<f64>, observation: &Observation, posterior: &[f64]) {
+        // A missing observation adds nothing: it is as likely in every state.
         if let (Kind::Table(table), Observation::Symbol(symbol)) = (&self.kind, observation) {
             table.add(statistics, symbol, posterior);
         }
     }
 
     fn merge(&self, statistics: &mut Vec<f64>, other: &Vec<f64>) {
+        // Empty for sensors that are not learned.
         statistics.iter_mut().zip(other).for_each(|(sum, other)| *sum += other);
     }
 
@@ -193,6 +195,7 @@ impl Serialize for Sensor {
             sensor: &'a Kind,
         }
         if self.optional {
+            // The format of the library's `OptionalLikelihood`.
             let version = wayfix::persistence::VERSION;
             return Optional { version, sensor: &self.kind }.serialize(serializer);
         }
@@ -222,12 +225,14 @@ impl<'de> Deserialize<'de> for Sensor {
     }
 }
 
-/// Reads a sensor, by the fields that it has.
+/// Reads a sensor; the fields present tell its kind.
 fn kind(value: Value) -> Result<Kind, String> {
     fn read<T: de::DeserializeOwned>(value: Value) -> Result<T, String> {
         serde_json::from_value(value).map_err(|error| format!("the sensor: {error}"))
     }
     let has = |field: &str| value.get(field).is_some();
+    // Each of these fields belongs to one format only, except `states`, which others have too: so
+    // it comes last.
     if has("rows") {
         read(value).map(Kind::Table)
     } else if has("symbols") {
@@ -240,7 +245,7 @@ fn kind(value: Value) -> Result<Kind, String> {
     } else if has("states") {
         read(value).map(Kind::Sparse)
     } else {
-        Err("the sensor is none of a TableLikelihood (`rows`), LikelihoodVector (`log`), \
+        Err("the sensor is not one of TableLikelihood (`rows`), LikelihoodVector (`log`), \
              SparseLikelihood (`states`), SparseTableLikelihood (`symbols`), places (`places`) or \
              an OptionalLikelihood of these (`sensor`)"
             .to_owned())

@@ -1,4 +1,4 @@
-//! The subcommand `simulate`: drives for trying things.
+//! The subcommand `simulate`: drives drawn from a model, to try things out.
 
 use std::fs::{self, File};
 use std::path::PathBuf;
@@ -18,16 +18,15 @@ use wayfix::{Hmm, TableLikelihood, TransitionEntries};
 use crate::error::{FleetError, Outcome};
 use crate::journal::open_locked;
 use crate::model::{Model, with_hmm};
-use crate::overwrite;
-use crate::partial::beside;
+use crate::overwrite::{self, beside};
 use crate::sensor::{Kind, Sensor};
 
-/// Steps of a row group, if drives are not longer.
+/// Steps of a row group, unless a single drive is longer.
 const GROUP: usize = 1 << 20;
-/// Steps of a drive, at most: those of a row group are in memory.
+/// Maximum steps of a drive: a row group is built in memory.
 const LONGEST: usize = 1 << 24;
 
-/// Draws drives from a model, with the states that were passed.
+/// Draws drives from a model, with their hidden states.
 #[derive(Debug, Clone, Args)]
 pub struct SimulateCommand {
     /// Model with a table of symbols, the JSON of a wayfix `Hmm`.
@@ -36,19 +35,19 @@ pub struct SimulateCommand {
     /// Number of drives.
     #[arg(long, default_value_t = 1000)]
     drives: usize,
-    /// Steps of each.
+    /// Steps of each drive.
     #[arg(long, default_value_t = 50)]
     steps: usize,
-    /// Seed of the random numbers: the same one gives the same drives.
+    /// Seed of the random numbers: the same seed gives the same drives.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// A row for each step, or for each drive.
+    /// One row per step, or one per drive.
     #[arg(long, default_value = "nested")]
     form: SimulatedForm,
-    /// Drives, Parquet.
+    /// Output, Parquet.
     #[arg(long)]
     output: PathBuf,
-    /// Replaces an output that exists.
+    /// Replaces an existing output.
     #[arg(long)]
     force: bool,
 }
@@ -56,14 +55,14 @@ pub struct SimulateCommand {
 /// Rows of simulated drives.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum SimulatedForm {
-    /// One for each step.
+    /// One row per step.
     Long,
-    /// One for each drive.
+    /// One row per drive.
     Nested,
 }
 
 impl SimulateCommand {
-    /// Writes the drives, and returns a line that says what was done.
+    /// Writes the drives, and returns a summary line.
     ///
     /// # Errors
     ///
@@ -76,6 +75,8 @@ impl SimulateCommand {
         }
         overwrite::refuse([self.output.as_path()], [self.model.as_path()])?;
         let unfinished = beside(&self.output, ".unfinished");
+        // Before the temporary file is created, and again under its lock, since another run may
+        // have written the output in between.
         self.check_output()?;
         let file = open_locked(&unfinished)?;
         let done = self.check_output().and_then(|()| {
@@ -83,7 +84,8 @@ impl SimulateCommand {
             fs::rename(&unfinished, &self.output).map_err(FleetError::file(&self.output))
         });
         if done.is_err() {
-            // The first error says more. The lock is still held: it is no other run's file.
+            // The first error says more than one from here. The lock is still held, so this is our
+            // own file.
             _ = fs::remove_file(&unfinished);
         }
         done?;
@@ -105,6 +107,7 @@ impl SimulateCommand {
     ) -> Outcome<()> {
         let (wrong, failed) = (FleetError::file(&self.output), FleetError::parquet(&self.output));
         let file = file.map_err(&wrong)?;
+        // Left by a run that was killed.
         file.set_len(0).map_err(&wrong)?;
         let schema = Arc::new(self.schema());
         let properties = WriterProperties::builder()
@@ -116,6 +119,7 @@ impl SimulateCommand {
             .build();
         let mut writer =
             ArrowWriter::try_new(file, schema.clone(), Some(properties)).map_err(&failed)?;
+        // One generator for all drives: row groups do not change the draws.
         let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
         let group = (GROUP / self.steps.max(1)).max(1);
         let mut first = 0;
@@ -148,7 +152,7 @@ impl SimulateCommand {
         Schema::new(vec![number("trace_id"), list("observation"), list("state")])
     }
 
-    /// Columns of so many drives, the first of which has this number.
+    /// Columns of `count` drives, numbered from `first`.
     fn columns(&self, first: usize, count: usize, steps: [Vec<u32>; 2]) -> Outcome<Vec<ArrayRef>> {
         let ids = first as i64..(first + count) as i64;
         let number = |values: Vec<i64>| Arc::new(Int64Array::from(values)) as ArrayRef;
@@ -171,13 +175,14 @@ fn item() -> Arc<Field> {
     Arc::new(Field::new_list_field(DataType::UInt32, false))
 }
 
-/// The model with its table, which draws symbols. Likelihoods say how well an observation fits, not
-/// how often it comes.
+/// The model with its table, which can draw symbols. The other sensors cannot: a likelihood tells
+/// how well an observation fits, not how often it occurs.
 fn drawable<A: Clone + TransitionEntries>(
     hmm: &Hmm<A, Sensor>,
 ) -> Outcome<Hmm<A, TableLikelihood>> {
     let Kind::Table(table) = hmm.likelihood().kind() else {
-        let message = "the sensor of the model draws no observations, expected a TableLikelihood";
+        let message =
+            "the sensor of the model cannot draw observations, expected a TableLikelihood";
         return Err(FleetError::Settings(message.to_owned()));
     };
     Hmm::new(hmm.prior().clone(), hmm.transition().clone(), table.clone())

@@ -1,4 +1,4 @@
-//! Files that are written on, and put on the disk meanwhile.
+//! Files that are appended to, and synced to disk in the background.
 
 use std::fs::File;
 use std::hash::Hasher;
@@ -10,7 +10,8 @@ use parquet::errors::ParquetError;
 use parquet::file::reader::{ChunkReader, Length};
 use twox_hash::XxHash3_64;
 
-/// File that takes note of what is written, without the first bytes, which it has already.
+/// Writer that appends to a file and hashes what it writes, and drops the first `skip` bytes, which
+/// the file has already.
 pub(crate) struct Spool {
     pub(crate) file: File,
     pub(crate) skip: u64,
@@ -20,6 +21,8 @@ pub(crate) struct Spool {
 impl Write for Spool {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         if self.skip > 0 {
+            // A short write is allowed: the caller comes back with the rest, which may be past
+            // `skip`. Skipped bytes do not enter the hash, which starts anew with each part.
             let skipped = (bytes.len() as u64).min(self.skip);
             self.skip -= skipped;
             return Ok(skipped as usize);
@@ -34,11 +37,12 @@ impl Write for Spool {
     }
 }
 
-/// Stands for bytes that are in the file already.
+/// Stands in for column chunks that are in the file already.
 pub(crate) struct Nothing;
 
 impl Length for Nothing {
     fn len(&self) -> u64 {
+        // Any range that the metadata asks for is inside.
         u64::MAX
     }
 }
@@ -51,11 +55,11 @@ impl ChunkReader for Nothing {
     }
 
     fn get_bytes(&self, _: u64, _: usize) -> Result<bytes::Bytes, ParquetError> {
-        Err(ParquetError::General("bytes that are written are not read".to_owned()))
+        Err(ParquetError::General("written bytes cannot be read back".to_owned()))
     }
 }
 
-/// Thread that has written parts put on the disk, so that little is left to do at the end.
+/// Thread that syncs written parts, so that little is left to do at the end.
 pub(crate) struct Disk {
     sender: SyncSender<()>,
     thread: JoinHandle<()>,
@@ -64,10 +68,11 @@ pub(crate) struct Disk {
 impl Disk {
     pub(crate) fn new(file: &File) -> io::Result<Self> {
         let file = file.try_clone()?;
+        // One place: a sync covers all bytes written before it, so one pending request is enough.
         let (sender, receiver) = sync_channel(1);
         let thread = thread::spawn(move || {
             while receiver.recv().is_ok() {
-                // An error comes back when the file is finished.
+                // An error will come back when the finished file is synced.
                 _ = file.sync_data();
             }
         });
@@ -75,7 +80,7 @@ impl Disk {
     }
 
     pub(crate) fn push(&self) {
-        // The thread may still be busy, and takes the new part along next time.
+        // If the thread is busy, the pending request covers the new part, too.
         _ = self.sender.try_send(());
     }
 

@@ -1,18 +1,18 @@
-"""Answers each message of a JetStream stream once: `wayfix-fleet live` between two streams.
+"""Answers each message of a JetStream stream exactly once: `wayfix-fleet live` between two streams.
 
     pip install nats-py
     python bridge.py --input seen --output positions --subject positions.all --folder state \
         -- wayfix-fleet live --model model.json --every 10
 
-Messages of the stream `seen` are lines without an `offset`. Their answers come to the stream
-`positions`, which has no other writer. Each run goes on where the last one was, however that ended;
-start it again when it ends with an error, as systemd does with `Restart=always`.
+Messages of the stream `seen` are lines without an `offset`. Their answers go to the stream
+`positions`, which has no other writer. Each run continues where the last one was, however that ended;
+restart it when it ends with an error, as systemd does with `Restart=always`.
 
-Nothing is lost or doubled, for three reasons:
-- The service says which sequence its snapshot ends with, and is given the messages after it.
+Nothing is lost or duplicated, for three reasons:
+- The service reports the sequence number at which its snapshot ends, and is given the messages after it.
 - Its file of answers is the same to the byte as if it had never been killed.
-- A message has the place in this file at which its answer ends, and each is published as the one
-  after the last. So the stream itself says what comes next, and refuses anything else.
+- Each published answer carries the position in this file at which it ends, and is published on the
+  condition that it follows the last one. So the stream itself tells what comes next, and refuses anything else.
 """
 
 import argparse
@@ -33,18 +33,18 @@ PART = 1 << 16
 
 
 async def begin(command, folder):
-    """Starts the service. Returns it, and the sequence of the last message that it has taken."""
+    """Starts the service. Returns it, and the sequence number of the last message that it has taken."""
     snapshot = folder / "pool.bin"
     service = await asyncio.create_subprocess_exec(
         *command, "--restore", snapshot, "--snapshot", snapshot,
         "--output", folder / "answers.jsonl", "--log", "json",
         stdin=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE)
     while line := await service.stderr.readline():
-        # Not from the snapshot: a service whose bridge was killed may have yet to write it.
+        # Not read from the snapshot: a service whose bridge was killed may still have to write it.
         if line.startswith(b"{") and (event := json.loads(line))["event"] == "begin":
             return service, event["offset"] or 0
         sys.stderr.buffer.write(line)
-    sys.exit("the service did not begin")
+    sys.exit("the service did not start")
 
 
 async def log(service):
@@ -54,7 +54,7 @@ async def log(service):
 
 
 async def feed(stream, name, service, last):
-    """Gives the service all messages after one."""
+    """Passes all messages after `last` to the service."""
     config = ConsumerConfig(
         deliver_policy=DeliverPolicy.BY_START_SEQUENCE, opt_start_seq=last + 1, ack_policy=AckPolicy.NONE)
     messages = await stream.pull_subscribe(">", stream=name, config=config)
@@ -67,8 +67,8 @@ async def feed(stream, name, service, last):
         for message in batch:
             sequence, delivered = message.metadata.sequence, delivered + 1
             if sequence.consumer != delivered:
-                raise RuntimeError("a message was lost on its way")
-            # JSON has no line breaks but between its words. What is no JSON is answered as such.
+                raise RuntimeError("a message was lost on the way")
+            # In JSON, line breaks can only be between tokens. Anything else is answered as a bad line.
             line = message.data.strip()[1:].replace(b"\n", b" ")
             service.stdin.write(b'{"offset":%d,' % sequence.stream + line + b"\n")
         await service.stdin.drain()
@@ -83,7 +83,7 @@ async def publish(stream, options, path, is_over):
     file, freed = None, place
     while True:
         was_over = is_over.is_set()
-        # A file that was cut back to its snapshot has yet to grow again.
+        # A file that was cut back to its snapshot may still be shorter than `place`.
         if file is None and path.exists():
             file = path.open("rb")
         lines = []
@@ -100,7 +100,7 @@ async def publish(stream, options, path, is_over):
             sequence += 1
         await asyncio.wait_for(asyncio.gather(*acks), 30)
         if place - freed >= options.free:
-            # The file keeps its length, and the disk the rest of it. Not all systems can do this.
+            # Frees the disk space without changing the length of the file. Not all systems can do this.
             with contextlib.suppress(FileNotFoundError):
                 await asyncio.create_subprocess_exec(
                     "fallocate", "--punch-hole", "--offset", "0", "--length", str(place), path)
@@ -117,8 +117,8 @@ async def main():
     parser.add_argument("--input", required=True, help="stream of the lines")
     parser.add_argument("--output", required=True, help="stream of the answers")
     parser.add_argument("--subject", required=True, help="subject of the answers")
-    parser.add_argument("--folder", required=True, type=pathlib.Path, help="of the snapshot and the answers")
-    parser.add_argument("--free", type=int, default=1 << 26, help="bytes of answers after which the disk is freed")
+    parser.add_argument("--folder", required=True, type=pathlib.Path, help="folder of the snapshot and the answers")
+    parser.add_argument("--free", type=int, default=1 << 26, help="bytes of answers after which disk space is freed")
     parser.add_argument("command", nargs="+", help="wayfix-fleet live, with its options")
     options = parser.parse_args()
     client = await nats.connect(options.server)
@@ -138,13 +138,13 @@ async def main():
         {feeding, publishing, stopped, ended}, return_when=asyncio.FIRST_COMPLETED)
     feeding.cancel()
     if done != {stopped}:
-        # Left as after a kill: the next run goes on.
+        # Left as after a kill: the next run continues.
         for task in done & {feeding, publishing}:
             print(f"bridge: {task.exception()!r}", file=sys.stderr)
         with contextlib.suppress(ProcessLookupError):
             service.kill()
         os._exit(1)
-    # The service answers what it has, and writes its snapshot.
+    # The service answers what it has received, and writes its snapshot.
     service.stdin.close()
     await ended
     is_over.set()

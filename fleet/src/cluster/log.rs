@@ -1,4 +1,4 @@
-//! Messages of Ballista.
+//! Log messages of Ballista.
 
 use log::{LevelFilter, Log, Metadata, Record};
 

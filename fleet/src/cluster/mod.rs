@@ -1,9 +1,8 @@
 //! Queries on a cluster, by [Ballista](ballista): a scheduler and executors that know the
 //! [functions](crate::sql), and a client.
 //!
-//! All of them must find tables and models under the same paths. Executors keep the rows of a
-//! task in files until the client has them; the tasks of an executor that is lost are done again
-//! by others.
+//! All of them must find tables and models under the same paths. Executors keep the rows of a task
+//! in files until the client has them; tasks of a lost executor are repeated by others.
 
 mod executor;
 mod log;
@@ -22,35 +21,36 @@ use crate::sql::{self, Models};
 pub use executor::ExecutorCommand;
 pub use scheduler::SchedulerCommand;
 
-/// Stack of a thread: plans are trees, and are read by recursion.
+/// Stack size of a thread: plans are trees, decoded by recursion.
 const STACK: usize = 32 << 20;
 
-/// Models that the queries of others may name: all files, or those of a folder.
+/// Models that queries by others may name: all files, or those of a folder.
 fn models(folder: Option<&Path>) -> Outcome<Models> {
     folder.map_or_else(|| Ok(Models::default()), Models::in_folder)
 }
 
-/// Context whose queries run on the cluster of a scheduler, at `host:port`.
+/// Context whose queries run on the cluster of the scheduler at `host:port`.
 ///
-/// Queries are cut into so many tasks, of which each reads a part of a file.
+/// Queries are cut into `tasks` tasks, each of which reads part of a file.
 ///
 /// # Errors
 ///
-/// [`FleetError::Query`] if the address is not one.
+/// [`FleetError::Query`] if this is not an address.
 pub async fn context(scheduler: &str, tasks: usize, batch: usize) -> Outcome<SessionContext> {
     let config = SessionConfig::new()
         .with_target_partitions(tasks.max(1))
         .with_batch_size(batch.max(1))
-        // Parts of a file are work for several executors, however small they are.
+        // Split files among executors however small they are: a step of a model costs far more than
+        // a byte.
         .with_repartition_file_min_size(0);
     let state = state(config, &Models::default())?;
     let context = SessionContext::remote_with_state(&format!("df://{scheduler}"), state).await?;
-    // Ballista replaces all functions by its own.
+    // Ballista has replaced all functions by its own.
     sql::register(&context);
     Ok(context)
 }
 
-/// State of a session that knows the functions.
+/// State of a session that knows our functions.
 fn state(config: SessionConfig, models: &Models) -> datafusion::common::Result<SessionState> {
     let mut state = SessionStateBuilder::new().with_default_features().with_config(config).build();
     for function in sql::functions(models) {

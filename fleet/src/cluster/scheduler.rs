@@ -1,4 +1,4 @@
-//! The scheduler of a cluster.
+//! The scheduler process of a cluster.
 
 use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
@@ -16,18 +16,18 @@ use crate::error::Outcome;
 #[derive(Debug, Clone, Parser)]
 #[command(name = "wayfix-fleet-scheduler", version)]
 pub struct SchedulerCommand {
-    /// Address that executors and clients connect to. There is no password: let it be one that
-    /// only they can reach.
+    /// Address that executors and clients connect to. There is no password, so use one that only
+    /// they can reach.
     #[arg(long, default_value = "127.0.0.1")]
     host: IpAddr,
     /// Port.
     #[arg(long, default_value_t = 50050)]
     port: u16,
     /// Folder of the models: names in queries are relative to it, and no file outside can be named.
-    /// The same for all processes of the cluster. Without it, a query opens any file.
+    /// Must be the same for all processes of the cluster. Without it, a query can open any file.
     #[arg(long, value_name = "FOLDER")]
     models: Option<PathBuf>,
-    /// Seconds without a sign of life after which an executor is lost.
+    /// Seconds without a heartbeat after which an executor counts as lost.
     #[arg(long, default_value_t = 20)]
     timeout: u64,
 }
@@ -37,7 +37,8 @@ impl SchedulerCommand {
     ///
     /// # Errors
     ///
-    /// [`FleetError`](crate::FleetError) if the port cannot be opened, or the folder is none.
+    /// [`FleetError`](crate::FleetError) if the port cannot be opened, or the folder of models is
+    /// not a folder.
     pub fn run(&self) -> Outcome<()> {
         let models = models(self.models.as_deref())?;
         let mut config = SchedulerConfig::default()
@@ -46,6 +47,7 @@ impl SchedulerCommand {
             .with_override_session_builder(Arc::new(move |config| state(config, &models)));
         config.bind_host = self.host.to_string();
         config.executor_timeout_seconds = self.timeout;
+        // Checked four times within the timeout, so a loss is noticed at most a quarter late.
         config.expire_dead_executor_interval_seconds = self.timeout.div_ceil(4).max(1);
         let address = SocketAddr::new(self.host, self.port);
         serve(async move {

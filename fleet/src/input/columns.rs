@@ -1,4 +1,7 @@
 //! Columns that a sensor needs, and their types.
+//!
+//! The types alone decide the form, before any row is read, so a table with an unusable column is
+//! refused at once.
 
 use std::sync::Arc;
 
@@ -12,18 +15,18 @@ use crate::sensor::{Kind, Sensor};
 pub struct ColumnNames {
     /// Id of the drive.
     pub trace_id: String,
-    /// Step, an integer that rises within a drive.
+    /// Step, an integer that increases within a drive.
     pub step: String,
     /// Observation: a symbol, a list of numbers, or a list of structs of a state and its
     /// likelihood.
     pub observation: String,
-    /// Likelihood of all states that a sparse list does not name; 0 without such a column.
+    /// Likelihood of the states that a sparse list does not name; 0 without such a column.
     pub elsewhere: String,
-    /// Degrees to the north, for positions.
+    /// Latitude in degrees, for positions.
     pub latitude: String,
-    /// Degrees to the east, for positions.
+    /// Longitude in degrees, for positions.
     pub longitude: String,
-    /// Deviation in metres, for positions.
+    /// Standard deviation in metres, for positions.
     pub deviation: String,
 }
 
@@ -59,28 +62,28 @@ impl ColumnNames {
 /// Form of a table of drives or results.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Form {
-    /// A row for each step.
+    /// One row per step.
     Long,
-    /// A row for each drive, with lists.
+    /// One row per drive, with lists.
     Nested,
 }
 
-/// Columns of a table of drives, found and checked.
+/// The columns of a table of drives, found and checked.
 #[derive(Debug, Clone)]
 pub struct Layout {
     /// Form of the table.
     pub form: Form,
     /// Type of trace ids, `Int64` or `Utf8`.
     pub id_type: DataType,
-    /// Names of the columns; those that the table may lack and does lack are empty.
+    /// Names of the columns; the name of an optional column that is absent is empty.
     pub names: ColumnNames,
-    /// Sensor that the observations are for.
+    /// Sensor of the observations.
     pub sensor: Sensor,
 }
 
 impl Layout {
-    /// Finds the columns. The form follows from the type of the observation: a list where the
-    /// sensor takes a symbol, or a list of lists where it takes a list, is nested.
+    /// Finds the columns. The type of the observation decides the form: a list where the sensor
+    /// takes a symbol, or a list of lists where it takes a list, means nested.
     pub(crate) fn new(schema: &Schema, names: &ColumnNames, sensor: &Sensor) -> Outcome<Self> {
         let id_type = match find(schema, &names.trace_id)?.data_type() {
             DataType::Utf8 | DataType::LargeUtf8 | DataType::Utf8View => DataType::Utf8,
@@ -96,6 +99,8 @@ impl Layout {
             _ => &names.observation,
         };
         let found = find(schema, observation)?.data_type();
+        // A type cannot be both: a list is never an observation of a table or a position, and the
+        // lists of the other two have elements that are not lists.
         let form = if is_of(sensor.kind(), found) {
             Form::Long
         } else if element(found).is_some_and(|inner| is_of(sensor.kind(), inner)) {
@@ -107,10 +112,12 @@ impl Layout {
             let found = find(schema, name)?.data_type();
             let (inner, what) = match form {
                 Form::Long => (Some(found), what.to_owned()),
-                Form::Nested => (element(found), format!("a list of which each element is {what}")),
+                Form::Nested => (element(found), format!("a list whose elements are each {what}")),
             };
             if inner.is_some_and(is) { Ok(()) } else { Err(wrong_type(name, found, &what)) }
         };
+        // A nested table without steps numbers them 1, 2, …; in a long one only the step tells the
+        // order.
         if form == Form::Long || schema.column_with_name(&names.step).is_some() {
             as_form(&names.step, DataType::is_integer, "an integer")?;
         } else {
@@ -131,7 +138,7 @@ impl Layout {
         Ok(Self { form, id_type, names, sensor: sensor.clone() })
     }
 
-    /// Finds the columns of a table with a row for each drive.
+    /// Finds the columns of a table with one row per drive.
     ///
     /// # Errors
     ///
@@ -142,17 +149,20 @@ impl Layout {
             _ => &names.observation,
         };
         let found = find(schema, observation)?.data_type();
+        // `new` would take such a table for a long one and ask for steps; in SQL the mistake is
+        // rather a missing `array_agg`.
         if is_of(sensor.kind(), found) {
             let message = format!(
-                "has the type {found} of the observation of one step, expected a list of these \
-                 for each drive"
+                "has the type {found}, that of one observation; expected a list of them for each \
+                 drive"
             );
             return Err(FleetError::column(observation, message));
         }
         Self::new(schema, names, sensor)
     }
 
-    /// Names of the columns that are read.
+    /// Names of the columns that are read: the trace id, the step if there is one, then those of
+    /// the observation.
     pub(super) fn needed(&self) -> Vec<&str> {
         let names = &self.names;
         let mut needed = vec![names.trace_id.as_str(), names.step.as_str()];
@@ -170,9 +180,10 @@ impl Layout {
 
 fn find<'a>(schema: &'a Schema, name: &str) -> Outcome<&'a Field> {
     if let Some((at, field)) = schema.column_with_name(name) {
+        // A reader would silently take one of the two.
         let is_it = |(other, field): (usize, &Arc<Field>)| other > at && field.name() == name;
         if schema.fields().iter().enumerate().any(is_it) {
-            let message = "is there twice; give the columns different names";
+            let message = "occurs twice; give the columns different names";
             return Err(FleetError::column(name, message));
         }
         return Ok(field);
@@ -186,7 +197,7 @@ fn wrong_type(name: &str, found: &DataType, expected: &str) -> FleetError {
     FleetError::column(name, format!("has the type {found}, expected {expected}"))
 }
 
-/// Type of the elements of a list.
+/// Element type of a list.
 fn element(list: &DataType) -> Option<&DataType> {
     match list {
         DataType::List(field) | DataType::LargeList(field) | DataType::FixedSizeList(field, _) => {
@@ -200,7 +211,7 @@ fn is_number(found: &DataType) -> bool {
     found.is_integer() || found.is_floating()
 }
 
-/// True for the type of an observation of one step.
+/// True for the type of a single observation.
 fn is_of(kind: &Kind, found: &DataType) -> bool {
     match kind {
         Kind::Table(_) | Kind::SparseTable(_) => found.is_integer(),

@@ -1,4 +1,7 @@
 //! CSV files in the long form, with a header.
+//!
+//! The decoder reads all columns as text; [`text`] parses them, so that an error names the row and
+//! quotes the text. Blocks of bytes are hashed as they are read.
 
 use std::io::{self, BufReader};
 use std::path::Path;
@@ -17,15 +20,14 @@ use crate::error::{FleetError, Outcome};
 use crate::sensor::Sensor;
 use crate::storage::{Reader, Stored};
 
-/// Rows of a batch.
+/// Rows in a batch.
 const ROWS: usize = 1 << 15;
 
-/// Opens a file after rows to skip.
+/// Opens a file, and skips `skip` rows.
 ///
-/// Trace ids are integers if the first one is (as it would be written: `007` is text), otherwise
-/// text. A list has its values between
-/// spaces or semicolons: `0.5 0.25 0.25`; a sparse one pairs of a state and its likelihood:
-/// `4:0.5 7:0.25`. An empty field is a null.
+/// Trace ids are integers if the first one is (in canonical form: `007` is text), otherwise text. A
+/// list has its values separated by spaces or semicolons: `0.5 0.25 0.25`; a sparse list has pairs
+/// of a state and its likelihood: `4:0.5 7:0.25`. An empty field is null.
 pub(super) fn open(
     path: &Path,
     names: &ColumnNames,
@@ -54,6 +56,8 @@ pub(super) fn open(
     let schema = schema.project(&projection)?;
     let text = header.iter().map(|name| Field::new(name, DataType::Utf8, true));
     let text = Arc::new(Schema::new(text.collect::<Vec<_>>()));
+    // The decoder skips whole batches, and `without` the rest, so batches begin at the same rows in
+    // every run. The end is half of the range because the decoder adds the header row to it.
     let cut = skip as usize % ROWS;
     let decoder = ReaderBuilder::new(text)
         .with_header(true)
@@ -75,16 +79,16 @@ pub(super) fn open(
     Ok((without(batches, cut as u64), layout))
 }
 
-/// Text of a file, in blocks that are noted as they are read.
+/// Text of a file, in blocks that are recorded as they are read.
 struct Blocks {
     file: Reader,
     decoder: Decoder,
     buffer: Vec<u8>,
-    /// Byte of the block that comes next.
+    /// Position in the block of the next byte to decode.
     at: usize,
     /// Number of the next block.
     number: u64,
-    /// First row of the batch that comes next.
+    /// First row of the next batch.
     row: u64,
     reading: Reading,
 }
@@ -98,10 +102,12 @@ impl Blocks {
             }
             let read = self.decoder.decode(&self.buffer[self.at..]).map_err(wrong)?;
             self.at += read;
+            // End of the file, or a full batch.
             if read == 0 || self.decoder.capacity() == 0 {
                 break;
             }
         }
+        // What is left of the block stays for the next batch.
         let batch = self.decoder.flush().map_err(wrong)?;
         self.row += batch.as_ref().map_or(0, RecordBatch::num_rows) as u64;
         Ok(batch)
@@ -111,7 +117,8 @@ impl Blocks {
         pieces::block(&mut self.file, &mut self.buffer)?;
         self.at = 0;
         if let Some(pieces) = self.reading.pieces.as_ref().filter(|_| !self.buffer.is_empty()) {
-            // Rows that are skipped are not counted here, and their blocks are known.
+            // Rows in the decoder are not flushed yet. Skipped rows never get there, so blocks of
+            // these all count as the first wanted row; an earlier run recorded them.
             let first_row = self.row + (ROWS - self.decoder.capacity()) as u64;
             let hash = pieces::hash_of(&self.buffer);
             pieces.add(Piece { file: self.reading.file, number: self.number, first_row, hash });
@@ -121,7 +128,7 @@ impl Blocks {
     }
 }
 
-/// Reads columns of text as their types.
+/// Parses columns of text into their types.
 fn rows(
     batch: &RecordBatch,
     schema: &Arc<Schema>,
@@ -134,6 +141,8 @@ fn rows(
         if !leave_out {
             return Err(error);
         }
+        // The columns come one after the other, so errors are sorted by row below. The sort is
+        // stable: of one row, the error of the first column comes first.
         wrong.push((row, error));
         Ok(())
     };
@@ -148,7 +157,7 @@ fn rows(
     Ok(Rows { batch, wrong: wrong.into() })
 }
 
-/// Returns the header, and the first trace id that is there.
+/// Returns the header and the first trace id, if there is one.
 fn head(path: &Path, trace_id: &str) -> Outcome<(Vec<String>, Option<String>)> {
     let wrong = |error| FleetError::format(path, error);
     let (schema, _) = Format::default()
@@ -159,10 +168,12 @@ fn head(path: &Path, trace_id: &str) -> Outcome<(Vec<String>, Option<String>)> {
     if header.is_empty() {
         return Err(FleetError::format(path, "is empty, expected a header"));
     }
+    // `Layout::new` reports the missing column.
     let Ok(column) = schema.index_of(trace_id) else { return Ok((header, None)) };
     let text = header.iter().map(|name| Field::new(name, DataType::Utf8, true));
     let reader = ReaderBuilder::new(Arc::new(Schema::new(text.collect::<Vec<_>>())))
         .with_header(true)
+        // Usually the first row has an id, and nothing else is read.
         .with_batch_size(1)
         .with_projection(vec![column])
         .build(read(path)?)

@@ -1,4 +1,7 @@
-//! Files of an input: a file, all files of a folder, or those that match a pattern.
+//! Files of an input: one file, all files of a folder, or those that match a pattern.
+//!
+//! The order is part of the result, so it must not depend on the file system: names are sorted by
+//! their bytes, folder by folder.
 
 use std::collections::HashSet;
 use std::fs;
@@ -7,11 +10,11 @@ use std::path::{Path, PathBuf};
 use crate::error::{FleetError, Outcome};
 use crate::storage::{self, Listed};
 
-/// A file of the input.
+/// An input file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct InputFile {
     pub(crate) path: PathBuf,
-    /// Path within the folder that was named, or before the pattern begins.
+    /// Path within the given folder, or from where the pattern begins.
     pub(crate) relative: PathBuf,
 }
 
@@ -21,22 +24,22 @@ pub(crate) struct InputFiles {
     pub(crate) files: Vec<InputFile>,
     /// Folders that were searched.
     pub(crate) folders: Vec<PathBuf>,
-    /// True if a single file was named, and no folder or pattern.
+    /// True if the input is a single file, given by name.
     pub(crate) is_one: bool,
 }
 
 impl InputFiles {
-    /// The files, and the model for them.
+    /// The files and the model: everything that is read.
     pub(crate) fn read_with<'a>(&'a self, model: &'a Path) -> impl Iterator<Item = &'a Path> {
         self.files.iter().map(|file| file.path.as_path()).chain([model])
     }
 }
 
-/// Finds the files: inputs in the order given, those of a folder or pattern by their path.
+/// Finds the files: inputs in the order given, those of a folder or pattern sorted by path.
 ///
 /// # Errors
 ///
-/// [`FleetError`] if a folder cannot be read, nothing is found, or a file is there twice.
+/// [`FleetError`] if a folder cannot be read, nothing is found, or a file occurs twice.
 pub(crate) fn find(inputs: &[PathBuf]) -> Outcome<InputFiles> {
     let mut found = InputFiles { files: Vec::new(), folders: Vec::new(), is_one: false };
     for input in inputs {
@@ -60,35 +63,38 @@ pub(crate) fn find(inputs: &[PathBuf]) -> Outcome<InputFiles> {
         } else if is_pattern(input) {
             pattern(input, &mut found)?;
         } else {
-            // That it does not exist is said when it is opened.
+            // A missing file is reported when it is opened.
             let relative = input.file_name().map(PathBuf::from).unwrap_or_default();
             found.files.push(InputFile { path: input.clone(), relative });
             found.is_one = inputs.len() == 1;
         }
+        // Each input must contribute: an empty folder is most likely a mistyped name.
         if found.files.len() == before {
             return Err(FleetError::format(input, "has no files"));
         }
     }
     if found.files.is_empty() {
-        return Err(FleetError::Settings("there is no input".to_owned()));
+        return Err(FleetError::Settings("no input is given".to_owned()));
     }
+    // Twice, also through a link or by overlapping patterns: its drives would be counted twice.
     let mut paths = HashSet::new();
     for file in &found.files {
         if !paths.insert(fs::canonicalize(&file.path).unwrap_or_else(|_| file.path.clone())) {
-            let message = "is there twice in the input";
+            let message = "occurs twice in the input";
             return Err(FleetError::format(&file.path, message));
         }
     }
     Ok(found)
 }
 
-/// True for a pattern; a path that exists is none.
+/// True for a pattern; an existing path is not one, whatever characters it has.
 fn is_pattern(input: &Path) -> bool {
     let text = input.to_string_lossy();
     text.contains(['*', '?', '[']) && !input.exists()
 }
 
-/// Adds the files of a folder and its folders, without those that others hide or write beside.
+/// Adds the files of a folder and its subfolders, except hidden ones and those that other tools
+/// write beside their data.
 fn folder(root: &Path, within: &Path, files: &mut Vec<InputFile>) -> Outcome<()> {
     let here = root.join(within);
     let wrong = FleetError::file(&here);
@@ -101,7 +107,7 @@ fn folder(root: &Path, within: &Path, files: &mut Vec<InputFile>) -> Outcome<()>
     for name in entries {
         let relative = within.join(&name);
         let path = root.join(&relative);
-        // Also through a link.
+        // Follows links, unlike the type of a directory entry.
         if fs::metadata(&path).map_err(FleetError::file(&path))?.is_dir() {
             folder(root, &relative, files)?;
         } else {
@@ -119,6 +125,7 @@ pub(crate) fn is_hidden(name: &str) -> bool {
 fn pattern(input: &Path, found: &mut InputFiles) -> Outcome<()> {
     let wrong = |error: &dyn std::fmt::Display| FleetError::format(input, error);
     let text = input.to_str().ok_or_else(|| wrong(&"is not Unicode, as a pattern must be"))?;
+    // The part of the path before the first wildcard, to which relative paths refer.
     let plain = |part: &&std::ffi::OsStr| !part.to_string_lossy().contains(['*', '?', '[']);
     let base: PathBuf = input.iter().take_while(plain).collect();
     let options =
@@ -131,6 +138,8 @@ fn pattern(input: &Path, found: &mut InputFiles) -> Outcome<()> {
     paths.sort_unstable();
     for path in paths {
         let within = path.strip_prefix(&base).unwrap_or(&path).to_owned();
+        // As in a folder, but only below the given path: the user may well have named a hidden
+        // folder.
         let hidden = |part: &std::ffi::OsStr| is_hidden(&part.to_string_lossy());
         if within.iter().any(hidden) {
             continue;

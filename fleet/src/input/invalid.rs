@@ -1,4 +1,4 @@
-//! Drives that are no valid input.
+//! Invalid drives, and the search for them.
 
 use std::ops::Range;
 
@@ -8,21 +8,22 @@ use super::Drives;
 use super::lists::{Id, Ids};
 use crate::error::FleetError;
 
-/// A drive that is no valid input.
+/// An invalid drive.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Invalid {
-    /// Row of the input that is at fault, from 0.
+    /// Input row at fault, from 0.
     pub row: u64,
-    /// Trace id, unless it is at fault itself.
+    /// Trace id, unless that is itself at fault.
     pub trace_id: Option<Id>,
-    /// Column that is at fault.
+    /// Column at fault.
     pub column: String,
     /// Cause, in words.
     pub reason: String,
 }
 
 impl Invalid {
-    /// Names the drive of an error of a value; other errors are not those of a drive.
+    /// Turns the error of a value into an invalid drive; other errors do not concern a single drive
+    /// and are returned.
     pub(crate) fn new(error: FleetError, trace_id: Option<Id>) -> Result<Self, FleetError> {
         match error {
             FleetError::Value { column, row, message: reason } => {
@@ -34,18 +35,19 @@ impl Invalid {
 }
 
 impl Drives {
-    /// Names a drive of an error of a value.
+    /// Turns the error of a value into an invalid drive of this batch.
     pub(crate) fn invalid(&self, drive: usize, error: FleetError) -> Result<Invalid, FleetError> {
         Invalid::new(error, Some(Ids::of(&self.ids).get(drive)))
     }
 }
 
-/// Applies a function to ranges of so many drives; of a range that it refuses for a value, to its
-/// halves, down to the drives that are at fault, which `blame` takes.
+/// Applies a function to a range of drives. If it refuses the range because of a value, applies it
+/// to each half, and so on down to single drives, which go to `blame`. Accepted ranges go to
+/// `take`, in order.
 ///
 /// # Errors
 ///
-/// Errors that are not of a value.
+/// Errors other than those of a value.
 pub(crate) fn halves<T>(
     drives: Range<usize>,
     apply: &mut impl FnMut(Range<usize>) -> Result<T, FleetError>,
@@ -55,6 +57,7 @@ pub(crate) fn halves<T>(
     if drives.is_empty() {
         return Ok(());
     }
+    // f drives at fault among n cost O(f log n) calls. The depth is log2 n, so recursion is safe.
     match apply(drives.clone()) {
         Ok(done) => take(drives, done),
         Err(error @ FleetError::Value { .. }) if drives.len() == 1 => blame(drives.start, error)?,
@@ -68,7 +71,7 @@ pub(crate) fn halves<T>(
     Ok(())
 }
 
-/// Ranges without gaps, of ranges in their order.
+/// Joins adjacent ranges of an ordered sequence.
 pub(super) fn joined(ranges: Vec<Range<usize>>) -> Vec<Range<usize>> {
     let mut joined: Vec<Range<usize>> = Vec::new();
     for range in ranges {

@@ -1,4 +1,4 @@
-//! Lists, integers and numbers of any width, as one type each.
+//! Lists, integers and floating-point numbers of any width, each as one type.
 
 use std::cmp::Ordering;
 
@@ -11,19 +11,20 @@ use serde::Serialize;
 
 use crate::error::{FleetError, Outcome};
 
-/// A place in the input, for messages: element and message to row and message.
+/// Maps an element and a message to the row and message of an error.
 pub(super) type Locate<'a> = &'a dyn Fn(usize, &str) -> (u64, String);
 
-/// Lists with their elements, which begin at the first list.
+/// Lists with their elements; element 0 is the first of list 0.
 pub(super) struct Lists {
-    /// First element of each list, and the number of elements.
+    /// First element of each list, and at the end the number of elements.
     pub(super) offsets: Vec<usize>,
     pub(super) values: ArrayRef,
 }
 
-/// Takes lists apart. Null lists count as empty.
+/// Separates lists into offsets and elements. Null lists count as empty.
 pub(super) fn lists(array: &ArrayRef) -> Lists {
     let apart = |offsets: Vec<usize>, values: &ArrayRef| {
+        // A sliced array keeps all values of the original, so cut them to the slice.
         let first = offsets.first().copied().unwrap_or(0);
         let end = offsets.last().copied().unwrap_or(first);
         let values = values.slice(first, end - first);
@@ -41,17 +42,18 @@ pub(super) fn lists(array: &ArrayRef) -> Lists {
         _ => {
             let list = array.as_fixed_size_list();
             let width = list.value_length() as usize;
-            // Its values begin with the first list.
+            // Unlike those above, its values are sliced with it.
             apart((0..=list.len()).map(|k| k * width).collect(), list.values())
         }
     };
     if lists.offsets.is_empty() {
+        // An empty array may have no offsets at all.
         lists.offsets.push(0);
     }
     lists
 }
 
-/// First null, as an error.
+/// Returns an error for the first null.
 pub(super) fn no_nulls(array: &dyn Array, column: &str, locate: Locate<'_>) -> Outcome<()> {
     if array.null_count() == 0 {
         return Ok(());
@@ -61,7 +63,7 @@ pub(super) fn no_nulls(array: &dyn Array, column: &str, locate: Locate<'_>) -> O
     Err(FleetError::value(column, row, message))
 }
 
-/// Casts, with an error for what the type does not hold.
+/// Casts, with an error for the first value that does not fit the type.
 fn cast(
     array: &ArrayRef,
     to: &DataType,
@@ -72,9 +74,12 @@ fn cast(
     if array.data_type() == to {
         return Ok(array.clone());
     }
+    // With `safe`, a value that does not fit becomes null; without, the error would not say where.
     let options = CastOptions { safe: true, ..CastOptions::default() };
     let done = cast_with_options(array, to, &options)
         .map_err(|error| FleetError::column(column, error.to_string()))?;
+    // More nulls than before: the first new one is the value at fault. Nulls of a dictionary are in
+    // its values, hence `logical`.
     if done.null_count() > array.logical_null_count() {
         let lost = |&element: &usize| done.is_null(element) && !array.is_null(element);
         let element = (0..array.len()).find(lost).unwrap_or(0);
@@ -84,19 +89,19 @@ fn cast(
     Ok(done)
 }
 
-/// Integers, which may be null.
+/// Reads integers, possibly null.
 pub(super) fn integers(array: &ArrayRef, column: &str, locate: Locate<'_>) -> Outcome<Int64Array> {
     let done = cast(array, &DataType::Int64, "a 64-bit integer", column, locate)?;
     Ok(done.as_primitive::<Int64Type>().clone())
 }
 
-/// Numbers, which may be null.
+/// Reads floating-point numbers, possibly null.
 pub(super) fn numbers(array: &ArrayRef, column: &str, locate: Locate<'_>) -> Outcome<Float64Array> {
     let done = cast(array, &DataType::Float64, "a number", column, locate)?;
     Ok(done.as_primitive::<Float64Type>().clone())
 }
 
-/// Trace ids, none of them null.
+/// Reads trace ids, none of them null.
 pub(super) fn ids(
     array: &ArrayRef,
     to: &DataType,
@@ -120,11 +125,12 @@ pub enum Id {
 }
 
 impl Id {
-    /// Order in a table: numbers by value, text by its bytes.
+    /// Order in a table: numbers by value, text by bytes.
     pub(super) fn order(&self, other: &Self) -> Ordering {
         match (self, other) {
             (Self::Number(id), Self::Number(other)) => id.cmp(other),
             (Self::Text(id), Self::Text(other)) => id.cmp(other),
+            // Does not occur: all ids of an input have one type.
             _ => Ordering::Greater,
         }
     }
@@ -139,7 +145,7 @@ impl std::fmt::Display for Id {
     }
 }
 
-/// Ids of a column, without a copy.
+/// View of a column of ids.
 pub(super) enum Ids<'a> {
     Numbers(&'a [i64]),
     Texts(&'a StringArray),

@@ -1,4 +1,9 @@
-//! Tables with a row for each step, sorted by drive and step.
+//! Tables with one row per step, sorted by drive and step.
+//!
+//! Batches of rows end anywhere, so the last drive of each is held back until a row of the next
+//! drive, or the end of the file, shows that it is complete. Between batches this holds: `begun`
+//! has the rows of the current drive, `first_row` is the number of its first row, and `next_row`
+//! that of the next row to come.
 
 use std::collections::VecDeque;
 
@@ -14,21 +19,22 @@ use super::strays::Faults;
 use super::{Batches, Drives, Rows, locate};
 use crate::error::{FleetError, Outcome};
 
-/// Drives of rows that arrive in batches, which end anywhere.
+/// Drives from rows that arrive in batches, which may end within a drive.
 pub(super) struct LongDrives {
     batches: Batches,
     pub(super) layout: Layout,
-    /// True if drives that are not valid are left out, false if they are an error.
+    /// True if invalid drives are left out, false if they are an error.
     pub(super) leave_out: bool,
-    /// Rows of a drive that may go on, with the first of its rows first.
+    /// Rows of the current drive, which may continue. The first of them is the first row of the
+    /// first batch.
     pub(super) begun: Vec<RecordBatch>,
-    /// Trace id and step of the last row.
+    /// Trace id and step of the last row in order.
     pub(super) last: Option<(Id, i64)>,
-    /// Number of the first row of the drive that may go on.
+    /// Number of the first row of the current drive.
     pub(super) first_row: u64,
     /// Number of the next row to come.
     pub(super) next_row: u64,
-    /// Drives that are complete.
+    /// Complete drives.
     pub(super) ready: VecDeque<Drives>,
     pub(super) faults: Faults,
     ended: bool,
@@ -50,15 +56,17 @@ impl LongDrives {
         }
     }
 
-    /// Adds rows; drives that are complete become ready.
+    /// Adds rows; drives that are now complete become ready.
     fn add(&mut self, rows: Rows) -> Outcome<()> {
         if rows.batch.num_rows() == 0 {
             return Ok(());
         }
+        // The usual case has no faults and takes the fast path below. `sort_out` goes run by run.
         if self.leave_out && (self.faults.is_open() || !rows.wrong.is_empty()) {
             return self.sort_out(rows);
         }
         let (steps, ids, starts) = match self.in_order(&rows.batch) {
+            // Nothing has been changed yet, so the slower way can start over with these rows.
             Err(FleetError::Value { .. }) if self.leave_out => return self.sort_out(rows),
             done => done?,
         };
@@ -66,7 +74,7 @@ impl LongDrives {
         self.last = Some((Ids::of(&ids).get(end - 1), steps.value(end - 1)));
         let first = self.next_row;
         self.next_row += end as u64;
-        // The last drive of these rows may go on.
+        // The last drive of these rows may continue.
         let Some(&cut) = starts.last().filter(|&&cut| cut > 0 || !self.begun.is_empty()) else {
             self.begun.push(batch);
             return Ok(());
@@ -78,7 +86,7 @@ impl LongDrives {
         self.emit(&rows, first_row, self.first_row)
     }
 
-    /// Ids and steps of rows in order, and the rows at which a drive starts.
+    /// Ids and steps of rows in order, and the rows at which drives start.
     fn in_order(&self, batch: &RecordBatch) -> Outcome<(Int64Array, ArrayRef, Vec<usize>)> {
         let names = &self.layout.names;
         let first_row = self.next_row;
@@ -107,6 +115,7 @@ impl LongDrives {
         let ids = take(&all, &first, None)?;
         offsets.push(rows.num_rows());
         let needed = self.layout.needed();
+        // After the id and the step, which a long table always has.
         let columns = needed[2..].iter().map(|&name| Ok((name, column(rows, name)?.clone())));
         let columns = columns.collect::<Outcome<Vec<_>>>()?;
         let observed = Observed::new(&self.layout.sensor, &columns, &by_row)?;
@@ -126,7 +135,7 @@ impl LongDrives {
         Ok(self.ready.pop_front())
     }
 
-    /// Completes the last drive.
+    /// Completes the last drive, at the end of the file.
     fn end(&mut self) -> Outcome<()> {
         let begun = std::mem::take(&mut self.begun);
         let Some(schema) = begun.first().map(RecordBatch::schema) else { return self.end_faults() };
@@ -140,6 +149,7 @@ impl Iterator for LongDrives {
 
     fn next(&mut self) -> Option<Outcome<Drives>> {
         let next = self.advance();
+        // After an error the iterator is exhausted: the state may be half changed.
         if next.is_err() {
             self.ended = true;
             self.begun.clear();
@@ -148,13 +158,13 @@ impl Iterator for LongDrives {
     }
 }
 
-/// Rows out of order.
+/// Rows that are out of order.
 pub(super) struct Disorder {
     is_step: bool,
     pub(super) message: String,
 }
 
-/// Returns the rows at which a drive starts, given the row before the first.
+/// Returns the rows at which drives start, given the row before the first.
 pub(super) fn starts(
     ids: &ArrayRef,
     steps: &Int64Array,
@@ -163,6 +173,7 @@ pub(super) fn starts(
     let all = Ids::of(ids);
     let steps = &steps.values()[..];
     let mut starts = Vec::new();
+    // Row 0 is compared with `last`, all others with the row before them.
     let mut first = 0;
     if let Some(&row) = [0].iter().find(|_| !steps.is_empty()) {
         first = 1;
@@ -181,7 +192,8 @@ pub(super) fn starts(
             }
         }
     }
-    // Equal ids are by far the most frequent.
+    // Equal ids are by far the most frequent, so compare them where they are, without building an
+    // `Id` for each.
     let disorder = match &all {
         Ids::Numbers(ids) => {
             find(first..steps.len(), &mut starts, steps, |row| ids[row].cmp(&ids[row - 1]))
@@ -205,7 +217,8 @@ pub(super) fn starts(
     }
 }
 
-/// Collects starts in rows, each of which has one before; returns the first row out of order.
+/// Collects the starts among rows that each have a row before them; returns the first row out of
+/// order.
 fn find(
     rows: std::ops::Range<usize>,
     starts: &mut Vec<usize>,
@@ -233,9 +246,9 @@ pub(super) fn unsorted(next: &Id, last: &Id) -> Disorder {
 
 pub(super) fn not_rising(next: i64, last: i64, id: &Id) -> Disorder {
     let message = if next == last {
-        format!("step {next} of drive {id} is there twice")
+        format!("step {next} of drive {id} occurs twice")
     } else {
-        format!("step {next} follows step {last} of drive {id}, expected steps that rise")
+        format!("step {next} follows step {last} of drive {id}, expected increasing steps")
     };
     Disorder { is_step: true, message }
 }

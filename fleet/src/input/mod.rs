@@ -1,4 +1,7 @@
 //! Drives from files, in batches.
+//!
+//! A batch holds whole drives only. Where batches begin depends on the rows of the file and not on
+//! where reading began, so a run that continues cuts the same batches.
 
 mod columns;
 mod csv;
@@ -28,26 +31,26 @@ pub use lists::Id as TraceId;
 pub use observed::Observed;
 use pieces::Pieces;
 
-/// Whole drives, in the order of the input.
+/// A batch of whole drives, in the order of the input.
 ///
-/// Elements are the steps of all drives, one drive after the other.
+/// The elements are the steps of all drives, drive after drive.
 #[derive(Debug)]
 pub struct Drives {
     /// Trace id of each drive, `Int64` or `Utf8`, without nulls.
     pub ids: ArrayRef,
-    /// First element of each drive, and the number of elements.
+    /// First element of each drive, and at the end the number of elements.
     pub offsets: Vec<usize>,
-    /// Step of each element as the input has it; `None` for 1, 2, … in each drive.
+    /// Step of each element as given in the input; `None` for 1, 2, … in each drive.
     pub steps: Option<Int64Array>,
     /// Observations of the elements.
     pub observed: Observed,
     /// Form of the input.
     pub form: Form,
-    /// First row of the input that these drives come from, from 0.
+    /// First input row of these drives, from 0.
     pub first_row: u64,
-    /// Row of the input after the last that these drives come from.
+    /// Input row after the last one of these drives.
     pub end_row: u64,
-    /// Drives before that row that are no valid input, and after those of the last batch.
+    /// Invalid drives before that row and after the previous batch.
     pub invalid: Vec<Invalid>,
 }
 
@@ -58,7 +61,7 @@ impl Drives {
         self.ids.len()
     }
 
-    /// True without any drive.
+    /// True if there are no drives.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.ids.is_empty()
@@ -70,7 +73,7 @@ impl Drives {
         self.offsets.last().copied().unwrap_or(0)
     }
 
-    /// Step of element `offset + index` of a drive, as the input has it.
+    /// Step of element `index` of a drive, as given in the input.
     #[must_use]
     pub fn step(&self, drive: usize, index: usize) -> i64 {
         let element = self.offsets[drive] + index;
@@ -81,9 +84,11 @@ impl Drives {
     ///
     /// # Errors
     ///
-    /// [`FleetError::Value`] for one that the sensor cannot have.
+    /// [`FleetError::Value`] for an observation that the sensor cannot take.
     pub fn observations(&self) -> Outcome<Vec<Observation>> {
         if let Some(symbols) = self.observed.symbols() {
+            // Symbols were checked when they were read. This is the most frequent sensor, and needs
+            // no test per element.
             return Ok(symbols
                 .iter()
                 .map(|&symbol| Observation::Symbol(symbol as usize))
@@ -96,11 +101,12 @@ impl Drives {
         (0..self.elements()).map(observation).collect()
     }
 
-    /// Some of the drives, one after the other.
+    /// A range of the drives.
     pub(crate) fn part(&self, drives: std::ops::Range<usize>) -> Self {
         let elements = self.offsets[drives.start]..self.offsets[drives.end];
         let (first, count) = (elements.start, elements.len());
         let offsets = &self.offsets[drives.start..=drives.end];
+        // A batch covers consecutive rows: one per element, or one per drive.
         let rows = match self.form {
             Form::Long => elements.clone(),
             Form::Nested => drives.clone(),
@@ -117,7 +123,7 @@ impl Drives {
         }
     }
 
-    /// Error about the observation of an element.
+    /// Returns the error for the observation of an element.
     #[must_use]
     pub fn refuse(&self, element: usize, message: &str) -> FleetError {
         let (row, message) = locate(self.form, self.first_row, &self.offsets, element, message);
@@ -125,7 +131,8 @@ impl Drives {
     }
 }
 
-/// Row of an element, and a message that names its step if a row has several.
+/// Returns the row of an element, and the message, with the position in the list if a row holds
+/// several elements.
 fn locate(
     form: Form,
     first_row: u64,
@@ -136,6 +143,8 @@ fn locate(
     match form {
         Form::Long => (first_row + element as u64, message.to_owned()),
         Form::Nested => {
+            // The last drive that begins at or before the element; this passes over empty drives,
+            // which share its offset.
             let drive = offsets.partition_point(|&offset| offset <= element).saturating_sub(1);
             let index = element - offsets.get(drive).copied().unwrap_or(0);
             (first_row + drive as u64, format!("element {index} of the list: {message}"))
@@ -148,7 +157,7 @@ fn locate(
 pub struct Input {
     /// Batches of drives.
     pub batches: Box<dyn Iterator<Item = Outcome<Drives>> + Send>,
-    /// Number of rows of the file, if it is known.
+    /// Number of rows of the file, if known.
     pub rows: Option<u64>,
     /// Type of trace ids, `Int64` or `Utf8`.
     pub id_type: DataType,
@@ -156,10 +165,10 @@ pub struct Input {
     pub form: Form,
 }
 
-/// Opens a file, and skips rows that end with a drive.
+/// Opens a file, and skips `skip` rows, which must end with a drive.
 ///
-/// A name that ends in `.csv` is of a CSV file, any other of a Parquet file. Memory grows with the
-/// longest drive and with the row groups of a file, not with their number.
+/// A name that ends in `.csv` means CSV, any other Parquet. Memory grows with the longest drive and
+/// the size of a row group, not with the number of row groups.
 ///
 /// # Errors
 ///
@@ -168,18 +177,18 @@ pub fn open(path: &Path, names: &ColumnNames, sensor: &Sensor, skip: u64) -> Out
     open_with(path, names, sensor, skip, &Reading::default())
 }
 
-/// Way to read a file.
+/// Options for reading a file.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Reading {
     /// Number of the file.
     file: usize,
-    /// Takes note of the pieces that are read.
+    /// Where to record the pieces that are read.
     pieces: Option<Pieces>,
-    /// True if drives that are not valid are left out, false if they are an error.
+    /// True if invalid drives are left out, false if they are an error.
     leave_out: bool,
 }
 
-/// True for a CSV file, by its name.
+/// True if the name is that of a CSV file.
 fn is_csv(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"))
 }
@@ -207,17 +216,17 @@ fn open_with(
     Ok(Input { batches, rows, id_type, form })
 }
 
-/// Reads drives of a record batch in the nested form, of which the first row has a number.
+/// Reads the drives of a record batch in the nested form, whose first row is number `first_row`.
 ///
 /// # Errors
 ///
-/// [`FleetError`] for a value that the layout's sensor cannot have.
+/// [`FleetError`] for a value that the sensor of the layout cannot take.
 pub fn drives(batch: &RecordBatch, layout: &Layout, first_row: u64) -> Outcome<Drives> {
     nested::drives(batch, layout, first_row)
 }
 
-/// Leaves out rows before those that are wanted: readers begin where a batch begins that is the
-/// same in every run.
+/// Drops the first `rows` rows. Readers start at the batch boundary before the wanted row, a
+/// boundary that is the same in every run.
 fn without(
     batches: impl Iterator<Item = Outcome<Rows>> + Send + 'static,
     mut rows: u64,
@@ -229,6 +238,7 @@ fn without(
         };
         let all = batch.num_rows();
         let cut = usize::try_from(rows).unwrap_or(usize::MAX).min(all);
+        // `checked_sub` drops the errors of rows that are cut off.
         rows -= cut as u64;
         let after = |(row, error): (usize, FleetError)| Some((row.checked_sub(cut)?, error));
         let wrong = wrong.into_iter().filter_map(after).collect();
@@ -236,11 +246,11 @@ fn without(
     }))
 }
 
-/// Rows as a reader has them.
+/// Rows as a reader delivers them.
 #[derive(Debug)]
 struct Rows {
     batch: RecordBatch,
-    /// Rows with text that cannot be read, in their order; its place has a null.
+    /// Rows with unreadable text, in order; the value itself is null.
     wrong: VecDeque<(usize, FleetError)>,
 }
 
@@ -250,5 +260,5 @@ impl From<RecordBatch> for Rows {
     }
 }
 
-/// Batches of rows as a reader has them.
+/// Batches of rows as a reader delivers them.
 type Batches = Box<dyn Iterator<Item = Outcome<Rows>> + Send>;

@@ -1,4 +1,4 @@
-//! Tables with a row for each drive.
+//! Tables with one row per drive, whose steps are lists.
 
 use std::ops::Range;
 
@@ -11,7 +11,7 @@ use super::observed::Observed;
 use super::{Batches, Drives, Rows, locate};
 use crate::error::{FleetError, Outcome};
 
-/// Drives of each batch of rows; the first row has this number.
+/// Reads the drives of each batch of rows; `first_row` is the number of the first row.
 pub(super) fn nested(
     batches: Batches,
     layout: Layout,
@@ -35,12 +35,13 @@ pub(super) fn nested(
     })
 }
 
-/// Drives of rows that are valid, with those that are not.
+/// Valid drives of a batch, with the invalid ones between them.
 fn good(batch: &RecordBatch, layout: &Layout, first_row: u64) -> Outcome<Vec<Drives>> {
     let rows = |range: Range<usize>| {
         drives(&batch.slice(range.start, range.len()), layout, first_row + range.start as u64)
     };
     let trace_id = &layout.names.trace_id;
+    // The id itself may be what is wrong.
     let id = |row: usize| {
         let known = column(batch, trace_id).ok()?.slice(row, 1);
         let by_row = |_: usize, message: &str| (0, message.to_owned());
@@ -59,29 +60,33 @@ fn good(batch: &RecordBatch, layout: &Layout, first_row: u64) -> Outcome<Vec<Dri
     )?;
     let mut good = joined(found).into_iter().map(rows).collect::<Outcome<Vec<_>>>()?;
     if !invalid.is_empty() {
-        // For those after the last that is valid.
+        // An empty batch, for invalid drives after the last valid one.
         good.push(rows(batch.num_rows()..batch.num_rows())?);
     }
     for drives in &mut good {
+        // Both are in the order of rows, so each invalid drive goes with the first batch that ends
+        // behind it.
         let count = invalid.partition_point(|invalid: &Invalid| invalid.row < drives.end_row);
         drives.invalid = invalid.drain(..count).collect();
     }
     Ok(good)
 }
 
-/// Column of a batch.
+/// Returns a column of a batch.
 pub(super) fn column<'a>(batch: &'a RecordBatch, name: &str) -> Outcome<&'a ArrayRef> {
     batch.column_by_name(name).ok_or_else(|| FleetError::column(name, "is missing"))
 }
 
-/// Reads a batch of rows.
+/// Reads the drives of a batch of rows.
 pub(super) fn drives(batch: &RecordBatch, layout: &Layout, first_row: u64) -> Outcome<Drives> {
     let names = &layout.names;
     let by_row = |row: usize, message: &str| (first_row + row as u64, message.to_owned());
     let ids = ids(column(batch, &names.trace_id)?, &layout.id_type, &names.trace_id, &by_row)?;
     let needed = layout.needed();
-    // After the id, and the step if there is one.
+    // Skips the id, and the step if there is one: see `Layout::needed`.
     let observed = &needed[if names.step.is_empty() { 1 } else { 2 }..];
+    // All lists of a row must have the same length. The first column read sets the offsets, and the
+    // others are compared with it.
     let mut offsets: Option<(Vec<usize>, &str)> = None;
     let mut flat = |name| {
         let array = column(batch, name)?;
@@ -90,6 +95,8 @@ pub(super) fn drives(batch: &RecordBatch, layout: &Layout, first_row: u64) -> Ou
         match &offsets {
             None => offsets = Some((lists.offsets, name)),
             Some((known, first)) => {
+                // Offsets agree up to the first difference, so the row before it is the one at
+                // fault.
                 let same = |row: &usize| known[row + 1] == lists.offsets[row + 1];
                 if let Some(row) = (0..batch.num_rows()).find(|row| !same(row)) {
                     let length = |offsets: &[usize]| offsets[row + 1] - offsets[row];
@@ -119,7 +126,7 @@ pub(super) fn drives(batch: &RecordBatch, layout: &Layout, first_row: u64) -> Ou
                 let steps = &steps.values()[drive[0]..drive[1]];
                 if let Some(at) = steps.windows(2).position(|pair| pair[0] >= pair[1]) {
                     let message = format!(
-                        "step {} follows step {}, expected steps that rise",
+                        "step {} follows step {}, expected increasing steps",
                         steps[at + 1],
                         steps[at]
                     );

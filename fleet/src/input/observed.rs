@@ -1,4 +1,7 @@
 //! Observations of many steps, in columns.
+//!
+//! Types, lengths and ranges are checked once for all steps when the columns are read, so
+//! [`Observed::get`] can index without doubt. Values of likelihoods are left to the sensor.
 
 use std::ops::Range;
 
@@ -13,7 +16,7 @@ use crate::error::{FleetError, Outcome};
 use crate::places::Fix;
 use crate::sensor::{Kind, Observation, Sensor};
 
-/// Observations of steps, one after the other, in columns.
+/// Observations of consecutive steps, in columns.
 #[derive(Debug)]
 pub struct Observed {
     column: String,
@@ -24,7 +27,8 @@ pub struct Observed {
 #[derive(Debug)]
 enum Values {
     Symbols(Int64Array),
-    /// Likelihoods or their logarithms; first of each step, and their number.
+    /// Likelihoods or their logarithms: the first of each step and at the end their number, and the
+    /// values.
     Vectors(Vec<usize>, ScalarBuffer<f64>),
     Sparse {
         offsets: Vec<usize>,
@@ -36,19 +40,21 @@ enum Values {
 }
 
 impl Observed {
-    /// Name of the column with the observations.
+    /// Name of the column of the observations.
     #[must_use]
     pub fn column(&self) -> &str {
         &self.column
     }
 
-    /// Reads the columns of a sensor, each with a value for each step.
+    /// Reads the columns of a sensor, each of which has a value per step.
     pub(super) fn new(
         sensor: &Sensor,
         columns: &[(&str, ArrayRef)],
         locate: Locate<'_>,
     ) -> Outcome<Self> {
         let (column, array) = (columns[0].0, &columns[0].1);
+        // Only the first column tells whether a step has an observation. `logical_nulls`: a
+        // dictionary has its nulls in the values.
         let missing = array.logical_nulls().filter(|nulls| nulls.null_count() > 0);
         if !sensor.is_optional() {
             no_nulls(array, column, locate)?;
@@ -57,6 +63,8 @@ impl Observed {
             let (row, message) = locate(element, &message);
             Err(FleetError::value(column, row, message))
         };
+        // A missing observation may leave anything in the other columns, and an empty list in this
+        // one.
         let is_there = |k: usize| missing.as_ref().is_none_or(|missing| missing.is_valid(k));
         let values = match sensor.kind() {
             Kind::Table(table) => symbols(array, table.symbols(), column, locate)?,
@@ -69,6 +77,8 @@ impl Observed {
                 no_nulls(&values, column, &inner)?;
                 let states = vector.states();
                 let lengths = lists.offsets.windows(2).map(|pair| pair[1] - pair[0]);
+                // A likelihood for each state, no more and no fewer: checked here, because only
+                // here is the row known.
                 let wrong = |&(k, length): &(usize, usize)| length != states && is_there(k);
                 if let Some((element, length)) = lengths.enumerate().find(wrong) {
                     let message = format!(
@@ -83,6 +93,7 @@ impl Observed {
                 let lists = lists(array);
                 let offsets = lists.offsets.clone();
                 let inner = in_list(&offsets, locate);
+                // A null struct would hide the fields inside it, which need not be null.
                 no_nulls(&lists.values, column, &inner)?;
                 let fields = lists.values.as_struct();
                 let field = |name: &str| {
@@ -108,6 +119,7 @@ impl Observed {
                     return Err(FleetError::value(column, row, message));
                 }
                 let elsewhere = match columns.get(1) {
+                    // Without the column, states that are not listed have likelihood 0.
                     None => None,
                     Some((name, array)) => {
                         let array = numbers(array, name, locate)?;
@@ -118,6 +130,7 @@ impl Observed {
                 Values::Sparse { offsets: lists.offsets, states, likelihoods, elsewhere }
             }
             Kind::Places(_) => {
+                // The other two columns must have a value wherever the first one has.
                 let read = |(name, array): &(&str, ArrayRef)| {
                     let array = numbers(array, name, locate)?;
                     if let Some(k) = (0..array.len()).find(|&k| array.is_null(k) && is_there(k)) {
@@ -132,9 +145,10 @@ impl Observed {
         Ok(Self { column: column.to_owned(), missing, values })
     }
 
-    /// Observations of some of the steps, one after the other.
+    /// Observations of a range of steps.
     pub(super) fn part(&self, steps: Range<usize>) -> Self {
         let (first, count) = (steps.start, steps.len());
+        // Offsets are cut, values are shared: they keep pointing into the whole column.
         let lists = |offsets: &[usize]| offsets[first..=first + count].to_vec();
         let values = match &self.values {
             Values::Symbols(symbols) => Values::Symbols(symbols.slice(first, count)),
@@ -153,7 +167,7 @@ impl Observed {
         Self { column: self.column.clone(), missing, values }
     }
 
-    /// Symbols, if that is what is observed, and none is missing.
+    /// Symbols, if these are the observations and none is missing.
     pub(super) fn symbols(&self) -> Option<&[i64]> {
         match &self.values {
             Values::Symbols(symbols) if self.missing.is_none() => Some(symbols.values()),
@@ -167,6 +181,7 @@ impl Observed {
             return Ok(Observation::Missing);
         }
         Ok(match &self.values {
+            // Not negative: see `symbols`.
             Values::Symbols(symbols) => Observation::Symbol(symbols.values()[k] as usize),
             Values::Vectors(offsets, values) => {
                 Observation::Vector(values.slice(offsets[k], offsets[k + 1] - offsets[k]))
@@ -189,8 +204,10 @@ impl Observed {
 
 fn symbols(array: &ArrayRef, count: usize, column: &str, locate: Locate<'_>) -> Outcome<Values> {
     let symbols = integers(array, column, locate)?;
-    // A negative one is a large one without its sign.
+    // A negative number is huge as an unsigned one, so one comparison checks both ends.
     let outside = |symbol: i64| symbol.cast_unsigned() >= count as u64;
+    // First without regard to nulls, in a loop that vectorises. The value under a null is
+    // arbitrary, so a hit is looked at again.
     if symbols.values().iter().any(|&symbol| outside(symbol)) {
         let wrong = |&k: &usize| symbols.is_valid(k) && outside(symbols.value(k));
         if let Some(element) = (0..symbols.len()).find(wrong) {
@@ -206,12 +223,13 @@ fn symbols(array: &ArrayRef, count: usize, column: &str, locate: Locate<'_>) -> 
     Ok(Values::Symbols(symbols))
 }
 
-/// Place of a value in the list of a step.
+/// Locates a value in the list of its step.
 fn in_list<'a>(
     offsets: &'a [usize],
     locate: Locate<'a>,
 ) -> impl Fn(usize, &str) -> (u64, String) + 'a {
     move |at, message| {
+        // The last list that begins at or before the value: passes over empty lists.
         let step = offsets.partition_point(|&offset| offset <= at).saturating_sub(1);
         locate(step, &format!("value {}: {message}", at - offsets[step]))
     }

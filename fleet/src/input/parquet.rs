@@ -1,4 +1,7 @@
-//! Parquet files.
+//! Parquet files, read row group by row group.
+//!
+//! Each group is hashed before it is decoded. Batches never cross a group boundary, and have the
+//! same number of rows in every run.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -19,12 +22,12 @@ use crate::error::{FleetError, Outcome, Replaced};
 use crate::sensor::{Kind, Sensor};
 use crate::storage::Stored;
 
-/// Values of a batch, if a step has one observation: some 30,000 steps.
+/// Values in a batch if a step has one observation: some 30,000 steps.
 const FEW_VALUES: u64 = 3 << 15;
-/// Values of a batch, if a step lists many: 8 MB.
+/// Values in a batch if a step lists many: 8 MB.
 const MANY_VALUES: u64 = 1 << 20;
 
-/// Opens a file after rows to skip; also returns the number of its rows.
+/// Opens a file, and skips `skip` rows; also returns its number of rows.
 pub(super) fn open(
     path: &Path,
     names: &ColumnNames,
@@ -40,21 +43,23 @@ pub(super) fn open(
         _ => FEW_VALUES,
     };
     let rows = rows_of_batch(&metadata, &mask, values);
-    // The row group that the first row is in, and rows of it that come before.
+    // Find the row group with the first wanted row, and the number of its rows to drop.
     let (mut left, mut first) = (skip, 0);
     for group in metadata.row_groups() {
         let rows = group.num_rows().max(0).cast_unsigned();
+        // `left == 0` only matters for an empty group: it is a piece, too, and has to be recorded.
         if left < rows || left == 0 {
             break;
         }
         (left, first) = (left - rows, first + 1);
     }
-    // Each row group by itself: where batches begin does not depend on where reading begins.
+    // Each row group has a reader of its own, so where batches begin does not depend on where
+    // reading begins.
     let arrow = ArrowReaderMetadata::try_new(metadata.clone(), ArrowReaderOptions::new())
         .map_err(&wrong)?;
     let all = metadata.file_metadata().num_rows().max(0).cast_unsigned();
     let (mut first_row, reading, count) = (skip - left, reading.clone(), metadata.num_row_groups());
-    // Once more after the last, to see whether the file is still the same.
+    // Once more after the last group, to check that the file is still the same.
     let batches = (first..=count).flat_map(move |group| {
         let open = || {
             file.is_unchanged()?;
@@ -67,6 +72,8 @@ pub(super) fn open(
             if let Some(pieces) = &reading.pieces {
                 let hash =
                     super::pieces::group(&stored, &metadata, &mask, group).map_err(&wrong)?;
+                // Recorded before its rows are handed out, so a part can never end with rows of an
+                // unrecorded piece.
                 pieces.add(Piece { file: reading.file, number: group as u64, first_row, hash });
             }
             file.read(stored, &arrow, &mask, group, rows).map(Some)
@@ -86,7 +93,7 @@ pub(super) fn open(
     Ok((without(batches, left), all, layout))
 }
 
-/// Opens a file, and finds the columns that are read.
+/// Opens a file, and finds the columns to read.
 pub(super) fn columns(
     path: &Path,
     names: &ColumnNames,
@@ -114,14 +121,15 @@ fn layout(
     Ok((stored, builder.metadata().clone(), mask, layout))
 }
 
-/// An open file, and its name.
+/// An open file with its path.
 struct FileOf {
     path: PathBuf,
     stored: Stored,
 }
 
 impl FileOf {
-    /// Row groups on a disk are hashed before they are read: this tells of a change in between.
+    /// Row groups of a local file are hashed first and read again to be decoded. This detects a
+    /// change in between.
     fn is_unchanged(&self) -> Outcome<()> {
         let wrong = FleetError::file(&self.path);
         if self.stored.is_unchanged().map_err(&wrong)? {
@@ -148,7 +156,7 @@ impl FileOf {
     }
 }
 
-/// Error of a batch. Those of the system keep their kind: another run may succeed.
+/// Error of a batch. I/O errors keep their kind: a second run may succeed.
 fn refused(path: &Path, error: ArrowError) -> FleetError {
     match error {
         ArrowError::ParquetError(message) => FleetError::format(path, message),
@@ -159,11 +167,12 @@ fn refused(path: &Path, error: ArrowError) -> FleetError {
     }
 }
 
-/// Rows that have about so many values, in the row group where a row has most.
+/// Number of rows with about `values` values, by the row group with the most values per row.
 fn rows_of_batch(metadata: &ParquetMetaData, mask: &ProjectionMask, values: u64) -> usize {
     let of_row = |group: &parquet::file::metadata::RowGroupMetaData| {
         let leaves = group.columns().iter().enumerate();
         let read = leaves.filter(|(leaf, _)| mask.leaf_included(*leaf));
+        // `num_values` counts the elements of lists, so this is the mean number of values in a row.
         let all: i64 = read.map(|(_, column)| column.num_values()).sum();
         all.max(1).cast_unsigned().div_ceil(group.num_rows().max(1).cast_unsigned())
     };

@@ -1,9 +1,9 @@
-//! Identity of what is read: hashes of pieces of the input.
+//! Identity of the input: hashes of its pieces.
 //!
-//! A piece of a Parquet file is a row group: the chunks of the columns that are read, and where
-//! they are. Of a CSV file it is a block of bytes. A run notes the pieces as it reads them, and the
-//! journal which of them a finished part is made of, so that a run that continues can tell whether
-//! they are the same.
+//! In a Parquet file a piece is a row group: the chunks of the columns that are read, and their
+//! description. In a CSV file it is a block of bytes. A run records the pieces as it reads them,
+//! and the journal lists those each finished part was made from, so that a run that continues can
+//! tell whether they are still the same.
 
 use std::collections::VecDeque;
 use std::hash::Hasher;
@@ -23,23 +23,24 @@ use crate::error::{FleetError, Outcome};
 use crate::sensor::Sensor;
 use crate::storage::{Reader, Stored};
 
-/// Bytes of a piece of a CSV file.
+/// Size of a piece of a CSV file, in bytes.
 pub(super) const BLOCK: usize = 1 << 16;
 
-/// A piece of the input that was read.
+/// A piece of the input.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Piece {
     /// Number of the file.
     pub(crate) file: usize,
     /// Number of the row group or block.
     pub(crate) number: u64,
-    /// Row that the piece begins with, or within.
+    /// Row at which, or within which, the piece begins.
     pub(crate) first_row: u64,
     /// Hash (XXH3).
     pub(crate) hash: u64,
 }
 
-/// Pieces that were read and are not yet asked for, in their order.
+/// Pieces that were read and not taken yet, in order. Shared by the reader, which adds them, and
+/// the run, which takes them.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Pieces(Arc<Mutex<VecDeque<Piece>>>);
 
@@ -48,21 +49,24 @@ impl Pieces {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).push_back(piece);
     }
 
-    /// Takes the pieces that rows before a row of a file come from.
+    /// Takes the pieces that contain rows before row `end_row` of a file.
     pub(crate) fn take(&self, file: usize, end_row: u64) -> Vec<Piece> {
         let mut pieces = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        // The reader is ahead of the results, so pieces of later rows may be here already. A piece
+        // that begins before `end_row` may hold later rows, too; those then need no second mention.
         let before = |piece: &Piece| (piece.file, piece.first_row) < (file, end_row);
         let count = pieces.iter().take_while(|piece| before(piece)).count();
         pieces.drain(..count).collect()
     }
 }
 
-/// Hash of pieces in their order.
+/// Hash of a sequence of pieces.
 #[derive(Clone, Default)]
 pub(crate) struct Digest(XxHash3_64);
 
 impl Digest {
     pub(crate) fn add(&mut self, piece: &Piece) {
+        // Not the first row: it depends on where reading began.
         for part in [piece.file as u64, piece.number, piece.hash] {
             self.0.write(&part.to_le_bytes());
         }
@@ -73,7 +77,7 @@ impl Digest {
     }
 }
 
-/// A file whose pieces are hashed.
+/// A file opened to hash its pieces.
 pub(super) struct Content {
     path: PathBuf,
     stored: Stored,
@@ -82,7 +86,7 @@ pub(super) struct Content {
 
 enum Kind {
     Parquet(Arc<ParquetMetaData>, ProjectionMask),
-    /// With a reader, and the number of the block that it comes to next.
+    /// Reader, and the number of the block it will read next.
     Csv(Reader, u64),
 }
 
@@ -98,7 +102,7 @@ impl Content {
         Ok(Self { path: owned, stored, kind: Kind::Parquet(metadata, mask) })
     }
 
-    /// Hash of a piece, or nothing after the last one.
+    /// Hash of a piece, or `None` after the last one.
     pub(super) fn hash(&mut self, number: u64) -> Outcome<Option<u64>> {
         let hash = match &mut self.kind {
             Kind::Parquet(metadata, mask) => {
@@ -106,6 +110,7 @@ impl Content {
                 if index >= metadata.num_row_groups() {
                     return Ok(None);
                 }
+                // One fetch for all its chunks, if the file is an object of a store.
                 let stored = self.stored.with(&ranges(metadata, mask, index));
                 stored.and_then(|stored| group(&stored, metadata, mask, index)).map(Some)
             }
@@ -114,7 +119,7 @@ impl Content {
         hash.map_err(FleetError::file(&self.path))
     }
 
-    /// Name of a piece, for messages.
+    /// Name of a piece in messages.
     pub(super) fn name(&self, number: u64) -> String {
         match &self.kind {
             Kind::Parquet(metadata, _) => {
@@ -132,8 +137,9 @@ impl Content {
 }
 
 impl Stored {
-    /// Hash of a block of text, or nothing after the last one.
+    /// Hash of a block of text, or `None` after the last one.
     fn block(&self, reader: &mut Reader, next: &mut u64, number: u64) -> io::Result<Option<u64>> {
+        // Blocks in sequence need no seek, which for an object would be a new request.
         if *next != number {
             *reader = self.read_from(number.saturating_mul(BLOCK as u64))?;
         }
@@ -144,7 +150,7 @@ impl Stored {
     }
 }
 
-/// Columns of a row group that are read.
+/// Columns of a row group that the mask includes.
 fn read<'a>(
     metadata: &'a ParquetMetaData,
     mask: &'a ProjectionMask,
@@ -154,14 +160,15 @@ fn read<'a>(
     columns.filter(|(leaf, _)| mask.leaf_included(*leaf)).map(|(_, column)| column)
 }
 
-/// Bytes of a chunk. A damaged file may have any numbers here; the reader says so.
+/// Bytes of a chunk. A damaged file may have any numbers here; the reader reports it.
 fn range(column: &ColumnChunkMetaData) -> Range<u64> {
+    // The chunk begins with its dictionary page, if it has one.
     let start = column.dictionary_page_offset().unwrap_or(column.data_page_offset());
     let start = start.min(column.data_page_offset()).max(0).cast_unsigned();
     start..start.saturating_add(column.compressed_size().max(0).cast_unsigned())
 }
 
-/// Bytes of the columns of a row group that are read.
+/// Byte ranges of the included columns of a row group.
 pub(super) fn ranges(
     metadata: &ParquetMetaData,
     mask: &ProjectionMask,
@@ -170,8 +177,8 @@ pub(super) fn ranges(
     read(metadata, mask, group).map(range).collect()
 }
 
-/// Hash of a row group: of the bytes of the columns that are read, and of what says how to read
-/// them.
+/// Hash of a row group: of the bytes of the included columns, and of the metadata that tell how to
+/// decode them.
 pub(super) fn group(
     stored: &Stored,
     metadata: &ParquetMetaData,
@@ -182,6 +189,8 @@ pub(super) fn group(
     hash.write(&metadata.row_group(index).num_rows().to_le_bytes());
     for column in read(metadata, mask, index) {
         let described = column.column_descr();
+        // The same bytes under another type or codec are other values. Offsets are left out: a copy
+        // of the group elsewhere in a file is the same piece.
         let about = format!(
             "{} {:?} {:?} {:?} {} {}",
             column.column_path().string(),
@@ -198,7 +207,7 @@ pub(super) fn group(
     Ok(hash.finish())
 }
 
-/// Reads a block, or less at the end of the file.
+/// Reads a block, shorter only at the end of the file.
 pub(super) fn block(file: &mut impl Read, buffer: &mut Vec<u8>) -> io::Result<()> {
     buffer.clear();
     file.take(BLOCK as u64).read_to_end(buffer).map(|_| ())

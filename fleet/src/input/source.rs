@@ -10,27 +10,27 @@ use super::{ColumnNames, Drives, Form, Input, Reading, open_with};
 use crate::error::{FleetError, Outcome};
 use crate::sensor::Sensor;
 
-/// Files of drives with the columns of a sensor.
+/// Files of drives, with the columns that a sensor needs.
 pub(crate) struct Source<'a> {
     pub(crate) files: &'a InputFiles,
     names: &'a ColumnNames,
     sensor: &'a Sensor,
-    /// True if drives that are not valid are left out, false if they are an error.
+    /// True if invalid drives are left out, false if they are an error.
     leave_out: bool,
-    /// Pieces that were read.
+    /// Pieces read so far.
     pub(crate) pieces: Pieces,
-    /// Type of trace ids in all files.
+    /// Type of the trace ids, the same in all files.
     pub(crate) id_type: DataType,
     /// Form of the first file.
     pub(crate) form: Form,
-    /// Rows of all files, if they are known.
+    /// Rows of all files, if known.
     pub(crate) rows: Option<u64>,
-    /// Rows of the files before each.
+    /// For each file, the rows of the files before it.
     rows_before: Vec<u64>,
 }
 
 impl<'a> Source<'a> {
-    /// Opens all files once, so that a column that one of them lacks is said before the work.
+    /// Opens each file once, so that a missing column is reported before any work is done.
     pub(crate) fn new(
         files: &'a InputFiles,
         names: &'a ColumnNames,
@@ -49,11 +49,13 @@ impl<'a> Source<'a> {
             rows_before: Vec::with_capacity(files.files.len()),
         };
         for file in 0..files.files.len() {
+            // Only headers and footers are read here; batches are lazy.
             let found = source.open(file, 0)?;
             if file == 0 {
                 (source.id_type, source.form) = (found.id_type, found.form);
             }
             source.rows_before.push(source.rows.unwrap_or(0));
+            // Unknown from the first CSV file onwards.
             source.rows = source.rows.zip(found.rows).map(|(sum, rows)| sum + rows);
         }
         Ok(source)
@@ -63,7 +65,8 @@ impl<'a> Source<'a> {
         self.files.files.get(file).map_or(Path::new(""), |file| &file.path)
     }
 
-    /// Rows up to a row of a file, of all files if their rows are known.
+    /// Rows before row `row` of a file, counting all files before it as far as their rows are
+    /// known.
     pub(crate) fn rows_until(&self, file: usize, row: u64) -> u64 {
         self.rows_before.get(file).copied().unwrap_or(0) + row
     }
@@ -74,6 +77,7 @@ impl<'a> Source<'a> {
         let pieces = Some(self.pieces.clone());
         let reading = Reading { file, pieces, leave_out: self.leave_out };
         let found = open_with(path, self.names, self.sensor, skip, &reading).map_err(named)?;
+        // `Null` only while the first file is opened.
         if self.id_type != DataType::Null && found.id_type != self.id_type {
             let message = format!(
                 "is read as {}, but as {} in {}; ids must be integers in all files, or text in all",
@@ -86,12 +90,13 @@ impl<'a> Source<'a> {
         Ok(found)
     }
 
-    /// Drives from a row of a file on, with the number of their file.
+    /// Drives from row `row` of file `file` onwards, each batch with the number of its file.
     pub(crate) fn drives(
         &self,
         file: usize,
         row: u64,
     ) -> impl Iterator<Item = Outcome<(usize, Drives)>> {
+        // Files are opened one at a time, when the one before is exhausted.
         (file..self.files.files.len()).flat_map(move |number| {
             let opened = self.open(number, if number == file { row } else { 0 });
             let (batches, error) = match opened {
@@ -106,16 +111,17 @@ impl<'a> Source<'a> {
         })
     }
 
-    /// Names the file in an error, if there are several.
+    /// Adds the file to an error, if there are several.
     pub(crate) fn name(&self, file: usize, error: FleetError) -> FleetError {
         if self.files.is_one { error } else { error.in_file(self.path(file)) }
     }
 
-    /// Checks that pieces are as they were.
+    /// Checks that pieces are unchanged.
     pub(crate) fn check<'p>(&self, pieces: impl Iterator<Item = &'p Piece>) -> Outcome<()> {
         let mut open: Option<(usize, Content)> = None;
         for piece in pieces {
             let path = self.path(piece.file);
+            // Pieces are in the order of reading, so one open file at a time suffices.
             if open.as_ref().is_none_or(|(file, _)| *file != piece.file) {
                 let content = Content::open(path, self.names, self.sensor);
                 open = Some((piece.file, content.map_err(|error| self.name(piece.file, error))?));
@@ -125,12 +131,12 @@ impl<'a> Source<'a> {
             if found != Some(piece.hash) {
                 let number = piece.number;
                 let what = match found {
-                    Some(_) => format!("{} is not as it was", content.name(number)),
-                    None => format!("row group or block {number} is no longer there"),
+                    Some(_) => format!("{} has changed", content.name(number)),
+                    None => format!("row group or block {number} has disappeared"),
                 };
                 let message = format!(
-                    "{what} when parts of the unfinished run were made of it; put the file back, \
-                     or start over with --restart"
+                    "{what} since parts of the unfinished run were made from it; put the file \
+                     back, or start over with --restart"
                 );
                 return Err(FleetError::changed(path, message));
             }
@@ -138,7 +144,8 @@ impl<'a> Source<'a> {
         Ok(())
     }
 
-    /// Hash of the content of all files, as far as it is read.
+    /// Digest of the contents of all files, as far as they are read. It equals the one that a run
+    /// collects from its pieces.
     pub(crate) fn digest(&self) -> Outcome<Digest> {
         let mut digest = Digest::default();
         for file in 0..self.files.files.len() {
@@ -146,6 +153,7 @@ impl<'a> Source<'a> {
                 .map_err(|error| self.name(file, error))?;
             for number in 0.. {
                 let Some(hash) = content.hash(number)? else { break };
+                // The first row is not part of the digest.
                 digest.add(&Piece { file, number, first_row: 0, hash });
             }
         }

@@ -1,9 +1,9 @@
-//! Drives that are left out of tables with a row for each step.
+//! Invalid drives in tables with one row per step.
 //!
-//! A drive whose id is not above all before is left out as far as it stands there, as are rows
-//! without an id. A drive of which a row cannot be read, whose steps do not rise, or between whose
-//! rows others stand, is left out as a whole. Where drives become ready is a matter of the rows
-//! alone, not of where reading began: a run that continues makes the same parts.
+//! Rows without an id, and rows whose id is not above all earlier ones, are left out where they
+//! stand. A drive is left out as a whole if one of its rows cannot be read, its steps do not
+//! increase, or other rows stand between its own. When drives become ready depends only on the
+//! rows, not on where reading began, so a run that continues makes the same parts.
 
 use arrow_array::cast::AsArray;
 use arrow_array::types::Int64Type;
@@ -19,30 +19,30 @@ use super::long::{LongDrives, not_rising, starts, unsorted};
 use super::nested::column;
 use crate::error::{FleetError, Outcome};
 
-/// Drives that may wait to be handed out: some 20 MB.
+/// Maximum number of left-out drives waiting to be handed out: some 20 MB.
 const MOST_PENDING: usize = 1 << 16;
 
-/// State of leaving out.
+/// State of leaving drives out.
 #[derive(Debug, Default)]
 pub(super) struct Faults {
-    /// Drives that are left out, and not yet handed out.
+    /// Left-out drives not yet handed out.
     pending: Vec<Invalid>,
-    /// Cause to leave out the drive that may go on.
+    /// Why the current drive is to be left out, if it is. It may still continue.
     broken: Option<Invalid>,
-    /// True if rows that belong to no drive follow those of the drive that may go on.
+    /// True if stray rows follow those of the current drive: should it continue, it is broken.
     interrupted: bool,
-    /// A batch without rows.
+    /// A batch without rows, to build empty `Drives` from.
     empty: Option<RecordBatch>,
 }
 
 impl Faults {
-    /// True if rows to come need a closer look.
+    /// True if the next rows need a closer look.
     pub(super) fn is_open(&self) -> bool {
         self.broken.is_some() || self.interrupted
     }
 }
 
-/// Complete drives without a gap.
+/// Complete drives in consecutive rows.
 #[derive(Default)]
 struct Stretch {
     rows: Vec<RecordBatch>,
@@ -51,10 +51,12 @@ struct Stretch {
 }
 
 impl LongDrives {
-    /// Adds rows of which some are not valid.
+    /// Adds rows, some of which are invalid: run by run of equal ids.
     pub(super) fn sort_out(&mut self, rows: Rows) -> Outcome<()> {
         let Rows { batch, mut wrong } = rows;
         let names = self.layout.names.clone();
+        // Unreadable values become null here, where `wrong` or the null itself tells what is wrong
+        // with them.
         let ids = loose(column(&batch, &names.trace_id)?, &self.layout.id_type, &names.trace_id)?;
         let steps = loose(column(&batch, &names.step)?, &DataType::Int64, &names.step)?;
         let steps: &Int64Array = steps.as_primitive::<Int64Type>();
@@ -62,18 +64,23 @@ impl LongDrives {
         self.next_row += end as u64;
         self.faults.empty = Some(batch.slice(0, 0));
         let mut stretch = Stretch::default();
+        // In this loop `from..to` is a run of rows with one id, `row` the number of its first row
+        // in the file, and `self.last` the last row that belongs to a valid or broken drive; stray
+        // rows do not move it.
         let id_of = |row: usize| ids.is_valid(row).then(|| Ids::of(&ids).get(row));
         let mut from = 0;
         while from < end {
             let id = id_of(from);
-            // Rows without an id are no drive together.
+            // Rows without an id do not belong together: each is a run of its own.
             let next = |&row: &usize| id.is_none() || id_of(row) != id;
             let to = (from + 1..end).find(next).unwrap_or(end);
             let row = start + from as u64;
+            // Errors of unreadable text within the run, in order. `wrong` is sorted by row.
             let mut faults = Vec::new();
             while let Some((_, error)) = wrong.pop_front_if(|(row, _)| *row < to) {
                 faults.push(error);
             }
+            // `None` for no id, else how the id compares with that of the current drive.
             let order = match (&id, &self.last) {
                 (None, _) => None,
                 (Some(_), None) => Some(std::cmp::Ordering::Greater),
@@ -85,6 +92,9 @@ impl LongDrives {
                     let null = FleetError::value(&names.trace_id, row, message);
                     self.stray(faults.into_iter().next().unwrap_or(null), None)?;
                 }
+                // Sorted order is judged against the last drive kept in order, so one id that is
+                // too high makes all lower ones behind it stray; `stray` gives up if there are too
+                // many.
                 Some(std::cmp::Ordering::Less) => {
                     let last = self.last.as_ref().map(|(last, _)| last.clone());
                     let message = id.as_ref().zip(last).map(|(id, last)| unsorted(id, &last));
@@ -94,20 +104,25 @@ impl LongDrives {
                 Some(order) => {
                     let Some(id) = id else { break };
                     let mut last = self.last.take().map(|(_, step)| step);
+                    // A higher id ends the current drive. The new one begins at `row`.
                     if order.is_gt() {
                         self.close(&mut stretch, row)?;
                         (self.first_row, last) = (row, None);
                     } else if self.faults.interrupted {
                         let message = format!("other rows stand between those of drive {id}");
+                        // Same id as the current drive, but stray rows in between.
                         faults.insert(0, FleetError::value(&names.trace_id, row, message));
                     }
                     self.faults.interrupted = false;
                     let fault = faults.into_iter().next();
+                    // `last` is the step before the run if the drive continues.
                     let fault = fault.or_else(|| {
                         let fault = rising(steps, from..to, last, &id);
                         let (row, message) = fault?;
                         Some(FleetError::value(&names.step, start + row as u64, message))
                     });
+                    // Only the first fault of a drive is reported, and its rows are dropped at
+                    // once, so a broken drive takes no memory however long it is.
                     if let (Some(error), None) = (fault, &self.faults.broken) {
                         self.faults.broken = Some(Invalid::new(error, Some(id.clone()))?);
                         self.begun.clear();
@@ -115,6 +130,7 @@ impl LongDrives {
                     if self.faults.broken.is_none() {
                         self.begun.push(batch.slice(from, to - from));
                     }
+                    // A null step is a fault already, so any value will do.
                     let step = if steps.is_valid(to - 1) { steps.value(to - 1) } else { 0 };
                     self.last = Some((id, step));
                 }
@@ -125,14 +141,14 @@ impl LongDrives {
         self.hand_out(self.first_row)
     }
 
-    /// Leaves out rows after those of the drive that may go on. They wait until it is complete: a run
-    /// that continues begins with it.
+    /// Leaves out stray rows behind the current drive. They are handed out only after that drive: a
+    /// run that continues starts reading at its first row, and would find them again.
     fn stray(&mut self, error: FleetError, id: Option<Id>) -> Outcome<()> {
         if self.faults.pending.len() >= MOST_PENDING {
             let causes = match &self.last {
                 Some((id, _)) => format!(
                     "after drive {id} would be left out, since their ids are missing or not above \
-                     its own; is this id wrong, or the file not sorted?"
+                     its own; is this id wrong, or is the file not sorted?"
                 ),
                 None => {
                     "would be left out, since their ids are missing or cannot be read".to_owned()
@@ -146,7 +162,7 @@ impl LongDrives {
         Ok(())
     }
 
-    /// Completes the drive that may have gone on, before a row.
+    /// Completes the current drive, which ends before row `next_row`.
     fn close(&mut self, stretch: &mut Stretch, next_row: u64) -> Outcome<()> {
         let begun = std::mem::take(&mut self.begun);
         if let Some(broken) = self.faults.broken.take() {
@@ -156,6 +172,7 @@ impl LongDrives {
         if begun.is_empty() {
             return Ok(());
         }
+        // Stray rows, or a broken drive, lie between the stretch and this drive.
         if stretch.end_row != self.first_row {
             self.emit_stretch(stretch, self.first_row)?;
         }
@@ -165,6 +182,7 @@ impl LongDrives {
         let count: usize = begun.iter().map(RecordBatch::num_rows).sum();
         stretch.end_row = self.first_row + count as u64;
         stretch.rows.extend(begun);
+        // Stray rows follow: the stretch ends here, and takes them along as left out.
         if stretch.end_row != next_row {
             self.emit_stretch(stretch, next_row)?;
         }
@@ -177,7 +195,7 @@ impl LongDrives {
         self.emit(&concat_batches(&schema, &rows)?, first_row, next_row)
     }
 
-    /// Makes complete drives ready, after which the next one begins at a row.
+    /// Makes complete drives ready; the next drive begins at row `next_row`.
     pub(super) fn emit(
         &mut self,
         rows: &RecordBatch,
@@ -185,15 +203,20 @@ impl LongDrives {
         next_row: u64,
     ) -> Outcome<()> {
         let mut ready = match self.drives(rows, first_row) {
+            // In order, but some observation may be invalid.
             Err(FleetError::Value { .. }) if self.leave_out => self.good(rows, first_row)?,
             done => vec![done?],
         };
         let end_row = first_row + rows.num_rows() as u64;
+        // Rows between these drives and the next one belong to the last batch, so that a part that
+        // ends with it covers them.
         if let Some(last) = ready.last_mut().filter(|last| last.end_row == end_row) {
             last.end_row = next_row;
         }
         let pending = &mut self.faults.pending;
         pending.sort_by_key(|invalid| invalid.row);
+        // Each left-out drive travels with the first batch that ends behind it; those that come
+        // after the last batch stay pending.
         for drives in &mut ready {
             let count = pending.partition_point(|invalid| invalid.row < drives.end_row);
             drives.invalid = pending.drain(..count).collect();
@@ -205,7 +228,7 @@ impl LongDrives {
         self.hand_out(next_row)
     }
 
-    /// Drives of rows in order that are valid; the others become pending.
+    /// Valid drives among rows in order; the others become pending.
     fn good(&mut self, rows: &RecordBatch, first_row: u64) -> Outcome<Vec<super::Drives>> {
         let names = &self.layout.names;
         let ids = loose(column(rows, &names.trace_id)?, &self.layout.id_type, &names.trace_id)?;
@@ -221,6 +244,8 @@ impl LongDrives {
         let (mut good, mut invalid) = (Vec::new(), Vec::new());
         halves(
             0..count,
+            // Results are computed again below, over joined ranges: a batch per range found by
+            // bisection would be small.
             &mut |range| drives(range).map(drop),
             &mut |range, ()| good.push(range),
             &mut |drive, error| {
@@ -234,7 +259,7 @@ impl LongDrives {
         Ok(good)
     }
 
-    /// Hands out drives that are left out before a row with which a drive begins.
+    /// Hands out left-out drives before row `next_row`, at which a drive begins.
     fn hand_out(&mut self, next_row: u64) -> Outcome<()> {
         self.faults.pending.sort_by_key(|invalid| invalid.row);
         let count = self.faults.pending.partition_point(|invalid| invalid.row < next_row);
@@ -242,20 +267,21 @@ impl LongDrives {
             return Ok(());
         }
         let Some(empty) = &self.faults.empty else { return Ok(()) };
+        // No drive is ready to carry them, so an empty batch does.
         let mut drives = self.drives(empty, next_row)?;
         drives.invalid = self.faults.pending.drain(..count).collect();
         self.ready.push_back(drives);
         Ok(())
     }
 
-    /// Hands out all that are left out, at the end of the file.
+    /// Hands out the remaining left-out drives, at the end of the file.
     pub(super) fn end_faults(&mut self) -> Outcome<()> {
         self.faults.pending.extend(self.faults.broken.take());
         self.hand_out(self.next_row)
     }
 }
 
-/// First row whose step does not rise or is none.
+/// First row whose step is missing or does not increase.
 fn rising(
     steps: &Int64Array,
     rows: std::ops::Range<usize>,
@@ -275,7 +301,7 @@ fn rising(
     None
 }
 
-/// Values of a type, null where one cannot be read.
+/// Casts to a type, null where a value cannot be read.
 fn loose(array: &ArrayRef, to: &DataType, name: &str) -> Outcome<ArrayRef> {
     let options = CastOptions { safe: true, ..CastOptions::default() };
     cast_with_options(array, to, &options)

@@ -1,4 +1,5 @@
-//! Columns of text, read as their types.
+//! Columns of text, parsed into their types. What cannot be parsed is reported with its row and
+//! becomes null.
 
 use std::sync::Arc;
 
@@ -14,7 +15,7 @@ use arrow_schema::{DataType, Field, Fields};
 use crate::error::{FleetError, Outcome};
 use crate::sensor::Kind;
 
-/// Type of an observation.
+/// Type of an observation in CSV.
 pub(super) fn observation(kind: &Kind) -> DataType {
     match kind {
         Kind::Table(_) | Kind::SparseTable(_) => DataType::Int64,
@@ -24,7 +25,7 @@ pub(super) fn observation(kind: &Kind) -> DataType {
     }
 }
 
-/// Fields of a state with its likelihood.
+/// Fields of a state and its likelihood.
 fn pair() -> Fields {
     Fields::from(vec![
         Field::new("state", DataType::Int64, true),
@@ -32,13 +33,13 @@ fn pair() -> Fields {
     ])
 }
 
-/// Type of trace ids, given the first one: integers, if that is one.
+/// Type of trace ids, judged by the first one: integers, if it is one.
 pub(super) fn type_of_ids(first: Option<&str>) -> DataType {
     let is_number = first.is_none_or(|id| is_plain(id) && id.parse::<i64>().is_ok());
     if is_number { DataType::Int64 } else { DataType::Utf8 }
 }
 
-/// True for an integer as it is written: `007` and `+7` may be other ids than `7`.
+/// True for an integer in canonical form: `007` and `+7` may be other ids than `7`.
 fn is_plain(text: &str) -> bool {
     match text.strip_prefix('-').unwrap_or(text).as_bytes() {
         [b'0'] => text == "0",
@@ -47,10 +48,10 @@ fn is_plain(text: &str) -> bool {
     }
 }
 
-/// Takes a row that cannot be read, and may end the work.
+/// Called with the row and error of unreadable text; an error from it ends the work.
 pub(super) type Refuse<'a> = &'a mut dyn FnMut(usize, FleetError) -> Outcome<()>;
 
-/// Reads trace ids; what cannot be read is null.
+/// Parses trace ids; what cannot be parsed is null.
 pub(super) fn ids(
     text: &ArrayRef,
     field: &Field,
@@ -60,19 +61,21 @@ pub(super) fn ids(
     if !field.data_type().is_integer() {
         return typed(text, field, first_row, refuse);
     }
-    let why = "but the first id of the file is one, so that all must be; write all ids as text that \
-               is no number (`v7`), or take Parquet with a column of text";
+    let why = "but the first id of the file is an integer, so all must be; write all ids as text \
+               that is not a number (`v7`), or use Parquet with a text column";
     let strings = text.as_string::<i32>();
     let done = cast(text, field.data_type())?;
     let numbers = done.as_primitive::<Int64Type>();
     let mut read: Option<Vec<bool>> = None;
     for (row, id) in strings.iter().enumerate() {
         let Some(id) = id else { continue };
+        // The cast also accepts `007`; as ids, `007` and `7` must not fall together.
         let what = match numbers.is_valid(row) {
             true if is_plain(id) => continue,
-            true => format!("is no integer in its plain form ({})", numbers.value(row)),
+            true => format!("is not an integer in its plain form ({})", numbers.value(row)),
             false => "is not a 64-bit integer".to_owned(),
         };
+        // The mask is only built if an id is refused, which is rare.
         read.get_or_insert_with(|| (0..text.len()).map(|row| numbers.is_valid(row)).collect())
             [row] = false;
         let message = format!("`{id}` {what}, {why}");
@@ -82,7 +85,7 @@ pub(super) fn ids(
     Ok(Arc::new(Int64Array::new(numbers.values().clone(), Some(read.into()))))
 }
 
-/// Reads a column of text as a type; what cannot be read is null.
+/// Parses a column of text into a type; what cannot be parsed is null.
 pub(super) fn typed(
     text: &ArrayRef,
     field: &Field,
@@ -109,6 +112,8 @@ pub(super) fn typed(
             let fields: Vec<Box<dyn ArrayBuilder>> =
                 vec![Box::new(Int64Builder::new()), Box::new(Float64Builder::new())];
             let row = |out: &mut ListBuilder<StructBuilder>, text: &str| {
+                // On an early return the fields pushed so far stay in the values, under a null
+                // list: harmless, since offsets move past them.
                 for pair in parts(text) {
                     let (state, likelihood) = pair.split_once(':')?;
                     let (state, likelihood) = (state.parse().ok()?, likelihood.parse().ok()?);
@@ -124,6 +129,7 @@ pub(super) fn typed(
         }
         to => {
             let done = cast(text, to)?;
+            // More nulls than empty fields: some text was not a value.
             if done.null_count() > text.null_count() {
                 let what = if to.is_integer() { "a 64-bit integer" } else { "a number" };
                 let lost = |&row: &usize| done.is_null(row) && !text.is_null(row);
@@ -139,12 +145,12 @@ fn cast(text: &ArrayRef, to: &DataType) -> Outcome<ArrayRef> {
     Ok(cast_with_options(text, to, &options)?)
 }
 
-/// Values of a list as text.
+/// Splits a list at spaces and semicolons.
 fn parts(text: &str) -> impl Iterator<Item = &str> {
     text.split([' ', ';']).filter(|part| !part.is_empty())
 }
 
-/// Builds lists of a row each.
+/// Builds one list per row.
 fn list<B: ArrayBuilder>(
     texts: &StringArray,
     mut out: ListBuilder<B>,

@@ -1,5 +1,8 @@
-//! Files of learning: the output, and beside it a lock, the state of an unfinished run, and what a
-//! finished one was.
+//! Files of learning: the output, and beside it a lock, the state of an unfinished run
+//! (`.partial`), and the record of a finished one (`.run`).
+//!
+//! Each is written under a temporary name, synced and renamed, so it is either the old file or the
+//! new one at any moment.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -13,9 +16,9 @@ use super::Course;
 use crate::checksum;
 use crate::error::{FleetError, Outcome};
 use crate::journal::Lock;
-use crate::partial::beside;
+use crate::overwrite::beside;
 
-/// State of an unfinished run, after a re-estimation.
+/// State of an unfinished run after a re-estimation.
 #[derive(Serialize, Deserialize)]
 pub(super) struct State {
     pub(super) settings: Value,
@@ -23,7 +26,7 @@ pub(super) struct State {
     pub(super) model: Value,
 }
 
-/// A run that has come to its end. The file of a model has no place for it.
+/// Record of a finished run, which the JSON of a model has no place for.
 #[derive(Serialize, Deserialize)]
 struct Finished {
     settings: Value,
@@ -32,7 +35,7 @@ struct Finished {
     output: String,
 }
 
-/// Files of a run, which no other run has meanwhile.
+/// Files of a run, locked against other runs.
 pub(super) struct Kept<'a> {
     output: &'a Path,
     partial: PathBuf,
@@ -46,19 +49,19 @@ impl<'a> Kept<'a> {
         Ok(Self { output, partial, run, _lock: Lock::new(output)? })
     }
 
-    /// State of the unfinished run with these settings, if there is one.
+    /// State of the unfinished run with these settings, if any.
     pub(super) fn state(&self, settings: &Value) -> Outcome<Option<State>> {
         if !self.partial.exists() {
             return Ok(None);
         }
         let Some(state) = load::<State>(&self.partial)? else {
             let message =
-                "is damaged, or of another version of this program; start over with --restart";
+                "is damaged, or from another version of this program; start over with --restart";
             return Err(FleetError::format(&self.partial, message));
         };
         if state.settings != *settings {
-            let message = "is of an unfinished run with another model, input or prior, or other \
-                           columns; make that one again, or start over with --restart";
+            let message = "is from an unfinished run with another model, input, prior or other \
+                           columns; repeat that run, or start over with --restart";
             return Err(FleetError::Settings(format!("{} {message}", self.partial.display())));
         }
         Ok(Some(state))
@@ -68,21 +71,24 @@ impl<'a> Kept<'a> {
         put(&self.partial, &checksum::line(&json(&self.partial, state)?))
     }
 
-    /// Course of the run that made the output, if it had these settings.
+    /// Record of the run that made the output, if it had these settings.
     pub(super) fn finished(&self, settings: &Value) -> Outcome<Option<Course>> {
         if !self.run.exists() {
             return Ok(None);
         }
         let text = fs::read(self.output).map_err(FleetError::file(self.output))?;
         let found = load::<Finished>(&self.run)?;
+        // The hash ties the record to this very file: the output may have been replaced since.
         let found = found.filter(|run| run.settings == *settings && run.output == hash(&text));
         if found.is_some() {
+            // The run may have been killed just before it did this.
             self.remove_partial()?;
         }
         Ok(found.map(|run| Course { finished: true, ..run.course }))
     }
 
-    /// Writes the output. What it is made by comes first: it says nothing of another output.
+    /// Writes the output. The record goes first: until the output is there, its hash matches no
+    /// file, whereas an output without a record could not be recognised as finished.
     pub(super) fn finish(
         &self,
         model: &impl Serialize,
@@ -113,7 +119,7 @@ fn json(path: &Path, value: &impl Serialize) -> Outcome<String> {
     serde_json::to_string(value).map_err(|error| FleetError::format(path, error))
 }
 
-/// Reads a line with a checksum; nothing, if it is damaged.
+/// Reads a line with a checksum; `None` if it is damaged.
 fn load<T: DeserializeOwned>(path: &Path) -> Outcome<Option<T>> {
     let line = fs::read(path).map_err(FleetError::file(path))?;
     Ok(checksum::text(&line).and_then(|text| serde_json::from_slice(text).ok()))
@@ -125,11 +131,12 @@ pub(crate) fn save(path: &Path, value: &impl Serialize) -> Outcome<()> {
     put(path, &json(path, value)?)
 }
 
-/// Writes a file under a temporary name first.
+/// Writes a file by way of a temporary name.
 fn put(path: &Path, text: &str) -> Outcome<()> {
     let written = beside(path, ".new");
     let wrong = FleetError::file(&written);
     fs::write(&written, text).map_err(&wrong)?;
+    // Synced before the rename, or a crash might leave the name with no contents.
     fs::File::open(&written).and_then(|file| file.sync_all()).map_err(&wrong)?;
     fs::rename(&written, path).map_err(FleetError::file(path))
 }

@@ -1,22 +1,26 @@
 //! Mode and entropy of a belief, in one pass.
+//!
+//! Eight lanes of `f64` without branches on single values, which the compiler turns into vector
+//! instructions of whatever width `pulp` dispatches to. Lanes are added in a fixed order, so
+//! results are the same to the bit on every machine.
 
 use std::f64::consts::LN_2;
 
 use pulp::{Arch, Simd, WithSimd};
 
 const EIGHT: usize = 8;
-/// Most that states may add to the entropy and yet be left out.
+/// Total entropy, in nats, of states that may be left out.
 const NEGLIGIBLE: f64 = 1e-14;
 
-/// Measures of beliefs over a number of states.
+/// Computes measures of beliefs over a fixed number of states.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Measures {
     arch: Arch,
-    /// Probability below which −p ln p of all states together is negligible.
+    /// Probability below which −p ln p is negligible even if all states have it.
     least: f64,
 }
 
-/// Most probable state, its probability, and the entropy of the belief.
+/// Most probable state, its probability, and the entropy of the belief in nats.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Measured {
     pub(super) state: usize,
@@ -27,18 +31,19 @@ pub(super) struct Measured {
 impl Measures {
     pub(super) fn new(states: usize) -> Self {
         let share = NEGLIGIBLE / states.max(1) as f64;
-        // −p ln p rises up to 1/e, and the logarithm is below 64 down to 1e-27.
+        // −p ln p increases up to p = 1/e, and |ln least| < 64 as long as `least` > e^−64 =
+        // 1.6e-28. So each of n states below `least` adds less than NEGLIGIBLE / n.
         Self { arch: Arch::new(), least: share / 64.0 }
     }
 
-    /// Measures a belief; ties go to the lowest state, and the entropy is that of the library to
-    /// 2e-14.
+    /// Measures a belief. Ties go to the lowest state; the entropy agrees with that of the library
+    /// to 2e-14.
     pub(super) fn of(self, belief: &[f64]) -> Measured {
         self.arch.dispatch(Measure { belief, least: self.least })
     }
 }
 
-/// A belief to be measured, with the instructions of the machine.
+/// A belief to be measured with the vector instructions of the machine.
 struct Measure<'a> {
     belief: &'a [f64],
     least: f64,
@@ -59,14 +64,19 @@ fn measure(belief: &[f64], least: f64) -> Measured {
     let mut sums = [0.0; EIGHT];
     let (mut best, mut at) = (f64::NEG_INFINITY, 0);
     for (k, eight) in eights.iter().enumerate() {
+        // Strictly greater: the first group of eight with the maximum wins, and `position` below
+        // finds the first within it.
         let largest = largest(eight);
         if largest > best {
             (best, at) = (largest, k);
         }
+        // Most groups of a peaked belief are negligible, and logarithms are what takes time here.
         if largest > least {
             add(&mut sums, eight);
         }
     }
+    // Padding is 0, which adds nothing to the entropy and never wins against `best`, since a belief
+    // has a positive value.
     let mut last = [0.0; EIGHT];
     last[..rest.len()].copy_from_slice(rest);
     let largest = largest(&last);
@@ -86,6 +96,7 @@ fn measure(belief: &[f64], least: f64) -> Measured {
 #[inline(always)]
 fn largest(eight: &[f64; EIGHT]) -> f64 {
     let mut four = [0.0; 4];
+    // A tree of comparisons instead of a chain: `f64::max` would also have to treat NaN.
     for k in 0..4 {
         four[k] = if eight[k] > eight[k + 4] { eight[k] } else { eight[k + 4] };
     }
@@ -94,7 +105,7 @@ fn largest(eight: &[f64; EIGHT]) -> f64 {
     if a > b { a } else { b }
 }
 
-/// Adds −p ln p.
+/// Adds −p ln p. `ln(0)` is finite here, so 0 ln 0 is 0.
 #[inline(always)]
 fn add(sums: &mut [f64; EIGHT], eight: &[f64; EIGHT]) {
     for k in 0..EIGHT {
@@ -102,18 +113,22 @@ fn add(sums: &mut [f64; EIGHT], eight: &[f64; EIGHT]) {
     }
 }
 
-/// Natural logarithm of a normal double to 1e-15 of its value; of 0 and smaller ones some finite
-/// value. (The polynomial is that of FreeBSD's `e_log.c`.)
+/// Natural logarithm of a normal double, to a relative error of 1e-15; some finite value for 0 and
+/// subnormals. The polynomial is that of FreeBSD's `e_log.c`.
 #[inline(always)]
 fn ln(x: f64) -> f64 {
-    // The exponent that leaves a mantissa from √½ to √2.
+    // Bits of √½: subtracting them first makes the mantissa range from √½ to √2, around 1, rather
+    // than from 1 to 2.
     const ROOT: u64 = 0x3fe6_a09e_667f_3bcd;
     const BIAS: u64 = 1024 << 52;
-    // As a double 2^52 + k has k as its last bits.
+    // The double 2^52 + k has k in its last bits, so a subtraction converts k without an
+    // integer-to-float instruction, which SSE2 and AVX2 lack for 64 bits.
     const TWO_52: u64 = 0x4330_0000_0000_0000;
     let shifted = x.to_bits().wrapping_sub(ROOT).wrapping_add(BIAS);
     let k = f64::from_bits((shifted >> 52) | TWO_52) - (4_503_599_627_370_496.0 + 1024.0);
     let m = f64::from_bits((shifted & 0x000f_ffff_ffff_ffff).wrapping_add(ROOT));
+    // ln m = ln(1 + f) by the odd series in s = f / (2 + f), split into even and odd powers of z =
+    // s² for two short chains.
     let f = m - 1.0;
     let s = f / (2.0 + f);
     let z = s * s;
@@ -145,7 +160,7 @@ mod tests {
             let some: Vec<f64> = (0..n)
                 .map(|_| {
                     let weight = (-spread * rng.random_range(0.0..1.0_f64)).exp();
-                    // Equal ones and zeros.
+                    // Ties and zeros.
                     match rng.random_range(0..5) {
                         0 => 0.0,
                         1 => 0.5,

@@ -1,4 +1,4 @@
-//! Tables of results.
+//! Tables of results: which routine has which, and their schemas.
 
 mod measures;
 mod rows;
@@ -13,34 +13,34 @@ use crate::input::Form;
 pub(crate) use rows::kind as error_kind;
 pub use tables::results;
 
-/// A routine for each drive.
+/// A routine that runs on each drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, ValueEnum)]
 pub enum Verb {
-    /// Distributions of every step given the whole drive.
+    /// Distribution of each step given the whole drive.
     Smooth,
-    /// Distributions of every step given those up to it.
+    /// Distribution of each step given the observations up to it.
     Filter,
     /// The most probable path.
     Decode,
-    /// Log-likelihoods.
+    /// Log-likelihood.
     Score,
 }
 
-/// Content of a table of results.
+/// Contents of a table of results.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Table {
     /// For each step the most probable state, its probability, the entropy of the belief, and a
     /// log-likelihood.
     Steps,
-    /// For each step so many most probable states, with their probabilities.
+    /// For each step the given number of most probable states, with their probabilities.
     Best(usize),
-    /// So many most probable paths.
+    /// The given number of most probable paths.
     Paths(usize),
-    /// For each drive its steps, its log-likelihood, and its error, if it has one.
+    /// For each drive its number of steps, its log-likelihood, and its error, if any.
     Drives,
 }
 
-/// A routine, and the table of its results.
+/// A routine and its table of results.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Results {
     verb: Verb,
@@ -57,16 +57,16 @@ pub struct Batch {
     pub drives: u64,
     /// Number of their steps.
     pub steps: u64,
-    /// Number of drives that have an error.
+    /// Number of drives that ended with an error.
     pub failed: u64,
 }
 
 impl Results {
-    /// Combines a routine with a table, in the long or the nested form.
+    /// Combines a routine with a table, in the long or nested form.
     ///
     /// # Errors
     ///
-    /// [`FleetError::Settings`] if the routine has no such table, or there is nothing to count.
+    /// [`FleetError::Settings`] if the routine has no such table, or the count is 0.
     pub fn new(verb: Verb, table: Table, form: Form) -> Outcome<Self> {
         let fits = match table {
             Table::Steps | Table::Best(_) => matches!(verb, Verb::Smooth | Verb::Filter),
@@ -91,13 +91,13 @@ impl Results {
         self.verb
     }
 
-    /// Content of the table.
+    /// Contents of the table.
     #[must_use]
     pub fn table(&self) -> Table {
         self.table
     }
 
-    /// Schema of the table, for trace ids of a type.
+    /// Schema of the table, for trace ids of the given type.
     #[must_use]
     pub fn schema(&self, id_type: &DataType) -> Schema {
         let id = field("trace_id", id_type.clone(), false);
@@ -106,12 +106,15 @@ impl Results {
             field("error_step", DataType::Int64, true),
             field("error", DataType::Utf8, true),
         ];
+        // The probability of a path is joint with the observations; the likelihood sums it over all
+        // paths.
         let total = match self.verb {
             Verb::Decode => number("log_probability"),
             _ => number("log_likelihood"),
         };
         let mut fields = vec![id];
         match (self.table, self.form) {
+            // One row per drive in either form.
             (Table::Drives, _) => {
                 fields.extend([field("steps", DataType::Int64, false), total]);
                 fields.extend(error);
@@ -122,6 +125,8 @@ impl Results {
                 }
                 fields.extend(self.step_fields());
                 fields.extend(self.long_total());
+                // A failed drive keeps one row, in which only the kind fits; messages are in the
+                // table of drives.
                 fields.push(error[0].clone());
             }
             (_, Form::Nested) => {
@@ -137,7 +142,8 @@ impl Results {
         Schema::new(fields)
     }
 
-    /// Fields of each step, in the long form: the step itself is never null.
+    /// Fields of a step in the long form. The step itself is never null; the others are in rows of
+    /// failed drives.
     fn step_fields(&self) -> Vec<Field> {
         let mut fields = vec![field("step", DataType::Int64, false)];
         if let Table::Best(_) = self.table {
@@ -160,7 +166,7 @@ impl Results {
         self.verb == Verb::Filter && self.table == Table::Steps
     }
 
-    /// Field of the drive that the long form repeats in each row.
+    /// Field of the whole drive that the long form repeats in each row.
     fn long_total(&self) -> Option<Field> {
         match self.table {
             Table::Steps if !self.has_step_logs() => Some(number("log_likelihood")),
@@ -169,12 +175,12 @@ impl Results {
         }
     }
 
-    /// Fields of each step in a list, none of them null.
+    /// Fields of a step in a list; none is null, since a failed drive has a null list.
     fn struct_fields(&self) -> Fields {
         self.step_fields().into_iter().map(|field| field.with_nullable(false)).collect()
     }
 
-    /// Name of the column with the list of a drive, in the nested form.
+    /// Name of the list column in the nested form.
     #[must_use]
     pub fn list_name(&self) -> &'static str {
         match self.table {

@@ -1,4 +1,8 @@
 //! Columns of results under construction.
+//!
+//! Values of steps are appended drive by drive. A [`Group`] for each drive (or path) records what
+//! is constant within it; [`Rows::finish`] repeats that per row in the long form, or cuts the steps
+//! into lists in the nested one.
 
 use std::sync::Arc;
 
@@ -20,12 +24,12 @@ use crate::input::{Drives, Form};
 #[derive(Debug, Clone)]
 pub(super) struct Failure {
     pub(super) kind: &'static str,
-    /// The step, as the input has it.
+    /// The step, as given in the input.
     pub(super) step: Option<i64>,
     pub(super) message: String,
 }
 
-/// Step of a failure, counted from 1, and the kind of it.
+/// Returns the kind of a failure and its step, counted from 1.
 pub(crate) fn kind(error: &InferenceError) -> (&'static str, Option<usize>) {
     match error {
         InferenceError::Impossible { step } => ("impossible", Some(*step)),
@@ -38,7 +42,7 @@ pub(crate) fn kind(error: &InferenceError) -> (&'static str, Option<usize>) {
     }
 }
 
-/// One drive, or one of several paths of a drive.
+/// A drive, or one of several paths of a drive.
 #[derive(Debug)]
 struct Group {
     drive: usize,
@@ -48,7 +52,7 @@ struct Group {
     failure: Option<Failure>,
 }
 
-/// Results, step after step. What the table does not have stays empty.
+/// Results step by step. Columns that the table lacks stay empty.
 #[derive(Debug, Default)]
 pub(super) struct Rows {
     pub(super) step: Vec<i64>,
@@ -58,23 +62,24 @@ pub(super) struct Rows {
     pub(super) entropy: Vec<f64>,
     pub(super) log_likelihood: Vec<f64>,
     groups: Vec<Group>,
-    /// Rows at the end of each group.
+    /// Number of step rows at the end of each group.
     ends: Vec<usize>,
-    /// Rows without values, for drives that fail.
+    /// Rows without values, one per failed drive.
     empty: Vec<usize>,
 }
 
 impl Rows {
-    /// Ends the rows of a drive.
+    /// Ends the rows of a drive or path.
     pub(super) fn end(&mut self, drive: usize, rank: u32, steps: usize, total: f64) {
         self.groups.push(Group { drive, rank, steps, total, failure: None });
         self.ends.push(self.step.len());
     }
 
-    /// Adds a drive that failed: a row without values in the long form, an empty list in the
-    /// nested one.
+    /// Adds a failed drive: a row without values in the long form, a null list in the nested one.
     pub(super) fn fail(&mut self, drive: usize, steps: usize, failure: Failure, results: &Results) {
         if results.form == Form::Long && results.table != Table::Drives {
+            // The values are arbitrary: `step_columns` marks the row as null. Each column of the
+            // table must grow by one, to stay aligned.
             self.empty.push(self.step.len());
             self.step.push(failure.step.unwrap_or(0));
             self.state.push(0);
@@ -105,6 +110,7 @@ impl Rows {
         schema: &Arc<Schema>,
         drives: &Drives,
     ) -> Outcome<Batch> {
+        // Otherwise there is one row per group.
         let per_row = results.form == Form::Long && results.table != Table::Drives;
         // Group of each row of the table.
         let of_rows: Option<Vec<usize>> = per_row.then(|| {
@@ -119,7 +125,7 @@ impl Rows {
         };
         let failed = |group: &Group| group.failure.is_some();
         let any_failed = self.groups.iter().any(failed);
-        // Without failures there is no need to ask for each row.
+        // Without failures, which is the usual case, skip the masks and texts.
         let failures = any_failed.then(|| {
             NullBuffer::from((0..count).map(|row| !failed(group(row))).collect::<Vec<bool>>())
         });
@@ -171,6 +177,8 @@ impl Rows {
             columns.extend(path_ranks);
             let fields = results.struct_fields();
             let items = self.step_columns(results);
+            // Nested: the steps of group g are those from ends[g − 1] to ends[g], which are the
+            // offsets of a list. The list of a failed drive is empty and null.
             let items = Arc::new(StructArray::try_new(fields.clone(), items, None)?);
             let starts = std::iter::once(0).chain(ends);
             let offsets: Vec<i32> = starts
@@ -200,6 +208,7 @@ impl Rows {
         let counted = |values: &mut Vec<u32>| -> ArrayRef {
             Arc::new(UInt32Array::new(std::mem::take(values).into(), nulls.clone()))
         };
+        // Not null in an empty row either: there it is the step of the error.
         let step = Int64Array::new(std::mem::take(&mut self.step).into(), None);
         let mut columns: Vec<ArrayRef> = vec![Arc::new(step)];
         if let Table::Best(_) = results.table {
@@ -220,5 +229,5 @@ impl Rows {
     }
 }
 
-const TOO_MANY: &str = "a batch has more than 2^31 results, which a list cannot hold; take the \
-                        long form, or fewer states or paths";
+const TOO_MANY: &str = "a batch has more than 2^31 results, which a list cannot hold; use the \
+                        long form, or ask for fewer states or paths";

@@ -1,4 +1,7 @@
-//! Results of a batch of drives, with the routines of the library.
+//! Results of a batch of drives, from the routines of the library.
+//!
+//! The `_map_all` routines of the library compute several drives at a time and hand out the results
+//! in their order; each becomes rows at once, so posteriors are not kept.
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -18,13 +21,13 @@ use crate::input::Drives;
 use crate::model::{Model, with_hmm};
 use crate::sensor::{Observation, Sensor};
 
-/// Results of drives, in their order: a row for each step or drive, or for each path.
+/// Computes the results of drives, in their order: one row per step, drive or path.
 ///
-/// A drive that the model rules out has its error in its row, and costs no other drive anything.
+/// A drive that the model rules out has its error in its row, and affects no other drive.
 ///
 /// # Errors
 ///
-/// [`FleetError::Value`] for an observation that is not valid, with its row.
+/// [`FleetError::Value`] for an invalid observation, with its row.
 pub fn results(
     model: &Model,
     results: &Results,
@@ -72,6 +75,7 @@ where
                 })
             })
         }
+        // The first of the k best paths is the Viterbi path, which this finds with less work.
         (Verb::Decode, Table::Drives | Table::Paths(1)) => {
             hmm.viterbi_map_all(&sequences, |drive, result| {
                 out.take(drive, result.map_err(|error| error.source), |out, path| {
@@ -88,6 +92,7 @@ where
                 })
             })
         }
+        // Tables of drives need no posteriors: a forward pass gives the same log-likelihood.
         _ => hmm.log_likelihood_map_all(&sequences, |drive, result| {
             out.take(drive, result.map_err(|error| error.source), |out, log_likelihood| {
                 out.rows.end(drive, 1, out.steps(drive), log_likelihood);
@@ -100,13 +105,13 @@ where
     }
 }
 
-/// Results that are put into rows.
+/// Turns results into rows.
 struct Collector<'a> {
     rows: Rows,
     results: &'a Results,
     drives: &'a Drives,
     measures: Measures,
-    /// Memory for the best states of a step.
+    /// Scratch space for the best states of a step.
     best: Vec<usize>,
 }
 
@@ -115,8 +120,8 @@ impl Collector<'_> {
         self.drives.offsets[drive + 1] - self.drives.offsets[drive]
     }
 
-    /// Takes the result of a drive, or its failure. An observation that is not valid is a mistake
-    /// of the input.
+    /// Takes the result of a drive, or its failure. An invalid observation is an error of the input
+    /// and ends the batch.
     fn take<R>(
         &mut self,
         drive: usize,
@@ -126,6 +131,7 @@ impl Collector<'_> {
         match result {
             Ok(result) => put(self, result),
             Err(InferenceError::Likelihood(At { number: step, cause, .. })) => {
+                // Steps of errors count from 1.
                 let element = self.drives.offsets[drive] + step - 1;
                 return ControlFlow::Break(self.drives.refuse(element, &cause.to_string()));
             }
@@ -166,12 +172,14 @@ impl Collector<'_> {
         }
     }
 
-    /// Adds the most probable states of a step; ties go to the lowest.
+    /// Adds the most probable states of a step; ties go to the lowest state.
     fn best_states(&mut self, step: i64, belief: &[f64], count: usize) {
         let order = |a: &usize, b: &usize| belief[*b].total_cmp(&belief[*a]).then(a.cmp(b));
         let best = &mut self.best;
         best.clear();
         best.extend(0..belief.len());
+        // Selection is O(n), and only `count` states are sorted. The order is total (ties by
+        // index), so both steps agree on it.
         if count < best.len() {
             best.select_nth_unstable_by(count, order);
             best.truncate(count);

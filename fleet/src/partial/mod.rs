@@ -1,10 +1,10 @@
 //! An output under construction, which a later run can continue.
 //!
-//! Parts are row groups of one file with a temporary name, one each or, of a query, several. As
-//! soon as a part is written, a line in the [journal](crate::journal) says where it ends, and has
-//! its metadata, which Parquet keeps in the last bytes of a file. A run that continues checks the
-//! parts by their hashes, cuts off what follows them, and tells the writer their metadata, without
-//! writing them again. When the footer is written, the file gets its name.
+//! Parts are row groups of one file under a temporary name: one each, or several for a query. As
+//! soon as a part is written, a line in the [journal](crate::journal) records where it ends, with
+//! its metadata, which Parquet itself only stores at the end of a file. A run that continues checks
+//! the parts by their hashes, cuts off what follows them, and replays their metadata to the writer
+//! without rewriting them. Once the footer is written, the file gets its name.
 
 mod open;
 
@@ -29,14 +29,14 @@ use crate::journal::{Journal, Part};
 use crate::left_out::LeftOut;
 use crate::row_groups::{append, footer, hex};
 use crate::spool::{Disk, Spool};
-pub(crate) use open::{Opened, Plan, intact};
+pub(crate) use open::{Opened, Plan};
 
-/// Way to begin an output.
+/// How to treat an output that exists already, finished or not.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Start {
-    /// Replaces an output that exists.
+    /// Replaces an existing output.
     pub force: bool,
-    /// Forgets what an unfinished run has done.
+    /// Discards what an unfinished run has done.
     pub restart: bool,
 }
 
@@ -48,27 +48,20 @@ pub(crate) struct Partial {
     schema: Arc<Schema>,
     writer: SerializedFileWriter<Spool>,
     factory: ArrowRowGroupWriterFactory,
-    /// Columns of the part under construction, and its weight.
+    /// Encoded columns of the part under construction, and its weight.
     part: Option<(Vec<ArrowColumnWriter>, usize)>,
     counts: [u64; 4],
     disk: Disk,
     left_out: Option<LeftOut>,
-    /// Pieces of the input that were read.
+    /// Pieces of the input read so far.
     pieces: Pieces,
-    /// Last piece that is noted, and the hash of all up to it.
+    /// File and number of the last piece noted, and the digest of all up to it.
     noted: (Option<(usize, u64)>, Digest),
     settings: Value,
 }
 
-/// Name of a file beside the output.
-pub(crate) fn beside(output: &Path, ending: &str) -> PathBuf {
-    let mut name = output.as_os_str().to_owned();
-    name.push(ending);
-    PathBuf::from(name)
-}
-
 impl Partial {
-    /// Parts that are complete.
+    /// Complete parts.
     pub(crate) fn made(&self) -> &[Part] {
         &self.journal.parts
     }
@@ -78,12 +71,12 @@ impl Partial {
         self.journal.parts.len()
     }
 
-    /// File and row of the input up to which complete parts are made.
+    /// Input file and row up to which complete parts reach.
     pub(crate) fn position(&self) -> (usize, u64) {
         self.journal.parts.last().map_or((0, 0), |part| (part.file, part.end_row))
     }
 
-    /// Drives, steps, drives that failed and those left out, of all rows so far.
+    /// Drives, steps, failed drives and left-out drives, of all rows so far.
     pub(crate) fn counts(&self) -> [u64; 4] {
         self.counts
     }
@@ -110,6 +103,7 @@ impl Partial {
             }
         };
         *sum += weight;
+        // A nested field has several leaves, in the order of the column writers.
         let mut columns = columns.iter_mut();
         for (field, array) in self.schema.fields().iter().zip(batch.columns()) {
             for leaf in compute_leaves(field, array).map_err(&wrong)? {
@@ -122,22 +116,22 @@ impl Partial {
         Ok(())
     }
 
-    /// Writes drives that are left out.
+    /// Records left-out drives.
     pub(crate) fn leave_out(&mut self, file: &str, invalid: &[Invalid]) -> Outcome<()> {
         self.counts[3] += invalid.len() as u64;
         self.left_out.as_mut().map_or(Ok(()), |left_out| left_out.write(file, invalid))
     }
 
-    /// Completes the part, of which the input ends before a row of a file. The hash is that of the
-    /// names of all files up to this one.
+    /// Completes the part, whose input ends before row `end_row` of a file. `names` is the hash of
+    /// the names of all files up to that one.
     pub(crate) fn end_part(&mut self, file: usize, end_row: u64, names: u64) -> Outcome<()> {
         let Some((columns, _)) = self.part.take() else { return Ok(()) };
         let group = append(&mut self.writer, columns).map_err(FleetError::parquet(&self.path))?;
         self.note_part(vec![group], file, end_row, names)
     }
 
-    /// Adds a part that is a Parquet file of its own, with the same columns: so many rows of
-    /// results, of the rows of the input before one.
+    /// Adds a part from a Parquet file with the same columns: `rows` rows of results, made from
+    /// input rows before `end_row`.
     #[cfg(feature = "sql")]
     pub(crate) fn add_part(&mut self, made: &File, rows: u64, end_row: u64) -> Outcome<()> {
         let groups = crate::row_groups::copy(&mut self.writer, made);
@@ -146,7 +140,7 @@ impl Partial {
         self.note_part(groups, 0, end_row, 0)
     }
 
-    /// Takes note of row groups that have been written.
+    /// Records written row groups in the journal.
     fn note_part(
         &mut self,
         groups: Vec<RowGroupMetaData>,
@@ -155,6 +149,8 @@ impl Partial {
         names: u64,
     ) -> Outcome<()> {
         let wrong = FleetError::parquet(&self.path);
+        // Order matters: bytes to the file, then lines of left-out drives, then the journal line
+        // that vouches for both.
         self.writer.flush().map_err(FleetError::file(&self.path))?;
         let end = self.writer.bytes_written() as u64;
         let hash = std::mem::take(&mut self.writer.inner_mut().hash).finish();
@@ -163,17 +159,21 @@ impl Partial {
             Some(left_out) => left_out.end_part()?,
             None => (0, XxHash3_64::default().finish()),
         };
+        // A piece (row group or block) may span several parts, and is listed with the first.
         let mut pieces = self.pieces.take(file, end_row);
         pieces.retain(|piece| note(&mut self.noted, piece));
         let counts = self.counts;
+        // Syncing happens in the background: should the system crash first, the hash in the journal
+        // no longer matches, and the part is made again.
         self.disk.push();
         self.journal.add(Part { file, end_row, names, pieces, lines, end, hash, counts, metadata })
     }
 
-    /// Writes the footer, and gives the file its name. The hash is that of the names of all files.
+    /// Writes the footer, and renames the file. `names` is the hash of the names of all files.
     pub(crate) fn finish(self, names: u64) -> Outcome<[u64; 4]> {
         let Self { output, path: partial, journal, mut writer, counts, disk, .. } = self;
         let (mut left_out, pieces, mut noted) = (self.left_out, self.pieces, self.noted);
+        // Pieces read after the last row that made a part, such as those with left-out drives only.
         for piece in pieces.take(usize::MAX, u64::MAX) {
             note(&mut noted, &piece);
         }
@@ -185,10 +185,11 @@ impl Partial {
         writer.inner().file.sync_all().map_err(FleetError::file(&partial))?;
         left_out.as_mut().map_or(Ok(()), LeftOut::sync)?;
         fs::rename(&partial, &output).map_err(FleetError::file(&output))?;
-        // A run that ends here does this when it is made again.
+        // If the run is killed here, the next one does this: the output is there, and so is the
+        // journal.
         left_out.map_or(Ok(()), LeftOut::finish)?;
         let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty());
-        // Not all systems can do this, and the file is complete in any case.
+        // Makes the rename durable. Not all systems allow it, and the file is complete in any case.
         _ = File::open(folder.unwrap_or(Path::new("."))).and_then(|folder| folder.sync_all());
         journal.remove()?;
         Ok(counts)
@@ -202,8 +203,9 @@ impl Partial {
     }
 }
 
-/// Takes note of a piece, unless it is noted already.
+/// Adds a piece to the digest and returns true, unless it was noted already.
 fn note(noted: &mut (Option<(usize, u64)>, Digest), piece: &Piece) -> bool {
+    // Pieces come in order, except that a run that resumes within one reads it again.
     let place = Some((piece.file, piece.number));
     let is_new = place > noted.0;
     if is_new {

@@ -1,8 +1,11 @@
-//! Ways to begin an output: from nothing, or after the parts that are complete.
+//! Opening an output: from nothing, or after its complete parts.
+//!
+//! A kill may hit between any two steps of the run before, so each state of (output, `.partial`,
+//! `.journal`) is told apart here by what exists, in the order in which a run creates and removes
+//! them.
 
-use std::fs::{File, OpenOptions};
-use std::hash::Hasher;
-use std::io::{self, Read, Seek, SeekFrom};
+use std::fs::OpenOptions;
+use std::io::{Seek, SeekFrom};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -13,19 +16,20 @@ use parquet::file::properties::WriterProperties;
 use serde_json::Value;
 use twox_hash::XxHash3_64;
 
-use super::{Partial, Start, beside, note};
+use super::{Partial, Start, note};
 use crate::error::{FleetError, Outcome};
 use crate::finished::Finished;
 use crate::input::pieces::{Digest, Pieces};
-use crate::journal::Journal;
+use crate::journal::{Journal, intact};
 use crate::left_out::LeftOut;
+use crate::overwrite::beside;
 use crate::row_groups::replay;
 use crate::spool::{Disk, Spool};
 
-/// What an output under construction is made of, and how.
+/// Description of an output under construction.
 pub(crate) struct Plan<'a> {
     pub(crate) output: &'a Path,
-    /// File for drives that are left out.
+    /// File for left-out drives.
     pub(crate) left_out: Option<&'a Path>,
     /// Settings that two runs must share for one to continue the other.
     pub(crate) settings: &'a Value,
@@ -35,15 +39,15 @@ pub(crate) struct Plan<'a> {
     pub(crate) pieces: Pieces,
 }
 
-/// Output that is finished already, or can be continued.
+/// An output that is already finished, or ready to be written to.
 pub(crate) enum Opened {
-    /// It was complete but for the removal of the journal.
+    /// Complete but for the removal of the journal.
     Finished([u64; 4]),
     Partial(Box<Partial>),
 }
 
 impl Partial {
-    /// Begins an output, or continues one with the same settings.
+    /// Begins an output, or continues one of the same settings.
     pub(crate) fn open(plan: Plan<'_>) -> Outcome<Opened> {
         let Plan { output, settings, schema, properties, start, pieces, .. } = plan;
         let exists = |path: &Path| {
@@ -52,19 +56,22 @@ impl Partial {
         };
         let partial = beside(output, ".partial");
         let path = beside(output, ".journal");
+        // Checked before the journal is created, so that a refused run leaves no trace.
         if output.exists() && !path.exists() && !start.force {
             return exists(output);
         }
         let mut journal = Journal::open(&path, settings, start.restart)?;
-        // Under the lock: another run may have ended since.
-        // Settings are written after the partial file is made, which gets the name of the output
-        // at the end.
+        // Checked under the lock, since another run may have ended meanwhile. The settings are
+        // written after the `.partial` file is created, and that file is renamed to the output at
+        // the end: with settings in the journal and no `.partial`, the output is of this very run,
+        // killed between renaming and removing the journal.
         if output.exists() && journal.begun && !partial.exists() {
             let counts = Finished::read(output)?.map_or([0; 4], |finished| finished.counts);
             plan.left_out.map_or(Ok(()), LeftOut::rename)?;
             journal.remove()?;
             return Ok(Opened::Finished(counts));
         }
+        // An empty journal was created just now, by this call: remove it again.
         for path in [Some(output), plan.left_out].into_iter().flatten() {
             if path.exists() && !start.force {
                 if !journal.begun {
@@ -89,10 +96,13 @@ impl Partial {
             .truncate(false)
             .open(&partial)
             .map_err(&wrong)?;
+        // The journal cannot be ahead of the file after a kill, but it can after a crash of the
+        // system, which may lose unsynced bytes.
         let ends = journal.parts.iter().map(|part| (part.end, part.hash));
         let mut valid = intact(&mut file, ends).map_err(&wrong)?;
         let left_out = match left_out {
             Some((left_out, lines)) => {
+                // A part counts only if both files have it.
                 valid = valid.min(lines);
                 Some(left_out)
             }
@@ -102,12 +112,15 @@ impl Partial {
         let (end, counts) =
             journal.parts.last().map_or((0, [0; 4]), |part| (part.end, part.counts));
         let left_out = left_out.map(|left_out| left_out.cut(&journal.parts)).transpose()?;
+        // Whatever follows the last intact part was never in the journal.
         file.set_len(end).map_err(&wrong)?;
         file.seek(SeekFrom::Start(end)).map_err(&wrong)?;
         if !journal.begun {
             journal.begin(settings)?;
         }
         let disk = Disk::new(&file).map_err(&wrong)?;
+        // The writer starts at byte 0 and emits the magic number and the replayed groups again; the
+        // spool swallows exactly the `end` bytes that the file has.
         let spool = Spool { file, skip: end, hash: XxHash3_64::default() };
         let options = ArrowWriterOptions::new().with_properties(properties);
         let (mut writer, factory) =
@@ -118,11 +131,14 @@ impl Partial {
             replay(&mut writer, part).map_err(&failed)?;
         }
         writer.flush().map_err(&wrong)?;
+        // All `end` bytes must have been replayed, or new groups would land at wrong offsets.
         if writer.inner().skip > 0 {
-            let message = "its parts do not follow each other as the journal says";
+            let message = "its parts do not add up to the length in the journal";
             return Err(FleetError::format(&partial, message));
         }
         let (output, schema, settings) = (output.to_owned(), schema.clone(), settings.clone());
+        // The digest of the whole input goes into the finished file, so parts of earlier runs
+        // count.
         let mut noted = (None, Digest::default());
         journal.parts.iter().flat_map(|part| &part.pieces).for_each(|piece| {
             note(&mut noted, piece);
@@ -143,31 +159,4 @@ impl Partial {
             settings,
         })))
     }
-}
-
-/// Number of parts, from the first, whose bytes are as they were written.
-pub(crate) fn intact(
-    file: &mut File,
-    parts: impl Iterator<Item = (u64, u64)>,
-) -> io::Result<usize> {
-    file.seek(SeekFrom::Start(0))?;
-    let (mut start, mut number, mut buffer) = (0, 0, vec![0; 1 << 20]);
-    for (end, written) in parts {
-        let mut hash = XxHash3_64::default();
-        let mut left: u64 = end.saturating_sub(start);
-        while left > 0 {
-            let most = buffer.len().min(usize::try_from(left).unwrap_or(usize::MAX));
-            let read = file.read(&mut buffer[..most])?;
-            if read == 0 {
-                return Ok(number);
-            }
-            hash.write(&buffer[..read]);
-            left -= read as u64;
-        }
-        if hash.finish() != written {
-            return Ok(number);
-        }
-        (start, number) = (end, number + 1);
-    }
-    Ok(number)
 }

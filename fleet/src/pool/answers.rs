@@ -1,4 +1,4 @@
-//! Answers to lines, as lines of JSON.
+//! Answers to lines of JSON, themselves lines of JSON.
 
 use serde::Serialize;
 
@@ -57,7 +57,7 @@ pub(super) fn answer(
     }
 }
 
-/// Writes the answer to a line that is not an update.
+/// Writes the answer to a bad line.
 pub(super) fn refuse(out: &mut Vec<u8>, line: u64, bad: &BadLine) {
     let BadLine { vehicle, time, offset, kind, message } = bad;
     write(
@@ -82,7 +82,7 @@ struct Removal<'a> {
     removed: bool,
 }
 
-/// Writes the answer to a line that removes a vehicle, which may not have been there.
+/// Writes the answer to a line that removes a vehicle, which may not have existed.
 pub(super) fn removed(
     out: &mut Vec<u8>,
     line: u64,
@@ -103,8 +103,8 @@ struct Exchanged<'a> {
     vehicles_begun_anew: usize,
 }
 
-/// Writes the answer to a line that exchanges the model: its name and hash, and how many vehicles
-/// kept their belief, or lost it.
+/// Writes the answer to a line that replaces the model: its name and hash, and how many vehicles
+/// kept or lost their belief.
 pub(super) fn exchanged(
     out: &mut Vec<u8>,
     line: u64,
@@ -122,8 +122,8 @@ struct Named<'a> {
     saved: Option<&'a VehicleId>,
 }
 
-/// Writes the answer to a client that has named itself: the last offset that has come from it, and
-/// the last one that a snapshot has.
+/// Writes the answer to a client that named itself: its last offset received, and its last offset
+/// in a snapshot.
 pub(super) fn named(
     out: &mut Vec<u8>,
     client: &str,
@@ -134,7 +134,7 @@ pub(super) fn named(
 }
 
 fn write(out: &mut Vec<u8>, line: &impl Serialize) {
-    // Neither memory nor such structs refuse anything.
+    // Writing to memory does not fail, nor does serialising these structs.
     _ = serde_json::to_writer(&mut *out, line);
     out.push(b'\n');
 }

@@ -1,4 +1,4 @@
-//! Blocks of a snapshot, and its fields.
+//! Blocks of a snapshot, and the fields in them; see [`file`](super::file) for the format.
 
 use std::fs::File;
 use std::io::{self, BufReader, Read};
@@ -10,15 +10,15 @@ use wayfix::inference::FilterSnapshot;
 use super::VehicleId;
 use crate::error::{FleetError, Outcome};
 
-/// Vehicles of a file.
+/// A block of vehicles.
 #[derive(Debug)]
 pub(super) struct Block {
     pub(super) vehicles: u32,
-    /// With the head and the sum, in a block that is written.
+    /// Encoded vehicles; in a block to be written also the head, and once sealed the checksum.
     pub(super) bytes: Vec<u8>,
 }
 
-/// Bytes of the head of a block.
+/// Size of the head of a block in bytes.
 const HEAD: usize = 12;
 
 impl Block {
@@ -47,33 +47,34 @@ impl Block {
         self.vehicles += 1;
     }
 
-    /// Adds the vehicles of another block.
+    /// Appends the vehicles of another block.
     pub(super) fn append(&mut self, other: &Self) {
         self.bytes.extend(&other.bytes[HEAD..]);
         self.vehicles += other.vehicles;
     }
 
-    /// Bytes of its vehicles.
+    /// Bytes of the vehicles, without the head.
     pub(super) fn length(&self) -> usize {
         self.bytes.len() - HEAD
     }
 
-    /// Returns the bytes of the block of this number.
+    /// Fills in the head and appends the checksum; returns all bytes of block `number`.
     pub(super) fn seal(&mut self, number: u64) -> &[u8] {
         let length = (self.bytes.len() - HEAD) as u64;
         self.bytes[..4].copy_from_slice(&self.vehicles.to_le_bytes());
         self.bytes[4..HEAD].copy_from_slice(&length.to_le_bytes());
+        // The number is the seed, so blocks that are swapped, repeated or missing are detected.
         let sum = XxHash3_64::oneshot_with_seed(number, &self.bytes);
         self.bytes.extend(sum.to_le_bytes());
         &self.bytes
     }
 }
 
-/// A file that is read.
+/// A snapshot that is being read.
 pub(super) struct Source<'a> {
     file: BufReader<File>,
     pub(super) path: &'a Path,
-    /// Bytes that are left, so that no damage makes it ask for more memory.
+    /// Bytes left in the file: a damaged length must not lead to a huge allocation.
     pub(super) left: u64,
 }
 
@@ -104,7 +105,7 @@ impl<'a> Source<'a> {
         Err(FleetError::format(self.path, format!("damaged: the checksum of {part} is wrong")))
     }
 
-    /// Reads the block of this number, without its head.
+    /// Reads block `number`, without its head.
     pub(super) fn block(&mut self, number: u64) -> Outcome<Block> {
         let head = self.bytes(HEAD as u64)?;
         let mut fields = Fields { bytes: &head };
@@ -120,7 +121,7 @@ impl<'a> Source<'a> {
     }
 }
 
-/// Fields of a block or a header.
+/// Reads fields from the bytes of a block or header; `None` where they end too soon.
 pub(super) struct Fields<'a> {
     pub(super) bytes: &'a [u8],
 }

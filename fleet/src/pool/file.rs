@@ -1,4 +1,4 @@
-//! Snapshots of a pool: one file with the states of all vehicles.
+//! Snapshots of a pool: a file with the states of all vehicles.
 //!
 //! | bytes | content |
 //! |---|---|
@@ -6,15 +6,15 @@
 //! | 4, 4 | version, 2; length of the hash of the model |
 //! | 8, 8 | number of states of the model; number of vehicles |
 //! | 8 | length of the note (none in version 1) |
-//! | | the hash of the model; the note, what the writer wants to find again |
-//! | 8 | checksum of all before |
+//! | | the hash of the model; the note, for the writer's own use |
+//! | 8 | checksum of all of the above |
 //!
-//! Then come blocks: the number of vehicles (4 bytes), the number of bytes of them (8), these
-//! bytes, and a checksum (8), which also depends on the number of the block. The last block is
-//! empty. A vehicle is a byte, 0 for a number of 8 bytes and 1 for a text with its length (4); its
+//! Then come blocks: the number of vehicles (4 bytes), the number of bytes of their encoding (8),
+//! these bytes, and a checksum (8) that also depends on the number of the block. The last block is
+//! empty. A vehicle is a byte, 0 for a number of 8 bytes or 1 for a text with its length (4); its
 //! time (8); and the length (4) and bytes of its state, as
-//! [`FilterSnapshot::to_bytes`](wayfix::inference::FilterSnapshot::to_bytes) gives them. Numbers are
-//! little-endian; checksums are XXH3 of 64 bits.
+//! [`FilterSnapshot::to_bytes`](wayfix::inference::FilterSnapshot::to_bytes) gives them. Numbers
+//! are little-endian; checksums are XXH3 of 64 bits.
 
 use std::fs::{self, File};
 use std::io::{self, Read, Write};
@@ -28,16 +28,16 @@ use wayfix::{Hmm, Likelihood, Transition};
 use super::block::{Block, Fields, Source};
 use super::{LONGEST_HASH, Pool, PoolOptions, lock};
 use crate::error::{FleetError, Outcome};
-use crate::partial::beside;
+use crate::overwrite::beside;
 use crate::pipeline::in_order;
 
 const MAGIC: &[u8; 8] = b"wayfixpl";
 const VERSION: u32 = 2;
-/// The version without notes, which is read too.
+/// The version without notes, which can still be read.
 const WITHOUT_NOTE: u32 = 1;
-/// Bytes of states in a block, about.
+/// Approximate bytes of states in a block.
 pub(super) const BLOCK: usize = 1 << 20;
-/// Blocks that are under way for each thread.
+/// Blocks in flight per thread.
 const AHEAD: usize = 3;
 
 impl<A, B> Pool<A, B>
@@ -45,13 +45,13 @@ where
     A: Transition + Send + Sync,
     B: Likelihood + Send + Sync,
 {
-    /// Writes the state of all vehicles to a file, which has its name as soon as it is complete and
-    /// on the disk. Returns its length in bytes.
+    /// Writes the states of all vehicles to a file, which gets its name once it is complete and on
+    /// disk. Returns its length in bytes.
     ///
     /// # Errors
     ///
-    /// [`FleetError`] if the file cannot be written, or a state cannot be read back; a file of that
-    /// name is then as it was.
+    /// [`FleetError`] if the file cannot be written, or a state cannot be read back; an existing
+    /// file of that name is then unchanged.
     pub fn snapshot(&self, path: &Path) -> Outcome<u64> {
         self.snapshot_with(path, &[])
     }
@@ -70,10 +70,12 @@ where
         let threads = self.filters.len();
         let ranges = self.shards.iter().flat_map(|shard| {
             let entries = lock(shard).entries();
+            // A state is 8 n bytes or more; the id and the rest are about 64.
             let each = (BLOCK / (8 * self.model.states() + 64)).max(1);
             (0..entries).step_by(each).map(move |first| (shard, first..entries.min(first + each)))
         });
         let mut blocks = 0;
+        // Encoding runs in parallel, writing in order: block numbers are part of the checksums.
         let mut put = |mut block: Block| -> Outcome<()> {
             let bytes = block.seal(blocks);
             blocks += 1;
@@ -90,7 +92,7 @@ where
             Ok(block)
         };
         in_order(ranges.map(Ok), threads, AHEAD, encode, |block: Outcome<Block>| {
-            // An empty one would be the last.
+            // Free entries only. An empty block would mark the end.
             block.and_then(|block| if block.vehicles == 0 { Ok(()) } else { put(block) })
         })?;
         put(Block::new())?;
@@ -111,8 +113,8 @@ where
         header
     }
 
-    /// Creates a pool with the vehicles of a [snapshot](Self::snapshot). It goes on as the one before
-    /// would have, to the bit.
+    /// Creates a pool with the vehicles of a [snapshot](Self::snapshot). It continues as the
+    /// original would have, to the bit.
     ///
     /// # Errors
     ///
@@ -126,6 +128,8 @@ where
     ) -> Outcome<Self> {
         let mut pool = Self::new(model, hash, options)?;
         pool.read(path)?;
+        // A vehicle that does not fit into memory and cannot be moved to disk is an error here,
+        // while the caller can still choose another folder.
         match pool.take_spill_error() {
             Some(error) => Err(error),
             None => Ok(pool),
@@ -136,6 +140,7 @@ where
         let mut source = Source::open(path)?;
         let expected = self.read_header(&mut source)?;
         let mut number = 0;
+        // Also true after an error, which ends the blocks.
         let mut is_last = false;
         let blocks = std::iter::from_fn(|| {
             if is_last {
@@ -160,6 +165,7 @@ where
             vehicles += taken?;
             Ok(())
         })?;
+        // Each block is intact, but are these all?
         if vehicles != expected {
             let message = format!("damaged: {vehicles} vehicles, expected {expected}");
             return Err(FleetError::format(path, message));
@@ -186,7 +192,7 @@ where
         Ok(vehicles)
     }
 
-    /// Takes the vehicles of a block in, and returns their number.
+    /// Adds the vehicles of a block to the pool, and returns their number.
     fn take(&self, path: &Path, block: &Block) -> Outcome<u64> {
         let damaged = |message: &dyn std::fmt::Display| {
             FleetError::format(path, format!("damaged: {message}"))
@@ -204,9 +210,10 @@ where
             let (hash, shard) = self.place(&vehicle);
             let mut shard = lock(&self.shards[shard]);
             if shard.find(hash, &vehicle).is_some() {
-                return Err(damaged(&format!("vehicle {vehicle} is there twice")));
+                return Err(damaged(&format!("vehicle {vehicle} occurs twice")));
             }
             shard.add(hash, vehicle, time, Box::new(state));
+            // At once, so that restoring a pool takes no more memory than it is allowed.
             shard.evict();
         }
         if !fields.bytes.is_empty() {
@@ -216,26 +223,26 @@ where
     }
 }
 
-/// Returns an error if a file is there that is no snapshot, and that one would replace.
+/// Returns an error if writing a snapshot would replace a file that is not one.
 pub(super) fn check_replaced(path: &Path) -> Outcome<()> {
     let refused =
         |what| Err(FleetError::format(path, format!("{what}: no snapshot is written there")));
     match File::open(path) {
         Ok(file) => {
             if !file.metadata().map_err(FleetError::file(path))?.is_file() {
-                return refused("is no file");
+                return refused("is not a regular file");
             }
             let mut magic = Vec::new();
             let read = file.take(MAGIC.len() as u64).read_to_end(&mut magic);
             read.map_err(FleetError::file(path))?;
-            if magic == MAGIC { Ok(()) } else { refused("is a file of something else") }
+            if magic == MAGIC { Ok(()) } else { refused("is not a snapshot") }
         }
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
         Err(error) => Err(FleetError::file(path)(error)),
     }
 }
 
-/// Begin of a snapshot.
+/// Header of a snapshot.
 pub(super) struct Header {
     states: u64,
     vehicles: u64,
@@ -262,6 +269,8 @@ impl Header {
         let length = fields.u32().ok_or_else(damaged)?;
         let states = fields.u64().ok_or_else(damaged)?;
         let vehicles = fields.u64().ok_or_else(damaged)?;
+        // Lengths come before the checksum that covers them, so bound them before allocating.
+        // `Source::bytes` bounds the note by the size of the file.
         if length as usize > LONGEST_HASH {
             return Err(other(format!("damaged: a hash of {length} bytes")));
         }
@@ -280,7 +289,7 @@ impl Header {
     }
 }
 
-/// Writes a file under a temporary name, and gives it its name when it is complete.
+/// Writes a file under a temporary name, and renames it when it is complete.
 pub(super) fn named(path: &Path, write: impl FnOnce(&Path) -> Outcome<u64>) -> Outcome<u64> {
     let partial = beside(path, ".partial");
     let written = write(&partial).and_then(|length| {
@@ -288,7 +297,7 @@ pub(super) fn named(path: &Path, write: impl FnOnce(&Path) -> Outcome<u64>) -> O
         Ok(length)
     });
     if written.is_err() {
-        // It may not even exist.
+        // It may not exist.
         _ = fs::remove_file(&partial);
         return written;
     }
@@ -296,7 +305,7 @@ pub(super) fn named(path: &Path, write: impl FnOnce(&Path) -> Outcome<u64>) -> O
     written
 }
 
-/// Puts the new name of a file on the disk, where the system can.
+/// Syncs the folder, and with it the new name of the file, where the system allows it.
 fn sync_folder(path: &Path) {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
     if let Ok(folder) = File::open(folder.unwrap_or(Path::new("."))) {

@@ -1,19 +1,23 @@
-//! The latest time, which one clock that is far ahead must not decide.
+//! The latest time, robust against single clocks that are far ahead.
+//!
+//! The latest time is the m-th largest of the vehicles' largest times, for a given m. Only vehicles
+//! beyond it matter for the next value, and there are fewer than m of them, so they are all that is
+//! kept.
 
 use serde::{Deserialize, Serialize};
 
 use super::VehicleId;
 
-/// The largest time that so many vehicles have reached, as known at a moment. It never falls.
+/// The largest time that at least m vehicles have reached. It never decreases.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub(super) struct Latest {
     time: Option<i64>,
-    /// The vehicles that are beyond it, fewer than have to be.
+    /// The vehicles beyond it with their times: fewer than m.
     ahead: Vec<(VehicleId, i64)>,
 }
 
 impl Latest {
-    /// The time that all updates have reached of which no more is known.
+    /// Latest time of updates about which nothing else is known.
     pub(super) fn at(time: Option<i64>) -> Self {
         Self { time, ahead: Vec::new() }
     }
@@ -22,11 +26,12 @@ impl Latest {
         self.time
     }
 
-    /// Takes the time of an update. It counts when so many vehicles have reached it.
+    /// Takes the time of an update; m is `vehicles`.
     pub(super) fn see(&mut self, vehicle: &VehicleId, time: i64, vehicles: usize) {
         if self.time.is_some_and(|latest| time <= latest) {
             return;
         }
+        // The usual case m = 1 needs no list.
         if vehicles <= 1 && self.ahead.is_empty() {
             self.time = Some(time);
             return;
@@ -35,14 +40,15 @@ impl Latest {
             Some((_, last)) => *last = time.max(*last),
             None => self.ahead.push((vehicle.clone(), time)),
         }
-        // More than one only if fewer vehicles are asked for than in a run before.
+        // The loop runs more than once only if m is smaller than in an earlier run.
         while self.ahead.len() >= vehicles.max(1) {
+            // All in the list, at least m vehicles, have reached the smallest of their times.
             self.time = self.ahead.iter().map(|(_, time)| *time).min();
             self.ahead.retain(|(_, time)| Some(*time) > self.time);
         }
     }
 
-    /// Takes no more notice of a vehicle.
+    /// Stops counting a vehicle.
     pub(super) fn remove(&mut self, vehicle: &VehicleId) {
         self.ahead.retain(|(other, _)| other != vehicle);
     }

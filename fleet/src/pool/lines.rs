@@ -1,4 +1,4 @@
-//! Lines of JSON: updates of vehicles, and what else may be asked for.
+//! Parses lines of JSON: updates of vehicles, and other requests.
 
 use serde::de::IgnoredAny;
 use serde::{Deserialize, Deserializer};
@@ -9,7 +9,7 @@ use super::{Update, VehicleId};
 use crate::places::Fix;
 use crate::sensor::{Kind, Observation, Sensor};
 
-/// A line that is not an update, with what could be read of it.
+/// A bad line, with what could be read of it.
 #[derive(Debug)]
 pub(super) struct BadLine {
     pub(super) vehicle: Option<VehicleId>,
@@ -19,16 +19,16 @@ pub(super) struct BadLine {
     pub(super) message: String,
 }
 
-/// What a line asks for.
+/// A parsed line.
 #[derive(Debug)]
 pub(super) enum Line {
-    /// With its offset, if it has one.
+    /// An update, with the offset of the line, if any.
     Update(Update<Observation>, Option<VehicleId>),
-    /// A vehicle is to be removed.
+    /// Remove a vehicle.
     Remove(VehicleId, Option<VehicleId>),
-    /// A model is to be gone on with, a file of this name.
+    /// Continue with the model in a file of this name.
     Model(String, Option<VehicleId>),
-    /// A client names itself.
+    /// A client states its name.
     Client(String),
     Bad(Box<BadLine>),
 }
@@ -51,13 +51,14 @@ impl BadLine {
     }
 }
 
-/// Fields of a line, with the observation of a sensor.
+/// Fields of an update, with the observation of a given sensor.
 #[derive(Deserialize)]
 #[serde(bound(deserialize = "Y: Deserialize<'de>, E: Deserialize<'de> + Default"))]
 struct Fields<Y, E> {
     vehicle: VehicleId,
     time: i64,
-    // A field that is null is there.
+    // Distinguishes a null, an observation that is missing on purpose, from an absent field, which
+    // is an error.
     #[serde(deserialize_with = "Option::deserialize")]
     observation: Option<Y>,
     #[serde(default)]
@@ -84,7 +85,7 @@ struct At {
     deviation: f64,
 }
 
-/// A number, or null for −∞, which JSON does not have.
+/// A number, or null for −∞, which JSON lacks.
 struct Logarithm(f64);
 
 impl<'de> Deserialize<'de> for Logarithm {
@@ -94,8 +95,10 @@ impl<'de> Deserialize<'de> for Logarithm {
     }
 }
 
-/// Reads a line.
+/// Parses a line.
 pub(super) fn parse(sensor: &Sensor, line: &[u8]) -> Line {
+    // One type of fields per sensor: serde then parses in one pass and without an intermediate
+    // value, and its errors name the field.
     let read = || match sensor.kind() {
         Kind::Table(_) | Kind::SparseTable(_) => {
             fields::<usize, IgnoredAny>(sensor, line, |symbol, _| Ok(Observation::Symbol(symbol)))
@@ -128,8 +131,9 @@ pub(super) fn parse(sensor: &Sensor, line: &[u8]) -> Line {
     }
 }
 
-/// Reads a line that is not an update. There are few.
+/// Parses a line that is not a valid update. There are few, so this may be slow.
 fn other(line: &[u8], message: String) -> Line {
+    // Null if it is not JSON at all: then no field is found below.
     let value: Value = serde_json::from_slice(line).unwrap_or_default();
     let id = |field: &str| VehicleId::deserialize(&value[field]).ok();
     let offset = first_offset(line).or_else(|| id("offset")).filter(is_short);
@@ -137,7 +141,7 @@ fn other(line: &[u8], message: String) -> Line {
     let name = |field: &str| value[field].as_str().map(str::to_owned);
     let message = match (value["remove"].as_bool(), vehicle, name("model"), name("client")) {
         (Some(true), Some(vehicle), None, None) => return Line::Remove(vehicle, offset),
-        (Some(true), ..) => "`remove` needs the `vehicle`".to_owned(),
+        (Some(true), ..) => "`remove` needs a `vehicle`".to_owned(),
         (_, None, Some(name), None) => return Line::Model(name, offset),
         (_, None, None, Some(name)) => return Line::Client(name),
         _ => message,
@@ -146,15 +150,15 @@ fn other(line: &[u8], message: String) -> Line {
     Line::Bad(Box::new(BadLine { vehicle, time, offset, kind: "line", message }))
 }
 
-/// Offset of a line that begins with it, which may be no JSON after that: whoever gives the lines
-/// offsets need not know what is in them.
+/// Offset of a line that begins with it, even if the rest is not JSON: whoever assigns offsets need
+/// not know what is in the lines.
 pub(super) fn first_offset(line: &[u8]) -> Option<VehicleId> {
     let value = line.strip_prefix(br#"{"offset":"#)?;
     let mut values = serde_json::Deserializer::from_slice(value).into_iter();
     values.next()?.ok().filter(is_short)
 }
 
-/// Longest text that is an offset: the last one of each client is kept, and is in snapshots.
+/// Maximum length of an offset: the last one of each client is kept, and stored in snapshots.
 const LONGEST_OFFSET: usize = 256;
 
 fn is_short(offset: &VehicleId) -> bool {
@@ -164,10 +168,10 @@ fn is_short(offset: &VehicleId) -> bool {
     }
 }
 
-/// An update, and its offset.
+/// An update and its offset.
 type Seen = (Update<Observation>, Option<VehicleId>);
 
-/// Reads an update; `None` if the line is another one.
+/// Parses an update; `None` if the line asks for something else.
 fn fields<'de, Y, E>(
     sensor: &Sensor,
     line: &'de [u8],
@@ -194,7 +198,7 @@ where
     Ok(Some((Update { vehicle, time, observation: seen, restart }, offset)))
 }
 
-/// Describes an error without the line of the text, which has one.
+/// Describes an error without its line number, which is always 1.
 fn describe(error: &serde_json::Error) -> String {
     let text = error.to_string();
     let place = format!(" at line {} column {}", error.line(), error.column());

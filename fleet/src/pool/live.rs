@@ -1,4 +1,5 @@
-//! The command `live`: updates as lines of JSON, and answers as such lines.
+//! The function behind the command `live` in its simplest form: updates as lines of JSON, answered
+//! by such lines.
 
 use std::io::{Read, Write};
 use std::path::PathBuf;
@@ -7,13 +8,13 @@ use super::PoolOptions;
 use super::service::{Control, Notice, ServiceJob, serve};
 use crate::error::{FleetError, Outcome};
 
-/// A run over lines of JSON.
+/// Settings of a run over lines of JSON.
 #[derive(Debug, Clone)]
 pub struct LiveJob {
-    /// Model, a file.
+    /// File of the model.
     pub model: PathBuf,
-    /// Snapshot to begin with. If it is also that at the end, and not there yet, there are no
-    /// vehicles at first.
+    /// Snapshot to start from. If the same file is also the snapshot of the end, and does not exist
+    /// yet, the run starts without vehicles.
     pub restore: Option<PathBuf>,
     /// File for the snapshot at the end.
     pub snapshot: Option<PathBuf>,
@@ -21,30 +22,30 @@ pub struct LiveJob {
     pub options: PoolOptions,
 }
 
-/// What a run has done.
+/// Summary of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LiveSummary {
     /// Number of lines.
     pub lines: u64,
-    /// Number of lines that were answered with an error.
+    /// Number of lines answered with an error.
     pub errors: u64,
     /// Number of vehicles in the pool at the end.
     pub vehicles: usize,
-    /// Bytes of the snapshot, if there is one.
+    /// Bytes of the snapshot, if one was written.
     pub snapshot: Option<u64>,
 }
 
 /// Answers every line of the input with a line, in order, until the input ends; then writes the
-/// snapshot. Lines that have come are worked on together, and answered without waiting for more.
-/// [`serve`] does more.
+/// snapshot. Lines that are available are processed together, and answered without waiting for
+/// more. [`serve`] does more.
 ///
-/// `warn` is told that vehicles beyond the limit of memory cannot be moved to the disk, and stay
-/// in memory.
+/// `warn` is called if vehicles beyond the memory limit cannot be moved to disk, and stay in
+/// memory.
 ///
 /// # Errors
 ///
-/// [`FleetError`] if the model or the snapshot cannot be read, the input cannot be read, the output
-/// or the snapshot at the end cannot be written. A bad line is none.
+/// [`FleetError`] if the model, the snapshot or the input cannot be read, or the output or the
+/// final snapshot cannot be written. A bad line is not an error.
 pub fn live(
     job: &LiveJob,
     input: impl Read + Send + 'static,

@@ -1,7 +1,11 @@
-//! Live vehicles: a filter for each of millions, with one model.
+//! Live vehicles: a filter for each of millions of vehicles, under one model.
 //!
-//! A [`Pool`] keeps the state of a filter for every vehicle, and steps them as observations come.
+//! A [`Pool`] keeps the state of a filter for every vehicle, and steps it as observations arrive.
 //! Answers are those of the library's [`Filter`], to the bit.
+//!
+//! Vehicles are spread over shards by the hash of their id. A thread locks one shard at a time and
+//! steps its vehicles with a filter of its own, so updates of one vehicle keep their order and no
+//! two threads share a state.
 //!
 //! ```
 //! use std::sync::Arc;
@@ -61,11 +65,11 @@ pub use writing::Writing;
 
 use crate::error::{FleetError, Outcome};
 
-/// Shards for each thread, so that none waits long for the others.
+/// Shards per thread: enough that threads seldom wait for the last shard.
 const SHARDS: usize = 8;
-/// Longest hash of a model, in bytes.
+/// Maximum length of the hash of a model, in bytes.
 const LONGEST_HASH: usize = 1 << 16;
-/// Most shards, each of which may open two files.
+/// Maximum number of shards, each of which may have two files open.
 const MOST_SHARDS: usize = 256;
 
 /// Resources of a pool.
@@ -73,15 +77,15 @@ const MOST_SHARDS: usize = 256;
 pub struct PoolOptions {
     /// Threads, at least one.
     pub threads: usize,
-    /// Bytes of memory for vehicles, about. It is divided among parts of the pool, each of which
-    /// keeps at least one vehicle in memory.
+    /// Approximate memory for vehicles, in bytes. It is divided among the shards of the pool, each
+    /// of which keeps at least one vehicle in memory.
     pub memory: Option<usize>,
-    /// Folder for the vehicles that memory has no room for. Needed with `memory`, and used by one
-    /// pool at a time. Its files are nothing without the pool.
+    /// Folder for the vehicles that do not fit into memory. Required with `memory`, and used by one
+    /// pool at a time. Its files have no meaning without the pool.
     pub spill: Option<PathBuf>,
 }
 
-/// All cores, and no limit.
+/// All cores, and no memory limit.
 impl Default for PoolOptions {
     fn default() -> Self {
         let threads = thread::available_parallelism().map_or(1, Into::into);
@@ -89,48 +93,48 @@ impl Default for PoolOptions {
     }
 }
 
-/// Number of vehicles, and what they take.
+/// Number of vehicles, and the memory and disk space they take.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Usage {
     /// Number of vehicles.
     pub vehicles: usize,
-    /// Number of those whose state is in memory.
+    /// Number of vehicles whose state is in memory.
     pub in_memory: usize,
-    /// Bytes of memory for all of them, without the model and what threads compute with.
+    /// Bytes of memory for all vehicles, not counting the model and the scratch space of threads.
     pub bytes: usize,
-    /// Bytes of the files with the others.
+    /// Bytes of the files that hold the other states.
     pub file_bytes: u64,
 }
 
-/// Filters of many vehicles, with one model.
+/// Filters of many vehicles under one model.
 ///
-/// For each vehicle a pool keeps a [`FilterSnapshot`] and the time of the last update; threads
-/// have a filter each, which takes over the state of a vehicle for a step. So an update costs a
-/// step of a filter and two copies of its state, in all O(E + n).
+/// For each vehicle, a pool keeps a [`FilterSnapshot`] and the time of the last update. Each thread
+/// has one filter, which takes over the state of a vehicle for a step. So an update costs one step
+/// of a filter and two copies of its state: O(E + n).
 ///
 /// # Memory
 ///
 /// A vehicle of n states takes 8 n bytes and some 200 more, or 16 n while its belief is held in
-/// logarithms, which a model with [rounded tails](Hmm::with_rounded_tails) never does;
-/// [`usage`](Self::usage) counts it. With a limit, those that were not seen for longest are kept
-/// in files and come back with their next update; some 70 bytes of each stay in memory. Nothing
-/// else is seen of it: all answers are the same to the bit.
+/// logarithms, which never happens in a model with [rounded tails](Hmm::with_rounded_tails);
+/// [`usage`](Self::usage) reports it. With a limit, the least recently updated vehicles are kept in
+/// files, and come back with their next update; some 70 bytes of each stay in memory. This changes
+/// no answer, to the bit.
 ///
 /// # Errors
 ///
-/// An update that is refused changes nothing: [`UpdateError`].
+/// A refused update changes nothing: see [`UpdateError`].
 pub struct Pool<A: Transition, B: Likelihood> {
     model: Arc<Hmm<A, B>>,
     hash: String,
     hasher: RandomState,
-    /// Shared with a snapshot that is being written.
+    /// Shared with the thread that writes a snapshot.
     shards: Arc<[Mutex<Shard>]>,
     /// One for each thread.
     filters: Vec<Filter<Arc<Hmm<A, B>>>>,
     timing: Timing,
     latest: Latest,
-    /// That when forgotten vehicles were last removed, and the shards that are left to look
-    /// through.
+    /// The latest time at the last sweep for forgotten vehicles, and the number of shards that this
+    /// sweep has left to look through.
     swept: i64,
     to_sweep: usize,
 }
@@ -145,16 +149,16 @@ impl<A: Transition, B: Likelihood> fmt::Debug for Pool<A, B> {
     }
 }
 
-/// What an update comes to.
+/// Answer to an update.
 pub type UpdateResult = Result<Answer, UpdateError>;
 
 impl<A: Transition, B: Likelihood> Pool<A, B> {
-    /// Creates an empty pool. The hash names the model in [snapshots](Self::snapshot): that of
+    /// Creates an empty pool. The hash identifies the model in [snapshots](Self::snapshot): that of
     /// [`Model::hash`](crate::model::Model::hash), or any text that changes with the model.
     ///
     /// # Errors
     ///
-    /// [`FleetError`] if there is a limit without a folder, or if the folder cannot be used.
+    /// [`FleetError`] if a limit is given without a folder, or the folder cannot be used.
     pub fn new(
         model: Arc<Hmm<A, B>>,
         hash: impl Into<String>,
@@ -164,16 +168,18 @@ impl<A: Transition, B: Likelihood> Pool<A, B> {
             (None, _) => None,
             (Some(_), Some(path)) => Some(Folder::open(path)?),
             (Some(_), None) => {
-                let message = "a limit of memory needs a folder for what is beyond it";
+                let message = "a memory limit needs a folder for the vehicles beyond it";
                 return Err(FleetError::Settings(message.to_owned()));
             }
         };
         let hash = hash.into();
         if hash.len() > LONGEST_HASH {
-            let message = format!("a hash of {} bytes, at most {LONGEST_HASH}", hash.len());
+            let message =
+                format!("the hash has {} bytes, expected at most {LONGEST_HASH}", hash.len());
             return Err(FleetError::Settings(message));
         }
         let threads = options.threads.max(1);
+        // A power of two, so that `place` can take bits of the hash.
         let count = (SHARDS * threads).next_power_of_two().min(MOST_SHARDS);
         let (hasher, limit) = (RandomState::new(), options.memory.unwrap_or(0) / count);
         let shard = |number| {
@@ -193,7 +199,7 @@ impl<A: Transition, B: Likelihood> Pool<A, B> {
         &self.model
     }
 
-    /// Number of vehicles, and what they take. O(threads).
+    /// Number of vehicles, and the memory and disk space they take. O(threads).
     #[must_use]
     pub fn usage(&self) -> Usage {
         let mut usage = Usage { vehicles: 0, in_memory: 0, bytes: 0, file_bytes: 0 };
@@ -207,8 +213,8 @@ impl<A: Transition, B: Likelihood> Pool<A, B> {
         usage
     }
 
-    /// State of a vehicle, with its belief, to go on with in a filter of one's own; `None` if there
-    /// is no such vehicle. It does not count as seen.
+    /// State of a vehicle with its belief, to continue with in a filter of your own; `None` if
+    /// there is no such vehicle. Asking does not count as an update.
     ///
     /// # Errors
     ///
@@ -228,7 +234,7 @@ impl<A: Transition, B: Likelihood> Pool<A, B> {
         shard.find(hash, vehicle).map(|at| shard.time(at)).filter(|&time| self.is_kept(time))
     }
 
-    /// Forgets a vehicle. Returns false if there is none of the id.
+    /// Forgets a vehicle. Returns false if there is no such vehicle.
     pub fn remove(&mut self, vehicle: &VehicleId) -> bool {
         let (hash, shard) = self.place(vehicle);
         let mut shard = lock(&self.shards[shard]);
@@ -237,8 +243,8 @@ impl<A: Transition, B: Likelihood> Pool<A, B> {
         shard.remove(hash, vehicle) && time.is_some_and(|time| self.is_kept(time))
     }
 
-    /// First failure to move a vehicle to the disk since the last call. Such vehicles stay in
-    /// memory, beyond the limit; none is lost.
+    /// First failure to move a vehicle to disk since the last call. Such vehicles stay in memory,
+    /// beyond the limit; none is lost.
     pub fn take_spill_error(&mut self) -> Option<FleetError> {
         self.shards.iter().find_map(|shard| lock(shard).failure.take())
     }
@@ -246,12 +252,14 @@ impl<A: Transition, B: Likelihood> Pool<A, B> {
     /// Hash and shard of a vehicle.
     fn place(&self, vehicle: &VehicleId) -> (u64, usize) {
         let hash = self.hasher.hash_one(vehicle);
-        // Other bits than those by which a shard finds it.
+        // Not the bits that the hash table of the shard uses (the lowest and the top seven), or all
+        // vehicles of a shard would collide there.
         (hash, (hash >> 40) as usize & (self.shards.len() - 1))
     }
 }
 
-/// A shard keeps its invariants if a sensor panics in it.
+/// Locks a shard. Its invariants hold even if a sensor panicked in it, so a poisoned lock can be
+/// used.
 fn lock(shard: &Mutex<Shard>) -> MutexGuard<'_, Shard> {
     shard.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -1,4 +1,9 @@
 //! A part of the vehicles of a pool, which one thread works on at a time.
+//!
+//! Vehicles are entries of one vector, found by a hash table of indices. Entries whose state is in
+//! memory form a doubly linked list by their last update, so the state to move to disk next is
+//! found in O(1). Invariants: an entry is free exactly if its place is `Free`, and then its index
+//! is in `free` and not in the table; it is in the list exactly if its place is `Memory`.
 
 mod cut;
 mod states;
@@ -16,19 +21,19 @@ use super::vehicle::VehicleId;
 use crate::error::{FleetError, Outcome};
 use cut::Cut;
 
-/// Numbers in a line of the cache.
+/// Numbers in a cache line.
 const LINE: usize = 8;
-/// No vehicle.
+/// End of the list.
 const NONE: u32 = u32::MAX;
-/// What an allocation takes beside its content, about.
+/// Approximate overhead of an allocation.
 const ALLOCATION: usize = 16;
 
-/// A vehicle.
+/// A vehicle, or a free entry.
 #[derive(Debug)]
 pub(super) struct Entry {
     pub(super) vehicle: VehicleId,
     pub(super) time: i64,
-    /// Neighbours in the list of those in memory, by the time at which they were seen.
+    /// Neighbours in the list of entries in memory, by last update.
     newer: u32,
     older: u32,
     place: Place,
@@ -39,11 +44,11 @@ pub(super) struct Entry {
 enum Place {
     Memory(Box<FilterSnapshot>),
     Disk(Slot),
-    /// There is no vehicle.
+    /// The entry is free.
     Free,
 }
 
-/// A part of the vehicles.
+/// A part of the vehicles of a pool.
 #[derive(Debug)]
 pub(super) struct Shard {
     hasher: RandomState,
@@ -54,13 +59,13 @@ pub(super) struct Shard {
     newest: u32,
     oldest: u32,
     in_memory: usize,
-    /// Bytes of states and texts.
+    /// Bytes of states and texts on the heap.
     heap: usize,
     limit: usize,
     disk: Option<Disk>,
-    /// A snapshot that is being taken.
+    /// Progress of a snapshot being taken.
     cut: Option<Box<Cut>>,
-    /// First failure to move a state to the disk.
+    /// First failure to move a state to disk.
     pub(super) failure: Option<FleetError>,
 }
 
@@ -70,7 +75,7 @@ fn bytes_of(state: &FilterSnapshot) -> usize {
 }
 
 impl Shard {
-    /// Creates an empty shard. With a disk, it takes about `limit` bytes.
+    /// Creates an empty shard. With a disk, its memory is limited to about `limit` bytes.
     pub(super) fn new(hasher: RandomState, limit: usize, disk: Option<Disk>) -> Self {
         Self {
             hasher,
@@ -93,7 +98,7 @@ impl Shard {
         self.index.len()
     }
 
-    /// Number of entries, with those that are free.
+    /// Number of entries, free ones included.
     pub(super) fn entries(&self) -> usize {
         self.entries.len()
     }
@@ -142,8 +147,8 @@ impl Shard {
         self.disk.as_ref().map_or(0, Disk::file_bytes)
     }
 
-    /// Reads what the next updates need, so that memory is asked for all of it at once: most of the
-    /// time of an update of one vehicle in millions is waiting for memory otherwise.
+    /// Touches the states that the next updates need, so that the cache misses overlap. Otherwise
+    /// an update of one vehicle in millions spends most of its time waiting for memory.
     pub(super) fn warm<'a>(&self, next: impl Iterator<Item = (u64, &'a VehicleId)>) {
         let states = next.filter_map(|(hash, vehicle)| {
             match &self.entries[self.find(hash, vehicle)? as usize].place {
@@ -151,7 +156,7 @@ impl Shard {
                 _ => None,
             }
         });
-        // One number of each line of the cache.
+        // One number per cache line; `black_box` keeps the reads from being optimised away.
         let read = states.map(|state| {
             let lines = state.belief().as_slice().iter().step_by(LINE);
             lines.fold(0, |bits, p| bits ^ p.to_bits())
@@ -163,7 +168,7 @@ impl Shard {
         self.index.find(hash, |&at| self.entries[at as usize].vehicle == *vehicle).copied()
     }
 
-    /// Adds a vehicle that is not there.
+    /// Adds a vehicle that is not there yet.
     pub(super) fn add(
         &mut self,
         hash: u64,
@@ -175,12 +180,14 @@ impl Shard {
         let place = Place::Memory(state);
         let entry = Entry { vehicle, time, newer: NONE, older: NONE, place };
         let at = if let Some(at) = self.free.pop() {
+            // A snapshot under way must not write the new vehicle as if it had been there all
+            // along: this marks the entry as done.
             self.keep(at);
             self.entries[at as usize] = entry;
             at
         } else {
             if self.entries.len() == self.entries.capacity() {
-                // Doubling would leave up to half of it unused.
+                // Grows by an eighth: doubling would leave up to half of the memory unused.
                 self.entries.reserve_exact(self.entries.len() / 8 + 16);
             }
             self.entries.push(entry);
@@ -195,6 +202,7 @@ impl Shard {
     /// Removes a vehicle. Returns false if it is not there.
     pub(super) fn remove(&mut self, hash: u64, vehicle: &VehicleId) -> bool {
         let Some(at) = self.find(hash, vehicle) else { return false };
+        // Before anything changes: the snapshot needs the vehicle as it was.
         self.keep(at);
         let Self { index, entries, .. } = self;
         let same = |at: &u32| entries[*at as usize].vehicle == *vehicle;

@@ -1,5 +1,8 @@
-//! States of vehicles on the disk, which is memory of the process and not a record: files are
-//! emptied when a pool begins, and removed when it ends.
+//! States of vehicles on disk: an extension of memory, not a record. Files are truncated when a
+//! pool begins, and removed when it ends.
+//!
+//! Each shard has two files of fixed-size slots, for beliefs without and with logarithms, so a free
+//! slot fits any state of its file and space is never fragmented.
 
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{Read, Seek, SeekFrom, Write};
@@ -10,16 +13,16 @@ use wayfix::inference::FilterSnapshot;
 
 use crate::error::{FleetError, Outcome};
 
-/// A folder of such files, locked as long as a pool uses it.
+/// A folder of such files, locked while a pool uses it.
 #[derive(Debug)]
 pub(super) struct Folder {
     path: PathBuf,
-    /// Unlocked when it is closed.
+    /// The lock ends when this is closed.
     _lock: File,
 }
 
 impl Folder {
-    /// Opens a folder, which is made if there is none.
+    /// Opens a folder, creating it if needed.
     pub(super) fn open(path: &Path) -> Outcome<Arc<Self>> {
         fs::create_dir_all(path).map_err(FleetError::file(path))?;
         let name = path.join("pool.lock");
@@ -36,19 +39,19 @@ impl Folder {
     }
 }
 
-/// Place of a state on the disk.
+/// Place of a state on disk.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Slot {
     number: u32,
     length: u32,
-    /// True for a state that has logarithms.
+    /// True for a state with logarithms.
     large: bool,
 }
 
-/// States of a shard.
+/// States of a shard on disk.
 #[derive(Debug)]
 pub(super) struct Disk {
-    /// For states without logarithms, and with them.
+    /// For states without and with logarithms.
     slots: [Slots; 2],
     /// Keeps the lock.
     _folder: Arc<Folder>,
@@ -58,7 +61,7 @@ pub(super) struct Disk {
 #[derive(Debug)]
 struct Slots {
     path: PathBuf,
-    /// Opened with the first state.
+    /// Opened when the first state is written.
     file: Option<File>,
     size: usize,
     /// Number of slots in the file.
@@ -68,7 +71,7 @@ struct Slots {
 
 impl Disk {
     pub(super) fn new(folder: &Arc<Folder>, shard: usize, states: usize) -> Self {
-        // As `FilterSnapshot::to_bytes` says, with some room.
+        // Upper bounds by the documentation of `FilterSnapshot::to_bytes`, with some room.
         let vector = 8 * (states + states.div_ceil(64));
         let slots = |size: usize, ending: &str| Slots {
             path: folder.path.join(format!("shard-{shard}.{ending}")),
@@ -81,7 +84,7 @@ impl Disk {
         Self { slots, _folder: Arc::clone(folder) }
     }
 
-    /// Bytes in memory for slots that are free.
+    /// Bytes of memory for the lists of free slots.
     pub(super) fn bytes(&self) -> usize {
         self.slots.iter().map(|slots| slots.free.capacity() * size_of::<u32>()).sum()
     }
@@ -103,14 +106,14 @@ impl Disk {
         }
         let number = slots.free.last().copied().unwrap_or(slots.count);
         slots.at(number)?.write_all(&bytes).map_err(FleetError::file(&slots.path))?;
-        // Only now: an error leaves all slots as they were.
+        // The slot is taken only now, so an error leaves all slots as they were.
         if slots.free.pop().is_none() {
             slots.count += 1;
         }
         Ok(Slot { number, length, large })
     }
 
-    /// Reads a state, and leaves it where it is.
+    /// Reads a state; its slot stays taken.
     pub(super) fn get(&mut self, slot: Slot) -> Outcome<FilterSnapshot> {
         let slots = &mut self.slots[usize::from(slot.large)];
         let mut bytes = vec![0; slot.length as usize];
@@ -118,14 +121,14 @@ impl Disk {
         FilterSnapshot::from_bytes(&bytes).map_err(|error| FleetError::format(&slots.path, error))
     }
 
-    /// Gives a slot up.
+    /// Frees a slot.
     pub(super) fn release(&mut self, slot: Slot) {
         self.slots[usize::from(slot.large)].free.push(slot.number);
     }
 }
 
 impl Slots {
-    /// Returns the file, at a slot.
+    /// Returns the file, positioned at a slot.
     fn at(&mut self, number: u32) -> Outcome<&File> {
         let wrong = FleetError::file(&self.path);
         if self.file.is_none() {
@@ -146,7 +149,7 @@ impl Drop for Disk {
     fn drop(&mut self) {
         for slots in &mut self.slots {
             if slots.file.take().is_some() {
-                // The next pool in this folder empties it, too.
+                // If this fails, the next pool in this folder truncates it.
                 _ = fs::remove_file(&slots.path);
             }
         }

@@ -1,4 +1,7 @@
-//! What the time of an update does.
+//! Effects of the time of updates: forgetting vehicles, and steps by the clock.
+//!
+//! Whether a vehicle is forgotten depends only on its time and the latest time ([`Moment`]).
+//! Removing it from memory is a separate matter, done in small sweeps, and changes no answer.
 
 use std::num::{NonZeroU64, NonZeroUsize};
 use std::sync::Arc;
@@ -8,21 +11,22 @@ use wayfix::{Filter, Hmm, Likelihood, Transition};
 use super::{Latest, Pool, PoolOptions, lock};
 use crate::error::{FleetError, Outcome};
 
-/// What the time of updates does, beside refusing those that are late or come twice.
+/// Effects of the time of updates, besides refusing those that are late or come twice.
 ///
-/// Nothing by default: an update is a step of the model, and vehicles are kept for good.
+/// None by default: an update is one step of the model, and vehicles are kept forever.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Timing {
-    /// A vehicle is forgotten as soon as the latest time is more than this above the time of its
-    /// last update. Its next update begins at the prior.
+    /// A vehicle is forgotten once the latest time is more than this above the time of its last
+    /// update. Its next update starts from the prior.
     pub forget_after: Option<u64>,
-    /// Units of time of a step of the model. An update takes as many transitions as multiples of
-    /// this lie between it and the last update, none if there is none.
+    /// Duration of a step of the model, in units of time. An update makes one transition per
+    /// multiple of this between the last update and itself, and none if there is none.
     pub step: Option<NonZeroU64>,
-    /// Most transitions of an update; those beyond are left out. At least 1.
+    /// Maximum transitions of an update; further ones are left out. At least 1.
     pub most_steps: Option<NonZeroU64>,
-    /// The latest time is the largest that so many vehicles have reached; that of all updates by
-    /// default. So with 2 of them one clock that is far ahead forgets nobody, with 3 two.
+    /// The latest time is the largest that this many vehicles have reached; by default, the largest
+    /// of all updates. With 2, a single clock that is far ahead makes nobody forgotten; with 3, nor
+    /// do two.
     pub agree: Option<NonZeroUsize>,
 }
 
@@ -32,10 +36,10 @@ impl Timing {
     }
 }
 
-/// Transitions of an update if no other number is given.
+/// Default maximum of transitions of an update.
 const MOST_STEPS: u64 = 1000;
 
-/// The time at which an update is taken.
+/// The moment at which an update is applied.
 pub(super) struct Moment<'a> {
     pub(super) timing: &'a Timing,
     /// The latest time up to this update.
@@ -43,10 +47,11 @@ pub(super) struct Moment<'a> {
 }
 
 impl Moment<'_> {
-    /// Time before which vehicles are forgotten.
+    /// Vehicles last updated before this time are forgotten.
     pub(super) fn forgotten_before(&self) -> i64 {
         self.timing
             .forget_after
+            // Below the range of times nothing is forgotten.
             .map_or(i64::MIN, |units| self.latest.checked_sub_unsigned(units).unwrap_or(i64::MIN))
     }
 
@@ -54,9 +59,11 @@ impl Moment<'_> {
         last < self.forgotten_before()
     }
 
-    /// Transitions from the last update to this.
+    /// Number of transitions from the last update to this one.
     pub(super) fn steps(&self, last: i64, time: i64) -> u64 {
         let Some(step) = self.timing.step else { return 1 };
+        // Multiples of `step` in (last, time]: on a fixed grid, so splitting an interval does not
+        // change the total. In 128 bits, since the difference of two times may not fit into 64.
         let place = |time: i64| i128::from(time).div_euclid(i128::from(step.get()));
         let between = (place(time) - place(last)).max(0) as u128;
         let most = self.timing.most_steps.map_or(MOST_STEPS, NonZeroU64::get);
@@ -65,8 +72,8 @@ impl Moment<'_> {
 }
 
 impl<A: Transition, B: Likelihood> Pool<A, B> {
-    /// Says what the time of updates does from now on. The latest time of updates so far is not
-    /// in a snapshot: `latest` gives it, if it is known.
+    /// Sets the effects of the time of updates from now on. A snapshot does not contain the latest
+    /// time; `latest` passes it on, if known.
     pub fn set_timing(&mut self, timing: Timing, latest: Option<i64>) {
         self.timing = timing;
         if latest > self.latest.time() {
@@ -74,7 +81,7 @@ impl<A: Transition, B: Likelihood> Pool<A, B> {
         }
     }
 
-    /// The latest time, of updates that were refused, too; `None` before the first.
+    /// The latest time, counting refused updates, too; `None` before the first.
     #[must_use]
     pub fn latest(&self) -> Option<i64> {
         self.latest.time()
@@ -89,7 +96,7 @@ impl<A: Transition, B: Likelihood> Pool<A, B> {
     }
 
     /// Removes all vehicles that are [to be forgotten](Timing::forget_after). Answers are the same
-    /// without.
+    /// without it.
     pub fn forget(&mut self) {
         let moment = self.moment();
         let (latest, before) = (moment.latest, moment.forgotten_before());
@@ -97,12 +104,15 @@ impl<A: Transition, B: Likelihood> Pool<A, B> {
         self.shards.iter().for_each(|shard| lock(shard).forget_before(before));
     }
 
-    /// Removes some of them, so that no update waits for long.
+    /// Sweeps one shard at a time, so that no update waits for long.
     pub(super) fn forget_some(&mut self) {
         let Some(units) = self.timing.forget_after else { return };
         let moment = self.moment();
         let (latest, before) = (moment.latest, moment.forgotten_before());
         if self.to_sweep == 0 {
+            // A sweep begins whenever the latest time has grown by an eighth of the interval: at
+            // most about that share of forgotten vehicles is still in memory, at a small cost per
+            // update.
             let next = self.swept.checked_add_unsigned(units / 8 + 1);
             if next.is_none_or(|next| latest < next) {
                 return;
@@ -113,7 +123,7 @@ impl<A: Transition, B: Likelihood> Pool<A, B> {
         lock(&self.shards[self.to_sweep]).forget_before(before);
     }
 
-    /// False for a vehicle that is to be forgotten, which may still be here.
+    /// False for a vehicle to be forgotten, even if it is still in memory.
     pub(super) fn is_kept(&self, last: i64) -> bool {
         !self.moment().is_forgotten(last)
     }
@@ -123,12 +133,13 @@ impl<A: Transition, B: Likelihood> Pool<A, B> {
         Moment { timing: &self.timing, latest: self.latest.time().unwrap_or(i64::MIN) }
     }
 
-    /// Goes on with another model. Vehicles keep their belief if it has as many states, and begin
-    /// anew otherwise: the pool is then empty.
+    /// Continues with another model. Vehicles keep their belief if it has the same number of
+    /// states; otherwise all start anew, from an empty pool.
     ///
     /// # Errors
     ///
-    /// [`FleetError`] as [`new`](Self::new), or while a snapshot is being written; the pool is gone.
+    /// [`FleetError`] as for [`new`](Self::new), or while a snapshot is being written; the pool is
+    /// then lost.
     pub fn with_model<C: Transition, D: Likelihood>(
         mut self,
         model: Arc<Hmm<C, D>>,
@@ -138,7 +149,7 @@ impl<A: Transition, B: Likelihood> Pool<A, B> {
         self.take_with_model(model, hash.into(), options)
     }
 
-    /// The same, which leaves a pool that is of no use.
+    /// The same; leaves an unusable pool behind.
     pub(super) fn take_with_model<C: Transition, D: Likelihood>(
         &mut self,
         model: Arc<Hmm<C, D>>,
@@ -151,10 +162,10 @@ impl<A: Transition, B: Likelihood> Pool<A, B> {
         let states = self.model.states();
         if model.states() != states {
             if Arc::strong_count(&shards) > 1 {
-                let message = "the model is exchanged while a snapshot is being written";
+                let message = "the model cannot be replaced while a snapshot is being written";
                 return Err(FleetError::Settings(message.to_owned()));
             }
-            // Its folder is for one at a time.
+            // Unlocks the folder, which one pool at a time may use.
             drop(shards);
             let mut pool = Pool::new(model, hash, options)?;
             (pool.timing, pool.latest) = (timing, latest);

@@ -1,4 +1,8 @@
 //! Updates of vehicles, one or many at a time.
+//!
+//! Many updates are sorted by shard first. A thread takes a shard at a time and works through its
+//! updates in order, so those of one vehicle, which are all in one shard, keep their order whatever
+//! the threads do.
 
 use std::panic;
 use std::sync::Arc;
@@ -10,11 +14,11 @@ use wayfix::{Filter, Hmm, Likelihood, Transition};
 use super::timing::Moment;
 use super::{Pool, Update, UpdateResult, lock};
 
-/// Updates for which threads are not worth while.
+/// Below this number of updates, threads do not pay off.
 const FEW: usize = 64;
-/// Updates that threads take at a time.
+/// Maximum number of updates in a round.
 const ROUND: usize = 1 << 18;
-/// Numbers of the states that a thread asks memory for at once, and most such states.
+/// Number of values, and of states, that a thread prefetches at a time.
 const TOGETHER: usize = 1 << 11;
 const MOST_TOGETHER: usize = 16;
 
@@ -23,11 +27,11 @@ where
     A: Transition<Control = ()>,
     B: Likelihood<Observation: Sized>,
 {
-    /// Takes an update of one vehicle: a step of its filter.
+    /// Applies an update of one vehicle: a step of its filter.
     ///
     /// # Errors
     ///
-    /// [`UpdateError`] if the update is refused; the vehicle is as it was.
+    /// [`UpdateError`] if the update is refused; the vehicle is then unchanged.
     pub fn update(&mut self, update: &Update<B::Observation>) -> UpdateResult {
         let (hash, shard) = self.place(&update.vehicle);
         self.latest.see(&update.vehicle, update.time, self.timing.agree());
@@ -38,8 +42,8 @@ where
         answer
     }
 
-    /// Takes many updates with all threads. Those of a vehicle are taken in their order, and answers
-    /// are in the order of the updates.
+    /// Applies many updates with all threads. Those of one vehicle are applied in order, and
+    /// answers are in the order of the updates.
     pub fn update_all(&mut self, updates: &[Update<B::Observation>]) -> Vec<UpdateResult>
     where
         A: Send + Sync,
@@ -56,16 +60,18 @@ where
         answers
     }
 
-    /// Takes updates with all threads, each of which takes one shard after the other.
+    /// Applies updates with all threads, each of which takes one shard after another.
     fn round(&mut self, updates: &[Update<B::Observation>], answers: &mut Vec<UpdateResult>)
     where
         A: Send + Sync,
         B: Likelihood<Observation: Sync> + Send + Sync,
     {
         let mut jobs: Vec<Vec<(u64, u32)>> = vec![Vec::new(); self.shards.len()];
+        // Hashing spreads vehicles evenly; a quarter more makes growing rare.
         let room = updates.len() / jobs.len();
         jobs.iter_mut().for_each(|job| job.reserve(room + room / 4));
-        // The largest time up to each update, if it matters.
+        // The latest time up to each update, in their order: shards are worked on in any order, and
+        // what is forgotten must not depend on it.
         let forgets = self.timing.forget_after.is_some();
         let mut latests = Vec::with_capacity(if forgets { updates.len() } else { 0 });
         for (number, update) in (0..).zip(updates) {
@@ -86,12 +92,16 @@ where
         let work = |filter: &mut Filter<Arc<Hmm<A, B>>>| {
             let mut answers = Vec::with_capacity(updates.len());
             loop {
+                // `Relaxed` suffices: each number is given out once, and data is shared through
+                // locks and `scope`.
                 let shard = next.fetch_add(1, Ordering::Relaxed);
                 let (Some(job), Some(shard)) = (jobs.get(shard), shards.get(shard)) else {
                     return answers;
                 };
                 let mut shard = lock(shard);
                 for job in job.chunks(together) {
+                    // Some states at a time: more would no longer be in the cache when their turn
+                    // comes.
                     shard.warm(
                         job.iter().map(|&(hash, number)| (hash, &updates[number as usize].vehicle)),
                     );
@@ -117,7 +127,7 @@ where
                 }
             }
         });
-        // Every update is a job of one thread.
+        // Every update was the job of exactly one thread, so none is missing.
         answers.extend(in_order.into_iter().flatten());
         self.forget_some();
     }

@@ -1,4 +1,4 @@
-//! Vehicles of a pool: their ids, what they report, and the answers.
+//! Vehicles of a pool: ids, updates and answers.
 
 use std::fmt;
 
@@ -9,7 +9,7 @@ use wayfix::InferenceError;
 use crate::error::FleetError;
 use crate::output::error_kind;
 
-/// Id of a vehicle: an integer or text. The integer 7 and the text "7" are two vehicles.
+/// Id of a vehicle: an integer or text. The integer 7 and the text "7" are different vehicles.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum VehicleId {
     /// An integer.
@@ -84,15 +84,16 @@ impl<'de> Deserialize<'de> for VehicleId {
 /// An observation of a vehicle.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Update<Y> {
-    /// The vehicle. One that is not known begins at the prior.
+    /// The vehicle. An unknown one starts from the prior.
     pub vehicle: VehicleId,
-    /// Time or step, in any unit, which must be above that of the last update of the vehicle. It
-    /// only serves to refuse what comes late or twice: every update is one step of the model.
+    /// Time or step in any unit; it must be later than that of the last update of the vehicle. It
+    /// only serves to refuse late and repeated updates: every update is one step of the model.
     pub time: i64,
-    /// What was seen.
+    /// The observation.
     pub observation: Y,
-    /// True if the vehicle begins at the prior again, for example after it was towed. Its time must
-    /// be above that of the last update, too; one whose clock went back has to be removed first.
+    /// True if the vehicle starts from the prior again, for example after it was towed. Its time
+    /// must still be later than that of the last update; a vehicle whose clock was set back has to
+    /// be removed first.
     pub restart: bool,
 }
 
@@ -106,20 +107,20 @@ impl<Y> Update<Y> {
 /// Position of a vehicle after an update.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Answer {
-    /// Most probable state; ties go to the lowest.
+    /// Most probable state; ties go to the lowest state.
     pub state: usize,
     /// Its probability.
     pub probability: f64,
-    /// Log-likelihood of the observation given those before, ln p(y_k | y_1 … y_{k-1}).
+    /// Log-likelihood of the observation given the earlier ones, ln p(y_k | y_1 … y_{k-1}).
     pub log_likelihood: f64,
 }
 
-/// An update that was refused. The vehicle is as it was before, also its time, and no other one is
-/// concerned.
+/// Reason why an update was refused. The vehicle, including its time, is unchanged, and no other
+/// vehicle is affected.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum UpdateError {
-    /// The time is not above that of the last update.
+    /// The time is not later than that of the last update.
     #[error("time {time} is not after {last}, the time of the last update of the vehicle")]
     Time {
         /// Time of the update.
@@ -127,18 +128,18 @@ pub enum UpdateError {
         /// Time of the update before.
         last: i64,
     },
-    /// The model rules the observation out, or it is not valid. Steps are counted from the
+    /// The model rules the observation out, or the observation is invalid. Steps count from the
     /// vehicle's first.
     #[error(transparent)]
     Inference(Box<InferenceError>),
-    /// The state cannot be read back from the disk.
+    /// The state cannot be read back from disk.
     #[error("the state of the vehicle cannot be read back: {0}")]
     Disk(Box<FleetError>),
 }
 
 impl UpdateError {
-    /// Kind of the error, in a word: `time`, `disk`, or as in the tables of results: `impossible`,
-    /// `impossible_move`, `likelihood` (an observation that is not valid), `transition`, `other`.
+    /// Kind of the error in one word: `time`, `disk`, or as in the tables of results: `impossible`,
+    /// `impossible_move`, `likelihood` (an invalid observation), `transition`, `other`.
     #[must_use]
     pub fn kind(&self) -> &'static str {
         match self {

@@ -1,4 +1,8 @@
-//! Snapshots that are written while updates go on.
+//! Snapshots written in the background while updates go on.
+//!
+//! Beginning one takes a cut through every shard, in O(entries / 64); the thread then copies a few
+//! states at a time under the lock of a shard and encodes them without it.
+//! [`shard::cut`](super::shard) explains why all states are of one moment.
 
 use std::fs::File;
 use std::io::{self, Write};
@@ -13,20 +17,20 @@ use super::file::{BLOCK, named};
 use super::{Pool, Shard, lock};
 use crate::error::{FleetError, Outcome};
 
-/// Bytes that are copied while a shard is locked, about.
+/// Approximate bytes copied while a shard is locked.
 const SLICE: usize = 1 << 15;
-/// Bytes after which the file is put on the disk. All of them at once would hold up those who write
-/// to the same disk, the answers among them.
+/// Bytes after which the file is synced. A single sync at the end would hold up all other writers
+/// to that disk, the answers among them.
 const SYNC: usize = 16 << 20;
 
-/// A snapshot that is being written on a thread of its own.
+/// A snapshot being written on a thread of its own.
 #[derive(Debug)]
 pub struct Writing {
     thread: JoinHandle<Outcome<u64>>,
 }
 
 impl Writing {
-    /// True if the file is there, or has failed.
+    /// True if the file is complete, or writing it failed.
     #[must_use]
     pub fn is_finished(&self) -> bool {
         self.thread.is_finished()
@@ -47,28 +51,31 @@ where
     A: Transition + Send + Sync,
     B: Likelihood + Send + Sync,
 {
-    /// Begins a snapshot of all vehicles as they are now, and returns at once: updates go on while
-    /// it is written. Vehicles that change before they are written are encoded first, which takes
-    /// memory for as many.
+    /// Begins a snapshot of all vehicles as they are now, and returns at once; updates go on while
+    /// it is written. Vehicles that change before they are written are encoded first and kept in
+    /// memory until they are.
     ///
     /// # Errors
     ///
-    /// [`FleetError`] if one is under way already.
+    /// [`FleetError`] if another snapshot is under way.
     pub fn begin_snapshot(&mut self, path: &Path) -> Outcome<Writing> {
         self.begin_snapshot_with(path, &[], || Ok(()))
     }
 
-    /// The same with a note, and with what has to be done before the file has its name.
+    /// The same with a note, and with something to do before the file is renamed.
     pub(super) fn begin_snapshot_with(
         &mut self,
         path: &Path,
         note: &[u8],
         before: impl FnOnce() -> Outcome<()> + Send + 'static,
     ) -> Outcome<Writing> {
-        // The thread of the one before has the shards until it ends.
+        // The thread of a previous snapshot holds the shards until it ends. A second cut would
+        // overwrite the first.
         if Arc::strong_count(&self.shards) > 1 {
-            return Err(FleetError::Settings("a snapshot is under way already".to_owned()));
+            return Err(FleetError::Settings("another snapshot is under way".to_owned()));
         }
+        // `&mut self`: no update runs between the cuts of two shards, so all are of the same
+        // moment.
         self.shards.iter().for_each(|shard| lock(shard).begin_cut());
         let shards = Arc::clone(&self.shards);
         let (path, header) = (path.to_owned(), self.header(note));
@@ -80,6 +87,7 @@ where
                 Ok(length)
             });
             if written.is_err() {
+                // Or updates would keep saving entries for nobody.
                 shards.iter().for_each(|shard| lock(shard).end_cut());
             }
             written
@@ -88,7 +96,7 @@ where
     }
 }
 
-/// Writes the shards bit by bit, each in turn, so that none keeps what changes for long.
+/// Writes the shards in small slices, round robin, so that no shard saves changed entries for long.
 fn write(shards: &[Mutex<Shard>], path: &Path, header: &[u8], count: usize) -> Outcome<u64> {
     let wrong = FleetError::file(path);
     let mut file = File::create(path).map_err(&wrong)?;
@@ -122,7 +130,7 @@ fn write(shards: &[Mutex<Shard>], path: &Path, header: &[u8], count: usize) -> O
         }
         left = open;
     }
-    // An empty one is the last.
+    // An empty block marks the end.
     if block.vehicles > 0 {
         put(block.seal(blocks)).map_err(&wrong)?;
         blocks += 1;

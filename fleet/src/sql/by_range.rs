@@ -1,8 +1,9 @@
-//! Plans that can be run over the ranges of one sorted table, one range after the other.
+//! Plans that can be run over the ranges of one sorted table, one range after another.
 //!
-//! Such a plan makes each of its rows from the rows of one drive, and keeps their order: then its
-//! rows over the whole table are those over the first range, followed by those over the next one.
-//! All else is refused by its name rather than guessed at.
+//! Such a plan makes each row from the rows of one drive, and keeps their order. Then its rows over
+//! the whole table are those over the first range, followed by those over the next, and so on.
+//! Whether this holds is shown by induction over the nodes from the table upwards, tracking which
+//! output columns are copies of the key; any node not known to preserve it is refused by name.
 
 use std::ops::ControlFlow;
 
@@ -14,16 +15,16 @@ use datafusion::scalar::ScalarValue;
 
 use super::unordered::OURS;
 
-/// Columns of a node that are the first column that the table is sorted by, or what needs other
-/// rows.
+/// Indices of the columns of a node that hold the key, the first column that the table is sorted
+/// by; or what needs other rows.
 type Keys = ControlFlow<String, Vec<usize>>;
 
-/// What prevents that a plan is run by ranges of a table that is sorted by `key`, in words.
+/// Returns what prevents running a plan by ranges of a table sorted by `key`, in words.
 pub(super) fn obstacle(plan: &LogicalPlan, table: &str, key: &str) -> Option<String> {
     keys(plan, table, key).break_value()
 }
 
-/// Names of the models of a plan.
+/// Names of the models in a plan.
 pub(super) fn models(plan: &LogicalPlan) -> Result<Vec<String>> {
     let mut names = Vec::new();
     plan.apply_with_subqueries(|node| {
@@ -71,11 +72,13 @@ fn keys(plan: &LogicalPlan, table: &str, key: &str) -> Keys {
             let found = fields.filter(|(_, field)| field.name() == key).map(|(index, _)| index);
             ControlFlow::Continue(found.collect())
         }
+        // Row by row, with the same columns.
         LogicalPlan::SubqueryAlias(_) | LogicalPlan::Filter(_) => ControlFlow::Continue(below),
         LogicalPlan::Projection(projection) => {
             let kept = projection.expr.iter().enumerate().filter(|(_, e)| is_key(e));
             ControlFlow::Continue(kept.map(|(index, _)| index).collect())
         }
+        // One row becomes several, next to one another.
         LogicalPlan::Unnest(unnest) => {
             let from = unnest.dependency_indices.iter().enumerate();
             let kept = from.filter(|(_, from)| below.contains(from)).map(|(index, _)| index);
@@ -84,14 +87,17 @@ fn keys(plan: &LogicalPlan, table: &str, key: &str) -> Keys {
         LogicalPlan::Aggregate(aggregate) => {
             let groups = aggregate.group_expr.iter().enumerate();
             let kept: Vec<usize> = groups.filter(|(_, e)| is_key(e)).map(|(i, _)| i).collect();
+            // With the key among the groups, a group lies within one drive, and so within one
+            // range. Groups come in the order of the sorted input.
             if kept.is_empty() {
-                let reason = format!("{} has groups of more than one `{key}`", name(plan));
+                let reason = format!("{} groups rows of different `{key}`", name(plan));
                 return ControlFlow::Break(reason);
             }
             ControlFlow::Continue(kept)
         }
         LogicalPlan::Sort(sort) => {
             let first = sort.expr.first().filter(|first| first.asc && is_key(&first.expr));
+            // Sorting by the key first only moves rows within a drive.
             if first.is_some() && sort.fetch.is_none() {
                 return ControlFlow::Continue(below);
             }
@@ -101,7 +107,8 @@ fn keys(plan: &LogicalPlan, table: &str, key: &str) -> Keys {
     }
 }
 
-/// An expression that gives something else for a part of the rows, or at another time.
+/// Returns why an expression of a node would have another value over part of the rows, or at
+/// another time.
 fn unfit(plan: &LogicalPlan) -> Option<String> {
     let mut found = None;
     let looked = plan.apply_expressions(|expression| {
@@ -113,9 +120,11 @@ fn unfit(plan: &LogicalPlan) -> Option<String> {
                 | Expr::SetComparison(_) => Some("a subquery reads other rows".to_owned()),
                 Expr::ScalarFunction(function)
                     if function.func.signature().volatility != Volatility::Immutable
+                        // Ours are declared stable because a model file may change; here the hashes
+                        // of models are in the settings.
                         && !function.name().starts_with(OURS) =>
                 {
-                    Some(format!("{} depends on the moment", function.name()))
+                    Some(format!("{} depends on when it is called", function.name()))
                 }
                 _ => None,
             };
@@ -125,7 +134,7 @@ fn unfit(plan: &LogicalPlan) -> Option<String> {
     looked.err().map(|error| error.to_string()).or(found)
 }
 
-/// Returns true for one of some columns, also under another name.
+/// True for one of `columns`, possibly under another name.
 fn is_column(expression: &Expr, schema: &DFSchema, columns: &[usize]) -> bool {
     match expression {
         Expr::Alias(alias) => is_column(&alias.expr, schema, columns),
@@ -136,7 +145,7 @@ fn is_column(expression: &Expr, schema: &DFSchema, columns: &[usize]) -> bool {
     }
 }
 
-/// First words of a node.
+/// First words of a node, for messages.
 fn name(plan: &LogicalPlan) -> String {
     let text = plan.display().to_string();
     match text.char_indices().nth(80) {

@@ -1,4 +1,5 @@
-//! Expectations of drives as an aggregate, for learning.
+//! Expectations of drives as an aggregate, for learning: partial sums per task, merged in the final
+//! one.
 
 use arrow::array::{Array, ArrayRef, AsArray, BinaryArray};
 use arrow::datatypes::{DataType, Field, FieldRef};
@@ -20,7 +21,7 @@ use crate::model::{Model, with_hmm};
 /// Name of the aggregate.
 pub(super) const NAME: &str = "wayfix_expect";
 
-/// The expectations of all drives of a group, as JSON; null without drives.
+/// The aggregate: expectations of all drives of a group, as JSON; null without drives.
 #[derive(Debug, PartialEq, Eq, Hash)]
 pub(super) struct Expect {
     models: Models,
@@ -56,14 +57,14 @@ impl AggregateUDFImpl for Expect {
     }
 }
 
-/// Sum of the expectations so far, with the name of the model.
+/// Expectations so far, and the name of the model.
 #[derive(Debug)]
 struct Sum {
     models: Models,
     known: Option<(String, Expected)>,
 }
 
-/// A sum as it travels.
+/// Sums as they are sent between tasks.
 #[derive(Serialize, Deserialize)]
 pub(super) struct Sent {
     model: String,
@@ -88,6 +89,7 @@ impl Sum {
     fn json(&self) -> Result<ScalarValue> {
         let Some((model, sum)) = &self.known else { return Ok(ScalarValue::Binary(None)) };
         let sent = Sent { model: model.clone(), sums: sum.sums() };
+        // JSON of finite doubles is exact: shortest digits that read back as the same value.
         let text = serde_json::to_vec(&sent);
         let text = text.map_err(|error| DataFusionError::External(Box::new(error)))?;
         Ok(ScalarValue::Binary(Some(text)))
@@ -102,6 +104,7 @@ impl Accumulator for Sum {
         if names.is_empty() {
             return Ok(());
         }
+        // The model is a literal, so the first row has it for all.
         let ScalarValue::Utf8(Some(name)) =
             ScalarValue::try_from_array(names, 0)?.cast_to(&DataType::Utf8)?
         else {

@@ -1,4 +1,4 @@
-//! Files of a table, as their readers find them.
+//! Files of a table, as DataFusion lists them.
 
 use std::borrow::Cow;
 use std::fs::{self, File};
@@ -20,21 +20,22 @@ use super::source::Source;
 use super::starts::Starts;
 use crate::error::{FleetError, Outcome};
 
-/// Bytes that are read at a time.
+/// Bytes read at a time.
 const BUFFER: usize = 1 << 20;
 
 /// Parquet files of a table, in the order in which they are read.
 #[derive(Debug)]
 pub(super) struct Files {
     paths: Vec<PathBuf>,
-    /// Rows of the table with which they begin, and that after the last one.
+    /// First row of each file in the table, and at the end the number of rows.
     borders: Vec<u64>,
-    /// Values and rows of their row groups.
+    /// Values and rows of the row groups of each file.
     groups: Vec<Vec<(u64, u64)>>,
 }
 
 impl Files {
-    /// Files of a table that is registered with a context that reads it as one sequence of rows.
+    /// Finds the files of a table registered with `context`, which must read it as one sequence of
+    /// rows.
     pub(super) async fn of(source: &Source, context: &SessionContext) -> Outcome<Self> {
         let table = context.table_provider(TableReference::bare(source.name.as_str())).await?;
         let Some(table) = table.downcast_ref::<ListingTable>() else {
@@ -53,7 +54,7 @@ impl Files {
             let metadata = ParquetMetaDataReader::new().parse_and_finish(&file);
             let metadata = metadata.map_err(FleetError::parquet(path))?;
             let of = metadata.row_groups().iter().map(|group| {
-                // Steps are the values of the column with the most, of a long table and a nested one.
+                // The number of steps, in either form: the values of the column with the most.
                 let values = group.columns().iter().map(ColumnChunkMetaData::num_values).max();
                 (
                     values.unwrap_or(0).max(0).cast_unsigned(),
@@ -72,8 +73,8 @@ impl Files {
         self.groups.iter().flatten().map(|group| group.0).sum()
     }
 
-    /// Rows after which ranges may begin: those where row groups of `part` values together end, and
-    /// other files begin.
+    /// Rows at which ranges may begin: the ends of row groups once `part` values have come
+    /// together, and the beginnings of files.
     pub(super) fn starts(&self, part: u64) -> Starts {
         let mut wanted = Vec::new();
         for (groups, &first) in self.groups.iter().zip(&self.borders) {
@@ -90,7 +91,7 @@ impl Files {
         Starts::new(wanted, self.borders[1..].to_vec())
     }
 
-    /// Paths of the files that have some of these rows; all, if there are none.
+    /// Paths of the files that contain some of these rows; of all files, if the range is empty.
     pub(super) fn with_rows(&self, rows: &Range<u64>) -> impl Iterator<Item = Cow<'_, str>> {
         let borders = self.borders.windows(2);
         let here =
@@ -98,13 +99,14 @@ impl Files {
         self.paths.iter().zip(here).filter(|file| file.1).map(|file| file.0.to_string_lossy())
     }
 
-    /// Hash of the content of all files in their order (XXH3).
+    /// Hash of the contents of all files in order (XXH3).
     pub(super) fn hash(&self) -> Outcome<String> {
         let mut hash = XxHash3_64::default();
         let mut buffer = vec![0; BUFFER];
         for path in &self.paths {
             let wrong = FleetError::file(path);
             let mut file = File::open(path).map_err(&wrong)?;
+            // The length separates files: bytes moved from one to the next change the hash.
             hash.write(&file.metadata().map_err(&wrong)?.len().to_le_bytes());
             loop {
                 match file.read(&mut buffer) {
@@ -118,7 +120,7 @@ impl Files {
         Ok(format!("{:016x}", hash.finish()))
     }
 
-    /// Sizes and times of all files, which change when one is written to.
+    /// Sizes and times of modification of all files, which change when one is written to.
     pub(super) fn stamps(&self) -> Outcome<Vec<(u64, Option<SystemTime>)>> {
         let stamp = |path: &PathBuf| {
             let found = fs::metadata(path).map_err(FleetError::file(path))?;
@@ -127,11 +129,11 @@ impl Files {
         self.paths.iter().map(stamp).collect()
     }
 
-    /// Refuses files that were written to since.
+    /// Refuses files that were written to since `since` was taken.
     pub(super) fn unchanged(&self, since: &[(u64, Option<SystemTime>)]) -> Outcome<()> {
         for ((path, now), before) in self.paths.iter().zip(self.stamps()?).zip(since) {
             if now != *before {
-                return Err(FleetError::changed(path, "changes while the query reads it"));
+                return Err(FleetError::changed(path, "changed while the query was reading it"));
             }
         }
         Ok(())

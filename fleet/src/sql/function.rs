@@ -1,4 +1,4 @@
-//! A routine as a scalar function.
+//! The routines as scalar functions: one drive per row, all drives of a batch in one call.
 
 use std::sync::Arc;
 
@@ -19,21 +19,21 @@ use crate::input::{self, ColumnNames, Drives, Form};
 use crate::output::{self, Results, Table, Verb};
 use crate::sensor::{Kind, Sensor};
 
-/// Elements of a drive that an error shows.
+/// Number of elements of a drive shown in an error.
 const SHOWN: usize = 8;
 
-/// Failure of a function.
+/// Error of a function.
 #[derive(Debug, thiserror::Error)]
 #[error("{function}: {source}{about}")]
 pub struct FunctionError {
     function: &'static str,
     #[source]
     source: FleetError,
-    /// Batch and drive, since rows of the input have no numbers in SQL.
+    /// Batch and drive, since input rows have no numbers in SQL.
     about: String,
 }
 
-/// A routine of SQL.
+/// A routine as a function of SQL.
 #[derive(Debug, PartialEq, Eq, Hash)]
 pub(super) struct Function {
     verb: Verb,
@@ -44,7 +44,7 @@ pub(super) struct Function {
 impl Function {
     pub(super) fn new(verb: Verb, models: Models) -> Self {
         let counts = [2, 3, 4].map(TypeSignature::Any).to_vec();
-        // A file may change between two queries.
+        // Stable rather than immutable: a file may change between two queries.
         Self { verb, models, signature: Signature::one_of(counts, Volatility::Stable) }
     }
 
@@ -66,7 +66,7 @@ impl Function {
         Results::new(self.verb, table, Form::Nested)
     }
 
-    /// Results of drives, one for each row.
+    /// Results of drives, one per row.
     fn compute(&self, model: &str, arguments: &[ArrayRef]) -> Result<ArrayRef> {
         let run = || -> Outcome<ArrayRef> {
             let loaded = self.models.model(model)?;
@@ -91,7 +91,7 @@ impl Function {
     }
 }
 
-/// Error of a function, with the drive that it is about.
+/// Error of a function, with the drive it is about.
 pub(super) fn failure(
     function: &'static str,
     source: FleetError,
@@ -101,7 +101,7 @@ pub(super) fn failure(
     DataFusionError::External(Box::new(FunctionError { function, source, about }))
 }
 
-/// Drives from the arguments after the model.
+/// Reads drives from the arguments after the model.
 pub(super) fn drives(loaded: &Loaded, arguments: &[ArrayRef]) -> Outcome<Drives> {
     let names = names();
     let batch = batch(arguments, loaded.model.sensor(), &names)?;
@@ -135,6 +135,8 @@ impl ScalarUDFImpl for Function {
                 self.name()
             );
         }
+        // Nullable: a failed drive has no list. A score always has its struct, which holds the
+        // error.
         let is_null = self.verb != Verb::Score;
         Ok(Arc::new(Field::new(self.name(), self.return_type(&[])?, is_null)))
     }
@@ -147,6 +149,7 @@ impl ScalarUDFImpl for Function {
             return plan_err!("the model of {} is not a text", self.name());
         };
         let drives = &args.args[1..];
+        // All literals: one drive, computed once for all rows.
         let is_one = drives.iter().all(|drive| matches!(drive, ColumnarValue::Scalar(_)));
         let rows = if is_one { 1 } else { args.number_rows };
         let arrays = drives.iter().map(|drive| drive.to_array(rows)).collect::<Result<Vec<_>>>()?;
@@ -158,7 +161,7 @@ impl ScalarUDFImpl for Function {
     }
 }
 
-/// Text of a scalar.
+/// Text of a scalar, unless it is null or of another type.
 fn text(value: &ScalarValue) -> Option<&str> {
     value.try_as_str().flatten()
 }
@@ -176,7 +179,7 @@ fn names() -> ColumnNames {
     }
 }
 
-/// Fields of the struct of a score.
+/// Fields of the struct that `wayfix_score` returns.
 fn score_fields(schema: &Schema) -> Fields {
     let is_of_score = |field: &&FieldRef| {
         ["log_likelihood", "error_kind", "error_step", "error"].contains(&field.name().as_str())
@@ -184,7 +187,7 @@ fn score_fields(schema: &Schema) -> Fields {
     schema.fields().iter().filter(is_of_score).cloned().collect()
 }
 
-/// Arguments as a table of drives, with the numbers of rows as ids.
+/// Arguments as a table of drives, with row numbers as ids.
 fn batch(arguments: &[ArrayRef], sensor: &Sensor, names: &ColumnNames) -> Outcome<RecordBatch> {
     let (expected, least): (&[&String], usize) = match sensor.kind() {
         Kind::Places(_) => (&[&names.latitude, &names.longitude, &names.deviation], 3),
@@ -208,7 +211,7 @@ fn batch(arguments: &[ArrayRef], sensor: &Sensor, names: &ColumnNames) -> Outcom
     Ok(RecordBatch::try_from_iter_with_nullable(columns)?)
 }
 
-/// Batch and first elements of the drive that an error is about.
+/// Describes the batch, and the first elements of the drive, that an error is about.
 fn about(error: &FleetError, arguments: &[ArrayRef]) -> String {
     let FleetError::Value { row, .. } = error else { return String::new() };
     let (Ok(row), Some(first)) = (usize::try_from(*row), arguments.first()) else {

@@ -1,4 +1,4 @@
-//! Order of a table that a query relies on.
+//! Checks the order of a table that a query relies on.
 
 use arrow::array::{Array, ArrayRef, BooleanArray};
 use arrow::compute::concat;
@@ -11,14 +11,14 @@ use futures::StreamExt;
 use super::starts::Starts;
 use crate::error::{FleetError, Outcome};
 
-/// Checks that rows are sorted by their columns, the first one first, and that no two are the same.
-/// DataFusion believes such an order, and gives wrong results if it is not one. The values of the
-/// first column are told on the way.
+/// Checks that rows are sorted by their columns, the first one first, without duplicates.
+/// DataFusion trusts a declared order, and gives wrong results if it does not hold. The values of
+/// the first column are passed to `starts` on the way.
 pub(super) async fn check(mut rows: SendableRecordBatchStream, starts: &mut Starts) -> Outcome<()> {
     let schema = rows.schema();
     if let Some(field) = schema.fields().iter().find(|field| field.data_type().is_nested()) {
         let message = format!(
-            "--order: column `{}` is nested, expected numbers, texts or times",
+            "--order: column `{}` is nested, expected numbers, text or times",
             field.name()
         );
         return Err(FleetError::Settings(message));
@@ -35,6 +35,7 @@ pub(super) async fn check(mut rows: SendableRecordBatchStream, starts: &mut Star
         }
         let columns = batch.columns();
         for (column, field) in columns.iter().zip(schema.fields()) {
+            // Nulls have no agreed place in an order, and comparisons with them are null.
             if column.logical_null_count() > 0 {
                 let is_null = |&row: &usize| column.logical_nulls().is_some_and(|n| n.is_null(row));
                 let row = first_row + (0..count).find(is_null).unwrap_or(0) as u64;
@@ -48,12 +49,13 @@ pub(super) async fn check(mut rows: SendableRecordBatchStream, starts: &mut Star
                 values.collect::<Vec<_>>().join(", ")
             };
             let message = format!(
-                "({}) follows ({}), expected rows that are sorted by these columns, no two the same",
+                "({}) follows ({}), expected rows sorted by these columns, without duplicates",
                 text(at + 1),
                 text(at)
             );
             Err(FleetError::value(&names, row, message))
         };
+        // The pair across the border of two batches.
         if let Some(last) = &last {
             let pair = last.iter().zip(columns);
             let pair = pair.map(|(last, column)| concat(&[&**last, &column.slice(0, 1)]));
@@ -72,9 +74,11 @@ pub(super) async fn check(mut rows: SendableRecordBatchStream, starts: &mut Star
     Ok(())
 }
 
-/// First row whose next one is not after it.
+/// Returns the first row whose successor is not greater.
 fn disorder(columns: &[ArrayRef]) -> Outcome<Option<usize>> {
     let pairs = columns.first().map_or(0, Array::len).saturating_sub(1);
+    // Lexicographic comparison, column by column and vectorised: `tied` marks pairs equal so far,
+    // `wrong` those decided against.
     let mut wrong = BooleanArray::from(vec![false; pairs]);
     let mut tied = BooleanArray::from(vec![true; pairs]);
     for column in columns {
@@ -82,6 +86,7 @@ fn disorder(columns: &[ArrayRef]) -> Outcome<Option<usize>> {
         wrong = or(&wrong, &and(&tied, &gt(&row, &next)?)?)?;
         tied = and(&tied, &eq(&row, &next)?)?;
     }
+    // Still tied after the last column: a duplicate.
     let wrong = or(&wrong, &tied)?;
     Ok(wrong.values().set_indices().next())
 }

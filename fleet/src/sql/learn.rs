@@ -1,4 +1,5 @@
-//! Learning by queries, in this process or on a cluster.
+//! Learning by queries, in this process or on a cluster: the E-step is an aggregate, the M-step
+//! happens here.
 
 use std::fs;
 use std::path::Path;
@@ -22,30 +23,31 @@ use crate::expected::Expected;
 use crate::input::{Form, Layout};
 use crate::learn::{Course, LearnJob, inputs, iterate, save};
 use crate::model::{Model, with_hmm};
-use crate::partial::beside;
+use crate::overwrite::beside;
 use crate::sensor::{Kind, Sensor};
 
-/// Drives of a batch.
+/// Drives in a batch.
 const BATCH: usize = 1024;
-/// Parts of a long table for each thread, some of which take longer.
+/// Parts of a long table per thread; several, as some take longer than others.
 const PARTS: usize = 4;
 /// Name of the table.
 const TABLE: &str = "drives";
 
-/// Learns as [`learn`](crate::learn), with the expectations of each iteration from a query with
-/// the aggregate `wayfix_expect`: in this process, or by the executors of a scheduler at
+/// Learns like [`learn`](crate::learn), with the expectations of each iteration from a query with
+/// the aggregate `wayfix_expect`: in this process, or on the executors of a scheduler at
 /// `host:port` (in a build with the feature `ballista`).
 ///
-/// A long Parquet table, which must be sorted by drive and step, is worked on by parts of whole
-/// drives, as many at a time as the job has threads; their sums are added up in the order of the
-/// table. All else is one query of as many tasks, whose sums are added up as they come, so that
-/// results differ in the last digits, by 1e-12 of a number or less. Before each iteration its model
-/// is written beside the output, where executors must find it, too. `progress` is called with the number of re-estimations before each query. An interrupted
-/// run goes on after its last re-estimation.
+/// A long Parquet table, which must be sorted by drive and step, is processed in parts of whole
+/// drives, as many at a time as the job has threads; their sums are added in the order of the
+/// table. Anything else is one query with that many tasks, whose sums are added as they arrive, so
+/// results differ in the last digits, by a relative 1e-12 or less. Before each iteration its model
+/// is written beside the output, where executors must find it, too. `progress` is called before
+/// each query with the number of re-estimations. An interrupted run continues after its last
+/// re-estimation.
 ///
 /// # Errors
 ///
-/// [`FleetError`] as [`learn`](crate::learn), or if a query fails.
+/// [`FleetError`] as for [`learn`](crate::learn), or if a query fails.
 pub fn learn(
     job: &LearnJob,
     scheduler: Option<&str>,
@@ -88,8 +90,10 @@ where
         let loaded = Model::load(path)?;
         let place = fs::canonicalize(path).map_err(FleetError::file(path))?;
         let Some(place) = place.to_str() else {
-            return Err(FleetError::format(path, "its path is not Unicode"));
+            return Err(FleetError::format(path, "the path is not Unicode"));
         };
+        // With the hash, an executor with another file under this path fails instead of using it.
+        // Quotes are doubled for SQL.
         let name = format!("{place}#{}", loaded.hash()).replace('\'', "''");
         let mut sum = Expected::nothing(hmm);
         runtime.block_on(input.sums(&name, |sent| {
@@ -100,13 +104,13 @@ where
     })
 }
 
-/// Drives that are read once an iteration.
+/// The drives, read once per iteration.
 struct Input {
     context: SessionContext,
-    /// Columns of the observations, and their table.
+    /// Columns of the observations, and the table expression.
     columns: String,
     table: String,
-    /// Parts that are queries of their own: of a long table, so that no drive has to be put together
+    /// Parts that are queries of their own, for a long table: no drive then has to be assembled
     /// from several tasks.
     parts: Option<(Source, Files, Vec<Range>)>,
     /// Parts at a time.
@@ -138,7 +142,7 @@ impl Input {
         Ok(Self { context, columns, table, parts, threads: job.threads.max(1), attempts })
     }
 
-    /// Takes the sums of all parts under a model, in the order of the table.
+    /// Passes the sums of all parts under a model to `take`, in the order of the table.
     async fn sums(&self, model: &str, mut take: impl FnMut(Sent) -> Outcome<()>) -> Outcome<()> {
         let query = format!("SELECT {NAME}('{model}', {}) FROM {}", self.columns, self.table);
         let (state, plan) = self.context.sql(&query).await?.into_parts();
@@ -152,6 +156,7 @@ impl Input {
             let frame = plan.map(|plan| DataFrame::new(state.clone(), plan));
             let attempts = self.attempts;
             async move {
+                // Spawned to run in parallel; `buffered` yields them in order.
                 let done = tokio::spawn(sums(frame?, attempts)).await;
                 done.map_err(|error| FleetError::Learning(error.to_string()))?
             }
@@ -164,7 +169,8 @@ impl Input {
     }
 }
 
-/// Columns of a query for the sums, and their table. Steps of a long table are gathered first.
+/// Columns of a query for the sums, and their table. Steps of a long table are gathered into lists
+/// first.
 fn drives(layout: &Layout, sensor: &Sensor) -> (String, String) {
     let names = &layout.names;
     let mut columns = match sensor.kind() {
@@ -190,7 +196,7 @@ fn drives(layout: &Layout, sensor: &Sensor) -> (String, String) {
     (list, table)
 }
 
-/// Runs a query for sums, of which one row comes; again, if an executor is lost with it.
+/// Runs a query for sums, which returns one row; again, if an executor is lost on the way.
 async fn sums(frame: DataFrame, attempts: usize) -> Outcome<Option<Sent>> {
     let mut left = attempts;
     let batches = loop {

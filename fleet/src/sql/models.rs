@@ -1,4 +1,4 @@
-//! Models that queries name, and that this process has read.
+//! Models named by queries, and the cache of those this process has read.
 
 use std::collections::{HashMap, VecDeque};
 use std::fs;
@@ -11,12 +11,12 @@ use crate::error::{FleetError, Outcome};
 use crate::input::{ColumnNames, Layout};
 use crate::model::Model;
 
-/// Models that are kept; of more, the one that was read first is dropped.
+/// Maximum number of models in the cache; beyond it, the one read first is dropped.
 const MOST: usize = 16;
-/// Digits of a hash.
+/// Number of digits of a hash.
 const DIGITS: usize = 32;
 
-/// A model that was read, with the layouts of its arguments.
+/// A cached model, with the layouts of its arguments.
 #[derive(Debug)]
 pub(super) struct Loaded {
     pub(super) model: Model,
@@ -24,7 +24,7 @@ pub(super) struct Loaded {
 }
 
 impl Loaded {
-    /// Columns for arguments of these types, found and checked once.
+    /// Layout for arguments of these types, determined once.
     pub(super) fn layout(&self, schema: &Arc<Schema>, names: &ColumnNames) -> Outcome<Arc<Layout>> {
         let mut layouts = self.layouts.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(layout) = layouts.get(schema) {
@@ -36,28 +36,28 @@ impl Loaded {
     }
 }
 
-/// Models by their places and names, in the order in which they were read.
+/// Models by folder and name, in the order in which they were read.
 type Read = VecDeque<(Models, String, Arc<Loaded>)>;
 
 static READ: LazyLock<Mutex<Read>> = LazyLock::new(Mutex::default);
 
-/// Files that queries may name as models: by default all that the process can read.
+/// Files that queries may name as models: by default, all that the process can read.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Hash)]
 pub struct Models {
-    /// Folder, without links in its path.
+    /// Folder, as a canonical path.
     folder: Option<PathBuf>,
 }
 
 impl Models {
-    /// The files of a folder and of those in it: names are relative to it, and links are followed
-    /// if they end in it. All that is outside looks as if it were not there.
+    /// The files of a folder and its subfolders: names are relative to it, and links are followed
+    /// if they lead to files inside. Everything outside looks as if it did not exist.
     ///
-    /// Whoever may write in the folder can still change it between two looks; this is about
+    /// Whoever can write to the folder can still change it between two looks; this guards against
     /// those who write queries.
     ///
     /// # Errors
     ///
-    /// [`FleetError`] if the folder is none.
+    /// [`FleetError`] if this is not a folder.
     pub fn in_folder(folder: &Path) -> Outcome<Self> {
         let known = fs::canonicalize(folder).map_err(FleetError::file(folder))?;
         if !known.is_dir() {
@@ -66,26 +66,30 @@ impl Models {
         Ok(Self { folder: Some(known) })
     }
 
-    /// Path of a name.
+    /// Path of the file with a name.
     pub(super) fn path(&self, name: &str) -> Outcome<PathBuf> {
         let Some(folder) = &self.folder else { return Ok(PathBuf::from(name)) };
-        // The same words whether a file outside exists or not.
+        // The same message whether a file outside exists or not, or it would tell which files there
+        // are.
         match fs::canonicalize(folder.join(name)) {
             Ok(path) if path.starts_with(folder) => Ok(path),
             _ => {
-                let message = "is none of the models, expected the name of a file in their folder";
+                let message =
+                    "is not one of the models, expected the name of a file in their folder";
                 Err(FleetError::format(Path::new(name), message))
             }
         }
     }
 
-    /// Returns the model of a name, a path or `path#hash`; reads its file if no call did so before.
+    /// Returns the model with a name, a path or `path#hash`; reads its file unless that was done
+    /// before.
     ///
     /// # Errors
     ///
     /// [`FleetError`] if the file cannot be read, is not a model, or has another hash.
     pub(super) fn model(&self, name: &str) -> Outcome<Arc<Loaded>> {
-        // Others wait while it is read, and so do not read it a second time.
+        // Held while the file is read: tasks that need the same model wait instead of reading it
+        // again.
         let mut read = READ.lock().unwrap_or_else(PoisonError::into_inner);
         let found = read.iter().find(|(models, known, _)| known == name && models == self);
         if let Some((_, _, loaded)) = found {
@@ -108,7 +112,7 @@ impl Models {
     }
 }
 
-/// Path and hash of a name; a `#` that no hash follows belongs to the path.
+/// Path and hash of a name; a `#` that is not followed by a hash belongs to the path.
 pub(super) fn split(name: &str) -> (&str, Option<&str>) {
     let is_hash =
         |end: &str| end.len() == DIGITS && end.bytes().all(|byte| byte.is_ascii_hexdigit());

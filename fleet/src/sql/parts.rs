@@ -1,10 +1,10 @@
-//! A query by parts: over one range of a sorted table after the other, each with rows in the output
-//! that an interruption does not lose.
+//! A query by parts: over one range of a sorted table after another, each of which leaves rows in
+//! the output that an interruption does not lose.
 //!
-//! Several ranges are under way at a time, each a query with one partition and rows in a file
-//! without a name, which is gone when the process is. Finished ones become row groups of the output
-//! in the order of the table, and are noted in its journal. On a cluster each range is a task of
-//! its own: no executor needs the rows of another.
+//! Several ranges are in flight at a time, each as a query with one partition whose rows go to an
+//! unnamed temporary file, which vanishes with the process. Finished ones become row groups of the
+//! output in the order of the table, and are recorded in its journal. On a cluster each range is a
+//! task of its own: no executor needs the rows of another.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -24,7 +24,8 @@ use super::{by_range, context};
 use crate::error::{FleetError, Outcome};
 use crate::finished::Finished;
 use crate::input::pieces::Pieces;
-use crate::partial::{Opened, Partial, Plan, Start, beside};
+use crate::overwrite::beside;
+use crate::partial::{Opened, Partial, Plan, Start};
 use crate::properties::Pack;
 
 /// A query that can be run by parts.
@@ -32,19 +33,19 @@ use crate::properties::Pack;
 pub(super) struct ByParts<'a> {
     query: &'a Query,
     source: &'a Source,
-    /// Models of the query, with their hashes.
+    /// Models of the query and their hashes.
     models: Map<String, Value>,
 }
 
 impl<'a> ByParts<'a> {
-    /// A query with its plan; or what prevents parts, in words.
+    /// Creates it from a query and its plan; or returns what prevents running by parts, in words.
     pub(super) fn new(
         query: &'a Query,
         plan: &LogicalPlan,
         models: &Models,
     ) -> Outcome<Result<Self, String>> {
         if query.part == 0 {
-            return Ok(Err("no parts are wanted".to_owned()));
+            return Ok(Err("--part is 0".to_owned()));
         }
         let mut sorted = query.tables.iter().filter(|table| !table.key.is_empty());
         let Some(source) = sorted.next() else {
@@ -59,7 +60,7 @@ impl<'a> ByParts<'a> {
             return Ok(Err(obstacle));
         }
         if source.is_csv() {
-            return Ok(Err("no part of a CSV file can be read alone".to_owned()));
+            return Ok(Err("a CSV file can only be read as a whole".to_owned()));
         }
         let mut hashes = Map::new();
         for name in by_range::models(plan)? {
@@ -67,7 +68,8 @@ impl<'a> ByParts<'a> {
                 (_, Some(hash)) => hash.to_ascii_lowercase(),
                 _ => match models.model(&name) {
                     Ok(loaded) => loaded.model.hash().to_owned(),
-                    // It may be a file of the executors alone. The query says more if it is none.
+                    // It may exist on the executors only. If it is not a model, the query will
+                    // report that better.
                     Err(_) => return Ok(Err(format!("the model {name} is given without a hash"))),
                 },
             };
@@ -76,7 +78,7 @@ impl<'a> ByParts<'a> {
         Ok(Ok(Self { query, source, models: hashes }))
     }
 
-    /// Runs the query, or goes on with it.
+    /// Runs the query, or continues it.
     pub(super) async fn run(
         &self,
         models: &Models,
@@ -86,6 +88,7 @@ impl<'a> ByParts<'a> {
         let local = context(1, query.batch);
         self.source.register(&local, false).await?;
         let files = Files::of(self.source, &local).await?;
+        // Before hashing: a later change shows in the stamps, an earlier one in the hash.
         let stamps = files.stamps()?;
         let settings = self.settings(&files.hash()?);
         if output.is_file() && !query.force && !beside(output, ".journal").exists() {
@@ -94,12 +97,14 @@ impl<'a> ByParts<'a> {
                 return Ok(QuerySummary::finished(made.counts[0]));
             }
         }
+        // The check reads the key columns of the whole table, and finds the ranges on the way.
         let mut starts = files.starts(query.part);
         self.source.check(&mut starts).await?;
         let ranges = starts.ranges();
-        // With one partition, a plan over a range has no step at which rows go to another task.
+        // With one partition, a plan over a range contains no exchange of rows between tasks.
         let context = session(query.scheduler.as_deref(), 1, query.batch, models).await?;
         let (state, plan) = query.frame(&context).await?.into_parts();
+        // The schema of the whole query: that of a range could differ in nullability.
         let whole = DataFrame::new(state.clone(), plan.clone());
         let schema = whole.create_physical_plan().await?.schema();
         let opened = Partial::open(Plan {
@@ -122,6 +127,8 @@ impl<'a> ByParts<'a> {
             progress(&state);
         };
         state_of(&out);
+        // One part of the output per range, in order. The ranges are those of the earlier run, as
+        // table, `part` and version are in the settings.
         let todo = ranges.get(resumed..).unwrap_or_default();
         let making = todo.iter().map(|range| {
             let part = range.of(plan.clone(), self.source, &files).map(|plan| Part {
@@ -133,6 +140,7 @@ impl<'a> ByParts<'a> {
             });
             let end_row = range.rows.end;
             async move {
+                // Spawned, or polling would run all parts on one thread.
                 let made = tokio::spawn(part?.make()).await;
                 let (file, rows) =
                     made.map_err(|error| FleetError::Settings(format!("a part: {error}")))??;
@@ -142,6 +150,7 @@ impl<'a> ByParts<'a> {
         let mut made = stream::iter(making).buffered(query.threads.max(1));
         while let Some(part) = made.next().await {
             let added = part.and_then(|(file, rows, end_row)| {
+                // Checked after the rows were made, so a part never mixes two versions of a file.
                 files.unchanged(&stamps)?;
                 out.add_part(&file, rows, end_row)
             });
@@ -175,7 +184,7 @@ impl<'a> ByParts<'a> {
     }
 }
 
-/// The query over a range.
+/// The query over one range.
 struct Part {
     frame: DataFrame,
     schema: SchemaRef,
@@ -193,6 +202,7 @@ impl Part {
         let mut left = self.attempts;
         loop {
             left -= 1;
+            // `write` truncates the file first, so a second attempt starts afresh.
             let rows = rows(self.frame.clone()).await?;
             match write(rows, &self.schema, &file, &self.output, self.pack, |_| {}).await {
                 Err(FleetError::Query(error)) if left > 0 && is_lost(&error) => {}

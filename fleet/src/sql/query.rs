@@ -1,4 +1,4 @@
-//! A query over files, with its rows in a Parquet file.
+//! A query over files, whose rows go to a Parquet file.
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
@@ -17,11 +17,10 @@ use crate::error::{FleetError, Outcome};
 use crate::folder;
 use crate::input::files::find;
 use crate::journal::open_locked;
-use crate::overwrite;
-use crate::partial::beside;
+use crate::overwrite::{self, beside};
 use crate::properties::Pack;
 
-/// Times that a query is given to a cluster, if executors are lost after its last task.
+/// Number of times a query is submitted to a cluster, if executors are lost after its last task.
 pub(super) const ATTEMPTS: usize = 3;
 
 /// A query over files.
@@ -31,29 +30,29 @@ pub struct Query {
     pub tables: Vec<Source>,
     /// Text of the query.
     pub sql: String,
-    /// File of the rows, Parquet.
+    /// Output file, Parquet.
     pub output: PathBuf,
     /// Compression of the output.
     pub pack: Pack,
     /// Number of threads, or of tasks on a cluster.
     pub threads: usize,
-    /// Scheduler of a cluster, `host:port`, that runs the query; needs the feature `ballista`.
+    /// Scheduler of a cluster, `host:port`, to run the query; needs the feature `ballista`.
     pub scheduler: Option<String>,
-    /// Folder of the models, if only its files can be named; see [`Models::in_folder`]. Executors
+    /// Folder of the models, if only its files may be named; see [`Models::in_folder`]. Executors
     /// of a cluster have an option of their own.
     pub models: Option<PathBuf>,
-    /// Rows of a batch.
+    /// Rows in a batch.
     pub batch: usize,
-    /// Values of a part of a sorted table, at least (steps, also if it is nested): its rows are not
-    /// lost by an interruption once they are in the output. 0 for no parts.
+    /// Minimum number of values (steps, also in nested tables) in a part of a sorted table: once in
+    /// the output, its rows are not lost by an interruption. 0 for no parts.
     pub part: u64,
-    /// Replaces an output that exists.
+    /// Replaces an existing output.
     pub force: bool,
-    /// Forgets what an unfinished run has done.
+    /// Discards what an unfinished run has done.
     pub restart: bool,
 }
 
-/// State of a query.
+/// Progress of a query.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum QueryState {
@@ -61,9 +60,9 @@ pub enum QueryState {
     Whole(String),
     /// Rows so far.
     Rows {
-        /// Rows of the table that are done.
+        /// Rows of the table done.
         done: u64,
-        /// Rows of the table, if a part of them is known to be done.
+        /// All rows of the table, if the number of rows done is known.
         all: Option<u64>,
         /// Rows of the output.
         made: u64,
@@ -77,9 +76,9 @@ pub struct QuerySummary {
     pub rows: u64,
     /// Number of parts, if the query was run by parts.
     pub parts: usize,
-    /// Number of these parts that were made by an earlier run.
+    /// Number of these parts made by an earlier run.
     pub resumed: usize,
-    /// True if an earlier run has finished the output.
+    /// True if an earlier run finished the output.
     pub finished: bool,
 }
 
@@ -89,11 +88,11 @@ impl QuerySummary {
     }
 }
 
-/// Context with the functions, for queries that work on batches in the order of their tables with
-/// so many threads.
+/// Context with the functions, for queries that process batches in the order of their tables, with
+/// `threads` threads.
 ///
-/// Files are read one after the other, since only then a merge that keeps the order does not wait
-/// for one half of a file while the other is read.
+/// Files are not split: a merge that keeps the order would otherwise wait for one half of a file
+/// while the other is being read.
 #[must_use]
 pub fn context(threads: usize, batch: usize) -> SessionContext {
     context_with(threads, batch, &Models::default())
@@ -105,43 +104,45 @@ fn context_with(threads: usize, batch: usize, models: &Models) -> SessionContext
         .with_target_partitions(threads.max(1))
         .with_batch_size(batch.max(1))
         .with_repartition_file_scans(false);
-    // Texts of the output as other tools have them.
+    // Plain strings in the output, as other tools expect.
     config.options_mut().execution.parquet.schema_force_view_types = false;
     let context = SessionContext::new_with_config(config);
     register_with(&context, models);
     context
 }
 
-/// Runs a query, or goes on with one that was interrupted.
+/// Runs a query, or continues one that was interrupted.
 ///
-/// If the plan makes each row from the rows of one drive of a table with a key, in their order, and
-/// `part` is above 0, the query is run by parts: over ranges of the table, of which several are
-/// under way at a time. Then rows are in the order of the table, the output has the endings
-/// `.partial` and `.journal` until it is complete, and the same call goes on after the last part
-/// that is complete. All other queries start over after an interruption, which
-/// [`QueryState::Whole`] says; they have an order if the query has one, or the table and all that
-/// is done to it.
+/// If the plan makes each row from the rows of one drive of a table with a key, in order, and
+/// `part` is above 0, the query is run by parts: over ranges of the table, several at a time. Then
+/// rows are in the order of the table, the output ends in `.partial` with a `.journal` beside it
+/// until it is complete, and the same call continues after the last complete part. All other
+/// queries start over after an interruption, which [`QueryState::Whole`] reports; their rows are in
+/// the order of the query, if it has one, or else in that of the table, if every operation keeps
+/// it.
 ///
-/// The output appears under its name when it is complete. Until then a file with the ending
-/// `.unfinished` is locked: a second run with the same output is refused.
+/// The output gets its name when it is complete. Until then a file ending in `.unfinished` is
+/// locked: a second run with the same output is refused.
 ///
 /// # Errors
 ///
 /// [`FleetError`] if a file cannot be read or written, another run writes the same output, a table
-/// is not sorted as it should be, or the query fails; without an output then.
+/// is not sorted as declared, or the query fails; there is then no output.
 pub fn query(query: &Query, mut progress: impl FnMut(&QueryState)) -> Outcome<QuerySummary> {
+    // Before the lock file is created, which could itself land in a folder of the input.
     query.keep_tables()?;
     let unfinished = beside(&query.output, ".unfinished");
     let file = open_locked(&unfinished)?;
     let done = run(query, &file, &unfinished, &mut progress);
     if unfinished.exists() {
-        // The first error says more. The lock is still held: it is no other run's file.
+        // The first error says more than one from here. The lock is still held, so this is our own
+        // file.
         _ = fs::remove_file(&unfinished);
     }
     done
 }
 
-/// Writes the rows to the output, by way of a file.
+/// Writes the rows to the output by way of a temporary file.
 fn run(
     query: &Query,
     file: &File,
@@ -150,7 +151,8 @@ fn run(
 ) -> Outcome<QuerySummary> {
     let models = match &query.models {
         Some(_) if query.scheduler.is_some() => {
-            let message = "--models is an option of executors and scheduler if they run the query";
+            let message =
+                "--models is an option of the executors and the scheduler when they run the query";
             return Err(FleetError::Settings(message.to_owned()));
         }
         Some(folder) => Models::in_folder(folder)?,
@@ -165,6 +167,7 @@ fn run(
         let scheduler = query.scheduler.as_deref();
         let context = session(scheduler, query.threads, query.batch, &models).await?;
         let frame = query.frame(&context).await?;
+        // Models are inputs as well, but only the plan tells which.
         let named = by_range::models(frame.logical_plan())?;
         let named = named.iter().filter_map(|name| models.path(split(name).0).ok());
         let named = named.collect::<Vec<_>>();
@@ -195,11 +198,12 @@ fn run(
 }
 
 impl Query {
-    /// The query over its tables.
+    /// The plan of the query over its tables.
     pub(super) async fn frame(&self, context: &SessionContext) -> Outcome<DataFrame> {
         for table in &self.tables {
             table.register(context, true).await?;
         }
+        // Queries read; they must not create tables or write files.
         let options = SQLOptions::new()
             .with_allow_ddl(false)
             .with_allow_dml(false)
@@ -207,10 +211,10 @@ impl Query {
         Ok(context.sql_with_options(&self.sql, options).await?)
     }
 
-    /// Refuses an output that is also a table, or would be part of one.
+    /// Refuses an output that is also a table, or inside one.
     fn keep_tables(&self) -> Outcome<()> {
         for table in &self.tables {
-            // That there is none is said when it is opened.
+            // A missing table is reported when it is opened.
             let Ok(files) = find(std::slice::from_ref(&table.path)) else { continue };
             folder::outside(&files, &self.output)?;
             overwrite::refuse([self.output.as_path()], files.read_with(&table.path))?;
@@ -218,7 +222,7 @@ impl Query {
         Ok(())
     }
 
-    /// Refuses an output that exists, or that another query has parts of.
+    /// Refuses an output that exists, or that another query has begun.
     fn check_output(&self) -> Outcome<()> {
         let refuse = |message| Err(FleetError::Settings(message));
         if self.output.exists() && !self.force {
@@ -229,7 +233,7 @@ impl Query {
             if path.exists() && !self.restart {
                 let path = path.display();
                 return refuse(format!(
-                    "{path} is of an unfinished run; start over with --restart"
+                    "{path} is from an unfinished run; start over with --restart"
                 ));
             } else if path.exists() {
                 fs::remove_file(&path).map_err(FleetError::file(&path))?;
@@ -239,14 +243,14 @@ impl Query {
     }
 }
 
-/// True if rows did not arrive, though the cluster did not say that the query failed: it lost an
-/// executor that had some of them.
+/// True if rows did not arrive although the cluster did not report that the query failed: it lost
+/// an executor that held some of them.
 pub(super) fn is_lost(error: &DataFusionError) -> bool {
     let message = error.to_string();
     !(message.contains("Job ") && message.contains(" failed: "))
 }
 
-/// Context for queries in this process, or on the cluster of a scheduler.
+/// Context for queries in this process or on the cluster of a scheduler.
 pub(super) async fn session(
     scheduler: Option<&str>,
     threads: usize,

@@ -1,8 +1,8 @@
-//! Ranges of a sorted table, each of whole drives, which queries can take one by one.
+//! Ranges of a sorted table, each of whole drives, that queries can take one by one.
 //!
-//! A range is a condition on the first column that the table is sorted by, over the files that have
-//! its rows. So it goes wherever a plan goes, to the executors of a cluster too, and the reader of
-//! a file skips the row groups that lie outside by their statistics.
+//! A range is a condition on the first key column, over the files that contain its rows. So it
+//! travels wherever a plan travels, to the executors of a cluster, too, and the reader of a file
+//! skips row groups outside the range by their statistics.
 
 use std::sync::Arc;
 
@@ -16,7 +16,7 @@ use datafusion::scalar::ScalarValue;
 use super::files::Files;
 use super::source::Source;
 
-/// Rows of a sorted table whose key is not below one value, and below another.
+/// Rows of a sorted table with `from` ≤ key < `to`.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Range {
     pub(super) from: Option<ScalarValue>,
@@ -26,7 +26,7 @@ pub(super) struct Range {
 }
 
 impl Range {
-    /// The plan over these rows of a table alone.
+    /// The plan over only these rows of the table.
     pub(super) fn of(
         &self,
         plan: LogicalPlan,
@@ -43,7 +43,8 @@ impl Range {
     }
 
     fn narrow(&self, mut scan: TableScan, key: &str, files: &Files) -> Result<LogicalPlan> {
-        // Of several files DataFusion knows no order if a drive goes on in the next one.
+        // Only the files with rows of this range: if a drive continues in the next file, DataFusion
+        // cannot tell the order of several files.
         if let Some(table) = source_as_provider(&scan.source)?.downcast_ref::<ListingTable>() {
             let urls = files.with_rows(&self.rows).map(ListingTableUrl::parse);
             let config = ListingTableConfig::new_with_multi_paths(urls.collect::<Result<_>>()?)
@@ -53,6 +54,8 @@ impl Range {
         }
         let column = Expr::Column(Column::new(Some(scan.table_name.clone()), key));
         let of = scan.source.schema().field_with_name(key)?.data_type().clone();
+        // The scan may read the key as another type than the check did (a string view, say), and a
+        // cast on the column would defeat the statistics.
         let bound = |value: &ScalarValue| value.cast_to(&of).map(lit);
         let from = self.from.as_ref().map(bound).transpose()?;
         let to = self.to.as_ref().map(bound).transpose()?;

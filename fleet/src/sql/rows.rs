@@ -1,4 +1,4 @@
-//! Rows of a query, and their file.
+//! Runs queries, and writes their rows to files.
 
 use std::fs::File;
 use std::io::Seek;
@@ -18,13 +18,14 @@ use parquet::file::properties::{EnabledStatistics, WriterProperties};
 use crate::error::{FleetError, Outcome};
 use crate::properties::Pack;
 
-/// Bytes of a row group of the output, at most.
+/// Maximum bytes of a row group of the output.
 const GROUP: usize = 16 << 20;
 
-/// Runs a plan; if its partitions have an order each, so do all rows.
+/// Runs a plan. If its partitions are ordered, they are merged in that order.
 pub(super) async fn rows(frame: DataFrame) -> Outcome<SendableRecordBatchStream> {
     let task = Arc::new(frame.task_ctx());
     let mut plan = frame.create_physical_plan().await?;
+    // `execute_stream` alone would interleave partitions as they come.
     if plan.output_partitioning().partition_count() > 1
         && let Some(order) = plan.output_ordering().cloned()
     {
@@ -33,7 +34,7 @@ pub(super) async fn rows(frame: DataFrame) -> Outcome<SendableRecordBatchStream>
     Ok(execute_stream(plan, task)?)
 }
 
-/// Writes rows to a file, from the beginning, and tells how many there are so far.
+/// Writes rows to a file from its beginning, and reports how many there are so far.
 pub(super) async fn write(
     mut rows: SendableRecordBatchStream,
     schema: &SchemaRef,
@@ -58,7 +59,7 @@ pub(super) async fn write(
     Ok(count)
 }
 
-/// Encodings: integers as differences, doubles as they are, texts in dictionaries.
+/// Encodings: integers as differences, doubles plain, text in dictionaries.
 pub(super) fn properties(schema: &Schema, pack: Pack) -> WriterProperties {
     let mut properties = WriterProperties::builder()
         .set_compression(pack.into())

@@ -1,4 +1,4 @@
-//! Tables of a query.
+//! Tables of a query: their files and their order.
 
 use std::fs;
 use std::path::PathBuf;
@@ -11,34 +11,34 @@ use super::query::context;
 use super::starts::Starts;
 use crate::error::{FleetError, Outcome};
 
-/// Rows of a batch when the order of a table is checked.
+/// Rows in a batch when the order of a table is checked.
 const CHECKED: usize = 1 << 16;
 
-/// A file that is a table of a query.
+/// A table of a query.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Source {
     /// Name of the table.
     pub name: String,
-    /// File, CSV if its name ends so, else Parquet; or a folder of Parquet files.
+    /// File: CSV by its name, else Parquet; or a folder of Parquet files.
     pub path: PathBuf,
-    /// Columns by which the rows are sorted, and which tell them apart; none if they are not
-    /// sorted. This is checked before the query.
+    /// Columns by which the rows are sorted and which identify them; empty if they are not sorted.
+    /// The order is checked before the query.
     pub key: Vec<String>,
 }
 
 impl Source {
-    /// Returns true for a file whose name says so.
+    /// True for a CSV file, by its name.
     pub(super) fn is_csv(&self) -> bool {
         self.path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("csv"))
     }
 
-    /// Registers the table, with its order if that is known to be right.
+    /// Registers the table; with its order if `sorted`, which must be known to hold.
     pub(super) async fn register(&self, context: &SessionContext, sorted: bool) -> Outcome<()> {
         let wrong = FleetError::file(&self.path);
         let is_folder = fs::metadata(&self.path).map_err(&wrong)?.is_dir();
         let path = fs::canonicalize(&self.path).map_err(&wrong)?;
         let Some(path) = path.to_str() else {
-            return Err(FleetError::format(&self.path, "its path is not Unicode"));
+            return Err(FleetError::format(&self.path, "the path is not Unicode"));
         };
         let name = TableReference::bare(self.name.as_str());
         let order: Vec<_> = self.key.iter().map(|column| ident(column).sort(true, false)).collect();
@@ -56,7 +56,7 @@ impl Source {
         Ok(())
     }
 
-    /// Checks the order of the rows. Their keys are told on the way.
+    /// Checks the order of the rows, and passes their keys to `starts` on the way.
     pub(super) async fn check(&self, starts: &mut Starts) -> Outcome<()> {
         if self.key.is_empty() {
             return Ok(());

@@ -1,4 +1,4 @@
-//! Rows with which the ranges of a sorted table begin.
+//! Determines the rows at which the ranges of a sorted table begin.
 
 use std::collections::VecDeque;
 
@@ -10,28 +10,29 @@ use datafusion::scalar::ScalarValue;
 use super::ranges::Range;
 use crate::error::Outcome;
 
-/// Rows of a sorted table with which ranges begin.
+/// Rows of a sorted table at which ranges begin.
 ///
-/// These are the first rows of drives at or after the rows that are wanted, and at the borders of
-/// files. A drive that goes on in the next file is a range of its own.
+/// These are the first rows of drives at or after the wanted rows, and at the borders of files. A
+/// drive that continues in the next file becomes a range of its own, so that every other range lies
+/// within one file.
 #[derive(Debug, Default)]
 pub(super) struct Starts {
     wanted: VecDeque<u64>,
     borders: VecDeque<u64>,
     found: Vec<(u64, ScalarValue)>,
     rows: u64,
-    /// Row and key that the present drive begins with.
+    /// First row and key of the current drive.
     drive: Option<(u64, ScalarValue)>,
     last: Option<ArrayRef>,
 }
 
 impl Starts {
-    /// Starts of a table of which other files begin with the rows of `borders`.
+    /// Creates it for a table whose second and later files begin at the rows of `borders`.
     pub(super) fn new(wanted: Vec<u64>, borders: Vec<u64>) -> Self {
         Self { wanted: wanted.into(), borders: borders.into(), ..Self::default() }
     }
 
-    /// Takes the next keys of the table.
+    /// Takes the keys of the next rows.
     pub(super) fn push(&mut self, keys: &ArrayRef) -> Outcome<()> {
         if keys.is_empty() || (self.wanted.is_empty() && self.borders.is_empty()) {
             self.rows += keys.len() as u64;
@@ -40,7 +41,7 @@ impl Starts {
         let first = self.rows;
         self.rows += keys.len() as u64;
         let key_of = |row: u64| ScalarValue::try_from_array(keys, (row - first) as usize);
-        // Each key beside the one before it.
+        // Compare each key with the one before it, across batches, too.
         let last = self.last.replace(keys.slice(keys.len() - 1, 1));
         let (all, shift) = if let Some(last) = last {
             (concat(&[&*last, &**keys])?, first)
@@ -49,13 +50,18 @@ impl Starts {
             (keys.clone(), first + 1)
         };
         let begins = neq(&all.slice(0, all.len() - 1), &all.slice(1, all.len() - 1))?;
+        // First row of the current drive, while the loop goes from one start to the next.
         let mut drive = self.drive.as_ref().map_or(0, |drive| drive.0);
         for index in begins.values().set_indices() {
             let row = index as u64 + shift;
+            // All wanted rows up to this start collapse into it.
             let passed = |wanted: Option<&u64>| wanted.is_some_and(|&wanted| wanted <= row);
             if passed(self.borders.front()) {
+                // A border strictly inside the drive that ends here: it spans two files, so cut at
+                // both of its ends.
                 let crossed = self.borders.iter().any(|&border| drive < border && border < row);
                 self.borders.retain(|&border| border > row);
+                // It began in this batch, or in an earlier one.
                 if crossed && drive >= first {
                     self.cut(drive, key_of(drive)?);
                 } else if crossed && let Some((row, key)) = self.drive.clone() {
@@ -76,14 +82,15 @@ impl Starts {
     }
 
     fn cut(&mut self, row: u64, key: ScalarValue) {
+        // Each start once, and never row 0, where the first range begins anyway.
         if self.found.last().map_or(0, |last| last.0) < row {
             self.found.push((row, key));
         }
     }
 
-    /// Returns the ranges between these rows.
+    /// Returns the ranges between the starts.
     pub(super) fn ranges(mut self) -> Vec<Range> {
-        // The last drive of all.
+        // The last drive, which no start ends.
         let crosses = |row: u64| self.borders.iter().any(|&b| row < b && b < self.rows);
         if let Some((row, key)) = self.drive.take().filter(|(row, _)| crosses(*row)) {
             self.cut(row, key);
@@ -108,7 +115,7 @@ mod tests {
     #[test]
     fn ranges_begin_with_drives() {
         let keys: Vec<i64> = vec![1, 1, 1, 2, 3, 3, 3, 3, 4, 5, 5];
-        // Rows that are wanted, borders of files, and rows with which ranges begin.
+        // Wanted rows, borders of files, and expected beginnings of ranges.
         for (wanted, borders, expected) in [
             (vec![], vec![], vec![]),
             (vec![1], vec![], vec![3]),

@@ -1,4 +1,4 @@
-//! Drives that are gathered without an order are refused.
+//! Refuses drives that are gathered without an order.
 
 use datafusion::common::config::ConfigOptions;
 use datafusion::common::tree_node::{TreeNode, TreeNodeRecursion};
@@ -7,13 +7,13 @@ use datafusion::logical_expr::utils::merge_schema;
 use datafusion::logical_expr::{Distinct, Expr, ExprSchemable, LogicalPlan};
 use datafusion::optimizer::AnalyzerRule;
 
-/// Beginning of the names of the functions.
+/// Prefix of the names of our functions.
 pub(super) const OURS: &str = "wayfix_";
 
-/// Refusal of functions over lists that `array_agg` gathered without `ORDER BY`: their results
-/// would be those of drives that were never made, and nobody would see.
+/// Rule that refuses functions over lists gathered by `array_agg` without `ORDER BY`: their results
+/// would be those of drives that never happened, and nobody would notice.
 ///
-/// It refuses them over sorted tables too: threads that gather pieces of a drive put them together
+/// It refuses them over sorted tables, too: threads that gather pieces of a drive put them together
 /// in any order, and an `ORDER BY` costs nothing where the order is known.
 #[derive(Debug)]
 pub(super) struct Unordered;
@@ -36,7 +36,7 @@ impl AnalyzerRule for Unordered {
     }
 }
 
-/// Checks an expression of a node, if it is one of the functions.
+/// Checks an expression of a node, if it is one of our functions.
 fn check(expression: &Expr, node: &LogicalPlan) -> Result<()> {
     let (name, arguments) = match expression {
         Expr::ScalarFunction(function) => (function.name(), &function.args),
@@ -47,21 +47,22 @@ fn check(expression: &Expr, node: &LogicalPlan) -> Result<()> {
         return Ok(());
     }
     let inputs = merge_schema(&node.inputs());
+    // The first one is the model.
     for argument in arguments.iter().skip(1) {
         if let Some(gathered) = unordered(argument, node, &inputs)? {
             let fix = gathered.strip_suffix(')').unwrap_or(&gathered);
             return plan_err!(
-                "{name}: {gathered} has no ORDER BY, so that the steps of a drive come in any \
-                 order; expected their order, such as {fix} ORDER BY step)"
+                "{name}: {gathered} has no ORDER BY, so the steps of a drive come in any order; \
+                 expected one, such as {fix} ORDER BY step)"
             );
         }
     }
     Ok(())
 }
 
-/// An `array_agg` without an order that the lists of an expression come from.
+/// Traces the lists of an expression back to an `array_agg` without an order, and returns it.
 fn unordered(expression: &Expr, node: &LogicalPlan, inputs: &DFSchema) -> Result<Option<String>> {
-    // A number, such as a length, may come from a list, but not the steps.
+    // A number derived from a list, such as its length, does not carry the steps.
     if !expression.get_type(inputs).is_ok_and(|of| of.is_nested()) {
         return Ok(None);
     }
@@ -78,6 +79,7 @@ fn unordered(expression: &Expr, node: &LogicalPlan, inputs: &DFSchema) -> Result
             let arguments = arguments.collect::<Vec<_>>().join(", ");
             return Ok(is_unordered.then(|| format!("{}({arguments})", function.fun.name())));
         }
+        // Sorted afterwards: in an order of its own, which the user chose.
         Expr::ScalarFunction(function) if matches!(function.name(), "array_sort" | "list_sort") => {
             return Ok(None);
         }
@@ -91,7 +93,7 @@ fn unordered(expression: &Expr, node: &LogicalPlan, inputs: &DFSchema) -> Result
     Ok(found)
 }
 
-/// The same for a column that the inputs of a node have.
+/// The same for a column of the inputs of a node.
 fn of_inputs(column: &Column, node: &LogicalPlan) -> Result<Option<String>> {
     for input in node.inputs() {
         if let Some(index) = input.schema().maybe_index_of_column(column) {
@@ -101,12 +103,12 @@ fn of_inputs(column: &Column, node: &LogicalPlan) -> Result<Option<String>> {
     Ok(None)
 }
 
-/// The same for a column that a node gives.
+/// The same for an output column of a node.
 fn of_output(node: &LogicalPlan, index: usize) -> Result<Option<String>> {
     let computed = match node {
         LogicalPlan::Projection(projection) => projection.expr.get(index),
         LogicalPlan::Aggregate(aggregate) => {
-            // Groups come first, and may be sets of them.
+            // Groups come first; with grouping sets there are more columns than expressions.
             let groups = aggregate.schema.fields().len() - aggregate.aggr_expr.len();
             match index.checked_sub(groups) {
                 Some(index) => aggregate.aggr_expr.get(index),
@@ -131,7 +133,7 @@ fn of_output(node: &LogicalPlan, index: usize) -> Result<Option<String>> {
             return Ok(None);
         }
         _ => {
-            // All others hand columns on under their names.
+            // All other nodes pass columns on under their names.
             let column = Column::from(node.schema().qualified_field(index));
             return of_inputs(&column, node);
         }

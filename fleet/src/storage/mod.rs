@@ -1,7 +1,8 @@
-//! Files of the input: on a disk, or objects of a store that a URL names.
+//! Input files: on a local disk, or objects of a store named by a URL.
 //!
-//! Readers see both as an [`InputFile`]. A file is read page by page. Of an object the chunks of a row
-//! group are fetched at once, hashed and decoded from memory, so that no byte of them comes twice.
+//! Readers see both as a [`Stored`]. A local file is read page by page. For an object, the chunks
+//! of a row group are fetched together, and hashed and decoded from memory, so that no byte is
+//! transferred twice.
 
 #[cfg(feature = "object-store")]
 mod object;
@@ -23,10 +24,10 @@ use crate::error::{FleetError, Outcome};
 #[cfg(feature = "object-store")]
 pub use object::register_store;
 
-/// Bytes that are read at a time to be hashed.
+/// Bytes read at a time for hashing.
 const BUFFER: usize = 1 << 20;
 
-/// An open file of the input.
+/// An open input file.
 #[derive(Debug, Clone)]
 pub(crate) enum Stored {
     Disk(OnDisk),
@@ -34,7 +35,7 @@ pub(crate) enum Stored {
     Object(object::Object),
 }
 
-/// An open file, with its size and last change when it was opened.
+/// An open local file, with its size and time of modification when it was opened.
 #[derive(Debug, Clone)]
 pub(crate) struct OnDisk {
     file: Arc<File>,
@@ -55,7 +56,8 @@ impl Stored {
         Ok(Self::Disk(OnDisk { file: Arc::new(file), stamp }))
     }
 
-    /// Returns true if the file is as it was when it was opened. An object is: each request says so.
+    /// Returns true if the file is unchanged since it was opened. An object always is: each request
+    /// checks it.
     pub(crate) fn is_unchanged(&self) -> io::Result<bool> {
         match self {
             Self::Disk(disk) => Ok(stamp(&disk.file)? == disk.stamp),
@@ -64,7 +66,7 @@ impl Stored {
         }
     }
 
-    /// The same file with ranges of it in memory, if reading them one by one would be slow.
+    /// The same file with these ranges in memory, if reading them one by one would be slow.
     #[cfg_attr(
         not(feature = "object-store"),
         expect(clippy::unnecessary_wraps, reason = "nothing is fetched")
@@ -80,10 +82,12 @@ impl Stored {
         }
     }
 
-    /// Reads from a byte on. Two readers of a file on a disk share their place.
+    /// Reads from a given byte onwards. Two readers of a local file share their position.
     pub(crate) fn read_from(&self, start: u64) -> io::Result<Reader> {
         match self {
             Self::Disk(disk) => {
+                // A clone shares the file offset. Callers finish one reader before they start the
+                // next.
                 let mut file = disk.file.try_clone()?;
                 file.seek(SeekFrom::Start(start))?;
                 Ok(Box::new(file))
@@ -93,7 +97,7 @@ impl Stored {
         }
     }
 
-    /// Hashes so many bytes, or fewer at the end of the file.
+    /// Hashes a range of bytes, cut off at the end of the file.
     pub(crate) fn hash(&self, range: Range<u64>, hash: &mut XxHash3_64) -> io::Result<()> {
         let length = range.end.saturating_sub(range.start);
         let mut bytes = self.read_from(range.start)?.take(length);
@@ -139,7 +143,7 @@ impl ChunkReader for Stored {
     }
 }
 
-/// Size and last change.
+/// Size and time of modification.
 fn stamp(file: &File) -> io::Result<(u64, Option<SystemTime>)> {
     let metadata = file.metadata()?;
     Ok((metadata.len(), metadata.modified().ok()))
@@ -149,20 +153,23 @@ fn stamp(file: &File) -> io::Result<(u64, Option<SystemTime>)> {
 pub(crate) fn is_url(path: &Path) -> bool {
     let scheme = path.to_str().and_then(|text| text.split_once("://"));
     scheme.is_some_and(|(scheme, _)| {
+        // A single letter is a Windows drive.
         scheme.len() > 1 && scheme.bytes().all(|byte| byte.is_ascii_alphanumeric())
     })
 }
 
-/// Refuses a URL where results are to be written.
+/// Refuses a URL as the place of results.
 pub(crate) fn local(path: &Path) -> Outcome<()> {
     if is_url(path) {
-        let message = "is a URL; results are written to local files, which other tools upload";
+        let message =
+            "is a URL; results are written to local files, to be uploaded with other tools";
         return Err(FleetError::format(path, message));
     }
     Ok(())
 }
 
-/// Objects that a URL names: one, or all whose names begin with it, by their path after it.
+/// Lists the objects a URL names: one, or all whose names begin with it, sorted by the rest of
+/// their path.
 pub(crate) fn list(url: &Path) -> Outcome<Listed> {
     #[cfg(feature = "object-store")]
     return object::list(url);
@@ -170,7 +177,7 @@ pub(crate) fn list(url: &Path) -> Outcome<Listed> {
     Err(without_feature(url))
 }
 
-/// File on a disk that a URL names, if it is one.
+/// Local file that a URL names, if it is one.
 pub(crate) fn on_disk(url: &Path) -> Option<PathBuf> {
     #[cfg(feature = "object-store")]
     return object::on_disk(url);
@@ -181,19 +188,20 @@ pub(crate) fn on_disk(url: &Path) -> Option<PathBuf> {
     }
 }
 
-/// Objects of a URL.
+/// The objects of a URL.
 #[cfg_attr(not(feature = "object-store"), expect(dead_code, reason = "nothing can be listed"))]
 pub(crate) enum Listed {
-    /// An object of that name.
+    /// A single object of that name.
     One(PathBuf),
-    /// Objects below it: their URLs, and their paths after the one that was given. And the folder on
-    /// a disk that this is, if it is one.
+    /// Objects below it: their URLs, and their paths relative to it; and the local folder that this
+    /// is, if it is one.
     Folder(Vec<(PathBuf, PathBuf)>, Option<PathBuf>),
 }
 
-/// Reads a whole file, at most so many bytes of an object.
+/// Reads a whole file, if it has at most `most` bytes.
 pub(crate) fn whole(path: &Path, most: u64) -> Outcome<Vec<u8>> {
     let stored = Stored::open(path)?;
+    // Asked before anything is read or allocated.
     if stored.len() > most {
         return Err(FleetError::format(path, format!("has more than {most} bytes")));
     }

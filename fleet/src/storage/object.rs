@@ -1,8 +1,8 @@
 //! Objects of a store.
 //!
-//! The store is that of the crate `object_store` for the URL, with its settings from the
-//! environment. Each request asks for the object that was opened, and its answer says which one it is
-//! from: an object that was replaced is an error, never a mixture of two.
+//! The store is chosen by the crate `object_store` from the URL, with its settings from the
+//! environment. Each request asks for the very object that was opened (by its ETag), and its answer
+//! says which one it is from, so an object that was replaced is an error, never a mixture of two.
 
 use std::fmt;
 use std::future::Future;
@@ -26,22 +26,22 @@ use super::{Listed, Reader};
 use crate::error::{FleetError, Outcome, Replaced};
 use crate::input::files::is_hidden;
 
-/// Bytes of the first request of a reader, which is often for a header only; later ones are larger.
+/// Size of the first request of a reader, which often needs only a header; later ones are larger.
 const FIRST: u64 = 1 << 16;
-/// Bytes of a request of a reader, at most.
+/// Maximum size of a request of a reader.
 const MOST: u64 = 1 << 23;
 
 static STORES: LazyLock<DefaultObjectStoreRegistry> = LazyLock::new(Default::default);
-/// Threads that wait for stores.
+/// Runtime for requests. One thread suffices: it only waits.
 static RUNTIME: LazyLock<io::Result<Runtime>> =
     LazyLock::new(|| Builder::new_multi_thread().worker_threads(1).enable_all().build());
 
-/// Makes a store known under the beginning of a URL, such as `memory:///name`, instead of the one
-/// that the environment describes.
+/// Registers a store under the prefix of a URL, such as `memory:///name`, in place of the one that
+/// the environment describes.
 ///
 /// # Errors
 ///
-/// [`FleetError::Format`] if it is no URL.
+/// [`FleetError::Format`] if it is not a URL.
 pub fn register_store(url: &str, store: Arc<dyn ObjectStore>) -> Outcome<()> {
     STORES.register(parse(Path::new(url))?, store);
     Ok(())
@@ -52,7 +52,7 @@ pub fn register_store(url: &str, store: Arc<dyn ObjectStore>) -> Outcome<()> {
 pub(crate) struct Object {
     store: Arc<dyn ObjectStore>,
     found: ObjectMeta,
-    /// Ranges in memory, by their first byte.
+    /// Ranges in memory, sorted by their first byte.
     known: Vec<(u64, Bytes)>,
 }
 
@@ -74,9 +74,11 @@ impl Object {
         self.found.size
     }
 
-    /// The same object with these ranges in memory, as far as it has them.
+    /// The same object with these ranges in memory, as far as they lie within it.
     pub(super) fn with(&self, ranges: &[Range<u64>]) -> io::Result<Self> {
         let size = self.found.size;
+        // A damaged footer may name any range; the reader then finds the end of the file and
+        // reports it.
         let ends = ranges.iter().map(|range| range.start.min(size)..range.end.min(size));
         let mut ranges: Vec<Range<u64>> = ends.filter(|range| !range.is_empty()).collect();
         ranges.sort_unstable_by_key(|range| range.start);
@@ -86,6 +88,7 @@ impl Object {
     }
 
     pub(super) fn bytes(&self, range: Range<u64>) -> io::Result<Bytes> {
+        // A range that runs past the one in memory is fetched anew as a whole.
         if let Some(bytes) = self.known_from(range.start)
             && let Ok(length) = usize::try_from(range.end - range.start)
             && length <= bytes.len()
@@ -102,7 +105,7 @@ impl Object {
         found.pop().ok_or_else(|| io::ErrorKind::UnexpectedEof.into())
     }
 
-    /// Reads from memory up to the end of a range, or else from the store.
+    /// Reads from memory to the end of the range at hand, or else from the store.
     pub(super) fn read_from(&self, start: u64) -> Reader {
         if let Some(bytes) = self.known_from(start) {
             return Box::new(bytes.reader());
@@ -110,7 +113,7 @@ impl Object {
         Box::new(Windows { object: self.clone(), bytes: Bytes::new(), at: start, length: FIRST })
     }
 
-    /// Bytes from one on that are in memory.
+    /// Bytes in memory from byte `start` onwards.
     fn known_from(&self, start: u64) -> Option<Bytes> {
         let after = self.known.partition_point(|(first, _)| *first <= start);
         let (first, bytes) = self.known.get(after.checked_sub(1)?)?;
@@ -118,7 +121,7 @@ impl Object {
         (skip < bytes.len()).then(|| bytes.slice(skip..))
     }
 
-    /// Fetches ranges, those that follow each other at once.
+    /// Fetches ranges; adjacent ones share a request.
     fn fetch(&self, ranges: Vec<Range<u64>>) -> io::Result<Vec<Bytes>> {
         let (store, found) = (self.store.clone(), self.found.clone());
         wait(async move {
@@ -143,20 +146,22 @@ async fn fetch(
         Err(Error::Precondition { .. }) => return Err(io::Error::other(Replaced)),
         found => found?,
     };
-    // Not all stores know conditions, or tags.
+    // Not every store supports conditions or tags, so compare what the answer says about itself,
+    // too.
     let stamp = |of: &ObjectMeta| (of.size, of.last_modified, of.e_tag.clone());
     if stamp(&found.meta) != stamp(&opened) {
         return Err(io::Error::other(Replaced));
     }
     let bytes = found.bytes().await?;
+    // A connection that broke off must not pass for a short object.
     if bytes.len() as u64 == length { Ok(bytes) } else { Err(io::ErrorKind::UnexpectedEof.into()) }
 }
 
-/// Reads an object from a byte on, some megabytes at a time.
+/// Reads an object from a given byte, some megabytes at a time.
 struct Windows {
     object: Object,
     bytes: Bytes,
-    /// Byte of the object after those at hand.
+    /// First byte of the object after those at hand.
     at: u64,
     length: u64,
 }
@@ -170,6 +175,7 @@ impl Read for Windows {
             }
             self.bytes = self.object.bytes(self.at..end)?;
             self.at = end;
+            // Growing windows: cheap for a header, few requests for a whole file.
             self.length = (self.length * 4).min(MOST);
         }
         let count = buffer.len().min(self.bytes.len());
@@ -178,11 +184,13 @@ impl Read for Windows {
     }
 }
 
-/// Finds the objects of a URL.
+/// Lists the objects of a URL.
 pub(super) fn list(url: &Path) -> Outcome<Listed> {
     let wrong = FleetError::file(url);
     let (store, location) = resolve(url)?;
     let is_prefix = url.as_os_str().as_encoded_bytes().ends_with(b"/");
+    // Without a trailing slash, an object of that very name comes first; otherwise the name is a
+    // prefix.
     if !is_prefix {
         let (store, location) = (store.clone(), location.clone());
         let head = wait(async move {
@@ -204,10 +212,11 @@ pub(super) fn list(url: &Path) -> Outcome<Listed> {
     for object in found.map_err(&wrong)? {
         let Some(parts) = object.prefix_match(&location) else { continue };
         let parts: Vec<_> = parts.map(|part| part.as_ref().to_owned()).collect();
-        // Without parts it is a mark for an empty folder.
+        // Without parts it is the marker of an empty folder.
         if parts.is_empty() || parts.iter().any(|part| is_hidden(part)) {
             continue;
         }
+        // Segments are encoded as the URL needs it, so that `resolve` gets back the same location.
         let mut name = parse(url)?;
         if let Ok(mut segments) = name.path_segments_mut() {
             segments.pop_if_empty().extend(&parts);
@@ -225,32 +234,34 @@ pub(super) fn on_disk(url: &Path) -> Option<PathBuf> {
 
 fn parse(url: &Path) -> Outcome<Url> {
     let text = url.to_str().unwrap_or_default();
-    Url::parse(text).map_err(|error| FleetError::format(url, format!("is no URL: {error}")))
+    Url::parse(text).map_err(|error| FleetError::format(url, format!("is not a URL: {error}")))
 }
 
 fn resolve(url: &Path) -> Outcome<(Arc<dyn ObjectStore>, Location)> {
     let unknown = |error: Error| {
         let message = format!(
-            "there is no store for this URL ({error}); expected s3://, gs://, az://, abfss://, \
-             https://, file:// or memory:// with what the store needs"
+            "no store for this URL ({error}); expected s3://, gs://, az://, abfss://, https://, \
+             file:// or memory://, and the settings that the store needs"
         );
         FleetError::format(url, message)
     };
     let (store, location) = STORES.resolve(&parse(url)?).map_err(unknown)?;
-    // As it stands in the URL: `%20` is a space.
+    // Decodes the URL: `%20` is a space.
     let location =
         Location::from_url_path(location.as_ref()).map_err(|error| unknown(error.into()))?;
     Ok((store, location))
 }
 
-/// Waits for the result of a request, wherever the caller is: also within another runtime.
+/// Waits for the result of a request, wherever the caller is.
 fn wait<T: Send + 'static>(
     request: impl Future<Output = io::Result<T>> + Send + 'static,
 ) -> io::Result<T> {
     let runtime = RUNTIME.as_ref().map_err(|error| io::Error::other(error.to_string()))?;
+    // Not `block_on`, which panics inside another runtime (that of a query, say). This blocks a
+    // thread of that runtime instead.
     let (sender, receiver) = sync_channel(1);
     runtime.spawn(async move {
-        // The receiver waits.
+        // The receiver is waiting below.
         _ = sender.send(request.await);
     });
     receiver.recv().unwrap_or_else(|_| Err(io::Error::other("a request to a store has panicked")))

@@ -5,7 +5,7 @@ use wayfix_fleet::sql;
 use crate::Cluster;
 use crate::kit::*;
 
-/// Ten iterations on two executors, of which one is killed on the way, equal those of the library.
+/// Ten iterations on two executors, one of which is killed on the way, equal those of the library.
 #[test]
 fn iterations_are_those_of_one_process() {
     let given = model(21);
@@ -28,7 +28,7 @@ fn iterations_are_those_of_one_process() {
         });
         assert_learned(&job, &course.unwrap(), &expected);
     }
-    // Parts of a long table are added up in their order, whoever made them.
+    // Sums of parts of a long table are added in order, whichever executor computed them.
     let models = ["one.json", "two.json"].map(|output| {
         let job = learn_job(&folder, "long.parquet", output, 8);
         assert_learned(

@@ -36,9 +36,9 @@ impl Cluster {
         Self::start_with(folder, &[])
     }
 
-    /// Starts one with other settings of the script.
+    /// Starts a cluster with other settings of the script.
     fn start_with(folder: &Folder, environment: &[(&str, &str)]) -> Self {
-        // Held at the same time, so that they differ.
+        // All bound at the same time, so that they differ.
         let free: Vec<_> = (0..5).map(|_| TcpListener::bind("127.0.0.1:0").unwrap()).collect();
         let ports = free.iter().map(|free| free.local_addr().unwrap().port()).collect();
         drop(free);
@@ -151,13 +151,13 @@ fn answers_are_those_of_one_process() {
         let query = over(&folder, input, key, &sql);
         let expected = rows(&query);
         assert!(expected.num_rows() >= 30);
-        // By parts, where that can be, and as a whole.
+        // By parts where possible, and as a whole.
         for part in [query.part, 0] {
             let remote = Query { part, ..on_cluster(&cluster, &query) };
             same_rows(&rows(&remote), &expected);
         }
     }
-    // An error comes back, and leaves no output.
+    // An error is passed on, and leaves no output.
     let sql = format!("SELECT wayfix_smooth({name}, [0, 17]) AS s FROM drives WHERE trace_id > ''");
     let query = on_cluster(&cluster, &over(&folder, "nested.parquet", &[], &sql));
     fs::remove_file(&query.output).unwrap();
@@ -174,7 +174,7 @@ fn files(folder: &Path) -> usize {
         .sum()
 }
 
-/// Kills an executor when a moment has come, and starts it again; returns the rows.
+/// Kills an executor at a given moment, and restarts it; returns the rows.
 fn killed(cluster: &Cluster, query: &Query, is_now: impl Fn() -> bool) -> RecordBatch {
     thread::scope(|scope| {
         let found = scope.spawn(|| rows(query));
@@ -206,10 +206,11 @@ fn an_executor_may_be_killed() {
         let cluster = Cluster::start(&folder);
         let mut remote = on_cluster(&cluster, &query);
         (remote.threads, remote.part) = (24, part);
-        // When it has done some of its tasks.
+        // After it has done some of its tasks.
         let done = || files(&cluster.folder.join("executor1")) >= 3;
         same_rows(&killed(&cluster, &remote, done), &expected);
-        // When tasks are done, and the client has some of the rows: it asks again.
+        // After the tasks are done, when the client has only some of the rows: it submits the query
+        // again.
         fs::remove_file(&remote.output).unwrap();
         let unfinished = remote.output.with_extension(ending);
         let begun = || fs::metadata(&unfinished).is_ok_and(|file| file.len() > 1 << 20);

@@ -11,7 +11,7 @@ use crate::kit::*;
 use crate::tables::*;
 use crate::{Cluster, on_cluster};
 
-/// Scores of drives that are gathered from a long table.
+/// Scores of drives gathered from a long table.
 fn gathering(folder: &Folder, input: &str, results: &str) -> Query {
     let sql = format!(
         "SELECT trace_id, {results}({}, array_agg(observation ORDER BY step)) AS results \
@@ -21,7 +21,7 @@ fn gathering(folder: &Folder, input: &str, results: &str) -> Query {
     over(folder, input, &["trace_id", "step"], &sql)
 }
 
-/// Numbers of stages of all jobs that an executor has files of.
+/// Stage numbers of all jobs for which an executor has files.
 fn stages(cluster: &Cluster) -> Vec<usize> {
     let mut counts = Vec::new();
     for executor in ["executor1", "executor2"] {
@@ -68,7 +68,7 @@ fn drives_are_gathered_without_an_exchange() {
     }
 }
 
-/// Largest memory of the executors so far, in bytes.
+/// Peak memory of the executors so far, in bytes.
 #[cfg(target_os = "linux")]
 fn peak(cluster: &Cluster) -> u64 {
     let of = |executor: &str| {
@@ -94,7 +94,7 @@ fn memory_of_executors_is_flat() {
         rows(&of);
         peaks.push(peak(&cluster));
     }
-    // Scalars of the additional steps are 100 MB.
+    // Scalars of the additional steps would take 100 MB.
     assert!(peaks[1] < peaks[0] + (30 << 20), "{peaks:?}");
 }
 
@@ -114,7 +114,7 @@ fn models_are_those_of_a_folder() {
         on_cluster(&cluster, &over(&folder, "drives.parquet", &["trace_id"], &sql))
     };
     let expected = rows(&Query { scheduler: None, ..of(&outside) });
-    // Only with its hash is the client sure that a model stays the same for parts.
+    // For parts, the client can only be sure that a model stays the same by its hash.
     for (name, has_parts) in [("a.json".to_owned(), false), (format!("a.json#{hash}"), true)] {
         let done = query(&of(&name), |_| {}).unwrap();
         assert_eq!((done.rows, done.parts > 0), (200, has_parts), "{name}");
@@ -123,11 +123,14 @@ fn models_are_those_of_a_folder() {
     fs::remove_file(of("").output).unwrap();
     for name in [outside.as_str(), "../model.json", "/etc/passwd", "/etc/none", "none.json"] {
         let message = error(&of(name)).to_string();
-        let expected = "is none of the models, expected the name of a file in their folder";
+        let expected = "is not one of the models, expected the name of a file in their folder";
         assert!(message.contains(name) && message.contains(expected), "{message}");
     }
     let message = error(&Query { models: Some(models.into()), ..of("a.json") }).to_string();
-    assert!(message.contains("--models is an option of executors and scheduler"), "{message}");
+    assert!(
+        message.contains("--models is an option of the executors and the scheduler"),
+        "{message}"
+    );
 }
 
 fn command(folder: &Folder, of: &Query) -> Command {
@@ -140,7 +143,7 @@ fn command(folder: &Folder, of: &Query) -> Command {
     command
 }
 
-/// Begins a query in a process, and waits until it has some parts.
+/// Starts a query in a process, and waits until it has some parts.
 fn begin(folder: &Folder, of: &Query) -> Child {
     let size = || {
         let partial = of.output.with_extension("parquet.partial");
@@ -155,8 +158,8 @@ fn begin(folder: &Folder, of: &Query) -> Child {
     child
 }
 
-/// Of two processes with the same output one is refused. One that is killed goes on, and one whose
-/// scheduler is killed goes on with another.
+/// Of two processes with the same output, one is refused. A killed one continues, and one whose
+/// scheduler is killed continues with another.
 #[test]
 fn an_output_is_of_one_process() {
     let folder = Folder::new(&model(8));
@@ -168,7 +171,7 @@ fn an_output_is_of_one_process() {
     let mut first = begin(&folder, &of);
     let second = command(&folder, &of).output().unwrap();
     let told = String::from_utf8(second.stderr).unwrap();
-    assert!(!second.status.success() && told.contains("another run has locked"), "{told}");
+    assert!(!second.status.success() && told.contains("another run holds the lock on"), "{told}");
     first.kill().unwrap();
     assert!(!first.wait().unwrap().success());
     assert!(folder.has_leftovers() && !of.output.exists());

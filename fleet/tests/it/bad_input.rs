@@ -10,7 +10,7 @@ use wayfix::{Hmm, LikelihoodVector};
 
 use crate::kit::*;
 
-/// Runs on a table in vain; checks that nothing is left, and returns the message.
+/// Runs on a table and expects an error; checks that nothing is left, and returns the message.
 fn refused(folder: &Folder, rows: &RecordBatch) -> String {
     folder.write("bad.parquet", rows, 4);
     let error = folder.error("bad.parquet");
@@ -65,13 +65,13 @@ fn rows_and_columns_are_named() {
         (
             "step",
             vec![Some(1), Some(2), Some(1), Some(2), Some(2), Some(4), Some(5)],
-            "column `step`, row 4 (counted from 0): step 2 of drive 5 is there twice",
+            "column `step`, row 4 (counted from 0): step 2 of drive 5 occurs twice",
         ),
         (
             "step",
             vec![Some(2), Some(1), Some(1), Some(2), Some(3), Some(4), Some(5)],
             "column `step`, row 1 (counted from 0): step 1 follows step 2 of drive 3, expected \
-             steps that rise",
+             increasing steps",
         ),
         (
             "step",
@@ -162,7 +162,7 @@ fn lists_are_checked() {
     assert_eq!(
         refused(&folder, &nested),
         "column `step`, row 1 (counted from 0): element 1 of the list: step 0 follows step 0, \
-         expected steps that rise"
+         expected increasing steps"
     );
     steps.append_value([Some(0), Some(1)]);
     steps.append_value([Some(0)]);
@@ -220,7 +220,7 @@ fn damaged_files_are_refused() {
         assert!(error.contains("bad.parquet: "), "{error}");
         assert!(!folder.has_leftovers());
     }
-    // A file with a hole, of which the first part is good.
+    // A file with a hole, whose first part is intact.
     let mut damaged = whole.clone();
     let middle = whole.len() / 2;
     damaged[middle..middle + 2000].fill(0xa5);
@@ -232,7 +232,7 @@ fn damaged_files_are_refused() {
         wayfix_fleet::output::Table::Steps,
     );
     assert!(wayfix_fleet::run(&job, |_| {}).is_err());
-    // What was finished before stays for the next run.
+    // Parts finished before the error stay for the next run.
     assert!(!job.output.exists() && folder.has_leftovers());
     fs::write(folder.path("bad.parquet"), &whole).unwrap();
     assert!(wayfix_fleet::run(&job, |_| {}).unwrap().resumed > 0);
@@ -276,10 +276,10 @@ fn text_is_checked() {
         ("trace_id,step,observation\n1,1,0\n1,2\n", "line 3"),
         (
             "trace_id,step,observation,observation\n1,1,0,1\n",
-            "column `observation`: is there twice; give the columns different names",
+            "column `observation`: occurs twice; give the columns different names",
         ),
-        ("trace_id,step,trace_id,observation\n1,1,0,1\n", "column `trace_id`: is there twice"),
-        ("step,trace_id,step,observation\n1,1,0,1\n", "column `step`: is there twice"),
+        ("trace_id,step,trace_id,observation\n1,1,0,1\n", "column `trace_id`: occurs twice"),
+        ("step,trace_id,step,observation\n1,1,0,1\n", "column `step`: occurs twice"),
     ] {
         let error = refused_csv(&folder, text);
         assert!(error.contains(message), "{error}");

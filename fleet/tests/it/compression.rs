@@ -1,4 +1,4 @@
-//! Compression of Parquet, as the README says.
+//! Compression of Parquet input, as documented in the README.
 
 use std::fs::File;
 use std::path::Path;
@@ -38,7 +38,7 @@ fn columns_that_are_read() {
     assert!(results.iter().all(|rows| *rows == results[0]));
 }
 
-/// A build with `sql` reads these, too.
+/// A build with `sql` can read these, too.
 #[cfg(not(feature = "sql"))]
 #[test]
 fn columns_that_are_not_read() {
@@ -55,7 +55,7 @@ fn columns_that_are_not_read() {
         (Compression::BROTLI(BrotliLevel::default()), "brotli"),
         (Compression::GZIP(GzipLevel::default()), "flate2"),
     ] {
-        // This build cannot write such columns, but say that it has.
+        // This build cannot write such columns, but it can label them so.
         write(&path, Compression::SNAPPY);
         let found = ParquetMetaDataReader::new().parse_and_finish(&File::open(&path).unwrap());
         let found = found.unwrap();

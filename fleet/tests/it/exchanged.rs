@@ -1,4 +1,4 @@
-//! Inputs that are exchanged between an interruption and the run that goes on.
+//! Inputs that are replaced between an interruption and the run that continues.
 
 use std::fs;
 
@@ -19,7 +19,7 @@ fn a_file_that_is_shorter_is_refused_and_one_that_is_longer_goes_on() {
     let (folder, expected) = prepare("long");
     let job = interrupt(&folder);
     let bytes = fs::read(&job.inputs[0]).unwrap();
-    // Cut off: no Parquet any more.
+    // Cut off: no longer valid Parquet.
     fs::write(&job.inputs[0], &bytes[..bytes.len() / 2]).unwrap();
     let error = refused(&job);
     assert!(error.contains("drives.parquet: "), "{error}");
@@ -27,8 +27,8 @@ fn a_file_that_is_shorter_is_refused_and_one_that_is_longer_goes_on() {
     let some = drives(33, 6000, 1, 60);
     folder.write("drives.parquet", &long(&some).slice(0, 28_000), 7000);
     let error = refused(&job);
-    assert!(error.contains("row group or block 4 is no longer there"), "{error}");
-    // More: what was read is as it was.
+    assert!(error.contains("row group or block 4 has disappeared"), "{error}");
+    // More: what was read is unchanged.
     let more = [some, drives(34, 500, 1, 60)].concat();
     folder.write("drives.parquet", &long(&more), 7000);
     let summary = go_on(&job).unwrap();
@@ -67,7 +67,7 @@ fn another_order_of_files_is_refused_and_so_is_a_folder_for_a_file() {
     assert!(go_on(&job).unwrap().resumed > 0);
     fs::remove_file(&job.output).unwrap();
 
-    // One file, and then the folder that it is in.
+    // First a single file, then its folder.
     fs::remove_file(folder.path("days/b.parquet")).unwrap();
     job.inputs = inputs(&["days/a.parquet"]);
     let job_of_one = job.clone();
@@ -88,7 +88,7 @@ fn every_other_option_is_named() {
         change(&mut other);
         let error = refused(&other);
         assert!(
-            error.contains("of an unfinished run that differs") && error.contains(said),
+            error.contains("an unfinished run with different settings") && error.contains(said),
             "{error}"
         );
     };
@@ -97,7 +97,7 @@ fn every_other_option_is_named() {
     other(&|job| job.form = Some(wayfix_fleet::input::Form::Nested), "form is \"Nested\"");
     other(&|job| job.pack = Pack::Zstd, "compression is \"Zstd\", was \"None\"");
     other(&|job| job.names.elsewhere = "rest".to_owned(), "columns is [");
-    // Threads are free.
+    // The number of threads may differ.
     let mut again = job.clone();
     again.threads = 1;
     assert!(go_on(&again).unwrap().resumed > 0);

@@ -16,7 +16,7 @@ use wayfix_fleet::{Job, run};
 
 use crate::kit::*;
 
-/// A folder of a few days with some drives each, and what others write beside.
+/// A folder of a few days with some drives each, and files that other tools write beside them.
 fn days(folder: &Folder) -> Vec<(&'static str, Drives)> {
     let files = [
         ("days/day=1/part-0.parquet", 50),
@@ -83,7 +83,7 @@ fn a_folder_a_pattern_and_a_list_are_the_same() {
         assert_eq!(summary.drives, 151);
         assert_eq!(rows, expected);
     }
-    // One by one they have the same results, and no column for the file.
+    // One at a time, they have the same results without the column for the file.
     for (number, (name, drives)) in days.iter().enumerate() {
         let (_, rows) = folder.results(&job(&folder, &[name], &format!("{number}.parquet")));
         let before = days[..number].iter().map(|(_, drives)| drives.len()).sum();
@@ -111,7 +111,7 @@ fn a_file_of_results_for_each_file() {
         assert!(found == fs::read(&one.output).unwrap(), "{name}");
     }
     assert_eq!(read(&folder.path("results/day=2/more.csv.parquet")).num_rows(), 1);
-    // Again, with a file more.
+    // Again, with one more file.
     assert_eq!(go_on(&job).unwrap().finished, 6);
     folder.write("days/day=3.parquet", &nested(&drives(7, 5, 1, 9)), 10);
     let summary = go_on(&job).unwrap();
@@ -148,7 +148,7 @@ fn columns_may_come_and_must_not_go() {
     folder.write("days/3.parquet", &other, 50);
     let error = go_on(&job).unwrap_err().to_string();
     assert!(error.contains("days/3.parquet: column `trace_id`: is read as Utf8, but as Int64 in"));
-    // A value is named with its file, too.
+    // An error of a value names its file, too.
     let mut bad = drives(1, 20, 3, 9);
     bad[3][1] = 9;
     folder.write("days/3.parquet", &long(&bad), 50);
@@ -165,14 +165,14 @@ fn inputs_that_cannot_be_meant_are_refused() {
         (&["days"][..], "days/out.parquet", "which is part of the input"),
         (&["days"], "days/day=1/", "which is part of the input"),
         (&["days/day=*"], "days/day=2/results/", "which is part of the input"),
-        (&["days", "days/day=1/part-0.parquet"], "out.parquet", "is there twice in the input"),
+        (&["days", "days/day=1/part-0.parquet"], "out.parquet", "occurs twice in the input"),
         (&["days/*.csv"], "out.parquet", "has no files"),
         (&["empty"], "out.parquet", "has no files"),
         (&["none.parquet"], "out.parquet", "No such file"),
         (
             &["days/day=1/part-0.parquet", "days/day=2/part-0.parquet"],
             "results/",
-            "would have the same file of results",
+            "would both be written to the same file of results",
         ),
     ] {
         let error = run(&job(&folder, inputs, output), |_| {}).unwrap_err().to_string();
@@ -193,7 +193,7 @@ fn a_run_goes_on_with_the_same_files_before_it() {
         thread::spawn(move || run(&stopped, |done| assert!(done.drives < 90, "stop"))).join()
     };
     assert!(stop().is_err());
-    // A file that was read is another now, with the same size and time.
+    // A file that was read has changed, keeping its size and time.
     let first = folder.path(days[0].0);
     let (bytes, modified) =
         (fs::read(&first).unwrap(), fs::metadata(&first).unwrap().modified().unwrap());
@@ -204,7 +204,7 @@ fn a_run_goes_on_with_the_same_files_before_it() {
     let error = go_on(&job).unwrap_err().to_string();
     assert!(error.contains("day=1/part-0.parquet: row group 0"), "{error}");
     fs::write(&first, bytes).unwrap();
-    // A file more among those that were read, and one after them.
+    // One more file among those that were read, and one after them.
     folder.write("days/day=1/part-2.parquet", &nested(&drives(7, 5, 1, 9)), 10);
     let error = go_on(&job).unwrap_err().to_string();
     assert!(error.contains("are not those that parts of"), "{error}");
@@ -217,8 +217,7 @@ fn a_run_goes_on_with_the_same_files_before_it() {
     assert_eq!(rows.slice(0, before.num_rows()), before);
 }
 
-/// Kills the command at random moments, 24 times, over many files of which some drives are left
-/// out.
+/// Kills the command at random moments, 24 times, over many files with some invalid drives.
 #[test]
 fn a_killed_run_over_many_files_goes_on() {
     let folder = Folder::new(&model(3));
@@ -256,7 +255,7 @@ fn a_killed_run_over_many_files_goes_on() {
         loop {
             let mut child = command(&name).spawn().unwrap();
             thread::sleep(whole.mul_f64(rng.random_range(0.0..0.7)));
-            // In vain if it has come to its end.
+            // Fails if the process has already ended.
             _ = child.kill();
             let status = child.wait().unwrap();
             if status.success() {

@@ -1,4 +1,4 @@
-//! A run goes on only with the input that its parts were made of.
+//! A run only continues with the input that its parts were made from.
 
 use std::fmt::Write as _;
 use std::fs::{self, File, OpenOptions};
@@ -12,7 +12,7 @@ use wayfix_fleet::{FleetError, Job, learn, run};
 use crate::kit::*;
 use crate::resume::{interrupt, prepare};
 
-/// Changes a byte, and keeps size and time.
+/// Changes a byte, keeping size and time of the file.
 fn change(path: &Path, at: u64, change: impl Fn(u8) -> u8) {
     let modified = fs::metadata(path).unwrap().modified().unwrap();
     let mut file = OpenOptions::new().read(true).write(true).open(path).unwrap();
@@ -35,11 +35,11 @@ fn other_content_of_the_same_size_and_time_is_refused() {
         assert!(matches!(error, FleetError::Changed { .. }), "{error:?}");
         let text = error.to_string();
         assert!(text.contains("drives.parquet: row group 0 (rows 0 to "), "{text}");
-        // Nothing is lost by that.
+        // Nothing is lost by the refusal.
         change(&job.inputs[0], 2000, |byte| !byte);
         assert!(go_on(&job).unwrap().resumed > 0);
         assert!(fs::read(&job.output).unwrap() == expected);
-        // Nor is the output taken for that of another input.
+        // Nor is the output mistaken for that of another input.
         assert_eq!(go_on(&job).unwrap().finished, 1);
         change(&job.inputs[0], 2000, |byte| !byte);
         let error = go_on(&job).unwrap_err().to_string();
@@ -61,7 +61,7 @@ fn the_same_content_at_another_time_goes_on() {
     assert!(fs::read(&job.output).unwrap() == expected);
 }
 
-/// A table as text, with a changed symbol in a drive.
+/// A table as text, with the symbol of one drive changed.
 fn text(drives: &Drives, changed: usize) -> String {
     let mut text = String::from("trace_id,step,observation\n");
     for (id, drive) in drives.iter().enumerate() {
@@ -94,7 +94,7 @@ fn text_is_the_same_up_to_the_block_of_the_last_row() {
         let error = go_on(&job).unwrap_err().to_string();
         assert!(error.contains("drives.parquet.csv: the block of 65536 bytes at byte "), "{error}");
     }
-    // Not yet read: the result is that of the new content.
+    // Not read yet: the result is that of the new contents.
     write(5900);
     assert!(go_on(&job).unwrap().resumed > 0);
     let went_on = fs::read(&job.output).unwrap();
@@ -103,7 +103,7 @@ fn text_is_the_same_up_to_the_block_of_the_last_row() {
     assert!(fs::read(&job.output).unwrap() == went_on);
 }
 
-/// A run that changes its input when it has begun.
+/// A run whose input is changed once it has begun.
 fn changed_meanwhile(job: &Job) -> FleetError {
     let mut is_changed = false;
     run(job, |done| {
@@ -143,7 +143,7 @@ fn learning_goes_on_with_the_same_content_only() {
     assert!(stop(3).is_err());
     change(&job.input, 2000, |byte| !byte);
     let error = learn(&job, |_, _| {}).unwrap_err().to_string();
-    assert!(error.contains("another model, input or prior"), "{error}");
+    assert!(error.contains("another model, input, prior"), "{error}");
     change(&job.input, 2000, |byte| !byte);
     let later = std::time::SystemTime::now() + std::time::Duration::from_secs(1000);
     File::options().append(true).open(&job.input).unwrap().set_modified(later).unwrap();

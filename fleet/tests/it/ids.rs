@@ -15,12 +15,15 @@ fn ids_that_are_no_plain_integers_are_named() {
         (
             ["1", "a"],
             "column `trace_id`, row 1 (counted from 0): `a` is not a 64-bit integer, but the first \
-             id of the file is one, so that all must be; write all ids as text that is no number \
-             (`v7`), or take Parquet with a column of text",
+             id of the file is an integer, so all must be; write all ids as text that is not a \
+             number (`v7`), or use Parquet with a text column",
         ),
-        (["7", "007"], "row 1 (counted from 0): `007` is no integer in its plain form (7), but"),
-        (["7", "+7"], "`+7` is no integer in its plain form (7), but"),
-        (["0", "-0"], "`-0` is no integer in its plain form (0), but"),
+        (
+            ["7", "007"],
+            "row 1 (counted from 0): `007` is not an integer in its plain form (7), but",
+        ),
+        (["7", "+7"], "`+7` is not an integer in its plain form (7), but"),
+        (["0", "-0"], "`-0` is not an integer in its plain form (0), but"),
         (["7", "9223372036854775808"], "`9223372036854775808` is not a 64-bit integer, but"),
     ] {
         let lines = ids.map(|id| format!("{id},1,0\n")).concat();
@@ -31,7 +34,7 @@ fn ids_that_are_no_plain_integers_are_named() {
     }
 }
 
-/// Ids of text are other drives if their text is.
+/// Ids as text differ if their text does.
 #[test]
 fn ids_with_zeros_before_them_are_text() {
     let folder = Folder::new(&model(1));
@@ -51,14 +54,14 @@ fn ids_with_zeros_before_them_are_text() {
         assert_eq!(summary.drives, 2);
         assert_eq!(texts(&found, "trace_id"), expected.map(Some));
     }
-    // The first id that is there says what ids are.
+    // The first id present decides the type.
     fs::write(folder.path("ids.csv"), "trace_id,step,observation\n,1,0\n9,1,1\n10,1,1\n").unwrap();
     let mut job = folder.job("ids.csv", "first.parquet", Verb::Score, Table::Drives);
     job.left_out = Some(folder.path("first.jsonl"));
     let (summary, found) = folder.results(&job);
     assert_eq!((summary.drives, summary.left_out), (2, 1));
     assert_eq!(integers(&found, "trace_id"), [Some(9), Some(10)]);
-    // With the option, such an id is one that cannot be read.
+    // With the option, such an id counts as unreadable.
     fs::write(folder.path("ids.csv"), "trace_id,step,observation\n7,1,0\n007,1,1\n8,1,1\n")
         .unwrap();
     job = folder.job("ids.csv", "left.parquet", Verb::Score, Table::Drives);

@@ -9,7 +9,7 @@ use wayfix_fleet::{Job, Summary, run};
 use crate::kit::*;
 use crate::resume::{interrupt, prepare};
 
-/// A run with drives that are left out, stopped in its middle, and what a whole one makes.
+/// A run with left-out drives, stopped halfway, and the result of a whole one.
 fn stopped(folder: &Folder) -> (Job, Summary, [Vec<u8>; 2]) {
     let mut some = drives(33, 400, 1, 30);
     for drive in [3, 40, 41, 170, 320] {
@@ -57,7 +57,7 @@ fn flipped_bits_are_refused_or_change_nothing() {
             Err(error) => {
                 let error = error.to_string();
                 assert!(error.contains("out.parquet.journal: line "), "{error}");
-                assert!(error.contains("is damaged, or of another version"), "{error}");
+                assert!(error.contains("is damaged, or from another version"), "{error}");
                 refused += 1;
             }
             Ok(done) => {

@@ -1,6 +1,6 @@
-//! Commands that are killed and given again make what they make without a kill.
+//! Commands that are killed and repeated give the same results as without a kill.
 //!
-//! `WAYFIX_KILLS` is the number of kills for each command, few by default.
+//! `WAYFIX_KILLS` is the number of kills per command; few by default.
 
 use std::fs;
 use std::path::PathBuf;
@@ -12,7 +12,7 @@ use rand::RngExt;
 
 use crate::kit::*;
 
-/// A command, without its output, and files that it makes besides.
+/// A command without its output, and the other files it makes.
 struct Case {
     arguments: &'static [&'static str],
     input: &'static str,
@@ -102,10 +102,10 @@ fn the_same_bytes_after_any_number_of_kills() {
             let mut kills_of_run = 0;
             loop {
                 let mut child = case.command(&folder, "out").spawn().unwrap();
-                // Ever shorter times would never come to an end.
+                // Times that only get shorter would never let a run finish.
                 let most = if kills_of_run < 6 { 0.9 } else { 3.0 };
                 thread::sleep(whole.mul_f64(rng.random_range(0.0..most)));
-                // In vain if it has come to its end.
+                // Fails if the process has already ended.
                 _ = child.kill();
                 if child.wait().unwrap().success() {
                     break;
@@ -133,7 +133,7 @@ fn the_same_bytes_after_any_number_of_kills() {
     }
 }
 
-/// Two processes at once: one has the output, and the other one says so.
+/// Two processes at once: one gets the output, the other says so.
 #[test]
 fn two_processes_do_not_share_an_output() {
     let folder = Folder::new(&model(3));
@@ -150,8 +150,9 @@ fn two_processes_do_not_share_an_output() {
             String::from_utf8(said).unwrap()
         });
         for (done, said) in done.iter().zip(&said) {
-            // The second one may also come when all is done.
-            let is_refused = said.contains("another run has locked") || said.contains("exists");
+            // The second process may also start when everything is done.
+            let is_refused =
+                said.contains("another run holds the lock on") || said.contains("exists");
             assert!(*done || is_refused, "{said}");
         }
         assert!(done.contains(&true), "{said:?}");

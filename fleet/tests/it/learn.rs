@@ -63,7 +63,7 @@ fn a_finished_run_says_so() {
     let model = fs::read(folder.path("out.json")).unwrap();
     assert_eq!(run(&[]), (true, format!("{}; finished already\n", said.trim_end())));
     assert!(fs::read(folder.path("out.json")).unwrap() == model);
-    // A kill between the last two acts leaves the state of the run.
+    // A kill between the last two steps leaves the state of the run behind.
     fs::write(folder.path("out.json.partial"), "").unwrap();
     assert!(run(&[]).0 && !folder.has_leftovers());
     let exists = |more: &[&str]| {
@@ -94,7 +94,7 @@ fn fewer_iterations_than_are_made_are_refused() {
     let mut job = stop(&folder);
     job.iterations = 1;
     let error = learn(&job, |_, _| {}).unwrap_err().to_string();
-    assert!(error.contains("has made 2 re-estimations, but --iterations is 1"), "{error}");
+    assert!(error.contains("made 2 re-estimations already, but --iterations is 1"), "{error}");
     job.iterations = 2;
     assert_eq!(learn(&job, |_, _| {}).unwrap().log_likelihoods.len(), 3);
     let found = fs::read(&job.output).unwrap();

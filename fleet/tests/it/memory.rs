@@ -5,7 +5,7 @@ use std::process::Command;
 
 use crate::kit::*;
 
-/// Largest memory of the command, in bytes.
+/// Peak memory of the command, in bytes.
 fn peak(folder: &Folder, input: &str) -> u64 {
     let mut command = Command::new(env!("CARGO_BIN_EXE_wayfix-fleet"));
     command.args(["smooth", "--quiet", "--threads", "2", "--part", "50000"]);
@@ -24,6 +24,6 @@ fn is_flat() {
     folder.write("many.parquet", &nested(&many), 4000);
     let (few, many) = (peak(&folder, "few.parquet"), peak(&folder, "many.parquet"));
     assert!(few > 5 << 20, "{few}");
-    // Results of the additional steps are 160 MB.
+    // Results of the additional steps would take 160 MB.
     assert!(many < few + (25 << 20), "{few} bytes, then {many}");
 }

@@ -58,7 +58,7 @@ fn a_mistake_is_named_with_its_place() {
         ("/likelihood/rows/3/2", json!(0.95), "the probabilities of what state 3 shows sum to"),
         ("/likelihood/rows", json!([[0.5, 0.5]]), "has 1 states, expected 11"),
         ("/prior/at_first_observation/4", json!(0.5), "the probabilities sum to 1."),
-        ("/likelihood", json!({}), "the sensor is none of"),
+        ("/likelihood", json!({}), "the sensor is not one of"),
         ("/transition", json!({}), "`transition` is neither"),
         ("/transition/states", json!("x"), "expected usize"),
     ] {
@@ -88,9 +88,9 @@ fn what_may_be_a_mistake_is_said() {
     let folder = Folder::new(&ring);
     let text = said(&folder, &["model", "check", "model.json"]);
     let expected = "model.json: valid\n\
-        warning: state 3 cannot be reached from the prior, so that no observation is made there\n\
+        warning: state 3 cannot be reached from the prior, so no observation is ever made there\n\
         warning: state 3 cannot be left (absorbing)\n\
-        warning: symbol 1 has probability 0 in every state, so that it makes a drive impossible\n";
+        warning: symbol 1 has probability 0 in every state, so a drive that contains it is impossible\n";
     assert_eq!(text, expected);
     let mut before = ring;
     before["prior"] = json!({"before_first_transition": [0.0, 0.0, 0.0, 1.0]});
@@ -99,7 +99,7 @@ fn what_may_be_a_mistake_is_said() {
     assert!(text.contains("states 0, 1, 2: each cannot be reached"), "{text}");
 }
 
-/// The table of sensors in the README, as it stands.
+/// The table of sensors in the README.
 #[test]
 fn the_sensors_of_the_readme_are_valid() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/README.md");
@@ -200,7 +200,7 @@ fn drives_are_those_of_the_library() {
     fs::write(folder.path("model.json"), serde_json::to_vec(&vector).unwrap()).unwrap();
     let other = ["simulate", "--model", "model.json", "--output", "none.parquet"];
     let message = refused(&folder, &other);
-    assert!(message.contains("draws no observations, expected a TableLikelihood"), "{message}");
+    assert!(message.contains("cannot draw observations, expected a TableLikelihood"), "{message}");
     assert!(!Path::new(&folder.path("none.parquet")).exists());
     assert!(!folder.path("none.parquet.unfinished").exists());
 }

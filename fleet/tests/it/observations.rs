@@ -130,7 +130,7 @@ fn likelihoods_and_logarithms_of_all_states() {
         let text = csv("observation", values.iter().map(text).collect::<Vec<_>>());
         compare(&folder, &model, &rows, Some(&text), &values);
     }
-    // Lists of a fixed size, of other numbers; and a dense matrix.
+    // Fixed-size lists of other number types; and a dense matrix.
     let matrix: Vec<Vec<f64>> =
         (0..STATES).map(|to| (0..STATES).map(|from| transition.get(to, from)).collect()).collect();
     let dense = DenseTransition::from_rows(&matrix).unwrap();
@@ -219,7 +219,7 @@ fn positions() {
             deviation: rng.random_range(5.0..100.0),
         })
         .collect();
-    // The density at 0 m, and the tails: (1 + q / 3)^(-5/2).
+    // The density at 0 m, and its tails: (1 + q / 3)^(-5/2).
     let near = Fix { latitude: -35.3, longitude: 149.1, deviation: 20.0 };
     let far = Fix { latitude: -35.3 + 180.0 / 111_195.0, ..near };
     let one = Hmm::new(

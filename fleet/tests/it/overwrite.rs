@@ -1,4 +1,4 @@
-//! An output never takes the place of what is read.
+//! An output never overwrites what is read.
 
 use std::fs;
 use std::path::PathBuf;
@@ -53,7 +53,7 @@ fn an_output_that_is_read_is_refused_by_every_path() {
             let done = command.args(["--output", output]).args(more).output().unwrap();
             let said = String::from_utf8(done.stderr).unwrap();
             assert_eq!(done.status.code(), Some(1), "{arguments:?} {output}: {said}");
-            let expected = "would be written to, but is read (as ";
+            let expected = "would be written to, but is also read (as ";
             assert!(said.contains(expected), "{arguments:?} {output}: {said}");
             assert!(all(&folder) == before, "{arguments:?} {output}: {said}");
         }
@@ -69,7 +69,7 @@ fn an_output_that_is_read_is_refused_by_every_path() {
             refused(&[command, "--input", input, "--quiet"], output);
         }
     }
-    // One of several inputs, the lines about drives, and a folder of results.
+    // One of several inputs, the file of left-out drives, and a folder of results.
     let two = ["smooth", "--input", "nested.parquet", "--input", "out.json.lock", "--quiet"];
     refused(&two, "nested.parquet");
     let lines = ["smooth", "--input", "nested.parquet", "--quiet", "--skip-invalid", "model.json"];
@@ -89,7 +89,7 @@ fn lines_about_drives_have_a_file_of_their_own() {
     for same in ["out", "./out", "days/../out"] {
         job.left_out = Some(folder.path(same));
         let error = go_on(&job).unwrap_err().to_string();
-        assert!(error.contains("must be another than the output"), "{same}: {error}");
+        assert!(error.contains("other than the output"), "{same}: {error}");
     }
 }
 

@@ -38,7 +38,7 @@ fn command(folder: &Folder) -> Command {
     command
 }
 
-/// Kills the command at random moments until a run comes to its end.
+/// Kills the command at random moments until a run finishes.
 #[test]
 fn a_killed_run_goes_on() {
     for form in ["long", "nested"] {
@@ -56,20 +56,20 @@ fn a_killed_run_goes_on() {
                 let mut child = command(&folder).spawn().unwrap();
                 if kills < 4 {
                     thread::sleep(whole.mul_f64(rng.random_range(0.0..1.2)));
-                    // In vain if it has come to its end.
+                    // Fails if the process has already ended.
                     _ = child.kill();
                     kills += 1;
                 }
                 let done = child.wait().unwrap().success();
                 let complete = output.exists() && !folder.has_leftovers();
-                // A kill may also come after all is done.
+                // A kill may also come after everything is done.
                 assert!(complete || !done, "{form}, seed {seed}");
                 if complete {
                     break;
                 }
                 assert!(kills <= 4);
                 if output.exists() {
-                    // Killed between the last two acts: the file is complete.
+                    // Killed between the last two steps: the file is complete.
                     assert!(fs::read(&output).unwrap() == expected, "seed {seed}");
                 }
             }
@@ -78,7 +78,7 @@ fn a_killed_run_goes_on() {
     }
 }
 
-/// Leaves a run with some parts, by a panic in its middle.
+/// Leaves a run with some parts behind, by a panic halfway.
 pub(crate) fn interrupt(folder: &Folder) -> wayfix_fleet::Job {
     let job = folder.job("drives.parquet", "out.parquet", Verb::Smooth, Table::Steps);
     let limited = job.clone();
@@ -106,7 +106,7 @@ fn damaged_parts_are_made_again() {
     let partial = folder.path("out.parquet.partial");
     let journal = folder.path("out.parquet.journal");
     let damages: [&dyn Fn(); 5] = [
-        // Bytes that never came to the disk.
+        // Bytes that never reached the disk.
         &|| OpenOptions::new().write(true).open(&partial).unwrap().set_len(5000).unwrap(),
         &|| {
             let mut file = OpenOptions::new().read(true).write(true).open(&partial).unwrap();
@@ -150,7 +150,7 @@ fn another_run_does_not_go_on() {
     assert_eq!(run(&job, |_| {}).unwrap().resumed, 0);
     assert!(fs::read(&job.output).unwrap() == expected);
 
-    // A complete output is not replaced without being told.
+    // A complete output is not replaced without --force.
     job.start = Start::default();
     job.part = 400;
     let error = run(&job, |_| {}).unwrap_err().to_string();
@@ -172,6 +172,6 @@ fn two_runs_do_not_share_an_output() {
         }
     })
     .unwrap();
-    assert!(errors[0].contains("another run has locked"), "{errors:?}");
+    assert!(errors[0].contains("another run holds the lock on"), "{errors:?}");
     assert!(job.output.exists());
 }

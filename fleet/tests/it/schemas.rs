@@ -16,7 +16,7 @@ fn job(folder: &Folder, output: &str) -> Job {
     folder.job("days", output, Verb::Smooth, Table::Steps)
 }
 
-/// Replaces a column by itself as another type.
+/// Casts a column to another type.
 fn as_type(rows: &RecordBatch, name: &str, to: &DataType) -> RecordBatch {
     let schema = rows.schema();
     let columns = schema.fields().iter().zip(rows.columns()).map(|(field, column)| {
@@ -31,7 +31,7 @@ fn dictionary(of: DataType) -> DataType {
     DataType::Dictionary(Box::new(DataType::Int32), Box::new(of))
 }
 
-/// Results of a run over all files, without the column of the file, in pieces of so many rows.
+/// Results of a run over all files, without the file column, in batches of a given number of rows.
 fn of_each(folder: &Folder, job: &Job, count: usize) -> Vec<RecordBatch> {
     let (_, rows) = folder.results(job);
     assert_eq!(rows.num_rows() % count, 0);
@@ -81,7 +81,7 @@ fn types_may_differ_by_file() {
     let found = of_each(&folder, &job(&folder, "texts.parquet"), texts.len());
     assert!(found.iter().all(|rows| *rows == found[0]) && found[0].num_rows() == 60);
 
-    // What cannot be meant is said before the work begins.
+    // What makes no sense is reported before the work begins.
     let number = RecordBatch::try_from_iter([
         ("trace_id", Arc::new(Float64Array::from(vec![1.5])) as ArrayRef),
         ("observation", some.column(1).slice(0, 1)),
@@ -94,7 +94,7 @@ fn types_may_differ_by_file() {
     assert!(!folder.has_leftovers());
 }
 
-/// A column of steps that came later, in a folder as other engines write it.
+/// A step column that was added later, in a folder as other engines write it.
 #[test]
 fn a_column_that_only_later_files_have() {
     let folder = Folder::new(&model(1));
@@ -134,7 +134,7 @@ fn a_column_that_only_later_files_have() {
     assert_eq!(states[..half], states[half..]);
 }
 
-/// The likelihood elsewhere is 0 where a file does not have it.
+/// The likelihood elsewhere is 0 in files without the column.
 #[test]
 fn elsewhere_may_be_lacking() {
     let mut rng = rng(5);

@@ -1,4 +1,4 @@
-//! The first section of the README, as it stands.
+//! The first section of the README works as written.
 
 use std::fs;
 use std::process::Command;
@@ -40,7 +40,7 @@ fn ring() -> Result<Ring, Box<dyn std::error::Error>> {
 
 #[test]
 fn a_new_user_gets_on() {
-    // What the README shows is what is compiled here.
+    // The code in the README is the code compiled here.
     let shown = block("rust");
     let (code, _) = shown.split_once("std::fs::write").unwrap();
     let (_, code) = code.split_once(";\n").unwrap();

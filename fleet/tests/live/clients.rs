@@ -1,4 +1,4 @@
-//! Runs that take connections, and clients.
+//! Runs that accept connections, and clients.
 
 use std::io::{self, BufRead, BufReader, ErrorKind, Write};
 use std::os::unix::net::UnixStream;
@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use wayfix_fleet::FleetError;
 use wayfix_fleet::pool::{Control, LiveSummary, Notice, ServiceJob, serve};
 
-/// A run that takes connections on a thread.
+/// A run that accepts connections, on a thread.
 pub(crate) struct Running {
     pub(crate) control: Control,
     pub(crate) address: String,
@@ -62,7 +62,7 @@ impl Client {
         }
     }
 
-    /// Names itself, and returns the last offset that the run has from it.
+    /// States its name, and returns the last offset that the run has from it.
     pub(crate) fn name(&mut self, name: &str) -> io::Result<Option<i64>> {
         self.send(&format!("{}\n", json!({ "client": name })))?;
         let answer = self.answer()?;

@@ -1,4 +1,4 @@
-//! Filters of single vehicles, which pools are compared with.
+//! Filters of single vehicles, for comparison with pools.
 
 use std::collections::HashMap;
 use std::fs;
@@ -61,7 +61,7 @@ pub(crate) fn bits(answer: &UpdateResult) -> Expected {
     }
 }
 
-/// Updates of vehicles at random, some of them late or twice, and some from the start.
+/// Random updates of vehicles, some of them late or repeated, some restarting from the prior.
 pub(crate) fn updates<Y>(
     rng: &mut ChaCha8Rng,
     count: usize,
@@ -83,7 +83,7 @@ pub(crate) fn updates<Y>(
     (0..count).map(&mut update).collect()
 }
 
-/// Opens a pool, as soon as its folder is free: a command that another test is starting has all
+/// Opens a pool as soon as its folder is free: a command that another test is starting inherits all
 /// locks of this process for a moment.
 fn open<T>(pool: impl Fn() -> Result<T, FleetError>) -> T {
     loop {
@@ -94,8 +94,8 @@ fn open<T>(pool: impl Fn() -> Result<T, FleetError>) -> T {
     }
 }
 
-/// Runs a pool over updates in batches, and compares all answers and states. With `stops` it goes on
-/// from a snapshot several times.
+/// Runs a pool over updates in batches, and compares all answers and states. With `stops`, it
+/// continues from a snapshot several times.
 pub(crate) fn compare<A, B>(
     hmm: Hmm<A, B>,
     updates: &[Update<B::Observation>],
@@ -127,7 +127,7 @@ pub(crate) fn compare<A, B>(
             let file = folder.path().join("pool.bin");
             let length = pool.snapshot(&file).unwrap();
             assert_eq!(fs::metadata(&file).unwrap().len(), length);
-            drop(pool); // the folder on the disk is for one at a time
+            drop(pool); // one pool at a time may use the folder
             pool = open(|| Pool::restore(&file, Arc::clone(&hmm), "model", options));
         }
         assert!(pool.take_spill_error().is_none());
@@ -144,12 +144,12 @@ pub(crate) fn threads(threads: usize) -> PoolOptions {
     PoolOptions { threads, memory: None, spill: None }
 }
 
-/// Memory for one vehicle in each part of the pool.
+/// Memory for one vehicle in each shard of the pool.
 pub(crate) fn tiny(folder: &Path) -> PoolOptions {
     PoolOptions { threads: 2, memory: Some(1), spill: Some(folder.join("spill")) }
 }
 
-/// Logarithms beyond the range of doubles, so that beliefs have to be kept as logarithms too; with
+/// Logarithms beyond the range of doubles, so that beliefs have to be kept as logarithms; with
 /// impossible states.
 pub(crate) fn wide(rng: &mut ChaCha8Rng) -> Vec<f64> {
     let scale = [1.0, 30.0, 2000.0][rng.random_range(0..3)];

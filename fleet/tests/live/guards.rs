@@ -1,4 +1,4 @@
-//! What a run does not take, and what nobody may make it wait for.
+//! Input that a run refuses, and clients that must not hold it up.
 
 use std::fs;
 use std::io::{self, Cursor, Read, Write};
@@ -23,7 +23,7 @@ fn refusal(job: &ServiceJob, text: &str) -> String {
     run(job, text).unwrap_err().to_string()
 }
 
-/// A run with a snapshot that goes on from it.
+/// A run with a snapshot that it continues from.
 fn with_snapshot(folder: &Folder) -> ServiceJob {
     let mut job = job(folder);
     job.live.snapshot = Some(folder.path("snapshot"));
@@ -46,7 +46,7 @@ fn a_snapshot_has_one_run_at_a_time() {
         })
     });
     said.recv().unwrap();
-    assert!(refusal(&job, "").contains("another run has locked"));
+    assert!(refusal(&job, "").contains("another run holds the lock on"));
     drop(writer);
     thread.join().unwrap().unwrap();
     assert!(!folder.path("snapshot.lock").exists());
@@ -92,7 +92,7 @@ fn another_input_of_the_same_length_is_refused() {
     let replayed = ServiceJob { input: None, replay: true, ..as_file.clone() };
     let other = text.replacen("\"time\": 1", "\"time\": 2", 300);
     assert_eq!(other.len(), text.len());
-    // A log that was begun anew has grown beyond the position.
+    // A log that was started anew has grown beyond the position.
     for wrong in [&other, &rest.repeat(2)] {
         fs::write(&input, wrong).unwrap();
         assert!(refusal(&as_file, "").contains("another input"));
@@ -103,7 +103,7 @@ fn another_input_of_the_same_length_is_refused() {
     fs::write(folder.path("snapshot"), snapshot).unwrap();
     fs::write(&input, &text).unwrap();
     assert_eq!(run(&as_file, "").unwrap().lines, replay.lines);
-    // Nothing new.
+    // Nothing new to save.
     assert_eq!(run(&as_file, "").unwrap().lines, 0);
     assert_eq!(run(&replayed, &text).unwrap().lines, 0);
 }
@@ -128,7 +128,7 @@ fn the_end_of_a_last_line_may_come_later() {
     for job in [&as_file, &replayed] {
         fs::remove_file(folder.path("snapshot")).unwrap();
         fs::remove_file(&output).unwrap();
-        // Nothing, the end alone, and it with lines after it.
+        // Nothing, the line end alone, and the line end with lines after it.
         for end in [half, half, half + 1, text.len() - 1, text.len()] {
             fs::write(&input, &text[..end]).unwrap();
             run(job, &text[..end]).unwrap();
@@ -171,7 +171,7 @@ fn figures_are_there_while_others_say_nothing() {
     let address = said.recv().unwrap();
     let silent: Vec<TcpStream> = (0..20).map(|_| TcpStream::connect(address).unwrap()).collect();
     let mut stream = TcpStream::connect(address).unwrap();
-    // One after the other they would take 40 seconds.
+    // One after another they would take 40 seconds.
     stream.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
     stream.write_all(b"GET /health HTTP/1.1\r\n\r\n").unwrap();
     let mut answer = String::new();

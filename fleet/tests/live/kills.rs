@@ -1,4 +1,4 @@
-//! Runs that are killed, and go on.
+//! Runs that are killed, and continue.
 
 use std::fs;
 use std::io::{Cursor, Write};
@@ -49,7 +49,7 @@ fn kills_at_any_moment_lose_and_double_nothing() {
         let mut child = child.stdin(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
         let mut to_child = child.stdin.take().unwrap();
         let input = fs::read(&input).unwrap();
-        // As much of the input as will do for this run, in parts.
+        // As much of the input as this run needs, in parts.
         let mut rest = input.len() * (killed + 2) / (KILLS + 2);
         let feeder = std::thread::spawn(move || {
             for part in input.chunks(20_000) {
@@ -65,7 +65,7 @@ fn kills_at_any_moment_lose_and_double_nothing() {
         let more = expected.len() as u64 * 3 / 5 / KILLS as u64;
         let goal = (before + rng.random_range(0..more)).min(expected.len() as u64 * 3 / 4);
         let start = Instant::now();
-        // It may be that this run gets no further than the one before.
+        // This run may get no further than the one before.
         while fs::metadata(&output).map_or(0, |found| found.len()) <= goal
             && start.elapsed() < Duration::from_millis(60)
         {
@@ -88,7 +88,7 @@ fn kills_at_any_moment_lose_and_double_nothing() {
     assert_eq!((at.lines, at.answers), (60_000, expected.len() as u64));
     assert_eq!(at.bytes, fs::metadata(&input).unwrap().len());
 
-    // A file that grows is gone on with; one that is shorter is another.
+    // A run continues with a file that has grown; a shorter one is another file.
     let mut more = fs::OpenOptions::new().append(true).open(&input).unwrap();
     more.write_all(line(7, 70_000, 3).as_bytes()).unwrap();
     let mut again = arguments[..arguments.len() - 1].to_vec();
@@ -117,7 +117,7 @@ fn an_output_of_which_nobody_knows_what_counts_is_left_alone() {
     assert!(!snapshot.exists());
     fs::remove_file(&output).unwrap();
     assert_eq!(run().unwrap().lines, 1);
-    // One that is shorter than the snapshot says.
+    // A file shorter than the snapshot says.
     fs::write(&output, "").unwrap();
     assert!(run().unwrap_err().to_string().contains("bytes of answers"));
 }
@@ -130,10 +130,10 @@ fn the_first_run_has_no_snapshot_to_restore() {
     (job.live.restore, job.live.snapshot) = (snapshot.clone(), snapshot);
     let (summary, _) = answers(&job, &line(7, 0, 3));
     assert_eq!((summary.errors, summary.vehicles), (0, 1));
-    // The second goes on where it ended.
+    // The second continues where the first ended.
     let (summary, found) = answers(&job, &line(7, 0, 3));
     assert_eq!((summary.errors, &found[0]["error_kind"]), (1, &json!("time")));
-    // A snapshot from elsewhere has to be there.
+    // A snapshot under another name must exist.
     job.live.restore = Some(folder.path("other.bin"));
     assert!(serve(&job, &Control::new(), Cursor::new(""), Vec::new(), |_| ()).is_err());
 }
@@ -188,7 +188,7 @@ fn the_command_goes_on_from_its_snapshot() {
     for (at, (found, expected)) in found.iter().zip(&expected).enumerate() {
         assert_eq!(found, expected, "line {at}");
     }
-    // Another model: nothing is read, and the snapshot stays.
+    // Another model: nothing is read, and the snapshot is kept.
     let hash = Model::load(&folder.path("model.json")).unwrap().hash().to_owned();
     fs::write(folder.path("model.json"), serde_json::to_vec(&model(6)).unwrap()).unwrap();
     let (success, lines, error) =

@@ -1,4 +1,4 @@
-//! Vehicles beyond the memory.
+//! Vehicles beyond the memory limit.
 
 use std::fs;
 use std::io::Cursor;
@@ -35,12 +35,12 @@ fn memory_is_within_the_limit_and_counted() {
     let each = all.bytes / 8000;
     assert!((8 * STATES + 100..8 * STATES + 250).contains(&each), "{each}");
 
-    // The last that was seen in each part is in memory, and files do not grow without need.
+    // The last vehicle updated in each shard is in memory, and files do not grow needlessly.
     let again: Vec<Update<usize>> = (0..8000).map(|id| Update::new(id, 1, 2)).collect();
     assert!(pool.update_all(&again).iter().all(Result::is_ok));
     assert!(pool.usage().file_bytes <= usage.file_bytes * 11 / 10);
 
-    // In use, and removed in the end.
+    // In use, and removed at the end.
     let refused = Pool::new(Arc::clone(&hmm), "model", &options).unwrap_err();
     assert!(matches!(&refused, FleetError::Settings(text) if text.contains("another pool")));
     drop(pool);
@@ -59,7 +59,7 @@ fn those_not_seen_for_longest_go_to_the_disk() {
     }
     let usage = pool.usage();
     assert!(usage.in_memory <= 16, "{usage:?}");
-    // Damage on the disk concerns those that are there.
+    // Damage on disk affects only the vehicles there.
     for file in fs::read_dir(folder.path().join("spill")).unwrap() {
         let path = file.unwrap().path();
         let length = fs::metadata(&path).unwrap().len() as usize;
@@ -76,7 +76,7 @@ fn those_not_seen_for_longest_go_to_the_disk() {
     let file = folder.path().join("pool.bin");
     assert!(pool.snapshot(&file).is_err());
     assert!(!file.exists() && !folder.path().join("pool.bin.partial").exists());
-    // It can be begun again, or given up.
+    // Such a vehicle can be restarted or removed.
     let again = Update { restart: true, ..Update::new(lost, 1, 3) };
     assert!(pool.update(&again).is_ok());
     assert!(pool.remove(&lost.into()) && !pool.remove(&lost.into()));
@@ -103,7 +103,7 @@ fn ids_beyond_the_limit_are_said() {
     job.live.options.memory = Some(100_000);
     let found = said(&job);
     assert!(found.len() == 1 && found[0].0 > 300_000 && found[0].1 == 100_000, "{found:?}");
-    // Another folder: commands of other tests may have the lock of the first for a moment.
+    // Another folder: commands of other tests may hold the lock of the first for a moment.
     job.live.options.spill = Some(folder.path("another"));
     job.live.options.memory = Some(1 << 20);
     assert_eq!(said(&job), []);

@@ -201,7 +201,7 @@ fn a_bad_line_is_answered_and_the_run_goes_on() {
     assert!(found[3]["error"].as_str().unwrap().contains("\"north\""), "{}", found[3]);
     assert!(found[8]["error"].as_str().unwrap().contains("`observation`"), "{}", found[8]);
     assert!(found[11]["error"].as_str().unwrap().contains("too long"), "{}", found[11]);
-    // Vehicle 1 has taken the three steps that count.
+    // Vehicle 1 has taken the three valid steps.
     let mut filter = model(3);
     filter = filter.with_rounded_tails();
     let mut filter = filter.filter();
@@ -233,7 +233,7 @@ fn a_line_that_was_cut_off_at_the_end_is_left() {
         assert_eq!(service::answers(&run, &text).0.lines, 1);
         run.replay = false;
     }
-    // A whole one needs no end.
+    // A whole line needs no line end.
     assert_eq!(service::answers(&service::job(&folder), text.trim_end()).0.lines, 2);
 }
 

@@ -19,7 +19,7 @@ use crate::clients::*;
 use crate::kit::*;
 use crate::service::*;
 
-/// Lines of vehicles of a client, with offsets, none of which depends on other clients.
+/// Lines of vehicles of one client, with offsets; independent of other clients.
 fn lines_of(client: i64, count: i64) -> Vec<String> {
     let mut rng = rng(client as u64);
     let line = |at| {
@@ -42,7 +42,7 @@ fn answers_come_back_to_those_who_asked() {
             let address = run.address.clone();
             thread::spawn(move || {
                 let mut found = String::new();
-                // The end of a connection's lines is no end of its answers.
+                // When a connection has sent its last line, its answers go on.
                 if let Some(path) = address.strip_prefix("unix:") {
                     let stream = UnixStream::connect(path).unwrap();
                     (&stream).write_all(text.as_bytes()).unwrap();
@@ -73,7 +73,7 @@ fn one_run_listens_and_one_connection_has_a_name() {
     let listening = ServiceJob { listen: Some(at(&socket)), ..job(&folder) };
     let run = Running::begin(listening.clone());
     let second = serve(&listening, &Control::new(), io::empty(), Vec::new(), |_| ());
-    assert!(second.unwrap_err().to_string().contains("another run listens"));
+    assert!(second.unwrap_err().to_string().contains("another run is listening"));
 
     let (mut first, lines) = (Client::new(&socket).unwrap(), lines_of(1, 10));
     assert_eq!(first.name("gate").unwrap(), None);
@@ -83,7 +83,7 @@ fn one_run_listens_and_one_connection_has_a_name() {
     assert_eq!(other.name("other").unwrap(), None);
     let mut again = Client::new(&socket).unwrap();
     assert_eq!(again.name("gate").unwrap(), Some(3));
-    // The first is cut off: the two would be taken for one another.
+    // The first is cut off: the two could not be told apart.
     assert!(first.answer().is_err());
     again.send(&lines[4..].concat()).unwrap();
     (4..10).for_each(|at| assert_eq!(again.answer().unwrap()["offset"], json!(at)));
@@ -93,7 +93,7 @@ fn one_run_listens_and_one_connection_has_a_name() {
 
     let (_, refused) = answers(&job(&folder), "{\"client\": \"gate\"}\n");
     assert_eq!(refused[0]["error_kind"], json!("line"));
-    // Not a socket, and left as it is.
+    // Not a socket, so it is left alone.
     fs::write(&socket, "of others").unwrap();
     assert!(serve(&listening, &Control::new(), io::empty(), Vec::new(), |_| ()).is_err());
     assert_eq!(fs::read(&socket).unwrap(), b"of others");
@@ -107,7 +107,7 @@ fn lines_that_wait_are_answered_where_they_came_from() {
     let run = Running::begin(ServiceJob { listen, lateness: Some(10), ..job(&folder) });
     let (mut a, mut b) = (Client::new(&socket).unwrap(), Client::new(&socket).unwrap());
     a.send(&line(1, 5, 2)).unwrap();
-    // Answered at once, and so a sign that those before have been taken.
+    // Answered at once, so the lines before it have been taken.
     a.send("no line\n").unwrap();
     assert_eq!(a.answer().unwrap()["error_kind"], json!("line"));
     b.send(&(line(2, 3, 2) + &line(2, 30, 2))).unwrap();
@@ -142,7 +142,7 @@ fn a_run_is_stopped_while_lines_come_without_end() {
     floods.into_iter().for_each(|flood| flood.join().unwrap());
 }
 
-/// The most memory that a process has had, in bytes.
+/// Peak memory of a process, in bytes.
 #[cfg(target_os = "linux")]
 fn most_memory(child: &Child) -> u64 {
     let status = fs::read_to_string(format!("/proc/{}/status", child.id())).unwrap();
@@ -160,7 +160,7 @@ fn a_client_that_names_itself_again_and_again_costs_others_nothing() {
     let mut many = Client::new(&socket).unwrap();
     many.send(&"{\"client\":\"a\"}\n".repeat(16_000)).unwrap();
     let mut other = Client::new(&socket).unwrap();
-    // All lines after each such line were read again with it, which took minutes.
+    // Earlier, all lines after each such line were parsed again with it, which took minutes.
     other.0.get_ref().set_read_timeout(Some(Duration::from_secs(20))).unwrap();
     other.send(&lines_of(1, 1)[0]).unwrap();
     assert_eq!(other.answer().unwrap()["offset"], 0);
@@ -168,7 +168,7 @@ fn a_client_that_names_itself_again_and_again_costs_others_nothing() {
     running.end();
 }
 
-/// A client learns which of its lines a snapshot has: the others it keeps.
+/// A client learns which of its lines a snapshot includes: it keeps the others.
 #[test]
 fn a_client_knows_which_of_its_lines_are_saved() {
     let folder = Folder::new(&model(1));
@@ -218,7 +218,7 @@ fn clients_that_never_read_or_end_a_line_cost_others_nothing() {
     };
     ask(0);
     let before = most_memory(&child);
-    // Answers are longer than the lines. A write that takes long is one that nobody reads for.
+    // Answers are longer than lines. If a write takes long, the other end has stopped reading.
     let deaf = UnixStream::connect(&socket).unwrap();
     deaf.set_write_timeout(Some(Duration::from_millis(500))).unwrap();
     let lines = b"no\n".repeat(10_000);
@@ -228,7 +228,7 @@ fn clients_that_never_read_or_end_a_line_cost_others_nothing() {
         assert!(sent < 50_000_000, "lines are taken whose answers nobody reads");
     }
     ask(500);
-    // Half a line of someone who goes away is not taken.
+    // Half a line of a client that goes away is not taken.
     let mut half = UnixStream::connect(&socket).unwrap();
     half.write_all(&text[1000].as_bytes()[..30]).unwrap();
     drop(half);
@@ -240,7 +240,7 @@ fn clients_that_never_read_or_end_a_line_cost_others_nothing() {
     ask(1500);
     let more = most_memory(&child) - before;
     assert!(more < 60_000_000, "{more} bytes more");
-    // What has no end is answered when it comes.
+    // A line without an end is answered when the end arrives.
     let mut endless = Client(BufReader::new(endless));
     endless.send("\n").unwrap();
     assert!(endless.answer().unwrap()["error"].as_str().unwrap().contains("too long"));
@@ -265,7 +265,7 @@ fn clients_go_on_by_their_offsets_when_the_run_is_killed() {
     let talk = |client: i64, lines: &[String], found: &mut BTreeMap<i64, Value>| {
         let mut connection = Client::new(&socket)?;
         let last = connection.name(&format!("client {client}"))?.unwrap_or(-1);
-        // What it has an answer to may have to be sent again, but nothing is left out.
+        // Lines already answered may have to be sent again, but none is left out.
         assert!(last < LINES && found.len() as i64 <= LINES);
         for part in lines[(last + 1) as usize..].chunks(50) {
             connection.send(&part.concat())?;
@@ -286,7 +286,7 @@ fn clients_go_on_by_their_offsets_when_the_run_is_killed() {
             let (talk, is_over) = (&talk, &is_over);
             scope.spawn(move || {
                 let mut found = BTreeMap::new();
-                // A run that is killed may ask for lines again that were answered.
+                // A killed run may ask again for lines that were answered.
                 loop {
                     let is_last = is_over.load(Ordering::SeqCst);
                     if talk(client, lines, &mut found).is_ok() && is_last {

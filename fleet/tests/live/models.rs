@@ -1,4 +1,4 @@
-//! Models that are exchanged, and figures.
+//! Replacing models, and metrics.
 
 use std::fs;
 use std::io::{Cursor, Read, Write};
@@ -53,7 +53,7 @@ fn the_model_is_exchanged_while_it_runs() {
     close(found[3]["log_likelihood"].as_f64().unwrap(), after.step(&4).unwrap());
     let mut anew = other.filter();
     close(found[7]["log_likelihood"].as_f64().unwrap(), anew.step(&80).unwrap());
-    // The next run goes on with it.
+    // The next run continues with it.
     let (summary, found) = answers(&job, &[&text.concat(), &line(1, 4, 81)[..]].concat());
     assert_eq!(summary.lines, 1);
     close(found[0]["log_likelihood"].as_f64().unwrap(), anew.step(&81).unwrap());
@@ -71,7 +71,7 @@ fn figures_are_answered() {
         }
     })
     .unwrap();
-    // The figures of a run outlive it.
+    // The metrics of a run outlive it.
     let get = |path: &str| {
         let mut stream = TcpStream::connect(seen.unwrap()).unwrap();
         write!(stream, "GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n").unwrap();

@@ -37,7 +37,7 @@ pub(crate) fn line(vehicle: i64, time: i64, seen: usize) -> String {
     format!("{}\n", json!({"vehicle": vehicle, "time": time, "observation": seen}))
 }
 
-/// Lines of many vehicles at random, some of them bad, late, or of removals.
+/// Random lines of many vehicles, some of them bad, late, or removals.
 pub(crate) fn lines(seed: u64, count: usize) -> String {
     let mut rng = rng(seed);
     let mut text = String::new();
@@ -67,7 +67,7 @@ pub(crate) fn command(folder: &Folder, arguments: &[&str]) -> Command {
     command
 }
 
-/// Waits until a file has so many bytes.
+/// Waits until a file has a given number of bytes.
 pub(crate) fn wait_for(path: &Path, bytes: u64) {
     let start = Instant::now();
     while fs::metadata(path).map_or(0, |found| found.len()) < bytes {

@@ -1,4 +1,4 @@
-//! Signals: snapshots, an end in order, and the model again.
+//! Signals: snapshots, an orderly end, and rereading the model.
 
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
@@ -32,7 +32,7 @@ fn signals_snapshot_and_end_in_order() {
         );
         let mut child = child.stdin(Stdio::piped()).spawn().unwrap();
         let mut input = child.stdin.take().unwrap();
-        // The last line has not ended, and is not taken.
+        // The last line is incomplete, so it is not taken.
         let text = format!("{}{}{{\"vehicle\": 3", line(1, 1, 2), line(2, 1, 2));
         input.write_all(text.as_bytes()).unwrap();
         wait_for(&output, 150);
@@ -84,7 +84,7 @@ fn the_model_is_read_again_on_hangup() {
     assert_eq!(next_event()["event"], json!("begin"));
     input.write_all(line(1, 1, 3).as_bytes()).unwrap();
     wait_for(&output, 50);
-    // One that is none is said, and the old one stays.
+    // A file that is not a model is reported, and the old model stays.
     fs::write(folder.path("model.json"), "{}").unwrap();
     signal(&child, "HUP");
     assert_eq!(next_event()["event"], json!("model_failed"));
@@ -95,7 +95,7 @@ fn the_model_is_read_again_on_hangup() {
     signal(&child, "HUP");
     let event = next_event();
     assert_eq!((&event["event"], &event["kept"]), (&json!("model"), &json!(1)), "{event}");
-    // A snapshot with the new model follows: a run that is killed goes on with it.
+    // A snapshot with the new model follows, so a killed run continues with it.
     assert_eq!(next_event()["event"], json!("snapshot"));
     child.kill().unwrap();
     child.wait().unwrap();

@@ -1,4 +1,4 @@
-//! Snapshots: of one moment, and refused when they are damaged or of another model.
+//! Snapshots are of one moment, and refused when they are damaged or of another model.
 
 use std::fs;
 use std::path::Path;
@@ -74,7 +74,7 @@ fn a_snapshot_that_cannot_be_written_leaves_the_last_one() {
     let folder = TempDir::new().unwrap();
     let bytes = snapshot(folder.path());
     let pool = Pool::new(Arc::new(model(1)), "model", &threads(1)).unwrap();
-    // Where the file is under construction, there is a folder.
+    // A folder is in the place of the temporary file.
     fs::create_dir(folder.path().join("pool.bin.partial")).unwrap();
     assert!(pool.snapshot(&folder.path().join("pool.bin")).is_err());
     assert_eq!(fs::read(folder.path().join("pool.bin")).unwrap(), bytes);
@@ -106,7 +106,7 @@ fn a_snapshot_is_of_one_moment_while_updates_go_on() {
             let (still, moving) = (folder.path("still.bin"), folder.path("moving.bin"));
             pool.snapshot(&still).unwrap();
             let writing = pool.begin_snapshot(&moving).unwrap();
-            // One at a time; this one may just have ended.
+            // One at a time; but the first may just have ended.
             let second = pool.begin_snapshot(&folder.path("second.bin"));
             if let Ok(second) = second {
                 second.wait().unwrap();

@@ -1,4 +1,4 @@
-//! Times that order, forget and count steps.
+//! Times: order, forgetting, and steps by the clock.
 
 use std::io::{Cursor, Read};
 use std::num::{NonZeroU64, NonZeroUsize};
@@ -24,7 +24,7 @@ fn vehicles_are_forgotten_and_removed() {
         line(2, 10, 3),
         line(1, 10, 2), // just kept
         line(3, 21, 3),
-        line(1, 5, 3), // forgotten: begins anew, also at an earlier time
+        line(1, 5, 3), // forgotten: starts anew, even at an earlier time
         line(4, 1000, 3),
         "{\"vehicle\": 4, \"remove\": true, \"offset\": 9}\n".to_owned(),
         "{\"vehicle\": 4, \"remove\": true}\n".to_owned(),
@@ -43,7 +43,7 @@ fn vehicles_are_forgotten_and_removed() {
         close(found[at]["log_likelihood"].as_f64().unwrap(), first);
     }
     close(found[2]["log_likelihood"].as_f64().unwrap(), filter.step(&2).unwrap());
-    // All of the others are 990 units behind the latest.
+    // All others are 990 units behind the latest.
     assert_eq!(summary.vehicles, 0);
 }
 
@@ -82,7 +82,7 @@ fn late_lines_are_put_in_order() {
     let sorted: String = seen.iter().map(|&(id, time, see)| line(id, time, see)).collect();
     let (_, expected) = answers(&job(&folder), &sorted);
     assert!(expected.iter().all(|answer| answer.get("error").is_none()));
-    // No line is more than 20 units behind a later one.
+    // No line is more than 20 units behind any line before it.
     seen.chunk_by_mut(|a, b| a.1 / 20 == b.1 / 20).for_each(|part| part.shuffle(&mut rng));
     let late = [line(3, 100, 2)];
     let text: Vec<String> = seen.iter().map(|&(id, time, see)| line(id, time, see)).collect();
@@ -101,7 +101,7 @@ fn late_lines_are_put_in_order() {
     expected.sort_by_key(by);
     assert_eq!(found, expected);
 
-    // Stopped runs keep what waits.
+    // Stopped runs keep waiting lines.
     let snapshot = folder.path("pool.bin");
     let mut pieces = ServiceJob { lateness: Some(20), replay: true, ..job(&folder) };
     pieces.live.restore = Some(snapshot.clone());
@@ -126,7 +126,7 @@ fn late_lines_are_put_in_order() {
     assert_eq!(found, whole);
 }
 
-/// An input that does not end, but stops the run.
+/// An input that never ends, but stops the run.
 struct Stopping(Cursor<Vec<u8>>, Control);
 
 impl Read for Stopping {
@@ -188,7 +188,7 @@ fn one_clock_that_is_far_ahead_makes_no_other_late_or_forgotten() {
         let expected = of_others(&job, &without);
         assert!(expected.iter().all(|answer| answer.get("error").is_none()));
         assert!(of_others(&job, &with) == expected);
-        // A run that goes on knows how far each is.
+        // A run that continues knows the time of each vehicle.
         let snapshot = folder.path(&format!("{lateness:?}.bin"));
         job.replay = true;
         job.live.restore = Some(snapshot.clone());
@@ -208,7 +208,7 @@ fn one_clock_that_is_far_ahead_makes_no_other_late_or_forgotten() {
         let found = found.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
         let found: Vec<Value> = found.filter(|answer| answer["vehicle"] != json!(99)).collect();
         assert!(found == expected);
-        // By default it does.
+        // By default, one such clock does affect the others.
         (job.live.restore, job.live.snapshot, job.replay) = (None, None, false);
         job.timing.agree = None;
         assert!(of_others(&job, &with) != expected);

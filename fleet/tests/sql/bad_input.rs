@@ -79,7 +79,7 @@ fn types_and_numbers_of_arguments() {
     let refused = |sql: &str| refused(&folder, &table, sql);
     contains(
         &refused(&format!("SELECT wayfix_smooth({model}, trace_id) FROM drives")),
-        "column `observations`: has the type Int64 of the observation of one step, expected a list",
+        "column `observations`: has the type Int64, that of one observation; expected a list",
     );
     contains(
         &refused(&format!("SELECT wayfix_smooth({model}, [1.5, trace_id]) FROM drives")),
@@ -141,7 +141,7 @@ fn models_that_do_not_fit() {
         &refused(&write("places.json", &places.unwrap())),
         "1 arguments after the model, but its sensor takes `latitudes`, `longitudes`, `deviations`",
     );
-    // Likelihoods for a model of another size.
+    // Likelihoods for a model with another number of states.
     let lists = "SELECT trace_id, [[0.5, 0.25]] AS seen FROM drives";
     let path = write("vector.json", &vector);
     let sql = format!("SELECT wayfix_score('{path}', seen) FROM ({lists})");
@@ -164,7 +164,7 @@ fn a_table_must_be_in_the_order_that_is_said() {
             all([1, 1, 2, 2, 1, 2]),
             all([1, 2, 1, 2, 3, 3]),
             "column `trace_id`, `step`, row 4 (counted from 0): (1, 3) follows (2, 2), expected \
-             rows that are sorted by these columns, no two the same",
+             rows sorted by these columns, without duplicates",
         ),
         (all([1, 1, 2, 2, 3, 3]), all([1, 2, 3, 2, 1, 2]), "row 3 (counted from 0): (2, 2)"),
         (all([1, 1, 2, 2, 3, 3]), all([1, 2, 1, 1, 1, 2]), "row 3 (counted from 0): (2, 1)"),
@@ -181,7 +181,7 @@ fn a_table_must_be_in_the_order_that_is_said() {
         let query = over(&folder, "drives.parquet", &["trace_id", "step"], sql);
         contains(&error(&query).to_string(), expected);
     }
-    // Between two batches; and texts.
+    // Across two batches; and text.
     let mut ids: Vec<i64> = (0..70_000).collect();
     ids[65_536] = 65_535;
     let texts: StringArray = ids.iter().map(|id| Some(format!("{id:06}"))).collect();
@@ -198,7 +198,7 @@ fn a_table_must_be_in_the_order_that_is_said() {
     let query = over(&folder, "drives.parquet", &["seen"], "SELECT * FROM drives");
     contains(
         &error(&query).to_string(),
-        "column `seen` is nested, expected numbers, texts or times",
+        "column `seen` is nested, expected numbers, text or times",
     );
 }
 
@@ -222,14 +222,14 @@ fn files_and_queries() {
     for sql in ["SELECT", "SELECT nothing FROM drives", "DROP TABLE drives", "COPY drives TO 'x'"] {
         error(&over(&folder, "drives.parquet", &[], sql));
     }
-    // An output that exists stays as it is.
+    // An existing output is left alone.
     fs::write(folder.path("rows.parquet"), b"mine").unwrap();
     let mut query = over(&folder, "drives.parquet", &[], &sql);
     query.force = false;
     let message = wayfix_fleet::sql::query(&query, |_| {}).unwrap_err().to_string();
     contains(&message, "exists");
     assert_eq!(fs::read(folder.path("rows.parquet")).unwrap(), b"mine");
-    // The command gives what the function gives.
+    // The command returns what the function returns.
     query.force = true;
     let found = rows(&query);
     let file = nested(&vec![vec![0, 1, 2, 3]; 2000]);

@@ -1,4 +1,4 @@
-//! Results of all functions are those of the library, with every number of partitions.
+//! Results of all functions equal those of the library, with any number of partitions.
 
 use wayfix::InferenceError;
 
@@ -89,7 +89,7 @@ fn functions_combine_with_other_sql() {
     let drives = drives(7, 60, 3, 12);
     folder.write("nested.parquet", &nested(&drives), 33);
     let name = model_of(&folder);
-    // A row for each step, and drives that are ruled out.
+    // One row per step, and drives that are ruled out.
     let sql = format!(
         "SELECT trace_id, s['step'] AS step, s['state'] AS state FROM (SELECT trace_id, \
          unnest(wayfix_decode({name}, observation)) AS s FROM drives) ORDER BY trace_id, step"
@@ -113,7 +113,7 @@ fn functions_combine_with_other_sql() {
         (integers(&found, "n")[0], integers(&found, "valid")[0]),
         (Some(count), Some(count))
     );
-    // Constants, which are computed when the query is planned.
+    // Constants, which are evaluated when the query is planned.
     let sql = format!("SELECT wayfix_decode({name}, [0, 1, 2]) AS path FROM drives LIMIT 2");
     let found = rows(&over(&folder, "nested.parquet", &[], &sql));
     let expected = model.viterbi(&[0, 1, 2]).unwrap();

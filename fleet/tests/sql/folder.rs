@@ -1,4 +1,4 @@
-//! Models of a folder, beyond which no query sees.
+//! Models of a folder, outside of which queries see nothing.
 
 use std::fs;
 use std::path::Path;
@@ -24,7 +24,7 @@ fn no_file_outside_can_be_named() {
     for copy in ["models/a.json", "models/city/b.json", "models-2/c.json"] {
         fs::copy(folder.path("model.json"), folder.path(copy)).unwrap();
     }
-    // A file that is outside was read before, by a query without a folder.
+    // A file outside has been read before, by a query without a folder.
     let outside = folder.path("model.json").to_str().unwrap().to_owned();
     rows(&Query { models: None, ..query(&folder, &outside) });
 
@@ -61,12 +61,12 @@ fn no_file_outside_can_be_named() {
     for name in refused {
         let message = error(&query(&folder, name)).to_string();
         let expected = format!(
-            "wayfix_score: {name}: is none of the models, expected the name of a file in their \
+            "wayfix_score: {name}: is not one of the models, expected the name of a file in their \
              folder"
         );
         assert!(message.contains(&expected), "{message}");
     }
-    // A folder inside is no model, and a folder of models is a folder.
+    // A subfolder is not a model, and the folder of models must be a folder.
     let message = error(&query(&folder, "city")).to_string();
     assert!(message.contains("is not a file"), "{message}");
     for name in ["none", "model.json"] {

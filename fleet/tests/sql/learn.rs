@@ -26,7 +26,7 @@ fn iterations_by_queries_are_those_of_the_library() {
     }
 }
 
-/// An interrupted run goes on after its last re-estimation.
+/// An interrupted run continues after its last re-estimation.
 #[test]
 fn learning_goes_on_after_an_interruption() {
     let given = model(13);

@@ -1,4 +1,4 @@
-//! Tables with a row for each step.
+//! Tables with one row per step.
 
 use wayfix::InferenceError;
 use wayfix_fleet::sql::{Query, context};
@@ -6,7 +6,7 @@ use wayfix_fleet::sql::{Query, context};
 use crate::kit::*;
 use crate::tables::*;
 
-/// Results of drives that are gathered from rows.
+/// Results of drives gathered from rows.
 fn gathered(model: &str) -> String {
     format!(
         "SELECT trace_id, steps, wayfix_smooth({model}, seen) AS smooth, \
@@ -68,7 +68,7 @@ fn rows_are_gathered_in_order() {
     }
 }
 
-/// Text of the physical plan for a table that is declared as sorted in SQL.
+/// Physical plan, as text, for a table declared as sorted in SQL.
 fn plan(folder: &Folder, threads: usize, order: &str, of: &str) -> String {
     let runtime = tokio::runtime::Runtime::new().unwrap();
     runtime.block_on(async {
@@ -102,7 +102,7 @@ fn memory_is_flat_by_the_plan() {
         let unsorted = plan(&folder, threads, "", "FROM drives");
         assert!(!unsorted.contains("ordering_mode=Sorted"), "{unsorted}");
     }
-    // A range of the table has its order, and one aggregate, for which no row changes its task.
+    // A range of the table is ordered, and has one aggregate that needs no exchange of rows.
     let order = "WITH ORDER (trace_id ASC, step ASC)";
     let range = "FROM drives WHERE trace_id >= 20 AND trace_id < 77";
     let range = plan(&folder, 1, order, range);

@@ -6,11 +6,11 @@ use std::process::Command;
 use crate::kit::*;
 use crate::tables::model_of;
 
-/// Largest memory of the command, in bytes.
+/// Peak memory of the command, in bytes.
 fn peak(folder: &Folder, input: &str, order: &str, sql: &str) -> u64 {
     let mut command = Command::new(env!("CARGO_BIN_EXE_wayfix-fleet"));
     command.args(["sql", "--force", "--threads", "2", "--order", order, "--query", sql]);
-    // So small that the smaller table, too, has several parts under way at a time.
+    // Small enough that even the smaller table has several parts in flight.
     command.args(["--part", "100000"]);
     command.arg("--table").arg(format!("drives={}", folder.path(input).display()));
     command.arg("--output").arg(folder.path(&format!("{input}.out")));
@@ -29,7 +29,7 @@ fn is_flat() {
     let few = peak(&folder, "few.parquet", "trace_id", &sql);
     let most = peak(&folder, "many.parquet", "trace_id", &sql);
     assert!(few > 5 << 20, "{few}");
-    // Results of the additional steps are 80 MB.
+    // Results of the additional steps would take 80 MB.
     assert!(most < few + (30 << 20), "{few} bytes, then {most}");
 
     folder.write("few.parquet", &long(&some[..5000]), 100_000);
@@ -40,6 +40,6 @@ fn is_flat() {
     );
     let few = peak(&folder, "few.parquet", "trace_id,step", &sql);
     let most = peak(&folder, "many.parquet", "trace_id,step", &sql);
-    // Scalars of the additional steps would be 100 MB.
+    // Scalars of the additional steps would take 100 MB.
     assert!(most < few + (30 << 20), "{few} bytes, then {most}");
 }

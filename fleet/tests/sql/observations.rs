@@ -115,7 +115,7 @@ fn likelihoods_and_logarithms_of_all_states() {
         let table = nest(&[("seen", Arc::new(lists.finish()))]);
         compare(&model, &Folder::new(&model), &table, "seen", &values);
     }
-    // Lists of a fixed size, of other numbers, in a large list; and a dense matrix.
+    // Fixed-size lists of other number types, in a large list; and a dense matrix.
     let matrix: Vec<Vec<f64>> =
         (0..STATES).map(|to| (0..STATES).map(|from| transition.get(to, from)).collect()).collect();
     let dense = DenseTransition::from_rows(&matrix).unwrap();
@@ -152,7 +152,7 @@ fn a_few_states() {
         seen.map(|(k, l)| SparseObservation::new(l.clone(), elsewhere(k)).unwrap()).collect()
     };
     compare(&model, &folder, &table, "seen, others", &observation(&|k| elsewhere[k]));
-    // Without the likelihood of the others it is 0: some drives are ruled out.
+    // Without a likelihood for the other states it is 0: some drives are ruled out.
     let sql = format!("SELECT wayfix_score({}, seen) AS score FROM drives", model_of(&folder));
     let mut query = over(&folder, "drives.parquet", &[], &sql);
     query.threads = 1;

@@ -1,4 +1,4 @@
-//! The output of a query is none of the files that it reads.
+//! The output of a query never overwrites files that it reads.
 
 use std::fs;
 use std::os::unix::fs::symlink;
@@ -17,7 +17,7 @@ fn tables_and_models_are_kept() {
     fs::hard_link(folder.path("drives.parquet"), folder.path("hard")).unwrap();
     symlink(folder.path("model.json"), folder.path("soft")).unwrap();
     let sql = format!("SELECT wayfix_score({}, observation) FROM drives", model_of(&folder));
-    let is_read = "would be written to, but is read (as ";
+    let is_read = "would be written to, but is also read (as ";
     for (table, output, expected) in [
         ("drives.parquet", "drives.parquet", is_read),
         ("drives.parquet", "days/../drives.parquet", is_read),

@@ -1,4 +1,4 @@
-//! Queries by parts of a sorted table, and those that cannot be.
+//! Queries by parts of a sorted table, and queries that cannot be run so.
 
 use std::fs;
 use std::process::{Command, Stdio};
@@ -12,8 +12,8 @@ use wayfix_fleet::sql::{Query, QueryState, QuerySummary, query};
 use crate::kit::*;
 use crate::tables::*;
 
-/// A long table, a nested one, and the long one in a folder of three files, whose borders are
-/// within drives.
+/// A long table, a nested one, and the long one in a folder of three files whose borders lie within
+/// drives.
 fn prepare() -> Folder {
     let folder = Folder::new(&model(6));
     let drives = drives(51, 600, 1, 40);
@@ -69,7 +69,7 @@ fn rows_are_those_of_the_whole_query() {
         let mut of = over(&folder, input, key, &sql);
         of.part = 0;
         let (expected, summary, whole) = run(&of);
-        assert_eq!((summary.parts, whole.unwrap()), (0, "no parts are wanted".to_owned()));
+        assert_eq!((summary.parts, whole.unwrap()), (0, "--part is 0".to_owned()));
         assert!(expected.num_rows() > 500);
         for (part, threads, least) in [(1, 3, 20), (1000, 2, 8), (1 << 20, 1, 1)] {
             (of.part, of.threads) = (part, threads);
@@ -94,24 +94,24 @@ fn what_needs_other_rows_is_named() {
         ("SELECT row_number() OVER () FROM drives", "needs other rows"),
         ("SELECT step FROM drives ORDER BY step", "needs all rows"),
         ("SELECT trace_id FROM drives ORDER BY trace_id DESC", "needs all rows"),
-        ("SELECT count(*) FROM drives", "has groups of more than one `trace_id`"),
-        ("SELECT step, count(*) FROM drives GROUP BY step", "groups of more than one `trace_id`"),
+        ("SELECT count(*) FROM drives", "groups rows of different `trace_id`"),
+        ("SELECT step, count(*) FROM drives GROUP BY step", "groups rows of different `trace_id`"),
         (
             "SELECT -trace_id AS trace_id, count(*) FROM drives GROUP BY 1",
-            "groups of more than one `trace_id`",
+            "groups rows of different `trace_id`",
         ),
         (
             "SELECT trace_id, count(*) FROM (SELECT step AS trace_id FROM drives) GROUP BY 1",
-            "groups of more than one `trace_id`",
+            "groups rows of different `trace_id`",
         ),
         (
             "SELECT trace_id, count(*) FROM drives GROUP BY ROLLUP (trace_id)",
-            "groups of more than one `trace_id`",
+            "groups rows of different `trace_id`",
         ),
         ("SELECT step FROM drives WHERE step > (SELECT min(step) FROM drives)", "a subquery"),
         ("SELECT step FROM drives WHERE step IN (SELECT step FROM drives)", "a subquery"),
-        ("SELECT step, random() FROM drives", "random depends on the moment"),
-        ("SELECT step, now() FROM drives", "now depends on the moment"),
+        ("SELECT step, random() FROM drives", "random depends on when it is called"),
+        ("SELECT step, now() FROM drives", "now depends on when it is called"),
         ("EXPLAIN SELECT step FROM drives", "needs other rows"),
         ("SELECT 1", "needs other rows"),
     ] {
@@ -120,7 +120,7 @@ fn what_needs_other_rows_is_named() {
         assert!(whole.as_ref().is_some_and(|whole| whole.contains(expected)), "{sql}: {whole:?}");
         assert_eq!(summary.parts, 0);
     }
-    // A table without rows has a part without rows.
+    // A table without rows makes one part without rows.
     folder.write("none.parquet", &long(&[]), 10);
     let sql = "SELECT step FROM drives";
     let none = over(&folder, "none.parquet", &["trace_id", "step"], sql);
@@ -131,7 +131,7 @@ fn what_needs_other_rows_is_named() {
     assert_eq!(whole.unwrap(), "no table has an --order");
     fs::write(folder.path("a.csv"), "trace_id,step\n1,1\n").unwrap();
     let (_, _, whole) = run(&over(&folder, "a.csv", &["trace_id"], "SELECT * FROM drives"));
-    assert_eq!(whole.unwrap(), "no part of a CSV file can be read alone");
+    assert_eq!(whole.unwrap(), "a CSV file can only be read as a whole");
 }
 
 fn smoothing(folder: &Folder) -> Query {
@@ -144,7 +144,7 @@ fn smoothing(folder: &Folder) -> Query {
     over(folder, "long.parquet", &["trace_id", "step"], &sql)
 }
 
-/// Leaves a query with some parts, by a panic in its middle.
+/// Leaves a query with some parts behind, by a panic halfway.
 fn interrupt(of: &Query) {
     let of = of.clone();
     let stopped = thread::spawn(move || {
@@ -164,7 +164,7 @@ fn an_interrupted_query_goes_on() {
     let (_, summary, _) = run(&of);
     assert!(summary.parts > 20);
     let expected = fs::read(&of.output).unwrap();
-    // It says that it has come to its end, and another one does not replace it.
+    // It says that it is finished, and another query does not replace it.
     let again = query(&of, |_| {}).unwrap();
     assert_eq!((again.rows, again.parts, again.finished), (summary.rows, 0, true));
     let other = Query { batch: 8, ..of.clone() };
@@ -179,7 +179,7 @@ fn an_interrupted_query_goes_on() {
     };
     refused(&other, "batch is 8, was 16");
     refused(&Query { sql: of.sql.replace("2.5", "2.0"), ..of.clone() }, "query is ");
-    refused(&Query { part: 0, ..of.clone() }, "is of an unfinished run");
+    refused(&Query { part: 0, ..of.clone() }, "is from an unfinished run");
     refused(&Query { sql: "SELECT count(*) FROM drives".to_owned(), ..of.clone() }, "unfinished");
     let input = fs::read(folder.path("long.parquet")).unwrap();
     folder.write("long.parquet", &long(&drives(52, 600, 0, 40)), 300);
@@ -190,7 +190,7 @@ fn an_interrupted_query_goes_on() {
     assert_eq!((resumed.rows, resumed.parts), (summary.rows, summary.parts));
     assert!(fs::read(&of.output).unwrap() == expected);
 
-    // Another model, by the same name. This process would not see it, since it has read the first.
+    // Another model under the same name. This process would not notice, as it has read the first.
     fs::remove_file(&of.output).unwrap();
     interrupt(&of);
     fs::write(folder.path("model.json"), serde_json::to_vec(&model(7)).unwrap()).unwrap();
@@ -203,7 +203,7 @@ fn an_interrupted_query_goes_on() {
     assert!(!folder.has_leftovers());
 }
 
-/// An error in a part keeps those before it, and nothing if there is none.
+/// An error in a part keeps the parts before it, and leaves nothing if there are none.
 #[test]
 fn an_error_is_an_interruption() {
     let folder = prepare();
@@ -248,7 +248,7 @@ fn a_killed_query_goes_on() {
             let mut child = command(&folder, &of).stderr(Stdio::null()).spawn().unwrap();
             if left > 0 {
                 thread::sleep(whole.mul_f64(rng.random_range(0.0..1.1)));
-                // In vain if it has come to its end.
+                // Fails if the process has already ended.
                 _ = child.kill();
                 left -= 1;
             }
@@ -259,7 +259,7 @@ fn a_killed_query_goes_on() {
             }
         }
         assert!(fs::read(&of.output).unwrap() == expected, "{left} kills left");
-        // A lock that a killed run leaves is no obstacle.
+        // A lock file left by a killed run is no obstacle.
         let told = command(&folder, &of).stderr(Stdio::piped()).output().unwrap();
         assert!(told.status.success() && told.stderr.is_empty(), "{told:?}");
         assert!(!of.output.with_extension("parquet.unfinished").exists());

@@ -1,4 +1,4 @@
-//! Queries over files, and what they give.
+//! Queries over files, and their rows.
 
 use std::path::PathBuf;
 
@@ -9,7 +9,7 @@ use wayfix_fleet::{FleetError, Pack};
 
 use crate::kit::{Folder, close, read};
 
-/// A query over one table, `drives`, that is sorted by some columns.
+/// A query over one table, `drives`, sorted by some columns.
 pub(crate) fn over(folder: &Folder, input: &str, key: &[&str], sql: &str) -> Query {
     let key = key.iter().map(|&column| column.to_owned()).collect();
     Query {
@@ -36,7 +36,7 @@ pub(crate) fn rows(query_of: &Query) -> RecordBatch {
     rows
 }
 
-/// Error of a query, which leaves nothing.
+/// Error of a query, which must leave no files.
 pub(crate) fn error(query_of: &Query) -> FleetError {
     let error = query(query_of, |_| {}).unwrap_err();
     assert!(!query_of.output.exists() && leftovers(query_of).is_empty(), "{error}");
@@ -80,7 +80,7 @@ pub(crate) fn same_rows(found: &RecordBatch, expected: &RecordBatch) {
     found.columns().iter().zip(expected.columns()).for_each(|(found, e)| same(found, e));
 }
 
-/// Numbers may differ in their last digits: which drives are computed together is another matter.
+/// Compares rows; numbers may differ in their last digits, as drives are computed in other groups.
 fn same(found: &ArrayRef, expected: &ArrayRef) {
     assert_eq!(found.logical_nulls(), expected.logical_nulls());
     match found.data_type() {

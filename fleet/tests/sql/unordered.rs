@@ -29,7 +29,7 @@ const REFUSED: [&str; 10] = [
      HAVING wayfix_score({}, array_agg(observation))['log_likelihood'] > -9)",
 ];
 
-/// Queries that are taken.
+/// Queries that are accepted.
 const TAKEN: [&str; 6] = [
     "SELECT wayfix_smooth({}, array_agg(observation ORDER BY step)) FROM drives GROUP BY trace_id",
     "SELECT wayfix_smooth({}, seen), other FROM (SELECT array_agg(observation ORDER BY step) AS \
@@ -50,10 +50,10 @@ fn an_order_is_asked_for() {
     folder.write("drives.parquet", &long(&drives(31, 300, 1, 40)), 777);
     let query = |sql: &str, key| over(&folder, "drives.parquet", key, &sql.replace("{}", &model));
     for sql in REFUSED {
-        // Also of a sorted table: threads put pieces together in any order.
+        // Over a sorted table, too: threads put pieces together in any order.
         for key in [&[] as &[&str], &["trace_id", "step"]] {
             let message = error(&query(sql, key)).to_string();
-            let expected = "has no ORDER BY, so that the steps of a drive come in any order";
+            let expected = "has no ORDER BY, so the steps of a drive come in any order";
             assert!(message.contains(expected), "{sql}: {message}");
             assert!(message.contains("array_agg("), "{message}");
             assert!(message.contains("observation ORDER BY step)"), "{message}");

@@ -20,7 +20,7 @@ const NAMES: [&str; 5] = [
     "days/more.parquet",
 ];
 
-/// The same folder on a disk and in a store, with what others write beside.
+/// The same folder on disk and in a store, with files that other tools write beside the data.
 fn days() -> (Folder, Shelf) {
     let (folder, shelf) = (Folder::new(&model(1)), Shelf::new());
     for (seed, name) in (0..).zip(NAMES) {
@@ -64,7 +64,7 @@ fn a_prefix_is_a_folder() {
                 let name = object.split_once("days/").unwrap().1;
                 assert!(file.ends_with(name), "{object}, {file}");
             }
-            // Each name that it writes names the object.
+            // Each name that it writes is that of the object.
             let inputs: Vec<PathBuf> = {
                 let mut names = files(&rows);
                 names.dedup();
@@ -77,7 +77,7 @@ fn a_prefix_is_a_folder() {
             fs::remove_file(folder.path("list.parquet")).unwrap();
         }
     }
-    // A file of results for each object, under its name.
+    // One file of results per object, under its name.
     let inputs = [PathBuf::from(format!("{shelf}days"))];
     let summary = go_on(&job(&folder, &inputs, "objects/")).unwrap();
     assert_eq!(summary.outputs, 5);
@@ -88,7 +88,7 @@ fn a_prefix_is_a_folder() {
             ["objects", "results"].map(|kind| fs::read(folder.path(kind).join(name)).unwrap());
         assert!(object == file, "{name}");
     }
-    // Also for learning.
+    // For learning, too.
     let file = learn_job(&folder, "days", "file.json", 2);
     let mut object = learn_job(&folder, "days", "object.json", 2);
     object.input.clone_from(&inputs[0]);
@@ -103,7 +103,7 @@ fn what_cannot_be_meant_is_refused() {
         (at("nothing"), "has no files"),
         (at("days3/"), "has no files"),
         (at("days/*.parquet"), "has no files"),
-        (PathBuf::from("ftp://host/file.parquet"), "there is no store for this URL"),
+        (PathBuf::from("ftp://host/file.parquet"), "no store for this URL"),
         (at("days2/other.parquet"), "other.parquet: "),
     ] {
         let error = folder_error(&folder, &[input], "out.parquet");
@@ -111,7 +111,7 @@ fn what_cannot_be_meant_is_refused() {
     }
     let twice = [at("days"), at("days/more.parquet")];
     let error = folder_error(&folder, &twice, "out.parquet");
-    assert!(error.contains("is there twice in the input"), "{error}");
+    assert!(error.contains("occurs twice in the input"), "{error}");
     let mut job = job(&folder, &[at("days")], "out.parquet");
     job.output = at("out.parquet");
     let error = go_on(&job).unwrap_err().to_string();
@@ -124,7 +124,7 @@ fn what_cannot_be_meant_is_refused() {
     job.model = at("nothing.json");
     let error = go_on(&job).unwrap_err().to_string();
     assert!(error.contains("nothing.json: "), "{error}");
-    // Results beside the objects would be part of them the next time.
+    // Results beside the objects would be input the next time.
     job.model = folder.path("model.json");
     job.inputs = vec![PathBuf::from(format!("file://{}", folder.path("days").display()))];
     job.output = folder.path("days/out.parquet");

@@ -1,4 +1,4 @@
-//! Results of objects are those of files.
+//! Results from objects equal those from files.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -52,7 +52,7 @@ fn to_the_byte_also_after_an_interruption() {
         go_on(&job).unwrap();
         assert!(fs::read(&job.output).unwrap() == *expected, "{name}");
         assert_eq!(go_on(&job).unwrap().finished, 1);
-        // The same content as a file is the same input.
+        // A file with the same contents is the same input.
         job.inputs = vec![folder.path(name)];
         assert_eq!(go_on(&job).unwrap().finished, 1);
         fs::remove_file(&job.output).unwrap();
@@ -82,7 +82,7 @@ fn learning_is_the_same() {
     }
 }
 
-/// Columns that are read are fetched once, others never.
+/// Required columns are fetched once, others never.
 #[test]
 fn no_byte_of_a_column_comes_twice() {
     let (folder, shelf, _) = prepare();
@@ -127,7 +127,7 @@ fn an_object_that_is_replaced_is_noticed() {
     for (name, expected) in &expected[..2] {
         let mut job = job(&folder, &shelf, name);
         let bytes = fs::read(folder.path(name)).unwrap();
-        // While it is read, by the same bytes even: the tag differs.
+        // While it is read, even by the same bytes: the tag differs.
         for other in [&others, &bytes] {
             let mut is_replaced = false;
             job.start.restart = true;
@@ -144,7 +144,7 @@ fn an_object_that_is_replaced_is_noticed() {
             shelf.put(name, bytes.clone());
         }
         job.start.restart = false;
-        // Between two runs: another content is refused, the same goes on.
+        // Between two runs: changed contents are refused, the same contents continue.
         assert!(folder.has_leftovers());
         let mut other = bytes.clone();
         other[30] ^= 1;

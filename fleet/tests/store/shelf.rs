@@ -1,4 +1,4 @@
-//! A store in memory that takes note of what is asked for.
+//! A store in memory that records what is requested.
 
 use std::fmt;
 use std::fs;

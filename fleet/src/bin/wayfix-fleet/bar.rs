@@ -1,4 +1,4 @@
-//! The bar that shows progress.
+//! The progress bar.
 
 use std::time::Duration;
 
@@ -20,8 +20,10 @@ pub(crate) fn show(bar: &ProgressBar, progress: &Progress) {
     show_rows(bar, rows, all_rows, format!("{drives} drives"));
 }
 
-/// Shows how many rows of all, if that is known, are done.
+/// Shows the number of rows done, out of all if that is known.
 pub(crate) fn show_rows(bar: &ProgressBar, done: u64, all: Option<u64>, message: String) {
+    // Starts as a spinner: the number of rows is only known once the footers are read, and never
+    // for CSV.
     if let Some(all) = all
         && bar.length() != Some(all)
     {

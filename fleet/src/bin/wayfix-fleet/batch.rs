@@ -10,29 +10,29 @@ use wayfix_fleet::{FleetError, Job, Pack, Summary, run};
 use crate::bar::{bar, show};
 use crate::files::Files;
 
-/// A routine with results for each drive.
+/// Options of a routine with results for each drive.
 #[derive(Debug, Args)]
 pub(crate) struct Batch {
     #[command(flatten)]
     files: Files,
-    /// Table of the results: steps or best (smooth, filter), paths (decode), or drives.
+    /// Table of results: steps or best (smooth, filter), paths (decode), or drives.
     #[arg(long)]
     table: Option<Content>,
-    /// Number of states for each step (best) or of paths for each drive (paths).
+    /// Number of states per step (best) or of paths per drive (paths).
     #[arg(long, default_value_t = 1)]
     count: usize,
-    /// A row for each step, or for each drive; as the input by default.
+    /// One row per step (long) or per drive (nested); by default as in the input.
     #[arg(long)]
     form: Option<FormOf>,
-    /// Rows (steps) of a row group of the output, at least. An interruption loses one that is not
-    /// complete.
+    /// Minimum rows (steps) in a row group of the output. An interruption loses only the incomplete
+    /// one.
     #[arg(long, default_value_t = 1 << 19)]
     part: usize,
     /// Compression of the output.
     #[arg(long, default_value = "none")]
     compression: Pack,
-    /// Leaves out drives that are no valid input, and writes them into a file: a line of JSON with
-    /// file, row, trace_id, column and reason. A folder if the output is one.
+    /// Leaves out invalid drives, and writes them to a file: a line of JSON with file, row,
+    /// trace_id, column and reason. A folder if the output is one.
     #[arg(long, value_name = "FILE")]
     skip_invalid: Option<PathBuf>,
 }

@@ -1,4 +1,4 @@
-//! Options that all commands over files of drives share.
+//! Options shared by all commands over files of drives.
 
 use std::path::PathBuf;
 use std::thread;
@@ -7,42 +7,42 @@ use clap::Args;
 use wayfix_fleet::Start;
 use wayfix_fleet::input::ColumnNames;
 
-/// Input, output, names of columns, and ways to begin.
+/// Input, output, column names, and how to treat existing output.
 #[derive(Debug, Args)]
 pub(crate) struct Files {
     /// Model, the JSON of a wayfix `Hmm`.
     #[arg(long)]
     pub(crate) model: PathBuf,
-    /// Drives, a CSV file if its name ends so, else a Parquet file; a folder of files, or a
-    /// pattern in quotes. May be given several times, but to learn.
+    /// Drives: a CSV file by its name, else a Parquet file; a folder of files, or a pattern in
+    /// quotes. May be repeated, except for learn.
     #[arg(long, required = true)]
     pub(crate) input: Vec<PathBuf>,
-    /// Results; a folder for a file of results for each file of the input.
+    /// Results; a folder for one file of results per input file.
     #[arg(long)]
     pub(crate) output: PathBuf,
-    /// Column with the id of the drive.
+    /// Column of the drive id.
     #[arg(long, default_value = "trace_id")]
     pub(crate) trace_id: String,
-    /// Column with the step.
+    /// Column of the step.
     #[arg(long, default_value = "step")]
     pub(crate) step: String,
-    /// Column with the observation.
+    /// Column of the observation.
     #[arg(long, default_value = "observation")]
     pub(crate) observation: String,
-    /// Column with the likelihood of the states that a sparse list does not name.
+    /// Column of the likelihood of states that a sparse list does not name.
     #[arg(long, default_value = "elsewhere")]
     pub(crate) elsewhere: String,
     /// Columns of positions.
     #[arg(long, num_args = 3, value_names = ["LATITUDE", "LONGITUDE", "DEVIATION"],
         default_values = ["latitude", "longitude", "deviation"])]
     pub(crate) position: Vec<String>,
-    /// Threads; all cores by default.
+    /// Threads; by default one per core.
     #[arg(long)]
     pub(crate) threads: Option<usize>,
-    /// Replaces an output that exists.
+    /// Replaces an existing output.
     #[arg(long)]
     pub(crate) force: bool,
-    /// Starts over, if an earlier run was interrupted.
+    /// Starts over if an earlier run was interrupted.
     #[arg(long)]
     pub(crate) restart: bool,
     /// Shows no progress.

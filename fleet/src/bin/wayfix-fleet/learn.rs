@@ -7,22 +7,22 @@ use wayfix_fleet::{Course, FleetError, LearnJob, learn};
 use crate::bar::{bar, show};
 use crate::files::Files;
 
-/// Learning from files of drives.
+/// Options of learning.
 #[derive(Debug, Args)]
 pub(crate) struct Learn {
     #[command(flatten)]
     files: Files,
-    /// Most re-estimations.
+    /// Maximum number of re-estimations.
     #[arg(long, default_value_t = 100)]
     iterations: usize,
-    /// Gain in log-likelihood below which learning stops.
+    /// Learning stops once a re-estimation gains less log-likelihood than this.
     #[arg(long, default_value_t = 1e-3)]
     tolerance: f64,
     /// Keeps the prior.
     #[arg(long)]
     keep_prior: bool,
-    /// Scheduler of a cluster that works through the drives, in so many tasks as there are
-    /// `--threads`. Its executors find the input and the folder of the output under the same paths.
+    /// Scheduler of a cluster to process the drives, in as many tasks as `--threads`. Its executors
+    /// must find the input and the folder of the output under the same paths.
     #[cfg(feature = "ballista")]
     #[arg(long, value_name = "HOST:PORT")]
     scheduler: Option<String>,
@@ -32,7 +32,7 @@ impl Learn {
     pub(crate) fn run(&self) -> Result<String, FleetError> {
         let files = &self.files;
         let [input] = &files.input[..] else {
-            let message = "learning has one --input: a file, a folder or a pattern";
+            let message = "learn takes one --input: a file, a folder or a pattern";
             return Err(FleetError::Settings(message.to_owned()));
         };
         let job = LearnJob {
@@ -63,7 +63,7 @@ impl Learn {
     }
 }
 
-/// Learns on a cluster, or else from the file.
+/// Learns on a cluster if there is a scheduler, or else in this process.
 fn iterations(
     job: &LearnJob,
     scheduler: Option<&str>,

@@ -12,87 +12,87 @@ use wayfix_fleet::pool::{
     signals,
 };
 
-/// A service for live vehicles.
+/// Options of the service for live vehicles.
 #[derive(Debug, Args)]
 pub(crate) struct Live {
     /// Model, the JSON of a wayfix `Hmm`.
     #[arg(long)]
     model: PathBuf,
-    /// Snapshot to go on from.
+    /// Snapshot to continue from.
     #[arg(long)]
     restore: Option<PathBuf>,
-    /// Snapshot that is written at the end of the input, on SIGTERM, SIGINT and SIGUSR1, and as
+    /// Snapshot to write at the end of the input, on SIGTERM, SIGINT and SIGUSR1, and as often as
     /// `--every` says.
     #[arg(long)]
     snapshot: Option<PathBuf>,
-    /// Seconds between two snapshots while lines come.
+    /// Seconds between snapshots while lines come in.
     #[arg(long, value_parser = seconds, requires = "snapshot")]
     every: Option<Duration>,
-    /// File that is read instead of standard input, from the position of the snapshot on.
+    /// File to read instead of standard input, starting at the position of the snapshot.
     #[arg(long, conflicts_with = "replay")]
     input: Option<PathBuf>,
     /// Takes lines from connections at unix:PATH or HOST:PORT instead, and answers them there.
     #[arg(long, value_name = "ADDRESS", conflicts_with_all = ["input", "replay"])]
     listen: Option<String>,
-    /// Standard input begins again from the first line of all: what the snapshot has is skipped.
+    /// Standard input starts over from the very first line: what the snapshot includes is skipped.
     #[arg(long)]
     replay: bool,
-    /// File for the answers instead of standard output. What follows those of the snapshot is cut
-    /// off.
+    /// File for the answers instead of standard output. What follows the answers counted by the
+    /// snapshot is cut off.
     #[arg(long)]
     output: Option<PathBuf>,
-    /// Forgets vehicles that were last seen so many units of `time` before the latest update.
+    /// Forgets vehicles last seen more than this many units of `time` before the latest update.
     #[arg(long, value_name = "UNITS")]
     forget_after: Option<u64>,
-    /// Units of `time` of a step of the model; every update is one step by default.
+    /// Duration of a step of the model, in units of `time`; by default every update is one step.
     #[arg(long, value_name = "UNITS")]
     step: Option<NonZeroU64>,
-    /// Most steps of an update with `--step`.
+    /// Maximum steps of an update with `--step`.
     #[arg(long, default_value = "1000", requires = "step")]
     most_steps: NonZeroU64,
-    /// Takes updates in the order of their times, if they are so many units of `time` behind the
-    /// latest at most; refuses others.
+    /// Applies updates in the order of their times if they are at most this many units of `time`
+    /// behind the latest; refuses later ones.
     #[arg(long, value_name = "UNITS")]
     lateness: Option<u64>,
-    /// Takes the largest `time` that so many vehicles have reached for the latest, so that one clock
-    /// that is far ahead makes no other vehicle late or forgotten.
+    /// Takes as the latest time the largest that this many vehicles have reached, so that one clock
+    /// far ahead makes no other vehicle late or forgotten.
     #[arg(long, value_name = "VEHICLES", default_value = "1")]
     agree: NonZeroUsize,
     /// Folder of the models that a line may name.
     #[arg(long)]
     models: Option<PathBuf>,
-    /// Address at which `/metrics` and `/health` are answered, as 127.0.0.1:9100.
+    /// Address that serves `/metrics` and `/health`, such as 127.0.0.1:9100.
     #[arg(long, value_name = "HOST:PORT")]
     metrics: Option<String>,
-    /// Form of the log on standard error.
+    /// Format of the log on standard error.
     #[arg(long, default_value = "text")]
     log: Log,
-    /// Memory for vehicles, in bytes, or with K, M or G (of 1024); no limit by default.
+    /// Memory for vehicles, in bytes, or with K, M or G (powers of 1024); by default unlimited.
     #[arg(long, value_parser = bytes, requires = "spill")]
     memory: Option<usize>,
     /// Folder for vehicles beyond that memory, for one run at a time.
     #[arg(long)]
     spill: Option<PathBuf>,
-    /// Threads; all cores by default.
+    /// Threads; by default one per core.
     #[arg(long)]
     threads: Option<usize>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Log {
-    /// What is wrong, and a summary.
+    /// Warnings and a summary.
     Text,
-    /// All, as lines of JSON.
+    /// Everything, as lines of JSON.
     Json,
 }
 
-/// Reads a number of seconds.
+/// Parses a number of seconds.
 fn seconds(text: &str) -> Result<Duration, String> {
     let seconds: f64 = text.parse().map_err(|error| format!("{error}"))?;
     Duration::try_from_secs_f64(seconds).map_err(|error| error.to_string())
 }
 
-/// Reads a number of bytes.
+/// Parses a number of bytes.
 fn bytes(text: &str) -> Result<usize, String> {
     let (number, unit) = match text.char_indices().last() {
         Some((at, 'K' | 'k')) => (&text[..at], 1 << 10),
@@ -101,7 +101,7 @@ fn bytes(text: &str) -> Result<usize, String> {
         _ => (text, 1_usize),
     };
     let number: usize = number.parse().map_err(|error| format!("{error}"))?;
-    number.checked_mul(unit).ok_or_else(|| "more bytes than there are".to_owned())
+    number.checked_mul(unit).ok_or_else(|| "too many bytes".to_owned())
 }
 
 impl Live {
@@ -132,10 +132,10 @@ impl Live {
         };
         let control = Control::new();
         signals(&control)
-            .map_err(|error| FleetError::Settings(format!("signals cannot be taken: {error}")))?;
+            .map_err(|error| FleetError::Settings(format!("cannot handle signals: {error}")))?;
         let is_json = self.log == Log::Json;
         let say = |notice: &Notice| {
-            // Standard output has answers.
+            // Standard output is for answers.
             let _ = if is_json {
                 writeln!(io::stderr(), "{}", notice.to_json())
             } else if notice.is_warning() || matches!(notice, Notice::Model { .. }) {

@@ -1,4 +1,4 @@
-//! Runs a model over a file of drives.
+//! The command line: runs a model over files of drives.
 //!
 //! ```text
 //! wayfix-fleet smooth --model model.json --input drives.parquet --output smoothed.parquet
@@ -25,8 +25,8 @@ use batch::Batch;
 use learn::Learn;
 use live::Live;
 
-/// One wayfix model over any number of drives, from Parquet or CSV to Parquet. A run that was
-/// interrupted goes on where it was when the same command is given again.
+/// Runs one wayfix model over any number of drives, from Parquet or CSV to Parquet. An interrupted
+/// run continues where it was when the same command is given again.
 #[derive(Debug, Parser)]
 #[command(version)]
 struct Arguments {
@@ -36,31 +36,32 @@ struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Routine {
-    /// The distribution of every step given the whole drive.
+    /// Computes the distribution of each step given the whole drive.
     Smooth(Batch),
-    /// The distribution of every step given those up to it.
+    /// Computes the distribution of each step given the observations up to it.
     Filter(Batch),
-    /// The most probable paths.
+    /// Computes the most probable paths.
     Decode(Batch),
-    /// The log-likelihood of every drive.
+    /// Computes the log-likelihood of each drive.
     Score(Batch),
-    /// A model that fits the drives better, by expectation and maximisation.
+    /// Learns a model that fits the drives better, by expectation-maximisation.
     Learn(Learn),
-    /// The rows of a query, with functions for the routines above.
+    /// Writes the rows of a query, with functions for the routines above.
     #[cfg(feature = "sql")]
     Sql(sql::Sql),
-    /// The position of each of many vehicles, as they are seen: lines of JSON to standard output
-    /// for those on standard input.
+    /// Follows many vehicles live: one line of JSON on standard output for each line on standard
+    /// input.
     Live(Live),
-    /// Where the input of `live` goes on after a snapshot: a line of JSON.
+    /// Prints the position in the input of `live` after which a snapshot continues, as a line of
+    /// JSON.
     Position {
-        /// Snapshot of a run of `live`.
+        /// Snapshot from a run of `live`.
         snapshot: PathBuf,
     },
-    /// What the file of a model says, and whether it is valid.
+    /// Describes or validates a model file.
     #[command(subcommand)]
     Model(ModelCommand),
-    /// Drives that are drawn from a model, with their true states, for trying things.
+    /// Draws drives from a model, with their true states, to try things out.
     Simulate(SimulateCommand),
 }
 
@@ -80,6 +81,8 @@ fn main() -> ExitCode {
     };
     match done {
         Ok(text) => {
+            // `live` has written its summary to standard error, since its standard output is for
+            // answers.
             if !text.is_empty() {
                 // Standard output may be closed.
                 let _ = writeln!(io::stdout(), "{text}");

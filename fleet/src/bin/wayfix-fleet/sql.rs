@@ -12,56 +12,58 @@ use wayfix_fleet::{FleetError, Pack};
 
 use crate::bar::{bar, show_rows};
 
-/// Tasks of a query on a cluster: few are long, and many need time to be handed out.
+/// Default number of tasks of a query on a cluster: a compromise between tasks that run long and
+/// many that take time to hand out.
 const TASKS: usize = 16;
 
 const SECOND: Duration = Duration::from_secs(1);
 
-/// Rows of a query over tables.
+/// Options of a query over tables.
 #[derive(Debug, Args)]
 #[expect(clippy::struct_excessive_bools, reason = "flags of a command")]
 pub(crate) struct Sql {
-    /// Table and its file, Parquet or CSV; may be given several times.
+    /// Table and its file, Parquet or CSV; may be repeated.
     #[arg(long = "table", value_name = "NAME=PATH", required = true)]
     tables: Vec<String>,
-    /// Columns by which the rows of the table are sorted and which tell them apart, such as
-    /// `trace_id,step`. With several tables, the name of one first: `drives=trace_id,step`.
+    /// Columns by which the rows of the table are sorted and which identify them, such as
+    /// `trace_id,step`. With several tables, put the name of one first: `drives=trace_id,step`.
     #[arg(long = "order", value_name = "[NAME=]COLUMN,…")]
     orders: Vec<String>,
     /// Query.
     #[arg(long)]
     query: String,
-    /// Rows of the query, Parquet.
+    /// Output, Parquet.
     #[arg(long)]
     output: PathBuf,
     /// Compression of the output.
     #[arg(long, default_value = "none")]
     compression: Pack,
-    /// Threads; all cores by default. On a cluster the number of tasks, 16 by default.
+    /// Threads; by default one per core. On a cluster the number of tasks, by default 16.
     #[arg(long)]
     threads: Option<usize>,
-    /// Scheduler of a cluster that runs the query (in a build with the feature `ballista`). Its
-    /// executors find tables and models under the same paths.
+    /// Scheduler of a cluster to run the query (in a build with the feature `ballista`). Its
+    /// executors must find tables and models under the same paths.
     #[arg(long, value_name = "HOST:PORT")]
     scheduler: Option<String>,
     /// Folder of the models: names in the query are relative to it, and no file outside can be
-    /// named. Without it, a query opens any file. On a cluster, an option of its processes instead.
+    /// named. Without it, a query can open any file. On a cluster, this is an option of its
+    /// processes instead.
     #[arg(long, value_name = "FOLDER")]
     models: Option<PathBuf>,
-    /// Rows of a batch: drives, if the table has a row for each.
+    /// Rows in a batch: drives, if the table has one row per drive.
     #[arg(long, default_value_t = 1024)]
     batch: usize,
-    /// Values (steps) of a part of a table with `--order`, at least. An interruption loses those
-    /// that are not complete; 0 runs the query as a whole, which then starts over.
+    /// Minimum values (steps) in a part of a table with `--order`. An interruption loses only
+    /// incomplete parts; 0 runs the query as a whole, which starts over after an interruption.
     #[arg(long, default_value_t = 1 << 20)]
     part: u64,
-    /// Replaces an output that exists.
+    /// Replaces an existing output.
     #[arg(long)]
     force: bool,
-    /// Starts over, if an earlier run was interrupted.
+    /// Starts over if an earlier run was interrupted.
     #[arg(long)]
     restart: bool,
-    /// Says how far the query is by lines on standard error, also if that is no terminal.
+    /// Reports progress in lines on standard error, even if that is not a terminal.
     #[arg(long)]
     lines: bool,
     /// Shows no progress.
@@ -113,7 +115,7 @@ impl Sql {
                 None => only,
             });
             let Some(table) = table else {
-                return wrong(format!("--order {order}: expected the name of a table before it"));
+                return wrong(format!("--order {order}: expected the name of a table in front"));
             };
             table.key = columns.split(',').map(|column| column.trim().to_owned()).collect();
         }
@@ -142,12 +144,12 @@ fn show(bar: &ProgressBar, state: &QueryState) {
         QueryState::Rows { done, all, made } => {
             show_rows(bar, *done, *all, format!("{made} rows made"));
         }
-        // States that come later.
+        // States added in later versions.
         _ => {}
     }
 }
 
-/// Says how far the query is: a line for each part, or each second without parts.
+/// Reports progress: a line per part, or per second without parts.
 fn show_line(state: &QueryState, last: &mut Instant) {
     match state {
         QueryState::Whole(reason) => say(&whole(reason)),
@@ -163,7 +165,7 @@ fn show_line(state: &QueryState, last: &mut Instant) {
 }
 
 fn whole(reason: &str) -> String {
-    format!("an interruption starts this query over: {reason}")
+    format!("this query starts over if interrupted: {reason}")
 }
 
 fn say(line: &str) {

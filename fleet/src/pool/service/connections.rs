@@ -8,25 +8,25 @@ use super::listen::Peer;
 use super::position::{Position, Tail};
 use crate::pool::VehicleId;
 
-/// Time that connections have to take their last answers.
+/// Time that connections get to take their last answers.
 const PATIENCE: Duration = Duration::from_secs(2);
-/// Most names of clients, and the longest.
+/// Maximum number and length of client names.
 const MOST_NAMES: usize = 10_000;
 const LONGEST_NAME: usize = 256;
 
-/// Lines that have come, whole.
+/// A batch of whole lines that have arrived.
 #[derive(Debug, Default)]
 pub(super) struct Batch {
     pub(super) text: Vec<u8>,
-    /// End of the lines of an input in the text, and the input.
+    /// For each piece of the text, its end and its input.
     pieces: Vec<(usize, Source)>,
-    /// Bytes of the lines as they came.
+    /// Bytes of the lines as they arrived.
     pub(super) bytes: u64,
-    /// Inputs of which these are the last lines.
+    /// Inputs that have ended: these are their last lines.
     ended: Vec<Source>,
 }
 
-/// A line, and the input that it is from.
+/// A line and its input.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Text<'a> {
     pub(super) source: Source,
@@ -41,7 +41,7 @@ impl Batch {
         self.bytes = 0;
     }
 
-    /// The lines in order.
+    /// The lines in order of arrival.
     pub(super) fn lines(&self) -> impl Iterator<Item = Text<'_>> {
         let mut begin = 0;
         let pieces = self.pieces.iter().map(move |&(end, source)| {
@@ -56,11 +56,11 @@ impl Batch {
     }
 }
 
-/// Inputs that have not ended.
+/// The open inputs.
 #[derive(Debug)]
 pub(super) struct Connections {
     open: HashMap<Source, Input>,
-    /// Connections whose last answers are on their way.
+    /// Connections whose last answers are being sent.
     closing: Vec<Peer>,
     longest: usize,
 }
@@ -68,14 +68,14 @@ pub(super) struct Connections {
 #[derive(Debug)]
 struct Input {
     lines: Lines,
-    /// Name that a client has given itself.
+    /// Name that the client gave itself.
     name: Option<String>,
     /// None for standard input.
     peer: Option<Peer>,
 }
 
 impl Connections {
-    /// Standard input or a file, with lines of about so many bytes at most.
+    /// Begins with standard input or a file; lines may have about `longest` bytes.
     pub(super) fn new(longest: usize) -> Self {
         let standard = Input { lines: Lines::new(longest), name: None, peer: None };
         Self { open: HashMap::from([(STANDARD, standard)]), closing: Vec::new(), longest }
@@ -91,22 +91,22 @@ impl Connections {
         self.open.insert(source, Input { lines, name: None, peer: Some(peer) });
     }
 
-    /// Adds what has come to a batch.
+    /// Adds a chunk to a batch.
     pub(super) fn add(&mut self, source: Source, chunk: &[u8], batch: &mut Batch) {
-        // None from one that was cut off.
+        // A connection that was cut off is gone, but its chunks may still be in the queue.
         if let Some(input) = self.open.get_mut(&source) {
             batch.bytes += input.lines.add(chunk, &mut batch.text);
             batch.pieces.push((batch.text.len(), source));
         }
     }
 
-    /// The last bytes of the whole lines of standard input or a file.
+    /// Tail of the whole lines of standard input or a file.
     pub(super) fn tail(&self) -> Option<Tail> {
         self.open.get(&STANDARD).map(|input| input.lines.tail())
     }
 
-    /// Adds the last line of an input. Returns the number of bytes after it, of a line that was cut
-    /// off.
+    /// Adds the last line of an input. Returns the number of bytes after it, which are of a line
+    /// that was cut off.
     pub(super) fn end(&mut self, source: Source, batch: &mut Batch) -> u64 {
         let Some(input) = self.open.get_mut(&source) else { return 0 };
         batch.bytes += input.lines.end(&mut batch.text);
@@ -115,8 +115,9 @@ impl Connections {
         input.lines.unfinished()
     }
 
-    /// Lets connections go on whose lines are answered, and those go whose last ones are.
+    /// Lets connections whose lines are answered read on, and closes those whose last lines are.
     pub(super) fn answered(&mut self, batch: &Batch) {
+        // One piece per chunk: this balances `wait_for_room`.
         for (_, source) in &batch.pieces {
             if let Some(peer) = self.open.get(source).and_then(|input| input.peer.as_ref()) {
                 peer.outbox.answered();
@@ -125,16 +126,18 @@ impl Connections {
         self.closing.retain(|peer| !peer.outbox.is_done());
         for source in &batch.ended {
             if let Some(peer) = self.open.remove(source).and_then(|input| input.peer) {
+                // Moved to `closing`: its answers are still on their way, and the name is free.
                 peer.outbox.close();
                 self.closing.push(peer);
             }
         }
     }
 
-    /// Ends all connections, once they have taken their last answers or had the time for it.
+    /// Ends all connections, once they have taken their last answers or had time to.
     pub(super) fn end_all(&mut self) {
         let open = self.open.drain().filter_map(|(_, input)| input.peer);
         self.closing.extend(open.inspect(|peer| peer.outbox.close()));
+        // One deadline for all, so that many silent connections do not delay the end.
         let until = Instant::now() + PATIENCE;
         for peer in self.closing.drain(..) {
             peer.outbox.wait_until_done(until);
@@ -142,10 +145,12 @@ impl Connections {
         }
     }
 
-    /// Sends answers, lines of texts, to the inputs that they are for. Some may be gone.
+    /// Sends answers to the inputs that they are for, line by line; some of these may be gone.
     pub(super) fn answer(&self, texts: &[Vec<u8>], sources: &[Source]) {
         let mut sources = sources.iter().copied();
         for text in texts {
+            // Answers for the same connection usually follow one another, so send runs of lines
+            // rather than single ones.
             let (mut begin, mut end, mut last) = (0, 0, None);
             for line in text.split_inclusive(|&byte| byte == b'\n') {
                 let source = sources.next();
@@ -166,7 +171,8 @@ impl Connections {
         }
     }
 
-    /// Names a connection, and cuts the one off that had the name. Returns that one.
+    /// Names a connection, and cuts off another that has the name, which is returned: a client that
+    /// comes back after a broken connection replaces its former self.
     pub(super) fn name(
         &mut self,
         source: Source,
@@ -179,8 +185,10 @@ impl Connections {
         if name.len() > LONGEST_NAME {
             return Err("the name is longer than 256 bytes");
         }
+        // Names are kept for good, since a client may come back any time; so their number must be
+        // bounded.
         if position.clients.len() >= MOST_NAMES && !position.clients.contains_key(name) {
-            return Err("there are 10,000 clients with names already");
+            return Err("10,000 clients have names already");
         }
         let has_name = |input: &Input| input.name.as_deref() == Some(name);
         let mut others = self.open.iter();
@@ -195,7 +203,8 @@ impl Connections {
         Ok(before)
     }
 
-    /// Notes the last offset of an input.
+    /// Records the last offset of an input. Connections without a name have none that could be
+    /// asked for later.
     pub(super) fn note(&self, source: Source, offset: VehicleId, position: &mut Position) {
         if source == STANDARD {
             position.offset = Some(offset);

@@ -1,4 +1,4 @@
-//! What is asked of a run from outside of its input.
+//! Requests to a run from outside its input.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::SyncSender;
@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use super::input::Event;
 
-/// What is asked of a run from outside of its input. Clones are of the same run.
+/// Handle for requests to a run from outside its input. Clones belong to the same run.
 #[derive(Debug, Clone, Default)]
 pub struct Control(Arc<Asked>);
 
@@ -25,25 +25,28 @@ impl Control {
         Self::default()
     }
 
-    /// Ends the run in order: lines that have come are answered, then the snapshot is written.
+    /// Ends the run in an orderly way: lines that have arrived are answered, then the snapshot is
+    /// written.
     pub fn stop(&self) {
         self.ask(&self.0.stop);
     }
 
-    /// Begins a snapshot.
+    /// Requests a snapshot.
     pub fn snapshot(&self) {
         self.ask(&self.0.snapshot);
     }
 
-    /// Reads the file of the model again, and goes on with it.
+    /// Reads the model file again, and continues with it.
     pub fn read_model(&self) {
         self.ask(&self.0.model);
     }
 
     fn ask(&self, what: &AtomicBool) {
+        // The flag first, then the wake-up: the run sees the flag after any event that it receives
+        // from now on.
         what.store(true, Ordering::SeqCst);
         if let Some(run) = &*self.0.run.lock().unwrap_or_else(PoisonError::into_inner) {
-            // With a full queue, the run is awake.
+            // If the queue is full, the run is awake anyway, and checks the flag after each batch.
             _ = run.try_send(Event::Wake);
         }
     }
@@ -65,9 +68,9 @@ impl Control {
     }
 }
 
-/// Lets the signals of the system control a run: SIGTERM and SIGINT stop it, a second one of them ends
-/// the process at once; SIGUSR1 begins a snapshot; SIGHUP reads the model again. Other systems than
-/// Unix have no such signals.
+/// Lets signals control a run: SIGTERM and SIGINT stop it, and a second one ends the process at
+/// once; SIGUSR1 requests a snapshot; SIGHUP reads the model again. On systems other than Unix
+/// there are no such signals.
 ///
 /// # Errors
 ///

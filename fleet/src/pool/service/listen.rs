@@ -1,4 +1,8 @@
-//! Connections that are taken at an address.
+//! Connections accepted at an address.
+//!
+//! A connection has two threads: one reads its lines into the queue of the run, the other sends
+//! answers from its [`Outbox`]. Either one shuts the socket when it ends, which ends the other, so
+//! none is left behind.
 
 use std::io::{self, Read, Write};
 use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
@@ -16,10 +20,10 @@ use super::outbox::Outbox;
 use super::seats::{Seat, Seats};
 use crate::error::{FleetError, Outcome};
 
-/// Time before another connection is taken, if the system refuses one.
+/// Pause after the system refused a connection.
 const PAUSE: Duration = Duration::from_millis(50);
 
-/// An address at which connections are taken until it is dropped.
+/// An address at which connections are accepted until this is dropped.
 #[derive(Debug)]
 pub(super) struct Listener {
     address: Address,
@@ -47,7 +51,7 @@ pub(super) enum Stream {
 }
 
 impl Listener {
-    /// Takes connections at `unix:PATH` or `HOST:PORT` on a thread of its own.
+    /// Accepts connections at `unix:PATH` or `HOST:PORT` on a thread of its own.
     pub(super) fn open(text: &str, events: SyncSender<Event>) -> Outcome<Self> {
         let wrong = |error: io::Error| FleetError::Settings(format!("listen at {text}: {error}"));
         let (socket, address) = if let Some(path) = text.strip_prefix("unix:") {
@@ -63,7 +67,7 @@ impl Listener {
         Ok(Self { address, is_ended })
     }
 
-    /// The address, with the port that the system chose.
+    /// The address, with the port chosen by the system.
     pub(super) fn address(&self) -> String {
         match &self.address {
             Address::Net(address) => address.to_string(),
@@ -76,7 +80,7 @@ impl Listener {
 impl Drop for Listener {
     fn drop(&mut self) {
         self.is_ended.store(true, Ordering::SeqCst);
-        // Wakes the thread.
+        // A connection wakes the thread, which blocks in `accept`; it sees the flag and ends.
         match &self.address {
             Address::Net(address) => drop(TcpStream::connect_timeout(address, PAUSE)),
             #[cfg(unix)]
@@ -88,17 +92,24 @@ impl Drop for Listener {
     }
 }
 
-/// Binds a socket with a name. One that a killed run has left is replaced.
+/// Binds a named socket. One left behind by a killed run is replaced.
 #[cfg(unix)]
 fn at_file(path: PathBuf) -> io::Result<(Socket, Address)> {
     use std::os::unix::fs::FileTypeExt;
     let is_socket = path.symlink_metadata().is_ok_and(|found| found.file_type().is_socket());
     if is_socket {
+        // Only a socket without a listener refuses connections. Any other file is left alone, and
+        // `bind` reports it.
         match UnixStream::connect(&path) {
             Err(error) if error.kind() == io::ErrorKind::ConnectionRefused => {
                 std::fs::remove_file(&path)?;
             }
-            _ => return Err(io::Error::new(io::ErrorKind::AddrInUse, "another run listens there")),
+            _ => {
+                return Err(io::Error::new(
+                    io::ErrorKind::AddrInUse,
+                    "another run is listening there",
+                ));
+            }
         }
     }
     let socket = UnixListener::bind(&path)?;
@@ -107,10 +118,10 @@ fn at_file(path: PathBuf) -> io::Result<(Socket, Address)> {
 
 #[cfg(not(unix))]
 fn at_file(_: PathBuf) -> io::Result<(Socket, Address)> {
-    Err(io::Error::new(io::ErrorKind::Unsupported, "this system has no such sockets"))
+    Err(io::Error::new(io::ErrorKind::Unsupported, "this system has no Unix sockets"))
 }
 
-/// Takes connections until the run has ended.
+/// Accepts connections until the run has ended.
 fn take(socket: &Socket, events: &SyncSender<Event>, is_ended: &AtomicBool) {
     let mut seats = Seats::default();
     for source in STANDARD + 1.. {
@@ -130,6 +141,7 @@ fn take(socket: &Socket, events: &SyncSender<Event>, is_ended: &AtomicBool) {
             };
             begin(stream, source, seat, events)
         });
+        // For example too many open files: try again later instead of spinning.
         if begun.is_err() {
             thread::sleep(PAUSE);
         }
@@ -151,7 +163,7 @@ impl Peer {
     }
 }
 
-/// Begins the two threads of a connection, one that reads and one that sends.
+/// Starts the two threads of a connection, one to read and one to send.
 fn begin(
     stream: Arc<Stream>,
     source: Source,
@@ -159,6 +171,7 @@ fn begin(
     events: &SyncSender<Event>,
 ) -> io::Result<()> {
     if let Stream::Net(stream) = &*stream {
+        // Answers are short, and are wanted at once.
         stream.set_nodelay(true)?;
     }
     let events = events.clone();
@@ -167,11 +180,12 @@ fn begin(
     let (to_send, sent) = (Arc::clone(&outbox), Arc::clone(&stream));
     thread::Builder::new().spawn(move || {
         to_send.send(&*sent);
-        // The thread that reads ends, too.
+        // Ends the reading thread, too.
         sent.shut();
     })?;
     let full = Arc::clone(&outbox);
     let reader = thread::Builder::new().spawn(move || {
+        // Before the first chunk, from the same thread: events of a connection are in order.
         if events.send(Event::Open(source, peer)).is_ok() {
             let ready = || {
                 seat.heard();
@@ -180,12 +194,13 @@ fn begin(
             read(&*stream, source, &events, ready);
         }
     });
+    // Without a reader nobody would ever close the outbox, and the sender would wait forever.
     reader.map(drop).inspect_err(|_| outbox.abandon())
 }
 
 impl Stream {
     pub(super) fn shut(&self) {
-        // It may be closed already.
+        // It may already be closed.
         _ = match self {
             Self::Net(stream) => stream.shutdown(Shutdown::Both),
             #[cfg(unix)]

@@ -1,4 +1,6 @@
-//! Figures of a run, in the text format of Prometheus, and whether it is well.
+//! Metrics of a run in the text format of Prometheus, and its health.
+//!
+//! Counters are independent atomics with relaxed ordering: a scrape need not be of one moment.
 
 use std::fmt::Write as _;
 use std::io::{self, Read, Write};
@@ -10,16 +12,16 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use crate::error::{FleetError, Outcome};
 
-/// Kinds of errors of answers; those that are not named are the last.
+/// Kinds of errors in answers; all others count as the last one.
 const KINDS: [&str; 8] =
     ["line", "time", "impossible", "impossible_move", "likelihood", "transition", "disk", "other"];
-/// Longest request, and how long it may take.
+/// Maximum length of a request, and the time it may take.
 const REQUEST: usize = 4096;
 const PATIENCE: Duration = Duration::from_secs(2);
-/// Most requests at once.
+/// Maximum number of requests at a time.
 const MOST: usize = 64;
 
-/// Figures of a run.
+/// Metrics of a run.
 #[derive(Debug)]
 pub(super) struct Metrics {
     pub(super) lines: AtomicU64,
@@ -34,10 +36,11 @@ pub(super) struct Metrics {
     pub(super) latest: AtomicI64,
     pub(super) snapshots: AtomicU64,
     pub(super) snapshots_failed: AtomicU64,
-    /// Milliseconds since 1970, 0 before the first; and those that it took.
+    /// Time of the last snapshot in milliseconds since 1970, 0 before the first; and the
+    /// milliseconds it took.
     pub(super) snapshot_at: AtomicU64,
     pub(super) snapshot_took: AtomicU64,
-    /// True (1) while the last snapshot has failed.
+    /// 1 if the last snapshot failed, else 0.
     pub(super) is_ill: AtomicU64,
 }
 
@@ -75,12 +78,12 @@ impl Metrics {
         self.refused[at].fetch_add(1, Relaxed);
     }
 
-    /// The text of all figures.
+    /// All metrics as text.
     fn text(&self) -> String {
         let mut text = String::new();
         let mut put = |name: &str, kind: &str, help: &str, value: &dyn std::fmt::Display| {
             let name = format!("wayfix_fleet_{name}");
-            // Into memory.
+            // Writing to memory does not fail.
             _ = writeln!(text, "# HELP {name} {help}\n# TYPE {name} {kind}\n{name} {value}");
         };
         let of = |value: &AtomicU64| value.load(Relaxed);
@@ -117,7 +120,7 @@ impl Metrics {
         text
     }
 
-    /// Answers requests at an address, on a thread of its own.
+    /// Serves requests at an address, on a thread of its own.
     pub(super) fn listen(self: &Arc<Self>, address: &str) -> Outcome<std::net::SocketAddr> {
         let wrong =
             |error: io::Error| FleetError::Settings(format!("metrics at {address}: {error}"));
@@ -127,14 +130,14 @@ impl Metrics {
         thread::spawn(move || {
             let seats = Arc::new(());
             for stream in listener.incoming().flatten() {
-                // Each by itself, so that one that says nothing delays no other. Too many at once
-                // are not answered.
+                // A thread per request, so that a silent client delays nobody. Beyond `MOST` they
+                // are dropped: the strong count is the number of running threads plus this one.
                 if Arc::strong_count(&seats) > MOST {
                     continue;
                 }
                 let (metrics, seat) = (Arc::clone(&metrics), Arc::clone(&seats));
                 let answer = move || {
-                    // Whoever asks may go away.
+                    // The client may have gone away.
                     _ = metrics.answer(stream);
                     drop(seat);
                 };
@@ -151,6 +154,7 @@ impl Metrics {
         let mut part = [0; 512];
         let is_whole = |request: &[u8]| request.windows(4).any(|end| end == b"\r\n\r\n");
         let start = Instant::now();
+        // The read timeout alone does not bound the time: a client could send a byte every second.
         while !is_whole(&request) && request.len() < REQUEST && start.elapsed() < PATIENCE {
             match stream.read(&mut part)? {
                 0 => break,

@@ -1,4 +1,10 @@
-//! Vehicles as a service: lines from an input, snapshots while it runs, and an end in order.
+//! Vehicles as a service: lines from an input or from connections, periodic snapshots, and an
+//! orderly end.
+//!
+//! One thread runs everything that has state ([`run`]). Other threads only move bytes: they read
+//! inputs into a queue of events ([`input`], [`listen`]) and send answers from an [`outbox`]. A
+//! snapshot stores the [`position`] in the input along with the vehicles, so that a restarted
+//! service takes each line exactly once.
 
 mod connections;
 mod control;
@@ -24,38 +30,40 @@ pub use run::serve;
 
 use super::{LiveJob, Timing};
 
-/// A run over lines of JSON that is left alone.
+/// Settings of an unattended run over lines of JSON.
 #[derive(Debug, Clone)]
 pub struct ServiceJob {
     /// Model, snapshots and memory.
     pub live: LiveJob,
-    /// Time between two snapshots, if there is one to be written; none are written before the end
-    /// otherwise, unless they are asked for.
+    /// Time between two snapshots, if there is anything new to save. Without it, snapshots are only
+    /// written at the end, or on request.
     pub every: Option<Duration>,
-    /// File that is read instead of the input. A run that goes on from a snapshot begins at its
+    /// File to read instead of the input. A run that continues from a snapshot starts at its
     /// position.
     pub input: Option<PathBuf>,
-    /// Address at which connections are taken, whose lines are the input: `unix:PATH` or
-    /// `HOST:PORT`. Each has its answers back.
+    /// Address at which to accept connections, whose lines are the input: `unix:PATH` or
+    /// `HOST:PORT`. Each receives the answers to its own lines.
     pub listen: Option<String>,
-    /// True if the input begins again from the first line of all runs: what the snapshot has is
+    /// True if the input starts over from the first line of all runs: what the snapshot includes is
     /// skipped.
     pub replay: bool,
-    /// File for the answers. A run that goes on from a snapshot cuts off what follows its answers.
+    /// File for the answers. A run that continues from a snapshot cuts off whatever follows the
+    /// answers that it counts.
     pub output: Option<PathBuf>,
-    /// What the time of updates does.
+    /// Effects of the time of updates.
     pub timing: Timing,
-    /// Updates are taken in the order of their times, if they are no more than this behind the
-    /// latest time; those that are later are refused. In the order of their lines otherwise.
+    /// Updates are applied in the order of their times, provided they are no more than this behind
+    /// the latest time; later ones are refused. Without it, they are applied in the order of their
+    /// lines.
     pub lateness: Option<u64>,
     /// Folder of the models that a line may name.
     pub models: Option<PathBuf>,
-    /// Address at which there are figures, as `127.0.0.1:9100`.
+    /// Address that serves metrics, such as `127.0.0.1:9100`.
     pub metrics: Option<String>,
 }
 
 impl ServiceJob {
-    /// Creates a run with none of the options.
+    /// Creates settings without any of the options.
     #[must_use]
     pub fn new(live: LiveJob) -> Self {
         Self {

@@ -1,4 +1,4 @@
-//! What a run reports beside its answers.
+//! Notices: reports of a run besides its answers.
 
 use std::fmt;
 use std::net::SocketAddr;
@@ -9,56 +9,56 @@ use super::metrics::now;
 use crate::error::FleetError;
 use crate::pool::VehicleId;
 
-/// What a run reports beside its answers.
+/// A report of a run besides its answers.
 #[derive(Debug)]
 #[non_exhaustive]
 pub enum Notice {
-    /// The run has begun, after so many lines of runs before, with so many vehicles.
+    /// The run has begun.
     Begin {
-        /// Number of lines of runs before.
+        /// Number of lines in earlier runs.
         lines: u64,
         /// Number of vehicles.
         vehicles: usize,
-        /// The last offset of the lines.
+        /// The last offset of these lines.
         offset: Option<VehicleId>,
     },
-    /// Connections are taken at this address.
+    /// Connections are accepted at this address.
     Listen(String),
-    /// The input has ended within a line, which is not taken: the writer may have been cut off.
+    /// The input ended within a line, which is not taken: the writer may have been cut off.
     Unfinished {
         /// Bytes of the line.
         bytes: u64,
     },
-    /// Figures are to be had at this address.
+    /// Metrics are served at this address.
     Metrics(SocketAddr),
-    /// Vehicles cannot be moved to the disk, and stay in memory.
+    /// Vehicles cannot be moved to disk, and stay in memory.
     Spill(FleetError),
-    /// Ids alone take more memory than the limit, so that it does not hold.
+    /// Ids alone take more memory than the limit, so it is exceeded.
     Ids {
         /// Bytes of memory.
         bytes: usize,
         /// The limit.
         limit: usize,
     },
-    /// A snapshot is there.
+    /// A snapshot was written.
     Snapshot {
-        /// Its length.
+        /// Its length in bytes.
         bytes: u64,
-        /// Seconds that it took.
+        /// Time it took, in seconds.
         seconds: f64,
     },
-    /// A snapshot cannot be written; the one before is still there.
+    /// A snapshot could not be written; the previous one is still there.
     SnapshotFailed(FleetError),
-    /// Another model is gone on with.
+    /// The run continues with another model.
     Model {
         /// Its hash.
         hash: String,
         /// Number of vehicles that keep their belief.
         kept: usize,
-        /// Number of those that begin anew.
+        /// Number of vehicles that start anew.
         anew: usize,
     },
-    /// A model cannot be read; the one before is gone on with.
+    /// A model could not be read; the run continues with the previous one.
     ModelFailed(FleetError),
 }
 
@@ -115,23 +115,23 @@ impl fmt::Display for Notice {
             Self::Begin { lines, vehicles, .. } => {
                 write!(f, "begins after {lines} lines with {vehicles} vehicles")
             }
-            Self::Listen(address) => write!(f, "listens at {address}"),
+            Self::Listen(address) => write!(f, "listening at {address}"),
             Self::Unfinished { bytes } => {
-                write!(f, "the last line, of {bytes} bytes, has no end and is not taken")
+                write!(f, "the last line, of {bytes} bytes, is incomplete and was not taken")
             }
             Self::Metrics(address) => write!(f, "metrics at http://{address}/metrics"),
             Self::Spill(error) => write!(f, "vehicles stay in memory: {error}"),
             Self::Ids { bytes, limit } => {
-                write!(f, "ids alone take {bytes} bytes of memory, the limit is {limit}")
+                write!(f, "ids alone take {bytes} bytes of memory, but the limit is {limit}")
             }
             Self::Snapshot { bytes, seconds } => {
                 write!(f, "snapshot of {bytes} bytes in {seconds:.2} s")
             }
             Self::SnapshotFailed(error) => write!(f, "no snapshot: {error}"),
             Self::Model { hash, kept, anew } => {
-                write!(f, "model {hash}: {kept} vehicles kept, {anew} begun anew")
+                write!(f, "model {hash}: {kept} vehicles kept, {anew} started anew")
             }
-            Self::ModelFailed(error) => write!(f, "the model stays: {error}"),
+            Self::ModelFailed(error) => write!(f, "the previous model stays: {error}"),
         }
     }
 }

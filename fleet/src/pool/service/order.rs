@@ -1,4 +1,8 @@
-//! Lines in the order of their times, within a stated lateness.
+//! Lines in the order of their times, within a given lateness.
+//!
+//! The watermark is the latest time minus the lateness. An update leaves once its time is below the
+//! watermark, and arrivals below the watermark are refused, so whatever leaves is in order. Ties
+//! leave in the order of their lines.
 
 use std::collections::BTreeMap;
 
@@ -8,24 +12,24 @@ use crate::pool::latest::Latest;
 use crate::pool::lines::{BadLine, Line};
 use crate::sensor::Sensor;
 
-/// Updates that wait until none that belongs before them can come in time.
+/// Updates that wait until no earlier one can still arrive in time.
 #[derive(Debug)]
 pub(super) struct Order {
     lateness: u64,
-    /// Vehicles that must have reached the latest time.
+    /// Number of vehicles that must have reached the latest time.
     agree: usize,
     latest: Latest,
-    /// By time, then by number.
+    /// By time, then by number of the line.
     waiting: BTreeMap<(i64, u64), Waiting>,
-    /// Bytes of those, and the most.
+    /// Bytes they take, and the maximum.
     bytes: usize,
     most: usize,
 }
 
-/// Bytes of an update that waits, besides its text.
+/// Approximate bytes of a waiting update, besides its text.
 const EACH: usize = 300;
 
-/// An update, and its text.
+/// An update and its text.
 type Waiting = (Turn, Box<[u8]>);
 
 /// A line whose turn it is.
@@ -38,8 +42,8 @@ pub(super) struct Turn {
 }
 
 impl Order {
-    /// Lines of at most this lateness against the latest time, that so many vehicles have reached.
-    /// Those that wait take `most` bytes, about.
+    /// Creates an order for lines that are at most `lateness` behind the latest time, which `agree`
+    /// vehicles must have reached. Waiting lines take about `most` bytes.
     pub(super) fn new(lateness: u64, agree: usize, most: usize) -> Self {
         let (latest, waiting) = (Latest::default(), BTreeMap::new());
         Self { lateness, agree, latest, waiting, bytes: 0, most }
@@ -50,7 +54,7 @@ impl Order {
         self.waiting.insert((time, turn.number), (turn, text));
     }
 
-    /// Goes on where another run was, whose connections are gone.
+    /// Continues from an earlier run, whose connections are gone.
     pub(super) fn resume(
         &mut self,
         latest: Latest,
@@ -59,6 +63,8 @@ impl Order {
     ) {
         self.latest = latest;
         for (number, text) in waiting {
+            // Snapshots store the text: the model, and with it the type of observations, may have
+            // changed since.
             let line = parse(text.as_bytes());
             if let Line::Update(update, _) = &line {
                 let time = update.time;
@@ -83,9 +89,10 @@ impl Order {
         latest.checked_sub_unsigned(self.lateness).unwrap_or(i64::MIN)
     }
 
-    /// Takes a line, and appends those whose turn it is.
+    /// Takes a line, and appends the lines whose turn has come.
     pub(super) fn take(&mut self, number: u64, text: Text<'_>, line: Line, out: &mut Vec<Turn>) {
         let mut turn = Turn { number, source: text.source, line };
+        // Lines without a time take effect at once.
         let Line::Update(update, _) = &turn.line else {
             if let Line::Remove(vehicle, _) = &turn.line {
                 self.latest.remove(vehicle);
@@ -101,9 +108,11 @@ impl Order {
         }
         self.latest.see(&update.vehicle, time, self.agree);
         self.wait(time, turn, text.line.into());
+        // This update may have advanced the latest time.
         let watermark = self.watermark();
         while let Some(first) = self.waiting.first_entry() {
-            // A clock that is far ahead must not make lines wait without end.
+            // A vehicle whose clock is far ahead, which no other one confirms, must not keep its
+            // lines waiting forever.
             if first.key().0 >= watermark && self.bytes <= self.most {
                 return;
             }
@@ -113,21 +122,21 @@ impl Order {
         }
     }
 
-    /// Appends all that wait.
+    /// Appends all waiting lines.
     pub(super) fn end(&mut self, out: &mut Vec<Turn>) {
         let waiting = std::mem::take(&mut self.waiting);
         self.bytes = 0;
         out.extend(waiting.into_values().map(|(turn, _)| turn));
     }
 
-    /// Reads the lines that wait with the sensor of another model.
+    /// Parses the waiting lines again, with the sensor of another model.
     pub(super) fn read_again(&mut self, sensor: &Sensor, parse: impl Fn(&Sensor, &[u8]) -> Line) {
         for (turn, text) in self.waiting.values_mut() {
             turn.line = parse(sensor, text);
         }
     }
 
-    /// Lines that wait.
+    /// Numbers and texts of the waiting lines.
     pub(super) fn waiting(&self) -> Vec<(u64, String)> {
         let lines = self.waiting.iter();
         lines
@@ -139,7 +148,7 @@ impl Order {
 fn late(line: Line, watermark: i64) -> Line {
     let Line::Update(update, offset) = line else { return line };
     let message = format!(
-        "time {} is too late: updates up to {watermark} have been taken in order",
+        "time {} is too late: updates before {watermark} have been applied already",
         update.time
     );
     let (vehicle, time) = (Some(update.vehicle), Some(update.time));
@@ -154,7 +163,7 @@ mod tests {
 
     #[test]
     fn what_waits_is_within_the_memory() {
-        // Nobody agrees with this clock, so that its lines would wait without end.
+        // No other vehicle confirms this clock, so its lines would wait forever.
         let mut order = Order::new(10, 2, 100 * (EACH + 4));
         let mut out = Vec::new();
         for number in 0..1000 {

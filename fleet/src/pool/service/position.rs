@@ -1,4 +1,7 @@
-//! The place in the input up to which a snapshot has the vehicles.
+//! The place in the input up to which a snapshot includes the lines.
+//!
+//! It is stored in the note of the snapshot, so vehicles and position are always of the same
+//! moment.
 
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
@@ -14,44 +17,44 @@ use crate::pool::block::Source;
 use crate::pool::file::Header;
 use crate::pool::latest::Latest;
 
-/// Place in the input up to which a snapshot has the vehicles, and in the output up to which there
-/// are answers to it.
+/// Place in the input up to which a snapshot includes the lines, and place in the output up to
+/// which these are answered.
 ///
-/// Counts are those of all runs that went on from one another, as if there had been one.
+/// Counts include all earlier runs that this one continues, as if they had been one.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Position {
-    /// Number of lines of the input.
+    /// Number of lines.
     pub lines: u64,
     /// Number of bytes of these lines.
     pub bytes: u64,
-    /// The last of these bytes, which another input has not at this place. Not those of
-    /// connections.
+    /// The last of these bytes, by which to recognise the input. Not used for connections.
     #[serde(default)]
     pub(super) tail: Tail,
-    /// True if the last line had no end yet.
+    /// True if the last line was taken without its line end.
     #[serde(default)]
     pub(super) is_open: bool,
-    /// The last `offset` that a line had; those of connections are the clients'.
+    /// The last `offset` of a line; those of connections are in `clients`.
     pub offset: Option<VehicleId>,
-    /// The last offset of each client with a name.
+    /// The last offset of each named client.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub clients: BTreeMap<String, VehicleId>,
     /// Number of bytes of the answers.
     pub answers: u64,
     /// The latest time.
     pub latest: Option<i64>,
-    /// More of it, of the updates that have been taken, and of the lines if these wait for others.
+    /// Full state of the latest time: that of applied updates, and that of lines if these wait for
+    /// others.
     #[serde(default)]
     pub(super) of_updates: Option<Latest>,
     #[serde(default)]
     pub(super) of_lines: Option<Latest>,
-    /// Name of the model, if a line has exchanged it.
+    /// Name of the model, if a line has replaced the original one.
     pub model: Option<String>,
-    /// Lines that wait for others that are late: their number, and the text.
+    /// Lines waiting for late ones: number and text.
     pub waiting: Vec<(u64, String)>,
 }
 
-/// Reads the position from a snapshot. One that a program has written without lines has none.
+/// Reads the position from a snapshot. A snapshot that a program took of its own pool has none.
 ///
 /// # Errors
 ///
@@ -62,22 +65,22 @@ pub fn position(snapshot: &Path) -> Outcome<Option<Position>> {
         return Ok(None);
     }
     let position = serde_json::from_slice(&header.note);
-    position
-        .map(Some)
-        .map_err(|error| FleetError::format(snapshot, format!("the position is not one: {error}")))
+    position.map(Some).map_err(|error| {
+        FleetError::format(snapshot, format!("the position cannot be read: {error}"))
+    })
 }
 
 impl Position {
     pub(super) fn note(&self) -> Vec<u8> {
-        // Neither memory nor such fields refuse anything.
+        // Writing to memory does not fail, nor does serialising these fields.
         serde_json::to_vec(self).unwrap_or_default()
     }
 }
 
-/// Bytes at the end of lines that tell an input from another one.
+/// Number of bytes at the end of the lines by which to recognise an input.
 pub(super) const TAIL: usize = 1 << 12;
 
-/// Length and hash (XXH3) of the last bytes of lines.
+/// Length and hash (XXH3) of the last bytes of the lines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub(super) struct Tail {
     length: usize,
@@ -92,12 +95,12 @@ impl Tail {
 }
 
 impl Position {
-    /// Opens an input, at the position.
+    /// Opens an input at the position.
     pub(super) fn open_input(&self, path: &Path) -> Outcome<File> {
         let wrong = FleetError::file(path);
         let mut file = File::open(path).map_err(&wrong)?;
         let length = file.metadata().map_err(&wrong)?.len();
-        // A pipe has no length, and only a first run reads one.
+        // A pipe has no length; it can only be read by a first run, whose position is 0.
         if self.bytes > 0 && length >= self.bytes {
             let begin = self.bytes - self.tail.length as u64;
             file.seek(SeekFrom::Start(begin)).map_err(&wrong)?;
@@ -108,7 +111,7 @@ impl Position {
         Ok(file)
     }
 
-    /// Skips the first bytes of an input that comes again.
+    /// Skips the bytes before the position, in an input that starts over.
     pub(super) fn skip(&self, input: &mut impl Read, path: &Path) -> Outcome<()> {
         let before = self.bytes - self.tail.length as u64;
         let skipped = io::copy(&mut input.take(before), &mut io::sink());
@@ -119,7 +122,7 @@ impl Position {
         self.check(input, path)
     }
 
-    /// Reads up to the position, and compares the last bytes before it.
+    /// Reads the last bytes before the position, and compares them.
     fn check(&self, input: &mut impl Read, path: &Path) -> Outcome<()> {
         let mut bytes = Vec::new();
         let length = self.tail.length as u64;
@@ -129,7 +132,7 @@ impl Position {
         }
         if length > 0 && Tail::of(&bytes) != self.tail {
             let message = format!(
-                "byte {} and those before are others than the snapshot has: it is another input",
+                "the bytes before {} differ from those that the snapshot knows: it is another input",
                 self.bytes
             );
             return Err(FleetError::format(path, message));
@@ -139,18 +142,21 @@ impl Position {
 
     fn other(&self, path: &Path, length: u64) -> FleetError {
         let message = format!(
-            "has {length} bytes, but the snapshot is of the first {}: it is another input",
+            "has {length} bytes, but the snapshot includes the first {}: it is another input",
             self.bytes
         );
         FleetError::format(path, message)
     }
 
-    /// Returns what comes after the position. If the last line had no end, it may have come since.
+    /// Returns the input after the position. If the last line lacked its end, that may have arrived
+    /// since.
     pub(super) fn rest<R: Read>(&mut self, mut input: R) -> io::Result<impl Read + use<R>> {
         let mut first = Vec::new();
         if self.is_open {
             input.by_ref().take(1).read_to_end(&mut first)?;
             self.is_open = first.is_empty();
+            // That line was taken without it: not an empty line of its own, and the tail no longer
+            // ends the input read.
             if first == b"\n" {
                 first.clear();
                 self.bytes += 1;
@@ -161,8 +167,8 @@ impl Position {
     }
 }
 
-/// Opens an output, and cuts off what follows the answers of the snapshot. The file is locked as long
-/// as it is open.
+/// Opens an output, and cuts off whatever follows the answers counted by the snapshot: they will be
+/// given again. The file stays locked while it is open.
 pub(super) fn open_output(path: &Path, answers: u64, is_first: bool) -> Outcome<File> {
     let wrong = FleetError::file(path);
     let mut options = OpenOptions::new();
@@ -175,12 +181,12 @@ pub(super) fn open_output(path: &Path, answers: u64, is_first: bool) -> Outcome<
     if is_first && length > 0 {
         return Err(FleetError::format(
             path,
-            "exists, and there is no snapshot that says how much of it counts; remove it first",
+            "exists, but no snapshot tells how much of it counts; remove it first",
         ));
     }
     if length < answers {
         let message =
-            format!("has {length} bytes, but the snapshot is of {answers} bytes of answers");
+            format!("has {length} bytes, but the snapshot counts {answers} bytes of answers");
         return Err(FleetError::format(path, message));
     }
     file.set_len(answers).map_err(&wrong)?;

@@ -1,4 +1,7 @@
-//! A run: events, and batches of lines.
+//! A run: it takes events, and processes lines in batches.
+//!
+//! All state changes happen on this one thread. Whatever was decided between two batches (a
+//! snapshot, another model, the end) is therefore between two lines, and the position says which.
 
 mod answers;
 mod begin;
@@ -30,21 +33,21 @@ use crate::error::{FleetError, Outcome};
 use crate::pool::latest::Latest;
 use crate::pool::{LiveSummary, VehicleId, Writing};
 
-/// Bytes of lines that are worked on together.
+/// Bytes of lines in a batch, about.
 const TOGETHER: usize = 1 << 20;
-/// Time between two looks at a snapshot that is being written.
+/// Interval at which a snapshot being written is checked.
 const LOOK: Duration = Duration::from_millis(20);
-/// Time between two looks at the memory.
+/// Interval at which the metrics of memory are updated.
 const FIGURES: Duration = Duration::from_secs(1);
 
-/// Answers every line of the input, or of connections, with a line until it ends or the run is
-/// stopped, with snapshots in between, whose [position](super::position()) says where another run
-/// goes on.
+/// Answers every line of the input, or of connections, with a line, until the input ends or the run
+/// is stopped. Periodic snapshots hold a [position](super::position()) from which another run can
+/// continue.
 ///
 /// # Errors
 ///
-/// [`FleetError`] if a file cannot be read or written; a bad line, or a snapshot in between that
-/// cannot be written, is none.
+/// [`FleetError`] if a file cannot be read or written. Bad lines, and periodic snapshots that
+/// cannot be written, are not errors.
 pub fn serve(
     job: &ServiceJob,
     control: &Control,
@@ -56,7 +59,7 @@ pub fn serve(
     control.attach(events);
     let mut run = Run {
         job,
-        // A line has at most a number for each state.
+        // A line holds at most one number for each state.
         connections: Connections::new((1 << 20) + 64 * vehicles.sensor().states()),
         order: job.lateness.map(|lateness| {
             let most = job.live.options.memory.unwrap_or(usize::MAX);
@@ -81,6 +84,8 @@ pub fn serve(
     };
     run.resume()?;
     let done = run.serve(control, &queue);
+    // No new connections; then the open ones get their last answers. The lock of the snapshot goes
+    // last, also after an error.
     run.listener = None;
     run.connections.end_all();
     drop(locked);
@@ -93,20 +98,19 @@ struct Run<'a, W, R> {
     connections: Connections,
     order: Option<Order>,
     position: Position,
-    /// Lines of runs before.
+    /// Number of lines in earlier runs.
     first: u64,
     errors: u64,
     writing: Option<(Writing, Instant)>,
-    /// Last offsets of the clients that the last snapshot has, and that the one has which is being
-    /// written.
+    /// Last offsets of the clients in the last snapshot, and in the one being written.
     saved: BTreeMap<String, VehicleId>,
     saving: BTreeMap<String, VehicleId>,
-    /// True if a snapshot is asked for, and not begun.
+    /// True if a snapshot was requested and not begun.
     asked: bool,
-    /// Lines that the last snapshot has, and when it was begun.
+    /// Number of lines in the last snapshot, and when it was begun.
     last: (u64, Instant),
     figures: Option<Instant>,
-    /// True if it was said that memory is beyond its limit.
+    /// True once it was reported that memory exceeds its limit.
     is_beyond: bool,
     metrics: Arc<Metrics>,
     file: Option<File>,
@@ -116,7 +120,7 @@ struct Run<'a, W, R> {
 }
 
 impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
-    /// Goes on from the snapshot.
+    /// Continues from the snapshot.
     fn resume(&mut self) -> Outcome<()> {
         let waiting = std::mem::take(&mut self.position.waiting);
         let sensor = self.vehicles.sensor();
@@ -126,8 +130,11 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
                 let latest = latest.unwrap_or_else(|| Latest::at(self.position.latest));
                 order.resume(latest, &waiting, |text| parse(sensor, text));
             }
+            // Without an order they would have to be applied now, in another order than if the run
+            // had not stopped.
             None if !waiting.is_empty() => {
-                let message = "lines of the snapshot wait for late ones: give the lateness again";
+                let message =
+                    "lines of the snapshot wait for late ones: give the same --lateness again";
                 return Err(FleetError::Settings(message.to_owned()));
             }
             None => {}
@@ -150,7 +157,7 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
     fn serve(&mut self, control: &Control, queue: &Receiver<Event>) -> Outcome<LiveSummary> {
         let mut batch = Batch::default();
         let mut is_open = true;
-        // Events that are taken after the run was asked to stop. Others may never cease to come.
+        // Events to take after the run was asked to stop; more may never cease to come.
         let mut left = None;
         while is_open {
             batch.clear();
@@ -160,7 +167,8 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
             }
             while let Some(event) = next {
                 is_open = self.receive(event, &mut batch)?;
-                // Waits for the first event only.
+                // Only the first event is waited for: a batch is whatever has arrived while the one
+                // before was processed.
                 if !is_open || batch.text.len() >= TOGETHER || left == Some(0) {
                     break;
                 }
@@ -168,6 +176,8 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
                 next = queue.try_recv().ok();
             }
             self.take(&batch)?;
+            // After the answers are in the outboxes, so that the last ones of a connection come
+            // before its end.
             self.connections.answered(&batch);
             if control.take_model() {
                 self.read_model()?;
@@ -176,13 +186,15 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
             self.snapshot()?;
             self.look();
         }
+        // At the end of the input nothing can come that is late. A run that was stopped keeps them
+        // in its snapshot instead.
         if !is_open || self.job.live.snapshot.is_none() {
             self.release()?;
         }
         self.end()
     }
 
-    /// Takes an event. Returns false if it is the end of the input.
+    /// Takes an event. Returns false at the end of the input.
     fn receive(&mut self, event: Event, batch: &mut Batch) -> Outcome<bool> {
         match event {
             Event::Open(source, peer) => self.connections.open(source, peer),
@@ -194,12 +206,14 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
             Event::End(STANDARD) => {
                 let before = batch.bytes;
                 let bytes = self.connections.end(STANDARD, batch);
+                // Bytes were added: the last line was whole except for its line end.
                 self.position.is_open |= batch.bytes > before;
                 if bytes > 0 {
                     (self.report)(&Notice::Unfinished { bytes });
                 }
                 return Ok(false);
             }
+            // A connection that fails has ended, no more.
             Event::End(source) | Event::Chunk(source, Err(_)) => {
                 self.connections.end(source, batch);
             }
@@ -208,7 +222,7 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
         Ok(true)
     }
 
-    /// The next event, or none in time for what else is to be done.
+    /// Returns the next event, or `None` when something else is due.
     fn next(
         &self,
         control: &Control,
@@ -218,7 +232,7 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
         if !control.is_stopped() {
             return self.wait(queue);
         }
-        // One more of each input may have been read.
+        // The queue, and the chunk that each reader may be about to send.
         let left = left.get_or_insert(WAITING + self.connections.len());
         if *left == 0 {
             return None;
@@ -227,7 +241,7 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
         queue.try_recv().ok()
     }
 
-    /// Waits for an event, or until there is something else to be done.
+    /// Waits for an event, or until something else is due.
     fn wait(&self, queue: &Receiver<Event>) -> Option<Event> {
         let due = self
             .job
@@ -236,6 +250,7 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
         let has_new = self.position.lines != self.last.0;
         let until = match (&self.writing, due) {
             (Some(_), _) => LOOK,
+            // Without new lines the next snapshot would equal the last.
             (None, Some(due)) if has_new => due,
             _ => {
                 return queue.recv().ok().or(Some(Event::End(STANDARD)));
@@ -248,7 +263,7 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
         }
     }
 
-    /// Looks at the memory.
+    /// Updates the metrics of memory, and warns once if the limit cannot hold.
     fn look(&mut self) {
         if self.figures.is_some_and(|last| last.elapsed() < FIGURES) {
             return;
@@ -259,7 +274,8 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
         metrics.in_memory.store(usage.in_memory as u64, Relaxed);
         metrics.memory_bytes.store(usage.bytes as u64, Relaxed);
         metrics.disk_bytes.store(usage.file_bytes, Relaxed);
-        // Each shard keeps a vehicle at least.
+        // Above the limit although almost all states are on disk: the ids alone exceed it. (Each
+        // shard keeps at least one vehicle in memory.)
         let limit = self.job.live.options.memory.filter(|&limit| usage.bytes > limit);
         let limit = limit.filter(|_| usage.in_memory < usage.vehicles / 16);
         if let Some(limit) = limit.filter(|_| !self.is_beyond) {

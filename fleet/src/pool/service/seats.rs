@@ -1,20 +1,20 @@
-//! Places for connections, of which there are so many and no more.
+//! Seats for connections: a bound on their number.
 //!
-//! A connection may be silent for as long as it likes, since a gate may have no vehicle for hours. But
-//! one whose other end has lost its power is silent, too, and so are those of somebody who only opens
-//! them. So once all seats are taken, the one that has been silent for longest makes room.
+//! A connection may be silent for as long as it likes: a gate may have no vehicle for hours. But
+//! one whose other end lost power is silent, too, and so are those of somebody who only opens them.
+//! So once all seats are taken, the connection that has been silent longest makes room.
 
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
 use super::listen::Stream;
 
-/// Most connections at once, each with two threads and a line that may wait for its end.
+/// Maximum number of connections, each with two threads and a line that may wait for its end.
 const MOST: usize = 256;
 /// Silence after which a connection may have to make room.
 const SILENCE: Duration = Duration::from_secs(30);
 
-/// A connection's right to be there, until it is dropped.
+/// A connection's right to exist, until it is dropped.
 #[derive(Debug)]
 pub(super) struct Seat {
     stream: Arc<Stream>,
@@ -22,7 +22,7 @@ pub(super) struct Seat {
 }
 
 impl Seat {
-    /// Says that the connection has sent something.
+    /// Records that the connection sent something.
     pub(super) fn heard(&self) {
         *self.heard.lock().unwrap_or_else(PoisonError::into_inner) = Instant::now();
     }
@@ -47,9 +47,10 @@ impl Default for Seats {
 }
 
 impl Seats {
-    /// Gives a connection a seat. If there is none, the one that has been silent for longest is
-    /// ended, and none is given if all have been heard of lately.
+    /// Gives a connection a seat. If none is free, the connection that has been silent longest is
+    /// ended; if even that one was heard of lately, there is no seat.
     pub(super) fn take(&mut self, stream: &Arc<Stream>) -> Option<Arc<Seat>> {
+        // A seat is free once all threads of its connection have dropped it.
         self.taken.retain(|seat| seat.strong_count() > 0);
         if self.taken.len() >= self.most {
             let seats = self.taken.iter().enumerate();
@@ -59,6 +60,8 @@ impl Seats {
                 return None;
             }
             seat.stream.shut();
+            // Its threads end soon after `shut`. For that moment there may be one more connection
+            // than seats.
             self.taken.swap_remove(at);
         }
         let seat = Arc::new(Seat { stream: Arc::clone(stream), heard: Mutex::new(Instant::now()) });

@@ -1,4 +1,5 @@
-//! Pools with either of the operators behind one face.
+//! Pools with either operator behind one trait object, so that a run can replace a model by one of
+//! the other kind.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -11,7 +12,7 @@ use crate::pool::latest::Latest;
 use crate::pool::{Pool, PoolOptions, Timing, Update, UpdateResult, Usage, VehicleId, Writing};
 use crate::sensor::{Observation, Sensor};
 
-/// What is done before a snapshot has its name.
+/// What to do before a snapshot is renamed.
 pub(super) type Before = Box<dyn FnOnce() -> Outcome<()> + Send>;
 
 /// A pool with a model from a file.
@@ -26,11 +27,11 @@ pub(super) trait Vehicles {
     fn take_spill_error(&mut self) -> Option<FleetError>;
     fn snapshot(&self, path: &Path, note: &[u8]) -> Outcome<u64>;
     fn begin_snapshot(&mut self, path: &Path, note: &[u8], before: Before) -> Outcome<Writing>;
-    /// Leaves one that is of no use.
+    /// Continues with another model; leaves an unusable pool behind.
     fn exchange(&mut self, model: &Model, options: &PoolOptions) -> Outcome<Box<dyn Vehicles>>;
 }
 
-/// Opens a pool, with the vehicles of a snapshot.
+/// Opens a pool, with the vehicles of a snapshot if one is given.
 pub(super) fn open(
     model: &Model,
     restore: Option<&Path>,
@@ -66,6 +67,8 @@ where
     }
 
     fn set_timing(&mut self, timing: Timing, latest: Latest) {
+        // The full state of the latest time, rather than its value alone, so that a restored run
+        // forgets at the same moments.
         Self::set_timing(self, timing, None);
         self.set_latest(latest);
     }

@@ -1,4 +1,4 @@
-//! Lines that are worked on together.
+//! Processing of a batch of lines: parsed in parallel, applied in order, answered in parallel.
 
 use std::sync::atomic::Ordering::Relaxed;
 use std::thread;
@@ -13,38 +13,38 @@ use crate::pool::lines::{self, BadLine, Line};
 use crate::pool::{UpdateResult, VehicleId};
 use crate::sensor::Sensor;
 
-/// Lines for which threads are not worth while.
+/// Below this number of lines, threads do not pay off.
 const FEW: usize = 64;
 
-/// Answers to lines.
+/// Answers to a batch of lines.
 pub(super) struct Answers {
     pub(super) texts: Vec<Vec<u8>>,
     /// Input of the line of each answer.
     pub(super) sources: Vec<Source>,
-    /// Number of lines that were worked on.
+    /// Number of lines processed.
     pub(super) taken: usize,
     /// Number of errors.
     pub(super) errors: u64,
-    /// Last offsets of inputs.
+    /// Offsets to record per input, in order.
     pub(super) offsets: Vec<(Source, VehicleId)>,
-    /// Asked for by the last line that was taken.
+    /// Request in the last line processed, if it has one.
     pub(super) command: Option<Command>,
 }
 
-/// What a line asks of the run.
+/// Request of a line to the run.
 pub(super) struct Command {
     pub(super) source: Source,
     pub(super) kind: CommandKind,
 }
 
 pub(super) enum CommandKind {
-    /// To go on with a model of this name. With the offset of the line.
+    /// Continue with the model of this name; with the offset of the line.
     Model(String, Option<VehicleId>),
-    /// To know the client by this name.
+    /// Know the client by this name.
     Client(String),
 }
 
-/// A line that is not an update, at its place among all.
+/// A line that is not an update, with its index in the batch.
 struct Other(usize, OtherKind);
 
 enum OtherKind {
@@ -52,7 +52,7 @@ enum OtherKind {
     Remove { vehicle: VehicleId, offset: Option<VehicleId>, was_there: bool },
 }
 
-/// Numbers of lines.
+/// Numbers of the lines of a batch.
 enum Numbers {
     From(u64),
     Each(Vec<u64>),
@@ -67,8 +67,8 @@ impl Numbers {
     }
 }
 
-/// Works on lines with all threads, up to one that asks something of the run. The first has this
-/// number.
+/// Processes lines with all threads, up to and including one that has a request for the run;
+/// `first` is the number of the first line.
 pub(super) fn work(
     vehicles: &mut dyn Vehicles,
     threads: usize,
@@ -78,6 +78,7 @@ pub(super) fn work(
     metrics: &Metrics,
 ) -> Answers {
     let sensor = vehicles.sensor();
+    // Parts larger than the batch mean that no thread is started.
     let part = if lines.len() < FEW { FEW } else { lines.len().div_ceil(threads.max(1)) };
     let parsed = in_parts(lines, part, |_, lines| {
         lines.iter().map(|text| parse(sensor, text.line)).collect::<Vec<_>>()
@@ -85,6 +86,8 @@ pub(super) fn work(
     let (mut command, mut offsets) = (None, Vec::new());
     let mut taken = 0;
     let mut parsed = parsed.into_iter().flatten().zip(lines).map_while(|(line, text)| {
+        // Counts every line that is looked at, the one with the request too: `map_while` stops
+        // there.
         taken += 1;
         let source = text.source;
         if let Some(offset) = line.offset() {
@@ -101,6 +104,8 @@ pub(super) fn work(
         command = Some(Command { source, kind });
         None
     });
+    // `parsed` is lazy: `taken`, `offsets` and `command` are complete once one of the two branches
+    // below has exhausted it.
     let mut sorted = Sorted::new(lines.len());
     let mut sources = Vec::with_capacity(lines.len());
     let numbers = if let Some(order) = order {
@@ -121,7 +126,7 @@ pub(super) fn work(
     Answers { texts, sources, taken, errors, offsets, command }
 }
 
-/// Works on lines that have waited.
+/// Processes lines that have waited.
 pub(super) fn work_on(
     vehicles: &mut dyn Vehicles,
     turns: Vec<Turn>,
@@ -133,12 +138,12 @@ pub(super) fn work_on(
     (texts, sources, errors)
 }
 
-/// Updates, and what is between them.
+/// Updates, and the other lines between them.
 struct Sorted {
     updates: Vec<crate::pool::Update<crate::sensor::Observation>>,
     offsets: Vec<Option<VehicleId>>,
     others: Vec<Other>,
-    /// Updates before each vehicle that is removed, and its place among the others.
+    /// For each removal, the number of updates before it and its index among the other lines.
     removals: Vec<(usize, usize)>,
 }
 
@@ -165,12 +170,12 @@ impl Sorted {
                 self.others.push(Other(at, other));
             }
             Line::Bad(bad) => self.others.push(Other(at, OtherKind::Bad(bad))),
-            // These end the lines that are taken together.
+            // These end a batch, and are answered by the run.
             Line::Model(..) | Line::Client(_) => {}
         }
     }
 
-    /// Adds lines in turn, and returns their numbers.
+    /// Adds lines in their turn, and returns their numbers.
     fn add_all(&mut self, turns: Vec<Turn>, sources: &mut Vec<Source>) -> Vec<u64> {
         let add = |Turn { number, source, line }| {
             sources.push(source);
@@ -181,7 +186,8 @@ impl Sorted {
     }
 }
 
-/// Takes the updates, and writes all answers. Returns the texts, and the number of errors.
+/// Applies the updates and removals, and writes all answers. Returns the texts and the number of
+/// errors.
 fn answer(
     vehicles: &mut dyn Vehicles,
     sorted: Sorted,
@@ -192,6 +198,7 @@ fn answer(
     let count = sorted.len();
     let Sorted { updates, offsets, mut others, removals } = sorted;
     let mut answers: Vec<UpdateResult> = Vec::new();
+    // A removal must happen between the updates before and after it, so it splits the batch.
     for (end, other) in removals {
         answers.extend(vehicles.update_all(&updates[answers.len()..end]));
         if let OtherKind::Remove { vehicle, was_there, .. } = &mut others[other].1 {
@@ -203,6 +210,7 @@ fn answer(
     } else {
         answers.extend(vehicles.update_all(&updates[answers.len()..]));
     }
+    // From here on nothing changes any more; answers can be written in parallel.
     let mut errors = 0;
     let bad = others.iter().filter_map(|other| match &other.1 {
         OtherKind::Bad(bad) => Some(bad.kind),
@@ -219,7 +227,7 @@ fn answer(
     let places: Vec<usize> = (0..count).collect();
     let texts = in_parts(&places, part, |start, places| {
         let mut out = Vec::with_capacity(128 * places.len());
-        // Others before the part; all else are updates.
+        // Of the lines before this part, `of_other` are others, and the rest updates.
         let mut of_other = others.partition_point(|other| other.0 < start);
         let mut at = start - of_other;
         for &place in places {
@@ -257,8 +265,8 @@ pub(super) fn parse(sensor: &Sensor, line: &[u8]) -> Line {
     lines::parse(sensor, line)
 }
 
-/// Works on parts of a slice, each on a thread of its own, and returns the results in order. The
-/// work is given the index at which a part begins.
+/// Processes parts of a slice, each on a thread of its own, and returns the results in order.
+/// `work` gets the index at which its part begins.
 fn in_parts<T: Sync, R: Send>(
     items: &[T],
     part: usize,

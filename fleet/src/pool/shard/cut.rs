@@ -1,7 +1,9 @@
-//! A snapshot of a shard as it was at one moment, which is written while updates go on.
+//! A snapshot of a shard as it was at one moment, written while updates go on.
 //!
-//! Entries are written from the first to the last. One that is about to change before its turn is
-//! written first, so that an update waits for the encoding of one vehicle at most.
+//! Copy on write, entry by entry. Entries are written in order; one that is about to change before
+//! its turn is written first and marked in `early`. So each entry below `end` is written exactly
+//! once, in the state it had at the beginning, and an update waits for the encoding of at most one
+//! vehicle.
 
 use std::hash::BuildHasher;
 
@@ -12,26 +14,26 @@ use crate::error::{FleetError, Outcome};
 use crate::pool::VehicleId;
 use crate::pool::block::Block;
 
-/// What has been written of a shard.
+/// Progress of the snapshot of a shard.
 #[derive(Debug)]
 pub(super) struct Cut {
-    /// Entries before it have been written.
+    /// Entries before this one have been written.
     next: usize,
-    /// Number of entries when it began.
+    /// Number of entries at the beginning; later ones are not part of the snapshot.
     end: usize,
-    /// A bit for each entry that was written before its turn.
+    /// One bit per entry, set if it was written before its turn.
     early: Vec<u64>,
     block: Block,
     failure: Option<FleetError>,
 }
 
-/// Entries of a snapshot.
+/// Some entries of a snapshot.
 #[derive(Debug)]
 pub(crate) struct Part {
-    /// Entries that have changed before their turn.
+    /// Entries that changed before their turn, encoded.
     pub(crate) early: Block,
-    /// The next ones: the id, the time and a copy of the state. To encode them takes several times
-    /// as long, for which no update should wait.
+    /// The next entries in order: id, time and a copy of the state. They are encoded without the
+    /// lock, since that takes several times as long as copying.
     pub(crate) next: Vec<(VehicleId, i64, FilterSnapshot)>,
     pub(crate) is_last: bool,
 }
@@ -50,13 +52,15 @@ impl Shard {
         self.cut = Some(Box::new(Cut { next: 0, end, early, block: Block::new(), failure: None }));
     }
 
-    /// Gives the snapshot up.
+    /// Abandons the snapshot.
     pub(crate) fn end_cut(&mut self) {
         self.cut = None;
     }
 
-    /// Takes the next entries of the snapshot.
+    /// Takes the next `count` entries of the snapshot.
     pub(crate) fn next_of_cut(&mut self, count: usize) -> Outcome<Part> {
+        // Taken out, so that `self.state` can be called; put back below unless this was the last
+        // part.
         let Some(mut cut) = self.cut.take() else {
             return Ok(Part { early: Block::new(), next: Vec::new(), is_last: true });
         };
@@ -81,7 +85,7 @@ impl Shard {
         Ok(Part { early, next, is_last })
     }
 
-    /// Writes an entry that is about to change, if a snapshot needs it.
+    /// Saves an entry that is about to change, if a snapshot still needs it.
     #[inline]
     pub(super) fn keep(&mut self, at: u32) {
         if self.cut.is_some() {
@@ -92,8 +96,12 @@ impl Shard {
     #[cold]
     fn keep_now(&mut self, at: usize) {
         let Some(mut cut) = self.cut.take() else { return };
+        // A free entry is marked, too, though it writes nothing: whatever takes its place is newer
+        // than the snapshot.
         if at >= cut.next && at < cut.end && !cut.is_early(at) {
             cut.early[at / 64] |= 1 << (at % 64);
+            // The update must not fail because of the snapshot; the next part of the snapshot
+            // reports it.
             if let Err(error) = self.write(at, &mut cut.block) {
                 cut.failure.get_or_insert(error);
             }
@@ -101,7 +109,7 @@ impl Shard {
         self.cut = Some(cut);
     }
 
-    /// Removes the vehicles that were last seen before a time.
+    /// Removes the vehicles last updated before a time.
     pub(crate) fn forget_before(&mut self, time: i64) {
         for at in 0..self.entries.len() {
             let entry = &self.entries[at];

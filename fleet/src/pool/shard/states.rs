@@ -1,4 +1,4 @@
-//! States of the vehicles of a shard: those that were seen last in memory, the others on the disk.
+//! States of the vehicles of a shard: the most recently updated in memory, the others on disk.
 
 use std::sync::Arc;
 
@@ -9,13 +9,14 @@ use super::{Entry, NONE, Place, Shard, bytes_of};
 use crate::error::{FleetError, Outcome};
 
 impl Shard {
-    /// Copies the state of a filter into a vehicle.
+    /// Stores the state of a filter as that of a vehicle.
     pub(super) fn store<A, B>(&mut self, at: u32, time: i64, filter: &Filter<Arc<Hmm<A, B>>>)
     where
         A: Transition,
         B: Likelihood,
     {
         self.keep(at);
+        // Reuses the allocation. Its size may change, if logarithms come or go.
         if let Place::Memory(state) = &mut self.entries[at as usize].place {
             self.heap -= bytes_of(state);
             filter.snapshot_to(state);
@@ -32,7 +33,7 @@ impl Shard {
         self.link(at);
     }
 
-    /// Gives up the state of a vehicle.
+    /// Drops the state of a vehicle.
     pub(super) fn clear(&mut self, at: u32) {
         if let Place::Memory(_) = &self.entries[at as usize].place {
             self.unlink(at);
@@ -61,6 +62,7 @@ impl Shard {
             self.heap += bytes_of(&state);
             self.in_memory += 1;
             self.entries[at as usize].place = Place::Memory(state);
+            // As the newest: it is about to be updated, and must not be the next to be evicted.
             self.link(at);
         }
         match &self.entries[at as usize].place {
@@ -69,11 +71,12 @@ impl Shard {
         }
     }
 
-    /// Moves the states that were not seen for longest to the disk until the rest is within the
-    /// limit, or is one.
+    /// Moves the least recently updated states to disk until the rest is within the limit, or only
+    /// one is left.
     pub(crate) fn evict(&mut self) {
         let Some(disk) = &mut self.disk else { return };
         while self.in_memory > 1 {
+            // As `bytes`, whose borrow of all of `self` would conflict with that of `disk`.
             let bytes = self.entries.capacity() * size_of::<Entry>()
                 + self.free.capacity() * size_of::<u32>()
                 + self.index.allocation_size()
@@ -89,11 +92,13 @@ impl Shard {
                     self.heap -= bytes_of(state);
                     self.in_memory -= 1;
                     self.entries[at as usize].place = Place::Disk(slot);
+                    // `in_memory` was above 1, so the oldest has a newer neighbour.
                     let newer = self.entries[at as usize].newer;
                     self.oldest = newer;
                     self.entries[newer as usize].older = NONE;
                 }
                 Err(error) => {
+                    // The state stays in memory. Trying others would most likely fail the same way.
                     self.failure.get_or_insert(error);
                     return;
                 }
@@ -101,7 +106,7 @@ impl Shard {
         }
     }
 
-    /// Puts a vehicle at the new end of the list.
+    /// Appends a vehicle to the list, as the newest.
     pub(super) fn link(&mut self, at: u32) {
         let newest = self.newest;
         let entry = &mut self.entries[at as usize];

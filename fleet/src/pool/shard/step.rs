@@ -1,4 +1,7 @@
-//! A step of the filter of a vehicle.
+//! One update of a vehicle: a step of its filter.
+//!
+//! The state is loaded into the filter of the thread, stepped there, and stored only if that
+//! succeeded: an error leaves the vehicle as it was.
 
 use std::sync::Arc;
 
@@ -9,7 +12,7 @@ use crate::pool::timing::Moment;
 use crate::pool::vehicle::{Answer, Update, UpdateError};
 
 impl Shard {
-    /// Takes an update with the filter of a thread.
+    /// Applies an update with the filter of a thread.
     pub(crate) fn update<A, B>(
         &mut self,
         filter: &mut Filter<Arc<Hmm<A, B>>>,
@@ -23,9 +26,10 @@ impl Shard {
     {
         let found = self.find(hash, &update.vehicle);
         let last = found.map(|at| self.entries[at as usize].time);
-        // Whether it is still here must not depend on when the vehicles were last looked through.
+        // Sweeps come at their own pace, so a vehicle to be forgotten may or may not be here still.
+        // Treat it as gone, or answers would depend on when the last sweep was.
         let last = last.filter(|&last| !moment.is_forgotten(last));
-        // Also of one that begins again: a line that comes twice must not make it forget what came
+        // Also with `restart`: a line that comes twice must not make the vehicle forget what came
         // between.
         if let Some(last) = last
             && update.time <= last
@@ -44,7 +48,7 @@ impl Shard {
         let log_likelihood = match take_steps(filter, steps, &update.observation) {
             Ok(log_likelihood) => log_likelihood,
             Err(error) => {
-                // Its state may just have been loaded.
+                // Loading the state may have exceeded the limit.
                 self.evict();
                 return Err(error.into());
             }
@@ -61,7 +65,8 @@ impl Shard {
     }
 }
 
-/// Moves a filter so many steps, and shows it what was seen after the last.
+/// Advances a filter by `steps` transitions, and gives it the observation after the last. Without
+/// any, the observation is one more of the same step.
 fn take_steps<A, B>(
     filter: &mut Filter<Arc<Hmm<A, B>>>,
     steps: u64,
@@ -74,16 +79,20 @@ where
     if steps == 0 {
         return filter.update(observation);
     }
+    // Chapman–Kolmogorov: transitions without an observation in between are predictions.
+    // `step_with` takes the last one.
     for _ in 1..steps {
         filter.predict_with(&())?;
     }
     filter.step_with(&(), observation)
 }
 
-/// Most probable state and its probability; ties go to the lowest.
+/// Most probable state and its probability; ties go to the lowest state.
 fn peak(belief: &[f64]) -> (usize, f64) {
     let greater = |a: f64, b: f64| if b > a { b } else { a };
     let (lines, rest) = belief.as_chunks::<LINE>();
+    // First the maximum, in independent lanes that vectorise; then its first position, which
+    // usually ends early.
     let mut lanes = [f64::NEG_INFINITY; LINE];
     for line in lines {
         for k in 0..LINE {

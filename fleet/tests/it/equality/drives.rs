@@ -1,4 +1,4 @@
-//! A row for each drive, and paths.
+//! One row per drive, and paths.
 
 use super::*;
 
@@ -6,7 +6,7 @@ use super::*;
 fn drives_have_their_scores_and_errors() {
     let model = model(7);
     let folder = Folder::new(&model);
-    // Also drives without a step.
+    // Drives without steps, too.
     let drives = drives(17, 400, 0, 12);
     folder.write("nested.parquet", &nested(&drives), 100);
     for (verb, name) in [

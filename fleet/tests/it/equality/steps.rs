@@ -1,4 +1,4 @@
-//! A row for each step.
+//! One row per step.
 
 use super::*;
 
@@ -8,7 +8,7 @@ fn steps_are_those_of_the_library_in_every_form() {
         let model = model(seed);
         let folder = Folder::new(&model);
         let drives = drives(100 + seed, 500, 1, 30);
-        // Groups that end within drives, and within batches.
+        // Row groups that end within drives, and within batches.
         folder.write("long.parquet", &long(&drives), 777);
         folder.write("nested.parquet", &nested(&drives), 33);
         for verb in [Verb::Smooth, Verb::Filter] {

@@ -35,7 +35,7 @@ impl Folder {
         self.dir.path().join(name)
     }
 
-    /// Writes rows as Parquet, in row groups of so many.
+    /// Writes rows as Parquet, in row groups of a given size.
     pub(crate) fn write(&self, name: &str, rows: &RecordBatch, group: usize) {
         let properties =
             WriterProperties::builder().set_max_row_group_row_count(Some(group)).build();
@@ -70,7 +70,7 @@ impl Folder {
         (summary, read(&job.output))
     }
 
-    /// Runs in vain, and returns the error.
+    /// Runs, expects an error, and returns it.
     pub(crate) fn error(&self, input: &str) -> FleetError {
         let job = self.job(input, "none.parquet", Verb::Smooth, Table::Steps);
         let error = run(&job, |_| {}).unwrap_err();
@@ -87,12 +87,12 @@ impl Folder {
     }
 }
 
-/// Runs, if need be again: commands that other tests start hold the locks of this process for the
-/// moment until they are loaded.
+/// Runs, repeatedly if need be: commands started by other tests inherit the locks of this process
+/// until they have been loaded.
 pub(crate) fn go_on(job: &Job) -> Result<Summary, FleetError> {
     loop {
         match run(job, |_| {}) {
-            Err(error) if error.to_string().contains("another run has locked") => {}
+            Err(error) if error.to_string().contains("another run holds the lock on") => {}
             done => return done,
         }
     }
@@ -101,13 +101,13 @@ pub(crate) fn go_on(job: &Job) -> Result<Summary, FleetError> {
 /// Reads a Parquet file.
 pub(crate) fn read(path: &Path) -> RecordBatch {
     let builder = ParquetRecordBatchReaderBuilder::try_new(File::open(path).unwrap()).unwrap();
-    // Without what the file says of its run.
+    // Without the record of the run in the file.
     let schema = Arc::new(Schema::new(builder.schema().fields().clone()));
     let batches: Vec<RecordBatch> = builder.build().unwrap().map(Result::unwrap).collect();
     concat_batches(&schema, &batches).unwrap()
 }
 
-/// Largest memory of a command, in bytes.
+/// Peak memory of a command, in bytes.
 #[cfg(target_os = "linux")]
 pub(crate) fn peak_memory(command: &mut Command) -> u64 {
     let mut child = command.stdout(Stdio::null()).spawn().unwrap();

@@ -22,7 +22,7 @@ pub(crate) use learning::*;
 
 /// Number of states of the models.
 pub(crate) const STATES: usize = 11;
-/// A symbol that is only seen in state 0.
+/// A symbol that only state 0 emits.
 pub(crate) const RARE: u32 = 5;
 
 pub(crate) type Drives = Vec<Vec<u32>>;
@@ -32,7 +32,7 @@ pub(crate) fn rng(seed: u64) -> ChaCha8Rng {
     ChaCha8Rng::seed_from_u64(seed)
 }
 
-/// A ring with random moves ahead; place 0 is left at once and for good.
+/// A ring with random moves ahead; place 0 is left at once and never entered again.
 pub(crate) fn transition(rng: &mut ChaCha8Rng) -> SparseTransition {
     let mut entries = Vec::new();
     for from in 0..STATES {
@@ -75,7 +75,7 @@ pub(crate) fn drives(seed: u64, count: usize, least: usize, most: usize) -> Driv
     (0..count).map(drive).collect()
 }
 
-/// Step of a drive in the long form: they need not be 1, 2, …
+/// Step of a drive in the long form; steps need not be 1, 2, …
 pub(crate) fn step(index: usize) -> i64 {
     10 * index as i64 + 3
 }

@@ -8,7 +8,7 @@ use wayfix_fleet::run;
 
 use super::*;
 
-/// Drives in the long form, of which many are at fault at random.
+/// Drives in the long form, many of them invalid at random.
 fn faulty(seed: u64, drives: usize) -> Cells {
     let mut rng = rng(seed);
     let mut rows: Cells = Vec::new();
@@ -32,7 +32,7 @@ fn faulty(seed: u64, drives: usize) -> Cells {
     rows
 }
 
-/// Rows as text, some of which is none.
+/// Rows as text, some of it unreadable.
 fn csv(rows: &[[Option<i64>; 3]]) -> String {
     let cell = |cell: Option<i64>| match cell {
         Some(0) => "0".to_owned(),
@@ -48,7 +48,7 @@ fn a_run_goes_on_without_lost_or_doubled_lines() {
     for seed in 0..3 {
         let folder = Folder::new(&model(5));
         let rows = faulty(seed, 500);
-        // Row groups are batches: their ends are in the middle of drives.
+        // Row groups are batches, and end within drives.
         folder.write("drives.parquet", &table(&rows), 61);
         fs::write(folder.path("drives.csv"), csv(&rows)).unwrap();
         let input = if seed == 2 { "drives.csv" } else { "drives.parquet" };
@@ -70,7 +70,7 @@ fn a_run_goes_on_without_lost_or_doubled_lines() {
                 let stopped = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
                     run(&job, |_| {
                         count += 1;
-                        // Later each time, so that it comes to an end.
+                        // Later each time, so that a run finishes eventually.
                         assert!(count <= stride + 4 * runs, "interrupted");
                     })
                 }));
@@ -116,7 +116,7 @@ fn without_the_option_finished_parts_stay() {
     assert_eq!(lines(&job), lines(&whole));
     assert_eq!(go_on(&job).unwrap().finished, 1);
 
-    // Or with a file that is repaired.
+    // Or with a repaired file.
     job.output = folder.path("repaired.parquet");
     job.left_out = None;
     assert!(go_on(&job).is_err());
@@ -141,13 +141,13 @@ fn the_file_of_an_unfinished_run_is_asked_for() {
     other.left_out = Some(folder.path("other.jsonl"));
     let error = go_on(&other).unwrap_err().to_string();
     assert!(error.contains("other.jsonl.partial is not there"), "{error}");
-    // A file of somebody else is not replaced.
+    // A file that is not ours is not replaced.
     fs::write(job.left_out.as_ref().unwrap(), "mine").unwrap();
     let error = go_on(&job).unwrap_err().to_string();
     assert!(error.contains("out.parquet.jsonl exists; replace it with --force"), "{error}");
     fs::remove_file(job.left_out.as_ref().unwrap()).unwrap();
     other.left_out = Some(other.output.clone());
     let error = go_on(&other).unwrap_err().to_string();
-    assert!(error.contains("must be another than the output"), "{error}");
+    assert!(error.contains("other than the output"), "{error}");
     assert!(go_on(&job).unwrap().resumed > 0);
 }

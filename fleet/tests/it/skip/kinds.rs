@@ -17,22 +17,22 @@ fn each_kind_in_the_long_form() {
         [None, Some(1), Some(0)], // 0: without an id
         row(1, 1, 0),
         row(1, 2, 1),
-        row(2, 1, 9), // 3: no such symbol
+        row(2, 1, 9), // 3: unknown symbol
         row(2, 2, 1),
         row(3, 1, 1),
         [Some(3), None, Some(1)], // 6: no step
         row(4, 2, 1),
-        row(4, 1, 1), // 8: steps that fall
+        row(4, 1, 1), // 8: decreasing steps
         row(5, 1, 1),
-        row(5, 1, 1), // 10: a step twice
+        row(5, 1, 1), // 10: a repeated step
         row(6, 1, 1),
         row(3, 9, 1), // 12: out of order
         row(7, 1, 1),
-        [Some(7), Some(2), None], // 14: nothing seen
+        [Some(7), Some(2), None], // 14: no observation
         row(8, 1, 1),
         [None, Some(2), Some(1)], // 16: within drive 8
         row(8, 3, 1),             // 17
-        row(9, 1, -1),            // 18: no such symbol
+        row(9, 1, -1),            // 18: unknown symbol
         row(9, 2, 1),
         row(10, 1, 4),
         row(10, 2, 3),
@@ -57,7 +57,7 @@ fn each_kind_in_the_long_form() {
                 (3, json!(2), "observation", "symbol 9 does not exist"),
                 (6, json!(3), "step", "is null"),
                 (8, json!(4), "step", "step 1 follows step 2 of drive 4"),
-                (10, json!(5), "step", "step 1 of drive 5 is there twice"),
+                (10, json!(5), "step", "step 1 of drive 5 occurs twice"),
                 (12, json!(3), "trace_id", "drive 3 follows drive 6"),
                 (14, json!(7), "observation", "is null"),
                 (16, json!(null), "trace_id", "is null"),
@@ -157,7 +157,7 @@ fn likelihoods_below_zero() {
     assert_eq!(integers(&found, "trace_id"), integers(&expected, "trace_id"));
     assert_eq!(states(&found, "state"), states(&expected, "state"));
     let (found, expected) = (numbers(&found, "entropy"), numbers(&expected, "entropy"));
-    // Drives that are worked on together are others, and so may be the last digit.
+    // Drives are computed in other groups, so the last digit may differ.
     found.iter().zip(&expected).for_each(|(a, b)| close(a.unwrap(), b.unwrap()));
     assert_eq!((summary.drives, summary.left_out), (36, 4));
     let bad = bad.map(|row| {
@@ -191,7 +191,7 @@ fn text_that_cannot_be_read() {
             (5, json!(null), "trace_id", "`five` is not a 64-bit integer"),
         ],
     );
-    // A file that is none still ends the run.
+    // An unreadable file still ends the run.
     fs::write(folder.path("bad.csv"), "trace_id,step,observation\n1,1,0\n1,2\n").unwrap();
     job.output = folder.path("none.parquet");
     job.left_out = Some(folder.path("none.jsonl"));
@@ -221,7 +221,7 @@ fn an_id_that_is_far_too_large_ends_the_run() {
     assert!(error.contains(said), "{error}");
 }
 
-/// Rows without an id have nothing in common: each has its line.
+/// Rows without an id do not belong together: each has its line.
 #[test]
 fn rows_without_an_id_are_named_one_by_one() {
     let folder = Folder::new(&model(1));
@@ -241,7 +241,7 @@ fn rows_without_an_id_are_named_one_by_one() {
         let expected = (1..).zip(reasons).map(|(row, why)| (row, json!(null), "trace_id", why));
         assert_lines(&job, &expected.collect::<Vec<_>>());
     }
-    // As many as drives may wait, and more, after a drive and before all drives.
+    // As many as may wait, and more, after a drive and before all drives.
     for (first, said) in [
         (Some(1), "row 0 (counted from 0): more than 65536 drives after drive 1 would be left out"),
         (None, "row 0 (counted from 0): more than 65536 drives would be left out, since their ids"),

@@ -1,4 +1,4 @@
-//! Drives that are no valid input are left out, and said.
+//! Invalid drives are left out and reported.
 
 mod going_on;
 mod kinds;

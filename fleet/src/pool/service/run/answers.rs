@@ -1,4 +1,4 @@
-//! Answers of a run to lines.
+//! Answers of a run to its lines.
 
 use std::io::Write;
 use std::path::Path;
@@ -12,27 +12,28 @@ use crate::error::{FleetError, Outcome};
 use crate::pool::answers;
 use crate::pool::lines::BadLine;
 
-/// Lines of a batch that are taken at a time: short ones are larger in memory than as text.
+/// Lines of a batch taken at a time: parsed, short lines take more memory than as text.
 const PART: usize = 1 << 14;
-/// Lines that are taken after one that asks something of the run. Those behind the next such line
-/// are read again, so that few are taken while one follows another.
+/// Lines taken after one with a request. Lines behind the next request are parsed again, so take
+/// few while requests follow one another.
 const FEW: usize = 8;
 
 /// Lines that were answered.
 struct Taken {
     lines: usize,
-    /// True if the last one asked something of the run.
+    /// True if the last one had a request for the run.
     is_asked: bool,
-    /// Input that this one has cut off.
+    /// Input that this request has cut off.
     cut_off: Option<Source>,
 }
 
 impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
-    /// Answers whole lines.
+    /// Answers the lines of a batch.
     pub(super) fn take(&mut self, batch: &Batch) -> Outcome<()> {
         let (mut lines, mut cut, mut most) = (batch.lines(), Vec::new(), PART);
         loop {
-            // A client that is cut off sends the rest of its lines again.
+            // Lines of a client that was cut off are dropped: from its last recorded offset
+            // onwards, it sends them again on its new connection.
             let next = lines.by_ref().filter(|text| !cut.contains(&text.source));
             let mut part: Vec<Text<'_>> = next.take(PART).collect();
             if part.is_empty() {
@@ -43,6 +44,7 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
                 let some = &part[begin..part.len().min(begin + most)];
                 let Taken { lines, is_asked, cut_off } = self.work_on(some)?;
                 begin += lines;
+                // Grows back to `PART` while no requests come.
                 most = if is_asked { FEW } else { PART.min(2 * most) };
                 if let Some(source) = cut_off {
                     part.drain(..begin);
@@ -52,6 +54,8 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
                 }
             }
         }
+        // Only now: a snapshot can only be taken between batches, when all their lines are
+        // answered.
         if batch.bytes > 0 {
             self.position.bytes += batch.bytes;
             self.position.tail = self.connections.tail().unwrap_or_default();
@@ -62,7 +66,7 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
         Ok(())
     }
 
-    /// Answers lines up to one that asks something of the run.
+    /// Answers lines up to and including one with a request.
     fn work_on(&mut self, lines: &[Text<'_>]) -> Outcome<Taken> {
         let Answers { texts, sources, taken, errors, offsets, command } = work(
             &mut *self.vehicles,
@@ -83,7 +87,7 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
         Ok(Taken { lines: taken, is_asked, cut_off })
     }
 
-    /// Does what a line asks of the run. Returns an input that was cut off.
+    /// Carries out the request of a line. Returns an input that was cut off.
     fn obey(&mut self, Command { source, kind }: Command) -> Outcome<Option<Source>> {
         match kind {
             CommandKind::Model(name, offset) => {
@@ -132,11 +136,12 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
         if self.listener.is_some() {
             self.connections.answer(texts, sources);
         }
+        // Counted even if writing fails: the run then ends, and no snapshot has this count.
         self.position.answers += texts.iter().map(|text| text.len() as u64).sum::<u64>();
         written.map_err(FleetError::file(path))
     }
 
-    /// Answers the lines that wait for others.
+    /// Applies and answers the lines that are waiting for late ones.
     pub(super) fn release(&mut self) -> Outcome<()> {
         let Some(order) = &mut self.order else { return Ok(()) };
         let mut turns = Vec::new();

@@ -1,4 +1,4 @@
-//! What a run begins with.
+//! The beginning of a run: everything is opened and checked before the first line is read.
 
 use std::fs::File;
 use std::io::Read;
@@ -17,7 +17,7 @@ use crate::model::Model;
 use crate::pool::file::check_replaced;
 use crate::pool::latest::Latest;
 
-/// What a run begins with.
+/// Everything that a run begins with.
 pub(super) struct Begin {
     pub(super) vehicles: Box<dyn Vehicles>,
     pub(super) position: Position,
@@ -32,21 +32,25 @@ pub(super) struct Begin {
 pub(super) fn begin(job: &ServiceJob, mut input: impl Read + Send + 'static) -> Outcome<Begin> {
     let live = &job.live;
     if job.every.is_some() && live.snapshot.is_none() {
-        return Err(FleetError::Settings("snapshots in between need a file".to_owned()));
+        return Err(FleetError::Settings("periodic snapshots need a --snapshot file".to_owned()));
     }
     if job.listen.is_some() && (job.input.is_some() || job.replay) {
-        let message = "lines come from connections, or else from an input";
+        let message = "lines come either from connections or from an input, not both";
         return Err(FleetError::Settings(message.to_owned()));
     }
     let locked = live.snapshot.as_deref().map(Lock::new).transpose()?;
-    // What cannot be looked at may be there: it must not be replaced at the end.
+    // A file that cannot be examined may exist, and must not be replaced at the end: only a
+    // definite no counts as missing.
     let is_missing = |path: &PathBuf| matches!(path.try_exists(), Ok(false));
     let is_first = |path: &PathBuf| live.snapshot.as_ref() == Some(path) && is_missing(path);
+    // The same file as snapshot and restore, not there yet: the first run of a service that is
+    // restarted with the same command.
     let restore = live.restore.as_deref().filter(|_| !live.restore.as_ref().is_some_and(is_first));
     let mut position = match restore {
         Some(path) => position::position(path)?.unwrap_or_default(),
         None => Position::default(),
     };
+    // A line may have replaced the model since; the vehicles belong to that one.
     let model = match &position.model {
         Some(name) => load(job, name)?,
         None => Model::load(&live.model)?,
@@ -57,10 +61,11 @@ pub(super) fn begin(job: &ServiceJob, mut input: impl Read + Send + 'static) -> 
     let is_first = restore.is_none();
     let open = |path: &PathBuf| position::open_output(path, position.answers, is_first);
     let file = job.output.as_ref().map(open).transpose()?;
-    // After the output is there, which might have the same name.
+    // After the output exists, which might have the same name.
     live.snapshot.as_deref().map_or(Ok(()), check_replaced)?;
     if let (true, Some(_), Some(path)) = (is_first, &file, &live.snapshot) {
-        // So that a run that is killed early leaves no output of which nobody knows what counts.
+        // If the run is killed before its first snapshot, its output must still have a snapshot
+        // that tells how much of it counts: none.
         vehicles.snapshot(path, &position.note())?;
     }
     let (events, queue) = sync_channel(WAITING);

@@ -1,4 +1,4 @@
-//! Models that a run goes on with.
+//! Replacing the model of a run.
 
 use std::io::Write;
 use std::path::{Component, Path};
@@ -13,11 +13,15 @@ use crate::pool::VehicleId;
 use crate::pool::answers;
 use crate::pool::lines::BadLine;
 
-/// Loads a model that a line has named.
+/// Loads a model named by a line.
 pub(super) fn load(job: &ServiceJob, name: &str) -> Outcome<Model> {
     let refused = |why: &str| Err(FleetError::Settings(format!("model {name:?}: {why}")));
-    let Some(folder) = &job.models else { return refused("there is no folder of models") };
+    let Some(folder) = &job.models else {
+        return refused("no folder of models was given (--models)");
+    };
     let mut parts = Path::new(name).components();
+    // A single plain component: no `..`, no path, no drive. Lines may come from anyone who can
+    // connect.
     match (parts.next(), parts.next()) {
         (Some(Component::Normal(part)), None) if part == name => Model::load(&folder.join(name)),
         _ => refused("is not the name of a file in the folder of models"),
@@ -25,7 +29,7 @@ pub(super) fn load(job: &ServiceJob, name: &str) -> Outcome<Model> {
 }
 
 impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
-    /// Goes on with a model that a line has named, and answers the line.
+    /// Continues with a model named by a line, and answers the line.
     pub(super) fn exchange(
         &mut self,
         source: Source,
@@ -48,13 +52,14 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
         self.put(&[out], &[source])
     }
 
-    /// Reads the file of the model again.
+    /// Reads the model file again, and continues with it.
     pub(super) fn read_model(&mut self) -> Outcome<()> {
         match Model::load(&self.job.live.model) {
             Ok(model) => {
                 self.go_on_with(&model)?;
                 self.position.model = None;
-                // A run that goes on needs one with this model.
+                // The last snapshot is of the old model, and a run that restores it would find the
+                // new one in the file.
                 self.asked = self.job.live.snapshot.is_some();
             }
             Err(error) => (self.report)(&Notice::ModelFailed(error)),
@@ -62,10 +67,12 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
         Ok(())
     }
 
-    /// Returns the number of vehicles that keep their belief, and that lose it.
+    /// Continues with a model. Returns the number of vehicles that keep their belief, and of those
+    /// that lose it.
     fn go_on_with(&mut self, model: &Model) -> Outcome<(usize, usize)> {
+        // A snapshot must not contain vehicles of two models.
         self.wait_for_snapshot();
-        // Those that are forgotten are not kept.
+        // Forgotten vehicles do not count as kept.
         self.vehicles.forget();
         let before = self.vehicles.usage().vehicles;
         let options = &self.job.live.options;

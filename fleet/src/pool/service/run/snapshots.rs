@@ -1,4 +1,8 @@
 //! Snapshots of a run.
+//!
+//! The order is what makes them safe: answers are synced before the snapshot that counts them gets
+//! its name. After a crash the output then has at least the answers that the snapshot counts, and
+//! whatever follows is cut off.
 
 use std::fs::File;
 use std::io::Write;
@@ -12,7 +16,7 @@ use crate::error::{FleetError, Outcome};
 use crate::pool::LiveSummary;
 
 impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
-    /// The position, as it is now.
+    /// The current position, encoded.
     pub(super) fn note(&mut self) -> Vec<u8> {
         let latest = self.vehicles.latest();
         self.position.latest = latest.time();
@@ -23,11 +27,12 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
             self.position.waiting = order.waiting();
         }
         let note = self.position.note();
+        // Only needed in the note, and possibly large.
         self.position.waiting.clear();
         note
     }
 
-    /// Begins a snapshot if it is time, and looks after one that is being written.
+    /// Begins a snapshot if one is due or requested, and completes one that has been written.
     pub(super) fn snapshot(&mut self) -> Outcome<()> {
         if self.writing.as_ref().is_some_and(|(writing, _)| writing.is_finished()) {
             self.wait_for_snapshot();
@@ -46,7 +51,8 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
         let answers = answers.map_err(FleetError::file(path))?;
         let name = self.job.output.clone().unwrap_or_default();
         let before = move || match answers {
-            // The snapshot must not know of answers that the disk does not.
+            // The snapshot must not count answers that are not on disk. Later answers synced along
+            // with them do no harm.
             Some(file) => file.sync_data().map_err(FleetError::file(&name)),
             None => Ok(()),
         };
@@ -67,13 +73,13 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
             self.saved = saving;
         }
         if let Err(error) = written {
-            // The next one is to have what this one has not.
+            // Nothing of this was saved, so the next snapshot is due even without new lines.
             self.last.0 = u64::MAX;
             (self.report)(&Notice::SnapshotFailed(error));
         }
     }
 
-    /// Reports a snapshot of so many bytes, or that it failed.
+    /// Reports a snapshot of `bytes` bytes, or its failure.
     fn tell(&mut self, start: Instant, bytes: Option<u64>) {
         let metrics = &self.metrics;
         metrics.is_ill.store(u64::from(bytes.is_none()), Relaxed);
@@ -87,7 +93,7 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
         }
     }
 
-    /// Writes the last snapshot.
+    /// Writes the final snapshot.
     pub(super) fn end(&mut self) -> Outcome<LiveSummary> {
         self.wait_for_snapshot();
         self.vehicles.forget();
