@@ -1,10 +1,10 @@
-//! Checks of operators.
+//! Checks of whole operators by products: two that cost O(n) memory and need no entries.
 
 use super::{Transition, check_columns};
 use crate::error::TransitionError;
 use crate::kernels;
 
-/// Checks an operator that declares to have no control, as [`validate_with`]. An operator with a
+/// Checks an operator that is the same at every step, by [`validate_with`]. An operator with a
 /// control can't be checked without one, except for its number of states.
 pub(crate) fn validate<A: Transition>(transition: &A) -> Result<(), TransitionError> {
     match transition.no_control() {
@@ -14,7 +14,7 @@ pub(crate) fn validate<A: Transition>(transition: &A) -> Result<(), TransitionEr
     }
 }
 
-/// Checks the operator of a control: its columns sum to one, A' 1 = 1 (but for evidence on
+/// Checks the operator of a control: its columns sum to one, A' 1 = 1 (unless it has evidence on
 /// moves), and its two products are transposes, v' (A u) = u' (A' v).
 pub(super) fn validate_with<A: Transition>(
     transition: &A,
@@ -29,6 +29,7 @@ pub(super) fn validate_with<A: Transition>(
     transition.apply_transpose(control, &ones, &mut product);
     match transition.evidence(control) {
         None => check_columns(&product)?,
+        // Entries beyond doubles would make the test below fail, or pass, by chance.
         Some(_) if transition.needs_logs(control) => return Ok(()),
         Some(_) => {}
     }
@@ -45,8 +46,8 @@ pub(super) fn validate_with<A: Transition>(
     if close { Ok(()) } else { Err(TransitionError::Transpose { forward, backward }) }
 }
 
-/// Refuses inner operators with evidence, for operators that add moves without a likelihood of
-/// the measurements.
+/// Refuses inner operators with evidence, for wrappers whose own moves have no likelihood of the
+/// measurement.
 pub(super) fn refuse_evidence<A: Transition>(
     inner: &A,
     control: &A::Control,
