@@ -1,4 +1,5 @@
-//! Checks of operators and of their parameters.
+//! Checks of operators and of their parameters, each with an error of its own that names the index
+//! and the value. Comparisons are written so that a NaN fails them.
 
 use crate::belief::SUM_TOLERANCE;
 use crate::error::{Parameter, TransitionError};
@@ -13,12 +14,13 @@ pub(super) fn check_columns(sums: &[f64]) -> Result<(), TransitionError> {
     }
 }
 
-/// [`check_columns`] of a stored matrix: if its rows sum to one instead, it was given as
-/// its transpose, and the error says so.
+/// Checks the columns of a stored matrix as [`check_columns`]; if its rows sum to one instead, it
+/// was given as its transpose, and the error says so.
 pub(super) fn check_columns_of(
     sums: &[f64],
     row: impl Fn(usize) -> f64,
 ) -> Result<(), TransitionError> {
+    // Rows are summed only after a failure: a valid matrix costs nothing more.
     check_columns(sums).map_err(|error| match error {
         TransitionError::ColumnSum { column, sum }
             if (0..sums.len()).all(|i| (row(i) - 1.0).abs() <= SUM_TOLERANCE) =>
@@ -54,6 +56,7 @@ pub(crate) fn check_sum(
     Ok(())
 }
 
+/// Checks that a value is from 0 to 1; `what` names it in errors.
 pub(crate) fn check_probability(
     value: f64,
     what: impl FnOnce() -> String,
@@ -89,6 +92,7 @@ pub(super) fn check_square(states: usize, found: usize) -> Result<(), Transition
     if states == 0 {
         return Err(TransitionError::Empty);
     }
+    // n × n may overflow, and then no slice is that long.
     if states.checked_mul(states) != Some(found) {
         return Err(TransitionError::WrongLength { states, found });
     }

@@ -20,8 +20,8 @@ use crate::groups::Groups;
 /// A₁\[i₁, j₁\] A₂\[i₂, j₂\]. Both factors have the same control. Nested operators
 /// make triples.
 ///
-/// A product takes one with A₂ for each i₁ and one with A₁ for each i₂: O(n (e₁ + e₂)) for e entries
-/// a state, where the matrix has n e₁ e₂ entries. The same holds for a step of Viterbi.
+/// A product takes one with A₂ for each i₁ and one with A₁ for each i₂: O(n (e₁ + e₂)) for e
+/// entries a state, where the matrix has n e₁ e₂ entries. The same holds for a step of Viterbi.
 ///
 /// ```
 /// use wayfix::transition::{KroneckerTransition, WindowTransition};
