@@ -23,7 +23,7 @@ pub(crate) fn the_control<A: Transition>(
     transition: &A,
 ) -> Result<&'static A::Control, TransitionError> {
     let Some(control) = transition.no_control() else {
-        let cause = "the operator has a control, or does not declare to have none";
+        let cause = "the operator has a control, or does not declare that it has none";
         return Err(TransitionError::Stationary(cause));
     };
     if transition.evidence(control).is_some() {
