@@ -42,7 +42,7 @@ pub(crate) fn normal_quantile(p: f64) -> f64 {
 mod tests {
     use super::normal_quantile;
 
-    /// Tabled quantiles (Abramowitz and Stegun 1964, table 26.5).
+    /// Tabulated quantiles (Abramowitz and Stegun 1964, table 26.5).
     #[test]
     fn quantiles_are_those_of_tables() {
         for (within, expected) in [

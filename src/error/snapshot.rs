@@ -38,7 +38,7 @@ pub enum SnapshotError {
     Length {
         /// Number of bytes found.
         found: usize,
-        /// Least number of bytes needed.
+        /// Smallest number of bytes needed.
         expected: usize,
     },
     /// There are bytes after the end of the snapshot.

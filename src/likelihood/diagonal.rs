@@ -128,6 +128,7 @@ impl<'a> Diagonal<'a> {
 
     /// Natural logarithms of the values, without the log factor.
     pub(crate) fn logs(&self) -> impl Iterator<Item = f64> + Clone + 'a {
+        // ln 0 is −∞, as it should be; values were checked before.
         let (values, is_log) = (self.as_slice(), self.is_log());
         values.iter().map(move |&value| if is_log { value } else { value.ln() })
     }

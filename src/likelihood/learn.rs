@@ -11,7 +11,7 @@ use super::Likelihood;
 ///
 /// [`TableLikelihood`](crate::TableLikelihood) learns each row; compositions learn their parts;
 /// [`Fixed`](crate::Fixed) excludes a sensor from learning. With
-/// [`FreeParameters`](crate::inference::FreeParameters), what was learned has
+/// [`FreeParameters`](crate::inference::FreeParameters), learned parameters have
 /// [standard errors](crate::Hmm::standard_errors).
 ///
 /// # Implement it yourself

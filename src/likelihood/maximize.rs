@@ -189,7 +189,7 @@ impl<B1: FreeParameters, B2: FreeParameters> FreeParameters for FusedLikelihood<
     }
 }
 
-/// No parameters.
+/// It has no free parameters.
 impl FreeParameters for SparseLikelihood {
     fn displaced(&self, _: &mut Displacement<'_>) -> Outcome<Self> {
         Ok(*self)

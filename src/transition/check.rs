@@ -68,7 +68,8 @@ pub(crate) fn check_probability(
     Ok(())
 }
 
-/// Asserts the lengths of a product's slices. Inference ensures them; direct callers have to.
+/// Panics unless the slices of a product have one value per state. Inference guarantees it; direct
+/// callers must.
 pub(crate) fn check_slices(states: usize, x: &[f64], out: &[f64]) {
     assert_eq!(x.len(), states, "x must have one value per state");
     assert_eq!(out.len(), states, "out must have one value per state");

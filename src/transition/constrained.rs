@@ -157,7 +157,7 @@ impl ConstrainedTransition {
         (0..self.states()).flat_map(column)
     }
 
-    /// Numbers the parameters anew by labels, which may depend on the present parameter.
+    /// Renumbers the parameters by their labels, `label(from, to, present parameter)`.
     fn relabelled(mut self, mut label: impl FnMut(usize, usize, usize) -> usize) -> Self {
         // A kind of state is the sorted list of the labels of its free ways out, with repetitions;
         // a parameter is a kind and one of its labels.
@@ -273,7 +273,7 @@ impl LearnTransition for ConstrainedTransition {
         Ok(Self { transition, parameters, pseudo_counts })
     }
 
-    /// Counts each parameter once, and the pseudo-counts of entries beside it.
+    /// Counts each parameter once, and adds the pseudo-counts of the entries.
     fn log_prior(&self, pseudo_count: f64) -> f64 {
         // A parameter has the same share in each of its columns, of which the last one is kept.
         // Beside fixed entries p also has a factor, the rest of its column, which is constant.

@@ -17,7 +17,7 @@ use crate::error::TransitionError;
 /// | [`RestartTransition`](crate::transition::RestartTransition), [`EvidenceTransition`](crate::transition::EvidenceTransition) | the operator within |
 /// | [`Fixed`](crate::Fixed) | nothing |
 ///
-/// With [`FreeParameters`](crate::inference::FreeParameters), what was learned has
+/// With [`FreeParameters`](crate::inference::FreeParameters), learned parameters have
 /// [standard errors](crate::Hmm::standard_errors).
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not say how it is learned",
@@ -60,9 +60,9 @@ pub trait LearnTransition: TransitionEntries + Sized {
         None
     }
 
-    /// Lists the entries out of a state whose moves are counted: by default all; with
-    /// [restarts](Self::restart_log2), which are the same out of all states, those of A without
-    /// them.
+    /// Lists the entries out of a state whose moves are counted. By default these are all entries;
+    /// an operator with [restarts](Self::restart_log2), which are the same out of all states, lists
+    /// those of its other moves.
     fn counted(&self, control: &Self::Control, from: usize) -> impl Iterator<Item = (usize, f64)> {
         self.outgoing(control, from)
     }

@@ -90,7 +90,7 @@ fn bands(
                 let outs = out.iter_mut().zip(&*sums).zip(large).filter(|out| out.1);
                 outs.for_each(|((out, sum), _)| *out = add(*out, sum.ln() + above));
             }
-            // A NaN settles nothing, and nothing settles it.
+            // Settled: what is left changes no sum. False for a NaN, so that all bands are taken.
             if out.iter().all(|out| *out >= next + around) {
                 return f64::NEG_INFINITY;
             }

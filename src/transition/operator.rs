@@ -159,7 +159,7 @@ pub trait Transition {
         log::by_bands(x, out, |x, out| self.apply_transpose(control, x, out));
     }
 
-    /// Declares a control to be evidence on the move.
+    /// Declares that a control is evidence on the move.
     ///
     /// `None`, the default, if the control only chooses the operator; its columns are then
     /// distributions, and are checked. `Some(log_factor)` if the control is a measurement u; the

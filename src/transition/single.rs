@@ -71,9 +71,9 @@ impl SparseTransition {
         Self::rounded(rows, columns)
     }
 
-    /// Builds a matrix as [`from_triplets`](Self::from_triplets), then
-    /// [`with_single_values`](Self::with_single_values), without the 64-bit matrix in
-    /// between: in less time, and with less memory meanwhile.
+    /// Builds a matrix as [`from_triplets`](Self::from_triplets) followed by
+    /// [`with_single_values`](Self::with_single_values) would, without the 64-bit matrix in
+    /// between: in less time, and with less memory on the way.
     ///
     /// # Errors
     ///
@@ -95,8 +95,8 @@ impl SparseTransition {
     /// [`with_single_values`](Self::with_single_values) rounded to v; 0 for 64-bit values.
     ///
     /// At most 1e-7 / p for the smallest entry p: 1e-5 if that is 0.01. (Beside an entry of
-    /// 0.999_999_999, one of 1e-9 can't be kept: it becomes 6e-8, and e is 59. Below some
-    /// 1e-315 e is infinite.)
+    /// 0.999_999_999, one of 1e-9 can't be kept: it becomes 6e-8, and e is 59. For entries below
+    /// about 1e-315, e is infinite.)
     ///
     /// # Effect on beliefs
     ///

@@ -43,7 +43,7 @@ pub struct SparseTransition {
     pub(crate) plain: bool,
     /// log2 of the values of the rows, computed by the first decoding.
     log2: OnceLock<EntryValues>,
-    /// Largest relative change of a value by rounding to 32 bits; 0 with values of 64 bits.
+    /// Largest relative change of a value by rounding to 32 bits; 0 for 64-bit values.
     pub(super) rounding: f64,
 }
 
@@ -268,7 +268,7 @@ impl SparseTransition {
         self.columns.indices(from).binary_search_by_key(&to, |index| *index as usize).ok()
     }
 
-    /// Rows and columns, or `None` if the values have 32 bits.
+    /// Rows and columns, or `None` if the values are 32-bit.
     pub(super) fn lines(&self) -> Option<(Lines<'_>, Lines<'_>)> {
         Some((self.rows.as_lines()?, self.columns.as_lines()?))
     }

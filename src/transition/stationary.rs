@@ -12,7 +12,7 @@ use super::{Transition, TransitionEntries};
 use crate::belief::Belief;
 use crate::error::{Parameter, TransitionError};
 
-/// Most entries of an elimination: about 1 GB.
+/// Largest number of entries of an elimination: about 1 GB.
 const MOST_ENTRIES: usize = 1 << 26;
 /// If a weight exceeds this, all weights are scaled down.
 const LARGE: f64 = 1e150;

@@ -128,6 +128,7 @@ impl TransitionEntries for SparseTransition {
     }
 
     fn max_product(&self, (): &(), x: &[f64], out: &mut [f64], from: &mut [u32]) {
+        // Without likelihoods: the caller adds its own.
         self.maximize(x, None, out, from);
     }
 }

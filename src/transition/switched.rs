@@ -34,9 +34,9 @@ impl<A: Transition<Control = ()>> SwitchedTransition<A> {
     ///
     /// # Errors
     ///
-    /// [`TransitionError::Empty`] for no operators,
-    /// [`TransitionError::StateCount`] for different sizes, or
-    /// [`TransitionError::ColumnSum`] for an operator that is not stochastic.
+    /// [`TransitionError::Empty`] if there are no operators, [`TransitionError::StateCount`] if
+    /// their numbers of states differ, or [`TransitionError::ColumnSum`] for an operator that is
+    /// not stochastic.
     pub fn new(operators: Vec<A>) -> Result<Self, TransitionError> {
         let expected = operators.first().ok_or(TransitionError::Empty)?.states();
         for (operator, a) in operators.iter().enumerate() {

@@ -33,8 +33,9 @@ pub(super) fn validate_with<A: Transition>(
         Some(_) if transition.needs_logs(control) => return Ok(()),
         Some(_) => {}
     }
-    // Two vectors without a pattern that an operator could have in common: multiples of the
-    // golden ratio and of the square root of two, modulo one.
+    // Two vectors with no pattern that an operator could share: multiples of the golden ratio and
+    // of the square root of two, modulo one. A product with both is one number for all n² entries,
+    // and differs for nearly all pairs of products that are not transposes.
     let (golden, root) = (0.618_033_988_749_894_9, std::f64::consts::SQRT_2);
     let v: Vec<f64> = (1..=n).map(|i| 0.5 + (i as f64 * golden).fract()).collect();
     ones.iter_mut().zip(1..).for_each(|(u, i)| *u = 0.5 + (f64::from(i) * root).fract());

@@ -23,7 +23,7 @@ use crate::kernels::log2;
 /// use wayfix::transition::WindowTransition;
 /// use wayfix::Transition;
 ///
-/// // One place back, none, or one on; the route ends after four places.
+/// // One place back, a stay, or one place ahead; the route ends after four places.
 /// let a = WindowTransition::new(4, -1, &[0.125, 0.25, 0.625], false)?;
 /// let mut out = [0.0; 4];
 /// a.apply(&(), &[0.0, 0.0, 0.0, 1.0], &mut out);

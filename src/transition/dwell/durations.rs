@@ -198,9 +198,9 @@ impl Durations {
     }
 }
 
-/// Logarithms of parameters stay within ± this.
+/// Bound on the magnitude of the logarithms of parameters.
 const LIMIT: f64 = 18.0;
-/// Golden section: the larger part.
+/// The larger part of a golden section.
 const GOLDEN: f64 = 0.618_033_988_749_894_9;
 
 /// Maximum of a function of two numbers: over the first one for each value of the second.

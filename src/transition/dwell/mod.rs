@@ -129,8 +129,8 @@ impl<A: Transition> DwellTransition<A> {
         &self.groups
     }
 
-    /// The state of a vehicle that has just arrived at a place, or `None` if there
-    /// is no such place.
+    /// The state of a vehicle that has just arrived at a place, or `None` if the place does not
+    /// exist.
     pub fn arrival(&self, place: usize) -> Option<usize> {
         (place < self.places()).then(|| self.starts[place])
     }

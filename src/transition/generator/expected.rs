@@ -199,7 +199,7 @@ impl GeneratorTransition {
         })
     }
 
-    /// Writes the mean of (exp(Q s) b)_j (exp(Q' (t − s)) a)_i over a short time t, for all j of a
+    /// Writes the mean of (exp(Q s) b)_j (exp(Q' (t − s)) a)_i over a short time t at row j and
     /// column i.
     fn short_integral(&self, mean: f64, b: &[f64], a: &[f64], integral: &mut [f64]) {
         let n = b.len();

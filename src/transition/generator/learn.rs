@@ -65,8 +65,8 @@ impl GeneratorTransition {
         })
     }
 
-    /// Adds the expected moves and times between two states that are known, each as often as
-    /// counted.
+    /// Adds the expected moves and times between pairs of known states, each pair weighted by its
+    /// count.
     fn add_between(
         &self,
         sums: &mut GeneratorStatistics,

@@ -10,8 +10,8 @@
 //! | `expected.rs` | expected moves and times in states, given both ends of a step |
 //! | `learn.rs` | rates from these |
 //!
-//! All sums and products are of numbers that are not negative, so that errors stay relative for
-//! each state. Nothing here subtracts but P's diagonal, once, in `build.rs`.
+//! Sums and products are of numbers that are not negative, so that errors stay relative for each
+//! state. The only difference is P's diagonal, 1 − exit rate / Λ, in `build.rs`.
 
 mod build;
 mod doubling;

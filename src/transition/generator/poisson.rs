@@ -51,7 +51,7 @@ impl Poisson {
         self.weight / self.total
     }
 
-    /// Goes on to the next k.
+    /// Moves to the next k.
     pub(super) fn advance(&mut self) {
         self.k += 1.0;
         // Weights before the first are 0, so the recursion has to be started there.

@@ -125,7 +125,7 @@ impl LearnTransition for LogitTransition {
     /// out of a state and R distinct rows of inputs, an iteration is O(R n (m² + m² p²)); the first
     /// M-step takes about ten, later ones fewer.
     ///
-    /// Pseudo-counts are moves at inputs of 0: `pseudo_count` of each legal one.
+    /// Pseudo-counts act as moves at inputs of 0: `pseudo_count` for each legal move.
     fn maximize(&self, counts: &InputCounts, pseudo_count: f64) -> Result<Self, TransitionError> {
         let (rows, left) = self.data(counts, pseudo_count)?;
         let mut learned = self.clone();

@@ -101,7 +101,7 @@ impl Point {
     }
 }
 
-/// The largest range of a step's changes of the scores of one row.
+/// Largest range, over all rows, of the changes of the scores of a row by a step.
 fn reach(part: &Part<'_>, step: &Step) -> f64 {
     let mut reach = 0.0_f64;
     for (seen, intercepts) in part.origins.iter().zip(&step.intercepts) {
