@@ -1,13 +1,16 @@
-//! Probability distributions over states.
+//! [`Belief`], a probability distribution over states.
+//!
+//! Invariant: every value is finite and at least 0, and they sum to one within 1e-9. It is checked
+//! where values come from outside; `known` and `view` take values that satisfy it.
 
 use std::ops::Range;
 
 use crate::error::{BeliefError, Parameter};
 
-/// Tolerance of the sum of probabilities, around one.
+/// Largest difference from one of a sum of probabilities.
 ///
-/// Wide enough for rounding over millions of states, and narrow enough that a missing entry is
-/// found. It only decides on acceptance: no value is ever changed by it.
+/// Wide enough for rounding over millions of states, and narrow enough to find a missing entry. It
+/// only decides what is accepted: no value is ever changed by it.
 pub const SUM_TOLERANCE: f64 = 1e-9;
 
 /// A probability distribution over the states 0 to n − 1.
@@ -82,7 +85,7 @@ impl Belief {
         Ok(Self { probabilities: vec![1.0 / states as f64; states] })
     }
 
-    /// Creates a belief with probability one for `state`, out of `states`.
+    /// Creates the belief that gives probability one to `state`, out of `states`.
     ///
     /// # Errors
     ///
@@ -145,8 +148,8 @@ impl<S: AsRef<[f64]>> Belief<S> {
     }
 
     /// Probability of one state, or `None` if the state does not exist. For the most probable state
-    /// with its probability, a plain number, use [`peak`](Self::peak); for the sum over
-    /// some states, [`mass`](Self::mass).
+    /// and its probability, use [`peak`](Self::peak); for the sum over some states,
+    /// [`mass`](Self::mass).
     #[must_use]
     pub fn probability(&self, state: usize) -> Option<f64> {
         self.values().get(state).copied()
@@ -168,6 +171,7 @@ impl<S: AsRef<[f64]>> Belief<S> {
     /// ```
     #[must_use]
     pub fn peak(&self) -> (usize, f64) {
+        // Strictly above, so that the lowest state keeps a tie.
         let mut best = (0, f64::NEG_INFINITY);
         for (i, &p) in self.values().iter().enumerate() {
             if p > best.1 {
@@ -181,11 +185,12 @@ impl<S: AsRef<[f64]>> Belief<S> {
     /// O(n).
     #[must_use]
     pub fn entropy(&self) -> f64 {
+        // 0 ln 0 is 0. Folded from 0, so that a certain belief gives 0 and not −0.
         self.values().iter().filter(|p| **p > 0.0).fold(0.0, |sum, p| sum - p * p.ln())
     }
 
-    /// Probability that the state is one of `states`; a state listed several times is counted as
-    /// often. O(size of the set).
+    /// Probability that the state is one of `states`. A state listed several times is counted each
+    /// time. O(size of the set).
     ///
     /// # Errors
     ///
@@ -199,11 +204,11 @@ impl<S: AsRef<[f64]>> Belief<S> {
     }
 
     /// Probability of the states whose index is at most `radius` from `centre`: on a route, of
-    /// being within so many places.
+    /// being within that many places.
     ///
-    /// Around the [mode](Self::mode), compared with a threshold of your choice, it tells whether
-    /// a vehicle is localised. Only indices count: a last state off the map is a neighbour like
-    /// any other, and the ends of a loop are far apart ([`given`](Self::given) excludes states).
+    /// Taken around the [mode](Self::mode) and compared with a threshold, it tells whether a
+    /// vehicle is localised. Only indices count: a last state off the map is a neighbour like any
+    /// other, and the ends of a loop are far apart ([`given`](Self::given) excludes states).
     /// O(radius).
     ///
     /// ```
@@ -225,8 +230,8 @@ impl<S: AsRef<[f64]>> Belief<S> {
         self.mass(centre.saturating_sub(radius)..end)
     }
 
-    /// Conditional distribution given that the state is in a range, for instance on the map. Its
-    /// states are numbered from the start of the range. O(length).
+    /// Conditional distribution given that the state is in a range, such as the places on the map.
+    /// Its states are numbered from the start of the range. O(length).
     ///
     /// ```
     /// let belief = wayfix::Belief::new(vec![0.5, 0.25, 0.25])?; // the last state is off the map
@@ -248,8 +253,8 @@ impl<S: AsRef<[f64]>> Belief<S> {
         Belief::from_weights(kept.to_vec())
     }
 
-    /// Returns the smallest set of states with a probability of at least `level`, most probable
-    /// first; ties go to the lowest.
+    /// Returns the smallest set of states with a total probability of at least `level`, the most
+    /// probable first; ties go to the lowest.
     ///
     /// States of probability 0 are never included. O(n log n).
     ///
@@ -263,6 +268,7 @@ impl<S: AsRef<[f64]>> Belief<S> {
         let p = self.values();
         let mut order: Vec<usize> = (0..p.len()).filter(|&i| p[i] > 0.0).collect();
         order.sort_by(|&i, &j| p[j].total_cmp(&p[i])); // a stable sort keeps ties in order
+        // A state is needed if those before it have not reached the level.
         let mut held = 0.0;
         let needed = order.iter().take_while(|&&i| {
             let before = held;

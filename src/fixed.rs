@@ -1,4 +1,5 @@
-//! Parts of a model that are excluded from learning.
+//! [`Fixed`], a wrapper that excludes a part of a model from learning. It delegates everything
+//! else; the traits are implemented beside the traits.
 
 use std::ops::Deref;
 

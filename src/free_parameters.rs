@@ -1,17 +1,20 @@
-//! Free parameters of the parts of a model, as coordinates without bounds about their values.
+//! Free parameters of the parts of a model, as unbounded coordinates around their present values.
 //!
-//! A part says once how it follows from its free parameters: it passes each through a
-//! [`Displacement`], which counts them if it moves nothing. Coordinates are 0 at the part itself, so
-//! that an infinitesimal step means the same for each kind of parameter, whatever its unit.
+//! A part implements one function, which passes each free parameter through a [`Displacement`] and
+//! builds the part from the results; a displacement by nothing counts them. Coordinates are 0 at
+//! the part itself, so that an infinitesimal step means the same for each kind of parameter,
+//! whatever its unit.
 
 use std::error::Error;
 
 use crate::fixed::Fixed;
 
-/// A part of a model (an operator, a sensor) whose free parameters can be moved: those that
-/// [learning](crate::Hmm::learn) changes, for [`Hmm::standard_errors`](crate::Hmm::standard_errors).
+/// A part of a model (an operator, a sensor) whose free parameters, those that
+/// [learning](crate::Hmm::learn) changes, can be moved: for
+/// [`Hmm::standard_errors`](crate::Hmm::standard_errors).
 ///
-/// All operators and sensors that learn implement it; [`Fixed`](crate::Fixed) has no free parameter.
+/// All operators and sensors that learn implement it; [`Fixed`](crate::Fixed) has no free
+/// parameters.
 ///
 /// # Implement it yourself
 ///
@@ -46,12 +49,12 @@ use crate::fixed::Fixed;
     note = "to take it as known, wrap it in `wayfix::Fixed`"
 )]
 pub trait FreeParameters: Sized {
-    /// Returns the part with each free parameter moved: the part itself by a displacement of 0, up
-    /// to rounding. Parameters at a bound, such as probabilities of 0, stay.
+    /// Returns the part with each free parameter moved; with a displacement of 0, the part itself
+    /// up to rounding. Parameters at a bound, such as probabilities of 0, stay.
     ///
     /// # Errors
     ///
-    /// Any error, if the part would not be valid, such as one with a number that overflows.
+    /// Any error, if the part would not be valid, for instance if a number overflows.
     fn displaced(&self, by: &mut Displacement<'_>) -> Result<Self, Box<dyn Error + Send + Sync>>;
 }
 
@@ -61,8 +64,8 @@ impl<T: Clone> FreeParameters for Fixed<T> {
     }
 }
 
-/// A step from the parameters of a model to others, one number for each free parameter, in
-/// coordinates that have no bounds and are 0 at the model itself:
+/// A step in the free parameters of a model, one number for each, in coordinates that have no
+/// bounds and are 0 at the model itself:
 ///
 /// | method | of | coordinates δ |
 /// |---|---|---|
@@ -70,24 +73,24 @@ impl<T: Clone> FreeParameters for Fixed<T> {
 /// | [`logarithm`](Self::logarithm) | a logarithm, or log-odds | x + δ |
 /// | [`positive`](Self::positive) | a number above 0 | x e^δ |
 /// | [`probability`](Self::probability) | a number between 0 and 1 | log-odds of the smaller one of it and its complement |
-/// | [`distribution`](Self::distribution) | numbers of a fixed sum | log-odds to the largest of them |
+/// | [`distribution`](Self::distribution) | numbers with a fixed sum | log-odds against the largest |
 /// | [`covariance`](Self::covariance) | a symmetric, positive definite matrix L L' | L M M' L', with the lower triangle M = I + δ, of a diagonal e^δ |
 /// | [`direction`](Self::direction) | a vector of length 1 | an arc along the sphere |
 ///
-/// Numbers that are at a bound (a positive number or a probability of 0, a probability of 1) stay,
-/// have no coordinate, and are [counted](Self::at_bound).
+/// Numbers at a bound (a positive number or a probability of 0, a probability of 1) stay, have no
+/// coordinate, and are [counted](Self::at_bound).
 ///
-/// Passed to [`FreeParameters::displaced`], in which the parameters are taken in turn.
+/// It is passed to [`FreeParameters::displaced`], which takes the parameters in turn.
 #[derive(Debug, Clone)]
 pub struct Displacement<'d> {
     by: &'d [f64],
     at: usize,
     at_bound: usize,
-    /// Parameters that have passed, if the displacement is by nothing.
+    /// Parameters seen so far, if the displacement is by nothing.
     seen: Vec<Seen>,
 }
 
-/// A parameter that a displacement by nothing has seen.
+/// A parameter seen by a displacement by nothing.
 #[derive(Debug, Clone, Copy)]
 pub struct Seen {
     /// Its value.
@@ -99,39 +102,40 @@ pub struct Seen {
 /// Scale of a coordinate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scale {
-    /// That of a number, without a bound.
+    /// An unbounded number.
     Plain,
-    /// That of a logarithm, with a bound of the number at infinity.
+    /// A logarithm, or the logarithm of a number whose bound, 0, is at minus infinity.
     Log,
-    /// That of the logarithm of odds to a number that is no smaller.
+    /// Log-odds against a number that is at least as large.
     Odds,
 }
 
 impl<'d> Displacement<'d> {
-    /// Creates a displacement by these numbers, and by 0 of all parameters after them.
+    /// Creates a displacement by these numbers, in the order of the parameters, and by 0 for all
+    /// parameters after them.
     #[must_use]
     pub fn new(by: &'d [f64]) -> Self {
         Self { by, at: 0, at_bound: 0, seen: Vec::new() }
     }
 
-    /// Number of free parameters that have passed.
+    /// Number of free parameters seen so far.
     #[must_use]
     pub fn count(&self) -> usize {
         self.at
     }
 
-    /// Number of parameters that have passed and are at a bound.
+    /// Number of parameters seen so far that are at a bound.
     #[must_use]
     pub fn at_bound(&self) -> usize {
         self.at_bound
     }
 
-    /// Parameters that have passed, if the displacement is by nothing.
+    /// Parameters seen, if the displacement is by nothing.
     pub fn into_seen(self) -> Vec<Seen> {
         self.seen
     }
 
-    /// Coordinate of the next free parameter.
+    /// Returns the displacement of the next free parameter.
     fn next(&mut self, value: f64, scale: Scale) -> f64 {
         let by = self.by.get(self.at).copied().unwrap_or(0.0);
         self.at += 1;
@@ -151,7 +155,7 @@ impl<'d> Displacement<'d> {
         x + self.next(x, Scale::Log)
     }
 
-    /// Moves a number above 0; one of 0 stays.
+    /// Moves a number above 0; 0 stays.
     pub fn positive(&mut self, x: f64) -> f64 {
         if x > 0.0 {
             return x * self.next(x, Scale::Log).exp();
@@ -167,10 +171,12 @@ impl<'d> Displacement<'d> {
         both[0]
     }
 
-    /// Moves numbers that keep their sum, such as a distribution; those of 0 stay, each of them at a
-    /// bound. There is a coordinate for each of the others but the largest, to which it is the
-    /// log-odds.
+    /// Moves numbers that keep their sum, such as a distribution. Those of 0 stay, each counted as
+    /// at a bound. Each of the others except the largest has a coordinate, its log-odds against the
+    /// largest.
     pub fn distribution(&mut self, shares: &mut [f64]) {
+        // The first of the largest. Against it, all log-odds are at most 0, and none is extreme
+        // because the reference is rare.
         let ahead = |best: usize, at: usize| if shares[at] > shares[best] { at } else { best };
         let largest = (0..shares.len()).fold(0, ahead);
         let mut by = vec![0.0; shares.len()];
@@ -181,6 +187,7 @@ impl<'d> Displacement<'d> {
                 *by = self.next(*share, Scale::Odds);
             }
         }
+        // Unmoved, to the bit.
         if by.iter().all(|by| *by == 0.0) {
             return;
         }
@@ -192,12 +199,13 @@ impl<'d> Displacement<'d> {
         shares.iter_mut().for_each(|share| *share *= scale);
     }
 
-    /// Moves a symmetric matrix that is positive definite: d × d numbers, row after row. One that is
-    /// not becomes NaN.
+    /// Moves a symmetric, positive definite matrix of d × d numbers, row after row. A matrix that
+    /// is not positive definite becomes NaN.
     pub fn covariance(&mut self, matrix: &mut [f64], d: usize) {
         let mut lower = matrix.to_vec();
         let factored = cholesky(d, &mut lower, 0.0);
-        // The product of two lower triangles is one.
+        // The factor of the moved matrix is L M, which is lower triangular as both are. It is
+        // summed column by column: entry (i, j) of M adds column i of L to column j.
         let mut moved = vec![0.0; d * d];
         let mut any = false;
         for i in 0..d {
@@ -224,8 +232,8 @@ impl<'d> Displacement<'d> {
         }
     }
 
-    /// Moves a vector of length 1 along the sphere, with a coordinate for each of its components but
-    /// the one of the largest size.
+    /// Moves a vector of length 1 along the sphere, with a coordinate for each component except the
+    /// one of the largest magnitude.
     pub fn direction(&mut self, vector: &mut [f64]) {
         let ahead =
             |best: usize, at: usize| if vector[at].abs() > vector[best].abs() { at } else { best };
@@ -238,9 +246,9 @@ impl<'d> Displacement<'d> {
         if arc == 0.0 {
             return;
         }
-        // The reflection of the largest axis e to −s times the vector, where s is the sign of its
-        // largest component, so that nothing cancels: I − w w' / w_e with w = e + s vector. It takes
-        // the other axes to a basis of the tangents.
+        // A Householder reflection that takes the axis e of the largest component to −s times the
+        // vector, where s is the sign of that component, so that nothing cancels: I − w w' / w_e
+        // with w = e + s vector. It takes the other axes to an orthonormal basis of the tangents.
         let sign = vector[largest].signum();
         let mut w: Vec<f64> = vector.iter().map(|x| sign * x).collect();
         w[largest] += 1.0;
@@ -251,12 +259,12 @@ impl<'d> Displacement<'d> {
     }
 }
 
-/// Replaces a symmetric matrix, of which the lower triangle is read, by its Cholesky factor L, with
-/// zeros above the diagonal.
+/// Replaces a symmetric matrix by its Cholesky factor L, with zeros above the diagonal. Only the
+/// lower triangle is read.
 ///
 /// # Errors
 ///
-/// The first row of whose diagonal no more than this part is left by the rows before it.
+/// The first row whose pivot is at most `least` times its diagonal entry, or not above 0.
 pub fn cholesky(size: usize, matrix: &mut [f64], least: f64) -> Result<(), usize> {
     for i in 0..size {
         let (above, row) = matrix.split_at_mut(i * size);
@@ -266,7 +274,7 @@ pub fn cholesky(size: usize, matrix: &mut [f64], least: f64) -> Result<(), usize
             row[j] = (row[j] - dot) / other[j];
         }
         let pivot = row[i] - row[..i].iter().map(|value| value * value).sum::<f64>();
-        // Negated, so that a NaN is refused.
+        // Written as a negation, so that a NaN is refused.
         if !(pivot > least * row[i] && pivot > 0.0) {
             return Err(i);
         }

@@ -1,14 +1,16 @@
-//! Groups of states.
+//! [`Groups`], a partition of the states.
+//!
+//! States of a group are usually neighbours, or neighbouring states are in neighbouring groups. So
+//! sums and copies go by runs of either kind, in contiguous loops without an index for each state.
 
 use std::ops::Range;
 
 use crate::belief::Belief;
 use crate::error::BeliefError;
 
-/// Partition of the states into groups: the states of one place, where places were expanded by
-/// age ([`DwellTransition`](crate::transition::DwellTransition)) or by weather
-/// ([`KroneckerTransition`](crate::transition::KroneckerTransition)), or the places of a
-/// district.
+/// Partition of the states into groups, such as the states of one place where places are expanded
+/// by age ([`DwellTransition`](crate::transition::DwellTransition)) or by weather
+/// ([`KroneckerTransition`](crate::transition::KroneckerTransition)), or the places of a district.
 ///
 /// It maps beliefs and paths to groups;
 /// [`GroupedLikelihood`](crate::likelihood::GroupedLikelihood) is a sensor that observes only
@@ -45,6 +47,8 @@ struct Run {
 
 impl Run {
     fn all(of: &[usize]) -> Vec<Self> {
+        // Greedy: a state extends the last run if it fits its kind. A run of one state has no kind
+        // yet (`same` is false), and takes that of its second state.
         let mut runs: Vec<Self> = Vec::new();
         for (state, &group) in of.iter().enumerate() {
             if let Some(run) = runs.last_mut() {
@@ -71,7 +75,8 @@ impl Groups {
     /// [`BeliefError`] if there are no states, or a group has none.
     pub fn new(of: Vec<usize>) -> Result<Self, BeliefError> {
         let last = *of.iter().max().ok_or(BeliefError::NoGroups)?;
-        // If there are more groups than states, one of the first n is empty.
+        // With more groups than states, one of the first n groups is empty: looking at those is
+        // enough, and a huge number allocates nothing.
         let mut seen = vec![false; of.len().min(last.saturating_add(1))];
         for &group in &of {
             if let Some(seen) = seen.get_mut(group) {
@@ -87,6 +92,7 @@ impl Groups {
     /// Creates a grouping from groups that are known to be numbered without gaps.
     #[doc(hidden)]
     pub fn numbered(of: Vec<usize>, count: usize) -> Self {
+        // A counting sort, stable, so that the states of a group ascend.
         let mut ends = vec![0; count];
         of.iter().for_each(|&group| ends[group] += 1);
         let mut start = 0;
@@ -189,7 +195,7 @@ impl Groups {
         }
     }
 
-    /// Writes the value of its group to each state.
+    /// Writes to each state the value of its group.
     pub(crate) fn expand(&self, groups: &[f64], out: &mut [f64]) {
         for Run { states, group, same } in &self.runs {
             let out = &mut out[states.clone()];
@@ -201,12 +207,13 @@ impl Groups {
         }
     }
 
-    /// Iterates over runs within a range of states, each of one group or of consecutive groups.
-    /// Items are the states, the first group, and true if it is the only one.
+    /// Iterates over the runs within a range of states, each of one group or of consecutive groups.
+    /// Items are (states, first group, true if it is the only group).
     pub(crate) fn runs(
         &self,
         states: Range<usize>,
     ) -> impl Iterator<Item = (Range<usize>, usize, bool)> {
+        // Runs are in the order of the states. The first and the last one are cut to the range.
         let first = self.runs.partition_point(|run| run.states.end <= states.start);
         let runs = self.runs[first..].iter().take_while(move |run| run.states.start < states.end);
         runs.map(move |run| {

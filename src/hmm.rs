@@ -1,4 +1,8 @@
-//! A hidden Markov model: prior, transition and likelihood.
+//! [`Hmm`], a hidden Markov model: prior, transition operator and likelihood operator.
+//!
+//! Invariant, checked by [`Hmm::new`]: the three parts have the same number of states; an operator
+//! that is the same at all steps is stochastic; a stationary prior is that of the operator.
+//! Inference relies on it, and checks the rest step by step.
 
 use crate::belief::Belief;
 use crate::error::{HmmError, TransitionError};
@@ -6,13 +10,13 @@ use crate::likelihood::Likelihood;
 use crate::reorder::ReorderStates;
 use crate::transition::{self, Stationary, Transition, TransitionEntries, the_control};
 
-/// Largest Σ |A π − π| of a stationary prior: ten times as much as columns may miss one by.
+/// Largest Σ |A π − π| of a stationary prior: ten times the tolerance of the sum of a column.
 const STATIONARY_TOLERANCE: f64 = 1e-8;
 
 /// Belief before the first observation, and **when** it holds.
 ///
-/// The field has two conventions. They give different results, in Viterbi too, so the prior names
-/// the one that is meant.
+/// The field has two conventions. They give different results, in Viterbi too, so the type names
+/// the convention.
 ///
 /// ```
 /// use wayfix::{Belief, Prior};
@@ -32,20 +36,20 @@ pub enum Prior {
     /// The distribution of X_1, the state of the first observation: α_1 = B(y_1) π. The
     /// convention of Rabiner (1989), hmmlearn and dynamax.
     AtFirstObservation(Belief),
-    /// The distribution of X_1, as in [`AtFirstObservation`](Self::AtFirstObservation), which is
-    /// that of any other step: A π = π. For a chain that had been running long before it was
-    /// observed; the convention of Zucchini, MacDonald and Langrock (2016), statsmodels and, on
-    /// request, R's HiddenMarkov. Made by [`stationary`](Self::stationary).
+    /// The distribution of X_1, as in [`AtFirstObservation`](Self::AtFirstObservation), and of
+    /// every later step: A π = π. For a chain that was running long before it was observed; the
+    /// convention of Zucchini, MacDonald and Langrock (2016), statsmodels and, on request, R's
+    /// HiddenMarkov. Created by [`stationary`](Self::stationary).
     ///
-    /// The prior has no parameters of its own: [learning](Hmm::learn) takes π from A, and account
-    /// of this in A. For an operator with a control there is no such distribution.
+    /// The prior has no parameters of its own: [learning](Hmm::learn) derives π from A, and takes
+    /// that into account when it estimates A. An operator with a control has no such distribution.
     Stationary(Belief),
 }
 
 impl Prior {
     /// Creates the stationary prior of an operator that is the same at all steps, by elimination
-    /// of states (Grassmann, Taksar and Heyman 1985): without a subtraction, so that each
-    /// probability has small relative error, however slowly the chain mixes. States outside the
+    /// of states (Grassmann, Taksar and Heyman 1985). It takes no subtraction, so that each
+    /// probability has a small relative error, however slowly the chain mixes. States outside the
     /// only closed class have probability 0. O(n³) at most, and much less for maps of places.
     ///
     /// ```
@@ -64,11 +68,11 @@ impl Prior {
     /// # Errors
     ///
     /// [`TransitionError`] if the operator has a control, does not
-    /// [declare to have none](Transition::no_control), or has evidence on moves
+    /// [declare that it has none](Transition::no_control), or has evidence on moves
     /// ([`Stationary`](TransitionError::Stationary)); if the chain has several closed classes
     /// ([`ClosedClasses`](TransitionError::ClosedClasses)); if the elimination takes more than
     /// 2^26 entries ([`Elimination`](TransitionError::Elimination)), as for a large graph without
-    /// small cuts; and if a state is left with a probability out of the range of doubles.
+    /// small cuts; or if the probability of leaving a state is below the range of doubles.
     pub fn stationary<A: TransitionEntries>(transition: &A) -> Result<Self, TransitionError> {
         Ok(Self::Stationary(Stationary::of(transition)?.distribution()))
     }
@@ -83,7 +87,7 @@ impl Prior {
         }
     }
 
-    /// The same convention with another distribution.
+    /// Returns another distribution under the same convention.
     #[doc(hidden)]
     pub fn with_belief(&self, belief: Belief) -> Self {
         match self {
@@ -93,7 +97,7 @@ impl Prior {
         }
     }
 
-    /// True if a transition leads to step k, counted from 1.
+    /// True if a transition leads to this step, counted from 1.
     pub(crate) fn moves_at(&self, step: usize) -> bool {
         step > 1 || matches!(self, Self::BeforeFirstTransition(_))
     }
@@ -133,15 +137,15 @@ pub struct Hmm<A, B> {
 impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// Creates a model from three parts with the same number of states. O(n + E).
     ///
-    /// For a transition operator that declares to have [no control](Transition::no_control), this
-    /// checks the sums of the columns, and that the two products are those of one matrix and its
-    /// transpose. Any other is checked at each step, by the sum of its prediction.
+    /// If the transition operator declares that it has [no control](Transition::no_control), this
+    /// checks the sums of its columns, and that its two products are those of one matrix and its
+    /// transpose. Any other operator is checked at each step, by the sum of its prediction.
     ///
     /// # Errors
     ///
     /// [`HmmError`] if the parts differ in their number of states, if the operator is not
-    /// stochastic, or if a [stationary](Prior::Stationary) prior is not that of the operator: the sum
-    /// of the changes by a transition is above 1e-8, or the operator has a control.
+    /// stochastic, or if a [stationary](Prior::Stationary) prior is not that of the operator: a
+    /// transition changes it by more than 1e-8 in all, or the operator has a control.
     pub fn new(prior: Prior, transition: A, likelihood: B) -> Result<Self, HmmError> {
         let expected = prior.belief().states();
         for (part, found) in [
@@ -153,19 +157,20 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             }
         }
         transition::validate(&transition)?;
+        // After the operator, whose errors are the cause if both fail.
         if let Prior::Stationary(belief) = &prior {
             check_stationary(belief, &transition)?;
         }
         Ok(Self { prior, transition, likelihood, rounds_tails: false })
     }
 
-    /// Allows filter and smoother to round to 0 what is below 2.2e-308 (the smallest normal
+    /// Allows filter and smoother to round to 0 whatever is below 2.2e-308 (the smallest normal
     /// double) of the whole.
     ///
-    /// For models whose tails carry no meaning, such as those of a sensor with Gaussian noise: on
-    /// a map they leave nearly every belief with values beyond the range of doubles, and a step
-    /// in logarithms, which keeps these, takes some ten times as long. The price is that a state
-    /// of so low a probability cannot recover, even if all later observations support it.
+    /// For models whose tails carry no meaning, such as those of a sensor with Gaussian noise. On a
+    /// map, such tails leave nearly every belief with values beyond the range of doubles, and a
+    /// step in logarithms, which keeps them, takes about ten times as long. The price is that a
+    /// state of such a low probability cannot recover, even if all later observations support it.
     ///
     /// ```
     /// use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
@@ -181,7 +186,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     ///
-    /// Models [learned](Self::learn) from it and models read from a file keep the setting.
+    /// Models [learned](Self::learn) from this one, and models read from a file, keep the setting.
     #[must_use]
     pub fn with_rounded_tails(self) -> Self {
         self.rounding_tails(true)
@@ -222,8 +227,8 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         &self.likelihood
     }
 
-    /// Moves prior, transition operator and likelihood operator out. A model built from them
-    /// keeps its tails unless told to [round](Self::with_rounded_tails) them again.
+    /// Moves prior, transition operator and likelihood operator out. A model built from them does
+    /// not round its tails unless told to [again](Self::with_rounded_tails).
     #[must_use]
     pub fn into_parts(self) -> (Prior, A, B) {
         (self.prior, self.transition, self.likelihood)
@@ -239,6 +244,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         A: ReorderStates,
         B: ReorderStates,
     {
+        // A permutation: each state at most once, and then each at least once.
         let states = self.states();
         let mut seen = vec![false; states];
         for &state in order {
@@ -250,6 +256,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         if let Some(state) = seen.iter().position(|seen| !seen) {
             return Err(HmmError::Order { state, states });
         }
+        // Reordering changes no number, so that the checks of `new` still hold.
         let probabilities = self.prior.belief().as_slice();
         let belief = Belief::known(order.iter().map(|&state| probabilities[state]).collect());
         Ok(Self {
@@ -270,7 +277,7 @@ fn check_stationary<A: Transition>(belief: &Belief, transition: &A) -> Result<()
         belief.as_slice().iter().zip(&after).map(|(before, after)| (after - before).abs());
     let sum: f64 = changes.clone().sum();
     if sum.is_nan() || sum > STATIONARY_TOLERANCE {
-        // From the back, since the last of equal ones is taken.
+        // `max_by` returns the last of equal ones: from the back that is the lowest state.
         let largest = changes.enumerate().rev().max_by(|a, b| a.1.total_cmp(&b.1));
         let (state, _) = largest.unwrap_or_default();
         let before = belief.as_slice()[state];

@@ -9,6 +9,8 @@ pub fn index<R: Rng + ?Sized>(
     total: f64,
     rng: &mut R,
 ) -> usize {
+    // Inversion: the first index at which the running sum exceeds a uniform number. `last` is the
+    // answer if rounding leaves the sum below it, and is never an index of weight 0.
     let mut left = rng.random::<f64>() * total;
     let mut last = 0;
     for (index, weight) in weights {

@@ -1,9 +1,9 @@
-//! States in another order.
+//! [`ReorderStates`]: parts of a model with their states in another order.
 
 /// A part of a model whose states can be put in another order.
 ///
-/// Learning from different starts may find the same states under different numbers; in a stated
-/// order, such as that of their means, models can be compared. See
+/// Learning from different starts may find the same states under different numbers. Sorted by a
+/// criterion, such as their means, the states of models can be compared. See
 /// [`Hmm::reordered`](crate::Hmm::reordered).
 ///
 /// ```
@@ -21,12 +21,12 @@ pub trait ReorderStates: Sized {
     /// Returns the part with the former state `order[i]` as state i.
     ///
     /// `order` holds each state once, which [`Hmm::reordered`](crate::Hmm::reordered) checks. An
-    /// implementation may panic for any other.
+    /// implementation may panic if it does not.
     #[must_use]
     fn reordered(&self, order: &[usize]) -> Self;
 }
 
-/// Position of each former state in an order that holds each once.
+/// New position of each former state, the inverse permutation of `order`.
 pub fn positions(order: &[usize]) -> Vec<usize> {
     let mut positions = vec![0; order.len()];
     order.iter().enumerate().for_each(|(new, &old)| positions[old] = new);

@@ -1,4 +1,4 @@
-//! Sequences of observations and controls, the input of batch methods.
+//! [`Sequence`], the input of batch methods: observations and controls by step, from 1 to T.
 
 use std::borrow::Borrow;
 
@@ -48,8 +48,9 @@ pub trait Sequence<U, Y: ?Sized> {
     fn observation(&self, step: usize) -> &Y;
 }
 
-/// Returns the order of sequences by their numbers of steps; equal ones stay in order. It takes
-/// numbers, since a sort is long, and would be compiled again for each type of sequence.
+/// Returns the order of sequences by their numbers of steps; equal ones stay in order. It takes the
+/// numbers, not the sequences: a sort is much code, and would be compiled for each type of
+/// sequence.
 pub(crate) fn by_length(steps: &[usize]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..steps.len()).collect();
     order.sort_by_key(|&sequence| steps[sequence]);
@@ -89,6 +90,7 @@ macro_rules! as_another {
     )*};
 }
 
+// A reference to a sequence is a sequence with any control; owned ones are those of their slice.
 as_another! {
     [T, const N: usize] [T; N] => [T], (), [T: Borrow<Y>];
     [T] Vec<T> => [T], (), [T: Borrow<Y>];
@@ -161,6 +163,8 @@ impl<U, Y: ?Sized, T: Borrow<Y>> Sequence<U, Y> for Controlled<'_, U, T> {
     fn steps(&self) -> usize {
         self.observations.len()
     }
+
+    // Steps are counted from 1. `new` has checked that both slices have the same length.
 
     fn control(&self, step: usize) -> &U {
         &self.controls[step - 1]

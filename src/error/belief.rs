@@ -1,4 +1,4 @@
-//! Errors of beliefs and of groups of states.
+//! [`BeliefError`]: errors of beliefs and of groups of states.
 
 use super::{Number, Parameter};
 
@@ -42,7 +42,7 @@ pub enum BeliefError {
     /// There are no states.
     #[error("groups need at least one state, found none")]
     NoGroups,
-    /// A group has no states, though a higher number is used.
+    /// A group has no states, though a higher group number is used.
     #[error("no state is in group {group}, though groups are numbered up to {last}")]
     Gap {
         /// Number of the empty group, from 0.

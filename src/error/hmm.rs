@@ -7,7 +7,7 @@ use super::{Number, TransitionError};
 #[non_exhaustive]
 pub enum HmmError {
     /// The parts differ in their number of states.
-    #[error("the {part} has {found} states, expected {expected} as the {first}")]
+    #[error("the {part} has {found} states, expected {expected} to match the {first}")]
     StateCount {
         /// Name of the part that differs from the first.
         part: &'static str,
@@ -18,18 +18,18 @@ pub enum HmmError {
         /// Number of states of the first part.
         expected: usize,
     },
-    /// An order of the states does not hold each of them once.
-    #[error("the order does not hold each of {states} states once: look for state {state}")]
+    /// An order of the states does not hold each state exactly once.
+    #[error("the order must hold each of the {states} states once: check state {state}")]
     Order {
-        /// A state that is missing, there twice, or does not exist.
+        /// A state that is missing, occurs twice, or does not exist.
         state: usize,
         /// Number of states.
         states: usize,
     },
-    /// The transition operator has no one stationary distribution, so that the prior can't be one.
+    /// The transition operator has no unique stationary distribution that the prior could be.
     #[error("the prior cannot be stationary: {0}")]
     Stationary(TransitionError),
-    /// A prior that is said to be stationary changes by a transition.
+    /// A prior declared stationary changes in a transition.
     #[error(
         "the prior is not stationary: state {state} has probability {before}, and {after} after a transition",
         before = Number(*.before),
@@ -38,9 +38,9 @@ pub enum HmmError {
     NotStationary {
         /// The state that changes most.
         state: usize,
-        /// Its probability by the prior.
+        /// Its prior probability.
         before: f64,
-        /// The one after a transition.
+        /// Its probability after a transition.
         after: f64,
     },
     /// The transition operator is not valid.

@@ -11,7 +11,7 @@ use super::{At, LikelihoodError, Number, TransitionError};
 pub enum InferenceError {
     /// The observation has probability 0 given all earlier ones. In a model with
     /// [rounded tails](crate::Hmm::with_rounded_tails) this includes probabilities that were
-    /// rounded to 0, being below 2.2e-308 of the whole.
+    /// rounded to 0 because they were below 2.2e-308 of the whole.
     #[error("the observation of step {step} is impossible under the model")]
     Impossible {
         /// The step, from 1.
@@ -19,7 +19,7 @@ pub enum InferenceError {
     },
     /// The [likelihood](crate::Transition::evidence) of what was measured on the way to the step
     /// is 0 for all moves from the states that the belief allows. If the observation of the step is
-    /// impossible or invalid, too, some routines name that instead: they look at it first.
+    /// impossible or invalid as well, routines that look at it first report that instead.
     #[error("what was measured on the way to step {step} is impossible under the model")]
     ImpossibleMove {
         /// The step, from 1.
@@ -65,7 +65,7 @@ pub enum InferenceError {
         value: f64,
     },
     /// The control of a step to be simulated is [evidence on the
-    /// move](crate::Transition::evidence): a measurement depends on the states, and cannot be
+    /// move](crate::Transition::evidence): a measurement depends on the states, so it can't be
     /// given before they are drawn.
     #[error(
         "the control of step {step} is evidence on the move, which a simulation cannot be given"
@@ -102,7 +102,7 @@ pub enum InferenceError {
         observations: usize,
     },
     /// A snapshot or a belief has another number of states than the model.
-    #[error("the {what} has {found} states, expected {expected} as the model")]
+    #[error("the {what} has {found} states, expected {expected} to match the model")]
     StateCount {
         /// "snapshot" or "belief".
         what: &'static str,
@@ -141,7 +141,7 @@ pub enum InferenceError {
 }
 
 impl InferenceError {
-    /// Returns the step, from 1, if the error is about one.
+    /// Returns the step that the error is about, from 1, if there is one.
     ///
     /// ```
     /// use wayfix::InferenceError;
@@ -151,6 +151,7 @@ impl InferenceError {
     /// ```
     #[must_use]
     pub fn step(&self) -> Option<usize> {
+        // No wildcard, so that a new variant has to say whether it has a step.
         match self {
             Self::Impossible { step }
             | Self::ImpossibleMove { step }
@@ -170,13 +171,13 @@ impl InferenceError {
         }
     }
 
-    /// A step whose likelihood could not be computed, or is invalid.
+    /// Error of a step whose likelihood could not be computed, or is invalid.
     #[doc(hidden)]
     pub fn likelihood(step: usize, cause: LikelihoodError) -> Self {
         Self::Likelihood(At::new(&["step ", " has no valid likelihood"], step, cause))
     }
 
-    /// A step whose control the transition operator does not accept.
+    /// Error of a step whose control the transition operator does not accept.
     #[doc(hidden)]
     pub fn control(step: usize, cause: TransitionError) -> Self {
         Self::Control(At::new(&["step ", " has no valid control"], step, cause))

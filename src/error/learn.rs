@@ -1,4 +1,4 @@
-//! Errors of many sequences and of learning.
+//! [`SequenceError`] and [`LearnError`]: errors of batches of sequences, and of learning.
 
 use std::error::Error;
 use std::fmt;
@@ -41,8 +41,8 @@ pub enum LearnError {
         /// Number of sequences given.
         sequences: usize,
     },
-    /// There is no observation to learn from, since the sequences that have one have all failed.
-    /// The number is that of the sequences given, the cause the first failure.
+    /// There is no observation to learn from, since all sequences that have one have failed. The
+    /// number is that of the sequences given, the cause is the first failure.
     #[error(transparent)]
     AllFailed(At<SequenceError>),
     /// A sequence (or labelled drive) is invalid.
@@ -50,12 +50,13 @@ pub enum LearnError {
     Sequence(#[from] SequenceError),
     /// A number in [`LearningOptions`](crate::inference::LearningOptions) is NaN, negative or
     /// infinite; or, for standard errors, a level is not between 0 and 1, or a function returned
-    /// numbers that are not finite, or not always as many.
+    /// numbers that are not finite, or not the same number of them each time.
     #[error(transparent)]
     Parameter(#[from] Parameter),
-    /// There are fewer sequences than groups (folds, say) to divide them into, or one group.
+    /// There are fewer sequences than groups (such as folds) to divide them into, or only one
+    /// group.
     #[error(
-        "{sequences} sequences cannot be divided into {groups} groups, expected 2 groups or more, of at least a sequence each: cut long sequences into pieces"
+        "{sequences} sequences cannot be divided into {groups} groups, expected at least 2 groups with at least one sequence each: cut long sequences into pieces"
     )]
     Groups {
         /// Number of groups asked for.
@@ -119,7 +120,7 @@ pub enum LearnError {
         /// The state.
         state: usize,
     },
-    /// Expectations are those of another model.
+    /// The expectations belong to another model.
     #[error("the expectations are of {found} states, the model has {expected}")]
     Expectations {
         /// Number of states found.
@@ -136,7 +137,7 @@ pub enum LearnError {
     /// The sensor could not be estimated.
     #[error(transparent)]
     Likelihood(Failed<Arc<dyn Error + Send + Sync>>),
-    /// The prior is stationary, and the operator does not say how probable it makes moves.
+    /// The prior is stationary, and the operator does not compute the log-probability of moves.
     #[error(
         "with a stationary prior, learning needs `LearnTransition::log_probability` of the operator, which does not compute it: keep the prior, or the operator (`Fixed`)"
     )]
@@ -144,8 +145,8 @@ pub enum LearnError {
     /// The estimated parts do not fit together.
     #[error(transparent)]
     Hmm(#[from] HmmError),
-    /// The log-density of the priors is not finite at parameters that were learned: a prior rules
-    /// out what it led to, or its numbers are too large or too small.
+    /// The log-density of the priors is not finite at the learned parameters: a prior rules out the
+    /// parameters that it led to, or its numbers are too large or too small.
     #[error(
         "the log-density of the priors is {value} after re-estimation {iteration}, expected a finite value: are the numbers of a prior too large or too small?",
         value = Number(*.value)
@@ -157,9 +158,9 @@ pub enum LearnError {
         value: f64,
     },
     /// The sequences do not determine a free parameter of a model, given the others: the objective
-    /// stays the same, to the precision of differences, where it changes.
+    /// does not change with it, to the precision of the differences.
     #[error(
-        "the sequences do not determine free parameter {number} of the {part} ({value}), alone or beside others",
+        "the sequences do not determine free parameter {number} of the {part} ({value}), alone or together with others",
         value = Number(*.value)
     )]
     NotDetermined {
@@ -206,7 +207,7 @@ pub enum LearnError {
 }
 
 impl LearnError {
-    /// Sequences of which none could be learned from; `first` is the first failure, if any.
+    /// Error of sequences none of which can be learned from; `first` is the first failure, if any.
     #[doc(hidden)]
     pub fn nothing(sequences: usize, first: Option<SequenceError>) -> Self {
         let words = &["there is no observation to learn from, in ", " sequences given"];
@@ -216,14 +217,14 @@ impl LearnError {
         }
     }
 
-    /// A part that is not valid once its parameters are displaced.
+    /// Error of a part that is not valid after its parameters are displaced.
     #[doc(hidden)]
     pub fn displaced(error: impl Into<Box<dyn Error + Send + Sync>>) -> Self {
         let what = "a part of the model cannot be displaced";
         Self::Displaced(Failed { what, cause: Arc::from(error.into()) })
     }
 
-    /// A sensor that could not be estimated.
+    /// Error of a sensor that could not be estimated.
     #[doc(hidden)]
     pub fn likelihood(error: impl Into<Box<dyn Error + Send + Sync>>) -> Self {
         let what = "the sensor cannot be estimated";

@@ -42,7 +42,7 @@ pub enum LikelihoodError {
     },
     /// The bound on the likelihoods of unlisted states is out of range.
     #[error(
-        "the {kind} of states not listed is bounded by {value}, expected {expected}",
+        "the {kind} of unlisted states is bounded by {value}, expected {expected}",
         value = Number(*.value)
     )]
     Bound {
@@ -67,13 +67,14 @@ pub enum LikelihoodError {
         /// Number of states.
         states: usize,
     },
-    /// A sensor failed; those defined outside this crate make it by [`sensor`](Self::sensor).
+    /// A sensor failed. Sensors defined outside this crate create this error by
+    /// [`sensor`](Self::sensor).
     #[error(transparent)]
     Sensor(Failed<Arc<dyn Error + Send + Sync>>),
 }
 
 impl LikelihoodError {
-    /// Failure of a sensor of one's own, from an error or a message.
+    /// Creates the error of a user-defined sensor, from an error or a message.
     ///
     /// ```
     /// use wayfix::LikelihoodError;

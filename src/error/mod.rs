@@ -2,9 +2,10 @@
 //! that all errors share. Errors of maps and of sensors are defined in their own modules.
 //!
 //! A message says what was found, where, and what was expected, and ends with the message of its
-//! cause. As the cause is in the text already, `source` returns the cause's own source, so that a
-//! printed chain repeats nothing: a cause that may have one is in [`At`] or [`Failed`]. States and
-//! symbols are counted from 0, as in slices; steps from 1, as in `y_1 … y_T`.
+//! cause. Since the text includes the cause, `source` returns the cause's own source, so that a
+//! printed chain repeats nothing: a cause that may have a source is wrapped in [`At`] or
+//! [`Failed`]. States and symbols are counted from 0, as in slices; steps from 1, as in
+//! `y_1 … y_T`.
 
 mod belief;
 mod hmm;

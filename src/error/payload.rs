@@ -1,4 +1,5 @@
-//! Payloads that errors share.
+//! Payloads shared by the errors: a number out of its range, a wrong count, an error at a step, a
+//! failure with its cause.
 
 use std::borrow::Cow;
 use std::error::Error;
@@ -23,7 +24,7 @@ impl Parameter {
         Self { what: what.into(), value, expected }
     }
 
-    /// Checks that a value is in its range; NaN never is.
+    /// Checks that a value is in its range, which NaN never is.
     #[doc(hidden)]
     pub fn check(
         what: &'static str,
@@ -35,22 +36,23 @@ impl Parameter {
     }
 }
 
-/// A number in a message: as it is or, if that is long, in scientific notation.
+/// A number in a message: in decimal notation, or in scientific notation if that is too long.
 #[derive(Debug, Clone, Copy)]
 pub struct Number(pub f64);
 
-/// Most characters of a number that is printed as it is.
+/// Largest number of characters of a number in decimal notation.
 const LONGEST: usize = 24;
 
 impl fmt::Display for Number {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // `to_string` writes 1e300 with all of its 301 digits, and never takes an exponent.
         let Self(value) = self;
         let text = value.to_string();
         if text.len() <= LONGEST { f.write_str(&text) } else { write!(f, "{value:e}") }
     }
 }
 
-/// A number of things that is not the one expected.
+/// A number of things that differs from the expected one.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{found} {what}, expected {expected}")]
 pub struct Count {
@@ -62,13 +64,13 @@ pub struct Count {
     pub expected: usize,
 }
 
-/// An error at a number, such as that of a step, with its cause.
+/// An error at a numbered place, such as a step, with its cause.
 ///
 /// The message ends with that of the cause, so that `source` is the source of the cause.
 #[derive(Debug, Clone, PartialEq)]
 pub struct At<E> {
-    /// The number in the message: that of a step, from 1; of a traverse, drive, labelled part or
-    /// control, from 0; or how many sequences there are.
+    /// The number in the message: a step, from 1; a traverse, drive, labelled part or control, from
+    /// 0; or the number of sequences.
     pub number: usize,
     /// Cause.
     pub cause: E,
@@ -101,6 +103,7 @@ impl<E: fmt::Display> fmt::Display for At<E> {
 }
 
 impl<E: Error> Error for At<E> {
+    // Not the cause itself, which is in the message already.
     fn source(&self) -> Option<&(dyn Error + 'static)> {
         self.cause.source()
     }

@@ -1,4 +1,4 @@
-//! Errors of reading a snapshot from bytes.
+//! [`SnapshotError`]: errors of reading a snapshot from bytes.
 
 use super::Count;
 
@@ -7,9 +7,9 @@ use super::Count;
 #[non_exhaustive]
 pub enum SnapshotError {
     /// The bytes do not begin with the header of a snapshot.
-    #[error("the bytes do not begin as those of a snapshot")]
+    #[error("the bytes do not begin with the header of a snapshot")]
     Format,
-    /// The bytes are a snapshot of another type.
+    /// The bytes hold a snapshot of another type.
     #[error("the bytes are of type {found}, expected {expected}")]
     Kind {
         /// Name of the type found, or "unknown".
@@ -25,8 +25,8 @@ pub enum SnapshotError {
         /// Version that can be read.
         expected: u8,
     },
-    /// Some bytes are changed or missing: the checksum does not match.
-    #[error("the bytes are damaged: their sum is {found:#x}, expected {expected:#x}")]
+    /// Some bytes were changed or are missing: the checksum does not match.
+    #[error("the bytes are damaged: their checksum is {found:#x}, expected {expected:#x}")]
     Checksum {
         /// Checksum of the bytes.
         found: u64,
@@ -38,7 +38,7 @@ pub enum SnapshotError {
     Length {
         /// Number of bytes found.
         found: usize,
-        /// Least number of bytes needed.
+        /// Smallest number of bytes needed.
         expected: usize,
     },
     /// There are bytes after the end of the snapshot.
@@ -53,7 +53,7 @@ pub enum SnapshotError {
     /// The numbers are not a valid state of a stream.
     #[error("{reason}")]
     Contents {
-        /// The invalid number, with the valid values.
+        /// The invalid number, and which values are valid.
         reason: String,
     },
 }

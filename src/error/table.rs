@@ -1,4 +1,4 @@
-//! Errors of likelihood tables.
+//! [`TableError`]: errors of likelihood tables.
 
 use super::Number;
 
@@ -17,7 +17,7 @@ pub enum TableError {
         symbols: usize,
     },
     /// The rows differ in length.
-    #[error("the row of state {state} has {found} values, expected {expected} as state 0")]
+    #[error("the row of state {state} has {found} values, expected {expected} to match state 0")]
     RowLength {
         /// The state, from 0.
         state: usize,
@@ -68,9 +68,9 @@ pub enum TableError {
         /// Number of states.
         states: usize,
     },
-    /// The probabilities of a state's symbols do not sum to one.
+    /// The probabilities of the symbols in a state do not sum to one.
     #[error(
-        "the probabilities of what state {state} shows sum to {sum}, expected 1",
+        "the symbol probabilities of state {state} sum to {sum}, expected 1",
         sum = Number(*.sum)
     )]
     RowSum {

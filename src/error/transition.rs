@@ -144,10 +144,10 @@ pub enum TransitionError {
         /// Source state.
         from: usize,
     },
-    /// Statistics of moves are those of another operator.
+    /// The statistics of moves belong to another operator.
     #[error("statistics of {found} operators given, expected those of {expected}")]
     Statistics {
-        /// Number of operators that they are of.
+        /// Number of operators in the statistics.
         found: usize,
         /// Number of operators.
         expected: usize,
@@ -161,7 +161,7 @@ pub enum TransitionError {
         count: usize,
     },
     /// The operators of a family differ in their number of states.
-    #[error("operator {operator} has {found} states, expected {expected} as operator 0")]
+    #[error("operator {operator} has {found} states, expected {expected} to match operator 0")]
     StateCount {
         /// Index of the operator, from 0.
         operator: usize,
@@ -174,7 +174,7 @@ pub enum TransitionError {
     #[error(transparent)]
     Parameter(#[from] Parameter),
     /// A part of the operator has another number of states than the operator it is built on.
-    #[error("the {part} has {found} states, expected {expected} as the operator within")]
+    #[error("the {part} has {found} states, expected {expected} to match the inner operator")]
     PartStates {
         /// Name of the part.
         part: &'static str,
@@ -184,11 +184,11 @@ pub enum TransitionError {
         expected: usize,
     },
     /// The operator is not the same at all steps, or its columns need not sum to one.
-    #[error("there is no one stationary distribution: {0}")]
+    #[error("there is no unique stationary distribution: {0}")]
     Stationary(&'static str),
-    /// The chain has several closed classes of states, with a stationary distribution each.
+    /// The chain has several closed classes of states, each with a stationary distribution.
     #[error(
-        "there is no one stationary distribution: from state {first} and from state {second}, the transition operator leads to different closed classes"
+        "there is no unique stationary distribution: from state {first} and from state {second}, the transition operator leads to different closed classes"
     )]
     ClosedClasses {
         /// A state from which `second` can't be reached.
@@ -196,14 +196,14 @@ pub enum TransitionError {
         /// A state from which `first` can't be reached.
         second: usize,
     },
-    /// The elimination of states that leads to the stationary distribution fills in too much.
+    /// The elimination of states that computes the stationary distribution fills in too much.
     #[error(
         "the stationary distribution of {states} states takes an elimination of more than {most} entries: compute it by repeated products, and give it as `Prior::Stationary`"
     )]
     Elimination {
         /// Number of states of the closed class.
         states: usize,
-        /// Largest number of entries.
+        /// Largest number of entries allowed.
         most: usize,
     },
     /// The operator does not accept the control.

@@ -1,4 +1,7 @@
-//! Diagonals: the likelihoods of one observation.
+//! [`Diagonal`], the likelihoods of one observation, as numbers or as logarithms.
+//!
+//! Values of a user's sensor are unchecked; those of this crate's tables come `Checked`, with their
+//! maximum, so that a step does not look at them again.
 
 use crate::error::{LikelihoodError, Parameter};
 use wayfix_kernels::limits;
@@ -21,7 +24,7 @@ pub(crate) enum Values<'a> {
     Linear(&'a [f64]),
     /// Natural logarithms of likelihoods, unchecked.
     Log(&'a [f64]),
-    /// Valid likelihoods with their maximum and, if available, their logarithms to base 2.
+    /// Valid likelihoods with their maximum and, if available, their base-2 logarithms.
     Checked { linear: &'a [f64], largest: f64, log2: Option<&'a [f64]> },
 }
 
@@ -36,7 +39,7 @@ impl<'a> Diagonal<'a> {
     /// Creates a diagonal from natural logarithms of likelihoods, each at most 1e300 in
     /// magnitude, or −∞ (a likelihood of exactly 0).
     ///
-    /// The whole range is usable: differences beyond the range of a double's exponent are handled
+    /// The whole range is usable: differences beyond the exponent range of a double are handled
     /// exactly.
     #[inline]
     #[must_use]
@@ -51,7 +54,7 @@ impl<'a> Diagonal<'a> {
         Self { log_factor: self.log_factor + log_factor, ..self }
     }
 
-    /// Values, as numbers or as logarithms.
+    /// Values, either as numbers or as logarithms.
     #[must_use]
     pub fn as_slice(&self) -> &'a [f64] {
         match self.values {
@@ -72,7 +75,7 @@ impl<'a> Diagonal<'a> {
         self.log_factor
     }
 
-    /// True if a likelihood, in the form of the values, is above 0.
+    /// True if a likelihood, given in the form of the values, is above 0.
     pub(crate) fn is_possible(&self, likelihood: f64) -> bool {
         likelihood > if self.is_log() { f64::NEG_INFINITY } else { 0.0 }
     }
@@ -114,6 +117,7 @@ impl<'a> Diagonal<'a> {
         let (values, valid) = match self.values {
             Values::Linear(values) => (values, Valid::Likelihoods),
             Values::Log(values) => (values, Valid::Logs),
+            // Whoever built it has checked the values.
             Values::Checked { largest, .. } => return Ok(largest),
         };
         kernels::largest(values, valid).map_err(|state| {
@@ -124,12 +128,13 @@ impl<'a> Diagonal<'a> {
 
     /// Natural logarithms of the values, without the log factor.
     pub(crate) fn logs(&self) -> impl Iterator<Item = f64> + Clone + 'a {
+        // ln 0 is −∞, as it should be; values were checked before.
         let (values, is_log) = (self.as_slice(), self.is_log());
         values.iter().map(move |&value| if is_log { value } else { value.ln() })
     }
 }
 
-/// Checks a log factor, the sum of which must stay finite over all steps.
+/// Checks a log factor: sums of log factors over all steps must stay finite.
 pub(super) fn check_log_factor(value: f64) -> Result<(), LikelihoodError> {
     if limits::is_log(value) {
         return Ok(());

@@ -1,4 +1,5 @@
-//! Log-likelihoods computed by a closure.
+//! [`LogLikelihoodFn`], log-likelihoods computed by a closure. Its values are taken as logarithms
+//! whatever their size, and checked by the caller.
 
 use std::fmt;
 use std::marker::PhantomData;
@@ -8,9 +9,9 @@ use crate::error::LikelihoodError;
 
 /// A sensor given by the function ln p(y | state) of observation and state.
 ///
-/// The function is called once per state and step. If readings are sometimes wrong altogether, let
-/// it have a floor: `((-0.5 * z * z).exp() + 1e-6).ln()` for a Gaussian, since otherwise one wild
-/// reading outweighs all before it. In a struct, name the type with a function pointer,
+/// The function is called once per state and step. If readings are sometimes entirely wrong, give
+/// it a floor, such as `((-0.5 * z * z).exp() + 1e-6).ln()` for a Gaussian; otherwise one wild
+/// reading outweighs all before it. To name the type in a struct, use a function pointer:
 /// `LogLikelihoodFn<fn(&f64, usize) -> f64, f64>`.
 ///
 /// ```

@@ -1,4 +1,7 @@
-//! Fusion of two sensors.
+//! [`FusedLikelihood`], the fusion of two sensors: the product of their diagonals.
+//!
+//! Products of numbers are exact unless they leave the range of normal doubles. If one does, or if
+//! a sensor gives logarithms, all are added in logarithms, so that no state is lost.
 
 use rand::Rng;
 
@@ -7,8 +10,8 @@ use super::owned::Owned;
 use super::{Diagonal, Likelihood, LocalLikelihood, SampleObservation, Scratch, check_local};
 use crate::error::{HmmError, LikelihoodError};
 
-/// Two sensors with independent errors given the state: the product of their diagonals. The
-/// observation is a pair; nest it for more than two sensors.
+/// Two sensors whose errors are independent given the state: the product of their diagonals. The
+/// observation is a pair; nest fusions for more than two sensors.
 ///
 /// ```
 /// use wayfix::likelihood::LogLikelihoodFn;
@@ -108,13 +111,16 @@ where
         let (second, most_second) = self.second.local(second, states, &mut right[0])?;
         let largest =
             (check_local(&first, most_first, states)?, check_local(&second, most_second, states)?);
+        // Where no state is asked for, each factor is at most its bound, and so is the product.
         let others = most_first * most_second;
         let exact = is_exact(most_first, most_second, others);
         let product = multiplied(&first, &second, largest, exact, product);
         if !product.is_log() {
+            // Rounded up: a bound must not fall below the exact product.
             let others = if others > 0.0 { others.next_up() } else { 0.0 };
             return Ok((product, others.min(f64::MAX)));
         }
+        // The bound gets the shifts that `multiplied` took out of the values.
         let shift = (shift(first.is_log(), largest.0), shift(second.is_log(), largest.1));
         let log = |part: &Diagonal<'_>, b: f64| if part.is_log() { b } else { b.ln() };
         let logs = (log(&first, most_first), log(&second, most_second));
@@ -141,7 +147,8 @@ pub fn product_of<'a>(
     Ok(multiplied(first, second, largest, true, out))
 }
 
-/// Product of two diagonals with these maxima; in logarithms unless `exact` and all products are.
+/// Product of two diagonals with these maxima; in logarithms unless `exact` is true and all
+/// products are exact.
 fn multiplied<'a>(
     first: &Diagonal<'_>,
     second: &Diagonal<'_>,
@@ -153,7 +160,8 @@ fn multiplied<'a>(
     if exact && multiply(first.values, second.values, out) {
         return Diagonal { log_factor, ..Diagonal::linear(out) };
     }
-    // The maxima are subtracted first, so that the sums keep their precision.
+    // The maxima are subtracted first: logarithms of -100,000 have lost digits that their
+    // differences still have.
     let shift = (shift(first.is_log(), largest.0), shift(second.is_log(), largest.1));
     let logs = first.logs().zip(second.logs());
     out.iter_mut().zip(logs).for_each(|(out, (a, b))| *out = (a - shift.0) + (b - shift.1));
@@ -161,18 +169,18 @@ fn multiplied<'a>(
     Diagonal { log_factor, ..Diagonal::log(out) }
 }
 
-/// Shift of logarithms with the given maximum; 0 for linear values.
+/// Amount to subtract from logarithms with the given maximum; 0 for linear values.
 fn shift(is_log: bool, largest: f64) -> f64 {
     if is_log && largest.is_finite() { largest } else { 0.0 }
 }
 
-/// True if a product is a normal number, so that it has full precision, or 0 because a factor is.
+/// True if a product is a normal number, and so has full precision, or is 0 because a factor is 0.
 fn is_exact(a: f64, b: f64, product: f64) -> bool {
     (f64::MIN_POSITIVE..=f64::MAX).contains(&product) || a == 0.0 || b == 0.0
 }
 
-/// Multiplies two diagonals into `out`; returns false if one is in logarithms, or a product
-/// leaves the range of normal numbers.
+/// Multiplies two diagonals into `out`. Returns false if one is in logarithms, or a product leaves
+/// the range of normal numbers; `out` is then incomplete.
 fn multiply(first: Values<'_>, second: Values<'_>, out: &mut [f64]) -> bool {
     let (
         Values::Linear(first) | Values::Checked { linear: first, .. },

@@ -1,4 +1,5 @@
-//! Sensors that observe only the group of a state.
+//! [`GroupedLikelihood`], a sensor that observes only the group of a state. The sensor is evaluated
+//! once per group, and its values are copied to the states.
 
 use rand::Rng;
 
@@ -84,7 +85,8 @@ impl<B: Likelihood> Likelihood for GroupedLikelihood<B> {
         }
         let expand = |groups: &[f64], out: &mut [f64]| self.groups.expand(groups, out);
         let values = match diagonal.values {
-            // Checked here once per group instead of once per state.
+            // Checked here once per group instead of once per state. An invalid value is passed on
+            // unchecked, so that the caller finds it and names the state.
             Values::Linear(groups) => {
                 expand(groups, states);
                 match kernels::largest(groups, Valid::Likelihoods) {
@@ -96,7 +98,7 @@ impl<B: Likelihood> Likelihood for GroupedLikelihood<B> {
                 expand(groups, states);
                 Values::Log(states)
             }
-            // No group is empty, so the maximum is that of the groups.
+            // No group is empty, so the maximum over the states is that over the groups.
             Values::Checked { linear, largest, log2 } => {
                 expand(linear, states);
                 let log2 = log2.map(|log2| {

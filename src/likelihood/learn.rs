@@ -1,16 +1,17 @@
-//! Learning of sensors.
+//! [`LearnLikelihood`]: sensors that Baum-Welch re-estimates from observations weighted by the
+//! posterior probabilities of the states.
 
 use std::error::Error;
 
 use super::Likelihood;
 
 /// A sensor that can be re-estimated from observations and the posterior probabilities of their
-/// states: it maximises Σ p ln b(y) over all observations y and states, where p is the
+/// states: the new sensor maximises Σ p ln b(y) over all observations y and states, where p is the
 /// probability of the state.
 ///
 /// [`TableLikelihood`](crate::TableLikelihood) learns each row; compositions learn their parts;
 /// [`Fixed`](crate::Fixed) excludes a sensor from learning. With
-/// [`FreeParameters`](crate::inference::FreeParameters), what was learned has
+/// [`FreeParameters`](crate::inference::FreeParameters), learned parameters have
 /// [standard errors](crate::Hmm::standard_errors).
 ///
 /// # Implement it yourself
@@ -109,8 +110,7 @@ pub trait LearnLikelihood: Likelihood + Sized {
         0.0
     }
 
-    /// Number of parameters that learning may change independently of each other, as information
-    /// criteria count them before learning: of a table, the probabilities above 0 less one for each
-    /// state.
+    /// Number of parameters that learning may change independently, as information criteria count
+    /// them before learning: for a table, the probabilities above 0 less one for each state.
     fn free_parameters(&self) -> usize;
 }

@@ -1,4 +1,5 @@
-//! Sensors that can be evaluated at a few states only.
+//! [`LocalLikelihood`]: sensors that can be evaluated at a few states only, with a bound on all
+//! others. The error bounds of pruned algorithms rest on that bound.
 
 use super::{Diagonal, Likelihood, Scratch};
 use crate::error::LikelihoodError;
@@ -10,12 +11,12 @@ use wayfix_kernels::Valid;
 /// [`Hmm::beam_viterbi`](crate::Hmm::beam_viterbi).
 ///
 /// The error bounds of these algorithms rest on this bound: it must hold, and the smaller it is,
-/// the tighter they are. A sensor behind a reference, `Box`, `Rc` or `Arc` implements the trait,
+/// the tighter they are. A reference, `Box`, `Rc` or `Arc` of such a sensor implements the trait,
 /// too.
 ///
 /// # Implement it yourself
 ///
-/// A beacon beside a road of n places, which is received less well the farther away it is:
+/// Beacons beside a road of n places. The farther away one is, the worse it is received:
 ///
 /// ```
 /// use wayfix::likelihood::LocalLikelihood;
@@ -71,10 +72,10 @@ pub trait LocalLikelihood: Likelihood {
     /// Returns the likelihood of each of `states`, and a bound on that of every other state.
     ///
     /// `states` are below [`states`](Likelihood::states), distinct and in ascending order. The
-    /// values are as in [`diagonal`](Likelihood::diagonal), of any positive scale, and the bound is
-    /// in their form and has their scale: the logarithm of a likelihood beside logarithms, and less
-    /// the log factor. If all states are listed it is 0, or −∞. A likelihood of 0 rules a state out;
-    /// use logarithms where likelihoods may underflow. The caller checks the values.
+    /// values are as in [`diagonal`](Likelihood::diagonal), of any positive scale. The bound has
+    /// the same form and scale: it is a logarithm if they are, and also excludes the log factor. If
+    /// all states are asked for, it is 0, or −∞ among logarithms. A likelihood of 0 rules a state
+    /// out; use logarithms where likelihoods may underflow. The caller checks the values.
     ///
     /// # Errors
     ///
@@ -87,7 +88,7 @@ pub trait LocalLikelihood: Likelihood {
     ) -> Result<(Diagonal<'a>, f64), LikelihoodError>;
 
     /// Appends the states with the largest likelihoods of an observation, in any order. These are
-    /// then evaluated even if no tracked state leads there, which keeps the bound on the others
+    /// then evaluated even if no tracked state leads to them, which keeps the bound on the others
     /// low. All must be below [`states`](Likelihood::states).
     ///
     /// The choice affects the cost and the tightness of the error bounds, not their validity. By
@@ -97,8 +98,8 @@ pub trait LocalLikelihood: Likelihood {
     }
 }
 
-/// Checks the likelihoods of some states and the bound on all others; returns the maximum of them
-/// all, in their form.
+/// Checks the likelihoods of some states and the bound on all others, and returns the maximum of
+/// them all, in their form.
 pub(crate) fn check_local(
     diagonal: &Diagonal<'_>,
     bound: f64,
@@ -110,7 +111,7 @@ pub(crate) fn check_local(
         let (kind, expected) = (valid.kind(), valid.expected());
         return Err(LikelihoodError::Bound { kind, value: bound, expected });
     }
-    // The values are those of a few states, so that an error has to name them.
+    // Value i is that of `states[i]`, which the error has to name.
     let largest = diagonal.check(states.len()).map_err(|error| match error {
         LikelihoodError::Value { state, kind, value, expected } => {
             LikelihoodError::Value { state: states[state], kind, value, expected }

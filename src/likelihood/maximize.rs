@@ -1,4 +1,5 @@
-//! Re-estimation of the sensors of this module.
+//! Re-estimation of the sensors of this module, the M-step of Baum-Welch: tables by shares of
+//! expected counts, compositions by their parts.
 
 use std::error::Error;
 
@@ -11,12 +12,14 @@ use crate::free_parameters::{Displacement, FreeParameters};
 
 type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;
 
-/// Probabilities in proportion to counts with a pseudo-count; 0 stays 0, and without counts all stay.
+/// Probabilities in proportion to counts plus a pseudo-count. Those of 0 stay 0, and without counts
+/// all stay as they are.
 pub fn shares(old: &[f64], counts: &[f64], pseudo_count: f64) -> Vec<f64> {
     let pairs = old.iter().zip(counts);
     let weight = |(p, count): (&f64, &f64)| if *p > 0.0 { count + pseudo_count } else { 0.0 };
     let weights: Vec<f64> = pairs.map(weight).collect();
     let sum: f64 = weights.iter().sum();
+    // False for a NaN, which then spreads to the row, and is reported where that is checked.
     if sum < f64::MIN_POSITIVE {
         return old.to_vec();
     }
@@ -54,6 +57,7 @@ impl LearnLikelihood for TableLikelihood {
     }
 
     fn log_prior(&self, pseudo_count: f64) -> f64 {
+        // The usual case, which need not compute n m logarithms.
         if pseudo_count == 0.0 {
             return 0.0;
         }
@@ -62,12 +66,13 @@ impl LearnLikelihood for TableLikelihood {
     }
 
     fn free_parameters(&self) -> usize {
+        // Each row sums to one, which determines one of its values.
         self.columns.iter().filter(|p| **p > 0.0).count() - self.states()
     }
 }
 
-/// Log-odds of the probabilities above 0, row by row, to the largest of the row. Those of 0 count as
-/// at a bound.
+/// Log-odds of the probabilities above 0, row by row, against the largest of the row. Those of 0
+/// count as being at a bound.
 impl FreeParameters for TableLikelihood {
     fn displaced(&self, by: &mut Displacement<'_>) -> Outcome<Self> {
         let mut rows = self.to_rows();
@@ -76,7 +81,8 @@ impl FreeParameters for TableLikelihood {
     }
 }
 
-/// Implements learning for a wrapper by learning the inner sensor.
+/// Implements learning for a wrapper by learning its inner sensor. `$add` turns the observation and
+/// posterior of the wrapper into those of the inner sensor, `$with` rebuilds the wrapper.
 macro_rules! learns_the_inner {
     ($($wrapper:ident [$($bound:tt)*], $inner:tt,
         add($self:ident, $statistics:ident, $y:ident, $posterior:ident) $add:expr,
@@ -110,7 +116,7 @@ macro_rules! learns_the_inner {
             }
         }
 
-        /// Parameters of the sensor within.
+        /// Parameters of the inner sensor.
         impl<B: FreeParameters> FreeParameters for $wrapper<B> {
             fn displaced(&$self, by: &mut Displacement<'_>) -> Outcome<Self> {
                 let $learned = $self.$inner.displaced(by)?;
@@ -120,6 +126,7 @@ macro_rules! learns_the_inner {
     )*};
 }
 
+// A missing observation adds nothing; a group has the sum of the probabilities of its states.
 learns_the_inner! {
     OptionalLikelihood [Observation: Sized], sensor,
         add(self, statistics, y, posterior) if let Some(y) = y {
@@ -157,6 +164,7 @@ where
         self.second.merge(&mut statistics.1, &other.1);
     }
 
+    // ln (b₁ b₂) is a sum, so that each part is maximised by itself.
     fn maximize(&self, statistics: &Self::Statistics, pseudo_count: f64) -> Outcome<Self> {
         Ok(Self {
             first: self.first.maximize(&statistics.0, pseudo_count)?,
@@ -181,15 +189,15 @@ impl<B1: FreeParameters, B2: FreeParameters> FreeParameters for FusedLikelihood<
     }
 }
 
-/// No parameters.
+/// It has no free parameters.
 impl FreeParameters for SparseLikelihood {
     fn displaced(&self, _: &mut Displacement<'_>) -> Outcome<Self> {
         Ok(*self)
     }
 }
 
-/// A no-op, since there is nothing to learn. [Known states](SparseObservation::known) beside
-/// another sensor make learning semi-supervised.
+/// Does nothing, since there is nothing to learn. [Known states](SparseObservation::known), fused
+/// with another sensor, make learning semi-supervised.
 impl LearnLikelihood for SparseLikelihood {
     type Statistics = ();
 

@@ -1,8 +1,8 @@
 //! Likelihood operators: from an observation to a diagonal, `b_i` = p(y | state i).
 //!
 //! [`Likelihood`] is the trait, [`Diagonal`] the values that it returns, at any scale. Pruned
-//! algorithms require [`LocalLikelihood`], simulation [`SampleObservation`] or, if observations depend
-//! on those before, [`SampleNext`], learning [`LearnLikelihood`].
+//! algorithms require [`LocalLikelihood`]; simulation requires [`SampleObservation`] or, if
+//! observations depend on earlier ones, [`SampleNext`]; learning requires [`LearnLikelihood`].
 //!
 //! | for | use |
 //! |---|---|
@@ -67,12 +67,12 @@ use crate::error::LikelihoodError;
 /// A likelihood operator B(y), which turns one observation into a diagonal with `b_i` = p(y |
 /// `X_k` = i). (Paper eq. 7, which conditions on the previous state but means `X_k`.)
 ///
-/// The diagonal may have any positive scale that is the same for all states: posteriors do not
-/// depend on it, and the log-likelihood is computed from the diagonal as it is, with the log
+/// The diagonal may have any positive scale, as long as it is the same for all states: posteriors
+/// do not depend on it. The log-likelihood is computed from the diagonal as it is, with the log
 /// factor added back.
 ///
-/// A sensor behind a reference, `Box`, `Rc` or `Arc` is a sensor, too: models can share one, or
-/// choose one at run time as `Box<dyn Likelihood<…>>`.
+/// A reference, `Box`, `Rc` or `Arc` of a sensor is a sensor, too: models can share one, or choose
+/// one at run time as `Box<dyn Likelihood<…>>`.
 ///
 /// # Implement it yourself
 ///
@@ -129,7 +129,7 @@ pub trait Likelihood {
     /// Returns a diagonal with one value per group of states, and the groups, if all states of a
     /// group have the same likelihood; by default `None`.
     ///
-    /// It must equal [`diagonal`](Self::diagonal), and saves writing one value per state.
+    /// It must agree with [`diagonal`](Self::diagonal), and saves writing one value per state.
     fn by_groups<'a>(
         &'a self,
         observation: &'a Self::Observation,
@@ -139,8 +139,8 @@ pub trait Likelihood {
         None
     }
 
-    /// True if likelihoods are stored, so that requesting them costs nothing: the smoother then
-    /// requests them a second time instead of computing a product with A. False by default.
+    /// True if likelihoods are stored, so that asking for them costs nothing: the smoother then
+    /// asks a second time instead of computing a product with A. False by default.
     fn is_precomputed(&self) -> bool {
         false
     }

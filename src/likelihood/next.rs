@@ -1,4 +1,4 @@
-//! Draws of observations that depend on the one before.
+//! [`SampleNext`]: draws of observations that depend on the previous one.
 
 use std::borrow::Borrow;
 
@@ -7,8 +7,8 @@ use rand::Rng;
 use super::Likelihood;
 use crate::error::LikelihoodError;
 
-/// A likelihood that draws an observation given the one before, for
-/// [`Hmm::simulate_after`](crate::Hmm::simulate_after): that of an autoregressive model, such as
+/// A likelihood that draws an observation given the previous one, for
+/// [`Hmm::simulate_after`](crate::Hmm::simulate_after): an autoregressive model, such as
 /// `emission::LinearRegression`.
 pub trait SampleNext: Likelihood {
     /// An observation by value: `Vec<f64>` for rows of numbers.

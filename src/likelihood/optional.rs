@@ -1,4 +1,5 @@
-//! Observations that may be missing.
+//! [`OptionalLikelihood`], for observations that may be missing: a missing one has likelihood 1 in
+//! every state, and changes nothing.
 
 use rand::Rng;
 
@@ -29,7 +30,7 @@ pub struct OptionalLikelihood<B> {
 }
 
 impl<B: Likelihood> OptionalLikelihood<B> {
-    /// Wraps a sensor. Its observations must be owned, as those of
+    /// Wraps a sensor. Its observations must be owned, like those of
     /// `LikelihoodVector::log(n).owned()`.
     pub fn new(sensor: B) -> Self
     where
@@ -60,7 +61,7 @@ impl<B: Likelihood<Observation: Sized>> Likelihood for OptionalLikelihood<B> {
         if let Some(observation) = observation {
             return self.sensor.diagonal(observation, scratch);
         }
-        // Decoders need not compute n logarithms of 1.
+        // Decoders take base-2 logarithms: those of 1 are kept in the scratch, not computed anew.
         if scratch.takes_log2() {
             return Ok(scratch.ones(self.ones.len()));
         }
@@ -82,6 +83,7 @@ impl<B: LocalLikelihood<Observation: Sized>> LocalLikelihood for OptionalLikelih
         if let Some(observation) = observation {
             return self.sensor.local(observation, states, scratch);
         }
+        // The bound is exact as well: all other states have likelihood 1, too.
         Ok((Diagonal::checked(&self.ones[..states.len()], 1.0, None), 1.0))
     }
 

@@ -1,4 +1,6 @@
-//! Places with several reference images each.
+//! [`PooledLikelihood`], for places with several reference images: the likelihood of a place is the
+//! mean of those of its images. Means are taken of numbers, or by log-sum-exp where numbers
+//! underflow or the sensor gives logarithms.
 
 use rand::Rng;
 
@@ -12,11 +14,11 @@ use crate::random::index;
 /// those of its images. The reverse of
 /// [`GroupedLikelihood`](crate::likelihood::GroupedLikelihood).
 ///
-/// The observation shows one of the images of its place, each with equal probability, so a place
-/// with many images is not favoured. The mean is taken over likelihoods, not logarithms: one
-/// image that matches well makes up for many that do not.
+/// The observation is modelled as one of the images of its place, all equally probable, so a place
+/// with many images is not favoured. The mean is taken over likelihoods, not logarithms: one image
+/// that matches well makes up for many that do not.
 ///
-/// Costs O(images) a step on top of the inner sensor, with one exponential per image if that
+/// Costs O(images) a step on top of the inner sensor, with one exponential per image if the sensor
 /// returns logarithms.
 ///
 /// ```
@@ -76,7 +78,8 @@ impl<B: Likelihood> PooledLikelihood<B> {
         self.groups.states(place).len() as f64
     }
 
-    /// Computes the means; returns false if one leaves the range of normal numbers.
+    /// Computes the means. Returns false if one leaves the range of normal numbers, unless it is 0
+    /// because all its images are.
     fn means(&self, images: &[f64], out: &mut [f64]) -> bool {
         out.fill(0.0);
         self.images(images.iter()).for_each(|(place, b)| out[place] += b);
@@ -96,10 +99,13 @@ impl<B: Likelihood> PooledLikelihood<B> {
         sums: &mut [f64],
         out: &mut [f64],
     ) {
+        // Log-sum-exp for each place around its own largest image, kept in `out`: each sum has a
+        // term of 1, so that no place is lost, however far below the others.
         out.fill(f64::NEG_INFINITY);
         self.images(logs.clone()).for_each(|(place, log)| out[place] = out[place].max(log));
         sums.fill(0.0);
         for (place, log) in self.images(logs) {
+            // −∞ less −∞ would be NaN, for a place without a possible image.
             if log > f64::NEG_INFINITY {
                 sums[place] += (log - out[place]).exp();
             }
@@ -136,7 +142,8 @@ impl<B: Likelihood> Likelihood for PooledLikelihood<B> {
             }
             Values::Log(_) => largest,
         };
-        // The maximum is subtracted first, so that the sums keep their precision.
+        // The maximum is subtracted before anything is added, so that small differences of large
+        // logarithms keep their digits.
         let shift = if top.is_finite() { top } else { 0.0 };
         self.log_means(diagonal.logs(), shift, sums[0].values(places), pooled);
         let log_factor = diagonal.log_factor + shift;

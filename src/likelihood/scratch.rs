@@ -1,7 +1,8 @@
-//! Memory for diagonals, kept from step to step, so that a step allocates nothing.
+//! [`Scratch`], memory for diagonals that is kept from step to step, so that a step allocates
+//! nothing.
 //!
-//! A diagonal of a few states is written over the one of the step before: all n states are written
-//! only where the value of the others changes.
+//! The diagonal of a sparse observation is written over that of the previous step: all n states are
+//! written only if the value of the unlisted ones changes.
 
 use super::Diagonal;
 use wayfix_kernels as kernels;
@@ -18,7 +19,7 @@ pub struct Scratch {
     values: Vec<f64>,
     parts: Vec<Scratch>,
     sparse: SparseDiagonal,
-    /// True if diagonals are for a decoder, which takes logarithms to base 2.
+    /// True if diagonals are for a decoder, which takes base-2 logarithms.
     with_log2: bool,
 }
 
@@ -35,22 +36,23 @@ impl Scratch {
     /// likelihood.
     pub fn with_parts(&mut self, count: usize, parts: usize) -> (&mut [f64], &mut [Scratch]) {
         self.values.resize(count, 0.0);
+        // Never shrinks: dropped parts would lose their memory.
         self.parts.resize_with(parts.max(self.parts.len()), Scratch::default);
         (&mut self.values, &mut self.parts[..parts])
     }
 
-    /// Asks for logarithms to base 2 with diagonals for which they cost nothing.
+    /// Asks for base-2 logarithms with diagonals for which they cost nothing.
     pub(crate) fn ask_for_log2(&mut self) {
         self.with_log2 = true;
     }
 
-    /// True if logarithms to base 2 are asked for.
+    /// True if base-2 logarithms are asked for.
     pub(super) fn takes_log2(&self) -> bool {
         self.with_log2
     }
 
-    /// Returns the diagonal of valid likelihoods of some states, which exist and differ, and of all
-    /// others.
+    /// Returns the diagonal with valid likelihoods for some states, which exist and differ, and one
+    /// value for all others.
     pub(super) fn sparse(
         &mut self,
         states: usize,
@@ -60,25 +62,25 @@ impl Scratch {
         self.sparse.write(states, listed, elsewhere, self.with_log2)
     }
 
-    /// Returns the diagonal of ones for so many states.
+    /// Returns a diagonal of ones for this number of states.
     pub(super) fn ones(&mut self, states: usize) -> Diagonal<'_> {
         self.sparse.write(states, &[], 1.0, self.with_log2)
     }
 }
 
-/// Diagonal of a sparse observation, and memory for the next one.
+/// Diagonal of the last sparse observation, and memory for the next one.
 #[derive(Debug, Clone, Default)]
 struct SparseDiagonal {
     linear: Vec<f64>,
-    /// Logarithms to base 2, if they have been asked for.
+    /// Base-2 logarithms, if they have been asked for; otherwise empty.
     log2: Vec<f64>,
     elsewhere: f64,
-    /// States with other values than `elsewhere`.
+    /// States that were listed: all others have the value `elsewhere`.
     written: Vec<usize>,
 }
 
 impl SparseDiagonal {
-    /// Writes a diagonal of valid likelihoods, of states that exist and differ, over the last one.
+    /// Writes a diagonal over the last one; likelihoods are valid, and states exist and differ.
     fn write(
         &mut self,
         states: usize,
@@ -89,6 +91,8 @@ impl SparseDiagonal {
         let Self { linear, log2, written, .. } = self;
         let (wanted, log2_elsewhere) =
             if with_log2 { (states, kernels::log2(elsewhere)) } else { (0, 0.0) };
+        // Only states written last time differ from `elsewhere`, so that resetting those is enough,
+        // if the value and the shape are the same. Bits are compared: −0 and 0 differ.
         let same = self.elsewhere.to_bits() == elsewhere.to_bits();
         if same && linear.len() == states && log2.len() == wanted {
             written.iter().for_each(|&state| linear[state] = elsewhere);
@@ -108,6 +112,7 @@ impl SparseDiagonal {
         if with_log2 {
             listed.iter().for_each(|&(state, b)| log2[state] = kernels::log2(b));
         }
+        // `elsewhere` counts for the maximum only if some state has it.
         let others = if listed.len() < states { elsewhere } else { 0.0 };
         let largest = listed.iter().fold(others, |largest, entry| largest.max(entry.1));
         Diagonal::checked(linear, largest, with_log2.then_some(log2))

@@ -1,4 +1,5 @@
-//! Sensors behind pointers and wrappers.
+//! Sensors behind pointers and wrappers. All methods are delegated, also those with a default: a
+//! default would give the right values, but lose a fast path.
 
 use std::rc::Rc;
 use std::sync::Arc;

@@ -1,4 +1,8 @@
-//! Likelihoods of a few states, and one value for all others.
+//! [`SparseLikelihood`], likelihoods of a few states, and one value for all others.
+//!
+//! Invariant of [`SparseObservation`]: states ascend, each at most once, and all values are finite
+//! and at least 0. That the states exist is checked at each step, since an observation does not
+//! know the model.
 
 use super::{Diagonal, Likelihood, LocalLikelihood, Scratch};
 use crate::error::LikelihoodError;
@@ -8,10 +12,10 @@ use wayfix_kernels::Valid;
 /// others. For maps of millions of places, with a sensor that names candidates: the best matches
 /// of an image retrieval, the roads near a position fix.
 ///
-/// As a [`LocalLikelihood`], it costs O(states asked + states listed) a step. Elsewhere, a step
-/// writes the states listed, now and at the step before, into memory that is kept; all n only
-/// where the value for the others changes. Observations that repeat can be named once, in a
-/// [`SparseTableLikelihood`](super::SparseTableLikelihood).
+/// As a [`LocalLikelihood`], it costs O(states asked + states listed) a step. Otherwise a step
+/// updates a diagonal that is kept: it writes the states listed now and at the step before, and all
+/// n states only if the value for the others changes. Observations that repeat can be stored once,
+/// as the symbols of a [`SparseTableLikelihood`](super::SparseTableLikelihood).
 ///
 /// ```
 /// use wayfix::likelihood::SparseObservation;
@@ -39,7 +43,7 @@ pub struct SparseObservation {
     pub(crate) elsewhere: f64,
 }
 
-/// A defect of a list of likelihoods.
+/// A defect in a list of likelihoods.
 pub(super) enum ListError {
     Value { state: usize, value: f64 },
     Elsewhere { value: f64 },
@@ -74,6 +78,7 @@ impl SparseObservation {
         if !valid.is(elsewhere) {
             return Err(ListError::Elsewhere { value: elsewhere });
         }
+        // Sorted, so that duplicates are neighbours, and lists can be merged.
         listed.sort_unstable_by_key(|entry| entry.0);
         if let Some(twice) = listed.windows(2).find(|pair| pair[0].0 == pair[1].0) {
             return Err(ListError::Twice { state: twice[0].0 });
@@ -81,8 +86,8 @@ impl SparseObservation {
         Ok(Self { listed: listed.into_boxed_slice(), elsewhere })
     }
 
-    /// Hard evidence for one state: all others have likelihood 0. For a fuel stop, a toll gate, a
-    /// label.
+    /// Creates hard evidence for one state: all others have likelihood 0. For a fuel stop, a toll
+    /// gate, a label.
     ///
     /// Fused with another sensor, and optional, it constrains filter, smoother and decoder:
     ///
@@ -128,13 +133,14 @@ impl SparseObservation {
     }
 
     fn check(&self, states: usize) -> Result<(), LikelihoodError> {
+        // The last state is the largest.
         match self.listed.last() {
             Some(&(state, _)) if state >= states => Err(LikelihoodError::Listed { state, states }),
             _ => Ok(()),
         }
     }
 
-    /// [`LocalLikelihood::local`], for states that exist.
+    /// Implements [`LocalLikelihood::local`], for states that exist.
     pub(super) fn local<'a>(
         &self,
         all: usize,
@@ -142,10 +148,12 @@ impl SparseObservation {
         scratch: &'a mut Scratch,
     ) -> (Diagonal<'a>, f64) {
         let out = scratch.values(states.len());
+        // A merge of the states asked for and those listed, both ascending. Whatever is listed but
+        // not asked for raises the bound on the others; `elsewhere` counts only if some state is
+        // not asked for.
         let mut next = self.listed.iter().peekable();
         let mut others = if states.len() < all { self.elsewhere } else { 0.0 };
         for (&state, b) in states.iter().zip(&mut *out) {
-            // Listed in the observation, but not asked for.
             while let Some(&(_, passed)) = next.next_if(|entry| entry.0 < state) {
                 others = others.max(passed);
             }
@@ -155,15 +163,16 @@ impl SparseObservation {
         (Diagonal::linear(out), others)
     }
 
-    /// [`LocalLikelihood::listed_states`].
+    /// Implements [`LocalLikelihood::listed_states`].
     pub(super) fn listed_states(&self, all: usize, states: &mut Vec<usize>) {
+        // States listed below `elsewhere` do not raise the bound, so they need no look.
         let above = self.listed.iter().filter(|entry| entry.1 > self.elsewhere);
         states.extend(above.map(|entry| entry.0).filter(|&state| state < all));
     }
 }
 
 impl SparseLikelihood {
-    /// Creates a sensor of `states` states.
+    /// Creates a sensor with `states` states.
     #[must_use]
     pub fn new(states: usize) -> Self {
         Self { states }
@@ -235,7 +244,7 @@ mod tests {
         assert_eq!(text(vec![(3, 0.5), (1, 1.0), (3, 0.5)], 0.0), "state 3 is listed twice");
         assert_eq!(
             text(vec![], -1.0),
-            "the likelihood of states not listed is bounded by -1, expected a finite value of at least 0"
+            "the likelihood of unlisted states is bounded by -1, expected a finite value of at least 0"
         );
         let seen = SparseObservation::new(vec![(2, 0.5)], 0.0).unwrap();
         let (sensor, mut scratch) = (SparseLikelihood::new(2), Scratch::default());

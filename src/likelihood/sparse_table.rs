@@ -1,19 +1,21 @@
-//! Observations from a finite set of symbols, each of which speaks for a few states.
+//! [`SparseTableLikelihood`], observations from a finite set of symbols that each stand for a few
+//! states. A symbol is stored as a [`SparseObservation`], so that a step costs what one of those
+//! costs. Symbols, unlike observations, are checked against the number of states once.
 
 use super::sparse::{ListError, SparseObservation};
 use super::{Diagonal, Likelihood, LocalLikelihood, Scratch};
 use crate::error::{LikelihoodError, TableError};
 
-/// A table of likelihoods in sparse form: each symbol lists the states that it speaks for, with
+/// A table of likelihoods in sparse form: each symbol lists the states that it stands for, with
 /// their likelihoods, and has one value for all others. The observation is the symbol, 0 to m − 1.
 /// For maps of many places and sensors that name one of many things: a tag, a beacon, a sign, the
 /// place that a classifier recognises.
 ///
-/// A step costs what the symbol lists, as with a [`SparseLikelihood`](super::SparseLikelihood),
-/// whose observations are lists. Symbols with the same value for other states are faster: where it
-/// changes from one step to the next, all n states are written. Memory: 16 bytes for each state
-/// that a symbol lists; a [`TableLikelihood`](super::TableLikelihood), with rows that sum to one,
-/// has 16 n m.
+/// The cost of a step depends on the number of states that the symbol lists, as with a
+/// [`SparseLikelihood`](super::SparseLikelihood), whose observations are lists. It is lowest if all
+/// symbols have the same value for unlisted states: where that changes from one step to the next,
+/// all n states are written. Memory is 16 bytes for each state that a symbol lists; a
+/// [`TableLikelihood`](super::TableLikelihood), whose rows sum to one, takes 16 n m bytes.
 ///
 /// ```
 /// use wayfix::likelihood::SparseTableLikelihood;
@@ -38,8 +40,8 @@ pub struct SparseTableLikelihood {
 
 impl SparseTableLikelihood {
     /// Creates a table of `states` states from one pair per symbol: the states that it lists, in
-    /// any order, each with its likelihood, and the likelihood of every other state; all finite
-    /// and at least 0, and of any scale, which is common to all states of a symbol.
+    /// any order, each with its likelihood, and the likelihood of every other state. All are finite
+    /// and at least 0, of any scale that is common to all states of a symbol.
     /// O(listed log listed).
     ///
     /// # Errors
@@ -54,6 +56,7 @@ impl SparseTableLikelihood {
             return Err(TableError::Empty { states, symbols: symbols.len() });
         }
         let of = |(symbol, (listed, elsewhere)): (usize, &(L, f64))| {
+            // Checked here, once, so that no step has to.
             let listed = listed.as_ref().to_vec();
             if let Some(&(state, _)) = listed.iter().find(|entry| entry.0 >= states) {
                 return Err(TableError::Listed { symbol, state, states });
@@ -130,7 +133,7 @@ impl Likelihood for SparseTableLikelihood {
     }
 }
 
-/// O(states asked + states that the symbol lists).
+/// O(states asked + states listed by the symbol).
 impl LocalLikelihood for SparseTableLikelihood {
     /// # Errors
     ///

@@ -1,4 +1,8 @@
-//! Observations from a finite set of symbols.
+//! [`TableLikelihood`], observations from a finite set of symbols.
+//!
+//! Invariant: values are finite and at least 0, and the row of each state sums to one. All that a
+//! step may need of a symbol (its column, logarithms, maximum, most probable states) is computed
+//! when the table is built.
 
 use rand::Rng;
 
@@ -13,8 +17,8 @@ use wayfix_kernels as kernels;
 /// the symbol, 0 to m − 1.
 ///
 /// The diagonal of a symbol is borrowed from the table, without copying or further checks.
-/// Memory: 16 n m bytes for the values and their logarithms, and 256 m for the most probable
-/// states of each symbol.
+/// Memory is 16 n m bytes for the values and their logarithms, and 256 m bytes for the most
+/// probable states of each symbol.
 ///
 /// ```
 /// use wayfix::TableLikelihood;
@@ -27,7 +31,7 @@ use wayfix_kernels as kernels;
 #[derive(Debug, Clone)]
 pub struct TableLikelihood {
     states: usize,
-    /// p(y | i) at y n + i; `log2` holds the logarithms to base 2 in the same order.
+    /// p(y | i) at y n + i; `log2` holds base-2 logarithms in the same order.
     pub(crate) columns: Vec<f64>,
     log2: Vec<f64>,
     /// Maximum of each symbol's column.
@@ -36,7 +40,7 @@ pub struct TableLikelihood {
     listed_states: Vec<Vec<(usize, f64)>>,
 }
 
-/// Most states stored in `listed_states` per symbol.
+/// Largest number of states stored in `listed_states` per symbol.
 const STANDING_OUT: usize = 16;
 
 impl TableLikelihood {
@@ -172,8 +176,8 @@ impl Likelihood for TableLikelihood {
     }
 }
 
-/// O(states asked): the 16 largest values of each symbol are stored, and the bound is the first
-/// of them whose state is not asked for, or the last.
+/// O(states asked). The 16 largest values of each symbol are stored, and the bound is the first of
+/// them whose state is not asked for, or the last.
 impl LocalLikelihood for TableLikelihood {
     fn local<'a>(
         &'a self,
@@ -192,8 +196,10 @@ impl LocalLikelihood for TableLikelihood {
             return Ok((Diagonal::linear(out), 0.0));
         }
         let known = &self.listed_states[symbol];
+        // Values descend: the first listed state that is not asked for has the largest likelihood
+        // of those. If all 16 are asked for, the last of them bounds the others; with fewer than 16
+        // listed, all others are 0.
         let other = known.iter().find(|entry| states.binary_search(&entry.0).is_err());
-        // With fewer than 16 stored, all others are 0.
         let rest = known.last().filter(|_| known.len() == STANDING_OUT);
         Ok((Diagonal::linear(out), other.or(rest).map_or(0.0, |entry| entry.1)))
     }
@@ -212,8 +218,10 @@ impl ReorderStates for TableLikelihood {
     }
 }
 
-/// States with the largest values above 0 of a column.
+/// States with the largest values above 0 of a column, in descending order of the values.
 fn listed_states(column: &[f64]) -> Vec<(usize, f64)> {
+    // Insertion into a short sorted list. Of equal values the lower state comes first, as it was
+    // inserted first.
     let mut known: Vec<(usize, f64)> = Vec::with_capacity(STANDING_OUT + 1);
     for (state, &value) in column.iter().enumerate().filter(|entry| *entry.1 > 0.0) {
         if known.len() < STANDING_OUT || known.last().is_some_and(|last| value > last.1) {
@@ -229,6 +237,7 @@ impl SampleObservation for TableLikelihood {
     type Sample = usize;
 
     fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> usize {
+        // The row of a state: one value of each column.
         let row = self.columns[state..].iter().step_by(self.states).copied();
         index(row.enumerate(), 1.0, rng)
     }

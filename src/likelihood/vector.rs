@@ -1,4 +1,4 @@
-//! Likelihoods computed elsewhere: the observation is the diagonal.
+//! [`LikelihoodVector`], for likelihoods computed elsewhere: the observation is the diagonal.
 
 use std::marker::PhantomData;
 
@@ -21,7 +21,7 @@ use crate::error::LikelihoodError;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 ///
-/// `Y` is the type of the observations: slices, or vectors after [`owned`](Self::owned).
+/// `Y` is the type of the observations: slices, or vectors after calling [`owned`](Self::owned).
 #[derive(Debug)]
 pub struct LikelihoodVector<Y: ?Sized = [f64]> {
     pub(crate) states: usize,
@@ -77,6 +77,7 @@ impl<Y: AsRef<[f64]> + ?Sized> Likelihood for LikelihoodVector<Y> {
         Ok(self.of(observation))
     }
 
+    // Logarithms would have to be exponentiated a second time.
     fn is_precomputed(&self) -> bool {
         !self.log
     }
@@ -93,6 +94,8 @@ impl<Y: AsRef<[f64]> + ?Sized> LocalLikelihood for LikelihoodVector<Y> {
         let all = self.of(observation);
         all.check(self.states)?;
         let out = scratch.values(states.len());
+        // A merge: `states` ascend, so that one pass divides the values into those asked for and
+        // the others, whose maximum is the tightest bound.
         let mut asked = states.iter().zip(&mut *out).peekable();
         let mut others: f64 = if self.log { f64::NEG_INFINITY } else { 0.0 };
         for (i, &value) in all.as_slice().iter().enumerate() {

@@ -1,4 +1,7 @@
-//! Buffers for products in two passes.
+//! A pool of scratch buffers for each thread, for products in two passes.
+//!
+//! Invariant: a buffer is either in the pool or lent to one caller. Calls nest, so the pool is a
+//! stack: the same nesting of calls finds the same buffers, large enough from the last time.
 
 use std::cell::RefCell;
 use std::thread::LocalKey;
@@ -33,10 +36,12 @@ const LINE: usize = 64;
 /// Buffers are kept for each thread, last in first out: the same calls, however
 /// they nest, get the same buffers again, and allocate only the first time.
 pub fn with<T: Pooled, R>(count: usize, work: impl FnOnce(&mut [T]) -> R) -> R {
-    // Aligned to a cache line, so that no eight doubles lie in two lines.
+    // Aligned to a cache line, so that no eight doubles lie in two lines. `room` more values are
+    // always enough for it; `align_offset` may refuse by usize::MAX, hence the minimum.
     let room = LINE / size_of::<T>();
     let mut buffer: Vec<T> = take(count + room);
     let skipped = buffer.as_ptr().align_offset(LINE).min(room);
+    // The pool is not borrowed meanwhile, so that `work` may ask for buffers, too.
     let result = work(&mut buffer[skipped..skipped + count]);
     put_back(buffer);
     result
@@ -46,9 +51,8 @@ pub fn with<T: Pooled, R>(count: usize, work: impl FnOnce(&mut [T]) -> R) -> R {
 /// between two passes: [`Transition::apply`](crate::Transition::apply) takes `&self`, and one
 /// model may serve many threads.
 ///
-/// The initial contents are unspecified. Buffers are kept for each
-/// thread: the same calls, however they nest, allocate only the first time. If `work` panics,
-/// its buffer is dropped.
+/// The initial contents are unspecified. Each thread keeps its buffers: the same calls, however
+/// they nest, allocate only the first time. If `work` panics, its buffer is dropped.
 ///
 /// ```
 /// use wayfix::transition::{WindowTransition, with_scratch};
@@ -89,10 +93,12 @@ pub fn with_scratch<R>(count: usize, work: impl FnOnce(&mut [f64]) -> R) -> R {
     with(count, work)
 }
 
-/// Takes a buffer from the pool. Not in [`with`], so that it is not compiled for each closure.
+/// Takes a buffer from the pool. Kept out of [`with`] so that it is not compiled anew for each
+/// closure.
 #[inline(never)]
 fn take<T: Pooled>(count: usize) -> Vec<T> {
     let mut buffer = T::pool().with_borrow_mut(Vec::pop).unwrap_or_default();
+    // Writes only what the buffer is short of; the rest keeps its old contents.
     buffer.resize(count, T::default());
     buffer
 }
@@ -102,13 +108,14 @@ fn put_back<T: Pooled>(buffer: Vec<T>) {
     T::pool().with_borrow_mut(|pool| pool.push(buffer));
 }
 
-/// Makes the thread keep memory for two buffers, for a first product that must not allocate. Nothing
-/// is written to it.
+/// Makes the thread keep memory for two buffers, so that a first product does not allocate. The
+/// memory is reserved, not written.
 pub fn reserve_two(count: usize) {
     NUMBERS.with_borrow_mut(|pool| {
         if pool.len() < 2 {
             pool.resize_with(2, Vec::new);
         }
+        // The last two are the next to be lent. `reserve` takes the length in addition.
         let last = pool.len() - 2;
         for buffer in &mut pool[last..] {
             let whole = count + LINE / size_of::<f64>();
@@ -124,6 +131,7 @@ pub fn with_two<T: Pooled, R>(count: usize, work: impl FnOnce(&mut [T], &mut [T]
 
 /// Lends an empty buffer that may grow, and keeps its memory, as [`with`] does.
 pub fn with_growing<T: Pooled, R>(work: impl FnOnce(&mut Vec<T>) -> R) -> R {
+    // Resizing to 0 clears the buffer, and keeps its capacity.
     let mut buffer = take(0);
     let result = work(&mut buffer);
     put_back(buffer);

@@ -1,4 +1,5 @@
-//! Checks of operators and of their parameters.
+//! Checks of operators and of their parameters, each with an error of its own that names the index
+//! and the value. Comparisons are written so that a NaN fails them.
 
 use crate::belief::SUM_TOLERANCE;
 use crate::error::{Parameter, TransitionError};
@@ -13,12 +14,13 @@ pub(crate) fn check_columns(sums: &[f64]) -> Result<(), TransitionError> {
     }
 }
 
-/// [`check_columns`] of a stored matrix: if its rows sum to one instead, it was given as
-/// its transpose, and the error says so.
+/// Checks the columns of a stored matrix as [`check_columns`]; if its rows sum to one instead, it
+/// was given as its transpose, and the error says so.
 pub(crate) fn check_columns_of(
     sums: &[f64],
     row: impl Fn(usize) -> f64,
 ) -> Result<(), TransitionError> {
+    // Rows are summed only after a failure: a valid matrix costs nothing more.
     check_columns(sums).map_err(|error| match error {
         TransitionError::ColumnSum { column, sum }
             if (0..sums.len()).all(|i| (row(i) - 1.0).abs() <= SUM_TOLERANCE) =>
@@ -54,6 +56,7 @@ pub fn check_sum(
     Ok(())
 }
 
+/// Checks that a value is from 0 to 1; `what` names it in errors.
 pub fn check_probability(value: f64, what: impl FnOnce() -> String) -> Result<(), TransitionError> {
     if !(0.0..=1.0).contains(&value) {
         let expected = "a value from 0 to 1";
@@ -62,7 +65,8 @@ pub fn check_probability(value: f64, what: impl FnOnce() -> String) -> Result<()
     Ok(())
 }
 
-/// Asserts the lengths of a product's slices. Inference ensures them; direct callers have to.
+/// Panics unless the slices of a product have one value per state. Inference guarantees it; direct
+/// callers must.
 pub fn check_slices(states: usize, x: &[f64], out: &[f64]) {
     assert_eq!(x.len(), states, "x must have one value per state");
     assert_eq!(out.len(), states, "out must have one value per state");
@@ -86,6 +90,7 @@ pub(crate) fn check_square(states: usize, found: usize) -> Result<(), Transition
     if states == 0 {
         return Err(TransitionError::Empty);
     }
+    // n × n may overflow, and then no slice is that long.
     if states.checked_mul(states) != Some(found) {
         return Err(TransitionError::WrongLength { states, found });
     }

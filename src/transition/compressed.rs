@@ -1,4 +1,5 @@
-//! Compressed rows or columns of a sparse matrix.
+//! Compressed rows or columns of a sparse matrix (CSR and CSC), the form that all sparse operators
+//! are built from and that lists single entries. Products read a copy in slices of eight lines.
 
 use std::ops::Range;
 
@@ -18,10 +19,13 @@ impl Compressed {
     /// a line keep the order of the entries. O(n + entries).
     #[doc(hidden)]
     pub fn new(lines: usize, entries: impl Iterator<Item = (u32, u32, f64)> + Clone) -> Self {
+        // Counting sort by line, which is stable: count, sum up, place.
         let mut starts = vec![0_u32; lines + 1];
         for (line, ..) in entries.clone() {
             starts[line as usize + 1] += 1;
         }
+        // Counts are one place late, so that sums of them are starts. They fit 32 bits, since the
+        // caller has checked the number of entries.
         let mut end = 0;
         for start in &mut starts {
             end += *start;
@@ -42,9 +46,11 @@ impl Compressed {
         Self { starts, indices, values: Width::Double(values) }
     }
 
-    /// Returns the lines of the transpose, in which indices ascend. O(n + entries).
+    /// Returns the lines of the transpose, with ascending indices. O(n + entries).
     #[doc(hidden)]
     pub fn transposed(&self) -> Self {
+        // Lines are visited in order and `new` keeps the order of entries: hence indices ascend,
+        // whatever their order here.
         let lines = 0..self.lines() as u32;
         let entries = lines.flat_map(|line| {
             self.line(line as usize).map(move |(index, value)| (index as u32, line, value))
@@ -52,7 +58,7 @@ impl Compressed {
         Self::new(self.lines(), entries)
     }
 
-    /// Returns the starts of the lines, with the end of the last, and the indices of all.
+    /// Returns the starts of all lines, followed by the end of the last, and all indices.
     pub fn into_pattern(self) -> (Vec<u32>, Vec<u32>) {
         (self.starts, self.indices)
     }
@@ -67,17 +73,17 @@ impl Compressed {
         self.indices.len()
     }
 
-    /// True if values have 32 bits.
+    /// True if values are 32-bit.
     pub(super) fn is_single(&self) -> bool {
         matches!(self.values, Width::Single(_))
     }
 
-    /// Replaces the values by others of 32 bits.
+    /// Replaces the values by 32-bit ones in the same order.
     pub(super) fn with_single(self, values: Vec<f32>) -> Self {
         Self { values: Width::Single(values), ..self }
     }
 
-    /// The start of each line, and the end.
+    /// The start of each line, and the end of the last.
     pub fn starts(&self) -> &[u32] {
         &self.starts
     }
@@ -94,7 +100,7 @@ impl Compressed {
         &self.indices[self.range(line)]
     }
 
-    /// All lines, for the kernels, if values have 64 bits.
+    /// All lines, for the kernels, if values are 64-bit.
     pub(super) fn as_lines(&self) -> Option<Lines<'_>> {
         match &self.values {
             Width::Double(values) => {
@@ -117,7 +123,7 @@ impl Compressed {
         }
     }
 
-    /// Index and value of the entry at a position among all.
+    /// Index and value of the entry at a position among all entries.
     #[inline]
     #[doc(hidden)]
     pub fn entry(&self, at: usize) -> (usize, f64) {
@@ -133,6 +139,8 @@ impl Compressed {
     pub fn line(&self, line: usize) -> impl Iterator<Item = (usize, f64)> + Clone {
         let range = self.range(line);
         let indices = &self.indices[range.clone()];
+        // The width is the same for all values, so it is looked at per line, and the branch per
+        // entry is one that the processor predicts.
         let values = match &self.values {
             Width::Double(values) => Width::Double(&values[range]),
             Width::Single(values) => Width::Single(&values[range]),

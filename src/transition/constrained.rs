@@ -1,4 +1,10 @@
-//! A sparse operator whose entries are free, fixed, tied, or have prior counts of their own.
+//! [`ConstrainedTransition`], a sparse operator whose entries are free, fixed, tied, or have prior
+//! counts of their own.
+//!
+//! Each entry names a parameter. Invariant: two columns share either all of their free parameters
+//! or none (states of one kind), and a column's parameters, each times its number of entries there,
+//! are one distribution of what its fixed entries leave. So parameters are re-estimated by summing
+//! the counts of their entries, as if all states of a kind were one.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Deref;
@@ -9,20 +15,21 @@ use super::{
 };
 use crate::error::TransitionError;
 
-/// Parameter of an entry that learning keeps.
+/// Parameter number that marks an entry which learning keeps.
 pub(crate) const FIXED: u32 = u32::MAX;
 
 /// A sparse operator with a description of how its entries are learned. It dereferences to a
 /// [`SparseTransition`].
 ///
-/// - Each entry above 0 is a parameter of its own, unless it is one of these:
-/// - Entries that are [fixed](Self::with_fixed) keep their values; the others of their column
-///   share the rest.
+/// Each entry above 0 is a parameter of its own, but entries may have:
+///
+/// - [Fixed values](Self::with_fixed): they stay as they are; the others of their column share the
+///   rest.
 /// - [Ties](Self::with_ties): states whose ways out have the same labels share their
 ///   probabilities, and ways out of one state with the same label are equally probable. So the
 ///   turning probabilities of a whole town can be learned from a few drives, by the classes of its
 ///   roads: [`TurningProbabilities::tied`](crate::map::TurningProbabilities::tied).
-/// - [Pseudo-counts](Self::with_pseudo_counts) of each entry: a Dirichlet prior for each column,
+/// - [Pseudo-counts](Self::with_pseudo_counts) of their own: a Dirichlet prior for each column,
 ///   such as one for staying (a sticky model).
 ///
 /// ```
@@ -64,7 +71,7 @@ pub struct ConstrainedTransition {
     /// For each entry, column by column, its parameter and the number of entries of its column that
     /// share it.
     pub(crate) parameters: Vec<(u32, u32)>,
-    /// Pseudo-count of each entry, or none at all.
+    /// Pseudo-count of each entry; empty if all are 0.
     pub(crate) pseudo_counts: Vec<f64>,
 }
 
@@ -91,8 +98,8 @@ impl ConstrainedTransition {
     }
 
     /// Ties the moves that are not fixed by their labels, `label(from, to)`, in place of earlier
-    /// ties. Tied probabilities become their mean; beside fixed entries, that of their shares in the
-    /// rest of the column. O(E log E).
+    /// ties. Tied probabilities become their mean; beside fixed entries, the mean of their shares
+    /// in the rest of the column. O(E log E).
     #[must_use]
     pub fn with_ties(self, mut label: impl FnMut(usize, usize) -> usize) -> Self {
         let mut tied = self.relabelled(|from, to, known| {
@@ -109,9 +116,9 @@ impl ConstrainedTransition {
         tied
     }
 
-    /// Adds a number of moves, `count(from, to)`, that learning takes as seen in addition, beside
-    /// the [pseudo-count](crate::inference::LearningOptions::transition_pseudo_count) of each
-    /// parameter; those of fixed entries have no influence. O(E).
+    /// Sets numbers of moves, `count(from, to)`, that learning counts in addition to those seen,
+    /// beside the [pseudo-count](crate::inference::LearningOptions::transition_pseudo_count) of
+    /// each parameter; those of fixed entries have no influence. O(E).
     ///
     /// # Errors
     ///
@@ -132,8 +139,8 @@ impl ConstrainedTransition {
         Ok(self)
     }
 
-    /// Number of parameters: entries that are not fixed, or labels, counted once for each kind of
-    /// state.
+    /// Number of parameters: entries that are neither fixed nor tied, and the labels of tied ones,
+    /// counted once for each kind of state.
     #[must_use]
     pub fn parameters(&self) -> usize {
         self.free().map(|parameter| parameter.0 as usize + 1).max().unwrap_or(0)
@@ -150,8 +157,10 @@ impl ConstrainedTransition {
         (0..self.states()).flat_map(column)
     }
 
-    /// Numbers the parameters anew by labels, which may depend on the present parameter.
+    /// Renumbers the parameters by their labels, `label(from, to, present parameter)`.
     fn relabelled(mut self, mut label: impl FnMut(usize, usize, usize) -> usize) -> Self {
+        // A kind of state is the sorted list of the labels of its free ways out, with repetitions;
+        // a parameter is a kind and one of its labels.
         let mut known: BTreeMap<(Vec<usize>, usize), u32> = BTreeMap::new();
         let mut parameters = Vec::with_capacity(self.parameters.len());
         for from in 0..self.states() {
@@ -177,8 +186,8 @@ impl ConstrainedTransition {
         self
     }
 
-    /// Entries (to, from, p), after a function has changed the free ones of each column, which it
-    /// takes with their sum.
+    /// Entries (to, from, p) after `change(free entries, their sum)` has been called for each
+    /// column.
     pub(super) fn columns(
         &self,
         mut change: impl FnMut(&mut [(usize, usize, f64)], f64),
@@ -200,8 +209,8 @@ impl ConstrainedTransition {
         entries
     }
 
-    /// Entries from weights that are summed over all that share a parameter, and divided among the
-    /// free ones of each column. Without weights, a column stays.
+    /// Entries from weights, which are summed over all entries that share a parameter, and then
+    /// normalised over the free entries of each column. A column without weights stays.
     fn shared(
         &self,
         weights: Vec<(usize, usize, f64)>,
@@ -211,6 +220,7 @@ impl ConstrainedTransition {
         let free = |entry: &(&(u32, u32), (usize, usize, f64))| entry.0.0 != FIXED;
         let all = self.parameters.iter().zip(weights).filter(free);
         all.clone().for_each(|(parameter, entry)| sums[parameter.0 as usize] += entry.2);
+        // For each free entry in order; `columns` asks for them column by column, in that order.
         let mut each =
             all.map(|(parameter, _)| sums[parameter.0 as usize] / f64::from(parameter.1));
         let mut shares = Vec::new();
@@ -245,13 +255,14 @@ impl LearnTransition for ConstrainedTransition {
         let mut weights = weights(&self.transition, counts)?;
         weights.iter_mut().zip(&self.pseudo_counts).for_each(|(entry, count)| entry.2 += count);
         let entries = self.shared(weights, pseudo_count);
-        // An entry that becomes 0 is dropped.
+        // A sparse matrix drops an entry that becomes 0, and parameters are matched by position.
         let kept = (0..entries.len()).filter(|at| entries[*at].2 > 0.0);
         let kept: Vec<usize> = kept.collect();
         let mut parameters: Vec<(u32, u32)> = kept.iter().map(|at| self.parameters[*at]).collect();
         let pseudo_counts = kept.iter().filter_map(|at| self.pseudo_counts.get(*at)).copied();
         let pseudo_counts = pseudo_counts.collect();
-        // So is a parameter without entries.
+        // Parameters without entries are dropped, too, and the others numbered anew. FIXED is the
+        // largest number, so that it is last in the list and shifts no other.
         let mut used: Vec<u32> = parameters.iter().map(|parameter| parameter.0).collect();
         used.sort_unstable();
         used.dedup();
@@ -262,9 +273,10 @@ impl LearnTransition for ConstrainedTransition {
         Ok(Self { transition, parameters, pseudo_counts })
     }
 
-    /// Counts each parameter once, and the pseudo-counts of entries beside it.
+    /// Counts each parameter once, and adds the pseudo-counts of the entries.
     fn log_prior(&self, pseudo_count: f64) -> f64 {
-        // A parameter has one share of what is free in each of its columns.
+        // A parameter has the same share in each of its columns, of which the last one is kept.
+        // Beside fixed entries p also has a factor, the rest of its column, which is constant.
         let mut logs = vec![0.0; self.parameters()];
         let mut sum = 0.0;
         for (at, (&(parameter, times), (.., p))) in
@@ -279,8 +291,9 @@ impl LearnTransition for ConstrainedTransition {
         sum + if pseudo_count > 0.0 { pseudo_count * logs.iter().sum::<f64>() } else { 0.0 }
     }
 
-    /// Returns the number of parameters less one for each kind of state.
+    /// Returns the number of parameters, less one for each kind of state.
     fn free_parameters(&self) -> usize {
+        // A column of a kind lists all of its parameters, and no other kind has any of them.
         let mut kinds: BTreeSet<Vec<u32>> = BTreeSet::new();
         let mut entries = self.parameters.iter();
         for from in 0..self.states() {

@@ -1,4 +1,7 @@
-//! Transition operators that store every entry.
+//! [`DenseTransition`], which stores every entry of A by columns.
+//!
+//! Invariant: all values are finite and at least 0, and columns sum to one within 1e-9. Values are
+//! checked where they enter, in [`DenseTransition::from_fn`]; `known` takes valid ones.
 
 use std::fmt;
 use std::sync::OnceLock;
@@ -8,7 +11,7 @@ use crate::error::TransitionError;
 use wayfix_kernels::limits;
 use wayfix_kernels::{Dense, Lines, Panels};
 
-/// Most states whose entries `Debug` shows.
+/// Largest number of states for which `Debug` shows the entries.
 const SHOWN: usize = 8;
 
 /// A dense transition matrix, stored by columns.
@@ -38,7 +41,7 @@ pub struct DenseTransition {
 }
 
 impl fmt::Debug for DenseTransition {
-    /// The number of states, and the rows of up to eight.
+    /// Shows the number of states, and the rows if there are at most eight.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let states = self.matrix.states();
         let mut out = f.debug_struct("DenseTransition");
@@ -103,11 +106,13 @@ impl DenseTransition {
             return Err(TransitionError::Empty);
         }
         check_count("states", states)?;
+        // Filled with zeros first: the padding of columns must be 0 for the products.
         let mut matrix = Dense::filled(states, 0.0);
         let mut sums = vec![0.0; states];
         for (from, sum) in sums.iter_mut().enumerate() {
             for (to, stored) in matrix.column_mut(from).iter_mut().enumerate() {
                 let value = entry(to, from);
+                // Written so that a NaN, which fails every comparison, is refused, too.
                 if !(value >= 0.0 && value.is_finite()) {
                     return Err(TransitionError::Entry { to, from, value });
                 }
@@ -158,6 +163,7 @@ impl DenseTransition {
 
     /// Creates an operator from entries that are known to be valid.
     pub(super) fn known(matrix: Dense) -> Self {
+        // Zeros are exact in any product, so they, and the padding, do not count.
         let plain = matrix.values().iter().all(|&p| p == 0.0 || limits::is_plain(p));
         Self { matrix, plain, log2: OnceLock::new() }
     }
@@ -165,12 +171,14 @@ impl DenseTransition {
     /// Rows and columns of A.
     pub(super) fn lines(&self) -> (Lines<'_>, Lines<'_>) {
         let values = self.matrix.values();
+        // One buffer serves both: it holds the columns, and is the transpose of the rows.
         (Lines::DenseTransposed { values }, Lines::Dense { values })
     }
 
     /// Entries above 0 of a row.
     pub(super) fn row(&self, to: usize) -> impl Iterator<Item = (usize, f64)> + Clone {
         assert!(to < self.matrix.states(), "there is no state {to}");
+        // Row `to` holds value `to` of each column, one stride apart.
         let row = self.matrix.values()[to..].iter().step_by(self.matrix.stride()).copied();
         row.enumerate().filter(|entry| entry.1 > 0.0)
     }

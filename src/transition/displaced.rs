@@ -1,4 +1,7 @@
-//! Free parameters of the operators that learn: log-odds of moves, and what the others have instead.
+//! Free parameters of the operators that learn, for standard errors: log-odds of moves, or rates.
+//!
+//! Each implementation displaces its parameters in a fixed order, the same at every call, which is
+//! how [`Displacement`] knows which one to move.
 
 use std::error::Error;
 
@@ -12,7 +15,7 @@ use crate::transition::constrained::FIXED;
 
 type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;
 
-/// Log-odds of the entries above 0, column by column, to the largest of their column.
+/// Log-odds of the entries above 0, column by column, against the largest of their column.
 impl FreeParameters for SparseTransition {
     fn displaced(&self, by: &mut Displacement<'_>) -> Outcome<Self> {
         let mut entries = Vec::with_capacity(self.entries());
@@ -25,8 +28,8 @@ impl FreeParameters for SparseTransition {
     }
 }
 
-/// Log-odds of the entries above 0, column by column, to the largest of their column. Those of 0
-/// count as at a bound.
+/// Log-odds of the entries above 0, column by column, against the largest of their column. Entries
+/// of 0 count as being at a bound.
 impl FreeParameters for DenseTransition {
     fn displaced(&self, by: &mut Displacement<'_>) -> Outcome<Self> {
         let n = self.states();
@@ -39,11 +42,12 @@ impl FreeParameters for DenseTransition {
     }
 }
 
-/// Log-odds of the parameters of each kind of state, to the largest; entries that are fixed have
-/// none.
+/// Log-odds of the parameters of each kind of state, against the largest; fixed entries have none.
 impl FreeParameters for ConstrainedTransition {
     fn displaced(&self, by: &mut Displacement<'_>) -> Outcome<Self> {
-        // Share of each parameter in what is free of a column, from the first of its kind of state.
+        // The parameters of a kind of state are one distribution. It is read from the first state
+        // of the kind, whose parameters have no share yet: p times their number of entries, over
+        // what the fixed entries leave.
         let mut shares: Vec<Option<f64>> = vec![None; self.parameters()];
         let mut all = self.parameters.iter();
         for from in 0..self.states() {
@@ -52,6 +56,7 @@ impl FreeParameters for ConstrainedTransition {
                 .filter(|(_, own)| own.0 != FIXED)
                 .map(|((_, p), own)| (own.0 as usize, p * f64::from(own.1)))
                 .collect();
+            // Empty for a later state of a kind; then `distribution` has nothing to displace.
             let mut kind: Vec<(usize, f64)> = Vec::new();
             for entry in free {
                 if shares[entry.0].is_none() && kind.iter().all(|other| other.0 != entry.0) {
@@ -72,7 +77,8 @@ impl FreeParameters for ConstrainedTransition {
         });
         let transition = SparseTransition::from_triplets(self.states(), entries)?;
         if transition.entries() != self.entries() {
-            // One that underflows would leave the others without their numbers.
+            // A sparse matrix drops entries of 0, and parameters are matched by position: one that
+            // underflows would shift all after it.
             return Err(Parameter::new("a displaced probability", 0.0, "a value above 0").into());
         }
         let (parameters, pseudo_counts) = (self.parameters.clone(), self.pseudo_counts.clone());
@@ -88,7 +94,7 @@ impl<A: FreeParameters + Transition<Control = ()>> FreeParameters for SwitchedTr
     }
 }
 
-/// Parameters of the operator within; the rate and the states of restarts have none.
+/// Parameters of the inner operator; the rate and the states of restarts are not learned.
 impl<A: FreeParameters + Transition> FreeParameters for RestartTransition<A> {
     fn displaced(&self, by: &mut Displacement<'_>) -> Outcome<Self> {
         Ok(Self { jumps: self.jumps.beside(self.inner().displaced(by)?) })

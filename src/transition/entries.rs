@@ -1,16 +1,16 @@
-//! The entries of a transition operator.
+//! [`TransitionEntries`]: single entries of a transition operator, for decoding, drawing and
+//! learning, and the max-product of Viterbi.
 
 use super::Transition;
 use wayfix_kernels::log2;
 
 /// A transition operator whose entries can be listed.
 ///
-/// Only entries above 0 are listed, each state at most once, in ascending
-/// order: ties in decoding then go to the lowest state. Entries must be those of the
-/// product: others give wrong results, or an error where pairs do not
-/// sum to one, and states that do not exist cause a panic. Inference asks only for
-/// states below [`states`](Transition::states); for others the operators of
-/// this crate panic.
+/// Only entries above 0 are listed, each state at most once, in ascending order, so that ties in
+/// decoding go to the lowest state. Entries must agree with the products: if they do not, results
+/// are wrong, or an error where pairs do not sum to one; listing a state that does not exist causes
+/// a panic. Inference asks only for states below [`states`](Transition::states); for others the
+/// operators of this crate panic.
 ///
 /// # Implement it yourself
 ///
@@ -49,7 +49,7 @@ pub trait TransitionEntries: Transition {
     fn outgoing(&self, control: &Self::Control, from: usize) -> impl Iterator<Item = (usize, f64)>;
 
     /// Lists the entries into a state for decoders: pairs (from, log2 p). An operator whose entries
-    /// are products adds the logarithms of the factors.
+    /// are products adds the logarithms of their factors.
     fn incoming_log2(
         &self,
         control: &Self::Control,
@@ -68,25 +68,24 @@ pub trait TransitionEntries: Transition {
         self.outgoing(control, from).map(|(to, p)| (to, log2(p)))
     }
 
-    /// True if single entries of a step with [evidence](Transition::evidence) are out of the range of
-    /// doubles, so that routines that list them have to take their logarithms.
+    /// True if single entries of a step with [evidence](Transition::evidence) are out of the range
+    /// of doubles, so that routines that list them have to take their logarithms.
     ///
-    /// By default as [`needs_logs`](Transition::needs_logs). Entries that are products of others may
-    /// leave the range where none of their factors do, and where products with a belief, which take
-    /// one factor after the other, are still exact: true at least where `needs_logs` is. Called a few
-    /// times a step; O(entries of the factors).
+    /// The default returns [`needs_logs`](Transition::needs_logs), and no operator may return false
+    /// where that is true. The converse may differ: an entry that is a product may leave the range
+    /// though no factor does, while products with a belief, which take one factor after the other,
+    /// are still exact. Called a few times a step; O(entries of the factors).
     fn entries_need_logs(&self, control: &Self::Control) -> bool {
         self.needs_logs(control)
     }
 
-    /// Max-product, the step of Viterbi:
-    /// `out[i]` = max over j of log2 A\[i, j\] + `x[j]`, and `from[i]` the lowest j
-    /// that attains it. Here and in the operators
-    /// of this crate, logarithms are rounded to multiples of 2^-45: their sums
-    /// are then exact, and paths with the same factors tie.
+    /// Computes the max-product, the step of Viterbi: `out[i]` = max over j of
+    /// log2 A\[i, j\] + `x[j]`, and `from[i]` the lowest j that attains it. Here and in the
+    /// operators of this crate, logarithms are rounded to multiples of 2^-45: their sums are then
+    /// exact, and paths with the same factors tie.
     ///
-    /// If no state leads to i, or only states at −∞ do, `out[i]` is −∞ and
-    /// `from[i]` is unspecified. O(entries), unless an operator has a faster way.
+    /// If no state leads to i, or only states at −∞ do, `out[i]` is −∞ and `from[i]` is
+    /// unspecified. O(entries), unless an operator has a faster way.
     fn max_product(&self, control: &Self::Control, x: &[f64], out: &mut [f64], from: &mut [u32]) {
         for (i, (out, from)) in out.iter_mut().zip(from).enumerate() {
             let entries = self.incoming_log2(control, i).map(|(j, log2)| (j as u32, log2));
@@ -101,6 +100,7 @@ pub fn best_of(entries: impl Iterator<Item = (u32, f64)>, x: &[f64]) -> (f64, u3
     let mut best = (f64::NEG_INFINITY, 0);
     for (j, log2) in entries {
         let value = log2 + x[j as usize];
+        // Strictly above: entries ascend, so that the lowest state keeps a tie.
         if value > best.0 {
             best = (value, j);
         }
@@ -115,6 +115,8 @@ pub(super) fn merge(
     plus: impl Fn(f64, f64) -> f64,
 ) -> impl Iterator<Item = (usize, f64)> {
     let (mut a, mut b) = (a.peekable(), b.peekable());
+    // The lower head goes first, so that the merged list ascends, too. The last arm is a head of
+    // `a` that is lower or alone, or the end of both.
     std::iter::from_fn(move || match (a.peek(), b.peek()) {
         (Some(x), Some(y)) if x.0 == y.0 => Some((x.0, plus(a.next()?.1, b.next()?.1))),
         (Some(x), Some(y)) if x.0 > y.0 => b.next(),

@@ -1,4 +1,5 @@
-//! A likelihood of moves on any operator, given by a function.
+//! [`EvidenceTransition`]: a likelihood of moves on any operator, given by a function. Products and
+//! entries are those of [`Measured`]; here are the function, its checks, and learning.
 
 use std::error::Error;
 use std::fmt;
@@ -14,17 +15,16 @@ use wayfix_kernels::limits::LARGEST_LOG;
 /// An operator with evidence on moves: each control is a measurement u between two steps, whose
 /// likelihood p(u | `X_{k-1}`, `X_k`) multiplies the entries of A.
 ///
-/// For odometry, a compass, "the view has changed", or the distance between two GPS
-/// points against the length of the road between two candidates. The columns then do
-/// not sum to one: evidence **against** all ways out of a state counts
-/// too, and would be lost if they were normalised (label bias). See
-/// [`Transition::evidence`].
+/// For odometry, a compass, "the view has changed", or the distance between two GPS points against
+/// the length of the road between two candidates. The columns then do not sum to one: evidence
+/// **against** all ways out of a state counts, too, and would be lost if columns were normalised
+/// (label bias). See [`Transition::evidence`].
 ///
 /// `F` returns ln p(u | from, to), −∞ for an impossible measurement. It is called for the moves of
-/// A only. Products cost O(E) evaluations and exponentials, and a step two more
-/// rounds of evaluations, to check them. The guide shows odometry of
-/// [a robot on a grid](crate::guide::lost_robot). Learning re-estimates A from the expected
-/// moves, and keeps the likelihood.
+/// A only. Products cost O(E) evaluations and exponentials, and each step costs two more rounds of
+/// evaluations to check them. The guide shows odometry of
+/// [a robot on a grid](crate::guide::lost_robot). Learning re-estimates A from the expected moves,
+/// and keeps the likelihood.
 ///
 /// ```
 /// use wayfix::transition::EvidenceTransition;
@@ -73,9 +73,9 @@ where
 }
 
 impl<A, U, F, G> EvidenceTransition<A, U, F, G> {
-    /// Sets a log factor to take out of all likelihoods of a step, such as their largest
-    /// possible value; 0 by default. It changes no result, but avoids slower steps in logarithms
-    /// where likelihoods are far from 1.
+    /// Sets a log factor to take out of all likelihoods of a step, such as the log of their largest
+    /// possible value; 0 by default. It changes no result, but where likelihoods are far from 1 it
+    /// avoids steps in logarithms, which are slower.
     #[must_use]
     pub fn with_log_factor<H: Fn(&U) -> f64>(
         self,
@@ -128,6 +128,8 @@ where
     }
 
     fn check(&self, base: &A, measured: &U) -> Result<(), TransitionError> {
+        // Every move, before the step: a function of the user's may fail for any of them, and the
+        // filter must then still be in its last good state.
         for from in 0..base.states() {
             for (to, _) in base.outgoing(&(), from) {
                 let log = (self.log_likelihood)(measured, to, from);

@@ -1,9 +1,9 @@
 //! Jumps beside the moves of an operator: the arithmetic of restarts, and of moves off the map and
-//! back. Out of any state, a move of A has the probability κ, and a jump the rest.
+//! back. From any state, a step is a move of A with probability κ, and a jump otherwise.
 //!
-//! `out = κ A x + r s`, with the jumps r to each state and the mass s that jumps. With
-//! [evidence on moves](Transition::evidence) the entries of A have their log factor taken out, so
-//! that those of jumps have the factor p(u | jump) without it.
+//! `out = κ A x + r s`, with the probability r of a jump to each state and the mass s that jumps.
+//! With [evidence on moves](Transition::evidence) the entries of A have a log factor c taken out,
+//! so jumps are scaled by p(u | jump) exp(−c).
 
 use std::f64::consts::LOG2_E;
 
@@ -13,7 +13,7 @@ use crate::belief::Belief;
 use crate::error::{Parameter, TransitionError};
 use wayfix_kernels::{self as kernels, log2};
 
-/// The moves of an operator, and jumps that it does not know.
+/// The moves of an operator, and jumps added to them.
 #[derive(Debug, Clone)]
 pub(crate) struct Jumps<A> {
     pub(crate) inner: A,
@@ -27,8 +27,8 @@ pub(crate) struct Jumps<A> {
 }
 
 impl<A: Transition> Jumps<A> {
-    /// Creates the moves of an operator and jumps; the caller has checked the probabilities, and
-    /// that there is one for each state.
+    /// Adds jumps to the moves of an operator. The caller has checked the probabilities, and that
+    /// there is one for each state.
     pub(crate) fn new(inner: A, keep: f64, to: Vec<f64>) -> Self {
         let log2_to = to.iter().map(|&p| log2(p)).collect();
         Self { inner, keep, to, log2_to, evidence: None }
@@ -56,6 +56,7 @@ impl<A: Transition> Jumps<A> {
     /// Logarithm of the factor of jumps at a step; 0 without evidence.
     pub(crate) fn log_factor(&self, control: &A::Control) -> f64 {
         let taken_out = self.inner.evidence(control);
+        // By default ln p(u | jump) is what was taken out, and the difference 0.
         taken_out.map_or(0.0, |taken_out| self.evidence.map_or(0.0, |log| log - taken_out))
     }
 
@@ -64,11 +65,13 @@ impl<A: Transition> Jumps<A> {
         kernels::on_grid(self.log_factor(control) * LOG2_E)
     }
 
-    /// True if a jump, or an entry of these further probabilities, is out of the range of doubles.
+    /// True if a jump, or one of the `further` probabilities times the factor of jumps, is out of
+    /// the range of doubles.
     pub(crate) fn need_logs(&self, control: &A::Control, further: &[f64]) -> bool {
         let log = self.log_factor(control);
         let beyond =
             |p: &f64| *p > 0.0 && !(f64::MIN_POSITIVE..=LARGEST).contains(&(p * log.exp()));
+        // With a factor of 1, the probabilities themselves count: `scaled` has checked them.
         log != 0.0 && self.to.iter().chain(further).any(beyond)
     }
 
@@ -80,7 +83,8 @@ impl<A: Transition> Jumps<A> {
         }
     }
 
-    /// Computes `out = κ A' x + jumped`, for a sum over the targets of jumps out of any state.
+    /// Computes `out = κ A' x + jumped`, where `jumped` is the sum over the targets of jumps, the
+    /// same for every state.
     pub(crate) fn apply_transpose(
         &self,
         control: &A::Control,
@@ -138,16 +142,17 @@ impl<A: Transition> Jumps<A> {
     }
 }
 
-/// A product that is 0 if either factor is, even with an infinite other one.
+/// Product that is 0 if either factor is, even if the other is infinite.
 pub(crate) fn times(a: f64, b: f64) -> f64 {
     if a == 0.0 || b == 0.0 { 0.0 } else { a * b }
 }
 
-/// Multiplies a belief by a rate; an error if a product underflows.
+/// Multiplies a belief by a rate. A product that underflows is an error.
 pub(crate) fn scaled(belief: Belief, rate: f64, what: &str) -> Result<Vec<f64>, TransitionError> {
     let mut values = belief.into_vec();
     for (state, r) in values.iter_mut().enumerate() {
         let value = *r * rate;
+        // Underflow would make a state unreachable that the caller made reachable.
         if *r > 0.0 && rate > 0.0 && value < f64::MIN_POSITIVE {
             let what = format!("the probability of {what} state {state}");
             let expected = "0 or at least 2.2e-308, the smallest normal double";

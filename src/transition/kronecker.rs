@@ -1,24 +1,27 @@
-//! Two independent chains side by side.
+//! [`KroneckerTransition`]: two independent chains side by side, A₁ ⊗ A₂.
+//!
+//! (A₁ ⊗ A₂) x is A₁ X A₂', with x written as a matrix X of n₁ rows and n₂ columns: a product with
+//! A₂ for each row, then one with A₁ for each column. The same two passes serve the transpose,
+//! logarithms and the max-product, since the parts are independent in all of them.
 
 use super::log::LARGEST;
 use super::{Transition, TransitionEntries, buffers, check_count, check_slices};
 use crate::error::TransitionError;
 use crate::groups::Groups;
 
-/// The operator of pairs of states that move independently, A₁ ⊗ A₂, without
-/// its matrix: place × weather, place × fault of the camera, or two vehicles.
+/// The operator of pairs of states that move independently, A₁ ⊗ A₂, without its matrix: place ×
+/// weather, place × fault of the camera, or two vehicles.
 ///
-/// Moves of the parts are independent; only observations couple them. If the heading
-/// determines the way out of a place, the pairs of place and heading need
-/// an operator of their own, such as a [`SparseTransition`](crate::SparseTransition).
+/// Moves of the parts are independent; only observations couple them. If the heading determines the
+/// way out of a place, pairs of place and heading need an operator of their own, such as a
+/// [`SparseTransition`](crate::SparseTransition).
 ///
 /// The pair (i₁, i₂) is state i₁ n₂ + i₂, and A\[(i₁, i₂), (j₁, j₂)\] =
 /// A₁\[i₁, j₁\] A₂\[i₂, j₂\]. Both factors have the same control. Nested operators
 /// make triples.
 ///
-/// A product is one with A₂ for each i₁ and one with A₁ for each i₂: O(n (e₁ +
-/// e₂)) for e entries a state, where the matrix has n e₁ e₂. The same holds for
-/// a step of Viterbi.
+/// A product takes one with A₂ for each i₁ and one with A₁ for each i₂: O(n (e₁ + e₂)) for e
+/// entries a state, where the matrix has n e₁ e₂ entries. The same holds for a step of Viterbi.
 ///
 /// ```
 /// use wayfix::transition::{KroneckerTransition, WindowTransition};
@@ -78,8 +81,8 @@ impl<A1: Transition, A2: Transition<Control = A1::Control>> KroneckerTransition<
         (state < self.states()).then(|| self.split(state))
     }
 
-    /// The states grouped by their first part: for the probabilities of places,
-    /// say, or a sensor that sees only places.
+    /// The states grouped by their first part: for the probabilities of places, say, or a sensor
+    /// that sees only places.
     pub fn first_groups(&self) -> Groups {
         let first = (0..self.states()).map(|state| self.split(state).0);
         Groups::numbered(first.collect(), self.first.states())
@@ -107,6 +110,7 @@ impl<A1: Transition, A2: Transition<Control = A1::Control>> KroneckerTransition<
         check_slices(self.states(), x, out);
         let (n1, n2) = (self.first.states(), self.second.states());
         x.chunks_exact(n2).zip(out.chunks_exact_mut(n2)).for_each(|(x, out)| second(x, out));
+        // Columns are strided: each is copied out, multiplied, and copied back in place.
         buffers::with_two(n1, |column, result| {
             for i2 in 0..n2 {
                 gather(&out[i2..], n2, column);
@@ -117,7 +121,7 @@ impl<A1: Transition, A2: Transition<Control = A1::Control>> KroneckerTransition<
     }
 }
 
-/// Copies every n₂-th value.
+/// Copies every n₂-th value out of `x`.
 fn gather<T: Copy>(x: &[T], n2: usize, out: &mut [T]) {
     out.iter_mut().zip(x.iter().step_by(n2)).for_each(|(out, x)| *out = *x);
 }
@@ -136,6 +140,7 @@ impl<A1: Transition, A2: Transition<Control = A1::Control>> Transition
     }
 
     fn no_control(&self) -> Option<&'static A1::Control> {
+        // The same at all steps only if both parts are.
         self.first.no_control().and(self.second.no_control())
     }
 
@@ -160,6 +165,7 @@ impl<A1: Transition, A2: Transition<Control = A1::Control>> Transition
     }
 
     fn evidence(&self, control: &A1::Control) -> Option<f64> {
+        // Factors multiply, so that their logarithms add. A part without evidence has factor 1.
         match (self.first.evidence(control), self.second.evidence(control)) {
             (None, None) => None,
             (first, second) => Some(first.unwrap_or(0.0) + second.unwrap_or(0.0)),
@@ -181,6 +187,7 @@ impl<A1: TransitionEntries, A2: TransitionEntries<Control = A1::Control>> Transi
 {
     fn incoming(&self, control: &A1::Control, to: usize) -> impl Iterator<Item = (usize, f64)> {
         let ((i1, i2), n2) = (self.split(to), self.second.states());
+        // Ascending, since j₁ n₂ + j₂ is ordered by j₁ first.
         let pairs = self.first.incoming(control, i1).flat_map(move |(j1, p1)| {
             let second = self.second.incoming(control, i2);
             second.map(move |(j2, p2)| (j1 * n2 + j2, p1 * p2))
@@ -225,7 +232,8 @@ impl<A1: TransitionEntries, A2: TransitionEntries<Control = A1::Control>> Transi
         let parts_do =
             self.first.entries_need_logs(control) || self.second.entries_need_logs(control);
         parts_do || {
-            // Each entry of one is multiplied with each of the other: the extremes tell.
+            // Every entry of one part is multiplied by every entry of the other, so that the
+            // extremes of the products are the products of the extremes.
             let ((least1, most1), (least2, most2)) =
                 (extremes(&self.first, control), extremes(&self.second, control));
             least1 * least2 < f64::MIN_POSITIVE || most1 * most2 > LARGEST
@@ -235,6 +243,8 @@ impl<A1: TransitionEntries, A2: TransitionEntries<Control = A1::Control>> Transi
     fn max_product(&self, control: &A1::Control, x: &[f64], out: &mut [f64], from: &mut [u32]) {
         check_slices(self.states(), x, out);
         let (n1, n2) = (self.first.states(), self.second.states());
+        // max over (j₁, j₂) of a₁ + a₂ + x is max over j₁ of (a₁ + max over j₂ of (a₂ + x)). Scores
+        // are on a grid, so that sums in any order are exact.
         let rows = out.chunks_exact_mut(n2).zip(from.chunks_exact_mut(n2));
         for (x, (out, from)) in x.chunks_exact(n2).zip(rows) {
             self.second.max_product(control, x, out, from);
@@ -246,8 +256,8 @@ impl<A1: TransitionEntries, A2: TransitionEntries<Control = A1::Control>> Transi
                     gather(&from[i2..], n2, second);
                     self.first.max_product(control, column, result, first);
                     scatter(result, &mut out[i2..], n2);
-                    // The lowest j₁, and the lowest j₂ for it. An unreachable state has no
-                    // predecessor.
+                    // The lowest j₁ of a tie, and the lowest j₂ for it: the lowest pair. An
+                    // unreachable state has no predecessor.
                     for (best, j1) in result.iter().zip(&mut *first) {
                         let j = *j1 as usize;
                         *j1 =
@@ -260,7 +270,7 @@ impl<A1: TransitionEntries, A2: TransitionEntries<Control = A1::Control>> Transi
     }
 }
 
-/// The least and the largest entry above 0; 1 and 0 if there is none. O(entries).
+/// The least and the largest entry above 0, or 1 and 0 if there are none. O(entries).
 fn extremes<A: TransitionEntries>(a: &A, control: &A::Control) -> (f64, f64) {
     let entries = (0..a.states()).flat_map(|from| a.outgoing(control, from));
     entries.fold((1.0, 0.0), |(least, most), (_, p)| (p.min(least), p.max(most)))

@@ -1,4 +1,5 @@
-//! Transition operators that can be learned.
+//! [`LearnTransition`]: operators that Baum-Welch re-estimates from expected moves. The E-step adds
+//! the moves of each step to statistics, and the M-step turns the sums into an operator.
 
 use super::{MoveCounts, TransitionEntries};
 use crate::error::TransitionError;
@@ -16,7 +17,7 @@ use crate::error::TransitionError;
 /// | [`RestartTransition`](crate::transition::RestartTransition), [`EvidenceTransition`](crate::transition::EvidenceTransition) | the operator within |
 /// | [`Fixed`](crate::Fixed) | nothing |
 ///
-/// With [`FreeParameters`](crate::inference::FreeParameters), what was learned has
+/// With [`FreeParameters`](crate::inference::FreeParameters), learned parameters have
 /// [standard errors](crate::Hmm::standard_errors).
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not say how it is learned",
@@ -27,13 +28,13 @@ pub trait LearnTransition: TransitionEntries + Sized {
     /// operator depends on its control.
     type Statistics: Clone + Send;
 
-    /// Statistics of no step.
+    /// Empty statistics, to which steps are added.
     fn statistics(&self) -> Self::Statistics;
 
     /// Adds the statistics of other steps.
     fn merge(&self, statistics: &mut Self::Statistics, other: &Self::Statistics);
 
-    /// The counts to which the moves of a step under this control are added; `None` if nothing is
+    /// The counts to which the moves of a step with this control are added; `None` if nothing is
     /// learned from them.
     fn counts<'s>(
         &self,
@@ -44,8 +45,9 @@ pub trait LearnTransition: TransitionEntries + Sized {
     /// Adds the moves of a step without listing them, and returns their sum; `None`, the default,
     /// if moves have to be listed and [counted](Self::counts).
     ///
-    /// The expected number of moves from j to i is `before[j]` A\[i, j\] `after[i]` `scale`; where
-    /// no move leads, `after` may be NaN. For operators whose entries cost more than products.
+    /// The expected number of moves from j to i is `before[j]` A\[i, j\] `after[i]` `scale`. For
+    /// states that no move reaches, `after` may be NaN. Meant for operators whose entries cost more
+    /// than products.
     fn add_step(
         &self,
         statistics: &mut Self::Statistics,
@@ -58,8 +60,9 @@ pub trait LearnTransition: TransitionEntries + Sized {
         None
     }
 
-    /// Lists the entries out of a state whose moves are counted: by default all, or those of A
-    /// less the [restarts](Self::restart_log2), which are the same out of all states.
+    /// Lists the entries out of a state whose moves are counted. By default these are all entries;
+    /// an operator with [restarts](Self::restart_log2), which are the same out of all states, lists
+    /// those of its other moves.
     fn counted(&self, control: &Self::Control, from: usize) -> impl Iterator<Item = (usize, f64)> {
         self.outgoing(control, from)
     }
@@ -74,10 +77,10 @@ pub trait LearnTransition: TransitionEntries + Sized {
         self.outgoing_log2(control, from)
     }
 
-    /// The part of row `to` of A that is the same for all states and not counted, as log2 p; −∞, the
-    /// default, if all moves are counted.
+    /// The part of the entries of row `to` of A that is the same out of all states and is not
+    /// counted, as log2 p; −∞, the default, if all moves are counted.
     ///
-    /// With restarts, learning takes O(counted entries + n) a step, although there are n² moves.
+    /// So learning with restarts takes O(counted entries + n) a step, although there are n² moves.
     fn restart_log2(&self, control: &Self::Control, to: usize) -> f64 {
         let _ = (control, to);
         f64::NEG_INFINITY
@@ -97,24 +100,23 @@ pub trait LearnTransition: TransitionEntries + Sized {
         pseudo_count: f64,
     ) -> Result<Self, TransitionError>;
 
-    /// Log-probability of the moves behind the statistics, the sum that
-    /// [`maximize`](Self::maximize) maximises but for the prior: Σ counts ln A\[i, j\], −∞ if a move
-    /// that was counted has probability 0.
+    /// Log-probability of the moves behind the statistics, which [`maximize`](Self::maximize)
+    /// maximises together with the log-prior: Σ counts ln A\[i, j\], −∞ if a counted move has
+    /// probability 0.
     ///
-    /// Only learning with a [stationary prior](crate::Prior::Stationary) needs it, which also adds
-    /// moves to [`counts`](Self::counts): their effect on `maximize` must be that on this sum. With
-    /// `None`, the default, such learning is an error.
+    /// Only learning with a [stationary prior](crate::Prior::Stationary) needs it. That also adds
+    /// moves to [`counts`](Self::counts), which must affect `maximize` as they affect this sum.
+    /// With `None`, the default, such learning is an error.
     fn log_probability(&self, statistics: &Self::Statistics) -> Option<f64> {
         let _ = statistics;
         None
     }
 
-    /// Log-prior that the pseudo-counts stand for, a Dirichlet density but for a constant:
+    /// Log-prior that the pseudo-counts stand for, a Dirichlet density up to a constant:
     /// `pseudo_count` Σ ln θ over the free parameters above 0.
     fn log_prior(&self, pseudo_count: f64) -> f64;
 
-    /// Number of parameters that learning may change independently of each other, as information
-    /// criteria count them before learning: the entries above 0 less one for each column, if
-    /// nothing is tied.
+    /// Number of parameters that learning may change independently, as information criteria count
+    /// them before learning: the entries above 0 less one for each column, if nothing is tied.
     fn free_parameters(&self) -> usize;
 }

@@ -1,4 +1,8 @@
-//! Products in logarithms, for numbers beyond the range of a double.
+//! Products in logarithms, for numbers beyond the range of a double (guide, section 2, "The product
+//! in logarithms").
+//!
+//! Numbers within 600 nats of each other are exact in one linear product of doubles, so that x is
+//! cut into bands of that width, from the top down, and the logarithms of their products are added.
 
 use super::buffers;
 use wayfix_kernels::limits::LIFT;
@@ -7,14 +11,14 @@ use wayfix_kernels::{exp_in_place, log2};
 /// Largest entry of a step with evidence that is taken in linear space.
 pub const LARGEST: f64 = 1e300;
 
-/// Width of a band, in nats: the product of its smallest number with the smallest entry is still
-/// a normal double.
+/// Width of a band, in nats: the smallest number of a band, lifted, times the smallest entry is
+/// still a normal double (2^-866 · 2^1000 · 2^-1022 = 2^-888).
 const BAND: f64 = 600.0;
 
 /// Largest logarithm of a double, and so of an entry.
 const HIGHEST: f64 = 709.8;
 
-/// Beside a sum, a number this much smaller, in nats, is below half of its last digit.
+/// A number this many nats below a sum is less than half of the sum's last digit.
 const DIGITS: f64 = 40.0;
 
 /// Computes a product in logarithms by a linear one for each band of numbers of similar size.
@@ -22,9 +26,9 @@ pub fn by_bands(x: &[f64], out: &mut [f64], product: impl FnMut(&[f64], &mut [f6
     bands(x, out, (usize::MAX, HIGHEST), product);
 }
 
-/// Computes a product in logarithms for a dense matrix, whose entries are at most near 1: by a few
-/// bands, and the sums of lines that need more by themselves. (Where lines are short, a band costs
-/// more than all of their sums.)
+/// Computes a product in logarithms for a dense matrix, whose entries are at most about 1: by a few
+/// bands, then line by line where these are not enough. (Where lines are short, a band costs more
+/// than all of their sums.)
 pub fn by_lines<I: Iterator<Item = (usize, f64)> + Clone>(
     x: &[f64],
     out: &mut [f64],
@@ -37,8 +41,9 @@ pub fn by_lines<I: Iterator<Item = (usize, f64)> + Clone>(
     }
 }
 
-/// Adds up products of so many bands at most, with entries up to a logarithm. Returns the logarithm
-/// beside which all that is left does not matter, −∞ if nothing is.
+/// Adds up the products of at most `most` bands, for entries whose logarithms are at most
+/// `highest`. Returns a logarithm: sums that reach it are exact, the others lack what is left of x;
+/// −∞ if nothing is left that matters.
 fn bands(
     x: &[f64],
     out: &mut [f64],
@@ -46,6 +51,8 @@ fn bands(
     mut product: impl FnMut(&[f64], &mut [f64]),
 ) -> f64 {
     out.fill(f64::NEG_INFINITY);
+    // Numbers up to e^next that are left add at most n e^(highest + next) to a sum, which is beyond
+    // its digits if it is at least e^(next + around).
     let around = highest + (x.len() as f64).ln() + DIGITS;
     buffers::with_two(x.len(), |band, sums| {
         let mut top = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -55,7 +62,8 @@ fn bands(
             }
             let mut next = f64::NEG_INFINITY;
             for (out, &log) in band.iter_mut().zip(x) {
-                // Beyond 1e19, neighbouring doubles are farther apart than a band. A NaN is in all.
+                // Beyond 1e19, neighbouring doubles are farther apart than a band: without the
+                // first test, top would be below itself. A NaN is in every band.
                 let below = log < top && log <= top - BAND;
                 *out = if below || log > top { f64::NEG_INFINITY } else { log - top };
                 if below {
@@ -74,7 +82,7 @@ fn bands(
             }
             if too_large {
                 // Evidence on moves may have entries far above 1: sums that overflow are computed
-                // again without the lift.
+                // again, without the lift and lowered by 2^32, more than the number of terms.
                 let large: Vec<bool> = sums.iter().map(|sum| *sum == f64::INFINITY).collect();
                 band.iter_mut().for_each(|x| *x = *x / LIFT / 4_294_967_296.0);
                 product(band, sums);
@@ -82,7 +90,7 @@ fn bands(
                 let outs = out.iter_mut().zip(&*sums).zip(large).filter(|out| out.1);
                 outs.for_each(|((out, sum), _)| *out = add(*out, sum.ln() + above));
             }
-            // A NaN settles nothing, and nothing settles it.
+            // Settled: what is left changes no sum. False for a NaN, so that all bands are taken.
             if out.iter().all(|out| *out >= next + around) {
                 return f64::NEG_INFINITY;
             }
@@ -98,8 +106,9 @@ pub fn sum(entries: impl Iterator<Item = (usize, f64)> + Clone, x: &[f64]) -> f6
     if largest == f64::NEG_INFINITY {
         return largest;
     }
-    // Terms that underflow are below 1e-190 of this sum, unless all large terms have tiny
-    // entries: then it is taken term by term.
+    // log-sum-exp around the largest x. A term that underflows is below 1e-307, which is nothing
+    // beside a sum of 1e-130. A smaller sum means that all large x have tiny entries: then terms
+    // are added one by one, each with its own logarithm.
     let near = entries.clone().map(|(j, value)| value * (x[j] - largest).exp()).sum::<f64>();
     if near >= 1e-130 {
         return largest + near.ln();
@@ -109,7 +118,9 @@ pub fn sum(entries: impl Iterator<Item = (usize, f64)> + Clone, x: &[f64]) -> f6
 
 /// ln(e^a + e^b); NaN if one of them is.
 pub fn add(a: f64, b: f64) -> f64 {
+    // A NaN in a fails the comparison and becomes `low`; in b it becomes `high`. Both propagate.
     let (high, low) = if a > b { (a, b) } else { (b, a) };
+    // −∞ − (−∞) would be NaN.
     if low == f64::NEG_INFINITY { high } else { high + (low - high).exp().ln_1p() }
 }
 

@@ -1,4 +1,5 @@
-//! Transition probabilities from expected moves.
+//! The M-step of stored and switched operators: transition probabilities from expected moves,
+//! A\[i, j\] = (count of j → i + pseudo-count) / (the same, summed over the entries of column j).
 
 use super::{
     DenseTransition, LearnTransition, Move, MoveCounts, SparseTransition, SwitchedTransition,
@@ -13,6 +14,8 @@ pub(super) fn weights<A: TransitionEntries<Control = ()>>(
     transition: &A,
     counts: &MoveCounts,
 ) -> Result<Vec<(usize, usize, f64)>, TransitionError> {
+    // A merge: counts are sorted by (from, to), the order in which entries are visited. So a count
+    // without an entry stops the iterator, and is what is left at the end.
     let mut moves = counts.moves().peekable();
     let mut weights = Vec::new();
     for from in 0..transition.states() {
@@ -32,6 +35,7 @@ pub(super) fn log_probability<A: TransitionEntries<Control = ()>>(
     transition: &A,
     counts: &MoveCounts,
 ) -> f64 {
+    // The same merge. Counts of 0 are skipped, since 0 ln 0 counts as 0.
     let mut moves = counts.moves().filter(|m| m.weight > 0.0).peekable();
     let mut sum = 0.0;
     for from in 0..transition.states() {
@@ -41,13 +45,13 @@ pub(super) fn log_probability<A: TransitionEntries<Control = ()>>(
             }
         }
     }
-    // A move without an entry stops the others.
+    // A move without an entry, which has probability 0, is still there, with all after it.
     if moves.next().is_some() { f64::NEG_INFINITY } else { sum }
 }
 
-/// Normalises columns of weights; a column whose sum is below the smallest normal double keeps
-/// the entries of the operator. A NaN or infinite weight makes its column NaN, which no
-/// constructor accepts.
+/// Normalises columns of weights. A column whose sum is below the smallest normal double keeps the
+/// entries of the operator. A NaN or infinite weight makes its column NaN, which no constructor
+/// accepts.
 fn normalized<A: TransitionEntries<Control = ()>>(
     transition: &A,
     mut weights: Vec<(usize, usize, f64)>,
@@ -55,6 +59,7 @@ fn normalized<A: TransitionEntries<Control = ()>>(
     for column in weights.chunk_by_mut(|a, b| a.1 == b.1) {
         let from = column[0].1;
         let sum: f64 = column.iter().map(|entry| entry.2).sum();
+        // False for a NaN, on purpose.
         if sum < f64::MIN_POSITIVE {
             let old = transition.outgoing(&(), from);
             column.iter_mut().zip(old).for_each(|(entry, old)| entry.2 = old.1);
@@ -65,19 +70,21 @@ fn normalized<A: TransitionEntries<Control = ()>>(
     weights
 }
 
-/// The columns that make moves most probable, if each entry is a free parameter.
+/// The columns that make the moves most probable, if each entry is a free parameter.
 fn free<A: TransitionEntries<Control = ()>>(
     transition: &A,
     counts: &MoveCounts,
     pseudo_count: f64,
 ) -> Result<Vec<(usize, usize, f64)>, TransitionError> {
     let mut weights = weights(transition, counts)?;
+    // Maximises Σ (count + pseudo-count) ln p in each column, by Gibbs' inequality.
     weights.iter_mut().for_each(|entry| entry.2 += pseudo_count);
     Ok(normalized(transition, weights))
 }
 
 /// Pseudo-count times Σ ln p over the entries.
 fn free_log_prior<A: TransitionEntries<Control = ()>>(transition: &A, pseudo_count: f64) -> f64 {
+    // The usual case, which need not compute E logarithms.
     if pseudo_count == 0.0 {
         return 0.0;
     }
@@ -85,13 +92,14 @@ fn free_log_prior<A: TransitionEntries<Control = ()>>(transition: &A, pseudo_cou
     pseudo_count * columns.map(|entry| entry.1.ln()).sum::<f64>()
 }
 
-/// Entries above 0 less one for each column.
+/// Number of entries above 0, less one for each column.
 fn free_entries<A: TransitionEntries<Control = ()>>(transition: &A) -> usize {
+    // At least one entry a column, since it sums to one.
     let columns = 0..transition.states();
     columns.map(|from| transition.outgoing(&(), from).count() - 1).sum()
 }
 
-/// Learned values have 64 bits, even if the operator has values of 32 bits.
+/// Learned values are 64-bit, even if those of the operator are 32-bit.
 impl LearnTransition for SparseTransition {
     delegate!(move_counts);
 

@@ -1,7 +1,9 @@
-//! Operators with a likelihood of moves: A\[i, j\] p(u | j → i), with a log factor taken out.
+//! Operators with a likelihood of moves: A\[i, j\] p(u | j → i), with a log factor taken out
+//! (guide, section 2, "Evidence on moves").
 //!
-//! Entries are products of an entry of the base and a likelihood, so that a product with a belief
-//! goes through the columns of the base once. In logarithms they have any size.
+//! An entry is an entry of the base times a likelihood, computed anew for each step, so that a
+//! product with a belief goes through the columns of the base once. Where entries leave the range
+//! of doubles, [`MoveLikelihood::needs_logs`] says so, and inference reads their logarithms.
 
 use std::f64::consts::LOG2_E;
 
@@ -16,22 +18,24 @@ pub(crate) trait MoveLikelihood<A: TransitionEntries<Control = ()>> {
     /// Data of a move, stored beside the entry of the base.
     type Move: Copy;
 
-    /// Log factor that is taken out of the likelihoods; `None` if nothing was measured.
+    /// Log factor that was taken out of the likelihoods; `None` if nothing was measured.
     fn log_factor(&self, measured: &Self::Measurement) -> Option<f64>;
 
-    /// Returns the log-likelihood of a move (to, from), less the log factor, given its stored
-    /// data, if they are at hand; `None` if nothing was measured.
+    /// Returns a function of a move (to, from) and of its stored data, if at hand: its
+    /// log-likelihood less the log factor. `None` if nothing was measured.
     fn logs(
         &self,
         base: &A,
         measured: &Self::Measurement,
     ) -> Option<impl Fn(usize, usize, Option<Self::Move>) -> f64>;
 
+    /// Checks that a measurement is valid, and that the log-likelihoods of all moves are.
     fn check(&self, base: &A, measured: &Self::Measurement) -> Result<(), TransitionError>;
 
     /// True if an entry is out of the range of doubles.
     fn needs_logs(&self, base: &A, measured: &Self::Measurement) -> bool {
         let Some(log) = self.logs(base, measured) else { return false };
+        // An impossible move, of −∞, is exactly 0 in doubles, too.
         let beyond = |log: f64, p: f64| {
             let in_range = f64::MIN_POSITIVE..=LARGEST;
             log > f64::NEG_INFINITY && !in_range.contains(&(p * log.exp()))
@@ -74,6 +78,8 @@ impl<A: TransitionEntries<Control = ()>, L: MoveLikelihood<A>> Transition for Me
         let Some(log) = self.logs(measured) else { return self.base.apply(&(), x, out) };
         check_slices(self.states(), x, out);
         out.fill(0.0);
+        // By columns in both directions, since stored data of moves are found by columns. States
+        // without mass are skipped: their likelihoods, the costly part, are not evaluated.
         for (from, x) in x.iter().enumerate().filter(|entry| *entry.1 != 0.0) {
             for (to, p, stored) in self.likelihood.column(&self.base, from) {
                 out[to] += p * log(to, from, Some(stored)).exp() * x;
@@ -131,6 +137,7 @@ impl<A: TransitionEntries<Control = ()>, L: MoveLikelihood<A>> TransitionEntries
     for Measured<A, L>
 {
     fn incoming(&self, measured: &L::Measurement, to: usize) -> impl Iterator<Item = (usize, f64)> {
+        // Rows of the base come without stored data: the likelihood computes or looks them up.
         let log = self.logs(measured);
         let entry = move |(from, p): (usize, f64)| {
             (from, log.as_ref().map_or(p, |log| p * log(to, from, None).exp()))

@@ -14,20 +14,20 @@
 //! | moves that depend on inputs: the time of day, the weather, a dose | [`LogitTransition`] |
 //! | measurements between two steps, by their likelihood for each move | [`EvidenceTransition`] |
 //! | a vehicle that may turn up anywhere | [`RestartTransition`] |
-//! | stays of any distribution (semi-Markov), which is learned | [`DwellTransition`] |
+//! | stays of any distribution (semi-Markov), given or learned | [`DwellTransition`] |
 //! | two chains side by side | [`KroneckerTransition`] |
 //! | observations only every few steps | [`PowerTransition`] |
 //! | observations at irregular times, with gaps | [`GeneratorTransition`] |
 //! | moves that are known, share a parameter or have prior counts, in learning | [`ConstrainedTransition`] |
 //!
-//! Silent states, which emit nothing and take no step, are composed into the moves between emitting
-//! ones before an operator is made: a [chapter](crate::guide::silent_states) shows how. A step without
-//! an observation is something else: [`Filter::predict`](crate::Filter::predict), or
+//! Silent states, which emit nothing and take no step, are folded into the moves between emitting
+//! ones before an operator is built: a [chapter](crate::guide::silent_states) shows how. A step
+//! without an observation is something else: [`Filter::predict`](crate::Filter::predict), or
 //! [`OptionalLikelihood`](crate::OptionalLikelihood).
 //!
 //! Motion of vehicles is in [`motion`](crate::motion), maps of roads are in [`map`](crate::map).
-//! Wrapping operators take any operator, or require [`TransitionEntries`] where they need single
-//! entries. [`Stored`] matrices have faster loops.
+//! Wrappers take any operator, or require [`TransitionEntries`] where they need single entries.
+//! Inference has faster loops for [`Stored`] matrices.
 
 pub mod buffers;
 pub(crate) mod check;

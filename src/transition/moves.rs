@@ -1,4 +1,7 @@
 //! Moves between states, and their expected numbers.
+//!
+//! Invariant of [`MoveCounts`]: moves are sorted by (from, to), each at most once, which is the
+//! order in which operators list their columns. Adding and looking up are merges and searches.
 
 use wayfix_kernels::Lines;
 
@@ -13,15 +16,16 @@ pub struct Move {
     pub weight: f64,
 }
 
-/// Sorts by `from`, then by `to`. One function, since each closure would instantiate a sort.
+/// Sorts by `from`, then by `to`. A function of its own, since each closure would instantiate a
+/// sort.
 fn sort(moves: &mut [Move]) {
     moves.sort_by_key(|m| (m.from, m.to));
 }
 
-/// The expected number of moves between states.
+/// Expected numbers of moves between states.
 ///
-/// The sum of [pairwise posteriors](crate::inference::SmoothedStep::moves), or the moves of paths of known
-/// states. Made by [`Hmm::expected_moves`](crate::Hmm::expected_moves),
+/// Sums of [pairwise posteriors](crate::inference::SmoothedStep::moves), or counts of the moves of
+/// known paths. Returned by [`Hmm::expected_moves`](crate::Hmm::expected_moves),
 /// [`MoveCounts::of_path`] and [`MoveCounts::from_moves`].
 ///
 /// ```
@@ -55,8 +59,8 @@ impl MoveCounts {
         counts
     }
 
-    /// Counts of the moves of all entries of a matrix, by its columns. The weight of each is that of
-    /// its place among all that are stored, and its value.
+    /// Counts of the moves of all entries of a matrix, given its columns. The weight of an entry is
+    /// `weight(position among all stored values, value)`.
     pub(crate) fn of_entries(
         columns: Lines<'_>,
         states: usize,
@@ -75,8 +79,8 @@ impl MoveCounts {
             }
             Lines::Dense { values } | Lines::DenseTransposed { values } => {
                 let stride = values.len() / states;
-                // Entries that are 0, and the padding of lines, are no moves: they would be listed
-                // as such.
+                // Entries of 0, and the padding of lines, are not moves, but would be listed as
+                // moves.
                 let entries = values.iter().enumerate().filter(|entry| *entry.1 > 0.0);
                 moves.add(entries.map(|(at, p)| Move {
                     from: at / stride,
@@ -101,7 +105,7 @@ impl MoveCounts {
         found.map_or(0.0, |at| self.moves[at].weight)
     }
 
-    /// Adds the counts of another. O(moves).
+    /// Adds other counts. O(moves).
     pub fn merge(&mut self, other: &Self) {
         self.add(other.moves());
     }
@@ -117,6 +121,9 @@ impl MoveCounts {
     /// Adds moves in ascending order, and returns the sum of their weights. A move that is there
     /// already costs one comparison.
     pub(crate) fn add(&mut self, moves: impl IntoIterator<Item = Move>) -> f64 {
+        // A merge in place: `at` only goes forward through the moves known before, and new moves
+        // are collected behind them, to be sorted in at the end. From the second step of a sequence
+        // on there are usually none.
         let known = self.moves.len();
         let (mut at, mut sum) = (0, 0.0);
         for m in moves {
@@ -129,6 +136,7 @@ impl MoveCounts {
                 self.moves[at].weight += m.weight;
                 continue;
             }
+            // New moves ascend, too, so that a repeated one is the last.
             match self.moves[known..].last_mut() {
                 Some(last) if (last.from, last.to) == key => last.weight += m.weight,
                 _ => self.moves.push(m),

@@ -1,8 +1,8 @@
-//! Bound of the methods that take no control.
+//! [`NoControl`], the trait bound of methods that take no control.
 
-/// The type `()` as a trait, so that compiler errors name the method to call with a control.
+/// The type `()` as a trait, so that compiler errors name the method that takes a control.
 ///
-/// It is about types alone. The operator itself declares to be the same at all steps, by
+/// It is about types alone. That an operator is the same at all steps is declared by
 /// [`Transition::no_control`](super::Transition::no_control).
 #[diagnostic::on_unimplemented(
     message = "this model takes a control of type `{Self}` at each step",

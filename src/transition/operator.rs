@@ -21,16 +21,17 @@ use crate::error::TransitionError;
 /// [`EvidenceTransition`](crate::transition::EvidenceTransition) adds a likelihood of moves to
 /// any operator.
 ///
-/// Entries below 2.2e-308 have lost precision, and states reached only through them may be lost.
+/// Entries below 2.2e-308 (subnormal doubles) have lost precision, and states reached only through
+/// them may be lost.
 ///
-/// An operator behind a reference, `Box`, `Rc` or `Arc` is an operator, too, so that models can
-/// share a large one. So is a trait object such as `Box<dyn Transition<Control = ()>>`, for
-/// operators that are chosen at run time.
+/// A reference, `Box`, `Rc` or `Arc` of an operator is an operator, too, so that models can share a
+/// large one. So is a trait object such as `Box<dyn Transition<Control = ()>>`, for operators
+/// chosen at run time.
 ///
 /// # Implement it yourself
 ///
-/// A drive around a loop: one place forward with probability 0.9, else stay. It is the same at all
-/// steps, which `no_control` declares, so that the model checks it once, and inference is faster.
+/// A drive around a loop: one place forward with probability 0.9, else stay. It is the same at
+/// every step. `no_control` says so, so that the model checks it once and inference is faster.
 ///
 /// ```
 /// use wayfix::{Belief, Hmm, LikelihoodVector, Prior, Transition};
@@ -63,8 +64,8 @@ use crate::error::TransitionError;
 ///
 /// [`with_scratch`](crate::transition::with_scratch) lends memory for intermediate results.
 ///
-/// An operator with a control: the metres driven since the last observation, on a line of n
-/// places 100 m apart, where the vehicle stops at the end:
+/// An operator with a control, the metres driven since the last observation, on a line of n places
+/// 100 m apart. The vehicle stops at the end:
 ///
 /// ```
 /// use wayfix::{Transition, TransitionError};
@@ -111,33 +112,32 @@ use crate::error::TransitionError;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub trait Transition {
-    /// Input of a step that the operator depends on; `()` if there is none.
+    /// Input of a step, on which the operator depends; `()` if there is none.
     type Control: 'static;
 
     /// Number of states, n.
     fn states(&self) -> usize;
 
-    /// Returns the only control of an operator without one, `Some(&())`; `None`, the default, if
-    /// steps depend on their control.
+    /// Returns the only control of an operator that is the same at every step, `Some(&())`; `None`,
+    /// the default, if the operator depends on its control.
     ///
-    /// Declares the operator to be the same at all steps, so that inference may take this control
-    /// for each of them. Columns and transpose are then checked when a model is built, models of
-    /// few states and many sequences at once go through faster routines, and a
-    /// [`PrunedFilter`](crate::PrunedFilter) bounds the entries once, not at each step. An
-    /// operator with `Control = ()` that does not declare it gives the same results up to
+    /// With `Some`, inference takes this control for every step. Columns and transpose are then
+    /// checked when a model is built, models of few states and many sequences at once go through
+    /// faster routines, and a [`PrunedFilter`](crate::PrunedFilter) bounds the entries once, not at
+    /// each step. An operator with `Control = ()` that returns `None` gives the same results up to
     /// rounding, but more slowly and with a looser [`Certificate`](crate::inference::Certificate);
-    /// if its columns do not sum to one, the first step whose prediction does not is an error.
+    /// if its columns do not sum to one, the first step whose prediction does not sum to one is an
+    /// error.
     ///
-    /// Wrappers return that of their inner operator. The answer must always be the same.
+    /// Wrappers return that of their inner operator. The answer must never change.
     fn no_control(&self) -> Option<&'static Self::Control> {
         None
     }
 
     /// Computes `out = A x`, the distribution one step later. Overwrites all of `out`.
     ///
-    /// Must be linear in `x`, for `x` of any non-negative scale. Inference
-    /// calls it with two slices of n values, after
-    /// [`check_control`](Self::check_control) has accepted the control; the
+    /// Must be linear in `x`, for non-negative `x` of any scale. Inference calls it with two slices
+    /// of n values, after [`check_control`](Self::check_control) has accepted the control; the
     /// operators of this crate panic on slices of another length.
     fn apply(&self, control: &Self::Control, x: &[f64], out: &mut [f64]);
 
@@ -159,9 +159,9 @@ pub trait Transition {
         log::by_bands(x, out, |x, out| self.apply_transpose(control, x, out));
     }
 
-    /// Declares a control to be evidence on the move.
+    /// Declares that a control is evidence on the move.
     ///
-    /// `None`, the default, if the control only chooses the operator; the columns are then
+    /// `None`, the default, if the control only chooses the operator; its columns are then
     /// distributions, and are checked. `Some(log_factor)` if the control is a measurement u; the
     /// entries of this step are then
     ///
@@ -187,19 +187,19 @@ pub trait Transition {
     ///
     /// Inference then takes the step in logarithms, and reads entries only by
     /// [`incoming_log2`](super::TransitionEntries::incoming_log2) and
-    /// [`outgoing_log2`](super::TransitionEntries::outgoing_log2). With false, the default,
-    /// entries below this range may be lost, which is at most 1e-277 of a prediction, since the
-    /// sum of a prediction in doubles is at least 2^-100. Called a few times a step.
+    /// [`outgoing_log2`](super::TransitionEntries::outgoing_log2). With false, the default, entries
+    /// below this range may be lost. That is at most 1e-277 of a prediction, since a prediction in
+    /// doubles sums to at least 2^-100. Called a few times a step.
     fn needs_logs(&self, control: &Self::Control) -> bool {
         let _ = control;
         false
     }
 
-    /// Computes [`apply`](Self::apply) block by block, and passes each block to `take` while it
-    /// is in the first-level cache: the first state and its values, each state once.
+    /// Computes [`apply`](Self::apply) block by block, and calls `take(first_state, values)` for
+    /// each block while it is in the first-level cache. Each state is in one block.
     ///
     /// By default there is one block. A filter calls it instead of `apply` where
-    /// [`smallest_entry`](Self::smallest_entry) allows.
+    /// [`smallest_entry`](Self::smallest_entry) is large enough.
     fn apply_in_blocks(
         &self,
         control: &Self::Control,
@@ -212,12 +212,12 @@ pub trait Transition {
         });
     }
 
-    /// Lower bound on the entries above 0 of a step, and on all factors within a product that
-    /// lead to them; 0, the default, if none is known.
+    /// Lower bound on the entries above 0 of a step, and on every intermediate factor within a
+    /// product; 0, the default, if none is known.
     ///
-    /// From 2^-100 on, products with beliefs keep full precision, so that a filter need not scale
-    /// them: operators that also implement [`apply_in_blocks`](Self::apply_in_blocks) then take
-    /// half the time. Called once a step.
+    /// If it is at least 2^-100, products with beliefs keep full precision, so that a filter need
+    /// not scale them: operators that also implement [`apply_in_blocks`](Self::apply_in_blocks)
+    /// then take half the time. Called once a step.
     fn smallest_entry(&self, control: &Self::Control) -> f64 {
         let _ = control;
         0.0
@@ -226,14 +226,14 @@ pub trait Transition {
     /// Returns the matrix of a step if it is stored in a type of this crate, so that inference
     /// can fuse the product with its other loops.
     ///
-    /// By default `None`. A wrapper may return the matrix of its inner operator, which must be
-    /// equal to its own. Ignored for steps with [evidence](Self::evidence).
+    /// By default `None`. A wrapper may return the matrix of its inner operator if it equals its
+    /// own. Ignored for steps with [evidence](Self::evidence).
     fn stored(&self, control: &Self::Control) -> Option<Stored<'_>> {
         let _ = control;
         None
     }
 
-    /// Checks that the operator accepts a control; by default it accepts all.
+    /// Checks that the operator accepts a control. The default accepts every control.
     ///
     /// # Errors
     ///

@@ -1,15 +1,15 @@
-//! Several steps in one.
+//! [`PowerTransition`]: several steps in one, A^m, by m products. The power itself is never formed,
+//! since it fills in.
 
 use super::{Transition, TransitionEntries, best_of, buffers, delegate};
 use crate::error::TransitionError;
 use wayfix_kernels::log2;
 
-/// An operator applied m times: A^m. For observations at every m-th step of the motion only.
+/// An operator applied m times: A^m. For motion that is observed only at every m-th step.
 ///
-/// Products cost m products with A. **Entries are not stored**: listing a row or column
-/// takes such a product, and allocates. A step of Viterbi takes one for each
-/// state; to decode, store the matrix once with
-/// [`SparseTransition::from_operator`](crate::SparseTransition::from_operator).
+/// Products cost m products with A. **Entries are not stored**: listing a row or column takes such
+/// a product, and allocates. A step of Viterbi takes one for each state; to decode, store the
+/// matrix once with [`SparseTransition::from_operator`](crate::SparseTransition::from_operator).
 ///
 /// ```
 /// use wayfix::transition::{PowerTransition, WindowTransition};
@@ -66,12 +66,13 @@ impl<A: Transition> PowerTransition<A> {
         }
     }
 
-    /// Lists the entries above 0 of a column, or of a row with the transpose.
+    /// Lists the entries above 0 of a column, or of a row if `product` is that of the transpose.
     fn entries(
         &self,
         state: usize,
         product: &dyn Fn(&[f64], &mut [f64]),
     ) -> impl Iterator<Item = (usize, f64)> + use<A> {
+        // The iterator outlives this call, so that its values can't be in a lent buffer.
         let mut line = vec![0.0; self.states()];
         buffers::with(line.len(), |unit| {
             unit.fill(0.0);
@@ -108,6 +109,7 @@ impl<A: Transition> Transition for PowerTransition<A> {
     }
 
     fn check_control(&self, control: &A::Control) -> Result<(), TransitionError> {
+        // One measurement would count m times.
         super::refuse_evidence(&self.inner, control, "PowerTransition")
     }
 }
@@ -124,6 +126,7 @@ impl<A: Transition> TransitionEntries for PowerTransition<A> {
     fn max_product(&self, control: &A::Control, x: &[f64], out: &mut [f64], from: &mut [u32]) {
         buffers::with_two(x.len(), |unit, row| {
             unit.fill(0.0);
+            // Row i is A'^m e_i: a sum over paths, so that the maximum can't be taken step by step.
             for (i, (out, from)) in out.iter_mut().zip(from).enumerate() {
                 unit[i] = 1.0;
                 self.apply_transpose(control, unit, row);

@@ -1,4 +1,5 @@
-//! Stored operators with their states in another order.
+//! Stored operators with their states in another order: A\[order\[i\], order\[j\]\] becomes
+//! A\[i, j\]. Values are moved, not computed, so that no check is needed.
 
 use super::compressed::Compressed;
 use super::{DenseTransition, SparseTransition, SwitchedTransition};
@@ -23,6 +24,8 @@ impl ReorderStates for SparseTransition {
         let new = reorder::positions(order);
         let entry = |(to, from, p): (usize, usize, f64)| (new[from] as u32, new[to] as u32, p);
         let entries: Vec<_> = self.triplets().map(entry).collect();
+        // Each transpose sorts the indices of its lines. Values become 64-bit, with the same
+        // rounding as before.
         let unsorted = Compressed::new(self.states(), entries.iter().copied());
         let rows = unsorted.transposed();
         let columns = rows.transposed();

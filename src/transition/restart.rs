@@ -1,4 +1,7 @@
-//! A vehicle that may turn up anywhere: [`Jumps`] from all states, by a rate.
+//! [`RestartTransition`], a vehicle that may turn up anywhere: (1 − ε) A + ε r 1'.
+//!
+//! The second term has rank one, so that products need only the sum of x (or its product with r),
+//! and n² entries are never stored. The arithmetic of both terms is that of [`Jumps`].
 
 use std::ops::{Add, Range};
 
@@ -10,16 +13,16 @@ use crate::belief::Belief;
 use crate::error::TransitionError;
 use wayfix_kernels::{self as kernels, log2};
 
-/// An operator with random restarts: (1 − ε) A + ε r 1'. For a
-/// vehicle that was towed, carried by a ferry, or lost.
+/// An operator with random restarts: (1 − ε) A + ε r 1'. For a vehicle that was towed, carried by a
+/// ferry, or lost.
 ///
-/// With probability `rate` ε a step draws its state from `restart` r, wherever it came from.
+/// With probability `rate` ε a step draws its state from `restart` r, whatever state it left.
 ///
-/// If A has [evidence on moves](Transition::evidence), such as odometry, a restart has a likelihood
-/// of its own, the same for all: [`with_evidence`](Self::with_evidence). The evidence belongs
-/// inside: an [`EvidenceTransition`](super::EvidenceTransition) around a restart takes restarts
-/// for moves, and evaluates its likelihood for all n² of them. The guide has
-/// [a lost robot](crate::guide::lost_robot) as an example.
+/// If A has [evidence on moves](Transition::evidence), such as odometry, restarts have one
+/// likelihood of their own: [`with_evidence`](Self::with_evidence). The evidence belongs inside: an
+/// [`EvidenceTransition`](super::EvidenceTransition) around a restart would take restarts for
+/// moves, and evaluate its likelihood for all n² of them. The guide has an example,
+/// [a lost robot](crate::guide::lost_robot).
 ///
 /// Products, and so filters and smoothers, cost O(n) more than those of A. Viterbi takes
 /// O(entries of A + n) a step. But r reaches its states from everywhere: routines that list single
@@ -40,7 +43,7 @@ use wayfix_kernels::{self as kernels, log2};
 /// ```
 #[derive(Debug, Clone)]
 pub struct RestartTransition<A> {
-    /// Moves by A with probability 1 − ε, and jumps ε r.
+    /// Moves by A, kept with probability 1 − ε, and jumps ε r.
     pub(crate) jumps: Jumps<A>,
 }
 
@@ -50,10 +53,9 @@ impl<A: Transition> RestartTransition<A> {
     ///
     /// # Errors
     ///
-    /// [`TransitionError::Parameter`] unless the rate is from 0 to 1, or if its
-    /// product with a probability of `restart` underflows, or
-    /// [`TransitionError::PartStates`] if the belief differs from the operator
-    /// in its number of states.
+    /// [`TransitionError::Parameter`] unless the rate is from 0 to 1, or if its product with a
+    /// probability of `restart` underflows, or [`TransitionError::PartStates`] if the belief has
+    /// another number of states than the operator.
     pub fn new(inner: A, rate: f64, restart: Belief) -> Result<Self, TransitionError> {
         check_probability(rate, || "the rate".to_owned())?;
         let (found, expected) = (restart.states(), inner.states());
@@ -65,11 +67,12 @@ impl<A: Transition> RestartTransition<A> {
         Ok(Self::from_parts(inner, 1.0 - rate, restart))
     }
 
-    /// Sets the log-likelihood of [evidence on moves](Transition::evidence) at a restart: such as
+    /// Sets the log-likelihood of [evidence on moves](Transition::evidence) at a restart, such as
     /// −ln 500 for a distance that may then be anything up to 500 m.
     ///
-    /// By default it is the log factor that the inner operator takes out of its likelihoods. If
-    /// that is the largest, any measurement is as likely at a restart as for the best move.
+    /// The default is the log factor that the inner operator takes out of its likelihoods. If that
+    /// is the largest log-likelihood, any measurement is as likely at a restart as for the best
+    /// move.
     ///
     /// # Errors
     ///
@@ -96,7 +99,7 @@ impl<A: Transition> RestartTransition<A> {
         Self { jumps: Jumps::new(inner, keep, restart) }
     }
 
-    /// All states if a restart leads to this one, else none.
+    /// States from which a restart leads to this one: all, or none.
     fn origins(&self, to: usize) -> Range<usize> {
         if self.jumps.to[to] > 0.0 { 0..self.jumps.to.len() } else { 0..0 }
     }
@@ -108,11 +111,13 @@ impl<A: Transition> Transition for RestartTransition<A> {
     delegate!(a, control => a.jumps.inner, control; states no_control evidence check_control);
 
     fn apply(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
+        // ε r 1' x is ε r times the sum of x: all of x restarts, by the factor p(u | restart).
         let restarting = times(kernels::sum(x), self.jumps.log_factor(control).exp());
         self.jumps.apply(control, x, restarting, out);
     }
 
     fn apply_transpose(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
+        // The transpose, 1 (ε r)' x, adds one number to all states.
         let factor = self.jumps.log_factor(control).exp();
         let restarted = times(kernels::dot(&self.jumps.to, x), factor);
         self.jumps.apply_transpose(control, x, restarted, out);
@@ -149,8 +154,10 @@ impl<A: TransitionEntries> TransitionEntries for RestartTransition<A> {
         merge(jumps.kept(jumps.inner.outgoing(control, from)), restarts, f64::add)
     }
 
-    // Without evidence, an entry is the logarithm of a sum, as that of a stored matrix would be, so
-    // that the same paths tie. With evidence the sum is taken in logarithms, of any size.
+    // Without evidence, the linear sum of both terms is rounded to a logarithm, as an entry of a
+    // stored matrix would be, so that the same paths tie. With evidence either term may be beyond
+    // doubles, so that they are added in logarithms. The two iterators have different types:
+    // exactly one of the options is `Some`.
 
     fn incoming_log2(&self, control: &A::Control, to: usize) -> impl Iterator<Item = (usize, f64)> {
         let jumps = &self.jumps;
@@ -185,10 +192,10 @@ impl<A: TransitionEntries> TransitionEntries for RestartTransition<A> {
     }
 
     fn max_product(&self, control: &A::Control, x: &[f64], out: &mut [f64], from: &mut [u32]) {
-        // Where A has no entry, that of row i is ε r_i, so that the best such predecessor is the
-        // best state of all. If A does have an entry there, its own score is no lower: offering
-        // the state at ε r_i too changes no maximum, and if the offer ties, so does the entry.
-        // Hence the first of all best states, and those with an entry, are enough.
+        // Where A has no entry, the entry of row i is ε r_i, so that the best such predecessor is
+        // the best state of all. If A does have an entry there, its own score is no lower: offering
+        // the state at ε r_i as well changes no maximum, and if the offer ties, so does the entry.
+        // Hence the first of all best states, and those with an entry, are enough: O(entries + n).
         let (most, first) = best_of((0..).zip(x.iter().map(|_| 0.0)), x);
         let Jumps { inner, keep, to, log2_to, .. } = &self.jumps;
         let measured = inner.evidence(control).is_some();
@@ -196,6 +203,7 @@ impl<A: TransitionEntries> TransitionEntries for RestartTransition<A> {
         for (i, (out, from)) in out.iter_mut().zip(from).enumerate() {
             let restart = log2_to[i] + factor;
             let mut best = (restart + most, first);
+            // `first` need not be the lowest, so a tie compares the states, too.
             let mut offer = |value: f64, j: usize| {
                 if value > best.0 || (value == best.0 && j < best.1 as usize) {
                     best = (value, j as u32);
@@ -207,6 +215,8 @@ impl<A: TransitionEntries> TransitionEntries for RestartTransition<A> {
                     offer(add_log2(log2_keep + p, restart) + x[j], j);
                 }
             } else {
+                // log2 costs more than the rest of the loop: it is taken only where the bound
+                // reaches the best score so far. Ties pass, since the bound is at least the score.
                 let mut least = restart + most;
                 for (j, p) in inner.incoming(control, i) {
                     let p = keep * p + to[i];
@@ -220,8 +230,8 @@ impl<A: TransitionEntries> TransitionEntries for RestartTransition<A> {
     }
 }
 
-/// Re-estimates the inner operator, and keeps the rate and the states of restarts. O(moves of the
-/// inner operator + n) a step and of memory.
+/// Re-estimates the inner operator, and keeps the rate and the states of restarts. Time a step and
+/// memory are O(moves of the inner operator + n).
 impl<A: LearnTransition> LearnTransition for RestartTransition<A> {
     type Statistics = A::Statistics;
 
@@ -240,6 +250,7 @@ impl<A: LearnTransition> LearnTransition for RestartTransition<A> {
     }
 
     fn restart_log2(&self, control: &A::Control, to: usize) -> f64 {
+        // The inner operator may restart, too: those restarts are kept with probability 1 − ε.
         let within = log2(self.jumps.keep) + self.jumps.inner.restart_log2(control, to);
         add_log2(self.jumps.log2_to[to] + self.jumps.log2_factor(control), within)
     }
@@ -260,6 +271,8 @@ impl<A: LearnTransition> LearnTransition for RestartTransition<A> {
 
 /// Upper bound of log2 p, from the exponent alone: most entries need no more.
 fn log2_bound(p: f64) -> f64 {
+    // p is not negative, so that the upper 12 bits are the biased exponent e, and p < 2^(e − 1022),
+    // also for subnormals, whose e is 0.
     (p.to_bits() >> 52) as f64 - 1022.0
 }
 

@@ -1,4 +1,8 @@
-//! Operators that pass methods on to another: those behind pointers, and wrappers.
+//! Delegation of the methods of an operator to an inner one, for pointers and wrappers.
+//!
+//! A trait's default must never stand in for a method that the inner operator overrides: results
+//! would stay right, but a fast path or a check would be lost. So the groups below keep methods
+//! together that belong together.
 
 use std::rc::Rc;
 use std::sync::Arc;
@@ -6,10 +10,12 @@ use std::sync::Arc;
 use super::{Transition, TransitionEntries};
 use crate::fixed::Fixed;
 
-/// Implements the methods named of [`Transition`], [`TransitionEntries`] and
-/// [`LearnTransition`](super::LearnTransition) by those of an operator within, under its control:
+/// Implements the named methods of [`Transition`], [`TransitionEntries`] and
+/// [`LearnTransition`](super::LearnTransition) by those of an inner operator, with its control:
 /// `delegate!(a, control => a.inner, control; no_control evidence)`.
 macro_rules! delegate {
+    // One internal rule for each name. `$a` and `$u` come from the caller, since identifiers of a
+    // macro are invisible to the expressions `$inner` and `$control`.
     ($a:ident, $u:ident => $inner:expr, $control:expr; $($method:ident)+) => {
         $($crate::transition::delegate!(@$method $a, $u => $inner, $control);)+
     };
@@ -53,6 +59,7 @@ macro_rules! delegate {
         $crate::transition::delegate!(@product apply_log $($rest)+);
         $crate::transition::delegate!(@product apply_transpose_log $($rest)+);
     };
+    // Two that go together: `smallest_entry` decides whether `apply_in_blocks` is called.
     (@blocks $a:ident, $u:ident => $inner:expr, $control:expr) => {
         fn apply_in_blocks(
             &self,
@@ -119,7 +126,7 @@ macro_rules! delegate {
             $inner.counts(statistics, $control)
         }
     };
-    // The statistics of an operator that is the same at all steps.
+    // Statistics of an operator that is the same at all steps: plain move counts.
     (move_counts) => {
         type Statistics = $crate::transition::MoveCounts;
 
@@ -182,6 +189,7 @@ macro_rules! as_target {
     )*};
 }
 
+// All pointers to an operator are operators, and so is one that learning keeps fixed.
 as_target! {
     [A: ?Sized] &A => A,
     [A: ?Sized] Box<A> => A,

@@ -1,4 +1,4 @@
-//! Values in 32 bits, in columns that still sum to exactly one.
+//! 32-bit values, in columns that still sum to exactly one.
 //!
 //! Rounding each value by itself would leave sums off by 6e-8. So the values p_1 ≥ p_2 ≥ …
 //! of a column are rounded one after another, each as its share of the remainder:
@@ -10,16 +10,16 @@
 //! errors are passed on to all later values, so that t_{i+1} ≤ t_i where v_i is
 //! rounded up; where it is rounded down, v_i ≤ b − g and t_{i+1} ≤ t_i + g/2 ≤ v_i + g ≤ b.
 //! So steps g never grow, and the last r is a multiple of its step, at most 2^24 times it:
-//! a number of 32 bits. If v_i would leave a remainder of 0, the number below it is
-//! taken, which leaves a step.
+//! a 32-bit number. If v_i would leave a remainder of 0, the next lower number is
+//! taken, which leaves one step.
 //!
 //! **No value changes by as much as 1e-7.** With δ_i = v_i − t_i, v_i − p_i = δ_i −
 //! p_i Σ δ_j / s_{j+1} over j < i, since each δ_j is shared in proportion. The ratio p_i / s_{j+1}
 //! is at most 1, and |δ_j| at most 2^-24 t_j, so that |v_i − p_i| ≤ 2^-24 (t_1 + … + t_i),
-//! and the sum at most 1. If v_i is the number below, |δ_i| may be twice that: then t_i
-//! is the whole remainder, at most 1/2 unless it is the first, and |v_i − p_i| at most
-//! 1.5 · 2^-24 = 9e-8; later values sum to one step, and were less. The rest is for columns
-//! whose own sum is off by up to 1e-9, and for values below 2^-60, which are taken as 2^-60.
+//! where the sum in brackets is at most 1. If v_i is the next lower number, |δ_i| may be twice
+//! that: then t_i is the whole remainder, at most 1/2 unless it is the first, and |v_i − p_i| is at
+//! most 1.5 · 2^-24 = 9e-8; later values sum to one step, and were less. The rest up to 1e-7 is for
+//! columns whose own sum is off by up to 1e-9, and for values below 2^-60, which count as 2^-60.
 
 use super::SparseTransition;
 use super::compressed::Compressed;
@@ -31,24 +31,24 @@ use wayfix_kernels::limits::power;
 /// time, and at most three times before 2^-60.
 const LEAST: f64 = power(-60);
 
-/// Values of 32 bits.
+/// 32-bit values.
 impl SparseTransition {
-    /// Converts to values of 32 bits, for maps of millions of places: two thirds of the
-    /// memory (29 bytes an entry instead of 46, on a map of ten million places with five entries
-    /// each), and of the bytes that a product moves. O(n + E log of the entries of a column). A
-    /// matrix of 32 bits is returned unchanged.
+    /// Converts to 32-bit values, for maps of millions of places: two thirds of the memory (29
+    /// bytes an entry instead of 46, on a map of ten million places with five entries each), and
+    /// two thirds of the bytes that a product moves. O(n + E log of the entries of a column). A
+    /// 32-bit matrix is returned unchanged.
     ///
-    /// Values are rounded so that **columns still sum to exactly one**, by less than 1e-7
-    /// each; none becomes 0. All routines take them as doubles, and give, to the bit, the results
-    /// of a 64-bit matrix with these values; all that the docs say of exactness holds for that
+    /// Values are rounded, each by less than 1e-7, so that **columns still sum to exactly one**;
+    /// none becomes 0. All routines take them as doubles, and give, to the bit, the results of a
+    /// 64-bit matrix with these values; everything that the docs say about exactness holds for that
     /// matrix. [`rounding`](Self::rounding) tells how far it is from the original.
     ///
-    /// Differences: entries that were equal may now differ in the last bit (one
-    /// of three of 1/3 is smaller), so that paths which tied may not. The logarithms
-    /// that the first Viterbi makes have 64 bits. The verbs in `_all` and `learn` take
-    /// sequences one by one, not eight at a time, and learned values have 64 bits. From storage
-    /// (feature `serde`), a 64-bit matrix with the rounded values is read; if
-    /// none is below 1e-18, this method then gives the same matrix again, with a `rounding` of 0.
+    /// Differences: entries that were equal may now differ in the last bit (of three entries of
+    /// 1/3, one becomes smaller), so that paths which tied may no longer tie. The logarithms that
+    /// the first Viterbi computes are 64-bit. The verbs in `_all` and `learn` take sequences one by
+    /// one, not eight at a time, and learned values are 64-bit. From storage (feature `serde`), a
+    /// 64-bit matrix with the rounded values is read; if none is below 1e-18, this method then
+    /// returns the same matrix again, with a `rounding` of 0.
     ///
     /// ```
     /// use wayfix::SparseTransition;
@@ -71,9 +71,9 @@ impl SparseTransition {
         Self::rounded(rows, columns)
     }
 
-    /// Builds a matrix as [`from_triplets`](Self::from_triplets), then
-    /// [`with_single_values`](Self::with_single_values), without the 64-bit matrix in
-    /// between: in less time, and with less memory meanwhile.
+    /// Builds a matrix as [`from_triplets`](Self::from_triplets) followed by
+    /// [`with_single_values`](Self::with_single_values) would, without the 64-bit matrix in
+    /// between: in less time, and with less memory on the way.
     ///
     /// # Errors
     ///
@@ -92,11 +92,11 @@ impl SparseTransition {
     }
 
     /// The largest relative change e = |v / p − 1| of an entry p that
-    /// [`with_single_values`](Self::with_single_values) rounded to v; 0 for values of 64 bits.
+    /// [`with_single_values`](Self::with_single_values) rounded to v; 0 for 64-bit values.
     ///
     /// At most 1e-7 / p for the smallest entry p: 1e-5 if that is 0.01. (Beside an entry of
-    /// 0.999_999_999, one of 1e-9 can't be kept: it becomes 6e-8, and e is 59. Below some
-    /// 1e-315 e is infinite.)
+    /// 0.999_999_999, one of 1e-9 can't be kept: it becomes 6e-8, and e is 59. For entries below
+    /// about 1e-315, e is infinite.)
     ///
     /// # Effect on beliefs
     ///
@@ -105,12 +105,11 @@ impl SparseTransition {
     /// - each probability of a filtered, predicted or smoothed (k = T) belief is the
     ///   exact one times a factor between ((1−e)/(1+e))^k and ((1+e)/(1−e))^k;
     /// - the log-likelihood changes by at most −k ln(1−e);
-    /// - the path of Viterbi has at least ((1−e)/(1+e))^k times the probability of the
-    ///   best one.
+    /// - the Viterbi path has at least ((1−e)/(1+e))^k times the probability of the best one.
     ///
     /// The reason: the weight of a path, Π a b, has k factors a, each changed by a factor between
-    /// 1−e and 1+e, so that sums of such weights, which are not negative, change by a factor
-    /// between (1−e)^k and (1+e)^k; a probability is the ratio of two such sums.
+    /// 1−e and 1+e. Weights are not negative, so sums of them change by a factor between (1−e)^k
+    /// and (1+e)^k; a probability is the ratio of two such sums.
     #[must_use]
     pub fn rounding(&self) -> f64 {
         self.rounding
@@ -121,7 +120,8 @@ impl SparseTransition {
 fn round(rows: Compressed, columns: Compressed) -> (Compressed, Compressed, f64) {
     let entries = columns.entries();
     let (mut by_column, mut by_row) = (Vec::with_capacity(entries), vec![0.0; entries]);
-    // Position of the next entry of each row.
+    // Position of the next entry of each row. Columns are visited in order, so that entries of a
+    // row come in ascending order of their index, which is the order of its values.
     let mut next: Vec<u32> = rows.starts().to_vec();
     let (mut column, mut rounding) = (Column::default(), 0.0_f64);
     for from in 0..columns.lines() {
@@ -167,10 +167,13 @@ impl Column {
         // The remainder is exact: less than 2^53 steps, for fewer than 2^29 values.
         let mut left = 1.0;
         for (number, (&at, sum)) in order.iter().zip(&*sums).enumerate() {
+            // v_i, the 32-bit number nearest to t_i = p_i r / s.
             let mut v = (values[at] * (left / sum)) as f32;
             if number + 1 == order.len() {
+                // The remainder is a 32-bit number by then: the cast is exact.
                 v = left as f32;
             } else if f64::from(v) >= left {
+                // Leaves a step for the values to come, so that none becomes 0.
                 v = (left as f32).next_down();
             }
             rounded[at] = v;

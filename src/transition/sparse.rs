@@ -1,4 +1,7 @@
-//! Transition operators that store only the entries above 0.
+//! [`SparseTransition`], which stores only the entries above 0.
+//!
+//! Invariant: rows and columns hold the same entries, each once, with ascending indices; columns
+//! sum to one within 1e-9. Everything else (the sliced copies, the logarithms) derives from these.
 
 use std::fmt;
 use std::sync::OnceLock;
@@ -11,15 +14,14 @@ use wayfix_kernels::{EntryValues, Lines, Scores, Sliced, max_step};
 
 /// A sparse transition matrix, stored by rows and by columns with 32-bit indices.
 ///
-/// Products cost O(entries). Entries of 0 are not stored. Memory is 24 bytes an entry and 8 bytes
-/// a state for rows and columns, and from 17 to some 60 bytes an entry for the sliced copies that
-/// products read, eight rows or columns at a time; the first Viterbi adds up to 20 bytes an
-/// entry. [With values of 32 bits](Self::with_single_values), 24 become 16, and 17 to 60 become 9
-/// to 40.
+/// Products cost O(entries). Zeros are not stored. Rows and columns take 24 bytes an entry and 8
+/// bytes a state; the sliced copies, from which products read eight rows or columns at a time, take
+/// another 17 to 60 bytes an entry; the first Viterbi adds up to 20 bytes an entry.
+/// [With 32-bit values](Self::with_single_values), 24 become 16, and 17 to 60 become 9 to 40.
 ///
-/// With the feature `rayon`, from some 100,000 states on, products and the loops of filter and
-/// smoother run on all threads of the current pool (which may allocate now and then). The results
-/// are identical to the bit for any number of threads, and without the feature.
+/// With the feature `rayon`, products and the loops of filter and smoother run on all threads of
+/// the current pool if there are about 100,000 states or more (the pool may allocate now and then).
+/// Results are identical to the bit for any number of threads, and without the feature.
 ///
 /// ```
 /// use wayfix::{SparseTransition, Transition};
@@ -41,7 +43,7 @@ pub struct SparseTransition {
     pub(crate) plain: bool,
     /// log2 of the values of the rows, computed by the first decoding.
     log2: OnceLock<EntryValues>,
-    /// Largest relative change of a value by rounding to 32 bits; 0 with values of 64 bits.
+    /// Largest relative change of a value by rounding to 32 bits; 0 for 64-bit values.
     pub(super) rounding: f64,
 }
 
@@ -79,12 +81,16 @@ impl SparseTransition {
         let wrong = |(to, from, value)| TransitionError::Entry { to, from, value };
         let entries = Self::above_zero(states, triplets, wrong)?;
         check_count("entries", entries.len())?;
+        // Two counting sorts: the first groups by column in any order; the transpose then visits
+        // the columns in order, so that the indices within each row ascend. Each stage is dropped
+        // as soon as the next exists, since a large map may barely fit twice.
         let unsorted = Compressed::new(states, entries.iter().copied());
         drop(entries);
         let rows = unsorted.transposed();
         drop(unsorted);
         let mut sums = vec![0.0; states];
         for to in 0..states {
+            // Indices ascend, so a duplicate is next to its twin.
             if let Some(twice) = rows.indices(to).windows(2).find(|pair| pair[0] == pair[1]) {
                 return Err(TransitionError::Duplicate { to, from: twice[0] as usize });
             }
@@ -95,8 +101,8 @@ impl SparseTransition {
         Ok((rows, columns))
     }
 
-    /// Checks triplets, and returns those above 0 as (from, to, value); `wrong` is the error of a
-    /// value that is NaN, negative or infinite.
+    /// Checks triplets, and returns those above 0 as (from, to, value); `wrong` makes the error for
+    /// a value that is NaN, negative or infinite.
     #[doc(hidden)]
     pub fn above_zero(
         states: usize,
@@ -106,6 +112,7 @@ impl SparseTransition {
         if states == 0 {
             return Err(TransitionError::Empty);
         }
+        // Hardware gathers read 32-bit indices as signed, hence 2^31 − 1 and not 2^32 − 1.
         if i32::try_from(states).is_err() {
             return Err(TransitionError::TooMany { what: "states", count: states });
         }
@@ -126,6 +133,7 @@ impl SparseTransition {
     }
 
     pub(super) fn from_compressed(rows: Compressed, columns: Compressed, rounding: f64) -> Self {
+        // The two slicings are independent of each other, and neither depends on the threads.
         let (sliced_rows, sliced_columns) = (|| rows.sliced(), || columns.sliced());
         #[cfg(feature = "rayon")]
         let (sliced_rows, sliced_columns) = rayon::join(sliced_rows, sliced_columns);
@@ -242,6 +250,7 @@ impl SparseTransition {
         if to >= states || from >= states {
             return 0.0;
         }
+        // The cast is exact: from < states < 2^31.
         let at = self.rows.indices(to).binary_search(&(from as u32)).ok();
         at.and_then(|at| self.rows.line(to).nth(at)).map_or(0.0, |entry| entry.1)
     }
@@ -262,17 +271,17 @@ impl SparseTransition {
         &self.columns
     }
 
-    /// Positions of the entries out of a state among all, column by column.
+    /// Positions of the entries out of a state among all entries, column by column.
     pub(crate) fn positions(&self, from: usize) -> std::ops::Range<usize> {
         self.columns.range(from)
     }
 
-    /// Number of an entry among those out of a state. O(log entries of the column).
+    /// Position of an entry among those out of a state. O(log entries of the column).
     pub(crate) fn position(&self, to: usize, from: usize) -> Option<usize> {
         self.columns.indices(from).binary_search_by_key(&to, |index| *index as usize).ok()
     }
 
-    /// Rows and columns, or `None` if the values have 32 bits.
+    /// Rows and columns, or `None` if the values are 32-bit.
     pub(super) fn lines(&self) -> Option<(Lines<'_>, Lines<'_>)> {
         Some((self.rows.as_lines()?, self.columns.as_lines()?))
     }

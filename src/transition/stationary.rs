@@ -1,9 +1,10 @@
 //! The stationary distribution of an operator, A π = π, and the derivatives of functions of it.
 //!
-//! States are eliminated one by one, as a vehicle that skips them would move (Grassmann, Taksar and
-//! Heyman 1985): only sums, products and quotients of numbers above 0, so that each probability
-//! has small relative error, however slowly the chain mixes. The state with the fewest pairs of
-//! moves into and out of it goes first, so that maps of places fill in little.
+//! States are eliminated one by one: what is left is the chain watched only while it is in the
+//! other states (Grassmann, Taksar and Heyman 1985). That takes only sums, products and quotients
+//! of numbers above 0, so that each probability has a small relative error, however slowly the
+//! chain mixes. The state with the fewest pairs of moves into and out of it goes first (Markowitz
+//! 1957), so that maps of places fill in little.
 
 use std::collections::BTreeSet;
 
@@ -11,17 +12,18 @@ use super::{Transition, TransitionEntries};
 use crate::belief::Belief;
 use crate::error::{Parameter, TransitionError};
 
-/// Most entries of an elimination: about 1 GB.
+/// Largest number of entries of an elimination: about 1 GB.
 const MOST_ENTRIES: usize = 1 << 26;
-/// Weights above it are scaled, with all others.
+/// If a weight exceeds this, all weights are scaled down.
 const LARGE: f64 = 1e150;
 
-/// Control of an operator that is the same at all steps, and has distributions as columns.
+/// The control of an operator that is the same at all steps and whose columns are distributions;
+/// an error for other operators, which have no stationary distribution.
 pub(crate) fn the_control<A: Transition>(
     transition: &A,
 ) -> Result<&'static A::Control, TransitionError> {
     let Some(control) = transition.no_control() else {
-        let cause = "the operator has a control, or does not declare to have none";
+        let cause = "the operator has a control, or does not declare that it has none";
         return Err(TransitionError::Stationary(cause));
     };
     if transition.evidence(control).is_some() {
@@ -38,7 +40,7 @@ pub(crate) struct Stationary {
     last: usize,
 }
 
-/// A state, with the moves of the chain on it and those that were eliminated after it.
+/// An eliminated state, with the moves of the chain on it and on the states eliminated after it.
 struct Eliminated {
     state: usize,
     /// Probability of leaving it.
@@ -55,7 +57,7 @@ impl Stationary {
     pub(crate) fn of<A: TransitionEntries>(transition: &A) -> Result<Self, TransitionError> {
         let control = the_control(transition)?;
         let states = transition.states();
-        // Moves out of each state but those back to it, which only take time.
+        // Moves to other states. A stay changes nothing but the time, which `leaves` accounts for.
         let column = |from: usize| {
             let others = transition.outgoing(control, from).filter(|entry| entry.0 != from);
             others.map(|(to, p)| (to as u32, p)).collect::<Vec<_>>()
@@ -71,10 +73,14 @@ impl Stationary {
 
     /// The distribution π with A π = π; 0 outside the closed class.
     pub(crate) fn distribution(&self) -> Belief {
+        // Back substitution, from the last state to the first that was eliminated: in the chain on
+        // a state and those after it, flow in equals flow out, Σ_j π_j p(j → i) = π_i · leaves.
         let mut weights = vec![0.0; self.states];
         weights[self.last] = 1.0;
         for Eliminated { state, leaves, into, .. } in self.eliminated.iter().rev() {
             let mut flow: f64 = into.iter().map(|(from, p)| weights[*from as usize] * p).sum();
+            // Relative to the last state, which may be rare, a weight may leave the doubles. What
+            // scaling makes 0 is below 1e-308 of the whole.
             while flow / leaves > LARGE {
                 flow /= LARGE;
                 weights.iter_mut().for_each(|weight| *weight /= LARGE);
@@ -85,13 +91,15 @@ impl Stationary {
         Belief::known(weights.iter().map(|weight| weight / sum).collect())
     }
 
-    /// Derivatives of Σ `rewards[i]` `π[i]`: moving probability in column j from state a to state b
-    /// changes it by `π[j]` (h_b − h_a) for each unit, to first order. Returns h = Z' `rewards`, with
-    /// the fundamental matrix Z = (I − A + π 1')⁻¹ (Kemeny and Snell 1960; Schweitzer 1968), but for
-    /// a constant, and 0 outside the closed class.
+    /// Derivatives of Σ `rewards[i]` `π[i]`: to first order, moving probability ε in column j from
+    /// state a to state b changes it by ε `π[j]` (h_b − h_a). Returns h = Z' `rewards`, with the
+    /// fundamental matrix Z = (I − A + π 1')⁻¹ (Kemeny and Snell 1960; Schweitzer 1968), up to a
+    /// constant; 0 outside the closed class.
     pub(crate) fn potentials(&self, rewards: &[f64]) -> Vec<f64> {
-        // h_i = rewards_i − g + Σ_j p(j | i) h_j, with the mean reward g, so that h is a sum until
-        // the last state is met, of rewards and times, to which eliminated states add theirs.
+        // h_i = rewards_i − g + Σ_j p(j | i) h_j, with the mean reward g. So h_i is the expected
+        // sum of reward − g until the chain meets the last state, where h is 0. g is not known yet:
+        // rewards and times are summed separately. Each eliminated state passes its own on to the
+        // states that lead to it, by the expected number of visits, p / leaves.
         let mut sums: Vec<[f64; 2]> = rewards.iter().map(|reward| [*reward, 1.0]).collect();
         for Eliminated { state, leaves, into, .. } in &self.eliminated {
             let [reward, time] = sums[*state].map(|sum| sum / leaves);
@@ -101,11 +109,13 @@ impl Stationary {
                 *of_time += p * time;
             }
         }
+        // All the reward and time between two visits of the last state: g by renewal.
         let [reward, time] = sums[self.last];
         let mean = reward / time;
         let mut potentials = vec![0.0; self.states];
         for Eliminated { state, leaves, out, .. } in self.eliminated.iter().rev() {
             let [reward, time] = sums[*state];
+            // States that it leads to were eliminated later, so that their h are known.
             let next = out.iter().map(|(to, share)| share * potentials[*to as usize]);
             potentials[*state] = (reward - mean * time) / leaves + next.sum::<f64>();
         }
@@ -118,11 +128,12 @@ impl Stationary {
     }
 }
 
-/// The states of the only closed class, ascending; an error if there are several.
+/// Returns the states of the only closed class, ascending; an error if there are several.
 fn closed_class(out: &[Vec<(u32, f64)>], into: &[Vec<u32>]) -> Result<Vec<u32>, TransitionError> {
-    // All states that lead to state 0, then those that lead to the first of the others, and so on.
-    // If some state is reached from all, so is the last one that a search began with: no search
-    // before has found it, so that it leads to none of what they found.
+    // Searches against the moves: all states that lead to state 0, then all that lead to the first
+    // of the others, and so on. Suppose some state r is reached from all. The search that found r
+    // found every state that leads to r and was not yet seen, that is all of them: it was the last,
+    // and r leads to the state where it began. So that state is reached from all, too.
     let mut seen = vec![false; out.len()];
     let mut last = 0;
     for state in 0..out.len() {
@@ -131,17 +142,20 @@ fn closed_class(out: &[Vec<(u32, f64)>], into: &[Vec<u32>]) -> Result<Vec<u32>, 
             search(state, &mut seen, |at| into[at].iter().copied());
         }
     }
+    // If some state does not lead to `last`, no state is reached from all: there are several closed
+    // classes.
     let mut seen = vec![false; out.len()];
     search(last, &mut seen, |at| into[at].iter().copied());
     if let Some(first) = seen.iter().position(|seen| !seen) {
         return Err(TransitionError::ClosedClasses { first, second: last });
     }
+    // The class is what `last` leads to: everything leads back to it.
     seen.fill(false);
     search(last, &mut seen, |at| out[at].iter().map(|entry| entry.0));
     Ok((0..).zip(seen).filter(|(_, seen)| *seen).map(|(state, _)| state).collect())
 }
 
-/// Marks the states that are found from one.
+/// Marks the states that can be reached from `from` by `next`, and `from` itself.
 fn search<I: Iterator<Item = u32>>(from: usize, seen: &mut [bool], next: impl Fn(usize) -> I) {
     let mut waiting = vec![from];
     seen[from] = true;
@@ -164,6 +178,8 @@ fn eliminate(
     let mut inside = vec![false; states];
     class.iter().for_each(|state| inside[*state as usize] = true);
     into.iter_mut().for_each(|into| into.retain(|from| inside[*from as usize]));
+    // Eliminating a state joins each of its predecessors to each of its successors: the number of
+    // pairs bounds the new entries.
     let cost = |out: &[Vec<_>], into: &[Vec<_>], at: u32| {
         out[at as usize].len().saturating_mul(into[at as usize].len())
     };
@@ -180,6 +196,8 @@ fn eliminate(
         if queue.is_empty() {
             return Ok(Stationary { states, eliminated, last: state });
         }
+        // The probability of leaving is summed from the moves, not taken as 1 − p(stay): the step
+        // by which the method avoids subtractions.
         let mut shares = std::mem::take(&mut out[state]);
         let leaves: f64 = shares.iter().map(|entry| entry.1).sum();
         if leaves == 0.0 {
@@ -195,6 +213,7 @@ fn eliminate(
             from_others.push((from, p));
         }
         shares.iter().for_each(|(to, _)| into[*to as usize].retain(|from| *from != k));
+        // Only the neighbours have other lists now, so only their costs change.
         for other in shares.iter().map(|share| share.0).chain(from_others.iter().map(|m| m.0)) {
             let now = cost(&out, &into, other);
             let before = std::mem::replace(&mut costs[other as usize], now);
@@ -212,8 +231,8 @@ fn eliminate(
     Err(TransitionError::Empty)
 }
 
-/// The moves out of a state, after those to state k have been led on where k leads, and the
-/// probability of these. Calls `new` for each state to which no move led before.
+/// Returns the moves out of a state after those to state k have been passed on to where k leads,
+/// and the probability of the moves to k. Calls `new` for each state that was not reached before.
 fn through(
     from: u32,
     column: Vec<(u32, f64)>,
@@ -222,6 +241,8 @@ fn through(
     mut new: impl FnMut(u32),
 ) -> (Vec<(u32, f64)>, f64) {
     let p = column.iter().find(|entry| entry.0 == k).map_or(0.0, |entry| entry.1);
+    // Both lists ascend, and so does the merged one. What k leads back to `from` is a stay, which
+    // is left out as all stays are.
     let mut merged = Vec::with_capacity(column.len() + shares.len());
     let mut shares = shares.iter().filter(|share| share.0 != from).peekable();
     for (to, known) in column {

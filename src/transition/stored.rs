@@ -1,10 +1,11 @@
-//! Stored matrices, for which inference has loops of its own, as operators.
+//! Operators of the stored matrices, [`SparseTransition`] and [`DenseTransition`], and [`Stored`],
+//! by which inference recognises them and fuses the product with its other loops.
 
 use super::{DenseTransition, SparseTransition, Transition, TransitionEntries, check_slices, log};
 use crate::error::TransitionError;
 use wayfix_kernels::{Lines, Panels};
 
-/// A stored matrix, for which this crate has loops of its own.
+/// A stored matrix, for which this crate has specialised loops.
 ///
 /// Returned by [`Transition::stored`](super::Transition::stored).
 #[derive(Debug, Clone, Copy)]
@@ -42,7 +43,7 @@ impl<'a> Stored<'a> {
         }
     }
 
-    /// Rows and columns, if values have 64 bits.
+    /// Rows and columns, if values are 64-bit.
     pub(crate) fn lines(self) -> Option<(Lines<'a>, Lines<'a>)> {
         match self.0 {
             Form::Sparse(matrix) => matrix.lines(),
@@ -52,8 +53,8 @@ impl<'a> Stored<'a> {
 }
 
 impl SparseTransition {
-    /// Creates an operator from any other one without a control, with one product per state.
-    /// Useful for frequent decoding with an operator whose entries are expensive.
+    /// Creates a stored copy of any operator without a control, by one product per state. Useful
+    /// for frequent decoding with an operator whose entries are expensive.
     /// O(n · (a product) + n log n + entries).
     ///
     /// # Errors
@@ -67,6 +68,7 @@ impl SparseTransition {
         let (mut unit, mut column) = (vec![0.0; n], vec![0.0; n]);
         let mut entries = Vec::new();
         for from in 0..n {
+            // A e_j is column j. Only one value of the unit vector is reset, not all n.
             unit[from] = 1.0;
             operator.apply(&(), &unit, &mut column);
             unit[from] = 0.0;
@@ -100,6 +102,9 @@ impl Transition for SparseTransition {
         Some(Stored::sparse(self))
     }
 
+    // Row by row, not by bands: rows are short, and one band costs as much as all of their sums
+    // (see "The product in logarithms" in the formulas).
+
     fn apply_log(&self, (): &(), x: &[f64], out: &mut [f64]) {
         for (i, out) in out.iter_mut().enumerate() {
             *out = log::sum(self.rows.line(i), x);
@@ -123,6 +128,7 @@ impl TransitionEntries for SparseTransition {
     }
 
     fn max_product(&self, (): &(), x: &[f64], out: &mut [f64], from: &mut [u32]) {
+        // Without likelihoods: the caller adds its own.
         self.maximize(x, None, out, from);
     }
 }
@@ -175,6 +181,7 @@ impl TransitionEntries for DenseTransition {
 
     fn max_product(&self, (): &(), x: &[f64], out: &mut [f64], from: &mut [u32]) {
         check_slices(self.states(), x, out);
+        // Logarithms are taken once, by the first decoding, and cost as much memory as the matrix.
         let entry = |i, j| self.matrix.column(j)[i];
         self.log2.get_or_init(|| Panels::log2(self.states(), entry)).maximize(x, out, from);
     }

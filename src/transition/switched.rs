@@ -1,9 +1,9 @@
-//! One of several operators at each step, chosen by the control.
+//! [`SwitchedTransition`]: one of several operators at each step, chosen by the control.
 
 use super::{Stored, Transition, TransitionEntries, delegate};
 use crate::error::TransitionError;
 
-/// A family of operators; the control of a step is the index of its operator. For gears, times of
+/// A family of operators. The control of a step is the index of its operator. For gears, times of
 /// day, or a matrix for each step.
 ///
 /// ```
@@ -29,13 +29,14 @@ pub struct SwitchedTransition<A> {
 }
 
 impl<A: Transition<Control = ()>> SwitchedTransition<A> {
-    /// Creates a family of operators of one size. Control u chooses `operators[u]`.
+    /// Creates a family of operators with the same number of states. Control u chooses
+    /// `operators[u]`.
     ///
     /// # Errors
     ///
-    /// [`TransitionError::Empty`] for no operators,
-    /// [`TransitionError::StateCount`] for different sizes, or
-    /// [`TransitionError::ColumnSum`] for an operator that is not stochastic.
+    /// [`TransitionError::Empty`] if there are no operators, [`TransitionError::StateCount`] if
+    /// their numbers of states differ, or [`TransitionError::ColumnSum`] for an operator that is
+    /// not stochastic.
     pub fn new(operators: Vec<A>) -> Result<Self, TransitionError> {
         let expected = operators.first().ok_or(TransitionError::Empty)?.states();
         for (operator, a) in operators.iter().enumerate() {
@@ -43,6 +44,7 @@ impl<A: Transition<Control = ()>> SwitchedTransition<A> {
             if found != expected {
                 return Err(TransitionError::StateCount { operator, found, expected });
             }
+            // Now, since a model can't check an operator that depends on its control.
             super::validate_with(a, &())?;
         }
         Ok(Self { operators })
@@ -61,6 +63,7 @@ impl<A: Transition<Control = ()>> Transition for SwitchedTransition<A> {
     delegate!(a, control => a.operators[*control], &(); products evidence needs_logs);
 
     fn states(&self) -> usize {
+        // `new` has checked that there is at least one, and that all have the same number.
         self.operators[0].states()
     }
 

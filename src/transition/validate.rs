@@ -1,10 +1,10 @@
-//! Checks of operators.
+//! Checks of whole operators by products: two that cost O(n) memory and need no entries.
 
 use super::{Transition, check_columns};
 use crate::error::TransitionError;
 use wayfix_kernels as kernels;
 
-/// Checks an operator that declares to have no control, as [`validate_with`]. An operator with a
+/// Checks an operator that is the same at every step, by [`validate_with`]. An operator with a
 /// control can't be checked without one, except for its number of states.
 pub(crate) fn validate<A: Transition>(transition: &A) -> Result<(), TransitionError> {
     match transition.no_control() {
@@ -14,7 +14,7 @@ pub(crate) fn validate<A: Transition>(transition: &A) -> Result<(), TransitionEr
     }
 }
 
-/// Checks the operator of a control: its columns sum to one, A' 1 = 1 (but for evidence on
+/// Checks the operator of a control: its columns sum to one, A' 1 = 1 (unless it has evidence on
 /// moves), and its two products are transposes, v' (A u) = u' (A' v).
 pub fn validate_with<A: Transition>(
     transition: &A,
@@ -29,11 +29,13 @@ pub fn validate_with<A: Transition>(
     transition.apply_transpose(control, &ones, &mut product);
     match transition.evidence(control) {
         None => check_columns(&product)?,
+        // Entries beyond doubles would make the test below fail, or pass, by chance.
         Some(_) if transition.needs_logs(control) => return Ok(()),
         Some(_) => {}
     }
-    // Two vectors without a pattern that an operator could have in common: multiples of the
-    // golden ratio and of the square root of two, modulo one.
+    // Two vectors with no pattern that an operator could share: multiples of the golden ratio and
+    // of the square root of two, modulo one. A product with both is one number for all n² entries,
+    // and differs for nearly all pairs of products that are not transposes.
     let (golden, root) = (0.618_033_988_749_894_9, std::f64::consts::SQRT_2);
     let v: Vec<f64> = (1..=n).map(|i| 0.5 + (i as f64 * golden).fract()).collect();
     ones.iter_mut().zip(1..).for_each(|(u, i)| *u = 0.5 + (f64::from(i) * root).fract());
@@ -45,8 +47,8 @@ pub fn validate_with<A: Transition>(
     if close { Ok(()) } else { Err(TransitionError::Transpose { forward, backward }) }
 }
 
-/// Refuses inner operators with evidence, for operators that add moves without a likelihood of
-/// the measurements.
+/// Refuses inner operators with evidence, for wrappers whose own moves have no likelihood of the
+/// measurement.
 pub fn refuse_evidence<A: Transition>(
     inner: &A,
     control: &A::Control,

@@ -1,4 +1,4 @@
-//! Sparse operators from unnormalised weights.
+//! Sparse operators from unnormalised weights: columns of counts or scores, divided by their sums.
 
 use super::SparseTransition;
 use super::check_count;
@@ -10,7 +10,7 @@ impl SparseTransition {
     /// drives, frequencies or scores. O(n + weights).
     ///
     /// Weights of the same move are added, and the weights out of each state are divided by their
-    /// sum, so that columns sum to one. Each column has a scale of its own, as in
+    /// sum, so that columns sum to one. The scale of a column does not matter, as in
     /// [`Belief::from_weights`](crate::Belief::from_weights). Missing weights are 0.
     ///
     /// ```

@@ -1,4 +1,7 @@
-//! A banded operator along a route: the same moves from every place.
+//! [`WindowTransition`], a banded operator along a route: the same moves from every place.
+//!
+//! Places from which the whole window stays on the route share one list of entries, so that a
+//! product is w contiguous loops. The few places near an end have columns of their own.
 
 use std::ops::Range;
 
@@ -6,21 +9,21 @@ use super::{Transition, TransitionEntries, check_count, check_slices, check_sum,
 use crate::error::TransitionError;
 use wayfix_kernels::log2;
 
-/// A banded matrix of which only the window is stored: the places of a route in order, with one
-/// distribution of the number of places that a step moves on.
+/// A banded matrix that stores only its window: the places of a route in order, with one
+/// distribution of the number of places moved in a step.
 ///
 /// On a closed route, a loop, the first place follows the last; on an open one, moves beyond an
 /// end stop there.
 ///
-/// Products cost O(n w) for w weights, in contiguous loops. Memory is O(w), and
-/// O(w) for each of the e places from which the window reaches beyond an end. Listing the
-/// entries *into* a state costs O(w + e log w).
+/// Products cost O(n w) for w weights, in contiguous loops. Memory is O(w), plus O(w) for each of
+/// the e places from which the window reaches beyond an end. Listing the entries *into* a state
+/// costs O(w + e log w).
 ///
 /// ```
 /// use wayfix::transition::WindowTransition;
 /// use wayfix::Transition;
 ///
-/// // One place back, none, or one on; the route ends after four places.
+/// // One place back, a stay, or one place ahead; the route ends after four places.
 /// let a = WindowTransition::new(4, -1, &[0.125, 0.25, 0.625], false)?;
 /// let mut out = [0.0; 4];
 /// a.apply(&(), &[0.0, 0.0, 0.0, 1.0], &mut out);
@@ -33,8 +36,7 @@ pub struct WindowTransition {
     /// True if the first place follows the last.
     #[cfg(feature = "serde")]
     pub(crate) closed: bool,
-    /// Offset of the window: place j leads to j + `first` + `to` of each of its entries, if j is
-    /// in `whole`.
+    /// Offset of the window: a place j in `whole` leads to j + `first` + `to` for each entry.
     pub(crate) first: isize,
     pub(crate) window: Vec<Entry>,
     /// Places from which the whole window stays on the route.
@@ -51,15 +53,16 @@ pub(crate) struct Entry {
     log2: f64,
 }
 
-/// Number of places handled at a time, so that they stay in the cache.
+/// Number of places handled at a time: 16 KB of x and as much of sums, which stay in the cache
+/// while the loop over the window passes over them again and again.
 const BLOCK: usize = 2048;
 
 impl WindowTransition {
     /// Creates an operator that moves from place j to j + `first` + d with probability
     /// `weights[d]`. O(w log w) for each place near an end.
     ///
-    /// On a closed route, moves that lead to the same place add up, so the window may
-    /// be longer than the route.
+    /// On a closed route, moves to the same place add up, so the window may be longer than the
+    /// route.
     ///
     /// # Errors
     ///
@@ -80,8 +83,10 @@ impl WindowTransition {
             format!("the weight of offset {}", first.saturating_add_unsigned(d))
         })?;
         let n = states.cast_signed();
+        // The window starts at its first weight above 0.
         let leading = weights.iter().take_while(|w| **w == 0.0).count();
-        // The same moves around the loop, with the offsets nearest to 0.
+        // On a loop, an offset counts modulo n. The representative nearest to 0 leaves the fewest
+        // places near an end.
         let around = (first.rem_euclid(n) + (leading % states).cast_signed()) % n;
         let first = match closed {
             true if around > n / 2 => around - n,
@@ -90,6 +95,8 @@ impl WindowTransition {
         };
         let moves = weights[leading..].iter().enumerate().filter(|(_, w)| **w > 0.0);
         let window: Vec<_> = moves.map(|(to, &value)| Entry::new(to, value)).collect();
+        // Place j stays on the route with its whole window if j + first ≥ 0 and j + last < n.
+        // If there is no such place, all columns are in `before`.
         let last = window.last().map_or(first, |entry| first.saturating_add_unsigned(entry.to));
         let start = first.min(0).unsigned_abs();
         let end = states.saturating_sub(last.max(0).unsigned_abs());
@@ -104,6 +111,7 @@ impl WindowTransition {
                 (to.cast_unsigned(), entry.value)
             });
             let mut column: Vec<_> = reached.collect();
+            // Moves around the loop, or stopped at an end, may share a target: those are added.
             column.sort_by_key(|entry| entry.0);
             column.dedup_by(|next, kept| {
                 let same = next.0 == kept.0;
@@ -126,7 +134,7 @@ impl WindowTransition {
         })
     }
 
-    /// Columns near the start, with their places.
+    /// Places near the start, with their columns.
     fn before(&self) -> impl Iterator<Item = (usize, &Vec<Entry>)> + Clone {
         (0..).zip(&self.before)
     }
@@ -135,14 +143,15 @@ impl WindowTransition {
         (self.whole.end..).zip(&self.after)
     }
 
-    /// Places with a whole window, in blocks.
+    /// Blocks of the places whose whole window stays on the route.
     fn blocks(&self) -> impl Iterator<Item = Range<usize>> {
         let starts = self.whole.clone().step_by(BLOCK);
         starts.map(|start| start..self.whole.end.min(start + BLOCK))
     }
 
-    /// The places that an entry of the window leads to from a block.
+    /// The places to which an entry of the window leads from a block.
     fn target(&self, block: &Range<usize>, entry: &Entry) -> Range<usize> {
+        // Does not wrap: places of a block lie in `whole`, where j + first ≥ 0.
         let start = block.start.wrapping_add_signed(self.first) + entry.to;
         start..start + block.len()
     }
@@ -165,15 +174,18 @@ impl Entry {
     }
 }
 
-/// Adds two entries at once, so that sums are read and written half as often: out begins at the
+/// Adds two entries at once, so that sums are read and written half as often. `out` begins with the
 /// targets of the first entry, and ends with those of the second.
 fn add_two(out: &mut [f64], x: &[f64], first: &Entry, second: &Entry) {
+    // The targets of the second are those of the first, shifted. Up to the shift only the first
+    // entry contributes, then both, then only the second. If the two do not overlap, the middle
+    // loop is empty, and what lies between them stays.
     let shift = (second.to - first.to).min(x.len());
     let (start, rest) = out.split_at_mut(shift);
     start.iter_mut().zip(x).for_each(|(out, x)| *out += first.value * x);
     let both = rest.iter_mut().zip(x[shift..].iter().zip(x));
+    // Added in the same order as entry by entry, so that sums are the same to the bit.
     both.for_each(|(out, (a, b))| *out = (*out + first.value * a) + second.value * b);
-    // From here on, only the second entry.
     let end = out.len() - shift;
     let alone = &x[x.len() - shift..];
     out[end..].iter_mut().zip(alone).for_each(|(out, x)| *out += second.value * x);
@@ -193,6 +205,8 @@ impl Transition for WindowTransition {
     fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
         check_slices(self.states, x, out);
         out.fill(0.0);
+        // Columns are added into `out`, which starts at 0: a place may be reached both from `whole`
+        // and from places near an end.
         for block in self.blocks() {
             let x = &x[block.clone()];
             let (pairs, last) = self.window.as_chunks::<2>();
@@ -249,7 +263,8 @@ impl TransitionEntries for WindowTransition {
             let at = column.binary_search_by_key(&to, |entry| entry.to).ok()?;
             Some((from, column[at].value))
         };
-        // The farther the move, the lower its source.
+        // The farther the move, the lower its source: reversed, sources ascend, and all lie between
+        // those of `before` and `after`. A source below 0 or beyond `whole` is skipped.
         let whole = self.window.iter().rev().filter_map(move |entry| {
             let from = to.checked_add_signed(self.first.checked_neg()?)?.checked_sub(entry.to)?;
             self.whole.contains(&from).then_some((from, entry.value))
@@ -265,7 +280,8 @@ impl TransitionEntries for WindowTransition {
         check_slices(self.states, x, out);
         out.fill(f64::NEG_INFINITY);
         from.fill(0);
-        // Each state is offered its predecessors in ascending order, so that the lowest wins ties.
+        // Each state is offered its predecessors in ascending order (places before `whole`, blocks
+        // in order, far moves before near ones, places after), so that the lowest wins ties.
         let offer = |out: &mut f64, from: &mut u32, value: f64, place: usize| {
             let better = value > *out;
             *out = if better { value } else { *out };

@@ -101,7 +101,7 @@ fn transitions() {
     let of = |n| DenseTransition::from_fn(n, |i, j| f64::from(i == j)).unwrap();
     says(
         SwitchedTransition::new(vec![of(2), of(3)]),
-        "operator 1 has 3 states, expected 2 as operator 0",
+        "operator 1 has 3 states, expected 2 to match operator 0",
     );
     says(
         SwitchedTransition::<DenseTransition>::new(vec![]),
@@ -113,11 +113,11 @@ fn transitions() {
 fn tables() {
     says(
         TableLikelihood::from_rows(&[[0.5, 0.5], [0.5, 0.4]]),
-        "the probabilities of what state 1 shows sum to 0.9, expected 1",
+        "the symbol probabilities of state 1 sum to 0.9, expected 1",
     );
     says(
         TableLikelihood::from_rows(&[vec![0.5, 0.5], vec![1.0]]),
-        "the row of state 1 has 1 values, expected 2 as state 0",
+        "the row of state 1 has 1 values, expected 2 to match state 0",
     );
     says(
         TableLikelihood::from_rows(&[[0.5, 0.5], [1.5, -0.5]]),
@@ -192,12 +192,12 @@ fn models() {
     let table = TableLikelihood::from_rows(&[[1.0]; 3]).unwrap();
     says(
         Hmm::new(at_0(), still(2), table.clone()),
-        "the likelihood operator has 3 states, expected 2 as the prior",
+        "the likelihood operator has 3 states, expected 2 to match the prior",
     );
     let three = DenseTransition::from_fn(3, |i, j| f64::from(i == j)).unwrap();
     says(
         Hmm::new(at_0(), three, table.clone()),
-        "the transition operator has 3 states, expected 2 as the prior",
+        "the transition operator has 3 states, expected 2 to match the prior",
     );
     let error = Hmm::new(at_0(), Leaky, LikelihoodVector::linear(2)).err().unwrap();
     assert_eq!(
@@ -206,7 +206,7 @@ fn models() {
     );
     says(
         FusedLikelihood::new(table, LikelihoodVector::linear(2).owned()),
-        "the second sensor has 2 states, expected 3 as the first sensor",
+        "the second sensor has 2 states, expected 3 to match the first sensor",
     );
 }
 
@@ -347,7 +347,7 @@ fn snapshots_of_another_model() {
     let three = Hmm::new(prior, three, LikelihoodVector::linear(3)).unwrap();
     says(
         two.filter().restore(&three.filter().snapshot()),
-        "the snapshot has 3 states, expected 2 as the model",
+        "the snapshot has 3 states, expected 2 to match the model",
     );
 }
 
@@ -537,13 +537,13 @@ fn turning_and_sensors() {
     let weights = |weights: &[_]| Confusion::from_weights(2, weights.iter().copied());
     says(
         entries(&[(0, 0, 0.5), (0, 1, 0.4), (1, 1, 1.0)]),
-        "the probabilities of what state 0 shows sum to 0.9, expected 1",
+        "the symbol probabilities of state 0 sum to 0.9, expected 1",
     );
-    says(entries(&[(0, 1, 1.0)]), "the probabilities of what state 1 shows sum to 0, expected 1");
+    says(entries(&[(0, 1, 1.0)]), "the symbol probabilities of state 1 sum to 0, expected 1");
     // What is seen need not sum to one, and it is no hint if it does.
     says(
         entries(&[(0, 0, 0.5), (1, 0, 0.5), (0, 1, 0.25), (1, 1, 0.75)]),
-        "the probabilities of what state 0 shows sum to 0.75, expected 1",
+        "the symbol probabilities of state 0 sum to 0.75, expected 1",
     );
     for (bad, found) in [(-0.5, "-0.5"), (f64::NAN, "NaN"), (f64::INFINITY, "inf")] {
         let expected = "expected a finite value of at least 0";

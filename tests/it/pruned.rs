@@ -429,7 +429,7 @@ fn a_snapshot_of_another_model_is_refused() {
     let before = other.snapshot();
     assert_eq!(
         other.restore(&snapshot).unwrap_err().to_string(),
-        "the snapshot has 4 states, expected 5 as the model"
+        "the snapshot has 4 states, expected 5 to match the model"
     );
     assert_eq!(other.snapshot(), before);
 }
@@ -550,7 +550,7 @@ fn restart_and_relocate_begin_anew() {
     assert_eq!(pruned.certificate(), Certificate::Within(0.0));
     assert!(pruned.log_likelihood().start() == log.start());
     let text = pruned.relocate(&Belief::uniform(3).unwrap()).unwrap_err().to_string();
-    assert_eq!(text, "the belief has 3 states, expected 50 as the model");
+    assert_eq!(text, "the belief has 3 states, expected 50 to match the model");
     // A prediction moves on without an observation.
     pruned.predict().unwrap();
     assert_eq!((pruned.active(), pruned.probabilities()), (&[40, 41][..], &[0.25, 0.75][..]));
@@ -700,7 +700,7 @@ fn nonsense_of_a_sensor_is_an_error_with_the_step() {
         ),
         (
             Wrong { value: 1.0, others: f64::INFINITY, log_factor: 0.0 },
-            "the likelihood of states not listed is bounded by inf, expected a finite value of at least 0",
+            "the likelihood of unlisted states is bounded by inf, expected a finite value of at least 0",
         ),
         (
             Wrong { value: 1.0, others: 1.0, log_factor: f64::NAN },

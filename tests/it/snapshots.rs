@@ -253,8 +253,11 @@ fn bytes_of_something_else_say_what_they_are() {
     };
     refused(b"", "the snapshot ends after 0 bytes, expected at least 16");
     refused(b"wayf", "the snapshot ends after 4 bytes, expected at least 16");
-    refused(b"{}", "the bytes do not begin as those of a snapshot");
-    refused(b"a long text that is no snapshot", "the bytes do not begin as those of a snapshot");
+    refused(b"{}", "the bytes do not begin with the header of a snapshot");
+    refused(
+        b"a long text that is no snapshot",
+        "the bytes do not begin with the header of a snapshot",
+    );
     let other = hmm.online_viterbi().snapshot().to_bytes();
     refused(&other, "the bytes are of type OnlineViterbiSnapshot, expected FilterSnapshot");
     let changed = |at: usize, to: u8| {

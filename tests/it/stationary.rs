@@ -362,7 +362,7 @@ fn operators_without_one_stationary_distribution_are_refused() {
     let still = sparse(&matrix(3, |i, j| f64::from(i == j)));
     says(
         Prior::stationary(&still),
-        "there is no one stationary distribution: from state 0 and from state 2, the transition operator leads to different closed classes",
+        "there is no unique stationary distribution: from state 0 and from state 2, the transition operator leads to different closed classes",
     );
     // Each distribution of it is stationary.
     let given = Prior::Stationary(Belief::new(vec![0.2, 0.3, 0.5]).unwrap());
@@ -374,7 +374,7 @@ fn operators_without_one_stationary_distribution_are_refused() {
     ));
 
     let switched = SwitchedTransition::new(vec![still.clone()]).unwrap();
-    let expected = "there is no one stationary distribution: the operator has a control, or does not declare to have none";
+    let expected = "there is no unique stationary distribution: the operator has a control, or does not declare that it has none";
     says(Prior::stationary(&switched), expected);
     let given = || Prior::Stationary(Belief::uniform(3).unwrap());
     let error = Hmm::new(given(), switched, table(3));

@@ -186,7 +186,7 @@ fn what_is_refused_leaves_the_smoother_as_it_was() {
     let before = smoother.snapshot();
     assert!(matches!(smoother.update(&[0.0, 0.0]), Err(InferenceError::Impossible { step: 1 })));
     let text = smoother.relocate(&Belief::uniform(3).unwrap()).unwrap_err().to_string();
-    assert_eq!(text, "the belief has 3 states, expected 2 as the model");
+    assert_eq!(text, "the belief has 3 states, expected 2 to match the model");
     assert_eq!(smoother.snapshot(), before);
     assert!(smoother.get(0).is_some());
 }

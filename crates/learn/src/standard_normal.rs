@@ -2,16 +2,16 @@
 
 use std::f64::consts::{FRAC_1_SQRT_2, TAU};
 
-/// Probabilities of a standard normal number below and above z.
+/// Probabilities of a standard normal variable below and above z, each accurate by itself.
 pub(crate) fn normal_sides(z: f64) -> [f64; 2] {
     [0.5 * libm::erfc(-z * FRAC_1_SQRT_2), 0.5 * libm::erfc(z * FRAC_1_SQRT_2)]
 }
 
-/// The number below which a standard normal one has the probability p, for p from 0 to ½; −∞ if p is
-/// below 2.2e-308.
+/// Quantile of the standard normal distribution at p from 0 to ½; −∞ if p is below 2.2e-308, and 0
+/// above ½.
 ///
-/// Newton's method for the logarithm of the distribution function, which is concave: from a start
-/// that is too low (by Φ(z) ≤ ½ exp(−z² / 2) for z ≤ 0), all steps lead up to the root.
+/// Newton's method for ln Φ(z) = ln p. ln Φ is concave, so that from a start below the root (by
+/// Φ(z) ≤ ½ exp(−z² / 2) for z ≤ 0) all steps lead up to the root, and none beyond.
 pub(crate) fn normal_quantile(p: f64) -> f64 {
     if p < f64::MIN_POSITIVE {
         return f64::NEG_INFINITY;
@@ -23,13 +23,13 @@ pub(crate) fn normal_quantile(p: f64) -> f64 {
     let mut z = -(-2.0 * ln_p).sqrt();
     for _ in 0..50 {
         let below = normal_sides(z)[0];
-        // ln Φ(z) less its aim, and the slope of ln Φ; near the root by the quotient, which has more
-        // digits.
+        // ln p − ln Φ(z), near the root from the quotient, which has more digits. The slope of ln Φ
+        // is φ(z) / Φ(z).
         let ratio = p / below;
         let excess =
             if (ratio - 1.0).abs() < 0.5 { (ratio - 1.0).ln_1p() } else { ln_p - below.ln() };
         let step = excess * below * TAU.sqrt() * (0.5 * z * z).exp();
-        // Rounding alone makes a step down.
+        // At the root only rounding is left, which may point down.
         if step <= f64::EPSILON * z.abs() {
             break;
         }
@@ -42,7 +42,7 @@ pub(crate) fn normal_quantile(p: f64) -> f64 {
 mod tests {
     use super::normal_quantile;
 
-    /// Tabled quantiles (Abramowitz and Stegun 1964, table 26.5).
+    /// Tabulated quantiles (Abramowitz and Stegun 1964, table 26.5).
     #[test]
     fn quantiles_are_those_of_tables() {
         for (within, expected) in [

@@ -55,7 +55,7 @@ fn a_mistake_is_named_with_its_place() {
         ("/transition/probability/2", json!(-0.5), "from state 1 to state 2 has probability -0.5"),
         ("/transition/to/2", json!(11), "state 11"),
         ("/likelihood/rows/3/2", json!(-0.25), "state 3 shows symbol 2 with probability -0.25"),
-        ("/likelihood/rows/3/2", json!(0.95), "the probabilities of what state 3 shows sum to"),
+        ("/likelihood/rows/3/2", json!(0.95), "the symbol probabilities of state 3 sum to"),
         ("/likelihood/rows", json!([[0.5, 0.5]]), "has 1 states, expected 11"),
         ("/prior/at_first_observation/4", json!(0.5), "the probabilities sum to 1."),
         ("/likelihood", json!({}), "the sensor is not one of"),

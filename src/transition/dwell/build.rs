@@ -1,4 +1,6 @@
-//! Construction from distributions of dwell times, hazards, or families of durations.
+//! Construction from distributions of dwell times, hazards, or families of durations. All become
+//! pairs (leave, stay) for each age, the hazard and its complement, each computed for itself, so
+//! that neither loses digits where the other is near 1.
 
 use super::{Durations, DwellTransition};
 use crate::error::{Parameter, TransitionError};
@@ -24,9 +26,11 @@ impl<A: Transition> DwellTransition<A> {
             check_sum(dwell, format!("the sum of the dwell times of place {place}"), |at| {
                 format!("the probability of {} steps in place {place}", at + 1)
             })?;
+            // From the longest stay down: P(D > d) is a sum of positive terms, where 1 less those
+            // up to d would cancel. The last age has hazard p / p = 1.
             let end = dwell.iter().rposition(|p| *p > 0.0).map_or(0, |last| last + 1);
             let mut ages = vec![(1.0, 0.0); end];
-            let mut longer = 0.0; // the probability of more steps than these
+            let mut longer = 0.0; // the probability of more steps
             for (age, p) in ages.iter_mut().zip(&dwell[..end]).rev() {
                 let reached = p + longer;
                 *age = (p / reached, longer / reached);
@@ -40,15 +44,14 @@ impl<A: Transition> DwellTransition<A> {
         )
     }
 
-    /// Creates the operator from hazards: `leaving[i][c]` = p(place i is left
-    /// after c + 1 steps, given that it is not left before). The last value holds for all later
-    /// steps: a single value is a geometric dwell time, and a last value of 0
-    /// keeps the vehicle in the place. O(states).
+    /// Creates the operator from hazards: `leaving[i][c]` = p(place i is left after c + 1 steps,
+    /// given that it is not left before). The last value holds for all later steps: a single value
+    /// is a geometric dwell time, and a last value of 0 keeps the vehicle in the place. O(states).
     ///
     /// # Errors
     ///
-    /// As [`new`](Self::new); probabilities of leaving are from 0 to 1, and
-    /// each place has at least one.
+    /// As [`new`](Self::new), but probabilities of leaving must be from 0 to 1, and each place must
+    /// have at least one.
     pub fn from_leaving<D: AsRef<[f64]>>(moves: A, leaving: &[D]) -> Result<Self, TransitionError> {
         let split = |(place, leaving): (usize, &D)| {
             let leaving = leaving.as_ref();
@@ -71,12 +74,12 @@ impl<A: Transition> DwellTransition<A> {
     }
 
     /// Creates the operator from a distribution of dwell times for each place, with an age for each
-    /// step up to `longest`. From there on the ratio p(d + 1) / p(d) stays as it is, a geometric
-    /// tail, so that hardly any stay should be longer. O(states).
+    /// step up to `longest`. Beyond it the ratio p(d + 1) / p(d) stays constant, a geometric tail,
+    /// so choose `longest` such that hardly any stay is longer. O(states).
     ///
     /// # Errors
     ///
-    /// As [`new`](Self::new); [`TransitionError::Parameter`] for a parameter that is out of its
+    /// As [`new`](Self::new), or [`TransitionError::Parameter`] for a parameter that is out of its
     /// range, or a `longest` that is 0 or not beyond the likeliest duration.
     pub fn from_durations(
         moves: A,
@@ -87,6 +90,7 @@ impl<A: Transition> DwellTransition<A> {
             let what = "the number of ages in each place";
             return Err(Parameter::new(what, 0.0, "at least 1").into());
         }
+        // Before the memory is allocated, which a large `longest` may ask too much of.
         check_count("states", durations.len().saturating_mul(longest))?;
         let ages = |(place, durations): (usize, &Durations)| {
             durations.check(place, longest)?;

@@ -1,14 +1,14 @@
 //! Distributions of durations, by the ratios of their successive probabilities.
 //!
-//! All of these are given by r_d = p(d + 1) / p(d). The inverse hazard m_d = P(D ≥ d) / p(d) is then
-//! 1 + r_d m_{d+1}: a recursion backwards whose terms are positive, so that hazards 1 / m_d and
-//! r_d m_{d+1} / m_d, which sum to one, keep all their digits however small the probabilities are.
-//! From the oldest age on the ratio stays as it is, so that the recursion begins there.
+//! Each family is given by r_d = p(d + 1) / p(d). The inverse hazard m_d = P(D ≥ d) / p(d) is then
+//! 1 + r_d m_{d+1}: a backward recursion with positive terms. So the hazard 1 / m_d and its
+//! complement r_d m_{d+1} / m_d keep all their digits, however small the probabilities are. Beyond
+//! the oldest age the ratio stays constant, which gives the recursion its start.
 
 use crate::error::{Parameter, TransitionError};
 use crate::free_parameters::Displacement;
 
-/// Distribution of the number of steps of a stay, d = 1, 2, …, with parameters that are learned.
+/// Distribution of the number of steps of a stay, d = 1, 2, …, by parameters that can be learned.
 ///
 /// ```
 /// use wayfix::transition::{Durations, DwellTransition};
@@ -29,18 +29,18 @@ use crate::free_parameters::Displacement;
 pub enum Durations {
     /// p(d) = (1 − 1/m)^(d − 1) / m: a stay ends with the same probability at each step.
     Geometric {
-        /// The mean m, from 1.
+        /// The mean m, at least 1.
         mean: f64,
     },
     /// d − 1 has a Poisson distribution.
     ShiftedPoisson {
-        /// Mean of d, from 1.
+        /// Mean of d, at least 1.
         mean: f64,
     },
     /// d − 1 has a negative binomial distribution, p(d) ∝ Γ(r + d − 1) / (d − 1)! q^(d − 1) with
-    /// q = (m − 1) / (m − 1 + r), and the variance m − 1 + (m − 1)² / r.
+    /// q = (m − 1) / (m − 1 + r), and variance m − 1 + (m − 1)² / r.
     NegativeBinomial {
-        /// Mean m of d, from 1.
+        /// Mean m of d, at least 1.
         mean: f64,
         /// The size r, above 0; 1 is a geometric distribution.
         size: f64,
@@ -70,7 +70,7 @@ impl Durations {
         }
     }
 
-    /// Checks the parameters of a place with so many ages.
+    /// Checks the parameters of a place with `longest` ages.
     pub(super) fn check(self, place: usize, longest: usize) -> Result<(), TransitionError> {
         let check = |what: &str, value: f64, least: f64, expected| {
             let valid = value.is_finite() && value >= least;
@@ -91,7 +91,8 @@ impl Durations {
                 positive("scale", scale)?;
             }
         }
-        // Beyond the mode, or there would be no tail.
+        // A geometric tail needs a ratio below 1: ages must reach beyond the mode. (The ratio of a
+        // geometric distribution with a huge mean may round to 1; its tail is known without it.)
         let ratio = self.ratio(longest as f64);
         if ratio < 1.0 || matches!(self, Self::Geometric { .. }) {
             return Ok(());
@@ -104,7 +105,8 @@ impl Durations {
 
     /// Calls a function with the hazard and its complement for each step from `longest` down to 1.
     pub(super) fn for_each_hazard(self, longest: usize, mut take: impl FnMut(usize, f64, f64)) {
-        // The inverse hazard less 1, if the ratio stays as it is from here on.
+        // m_d − 1, kept without the 1 so that small tails have all their digits. It starts with the
+        // tail of a constant ratio r: m = 1 + r m, so that m − 1 = r / (1 − r).
         let mut more = if let Self::Geometric { mean } = self {
             mean - 1.0
         } else {
@@ -119,11 +121,12 @@ impl Durations {
         }
     }
 
-    /// Log-likelihood of numbers of stays that ended at each step, and of those that went on. The
-    /// hazard of the last step holds for all after it.
+    /// Log-likelihood of the numbers of stays that ended at each step, and of those that went on.
+    /// The hazard of the last step holds for all later ones.
     fn log_likelihood(self, ended: &[f64], went_on: &[f64]) -> f64 {
         let mut sum = 0.0;
         self.for_each_hazard(ended.len(), |d, hazard, rest| {
+            // 0 ln 0 is 0: what never happened may be impossible.
             let term = |weight: f64, p: f64| if weight == 0.0 { 0.0 } else { weight * p.ln() };
             sum += term(ended[d - 1], hazard) + term(went_on[d - 1], rest);
         });
@@ -138,7 +141,7 @@ impl Durations {
         }
     }
 
-    /// Moves the parameters.
+    /// Returns the distribution with displaced parameters.
     pub(super) fn displaced(self, by: &mut Displacement<'_>) -> Self {
         let mut above_one = |mean: f64| 1.0 + by.positive(mean - 1.0);
         match self {
@@ -162,13 +165,15 @@ impl Durations {
         let best = match self {
             Self::Geometric { .. } => {
                 let (ended, on): (f64, f64) = (ended.iter().sum(), went_on.iter().sum());
-                // Without an end, the mean has no bound: the stay may last for ever.
+                // Closed form: each step is a trial with success probability 1 / mean. If no stay
+                // ended, the likelihood rises with the mean without bound.
                 if ended < f64::MIN_POSITIVE {
                     self
                 } else {
                     Self::Geometric { mean: 1.0 + on / ended }
                 }
             }
+            // The others are searched in logarithms of the parameters, which are then unbounded.
             Self::ShiftedPoisson { mean } => {
                 let of = |x: f64| Self::ShiftedPoisson { mean: 1.0 + x.exp() };
                 of(maximum((mean - 1.0).ln(), |x| likelihood(of(x))).0)
@@ -181,25 +186,27 @@ impl Durations {
                 of(x, y)
             }
             Self::Gamma { shape, scale } => {
-                // By the mean of the density, and the shape.
+                // By the mean of the density and the shape, which are nearly independent.
                 let of = |x: f64, y: f64| Self::Gamma { shape: y.exp(), scale: (x - y).exp() };
                 let start = [(shape * scale).ln(), shape.ln()];
                 let (x, y) = maximum_of_two(start, |x, y| likelihood(of(x, y)));
                 of(x, y)
             }
         };
-        // A search that ends elsewhere must not make it worse.
+        // EM must not lower the likelihood: a search that ended at a worse point is discarded.
         if likelihood(best) >= likelihood(self) { best } else { self }
     }
 }
 
-/// Logarithms of parameters stay within ± this.
+/// Bound on the magnitude of the logarithms of parameters.
 const LIMIT: f64 = 18.0;
-/// Golden section: the larger part.
+/// The larger part of a golden section.
 const GOLDEN: f64 = 0.618_033_988_749_894_9;
 
 /// Maximum of a function of two numbers: over the first one for each value of the second.
 fn maximum_of_two([x, y]: [f64; 2], f: impl Fn(f64, f64) -> f64) -> (f64, f64) {
+    // The profile max over x of f(x, y) is maximised over y. Each inner search starts where the
+    // last one ended, since nearby y have nearby maxima.
     let mut last = x;
     let (y, _) = maximum(y, |y| {
         let (x, value) = maximum(last, |x| f(x, y));
@@ -209,12 +216,14 @@ fn maximum_of_two([x, y]: [f64; 2], f: impl Fn(f64, f64) -> f64) -> (f64, f64) {
     (maximum(last, |x| f(x, y)).0, y)
 }
 
-/// Maximum of a function with one, near `start`: a bracket by steps that double, then golden
-/// section, until values around the maximum differ by less than they round.
+/// Maximum of a unimodal function near `start`: a bracket by steps that double, then golden
+/// section, until values around the maximum differ by less than their rounding.
 fn maximum(start: f64, mut f: impl FnMut(f64) -> f64) -> (f64, f64) {
     let start = start.clamp(-LIMIT, LIMIT);
     let (mut middle, mut best) = (start, f(start));
     let mut bracket = [start; 2];
+    // Invariant: f(middle) = best is the largest value seen. Going one way, the point before the
+    // best one becomes the other end of the bracket; a point that is no better ends it.
     for (side, sign) in [(0, -1.0), (1, 1.0)] {
         let mut step = 0.1;
         loop {
@@ -232,6 +241,8 @@ fn maximum(start: f64, mut f: impl FnMut(f64) -> f64) -> (f64, f64) {
             step *= 2.0;
         }
     }
+    // Golden section: of the inner points a < b, the lower one becomes an end, and the other one
+    // is an inner point of what is left, so that each round takes one evaluation.
     let [mut low, mut high] = bracket;
     let (mut a, mut b) = (high - GOLDEN * (high - low), low + GOLDEN * (high - low));
     let (mut at_a, mut at_b) = (f(a), f(b));

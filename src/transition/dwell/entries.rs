@@ -1,5 +1,5 @@
-//! Entries: arrivals at the first age of a place, and stays, which add up where a place has one age
-//! and a move back to itself.
+//! Entries: arrivals at the first age of a place, and stays. Where a place has only one age and a
+//! move back to itself, both lead to the same state, and add up.
 
 use std::iter::once;
 use std::ops::Add;
@@ -9,7 +9,7 @@ use crate::transition::log::add_log2;
 use crate::transition::{Transition, TransitionEntries, best_of, buffers, check_slices, merge};
 
 impl<A: Transition> DwellTransition<A> {
-    /// The place of a state, and true if the state is of the oldest age there.
+    /// The place of a state, and true if the state has the oldest age there.
     pub(super) fn place(&self, state: usize) -> (usize, bool) {
         let place = self.groups.as_slice()[state];
         (place, state + 1 == self.starts[place + 1])
@@ -24,6 +24,8 @@ impl<A: TransitionEntries> TransitionEntries for DwellTransition<A> {
         let arrivals = moves.flat_map(move |(j, p)| {
             (self.starts[j]..self.starts[j + 1]).map(move |state| (state, p * self.leave[state]))
         });
+        // Stays come from the age before, and into the oldest age also from itself. They ascend,
+        // and so do arrivals, which are listed place by place.
         let younger = (!arrives).then(|| to - 1).into_iter();
         let stays = younger.chain(last.then_some(to)).map(move |state| (state, self.stay[state]));
         merge(arrivals, stays, f64::add).filter(|entry| entry.1 > 0.0)
@@ -52,6 +54,9 @@ impl<A: TransitionEntries> TransitionEntries for DwellTransition<A> {
 
     fn max_product(&self, control: &A::Control, x: &[f64], out: &mut [f64], from: &mut [u32]) {
         check_slices(self.states(), x, out);
+        // The best way into a place is the best of the moves from the best departure of each place:
+        // O(states) and one max-product of `moves`. Ties go to the lowest place, and within it to
+        // the lowest age, which is the lowest state.
         buffers::with_two(self.places(), |leaving, arriving| {
             buffers::with_two(self.places(), |leaver, origin| {
                 for (place, range) in self.ranges() {
@@ -78,6 +83,7 @@ impl<A: TransitionEntries> TransitionEntries for DwellTransition<A> {
                             stay = add_log2(again + self.log2_leave[last], stay);
                         }
                     }
+                    // Staying at the oldest age competes with growing into it, or arriving at it.
                     let (value, state) = (stay + x[last], last as u32);
                     if value > out[last] || (value == out[last] && state < from[last]) {
                         (out[last], from[last]) = (value, state);

@@ -1,5 +1,8 @@
-//! Learning of dwell times: hazards from the numbers of vehicles that left, and that stayed, at
-//! each age (guide, section 10, Dwell times).
+//! Learning of dwell times: hazards from the numbers of vehicles that left and that stayed at each
+//! age (guide, section 10, Dwell times).
+//!
+//! hazard = left / (left + stayed), the estimate of Kaplan and Meier (1958). Moves are counted
+//! between places, not between pairs of states, so that a step costs O(states + entries of moves).
 
 use std::error::Error;
 use std::ops::Range;
@@ -12,7 +15,7 @@ use crate::transition::{LearnTransition, Move, MoveCounts, Transition, buffers};
 /// Re-estimates moves and dwell times.
 impl<A: LearnTransition<Control = ()>> LearnTransition for DwellTransition<A> {
     /// Statistics of the moves between places; for each state the expected numbers of vehicles that
-    /// left and that stayed; and moves between states that were listed.
+    /// left and that stayed; and moves between states that were counted one by one.
     type Statistics = (A::Statistics, Vec<[f64; 2]>, MoveCounts);
 
     fn statistics(&self) -> Self::Statistics {
@@ -44,11 +47,12 @@ impl<A: LearnTransition<Control = ()>> LearnTransition for DwellTransition<A> {
         scale: f64,
     ) -> Option<f64> {
         let mut sum = 0.0;
-        // A product with what is 0, since a state that no move leads to may have any ratio.
+        // 0 times anything is 0: `after` may be NaN for a state that no move reaches.
         let times = |p: f64, after: f64| if p > 0.0 { p * after } else { 0.0 };
         buffers::with(self.places(), |left| {
             for (place, states) in self.ranges() {
-                // Expected moves to each place, out of a vehicle that leaves this one.
+                // Σ_i moves[i, place] after(first age of i): what leaving this place is worth, the
+                // same at all of its ages.
                 let mut leads_on = 0.0;
                 for (to, p) in self.moves.outgoing(&(), place) {
                     leads_on += times(p, after[self.starts[to]]);
@@ -67,6 +71,7 @@ impl<A: LearnTransition<Control = ()>> LearnTransition for DwellTransition<A> {
                     }
                 }
             }
+            // Moves between places, with the departures of all ages of a place taken together.
             if let Some(counts) = self.moves.counts(moves, &()) {
                 counts.add((0..self.places()).filter(|from| left[*from] > 0.0).flat_map(|from| {
                     let left = left[from];
@@ -94,6 +99,7 @@ impl<A: LearnTransition<Control = ()>> LearnTransition for DwellTransition<A> {
         let moves = self.moves.maximize(&moves, pseudo_count)?;
         if self.durations.is_empty() {
             let age = |(state, &[left, stayed]): (usize, &[f64; 2])| {
+                // What is impossible stays impossible, as entries of 0 do in all operators.
                 let (leave, stay) = (self.leave[state], self.stay[state]);
                 if leave == 0.0 || stay == 0.0 {
                     return (leave, stay);
@@ -115,6 +121,7 @@ impl<A: LearnTransition<Control = ()>> LearnTransition for DwellTransition<A> {
                 durations.maximize(&left, &stayed)
             })
             .collect();
+        // All places have the same number of ages, that of the first.
         Self::from_durations(moves, &learned, self.starts[1])
     }
 
@@ -127,7 +134,7 @@ impl<A: LearnTransition<Control = ()>> LearnTransition for DwellTransition<A> {
         moves + pseudo_count * logs.sum::<f64>()
     }
 
-    /// Counts a parameter for each age at which a vehicle may leave or stay, or those of the
+    /// Counts a parameter for each age at which a vehicle may either leave or stay, or those of the
     /// [`Durations`].
     fn free_parameters(&self) -> usize {
         let parameters = self.durations.iter().map(|durations| durations.parameters());
@@ -160,12 +167,12 @@ impl<A: FreeParameters + Transition> FreeParameters for DwellTransition<A> {
 }
 
 impl<A: LearnTransition<Control = ()>> DwellTransition<A> {
-    /// States in which a vehicle may leave or stay.
+    /// States in which a vehicle may either leave or stay.
     fn free_ages(&self) -> impl Iterator<Item = usize> {
         (0..self.leave.len()).filter(|&state| self.leave[state] > 0.0 && self.stay[state] > 0.0)
     }
 
-    /// Adds listed moves between states to those of places and ages.
+    /// Adds moves between states that were counted one by one, to those of places and of ages.
     fn add_listed(
         &self,
         moves: &mut A::Statistics,
@@ -179,6 +186,8 @@ impl<A: LearnTransition<Control = ()>> DwellTransition<A> {
                 return Err(forbidden);
             }
             let (place, last) = self.place(from);
+            // The entry from → to is the sum of a move to the first age of a place (`again`) and a
+            // stay that leads to the next age; the weight is shared between both in proportion.
             let target = self.groups.as_slice()[to];
             let again = if self.starts[target] == to {
                 let entry = self.moves.outgoing(&(), place).find(|entry| entry.0 == target);

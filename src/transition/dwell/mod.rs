@@ -1,4 +1,9 @@
-//! Explicit durations of stays (semi-Markov): hazards by age (guide, section 10, Dwell times).
+//! [`DwellTransition`], explicit durations of stays (semi-Markov), by hazards for each age (guide,
+//! section 10, Dwell times).
+//!
+//! States are pairs of place and age. Products go through places, not pairs of states: all that
+//! leave a place are added up, moved by the operator of moves, and arrive at the first age of
+//! theirs; all others grow older by a step.
 
 mod build;
 mod durations;
@@ -15,31 +20,30 @@ use crate::error::{BeliefError, Parameter, TransitionError};
 use crate::groups::Groups;
 use wayfix_kernels as kernels;
 
-/// A semi-Markov operator: dwell times in each place have any distribution, where those of a
-/// plain operator are geometric.
+/// A semi-Markov operator: dwell times in each place have any distribution, while those of a plain
+/// operator are geometric.
 ///
-/// A state is a place and an age, the number of steps already spent there;
-/// states are numbered place by place, ages ascending. After each step the
-/// vehicle leaves the place with a probability that depends on the age, and
-/// moves by the operator `moves`; a move to the same place resets the age.
+/// A state is a place and an age, the number of steps already spent there; states are numbered
+/// place by place, ages ascending. After each step the vehicle leaves the place with a probability
+/// that depends on the age, and moves by the operator `moves`; a move to the same place resets the
+/// age.
 ///
-/// Products and steps of Viterbi cost O(states) and one of `moves`. There are as many states as
-/// ages in all places, 600 for each place with stays of up to ten minutes in steps of a second:
-/// the operator has 48 bytes for each, a filter seven numbers or more, a snapshot 8 bytes, and
-/// [`expected_moves`](crate::Hmm::expected_moves) 24 for each of its moves, to an older age and to
-/// every place beside. Place
-/// sensors are lifted to states by
-/// [`GroupedLikelihood`](crate::likelihood::GroupedLikelihood), results brought back to
-/// places by [`groups`](Self::groups).
+/// Products and steps of Viterbi cost O(states), plus one product or step of `moves`. There are as
+/// many states as ages in all places: 600 a place for stays of up to ten minutes in steps of a
+/// second. For each state the operator takes 48 bytes, a filter seven numbers or more, and a
+/// snapshot 8 bytes; [`expected_moves`](crate::Hmm::expected_moves) takes 24 bytes for each move of
+/// a state, to the next age and to every neighbouring place.
+/// [`GroupedLikelihood`](crate::likelihood::GroupedLikelihood) lifts sensors of places to states,
+/// and [`groups`](Self::groups) brings results back to places.
 ///
 /// # Learning
 ///
-/// Durations are learned with the moves. Of [`Durations`] it is their parameters; otherwise the
-/// probability of leaving at each age, by the share of vehicles that left among those that reached
-/// it (Kaplan and Meier, 1958), so that stays that a sequence cuts off at its end count for what
-/// they show. A stay before the first step is as old as the prior says. An iteration takes
-/// O(states + entries of `moves`) a step, and learning without labels needs operators `moves`
-/// without a control. [`path`](Self::path) makes labels of places those of states.
+/// Durations are learned with the moves: of [`Durations`] the parameters, otherwise the probability
+/// of leaving at each age, as the share of vehicles that left among those that reached it (Kaplan
+/// and Meier, 1958). So a stay that is cut off by the end of a sequence counts for what it shows. A
+/// stay before the first step is as old as the prior says. An iteration takes
+/// O(states + entries of `moves`) a step. Learning without labels needs an operator `moves` without
+/// a control. [`path`](Self::path) turns labels of places into labels of states.
 ///
 /// ```
 /// use wayfix::likelihood::GroupedLikelihood;
@@ -71,29 +75,30 @@ pub struct DwellTransition<A> {
     pub(crate) stay: Vec<f64>,
     log2_leave: Vec<f64>,
     log2_stay: Vec<f64>,
-    /// Distribution in each place, or none.
+    /// Distribution in each place; empty if hazards were given.
     pub(crate) durations: Vec<Durations>,
 }
 
 impl<A: Transition> DwellTransition<A> {
     /// Distribution of the durations in a place, as given to
-    /// [`from_durations`](Self::from_durations) or learned from there; otherwise `None`.
+    /// [`from_durations`](Self::from_durations) or learned from such a start; otherwise `None`.
     #[must_use]
     pub fn durations(&self, place: usize) -> Option<Durations> {
         self.durations.get(place).copied()
     }
 
     /// Probability that a place is left after `steps` steps, given that it is not left before;
-    /// `None` for no such place, or 0 steps.
+    /// `None` if there is no such place, or for 0 steps.
     #[must_use]
     pub fn leaving(&self, place: usize, steps: usize) -> Option<f64> {
         let range = self.starts.get(place).copied()?..self.starts.get(place + 1).copied()?;
+        // The hazard of the oldest age holds for all later steps.
         let state = range.start + steps.checked_sub(1)?.min(range.len() - 1);
         Some(self.leave[state])
     }
 
-    /// States of a path of places, for learning from labels: a stay begins where the place changes,
-    /// and with the first step.
+    /// States of a path of places, for learning from labels: a stay begins at the first step, and
+    /// wherever the place changes.
     ///
     /// # Errors
     ///
@@ -113,7 +118,7 @@ impl<A: Transition> DwellTransition<A> {
         Ok(states)
     }
 
-    /// The operator of moves on leaving a place.
+    /// The operator of the moves made on leaving a place.
     #[must_use]
     pub fn moves(&self) -> &A {
         &self.moves
@@ -124,8 +129,8 @@ impl<A: Transition> DwellTransition<A> {
         &self.groups
     }
 
-    /// The state of a vehicle that has just arrived at a place, or `None` if there
-    /// is no such place.
+    /// The state of a vehicle that has just arrived at a place, or `None` if the place does not
+    /// exist.
     pub fn arrival(&self, place: usize) -> Option<usize> {
         (place < self.places()).then(|| self.starts[place])
     }
@@ -154,7 +159,7 @@ impl<A: Transition> DwellTransition<A> {
         self.starts.windows(2).map(|pair| pair[0]..pair[1]).enumerate()
     }
 
-    /// Product in linear space or in logarithms: departures of each place, their arrivals, and
+    /// Product in linear space or in logarithms: departures from each place, their arrivals, and
     /// stays.
     fn forward(
         &self,
@@ -170,6 +175,9 @@ impl<A: Transition> DwellTransition<A> {
             self.ranges().for_each(|(place, range)| left[place] = leaving(range));
             moves(left, arrived);
             for (place, range) in self.ranges() {
+                // Ages shift by one, into the slots after the first, which takes the arrivals. The
+                // oldest age has no next one: its stays add to it. With one age, `out[last]` is the
+                // arrivals; with more, the stays of the age before. It is set in either case.
                 let last = range.end - 1;
                 out[range.start] = arrived[place];
                 for state in range.start..last {
@@ -191,6 +199,8 @@ impl<A: Transition> DwellTransition<A> {
     ) {
         check_slices(self.states(), x, out);
         buffers::with_two(self.places(), |arrived, left| {
+            // A move out of a place leads to first ages only, so that one product over places gives
+            // the value of leaving, the same at all ages.
             self.ranges().for_each(|(place, range)| arrived[place] = x[range.start]);
             moves(arrived, left);
             for (place, range) in self.ranges() {

@@ -308,7 +308,7 @@ fn bad_lengths_and_odometry_are_named() {
     let map = wayfix::canberra::map();
     assert_eq!(
         text(DistanceTransition::on_map(&map, still(2))),
-        "the map has 105 states, expected 2 as the operator within"
+        "the map has 105 states, expected 2 to match the inner operator"
     );
     let jump = (0..105).map(|i| (if i == 7 { 90 } else { i }, i, 1.0));
     let jump = SparseTransition::from_triplets(105, jump).unwrap();

@@ -129,7 +129,7 @@ fn bad_dwell_times_are_named() {
     let dwell = |times: &[Vec<f64>]| text(DwellTransition::new(still(2), times));
     assert_eq!(
         dwell(&[vec![1.0]]),
-        "the dwell table has 1 states, expected 2 as the operator within"
+        "the dwell table has 1 states, expected 2 to match the inner operator"
     );
     assert_eq!(
         dwell(&[vec![1.0], vec![0.5, 0.25]]),

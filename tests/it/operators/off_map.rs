@@ -137,7 +137,7 @@ fn bad_ways_off_the_map_are_named() {
     );
     assert_eq!(
         new(0.5, 0.5, vec![1.0]),
-        "the return belief has 1 states, expected 2 as the operator within"
+        "the return belief has 1 states, expected 2 to match the inner operator"
     );
     let least = f64::MIN_POSITIVE;
     assert_eq!(
@@ -155,7 +155,7 @@ fn bad_ways_off_the_map_are_named() {
     assert_eq!(a.inner().entries(), 2);
     assert_eq!(
         text(a.groups(&Groups::new(vec![0, 0, 1]).unwrap())),
-        "the grouping has 3 states, expected 2 as the operator within"
+        "the grouping has 3 states, expected 2 to match the inner operator"
     );
     let endless = wayfix::transition::WindowTransition::new(1, 0, &[1.0], true).unwrap();
     let one = Belief::uniform(1).unwrap();

@@ -45,6 +45,6 @@ fn bad_restarts_are_named() {
     assert_eq!(restart(f64::NAN, 2), "the rate is NaN, expected a value from 0 to 1");
     assert_eq!(
         restart(0.5, 3),
-        "the restart belief has 3 states, expected 2 as the operator within"
+        "the restart belief has 3 states, expected 2 to match the inner operator"
     );
 }

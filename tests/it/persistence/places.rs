@@ -49,7 +49,7 @@ fn off_map() {
     bad(
         r#""back":[0.5]"#,
         r#""back":[0.5,0]"#,
-        "the return belief has 2 states, expected 1 as the operator within",
+        "the return belief has 2 states, expected 1 to match the inner operator",
     );
 }
 
@@ -80,7 +80,7 @@ fn pooled() {
     assert_eq!(text, r#"{"version":1,"sensor":{"version":1,"states":3},"groups":[0,1,1]}"#);
     refuses::<PooledLikelihood<SparseLikelihood>>(
         &text.replace("[0,1,1]", "[0,1]"),
-        "the grouping has 2 states, expected 3 as the sensor",
+        "the grouping has 2 states, expected 3 to match the sensor",
     );
 }
 

@@ -129,19 +129,19 @@ fn what_is_no_belief_group_or_table_is_refused() {
     refuses::<Groups>("[0,2]", "no state is in group 1, though groups are numbered up to 2");
     refuses::<TableLikelihood>(
         r#"{"version":1,"rows":[[0.5,0.5],[0.5,0.4]]}"#,
-        "the probabilities of what state 1 shows sum to 0.9, expected 1",
+        "the symbol probabilities of state 1 sum to 0.9, expected 1",
     );
     refuses::<TableLikelihood>(
         r#"{"version":1,"rows":[[0.5,0.5],[1.0]]}"#,
-        "the row of state 1 has 1 values, expected 2 as state 0",
+        "the row of state 1 has 1 values, expected 2 to match state 0",
     );
     refuses::<GroupedLikelihood<SparseLikelihood>>(
         r#"{"version":1,"sensor":{"version":1,"states":2},"groups":[0,0]}"#,
-        "the sensor has 2 states, expected 1 as the number of groups",
+        "the sensor has 2 states, expected 1 to match the number of groups",
     );
     refuses::<FusedLikelihood<SparseLikelihood, SparseLikelihood>>(
         r#"{"version":1,"first":{"version":1,"states":2},"second":{"version":1,"states":3}}"#,
-        "the second sensor has 3 states, expected 2 as the first sensor",
+        "the second sensor has 3 states, expected 2 to match the first sensor",
     );
     refuses::<OptionalLikelihood<SparseLikelihood>>(
         r#"{"version":1,"sensor":{"version":1,"states":18446744073709551615}}"#,
@@ -242,7 +242,11 @@ fn what_is_no_structured_operator_is_refused() {
         "[-1]",
         "the probability of a restart in state 0 is -1, expected a finite value of at least 0",
     );
-    restart("1", "[0,0]", "the restart belief has 2 states, expected 1 as the operator within");
+    restart(
+        "1",
+        "[0,0]",
+        "the restart belief has 2 states, expected 1 to match the inner operator",
+    );
     let dwell = |ages: &str, expected: &str| {
         refuses::<DwellTransition<DenseTransition>>(
             &format!(r#"{{"version":1,"moves":{one},"ages":{ages},"durations":[]}}"#),
@@ -250,7 +254,7 @@ fn what_is_no_structured_operator_is_refused() {
         );
     };
     dwell("[[]]", "the number of ages of place 0 is 0, expected at least 1");
-    dwell("[]", "the dwell table has 0 states, expected 1 as the operator within");
+    dwell("[]", "the dwell table has 0 states, expected 1 to match the inner operator");
     dwell(
         "[[[0.5,0.5],[1.5,-0.5]]]",
         "the probability of leaving place 0 after 2 steps is 1.5, expected a value from 0 to 1",
@@ -300,7 +304,7 @@ fn what_is_no_model_is_refused_with_all_that_is_behind() {
     };
     refuses::<Staying>(
         &hmm("[0.5,0.5]", 0.75),
-        "the transition operator has 1 states, expected 2 as the prior",
+        "the transition operator has 1 states, expected 2 to match the prior",
     );
     // Each part is right but for rounding, but not what they make.
     let restart = r#"{"version":1,"inner":{"version":1,"states":1,"columns":[1.0000000009]},"keep":0.5,"restart":[0.5000000009]}"#;

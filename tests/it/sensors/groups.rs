@@ -93,7 +93,7 @@ fn bad_groups_and_unknown_states_are_named() {
     );
     assert_eq!(
         text(GroupedLikelihood::new(SparseLikelihood::new(3), groups.clone())),
-        "the sensor has 3 states, expected 2 as the number of groups"
+        "the sensor has 3 states, expected 2 to match the number of groups"
     );
 
     let prior = || Prior::AtFirstObservation(Belief::uniform(2).unwrap());

@@ -180,7 +180,7 @@ fn bad_pools_are_named() {
     let images = Groups::new(vec![0, 1, 1]).unwrap();
     assert_eq!(
         text(PooledLikelihood::new(LikelihoodVector::linear(2), images.clone())),
-        "the grouping has 3 states, expected 2 as the sensor"
+        "the grouping has 3 states, expected 2 to match the sensor"
     );
     let sensor = PooledLikelihood::new(LikelihoodVector::linear(3), images).unwrap();
     assert_eq!(sensor.groups().count(), 2);

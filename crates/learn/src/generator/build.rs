@@ -1,4 +1,4 @@
-//! Generators from rates: P = I + Q / Λ, by columns.
+//! Generators from rates: P = I + Q / Λ, by columns, with Λ = 1.25 times the largest exit rate.
 
 use super::GeneratorTransition;
 use wayfix::ReorderStates;
@@ -8,8 +8,8 @@ use wayfix::error::Parameter;
 use wayfix::internal::Compressed;
 use wayfix::internal::check_count;
 
-/// Λ over the largest exit rate. With 1 a diagonal entry of P could be 0, and states could
-/// alternate without ever becoming still; the larger it is, the more products a step takes.
+/// Λ over the largest exit rate. With 1, a diagonal entry of P could be 0, and beliefs could
+/// alternate without ever settling; the larger it is, the more products a step takes.
 pub(super) const MARGIN: f64 = 1.25;
 
 impl GeneratorTransition {
@@ -40,6 +40,7 @@ impl GeneratorTransition {
             let expected = "none: the rates to other states say when a state is left";
             return Err(Parameter::new(what, rate, expected).into());
         }
+        // P also has a diagonal entry for each state, so that their number counts, too.
         let wrong = |(to, from, value)| TransitionError::Rate { to, from, value };
         let entries = SparseTransition::above_zero(states, triplets, wrong)?;
         check_count("moves", entries.len().saturating_add(states))?;
@@ -65,6 +66,7 @@ impl GeneratorTransition {
         let mut entries = Vec::with_capacity(rates.entries() + states);
         for (from, exit) in exits.iter().enumerate() {
             for (to, rate) in rates.line(from) {
+                // A legal move must stay possible, with all its digits.
                 let p = rate / uniform_rate;
                 if p < f64::MIN_POSITIVE {
                     let what = format!("the rate from state {from} to state {to}");
@@ -74,11 +76,12 @@ impl GeneratorTransition {
                 }
                 entries.push((to, from, p));
             }
-            // Exact but for the rounding of the quotient, where the difference is the smaller one.
+            // 1 − exit / Λ, at least 1 − 1 / 1.25 = 0.2, so that little cancels.
             let stay = if uniform_rate > 0.0 { (uniform_rate - exit) / uniform_rate } else { 1.0 };
             entries.push((from, from, stay));
         }
         let chain = SparseTransition::from_triplets(states, entries)?;
+        // A sum of m products has a relative error of up to m / 2 epsilons, in either direction.
         let lines = [chain.rows(), chain.columns()];
         let longest = lines.iter().flat_map(|lines| lines.starts().windows(2));
         let longest = longest.map(|ends| ends[1] - ends[0]).max().unwrap_or(0);

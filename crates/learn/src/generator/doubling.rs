@@ -1,8 +1,8 @@
 //! exp(Q Δt) as a dense matrix, by doubling a short time: for few states and long gaps.
 //!
-//! A vector takes Λ Δt products until it stops changing, which may be never where rates are of
-//! different orders. The matrix takes log2(Λ Δt) squarings. There are no negative numbers in these
-//! either, so that errors stay relative.
+//! A vector takes Λ Δt products unless it stops changing before, which it may never do if rates
+//! differ by orders of magnitude. The matrix takes log2(Λ Δt) squarings. These have no negative
+//! numbers either, so that errors stay relative.
 
 use super::GeneratorTransition;
 use wayfix::Transition;
@@ -37,7 +37,7 @@ pub(super) fn add_matrix_product(n: usize, a: &[f64], b: &[f64], factor: f64, ou
     columns.for_each(|(b, out)| add_product(a, b, factor, out));
 }
 
-/// Replaces A(t) by A(2 t) = A(t)², whose columns sum to one.
+/// Replaces A(t) by A(2 t) = A(t)², with columns normalised.
 pub(super) fn double(n: usize, a: &mut [f64]) {
     buffers::with(n * n, |square| {
         square.fill(0.0);
@@ -47,8 +47,9 @@ pub(super) fn double(n: usize, a: &mut [f64]) {
     normalize_columns(n, a);
 }
 
-/// Makes columns sum to one, which they would not stay by themselves. What flows slowly between
-/// groups of states that mix fast then has an error of some roundings, however long the time is.
+/// Makes columns sum to one. Rounding alone would double at each squaring, and destroy slow flows
+/// between groups of states that mix fast; normalised, these have an error of some roundings,
+/// however long the time is.
 fn normalize_columns(n: usize, a: &mut [f64]) {
     for column in a.chunks_exact_mut(n) {
         let factor = 1.0 / kernels::sum(column);
@@ -56,10 +57,11 @@ fn normalize_columns(n: usize, a: &mut [f64]) {
     }
 }
 
-/// The number of doublings of a mean of at most 1 that lead to this one, and that mean.
+/// Splits a mean into a mean of at most 1 and the number of doublings that lead from it to this
+/// one; returns (doublings, that mean).
 pub(super) fn halvings(mean: f64) -> (i32, f64) {
     let times = mean.log2().ceil().max(0.0);
-    // In two steps: 2^-times alone may be below the doubles.
+    // In two steps: 2^-times alone may underflow.
     let half = (0.5 * times).floor();
     (times as i32, mean * (-half).exp2() * (half - times).exp2())
 }
@@ -86,13 +88,15 @@ impl GeneratorTransition {
         (0..times).for_each(|_| double(self.states(), a));
     }
 
-    /// Number of products that cost as much as the matrix: one that takes them in vain takes twice
-    /// the least time.
+    /// Number of products that cost as much as the matrix. A series that is abandoned after that
+    /// many has at most doubled the time.
     pub(super) fn most_products(&self, mean: f64) -> f64 {
         let n = self.states();
         if n > DENSE_STATES {
             return f64::INFINITY;
         }
+        // In units of a product with P, of E multiplications and some work a state: n columns of a
+        // short series, and n³ multiplications for each squaring.
         let product = (self.chain.entries() + 4 * n) as f64;
         let columns = 32.0 * n as f64;
         64.0 + columns + f64::from(halvings(mean).0) * (n as f64).powi(3) / product

@@ -7,8 +7,8 @@ use wayfix::{Transition, TransitionEntries};
 use wayfix_kernels::limits::LIFT;
 use wayfix_kernels::log2;
 
-/// log2 of an entry that was computed from a lifted unit vector: entries below the least double have
-/// a logarithm, and terms of an entry all their digits.
+/// log2 of an entry that was computed from a lifted unit vector. With the lift, entries below the
+/// smallest double have a logarithm, and the terms of an entry keep all their digits.
 fn log2_of_lifted(entry: f64) -> f64 {
     log2(entry) - LIFT.log2()
 }
@@ -22,6 +22,7 @@ impl GeneratorTransition {
         state: usize,
         unit: f64,
     ) -> impl Iterator<Item = (usize, f64)> + use<> {
+        // The iterator outlives this call, so that its values can't be in a lent buffer.
         let mut line = vec![0.0; self.states()];
         buffers::with(line.len(), |x| {
             x.fill(0.0);
@@ -65,6 +66,8 @@ impl TransitionEntries for GeneratorTransition {
         buffers::with_two(n, |unit, row| {
             unit.fill(0.0);
             let best = |row: &[f64]| best_of((0..).zip(row.iter().map(|&p| log2_of_lifted(p))), x);
+            // Row by row, by the series. A row whose series would cost more than the matrix is
+            // marked, and waits.
             for (i, (out, from)) in out.iter_mut().zip(&mut *from).enumerate() {
                 unit[i] = LIFT;
                 let found = if mean == 0.0 {
@@ -79,7 +82,8 @@ impl TransitionEntries for GeneratorTransition {
             if !from.contains(&NEEDS_MATRIX) {
                 return;
             }
-            // One matrix for all of them, with the same numbers as in `incoming_log2`.
+            // One matrix for all marked rows. `incoming_log2` makes the same choice for each row,
+            // so that both give the same numbers.
             buffers::with(n * n, |matrix| {
                 self.matrix(mean, matrix);
                 for (i, (out, from)) in out.iter_mut().zip(&mut *from).enumerate() {

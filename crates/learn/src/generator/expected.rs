@@ -1,17 +1,17 @@
 //! Expected moves and times of a step, given both of its ends (Hobolth and Jensen 2011).
 //!
-//! For weights b before and a after a step of time t, a move from j to i takes part in q\[i, j\] ∫
-//! (exp(Q s) b)_j (exp(Q' (t − s)) a)_i ds of a' exp(Q t) b, and a stay in j in the same integral
-//! with i = j. By uniformisation, with v_k = P^k b and w_m = Pois(m; Λ t), the integral is
+//! With weights b before and a after a step of time t, the moves from j to i account for q\[i, j\]
+//! ∫ (exp(Q s) b)_j (exp(Q' (t − s)) a)_i ds of a' exp(Q t) b, and the time in j for the same
+//! integral with i = j. By uniformisation, with v_k = P^k b and w_m = Pois(m; Λ t), the integral is
 //!
 //! ```text
 //! (1 / Λ) Σ_k v_k(j) z_k(i)      z_k = Σ_{m>k} w_m P'^(m-1-k) a = w_{k+1} a + P' z_{k+1}
 //! ```
 //!
 //! since ∫ Pois(k; Λ s) Pois(l; Λ (t − s)) ds = Pois(k + l + 1; Λ t) / Λ. Long steps are cut into
-//! segments, so that only the v_k of one are stored, and a is taken back from one to the next.
-//! Where a matrix is cheaper, the integral X is one, too: X(2 t) = A(t) X(t) + X(t) A(t) (Van Loan
-//! 1978).
+//! segments, so that only the v_k of one segment are stored, while a is carried back from segment
+//! to segment. Where a matrix is cheaper, the integral X is one, too: X(2 t) = A(t) X(t) + X(t)
+//! A(t) (Van Loan 1978).
 
 use super::GeneratorTransition;
 use super::doubling::{add_matrix_product, double, halvings, multiply};
@@ -22,17 +22,17 @@ use wayfix::internal::buffers;
 use wayfix_kernels as kernels;
 use wayfix_kernels::limits::power;
 
-/// Powers of two of b and a (of which the largest is one before). Their products do not overflow,
-/// and any part of a' A b that matters is a normal double.
+/// Exponents of two by which b and a are lifted, after the largest a is scaled to 1. Products do
+/// not overflow, and any part of a' A b that matters is a normal double.
 const LIFTS: (i64, i64) = (500, 400);
 
 /// Mean of a short segment.
 const SEGMENT: f64 = 16.0;
 
 impl GeneratorTransition {
-    /// Calls `add` with the position of each entry of the chain, and its part in Σ b(j) A\[i, j\]
+    /// Calls `add` with the position of each entry of the chain, and its share of Σ b(j) A\[i, j\]
     /// a(i) scale: the mean over the time of the step of (exp(Q s) b)_j P\[i, j\] (exp(Q' (t − s))
-    /// a)_i scale. Returns that sum. Where no move leads, a may be NaN.
+    /// a)_i scale. Returns that sum. For states that no move reaches, a may be NaN.
     pub(super) fn expected(
         &self,
         mean: f64,
@@ -40,6 +40,7 @@ impl GeneratorTransition {
         scale: f64,
         mut add: impl FnMut(usize, f64),
     ) -> f64 {
+        // A NaN belongs to a state that is not reached, whose terms are 0 whatever a is.
         let finite = |a: f64| if a.is_finite() { a } else { 0.0 };
         let largest = after.iter().copied().map(finite).fold(0.0, f64::max);
         if largest == 0.0 {
@@ -68,6 +69,8 @@ impl GeneratorTransition {
     }
 
     fn by_segments(&self, mean: f64, b: &[f64], a: &mut [f64], sums: &mut [f64]) -> f64 {
+        // √mean segments, with about √mean powers each, store the fewest vectors: O(√mean n). The
+        // starts of all segments are computed forward, then the segments are taken from the last.
         let n = b.len();
         let segments = 1 + (mean / mean.sqrt().max(SEGMENT)) as i32;
         let segments = segments.cast_unsigned() as usize;
@@ -90,6 +93,8 @@ impl GeneratorTransition {
     /// Adds Σ_k v_k(j) P\[i, j\] z_k(i) of a segment, and replaces a by exp(Q' t) a.
     fn segment(&self, mean: f64, b: &[f64], a: &mut [f64], sums: &mut [f64]) {
         let n = b.len();
+        // Horner's rule: z_{k-1} = w_k a + P' z_k, from z_{last-1} = w_last a down. At the end z is
+        // Σ_m w_m P'^m a = exp(Q' t) a, the value of a at the start of the segment.
         buffers::with_growing(|powers| {
             buffers::with_growing(|weights| {
                 self.powers(mean, b, a, powers, weights);
@@ -135,8 +140,10 @@ impl GeneratorTransition {
             let reached = kernels::dot(a, after);
             total += weight * reached;
             let ratio = poisson.ratio();
-            // P keeps the sum of v_k, so that no later term is above `most`.
+            // P keeps the sum of v_k, so that a' v_m is at most `most` for all m, and the weights
+            // fall at least geometrically.
             let surely = ratio < 1.0 && weight * ratio / (1.0 - ratio) * most <= CUT * total;
+            // Or the bound on the growth of v_k (see `series.rs`), applied to a' v_m.
             let rest_is_small = || {
                 growth(&poisson).is_some_and(|(rho, factor)| {
                     factor * weight * reached <= CUT * total && grows_at_most(rho, before, after)
@@ -150,6 +157,7 @@ impl GeneratorTransition {
 
     /// sums\[i, j\] += v(j) P\[i, j\] z(i).
     fn add_pairs(&self, v: &[f64], z: &[f64], sums: &mut [f64]) {
+        // `sums` has the order of the chain's columns. Origins without weight are skipped.
         let mut at = 0;
         for (from, v) in v.iter().enumerate() {
             let column = self.chain.columns().line(from);
@@ -171,7 +179,8 @@ impl GeneratorTransition {
             self.short_integral(short, b, a, integral);
             buffers::with(n * n, |twice| {
                 for _ in 0..times {
-                    // The mean over the time, half of it before and half after the middle.
+                    // X(2 t) = A X + X A for the integral; for the mean over the time each half
+                    // counts one half.
                     twice.fill(0.0);
                     add_matrix_product(n, moves, integral, 0.5, twice);
                     add_matrix_product(n, integral, moves, 0.5, twice);
@@ -191,7 +200,7 @@ impl GeneratorTransition {
         })
     }
 
-    /// Writes the mean of (exp(Q s) b)_j (exp(Q' (t − s)) a)_i over a short time t, for all j of a
+    /// Writes the mean of (exp(Q s) b)_j (exp(Q' (t − s)) a)_i over a short time t at row j and
     /// column i.
     fn short_integral(&self, mean: f64, b: &[f64], a: &[f64], integral: &mut [f64]) {
         let n = b.len();
@@ -201,7 +210,8 @@ impl GeneratorTransition {
                 let mut poisson = Poisson::new(mean);
                 powers.extend_from_slice(b);
                 weights.push(poisson.weight());
-                // All pairs of states are needed: to the end of the weights.
+                // No bound on a single number ends this sum, since all pairs of states are needed:
+                // it goes on to the end of the weights, which is not far for a short time.
                 while !poisson.is_over() {
                     let known = powers.len();
                     powers.resize(known + n, 0.0);

@@ -1,4 +1,5 @@
-//! Rates from expected moves and times.
+//! Rates from expected moves and times: q\[i, j\] = moves from j to i / time in j, the M-step of
+//! Hobolth and Jensen (2011).
 
 use std::collections::BTreeMap;
 
@@ -10,20 +11,20 @@ use wayfix::internal::buffers;
 use wayfix::transition::{LearnTransition, Move, MoveCounts};
 use wayfix_kernels::limits::LIFT;
 
-/// Expected moves and times in states, which [`GeneratorTransition`] is learned from.
+/// Expected moves and times in states, from which [`GeneratorTransition`] is learned.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GeneratorStatistics {
     /// Number of each legal move, by the state that is left.
     moves: Vec<f64>,
     times: Vec<f64>,
-    /// Moves between two observations, by the bits of the time between them, which order times of
-    /// at least 0. Not yet in the sums.
+    /// Moves between two observations, by the bits of the time between them (whose order is that of
+    /// the times, as these are not negative). Not yet in the sums.
     between: BTreeMap<u64, MoveCounts>,
 }
 
 impl GeneratorStatistics {
-    /// Expected time in each state, over all steps but those of which moves were counted: those of
-    /// labelled drives, and steps in logarithms.
+    /// Expected time in each state, over all steps but those whose moves were counted one by one:
+    /// steps of labelled drives, and steps in logarithms.
     #[must_use]
     pub fn times(&self) -> &[f64] {
         &self.times
@@ -47,7 +48,8 @@ impl GeneratorTransition {
         scale: f64,
     ) -> f64 {
         let mean = self.mean_steps(time);
-        // Entries of the chain come column by column, and one of each column is a stay.
+        // Entries of the chain come column by column. Each column has one stay; its other entries
+        // are the legal moves in the order of `sums.moves`, so that `at` counts those.
         let (mut at, mut from) = (0, 0);
         self.expected(mean, ends, scale, |entry, share| {
             let columns = self.chain.columns();
@@ -55,6 +57,8 @@ impl GeneratorTransition {
                 from += 1;
             }
             let (to, p) = columns.entry(entry);
+            // A share is P[i, j] times the mean of the product of both ends over the time. Without
+            // P it is the part of the time spent in j; times Λ Δt it is the number of moves.
             if to == from {
                 sums.times[from] += share / p * time;
             } else {
@@ -64,8 +68,8 @@ impl GeneratorTransition {
         })
     }
 
-    /// Adds the expected moves and times between two states that are known, each as often as
-    /// counted.
+    /// Adds the expected moves and times between pairs of known states, each pair weighted by its
+    /// count.
     fn add_between(
         &self,
         sums: &mut GeneratorStatistics,
@@ -78,8 +82,9 @@ impl GeneratorTransition {
             if from >= n {
                 return Err(TransitionError::Forbidden { to: some[0].to, from });
             }
-            // All moves out of a state in one step, which starts there and ends in each state as
-            // often as counted: a(i) = count / A[i, from].
+            // All moves out of one state are one step: it starts there (b is a unit vector) and
+            // ends in each state as often as counted, a(i) = count / A[i, from]. A is lifted, so
+            // that tiny entries have all their digits; the last argument takes the lift out.
             buffers::with_two(n, |unit, after| {
                 unit.fill(0.0);
                 unit[from] = LIFT;
@@ -125,6 +130,7 @@ impl LearnTransition for GeneratorTransition {
         sums: &'s mut GeneratorStatistics,
         time: &f64,
     ) -> Option<&'s mut MoveCounts> {
+        // −0 and 0 are the same time.
         Some(sums.between.entry(time.abs().to_bits()).or_default())
     }
 
@@ -168,7 +174,7 @@ impl LearnTransition for GeneratorTransition {
             }
             largest = largest.max(exit);
         }
-        // Rates that `from_triplets` would refuse are not learned either.
+        // Rates that `from_triplets` would refuse, below 2.2e-308 of Λ, become 0.
         let least = largest * super::build::MARGIN * f64::MIN_POSITIVE * (1.0 + f64::EPSILON);
         rates.iter_mut().filter(|entry| entry.2 < least).for_each(|entry| entry.2 = 0.0);
         Self::from_triplets(self.states(), rates)

@@ -1,4 +1,4 @@
-//! Continuous time: states are left at rates, and a step takes any time.
+//! [`GeneratorTransition`], continuous time: states are left at rates, and a step takes any time.
 //!
 //! | file | |
 //! |---|---|
@@ -9,6 +9,9 @@
 //! | `entries.rs` | rows and columns of exp(Q Δt) |
 //! | `expected.rs` | expected moves and times in states, given both ends of a step |
 //! | `learn.rs` | rates from these |
+//!
+//! Sums and products are of numbers that are not negative, so that errors stay relative for each
+//! state. The only difference is P's diagonal, 1 − exit rate / Λ, in `build.rs`.
 
 mod build;
 mod doubling;
@@ -26,18 +29,18 @@ use wayfix::TransitionError;
 use wayfix::internal::{Compressed, check_slices};
 use wayfix::{SparseTransition, Transition};
 
-/// Largest Λ Δt for more than [`DENSE_STATES`](doubling::DENSE_STATES) states. As many products
-/// may lose as much as a prediction's sum may be off, 1e-6.
+/// Largest Λ Δt for more than [`DENSE_STATES`](doubling::DENSE_STATES) states. The rounding of that
+/// many products may add up to 1e-6, the tolerance for the sum of a prediction.
 const MOST_PRODUCTS: f64 = (1_u64 << 30) as f64;
 
 /// An operator for irregular and continuous time: exp(Q Δt), with the rates Q of moves and the time
 /// Δt since the last observation, in any unit, as its control.
 ///
-/// Made from the rates q of legal moves; a state without moves is absorbing. Between observations
-/// the vehicle may make any number of moves, at any moment: it leaves state j after an exponential
-/// time of mean 1 / Σ_i q\[i, j\]. A gap is a step with a long Δt, which costs no rows of missing
-/// values. [`TransitionEntries`](super::TransitionEntries) lists moves of a step, between all pairs
-/// of states that are connected; learning estimates the rates.
+/// It is built from the rates q of legal moves; a state without moves is absorbing. Between
+/// observations the vehicle may make any number of moves, at any moment: it leaves state j after an
+/// exponential time of mean 1 / Σ_i q\[i, j\]. A gap is a step with a long Δt and needs no rows of
+/// missing values. [`TransitionEntries`](super::TransitionEntries) lists the moves of a whole step,
+/// between all pairs of connected states; learning estimates the rates.
 ///
 /// ```
 /// use wayfix::inference::LearningOptions;
@@ -71,21 +74,22 @@ const MOST_PRODUCTS: f64 = (1_u64 << 30) as f64;
 ///
 /// exp(Q Δt) x is computed by uniformisation (Jensen 1953), a sum without negative terms. With Λ
 /// for 1.25 times the largest exit rate, a state's probability has a relative error of about (20 +
-/// Λ Δt) 2^-52 for each entry in its row of Q, however small it is: of the terms of the sum, those
-/// left out are bounded by 2^-54 of each state by itself. Entries below 2.2e-308 have lost digits
-/// or are 0, as with all operators. The sum of x is kept. For a Δt of 0 the step is the identity.
+/// Λ Δt) 2^-52 for each entry in its row of Q, however small it is: the terms left out of the sum
+/// are at most 2^-54 of it, for each state separately. Entries below 2.2e-308 have lost digits or
+/// are 0, as with all operators. The sum of x is kept. For a Δt of 0 the step is the identity.
 ///
 /// # Cost
 ///
-/// A product with exp(Q Δt) takes about Λ Δt + 8 √(Λ Δt) + 20 products with Q, of O(n + E) for E
-/// moves; more, until all states are reached that can be, if the belief has zeros or differs by
-/// many orders from state to state (up to some 170, for a Λ Δt of 1); and fewer, if Λ Δt is large
-/// and the belief stops changing before. For up to 512 states, where a matrix is cheaper, it is
-/// O(n³ log(Λ Δt)) instead, and n² numbers of memory. For more, Λ Δt may be 2^30 at most.
+/// A product with exp(Q Δt) takes about Λ Δt + 8 √(Λ Δt) + 20 products with Q, each O(n + E) for E
+/// moves. It takes more if the belief has zeros or differs by many orders of magnitude from state
+/// to state, until all reachable states are reached (up to some 170 for a Λ Δt of 1), and fewer if
+/// Λ Δt is large and the belief stops changing earlier. For up to 512 states, a matrix is used
+/// where it is cheaper, in O(n³ log(Λ Δt)) and n² numbers of memory. For more states, Λ Δt may be
+/// at most 2^30.
 ///
 /// A row or column of entries costs such a product, and allocates; a step of Viterbi costs n of
-/// them. Where Δt takes few values, a [`SwitchedTransition`](super::SwitchedTransition) of matrices
-/// is faster.
+/// them. If Δt takes few values, a [`SwitchedTransition`](super::SwitchedTransition) of matrices is
+/// faster.
 ///
 /// # Learning
 ///
@@ -93,11 +97,11 @@ const MOST_PRODUCTS: f64 = (1_u64 << 30) as f64;
 /// time Δt has an expected number of each legal move and an expected time in each state, and the
 /// rate of a move is the sum of the former over that of the latter.
 /// [Statistics](GeneratorStatistics) are sums of both. A step adds to them by three series, without
-/// listing moves, in O(√(Λ Δt) n + E) memory. Of labelled drives, and of steps in logarithms, moves
-/// are counted for each Δt, and turned into both with one product and three series for each state
-/// that is left. A state without any time keeps its rates. A pseudo-count is added to the number of
-/// each legal move, for a log-prior of pseudo-count times Σ ln q; with it, rates out of a state
-/// that is hardly ever visited become large.
+/// listing moves, in O(√(Λ Δt) n + E) memory. For labelled drives, and for steps in logarithms,
+/// moves are counted for each Δt, and converted to both by one product and three series for each
+/// state that is left. A state without any time keeps its rates. A pseudo-count is added to the
+/// number of each legal move, for a log-prior of pseudo-count times Σ ln q; with it, rates out of a
+/// state that is hardly ever visited become large.
 #[derive(Clone)]
 pub struct GeneratorTransition {
     /// Rates of legal moves, by the state that is left.
@@ -109,7 +113,7 @@ pub struct GeneratorTransition {
     /// P = I + Q / Λ.
     chain: SparseTransition,
     /// Relative rounding error of a product with P: half an epsilon for each term of the longest
-    /// sum, and some.
+    /// sum, and four more.
     rounding: f64,
 }
 

@@ -1,10 +1,10 @@
 //! Weights of the Poisson distribution, relative to the largest, so that e^−mean never underflows.
 
-/// Mean above which no weight is computed: no product is ever taken that often.
+/// Mean above which no weight is computed: that many products are never taken.
 const FAR: f64 = (1_u64 << 36) as f64;
 
-/// Weights e^−mean mean^k / k!, from k = 0 on. Those below 2.2e-308 of the largest are 0 before it,
-/// and after it as soon as neighbours hardly differ.
+/// Weights e^−mean mean^k / k! for k = 0, 1, …. Before the largest, those below 2.2e-308 of it are
+/// 0; after it, they are 0 below 2.2e-308 if neighbours differ by less than a factor of 2.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Poisson {
     mean: f64,
@@ -18,11 +18,14 @@ pub(super) struct Poisson {
 }
 
 impl Poisson {
-    /// O(√mean) steps beyond mean 700, and O(mean) below.
+    /// Computes the total weight, and where weights begin: O(√mean) steps for means above 700, and
+    /// O(mean) below.
     pub(super) fn new(mean: f64) -> Self {
         if mean > FAR {
             return Self { mean, k: 0.0, weight: 0.0, first: (f64::INFINITY, 0.0), total: 1.0 };
         }
+        // Outwards from the mode, where the weight is set to 1, by w_{k-1} = w_k k / mean and
+        // w_{k+1} = w_k mean / (k + 1): weights fall on both sides, so that the sums are accurate.
         let mode = mean.floor();
         let (mut first, mut total) = ((mode, 1.0), 1.0);
         while first.0 > 0.0 {
@@ -48,22 +51,23 @@ impl Poisson {
         self.weight / self.total
     }
 
-    /// Goes on to the next k.
+    /// Moves to the next k.
     pub(super) fn advance(&mut self) {
         self.k += 1.0;
+        // Weights before the first are 0, so the recursion has to be started there.
         if self.k <= self.first.0 {
             self.weight = if self.k == self.first.0 { self.first.1 } else { 0.0 };
             return;
         }
         let ratio = self.mean / self.k;
         self.weight *= ratio;
-        // A number below the normal ones may round to itself for ever.
+        // A subnormal times a ratio near 1 may round to itself forever.
         if self.weight < f64::MIN_POSITIVE && ratio > 0.5 {
             self.weight = 0.0;
         }
     }
 
-    /// True if all later weights are 0, and this one is.
+    /// True if this weight and all later ones are 0.
     pub(super) fn is_over(&self) -> bool {
         self.weight == 0.0 && self.k >= self.first.0
     }
@@ -76,7 +80,8 @@ impl Poisson {
         let mut sum = 0.0;
         loop {
             self.advance();
-            // From the mode on they fall.
+            // The sum must be beyond the mode to end: before it, weights grow, and none is small
+            // beside the sum of those before.
             if self.weight <= f64::EPSILON / 64.0 * sum || self.is_over() {
                 return sum / self.total;
             }
@@ -84,8 +89,8 @@ impl Poisson {
         }
     }
 
-    /// The factor q of a bound: later weights are at most w q, w q², … with w that of k. Below 1
-    /// only after the mean.
+    /// The ratio q in a bound on later weights: with w for that of k, they are at most w q, w q², …
+    /// Below 1 only beyond the mean.
     pub(super) fn ratio(&self) -> f64 {
         self.mean / (self.k + 1.0)
     }

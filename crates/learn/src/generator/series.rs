@@ -2,19 +2,20 @@
 //!
 //! With Λ at least the largest exit rate, P = I + Q / Λ is stochastic, and
 //! exp(Q Δt) x = Σ_k Pois(k; Λ Δt) P^k x has no negative term (Jensen 1953): rounding is relative,
-//! for each state by itself. Where the sum may end is decided for each state, too. As P has no
-//! negative entry, v ≤ ρ u in each state implies P v ≤ ρ P u. So if v_k ≤ ρ v_{k-1}, then
-//! v_m ≤ ρ^(m-k) v_k for all later m, and in each state
+//! for each state separately. So is the test for the end of the sum. Write v_k for P^k x and w_k
+//! for its weight. As P has no negative entry, v ≤ ρ u in each state implies P v ≤ ρ P u. So if
+//! v_k ≤ ρ v_{k-1}, then v_m ≤ ρ^(m-k) v_k for all later m, and in each state
 //!
 //! ```text
 //! Σ_{m>k} w_m v_m ≤ w_k v_k r / (1 − r)      r = ρ Λ Δt / (k + 1) < 1
 //! ```
 //!
 //! which must be below 2^-54 of the sum up to k. A state that is first reached at k has no such ρ:
-//! the sum goes on until all are reached that can be, or the weights underflow. And if the ratio of
-//! v_k to v_{k-1} is within 1 ± ε in each state, then that of any later v_m to v_k is within
-//! (1 ± ε)^(m-k): the rest of the sum is v_k times the rest of the weights, within ε Λ Δt. With the
-//! rounding of a product for ε, this is no more than what the products left out would lose by it.
+//! the sum goes on until all reachable states are reached, or the weights underflow. And if the
+//! ratio of v_k to v_{k-1} is within 1 ± ε in each state, then that of any later v_m to v_k is
+//! within (1 ± ε)^(m-k): the rest of the sum is v_k times the rest of the weights, up to a relative
+//! ε Λ Δt. With the rounding of a product for ε, the products that are left out would have lost as
+//! much by rounding.
 
 use super::GeneratorTransition;
 use super::poisson::Poisson;
@@ -22,14 +23,16 @@ use wayfix::Transition;
 use wayfix::internal::buffers;
 use wayfix_kernels as kernels;
 
-/// Relative error of a state by the terms that are left out: half a rounding.
+/// Largest relative error of a state through the terms left out: half a rounding.
 pub(super) const CUT: f64 = f64::EPSILON / 4.0;
 
 /// Number of products after which changes are compared with rounding.
 const PRODUCTS_BETWEEN_LOOKS: f64 = 32.0;
 
-/// The bounds (ρ, r / (1 − r)) for a k beyond the mean; the closer r is to 1, the closer ρ is.
+/// Bounds (ρ, r / (1 − r)) for a k beyond the mean. The closer r is to 1, the larger is ρ, and the
+/// weaker the bound on the rest.
 pub(super) fn growth(weights: &Poisson) -> Option<(f64, f64)> {
+    // r halfway between Λ Δt / (k + 1), which allows no growth, and 1, which gives no bound.
     let ratio = weights.ratio();
     let r = 0.5 + 0.5 * ratio;
     (ratio < 1.0).then(|| (r / ratio, r / (1.0 - r)))
@@ -44,13 +47,14 @@ pub(super) fn grows_at_most(rho: f64, before: &[f64], after: &[f64]) -> bool {
 fn rest_is_small(weights: &Poisson, before: &[f64], after: &[f64], sum: &[f64]) -> bool {
     let Some((rho, factor)) = growth(weights) else { return false };
     let factor = factor * weights.weight();
-    // Where a state stays as it is, the factor itself must be small: no need to look earlier.
+    // The cheap test first: in a state that hardly changes, v_k is about as large as the sum, so
+    // that the whole test can pass only if the factor itself is small.
     factor <= CUT
         && after.iter().zip(sum).all(|(after, sum)| factor * after <= CUT * sum)
         && grows_at_most(rho, before, after)
 }
 
-/// True if no state changes but by rounding.
+/// True if every state changes by no more than rounding.
 fn is_still(rounding: f64, before: &[f64], after: &[f64]) -> bool {
     before.iter().zip(after).all(|(before, after)| (after - before).abs() <= rounding * before)
 }
@@ -69,7 +73,8 @@ impl GeneratorTransition {
             });
         }
         if !transposed {
-            // exp(Q Δt) keeps the sum. Products lose about a rounding each.
+            // exp(Q Δt) keeps the sum, but each product may lose a rounding of it. (The transpose
+            // keeps no sum: it keeps the vector of ones.)
             let factor = kernels::sum(x) / kernels::sum(out);
             if factor.is_finite() && factor > 0.0 {
                 out.iter_mut().for_each(|out| *out *= factor);
@@ -92,6 +97,7 @@ impl GeneratorTransition {
         x: &[f64],
         out: &mut [f64],
     ) -> bool {
+        // Invariant at the head of the loop: before = P^k x, and out = Σ of the terms up to k.
         buffers::with_two(x.len(), |before, after| {
             let mut weights = Poisson::new(mean);
             let (mut before, mut after) = (before, after);

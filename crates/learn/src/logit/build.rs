@@ -9,11 +9,12 @@ use wayfix::internal::{check_count, refuse_evidence, validate_with};
 use wayfix::{Transition, TransitionEntries};
 use wayfix_kernels::limits;
 
-/// A move as it is stored: from, to, intercept, and the number of its slopes from 1, or 0.
+/// A move as it is stored: from, to, intercept, and the number of its group of slopes, from 1, or 0
+/// for none.
 pub(super) type Stored = (u32, u32, f64, u32);
 
 impl LogitTransition {
-    /// Creates an operator with the moves of another: at inputs of 0 it has its probabilities, and
+    /// Creates an operator with the moves of another one, and its probabilities at inputs of 0:
     /// slopes are 0. Each legal move but the reference gets p slopes of its own. O(E p).
     ///
     /// # Errors
@@ -29,6 +30,7 @@ impl LogitTransition {
         let (mut stored, mut groups) = (Vec::new(), 0);
         for from in 0..moves.states() {
             let reference = reference(from, moves.outgoing(&(), from).map(|entry| entry.0));
+            // Intercepts are log-odds against the reference, whose own is 0.
             let at_reference = |entry: &(usize, f64)| Some(entry.0) == reference;
             let base = moves.outgoing(&(), from).find(at_reference).map_or(1.0, |entry| entry.1);
             for (to, p) in moves.outgoing(&(), from) {
@@ -61,10 +63,12 @@ impl LogitTransition {
             starts[from as usize + 1] += 1;
             row_starts[to as usize + 1] += 1;
         }
+        // `starts` still holds the lengths of columns, one place late; then sums of them.
         let widest = starts.iter().copied().max().unwrap_or(0) as usize;
         for starts in [&mut starts, &mut row_starts] {
             (1..=states).for_each(|state| starts[state] += starts[state - 1]);
         }
+        // Moves come by ascending origin, so that those into each state do, too.
         let (mut rows, mut next) = (vec![(0, 0); moves.len()], row_starts.clone());
         for (at, &(from, to, ..)) in (0..).zip(moves) {
             let slot = &mut next[to as usize];
@@ -113,11 +117,11 @@ impl LogitTransition {
     }
 
     /// Shares slopes by labels, `label(from, to)`: moves with the same label have the same slopes,
-    /// those with `None` have none, and intercepts stay their own. All slopes become 0.
+    /// and those with `None` have none. Each move keeps its own intercept. All slopes become 0.
     /// O(E log E).
     ///
     /// Only differences within a state matter: give one of its moves, such as the stay, no slopes,
-    /// unless a [ridge](Self::with_ridge) is to decide.
+    /// unless you want a [ridge](Self::with_ridge) to decide.
     ///
     /// ```
     /// use wayfix_learn::LogitTransition;

@@ -1,4 +1,5 @@
-//! Intercepts and slopes of the moves: set and read.
+//! Intercepts and slopes of the moves: setting and reading them. Every change ends in `settle`,
+//! which checks all coefficients and computes the bounds on scores anew.
 
 use super::LogitTransition;
 use super::build::reference;
@@ -9,11 +10,12 @@ use wayfix::{SparseTransition, Transition};
 impl LogitTransition {
     /// Name of a move in errors.
     pub(super) fn name(&self, at: usize) -> String {
+        // The last column that starts at or before the move.
         let from = self.starts.partition_point(|start| *start as usize <= at) - 1;
         format!("the move from state {from} to state {}", self.to[at])
     }
 
-    /// Number of a move among all, column by column.
+    /// Number of a move among all moves, column by column.
     pub(super) fn find(&self, from: usize, to: usize) -> Option<usize> {
         if from >= self.states() {
             return None;
@@ -27,7 +29,8 @@ impl LogitTransition {
         self.find(from, to).ok_or(TransitionError::Forbidden { to, from })
     }
 
-    /// Sets the intercept of a move. O(E p), since bounds on all are computed anew.
+    /// Sets the intercept of a move. O(E p), since the bounds on all coefficients are computed
+    /// anew.
     ///
     /// # Errors
     ///
@@ -50,8 +53,8 @@ impl LogitTransition {
     /// # Errors
     ///
     /// [`TransitionError::Forbidden`] for a move that is not legal, or
-    /// [`TransitionError::Parameter`] for one without slopes, another number of slopes than of
-    /// inputs, or a value beyond ±1e300.
+    /// [`TransitionError::Parameter`] for a move without slopes, a number of slopes other than that
+    /// of inputs, or a value beyond ±1e300.
     pub fn with_slopes(
         mut self,
         from: usize,
@@ -74,8 +77,9 @@ impl LogitTransition {
         Ok(self)
     }
 
-    /// Sets the precision λ of a Gaussian prior on the slopes, of mean 0 and variance 1 / λ; 0, the
-    /// default, for none. Intercepts have none. It is part of the objective of learning.
+    /// Sets the precision λ of a Gaussian prior on the slopes, with mean 0 and variance 1 / λ; 0,
+    /// the default, for no prior. Intercepts have no prior. It is part of the objective of
+    /// learning.
     ///
     /// # Errors
     ///
@@ -114,21 +118,21 @@ impl LogitTransition {
         self.find(from, to).map(|at| self.intercepts[at])
     }
 
-    /// Slopes of a move, none for one without; `None` if it is not legal.
+    /// Slopes of a move, empty if it has none; `None` if the move is not legal.
     #[must_use]
     pub fn slopes(&self, from: usize, to: usize) -> Option<&[f64]> {
         self.find(from, to).map(|at| self.slopes_at(at))
     }
 
-    /// Number of the slopes of a move, from 0, the same for all moves that share them; `None` if it
-    /// has none, or is not legal.
+    /// Index of the slopes of a move, from 0, the same for all moves that share them; `None` if the
+    /// move has none, or is not legal.
     #[must_use]
     pub fn slope_group(&self, from: usize, to: usize) -> Option<usize> {
         self.find(from, to).and_then(|at| (self.groups[at] as usize).checked_sub(1))
     }
 
-    /// The reference of a state, whose intercept learning keeps: the stay if it is legal, else the
-    /// move to the lowest state; `None` for a state that does not exist.
+    /// The reference of a state, the move whose intercept learning keeps: the stay if it is legal,
+    /// else the move to the lowest state; `None` for a state that does not exist.
     #[must_use]
     pub fn reference(&self, from: usize) -> Option<usize> {
         let exists = from < self.states();
@@ -143,7 +147,7 @@ impl LogitTransition {
         &self.intercepts
     }
 
-    /// Slopes by their numbers.
+    /// Slopes of each group.
     #[cfg(feature = "serde")]
     pub(crate) fn groups(&self) -> impl Iterator<Item = Vec<f64>> {
         self.slopes.chunks_exact(self.inputs).map(<[f64]>::to_vec)

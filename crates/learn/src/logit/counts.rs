@@ -1,4 +1,4 @@
-//! Expected moves by the inputs of their steps.
+//! [`InputCounts`]: expected moves by the inputs of their steps.
 
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
@@ -8,9 +8,9 @@ use wayfix::transition::MoveCounts;
 /// Expected number of moves for each distinct row of inputs: the statistics of a
 /// [`LogitTransition`](super::LogitTransition).
 ///
-/// Rows are compared by their bits, and listed in ascending order. So a category, or a time of day
-/// by the hour, costs as much as it has values; inputs that never repeat cost the moves of each
-/// step.
+/// Rows are compared by their bits, and listed in ascending order. So the cost of a category, or of
+/// a time of day by the hour, is that of its distinct values; inputs that never repeat cost the
+/// moves of every step.
 ///
 /// ```
 /// use wayfix_learn::InputCounts;
@@ -34,6 +34,8 @@ struct Row(Vec<f64>);
 
 impl Ord for Row {
     fn cmp(&self, other: &Self) -> Ordering {
+        // Lexicographic in the total order of doubles, in which −0 and 0 differ, and a NaN is equal
+        // to itself: a key must be.
         let pairs = self.0.iter().zip(&other.0);
         let mut different = pairs.map(|(a, b)| a.total_cmp(b)).filter(|order| order.is_ne());
         different.next().unwrap_or_else(|| self.0.len().cmp(&other.0.len()))
@@ -61,17 +63,17 @@ impl InputCounts {
         self.rows.iter().map(|(row, counts)| (&row.0[..], counts))
     }
 
-    /// Adds moves under these inputs. O(log rows + moves).
+    /// Adds moves made at these inputs. O(log rows + moves).
     pub fn add(&mut self, inputs: &[f64], counts: &MoveCounts) {
         self.at(inputs).merge(counts);
     }
 
-    /// Adds the counts of another. O(rows log rows + moves).
+    /// Adds other counts. O(rows log rows + moves).
     pub fn merge(&mut self, other: &Self) {
         other.rows().for_each(|(inputs, counts)| self.add(inputs, counts));
     }
 
-    /// Counts under these inputs.
+    /// Counts at these inputs.
     pub(super) fn at(&mut self, inputs: &[f64]) -> &mut MoveCounts {
         self.rows.entry(Row(inputs.to_vec())).or_default()
     }

@@ -1,5 +1,6 @@
-//! Expected moves as the M-step takes them: by origins, with inputs scaled to at most 1 and
-//! centred, so that their units cost no digit, and in parts that have no slopes in common.
+//! Expected moves in the form of the M-step: by origin, with inputs scaled to at most 1 and
+//! centred, so that their units cost no digits, and in parts that have no slopes in common, each of
+//! which is maximised by itself.
 
 use super::newton::{Part, Seen};
 use super::{InputCounts, LogitTransition};
@@ -7,13 +8,13 @@ use wayfix::Transition;
 use wayfix::TransitionError;
 use wayfix::transition::MoveCounts;
 
-/// Least size of an input that is scaled: its square is in the range of doubles.
+/// Smallest size at which an input is scaled, so that its square is in the range of doubles.
 const LEAST_SCALE: f64 = 1e-150;
 
-/// Rows of inputs in which a state was left, and for each row the weights of its moves.
+/// Rows of inputs at which a state was left, and for each row the weights of the state's moves.
 type Left = (Vec<usize>, Vec<f64>);
 
-/// Rows of inputs as learning takes them.
+/// Rows of inputs in the form of learning.
 #[derive(Debug)]
 pub(super) struct Rows {
     /// Scaled and centred, one after another.
@@ -27,6 +28,7 @@ pub(super) struct Rows {
 
 /// Root of a set in a forest of disjoint sets.
 fn root(parents: &mut [usize], mut set: usize) -> usize {
+    // Halves the path on the way (Tarjan and van Leeuwen 1984), so that later searches are short.
     while parents[set] != set {
         parents[set] = parents[parents[set]];
         set = parents[set];
@@ -35,8 +37,8 @@ fn root(parents: &mut [usize], mut set: usize) -> usize {
 }
 
 impl LogitTransition {
-    /// Rows of inputs, and the weights of moves out of each state. `pseudo_count` of each legal
-    /// move are added at inputs of 0.
+    /// Rows of inputs, and the weights of moves out of each state. A `pseudo_count` is added for
+    /// each legal move, at inputs of 0.
     pub(super) fn data(
         &self,
         counts: &InputCounts,
@@ -65,6 +67,8 @@ impl LogitTransition {
         for row in values.chunks_exact_mut(p) {
             row.iter_mut().zip(&scales).for_each(|(u, scale)| *u /= scale);
         }
+        // With u = scale · (x + centre), a slope on x is scale times that on u: its prior has the
+        // precision λ / scale².
         let centres = self.centre(&mut values, &left);
         let ridge = scales.iter().map(|scale| self.ridge / scale / scale).collect();
         Ok((Rows { values, scales, centres, ridge }, left))
@@ -85,6 +89,7 @@ impl LogitTransition {
             if m.weight == 0.0 {
                 continue;
             }
+            // Moves are sorted by origin, so that those of one origin and row follow each other.
             let column = self.column(m.from);
             let (rows, weights) = &mut left[m.from];
             if rows.last() != Some(&row) {
@@ -119,9 +124,9 @@ impl LogitTransition {
         centres
     }
 
-    /// The set of slopes that each group shares origins with, directly or by others, by the number
-    /// of one of them. Groups are counted from 1; 0, of moves without slopes, joins others only if
-    /// `with_none`.
+    /// The connected set of each group of slopes, named by one of its groups. Two groups are
+    /// connected if moves of both leave some state, directly or through other groups. Groups are
+    /// counted from 1; group 0, that of moves without slopes, joins others only if `with_none`.
     pub(super) fn sets(&self, with_none: bool) -> Vec<usize> {
         let groups = self.slopes.len() / self.inputs;
         let mut parents: Vec<usize> = (0..=groups).collect();
@@ -137,7 +142,8 @@ impl LogitTransition {
         (0..=groups).map(|group| root(&mut parents, group)).collect()
     }
 
-    /// Sets of origins that share slopes, and origins without slopes one by one.
+    /// Divides origins into parts: those that share slopes together, those without slopes one by
+    /// one.
     pub(super) fn parts<'a>(&self, rows: &'a Rows, left: Vec<Left>) -> Vec<Part<'a>> {
         let sets = self.sets(false);
         let part = || Part {
@@ -149,7 +155,7 @@ impl LogitTransition {
         };
         let mut parts: Vec<Part<'a>> = Vec::new();
         let mut part_of: Vec<Option<usize>> = vec![None; sets.len()];
-        // Numbers of the slopes within their parts.
+        // Number of each group within its part.
         let mut local = vec![0; sets.len()];
         for group in 1..sets.len() {
             let at = *part_of[sets[group]].get_or_insert(parts.len());
@@ -161,6 +167,7 @@ impl LogitTransition {
         }
         for (from, left) in left.into_iter().enumerate() {
             let groups = self.groups[self.column(from)].iter();
+            // All groups of an origin are in one set, so that any of them names the part.
             let shared = groups.clone().find(|group| **group > 0);
             let known = shared.and_then(|group| part_of[sets[*group as usize]]);
             let at = known.unwrap_or(parts.len());
@@ -180,6 +187,8 @@ impl LogitTransition {
         for weights in weights.chunks_exact(moves) {
             sums.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += weight);
         }
+        // The reference of learning is the move seen most often, whichever is that of the operator:
+        // log-odds against a rare move are ill-conditioned. `set` converts back.
         let most = (0..moves).max_by(|a, b| sums[*a].total_cmp(&sums[*b]));
         let mut groups: Vec<usize> = group_of.iter().copied().flatten().collect();
         groups.sort_unstable();

@@ -1,4 +1,5 @@
-//! Single entries, and states in another order.
+//! Single entries, and states in another order. An entry into a state takes the normaliser of its
+//! column, so that listing a row costs all the columns that it meets.
 
 use std::f64::consts::LOG2_E;
 
@@ -50,6 +51,7 @@ impl TransitionEntries for LogitTransition {
     }
 
     fn outgoing_log2(&self, inputs: &Vec<f64>, from: usize) -> impl Iterator<Item = (usize, f64)> {
+        // No filter: a legal move has a finite logarithm, however small its probability.
         let (largest, sum) = self.normalizer(inputs, from);
         let sum = sum.ln();
         self.column(from)
@@ -87,10 +89,11 @@ impl ReorderStates for LogitTransition {
                 let to = new[self.to[at] as usize] as u32;
                 (from as u32, to, self.intercepts[at], self.groups[at])
             }));
+            // Targets have new numbers: columns must ascend again.
             moves[start..].sort_unstable_by_key(|m| m.1);
         }
         let slopes = self.slopes.clone();
-        // The same coefficients, which are valid.
+        // The coefficients are unchanged, and were valid: this does not fail.
         Self::from_parts(order.len(), &moves, slopes, self.inputs, self.ridge)
             .unwrap_or_else(|_| self.clone())
     }

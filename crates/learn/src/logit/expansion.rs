@@ -2,19 +2,19 @@
 //! (minus the Hessian), and the step that maximises it.
 //!
 //! Origins have intercepts of their own, and share slopes. So the information has a small block for
-//! the intercepts of each origin, a block for all slopes, and what joins an origin to the slopes;
-//! the intercepts are eliminated origin by origin (the Schur complement), and what is left is a
-//! system in the slopes.
+//! the intercepts of each origin, a block for all slopes, and cross terms between each origin and
+//! the slopes. The intercepts are eliminated origin by origin (the Schur complement), which leaves
+//! a system in the slopes.
 
 use super::factor::Factor;
 use super::newton::{Part, Point, Seen};
 
-/// Terms of the intercepts of one origin. The reference has rows of 0, and is so left out.
+/// Terms of the intercepts of one origin. The reference has rows of 0, which leaves it out.
 #[derive(Debug)]
 struct Intercepts {
     gradient: Vec<f64>,
     information: Vec<f64>,
-    /// For each move a row, with a column for each slope of the origin.
+    /// One row for each move, with a column for each slope of the origin.
     cross: Vec<f64>,
     /// Expected number of steps that leave the origin.
     weight: f64,
@@ -29,11 +29,12 @@ pub(super) struct Expansion {
     origins: Vec<Intercepts>,
     gradient: Vec<f64>,
     information: Vec<f64>,
-    /// Σ weight x² for each slope, four times a bound on its information.
+    /// Σ weight x² for each slope: a variance p (1 − p) is at most 1/4, so that this is four times
+    /// a bound on its information.
     size: Vec<f64>,
 }
 
-/// A step from a point, with the gain that the expansion promises.
+/// A step from a point, with the gain predicted by the expansion.
 #[derive(Debug)]
 pub(super) struct Step {
     /// By origin, then by move.
@@ -43,7 +44,7 @@ pub(super) struct Step {
 }
 
 impl Step {
-    /// A part of the step; the promised gain stays that of the whole.
+    /// Returns a fraction of the step; the predicted gain stays that of the whole.
     pub(super) fn scaled(mut self, part: f64) -> Self {
         let intercepts = self.intercepts.iter_mut().flatten();
         intercepts.chain(&mut self.slopes).for_each(|value| *value *= part);
@@ -54,18 +55,22 @@ impl Step {
 /// Memory for one row of inputs at one origin.
 #[derive(Debug, Default)]
 struct Row {
-    /// ln p, p and 1 − p of each move; the last is a sum of others, so that it has all its digits.
+    /// ln p, p and 1 − p of each move; the last is summed over the other moves, so that it has all
+    /// its digits.
     logs: Vec<f64>,
     p: Vec<f64>,
     not: Vec<f64>,
     /// Weights of all other moves.
     others: Vec<f64>,
-    /// The same for the slopes of the origin: sums over the moves that share them.
+    /// For each group of slopes: the sums of p over the moves inside and outside of it, and the
+    /// sums of their weights.
     of_slopes: Vec<[f64; 4]>,
 }
 
 /// For each value the sum of all others, without a subtraction.
 fn sums_of_others(values: &[f64], out: &mut Vec<f64>) {
+    // Sums of those before, then of those after: the total less a value would cancel if the value
+    // is nearly the total.
     out.clear();
     let mut before = 0.0;
     for value in values {
@@ -110,8 +115,8 @@ impl Row {
 }
 
 impl Expansion {
-    /// Expands the objective of a part. O(rows (m² + m k + k²)) for each origin, with m moves and k
-    /// slopes.
+    /// Expands the objective of a part around a point. O(rows (m² + m k + k²)) for each origin,
+    /// with m moves and k slopes.
     pub(super) fn at(part: &Part<'_>, point: &Point) -> Self {
         let p = part.inputs;
         let slopes = part.groups.len() * p;
@@ -127,6 +132,7 @@ impl Expansion {
         for (seen, intercepts) in part.origins.iter().zip(&point.intercepts) {
             sum.add_origin(part, seen, (intercepts, &point.slopes), &mut row);
         }
+        // The prior, −λ / 2 Σ b².
         for (at, &slope) in point.slopes.iter().enumerate() {
             let ridge = part.ridge[at % p];
             sum.value -= 0.5 * ridge * slope * slope;
@@ -159,12 +165,14 @@ impl Expansion {
             for i in (0..m).filter(|i| *i != seen.reference) {
                 // w − total p, in a form that keeps its digits where p is near 0 or 1.
                 terms.gradient[i] += weights[i] * row.not[i] - row.others[i] * row.p[i];
+                // Information of a multinomial, total (diag p − p p'): lower triangle only.
                 for k in (0..i).filter(|k| *k != seen.reference) {
                     terms.information[i * m + k] -= total * row.p[i] * row.p[k];
                 }
                 terms.information[i * m + i] += total * row.p[i] * row.not[i];
                 for (g, group) in seen.groups.iter().enumerate() {
                     let [inside, outside, ..] = row.of_slopes[g];
+                    // cov(move i, group) = p_i ([i in the group] − P(group)).
                     let mine = seen.group_of[i] == Some(*group);
                     let joint = total * row.p[i] * if mine { outside } else { -inside };
                     let cross = &mut terms.cross[i * own + g * p..i * own + (g + 1) * p];
@@ -173,6 +181,7 @@ impl Expansion {
             }
             for (g, first) in seen.groups.iter().enumerate() {
                 let [inside, outside, seen_inside, seen_outside] = row.of_slopes[g];
+                // Seen less expected in the group, w_in − total P(in), again without cancellation.
                 let residual = seen_inside * outside - seen_outside * inside;
                 for (k, x_k) in x.iter().enumerate() {
                     let at = first * p + k;
@@ -193,9 +202,11 @@ impl Expansion {
     }
 
     /// The step that maximises the expansion, with the information increased by `damping` times a
-    /// bound on its diagonal. Parameters of which the data say nothing do not move.
+    /// bound on its diagonal. Parameters that the data do not determine stay.
     pub(super) fn step(&self, part: &Part<'_>, damping: f64) -> Step {
         let (p, all) = (part.inputs, self.gradient.len());
+        // With L L' the block of an origin, H_ss − C' (L L')⁻¹ C = H_ss − (L⁻¹ C)' (L⁻¹ C): the
+        // system in the slopes, and the same with the gradient on its right-hand side.
         let mut information = self.information.clone();
         let mut slopes = self.gradient.clone();
         let mut eliminated = Vec::with_capacity(self.origins.len());
@@ -228,6 +239,7 @@ impl Expansion {
             information[at * all + at] += damping * size;
             diagonal.push(self.information[at * all + at] + damping * size);
         }
+        // Pivots are judged by the diagonal before the elimination: what it cancelled is rounding.
         let factor = Factor::new(information, &diagonal);
         factor.forward(&mut slopes);
         factor.backward(&mut slopes);
@@ -236,6 +248,8 @@ impl Expansion {
         for ((factor, mut step, cross), (terms, seen)) in
             eliminated.into_iter().zip(self.origins.iter().zip(&part.origins))
         {
+            // Back substitution: L' step = L⁻¹ (gradient − C slopes). The gain of a step that
+            // solves H step = gradient is gradient · step / 2.
             for (c, column) in cross.iter().enumerate() {
                 let slope = slopes[seen.groups[c / p] * p + c % p];
                 step.iter_mut().zip(column).for_each(|(step, cross)| *step -= cross * slope);

@@ -1,11 +1,12 @@
 //! Cholesky factors of information matrices, which may be singular.
 //!
-//! A parameter that the others determine (inputs that are sums of others, a label on all moves out
-//! of a state) has a pivot of 0, up to rounding. It is left out: its part of a solution is 0, and
-//! the others solve the system without it. (The crate's dependency for matrices belongs to a
-//! feature that an operator must not need, and does not leave out parameters.)
+//! A parameter that the others determine (an input that is a sum of others, a label on all moves
+//! out of a state) has a pivot of 0, up to rounding. It is left out: its component of a solution is
+//! 0, and the others solve the system without it. (The crate's matrix library is optional, while
+//! this operator is not, and does not leave out parameters.)
 
-/// A pivot of this part of its diagonal entry has hardly a digit: it is 0 but for rounding.
+/// A pivot that is this small a part of its diagonal entry has hardly a digit left: it is 0 up to
+/// rounding.
 const LEAST_PIVOT: f64 = 1e-12;
 
 /// Lower triangle L of a symmetric matrix M = L L', row after row; a row of M that is left out has
@@ -17,7 +18,7 @@ pub(super) struct Factor {
 }
 
 impl Factor {
-    /// Factors a positive semi-definite matrix, of which the lower triangle is read. Pivots are
+    /// Factors a positive semi-definite matrix; only its lower triangle is read. Pivots are
     /// compared with `diagonal`. O(size³).
     pub(super) fn new(mut lower: Vec<f64>, diagonal: &[f64]) -> Self {
         let size = diagonal.len();
@@ -30,7 +31,7 @@ impl Factor {
             }
             let squares: f64 = row[..i].iter().map(|value| value * value).sum();
             let pivot = row[i] - squares;
-            // A NaN is left out, too.
+            // A NaN fails the comparison, and is left out, too.
             row[i] = if pivot > LEAST_PIVOT * diagonal[i] { pivot.sqrt() } else { 0.0 };
         }
         Self { size, lower }

@@ -1,5 +1,6 @@
 //! The M-step: coefficients that make the expected moves most probable (section 9 of the
-//! [formulas](wayfix::guide::formulas)).
+//! [formulas](wayfix::guide::formulas)). Here coefficients are converted between the operator, whose
+//! inputs have units, and the search in `newton.rs`, whose inputs are scaled and centred.
 
 use std::error::Error;
 
@@ -12,12 +13,12 @@ use wayfix::inference::{Displacement, FreeParameters};
 use wayfix::transition::{LearnTransition, MoveCounts};
 
 impl LogitTransition {
-    /// The moves whose probabilities run to 0 at some of these inputs, as pairs (from, to): moves
-    /// that were never seen, or are separated from the others by the inputs. Their coefficients
-    /// have no finite maximum, and learning ends where the rest of the gain is rounding; a
-    /// [ridge](Self::with_ridge) (or pseudo-counts, for moves never seen) makes it finite. Of a
-    /// learned model and its own expected moves, as [`Hmm::expectations`](wayfix::Hmm::expectations)
-    /// counts them.
+    /// Returns the moves whose probabilities run to 0 at some of these inputs, as pairs (from, to):
+    /// moves that were never seen, or that the inputs separate from the others. Their coefficients
+    /// have no finite maximum: learning ends where the remaining gain is rounding. A
+    /// [ridge](Self::with_ridge) (or pseudo-counts, for moves never seen) makes the maximum finite.
+    /// Call it on a learned model, with its own expected moves as counted by
+    /// [`Hmm::expectations`](wayfix::Hmm::expectations).
     ///
     /// ```
     /// use wayfix_learn::{InputCounts, LogitTransition};
@@ -61,8 +62,10 @@ impl LogitTransition {
         Ok(found)
     }
 
-    /// Coefficients of a part, for inputs as learning takes them.
+    /// Coefficients of a part, for scaled and centred inputs.
     fn point(&self, part: &Part<'_>, rows: &Rows) -> Point {
+        // a + b · u with u = scale (x + centre): the slope on x is b scale, and the intercept is
+        // the score at the centre.
         let p = self.inputs;
         let slope = |(at, scale): (usize, &f64)| self.slopes[at] * scale;
         let slopes = part.groups.iter().flat_map(|g| (g * p..(g + 1) * p).zip(&rows.scales));
@@ -75,8 +78,8 @@ impl LogitTransition {
         Point { intercepts: intercepts.collect(), slopes }
     }
 
-    /// Sets the coefficients of a part. The intercept of the reference of each state stays, and so
-    /// do all those of a state that was never left.
+    /// Sets the coefficients of a part. The intercept of the reference of each state stays, as do
+    /// all intercepts of a state that was never left.
     fn set(&mut self, part: &Part<'_>, point: &Point, rows: &Rows) {
         let p = self.inputs;
         let slopes = part.groups.iter().flat_map(|g| (g * p..(g + 1) * p).zip(&rows.scales));
@@ -89,6 +92,8 @@ impl LogitTransition {
             let score = |at: usize| seen.score(at, intercepts, &point.slopes, &back);
             let range = seen.first..seen.first + intercepts.len();
             let from = self.starts.partition_point(|start| *start as usize <= seen.first) - 1;
+            // Adding a constant to all scores of a state changes no probability: it is chosen such
+            // that the operator's reference, not that of the search, has its old intercept.
             let reference = self.reference(from).and_then(|to| self.find(from, to));
             let reference = reference.unwrap_or(seen.first);
             let shift = self.intercepts[reference] - score(reference - seen.first);
@@ -118,11 +123,11 @@ impl LearnTransition for LogitTransition {
         Some(counts.at(inputs))
     }
 
-    /// Maximises Σ counts ln A\[i, j\](u) + ln p(coefficients), by Newton's method: with m moves
-    /// out of a state and R distinct rows of inputs, O(R n (m² + m² p²)) an iteration, and some ten
-    /// of them the first time.
+    /// Maximises Σ counts ln A\[i, j\](u) + ln p(coefficients), by Newton's method. With m moves
+    /// out of a state and R distinct rows of inputs, an iteration is O(R n (m² + m² p²)); the first
+    /// M-step takes about ten, later ones fewer.
     ///
-    /// Pseudo-counts are moves at inputs of 0: `pseudo_count` of each legal one.
+    /// Pseudo-counts act as moves at inputs of 0: `pseudo_count` for each legal move.
     fn maximize(&self, counts: &InputCounts, pseudo_count: f64) -> Result<Self, TransitionError> {
         let (rows, left) = self.data(counts, pseudo_count)?;
         let mut learned = self.clone();
@@ -151,17 +156,19 @@ impl LearnTransition for LogitTransition {
         log_prior - if self.ridge > 0.0 { 0.5 * self.ridge * squares } else { 0.0 }
     }
 
-    /// Returns the moves less one for each state, and p for each set of slopes, less those sets
-    /// that are determined by others since only differences matter.
+    /// Returns the number of moves less one for each state, plus p for each group of slopes, less
+    /// the groups that are determined by others, since only differences matter.
     fn free_parameters(&self) -> usize {
+        // One group of each connected set is fixed: the same slopes added to all moves out of the
+        // states that it connects change nothing.
         let sets = self.sets(true);
         let joined = (0..sets.len()).filter(|group| sets[*group] != *group).count();
         self.to.len() - self.states() + joined * self.inputs
     }
 }
 
-/// Intercepts, but those of the references, then the slopes of each set; without a ridge, those of
-/// one set stay among sets of which only differences matter.
+/// Intercepts, except those of the references, then the slopes of each group. Without a ridge, only
+/// differences matter within a connected set of groups, and the slopes of one group of it stay.
 impl FreeParameters for LogitTransition {
     fn displaced(&self, by: &mut Displacement<'_>) -> Result<Self, Box<dyn Error + Send + Sync>> {
         let mut moved = self.clone();
@@ -174,7 +181,7 @@ impl FreeParameters for LogitTransition {
             }
         }
         let sets = self.sets(true);
-        // The first of each set stays: moves without slopes, numbered 0, if they are in it.
+        // The first group of each set stays: group 0, of moves without slopes, if it is in it.
         let first = |group: usize| sets.iter().position(|set| *set == sets[group]);
         for group in 1..sets.len() {
             if self.ridge > 0.0 || first(group) != Some(group) {

@@ -35,19 +35,18 @@ pub use counts::InputCounts;
 /// with time-varying probabilities (Filardo 1994).
 ///
 /// One of the moves out of a state is the *reference*: the stay if it is legal, else the move to
-/// the lowest state. It has no slopes, so that the others are the log-odds against it. Other
-/// choices, and slopes that several moves share, are made by
-/// [`with_shared_slopes`](Self::with_shared_slopes). Inputs are best centred and of similar size; a
-/// category with c values is c − 1 inputs of 0 and 1, a time of day the sine and the cosine of its
-/// angle. A missing input (NaN) is an error: fill it in, or add an input that says that it is
-/// missing.
+/// the lowest state. It has no slopes, so that those of the other moves change the log-odds against
+/// it. [`with_shared_slopes`](Self::with_shared_slopes) makes other choices, and lets several moves
+/// share slopes. Inputs are best centred and of similar size; a category with c values becomes c −
+/// 1 inputs of 0 and 1, a time of day the sine and cosine of its angle. A missing input (NaN) is an
+/// error: fill it in, or add an input that says that it is missing.
 ///
-/// A product is O(E p), listing the entries into a state O(p) for each move out of the states that
-/// lead there. A step in which an entry is below the range of doubles (log-odds of some 700) is
-/// taken in logarithms: to inference it is [evidence](wayfix::Transition::evidence) with a factor of
-/// 1, which simulation and operators that take no evidence refuse. [Learning](wayfix::Hmm::learn)
-/// finds intercepts and slopes by Newton's method, and counts moves by distinct rows of inputs
-/// ([`InputCounts`]).
+/// A product is O(E p); listing the entries into a state is O(p) for each move out of the states
+/// that lead there. A step in which an entry is below the range of doubles (log-odds of about 700)
+/// is taken in logarithms: to inference it is [evidence](wayfix::Transition::evidence) with a factor
+/// of 1, which simulation, and operators that take no evidence, refuse.
+/// [Learning](wayfix::Hmm::learn) finds intercepts and slopes by Newton's method, and counts moves
+/// by distinct rows of inputs ([`InputCounts`]).
 ///
 /// ```
 /// use wayfix_learn::LogitTransition;
@@ -78,9 +77,10 @@ pub use counts::InputCounts;
 ///
 /// # Starting probabilities that depend on inputs
 ///
-/// One more state that is only left, as the state before the first transition: the inputs of step 1
-/// then choose the state in which a sequence starts. It is never observed, so that a sensor keeps
-/// the parameters that it has there, and as the last state it moves no other's number.
+/// Add a state that is left and never entered, as the state before the first transition: the inputs
+/// of step 1 then choose the state in which a sequence starts. It is never observed, so that the
+/// sensor's parameters there are not learned; as the last state, it leaves the numbers of the
+/// others as they are.
 ///
 /// ```
 /// use wayfix::inference::LearningOptions;
@@ -125,16 +125,16 @@ pub struct LogitTransition {
     rows: Vec<(u32, u32)>,
     /// One for each move.
     intercepts: Vec<f64>,
-    /// For each move the number of its slopes, from 1; 0 if it has none.
+    /// For each move the number of its group of slopes, from 1; 0 if it has none.
     groups: Vec<u32>,
-    /// p for each group.
+    /// p slopes for each group.
     slopes: Vec<f64>,
     inputs: usize,
     ridge: f64,
     /// Bounds on the scores: the largest intercept, and the largest slope on each input.
     largest_intercept: f64,
     largest_slopes: Vec<f64>,
-    /// Most moves out of a state.
+    /// Largest number of moves out of a state.
     widest: usize,
 }
 

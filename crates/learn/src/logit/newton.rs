@@ -1,40 +1,40 @@
 //! The maximum of a concave objective by Newton's method, damped where a step would go too far
 //! (Levenberg 1944, Marquardt 1963).
 //!
-//! **No step lowers the objective.** A step that changes the scores of each row by at most 1/2, in
-//! range, raises it: along it, the information grows by less than e^{1/2} (its derivative is a
-//! third cumulant, at most the range times the variance), and g · δ − e^{1/2} δ' H δ / 2 > 0. A
-//! longer one is taken only if the objective is seen to rise, and is shortened, then damped
-//! otherwise.
+//! **No step lowers the objective.** A step that changes the scores of each row by a range of at
+//! most 1/2 raises it: along the step the information grows by a factor below e^{1/2} (its
+//! derivative is a third cumulant, at most the range times the variance), and g · δ − e^{1/2} δ' H
+//! δ / 2 > 0. A longer step is taken only if the objective is seen to rise; otherwise it is
+//! shortened, then damped.
 
 use super::expansion::{Expansion, Step};
 
-/// A step of scores by no more than this is the last: the next would be its square.
+/// A step that changes scores by at most this is the last: the next one would be its square.
 const LAST: f64 = 1e-7;
-/// Range of scores in which a step needs no test.
+/// Range of changes of scores up to which a step needs no test.
 const SAFE: f64 = 0.5;
-/// A promised gain of this part of the expected number of steps is rounding.
+/// A predicted gain below this part of the expected number of steps is rounding.
 const ROUNDING: f64 = 1e-14;
-/// So is a gain by a damped step of this part.
+/// The same for the gain of a damped step.
 const NOTHING: f64 = 1e-10;
 /// A step that goes too far is tried again at this length.
 const SHORTER: f64 = 0.25;
 /// The least damping.
 const DAMPING: f64 = 1e-3;
-/// Steps that are tried at most. Newton's method takes ten; inputs that separate moves some 40.
+/// Largest number of steps tried. Newton's method takes about ten, inputs that separate moves 40.
 const MOST: usize = 200;
 
-/// One origin: its moves, and how often they were seen in each row of inputs.
+/// One origin: its moves, and how often they were seen at each row of inputs.
 #[derive(Debug)]
 pub(super) struct Seen {
-    /// Number of its first move among all.
+    /// Number of its first move among all moves.
     pub(super) first: usize,
-    /// Numbers of the slopes of its moves within the part, ascending.
+    /// Groups of slopes of its moves, numbered within the part, ascending.
     pub(super) groups: Vec<usize>,
-    /// For each move the number of its slopes within the part.
+    /// The group of each move, numbered within the part.
     pub(super) group_of: Vec<Option<usize>>,
-    /// The move that was seen most often, whose intercept does not move: as it is not rare, those
-    /// of the others are determined well.
+    /// The move that was seen most often, whose intercept stays: it is not rare, so that the
+    /// intercepts of the others are well determined.
     pub(super) reference: usize,
     /// Numbers of rows, and for each row the weights of the moves.
     pub(super) rows: Vec<usize>,
@@ -51,7 +51,7 @@ impl Seen {
         rows.zip(self.weights.chunks_exact(self.group_of.len()))
     }
 
-    /// Score of a move, or the change of it by a step.
+    /// Score of a move or, for the numbers of a step, its change by the step.
     #[inline]
     pub(super) fn score(&self, at: usize, intercepts: &[f64], slopes: &[f64], x: &[f64]) -> f64 {
         let slopes = match self.group_of[at] {
@@ -62,7 +62,7 @@ impl Seen {
     }
 }
 
-/// Origins that share slopes, directly or by others: they are maximised together.
+/// Origins that share slopes, directly or through others, and so are maximised together.
 #[derive(Debug)]
 pub(super) struct Part<'a> {
     pub(super) inputs: usize,
@@ -71,7 +71,7 @@ pub(super) struct Part<'a> {
     /// Precision of the prior on the slopes of each input.
     pub(super) ridge: &'a [f64],
     pub(super) origins: Vec<Seen>,
-    /// Numbers of the slopes among all, ascending, from 0.
+    /// Its groups of slopes among all groups, ascending, from 0.
     pub(super) groups: Vec<usize>,
 }
 
@@ -101,7 +101,7 @@ impl Point {
     }
 }
 
-/// The largest range of a step's changes of the scores of one row.
+/// Largest range, over all rows, of the changes of the scores of a row by a step.
 fn reach(part: &Part<'_>, step: &Step) -> f64 {
     let mut reach = 0.0_f64;
     for (seen, intercepts) in part.origins.iter().zip(&step.intercepts) {
@@ -125,20 +125,22 @@ pub(super) fn climb(part: &Part<'_>, start: &Point) -> Option<Point> {
     for _ in 0..MOST {
         let step = now.step(part, damping);
         let (reach, rounding) = (reach(part, &step), ROUNDING * now.weight);
-        // Numbers beyond doubles, or a damped step, which sees any gradient, along none.
+        // Numbers beyond doubles; or even a damped step, which follows any gradient there is, gains
+        // nothing.
         if !step.gain.is_finite() || (damping > 0.0 && step.gain <= rounding) {
             break;
         }
         let after = |step: &Step| point.as_ref().unwrap_or(start).after(step);
-        // Coefficients that run to infinity have long steps for no gain; where the gain no longer
-        // falls, it is that of rounding.
+        // Coefficients that run to infinity have long steps for hardly any gain. A gain that no
+        // longer falls fourfold, where Newton's method squares it, is rounding.
         let flat = step.gain <= rounding && (reach > SAFE || step.gain > gain_before / 4.0);
         if damping == 0.0 && (flat || reach <= LAST) {
             // Where a probability is so near to 0 or 1 that the information underflows, there may
             // be a gradient all the same.
             let damped = now.step(part, DAMPING).gain;
             if damped > step.gain && damped > NOTHING * now.weight {
-                // The scores may be far beyond what steps reach: coefficients of 0 may be better.
+                // The scores may be farther out than steps can lead back from: coefficients of 0
+                // may be better.
                 let zeros = start.zeros();
                 let at_zeros = Expansion::at(part, &zeros);
                 if at_zeros.value > now.value {
@@ -151,7 +153,8 @@ pub(super) fn climb(part: &Part<'_>, start: &Point) -> Option<Point> {
             let moves = step.gain > 0.0 && reach <= SAFE;
             return if moves { Some(after(&step)) } else { point };
         }
-        // A step that goes too far is taken in part: towards infinity it rises by a small one.
+        // A step that goes too far is taken in part: coefficients that run to infinity rise by
+        // small steps.
         let (mut step, mut left) = (step, reach);
         let found = loop {
             let next_point = after(&step);
@@ -174,8 +177,8 @@ pub(super) fn climb(part: &Part<'_>, start: &Point) -> Option<Point> {
     point
 }
 
-/// Moves whose probability a further step would lower by a factor of √e or more, at some row: pairs
-/// of an origin of the part and its move.
+/// Moves whose probability a further step would lower by a factor of √e or more at some row, as
+/// pairs (origin within the part, move of the origin).
 pub(super) fn running(part: &Part<'_>, point: &Point) -> Vec<(usize, usize)> {
     let step = Expansion::at(part, point).step(part, 0.0);
     let mut found = Vec::new();
@@ -187,6 +190,7 @@ pub(super) fn running(part: &Part<'_>, point: &Point) -> Vec<(usize, usize)> {
             let all = 0..intercepts.len();
             let largest = all.clone().map(score).fold(f64::NEG_INFINITY, f64::max);
             let weights = || all.clone().map(|at| (at, (score(at) - largest).exp()));
+            // To first order, ln p of a move changes by the change of its score less the mean.
             let mean = weights().map(|(at, weight)| weight * change(at)).sum::<f64>()
                 / weights().map(|entry| entry.1).sum::<f64>();
             let moves = falls.iter_mut().enumerate();

@@ -1,4 +1,5 @@
-//! Products, column by column: the normaliser of a column is computed once.
+//! Products, column by column in both directions: the normaliser of a column takes the scores of
+//! all its moves, and is so computed once.
 
 use super::LogitTransition;
 use wayfix::Transition;
@@ -16,6 +17,7 @@ impl Transition for LogitTransition {
     fn apply(&self, inputs: &Vec<f64>, x: &[f64], out: &mut [f64]) {
         check_slices(self.states(), x, out);
         out.fill(0.0);
+        // Columns without mass are skipped: their exponentials are the costly part.
         buffers::with(self.widest, |weights: &mut [f64]| {
             for (from, x) in x.iter().enumerate().filter(|entry| *entry.1 != 0.0) {
                 let column = self.column(from);
@@ -71,8 +73,8 @@ impl Transition for LogitTransition {
         });
     }
 
-    /// A factor of 1 where an entry is below the range of doubles, so that inference takes the step
-    /// in logarithms, and no possible state is lost; else there is none.
+    /// Returns a factor of 1 if an entry is below the range of doubles, so that inference takes the
+    /// step in logarithms and no possible state is lost; otherwise there is no evidence.
     fn evidence(&self, inputs: &Vec<f64>) -> Option<f64> {
         self.leaves_doubles(inputs).then_some(0.0)
     }

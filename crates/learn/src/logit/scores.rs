@@ -1,7 +1,7 @@
 //! Scores a + b · u of the moves, and their normaliser.
 //!
-//! Probabilities are exp(score − largest) over the sum of these, so that nothing overflows, and a
-//! common part of the scores changes no digit.
+//! Probabilities are exp(score − largest), divided by the sum of these, so that nothing overflows,
+//! and a constant added to all scores changes no digit.
 
 use std::ops::Range;
 
@@ -59,7 +59,7 @@ impl LogitTransition {
         moves.for_each(|(log, at)| *log = self.score(inputs, at) - largest - sum);
     }
 
-    /// Bound on the size of the scores.
+    /// Upper bound on the magnitude of scores at these inputs: O(p), not O(E p).
     fn bound(&self, inputs: &[f64]) -> f64 {
         let slopes = self.largest_slopes.iter().zip(inputs).map(|(b, u)| b * u.abs());
         self.largest_intercept + slopes.sum::<f64>()
@@ -69,6 +69,8 @@ impl LogitTransition {
     pub(super) fn leaves_doubles(&self, inputs: &[f64]) -> bool {
         // Least logarithm of an entry, above that of the smallest normal double, −708.4.
         let least = -700.0;
+        // score − largest ≥ −2 bound, and the sum has at most `widest` terms of at most 1: nearly
+        // all inputs pass without a look at the moves.
         if -2.0 * self.bound(inputs) - (self.widest as f64).ln() >= least {
             return false;
         }
@@ -95,7 +97,7 @@ impl LogitTransition {
             return Err(TransitionError::Control(text));
         }
         if !limits::is_log(self.bound(inputs)) {
-            // The input with the largest part in it.
+            // Names the input that contributes most.
             let part = |k: &usize| self.largest_slopes[*k] * inputs[*k].abs();
             let most = (0..self.largest_slopes.len()).max_by(|a, b| part(a).total_cmp(&part(b)));
             let input = most.unwrap_or(0);

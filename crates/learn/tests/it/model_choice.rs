@@ -151,7 +151,7 @@ fn an_order_names_each_state_once() {
     let hmm = random_model(3, 2, 1);
     for (order, state) in [(&[0, 1][..], 2), (&[0, 1, 1], 1), (&[0, 1, 3], 3), (&[2, 1, 0, 0], 0)] {
         let error = hmm.reordered(order).unwrap_err().to_string();
-        assert!(error.ends_with(&format!("look for state {state}")), "{error}");
+        assert!(error.ends_with(&format!("check state {state}")), "{error}");
     }
 }
 

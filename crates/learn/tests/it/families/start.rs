@@ -215,7 +215,7 @@ fn families_that_do_not_fit_clusters_are_errors() {
             mixture.start(&clusters, &mut rng(1)).unwrap_err(),
             both.start(&clusters, &mut rng(1)).unwrap_err(),
         ] {
-            let expected = format!("the family has {n} states, expected 2 as the clusters");
+            let expected = format!("the family has {n} states, expected 2 to match the clusters");
             assert_eq!(error.to_string(), expected);
             assert!(matches!(error.downcast_ref(), Some(HmmError::StateCount { .. })));
         }

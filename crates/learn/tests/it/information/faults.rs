@@ -31,7 +31,7 @@ fn states_that_are_alike_are_not_determined() {
     assert!(matches!(error, LearnError::NotDetermined { part: "sensor", .. }), "{error}");
     let text = error.to_string();
     assert!(text.starts_with("the sequences do not determine free parameter "), "{text}");
-    assert!(text.ends_with("alone or beside others"), "{text}");
+    assert!(text.ends_with("alone or together with others"), "{text}");
 }
 
 /// A prior is known as far as sequences start differently.

@@ -60,7 +60,7 @@ fn what_is_no_grid_of_speeds_or_route_is_refused() {
     speeds(
         "[0.5,0.5]",
         "[0.5]",
-        "the shares of speeds has 1 states, expected 2 as the operator within",
+        "the shares of speeds has 1 states, expected 2 to match the inner operator",
     );
     speeds("[0.5,0.5]", "[0.5,0.25]", "the sum of the shares of speeds is 0.75, expected 1");
     speeds(

@@ -192,6 +192,6 @@ fn bad_numbers_are_errors() {
     let short = Belief::uniform(3).unwrap();
     assert_eq!(
         text(wheeled.spread(&short)),
-        "the belief has 3 states, expected 20 as the operator within"
+        "the belief has 3 states, expected 20 to match the inner operator"
     );
 }
