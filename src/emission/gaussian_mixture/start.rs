@@ -17,7 +17,7 @@ impl StartFromClusters for GaussianMixture {
         clusters: &Clusters<'_>,
         rng: &mut R,
     ) -> Result<Self, Box<dyn Error + Send + Sync>> {
-        // With means that are kept, one M step already knows which part an observation belongs to.
+        // Fixed means already decide which part an observation belongs to.
         if self.has_fixed_means() {
             return clusters.fit(self);
         }
