@@ -1,15 +1,15 @@
-//! Matrices of faer as sequences.
+//! Matrices of faer as sequences: one observation in each column.
 
 use faer::{ContiguousFwd, MatRef};
 
 use crate::sequence::Sequence;
 
 /// The T columns of a d × T matrix, each an observation of d numbers, without copying them.
-/// `try_as_col_major` of a matrix of faer gives this form of it, unless the values of a column do
-/// not lie one after another.
+/// faer's `try_as_col_major` gives this form of a matrix, unless the values of a column are not
+/// contiguous.
 ///
-/// A T × d matrix with an observation in each row has its values in the wrong order for faer, which
-/// stores columns; keep its transpose, or use [`Rows`](super::Rows).
+/// A T × d matrix with an observation in each row has its values in the wrong order, as faer stores
+/// columns: keep its transpose, or use [`Rows`](super::Rows).
 ///
 /// ```
 /// use wayfix::Sequence;
