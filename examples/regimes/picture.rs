@@ -64,6 +64,7 @@ impl Shown<'_> {
     fn head(&self, area: &Area<'_>) -> Drawn {
         let title = "Regimes of a simulated market, by volatility, with a forecast";
         area.draw(&Text::new(title, (20, 22), font(24, HPos::Left)))?;
+        // About eight pixels for a character: text is not measured.
         let mut x = 20;
         for (name, colour) in self.names.iter().zip(COLOURS) {
             area.draw(&Rectangle::new([(x, 48), (x + 18, 62)], colour.filled()))?;
@@ -175,6 +176,7 @@ impl Shown<'_> {
     fn regimes(&self, whole: &Area<'_>, area: &Area<'_>) -> Drawn {
         let mut chart = self.chart(area, [28, 54], "probability", [0.0, 1.0], 1)?;
         for (state, colour) in COLOURS.iter().enumerate().take(self.names.len()) {
+            // The band of a regime is between the sums of the probabilities before it and up to it.
             let up_to = |belief: &[f64], count: usize| belief[..count].iter().sum::<f64>();
             let x = |day: usize| day as f64 + 0.5;
             let days = self.beliefs.iter().enumerate();

@@ -38,6 +38,7 @@ impl Residuals {
         let (mut all, mut last) = (Vec::new(), Vec::new());
         for year in years {
             let residuals = model.pseudo_residuals(year, 0)?;
+            // No day is missing, so that `flatten` keeps them all in order.
             last = residuals.forecast().iter().flatten().map(Tails::normal).collect();
             all.extend_from_slice(&last);
         }

@@ -1,5 +1,5 @@
-//! Errors of families. Distributions report errors without a place; the family adds the state and
-//! the component, a mixture the part, and a product shifts components to those of the whole row.
+//! Errors of families. A distribution's errors name no state; the family adds the state and the
+//! component, a mixture the part, and a product shifts components to those of the whole row.
 
 use std::ops::Range;
 

@@ -114,6 +114,7 @@ impl Marginals for TableLikelihood {
     }
 
     fn log_density(&self, state: usize, _: usize, y: f64) -> f64 {
+        // Numbers between symbols, or beyond the last, have no probability.
         let symbol = (0..self.symbols()).find(|symbol| *symbol as f64 == y);
         symbol.and_then(|symbol| self.probability(state, symbol)).map_or(f64::NEG_INFINITY, f64::ln)
     }

@@ -28,8 +28,8 @@
 //! | components with a distribution of your own | [`Independent`] of a [`Univariate`] |
 //! | several sensors in one row, each with its own family | [`Product`] |
 //!
-//! The fit of a model shows in its [pseudo-residuals](crate::Hmm::pseudo_residuals), the places of
-//! observations in the distributions that the model gives them. The distribution of the next
+//! The fit of a model shows in its [pseudo-residuals](crate::Hmm::pseudo_residuals), the positions
+//! of observations in the distributions that the model predicts. The distribution of the next
 //! observation is [`Filter::predictive`](crate::Filter::predictive). Both are about one number of
 //! an observation: see [`Marginals`].
 //!

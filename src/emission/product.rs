@@ -175,6 +175,7 @@ impl<A: Family + Marginals, B: Family + Marginals> Marginals for Product<A, B> {
 
 /// Converts an error of the family of components `from` to `to` into one of the whole row.
 fn in_factor(error: LikelihoodError, from: usize, to: usize) -> LikelihoodError {
+    // Errors of a user's own family are passed on unchanged, since their components are unknown.
     if let LikelihoodError::Sensor(failed) = &error
         && let Some(source) = failed.cause.downcast_ref::<EmissionError>()
     {

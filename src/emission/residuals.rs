@@ -1,4 +1,4 @@
-//! Pseudo-residuals: the places of observations in the distributions that a model gives them.
+//! Pseudo-residuals: the positions of observations in the distributions that a model predicts.
 //!
 //! Both kinds mix the states' tails P(Y ≤ y_k | X_k = i). For forecast residuals the weights are
 //! p(X_k = i | y_1 … y_{k−1}), for ordinary ones p(X_k = i | all but y_k), which is proportional to

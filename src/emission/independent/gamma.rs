@@ -177,7 +177,7 @@ impl Cumulative for Gamma {
     /// O(1): an integral of the density of ln y, in some hundred evaluations. Its relative error is
     /// below 1e-12 for shapes below 1e4; beyond, the rounding of y itself dominates.
     fn tails(&self, y: f64) -> Tails {
-        // ln(y / m), the place relative to the mode of the density of ln y.
+        // u = ln(y / m), relative to the mode of the density of ln y.
         let above = (y - self.mean) / self.mean;
         let u = if above.abs() < 0.5 { above.ln_1p() } else { y.max(0.0).ln() - self.ln_mean };
         Tails::between(Odds::gamma(self.shape).sides(u))

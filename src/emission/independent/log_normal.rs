@@ -98,6 +98,7 @@ impl Univariate for LogNormal {
     }
 
     fn log_density(&self, &[_, ln]: &[f64; 2]) -> f64 {
+        // The density of ln y times the derivative 1 / y.
         let z = (ln - self.mean) / self.deviation;
         (-0.5 * z * z - self.constant - ln).max(LOWEST)
     }

@@ -120,7 +120,7 @@ impl Weibull {
             let ratio = (slope + u * (curvature + 0.5 * u * chord)) / bound(u);
             ((1.0 + u).recip() + mean - ratio >= 0.0) == rises
         };
-        // The place where the derivative of the bound changes its sign, by bisection, or the end of
+        // The point where the derivative of the bound changes its sign, by bisection, or the end of
         // the interval.
         let mut u = if !chord.is_finite() {
             0.0

@@ -1,17 +1,16 @@
 //! Learning of linear regression by weighted least squares: the M step of section 9 of the
 //! formulas.
 //!
-//! The statistics are joint moments of the inputs x and the rests r = y − B x − c under the current
-//! lines. With the scatters X of x, Z of x and r, and R of r, and a ridge λ, the maximum of −½
-//! tr(Σ⁻¹ (Σ γ (r − D x − e)(r − D x − e)' + λ (B + D)(B + D)')) over the changes D of B and e of c
-//! is at
+//! The statistics are joint moments of the inputs x and the residuals r = y − B x − c under the
+//! current lines. With the scatters X of x, Z of x and r, and R of r, and a ridge λ, the maximum of
+//! −½ tr(Σ⁻¹ (Σ γ (r − D x − e)(r − D x − e)' + λ (B + D)(B + D)')) over the changes D of B and e
+//! of c is at
 //!
 //! ```text
 //! D = (Z' − λ B) (X + λ I)⁻¹              e = mean of r − D · mean of x
 //! Σ = (Ψ + R − D Z − Z' D' + D X D' + λ (B + D)(B + D)') / (ν + N)
 //! ```
-//!
-//! Rests are small beside outputs near the maximum, so that little cancels.
+//! Near the maximum residuals are small compared with outputs, so that little cancels.
 
 use std::error::Error;
 
@@ -25,7 +24,7 @@ use crate::free_parameters::{Displacement, FreeParameters};
 use crate::kernels::{Eight, LANES};
 use crate::likelihood::{LearnLikelihood, Likelihood};
 
-/// Rounding error of a rest, relative to the terms subtracted from the output.
+/// Rounding error of a residual, relative to the terms subtracted from the output.
 const ROUNDING: f64 = 64.0 * f64::EPSILON;
 
 impl LearnLikelihood for LinearRegression {
@@ -61,7 +60,7 @@ impl LearnLikelihood for LinearRegression {
                 noise.write(&differences, block, rests);
                 moments.add_block(block, weight, values);
                 for (c, _) in output.iter().enumerate().filter(|c| c.1.is_nan()) {
-                    // Given nothing else, it is expected on the line: its rest is 0, with the
+                    // Given nothing else, it is expected on the line: its residual is 0, with the
                     // current variance.
                     let at = Shape::Triangular.entry(p + c, p + c);
                     let variances = noise.variances(block, c);
@@ -71,7 +70,7 @@ impl LearnLikelihood for LinearRegression {
                 }
                 continue;
             }
-            // Missing rests have their expectation given the observed ones, and a conditional
+            // Missing residuals have their expectation given the observed ones, and a conditional
             // covariance, as in the E step of a Gaussian.
             let expected = noise.expected(&differences, output, block, memory);
             let Ok((deltas, covariance)) = expected else { continue };
@@ -204,7 +203,8 @@ impl LinearRegression {
         for (c, line) in lines.chunks_exact(width).enumerate() {
             let size = |i: usize| moments.mean(at, i).abs() + (x(i, i) / weight).sqrt();
             let before = &old[c * width..][..width];
-            // The old coefficients count as well, since rests are differences from their lines.
+            // The old coefficients count as well, since residuals are differences from the old
+            // lines.
             let largest = |i: usize| line[i].abs() + before[i].abs();
             let terms = (0..p).map(|i| largest(i + 1) * size(i));
             let rounding = ROUNDING * (largest(0) + terms.sum::<f64>());

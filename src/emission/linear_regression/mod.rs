@@ -142,6 +142,7 @@ impl LinearRegression {
         let states = intercepts.len();
         let d = intercepts.first().map_or(0, |first| first.as_ref().len());
         let first = coefficients.first().map_or(0, |first| first.as_ref().len());
+        // A row of coefficients is d × p values; a remainder is caught by `flatten` below.
         let p = first.checked_div(d).unwrap_or(0);
         if states == 0 || p == 0 {
             return Err(EmissionError::Empty { states, components: d.min(p) });
@@ -160,6 +161,7 @@ impl LinearRegression {
 
     fn of(noise: Gaussian, inputs: usize, lines: Vec<f64>, ridge: f64) -> Self {
         let each = noise.components() * (1 + inputs);
+        // Transposed for the steps: value k of eight states side by side.
         let mut blocks = vec![Eight::default(); noise.normals().blocks() * each];
         for (at, line) in lines.chunks_exact(each).enumerate() {
             for (k, value) in line.iter().enumerate() {

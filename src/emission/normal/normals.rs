@@ -141,6 +141,7 @@ impl Normals {
     pub(in crate::emission) fn with(self, change: impl FnOnce(&mut Settings)) -> Self {
         let mut settings = self.settings.clone();
         change(&mut settings);
+        // Only missing components change what is cached (`parts`).
         if settings.missing == self.settings.missing {
             return Self { settings, ..self };
         }

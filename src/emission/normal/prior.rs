@@ -96,6 +96,7 @@ impl GaussianPrior {
     pub fn with_covariance(self, weight: f64, scale: &[f64]) -> Result<Self, EmissionError> {
         let (d, what) = (self.mean.len(), "scale of the prior covariance");
         check_weight("weight of the prior covariance", weight)?;
+        // For d = 1 both forms are the same value.
         let full: Vec<f64> = if scale.len() == d {
             let entry = |at: usize| if at / d == at % d { scale[at / d] } else { 0.0 };
             (0..d * d).map(entry).collect()
@@ -111,6 +112,7 @@ impl GaussianPrior {
             if full[i * d + i] < 0.0 {
                 return wrong(i, full[i * d + i], "a value of at least 0 on the diagonal");
             }
+            // Relative to √(Ψ_ii Ψ_jj), the largest that |Ψ_ij| can be.
             let scale = |j: usize| (full[i * d + i] * full[j * d + j]).sqrt();
             let differ =
                 |j: &usize| (full[i * d + j] - full[j * d + i]).abs() > SYMMETRY * scale(*j);

@@ -24,7 +24,7 @@ pub(in crate::emission) trait LogConcave {
     fn slope(&self, u: f64) -> f64;
 
     /// Upper bound of the curvature, −1 times the second derivative of the logarithm, between two
-    /// places.
+    /// points.
     fn bend(&self, from: f64, to: f64) -> f64;
 }
 
@@ -61,7 +61,7 @@ impl Odds {
     /// Probabilities that a Student's t variable is further from 0 than e, and that it is nearer.
     pub(in crate::emission) fn student(degrees: f64, e: f64) -> [f64; 2] {
         // For a t variable T, x = ν / (ν + T²) is Beta(ν/2, ½). Its odds are ν / T² and those of
-        // the mode ν, so the place of |T| = e is ln(ν / e²) − ln ν, and small x is large |T|.
+        // the mode ν, so |T| = e lies at ln(ν / e²) − ln ν, and small x is large |T|.
         Self::beta(0.5 * degrees, 0.5).sides(-2.0 * e.abs().ln())
     }
 
@@ -187,7 +187,7 @@ static NODES: LazyLock<[[f64; 2]; POINTS]> = LazyLock::new(|| {
     })
 });
 
-/// Integral from a place outwards to an end that is no nearer to the mode, relative to the density
+/// Integral from a point outwards to an end that is no nearer to the mode, relative to the density
 /// at the mode.
 fn outward(f: &impl LogConcave, from: f64, end: f64) -> f64 {
     let direction = if end < from { -1.0 } else { 1.0 };
@@ -216,8 +216,8 @@ fn outward(f: &impl LogConcave, from: f64, end: f64) -> f64 {
         let part = half * NODES.iter().map(value).sum::<f64>();
         sum += part;
         let next = at + direction * width;
-        // The slope only steepens outwards, so what follows is less than this panel. A place that
-        // no longer moves has a width below its last digit.
+        // The slope only steepens outwards, so what follows is at most of the order of this panel.
+        // A point that no longer moves means that the width is below its last digit.
         if part <= 1e-18 * sum || width >= rest || next == at {
             break;
         }
@@ -226,7 +226,7 @@ fn outward(f: &impl LogConcave, from: f64, end: f64) -> f64 {
     sum
 }
 
-/// Integral between two places, relative to the density at the mode; 0 if they are out of order.
+/// Integral between two points, relative to the density at the mode; 0 if they are out of order.
 pub(in crate::emission) fn mass(f: &impl LogConcave, from: f64, to: f64) -> f64 {
     if from >= to {
         0.0
@@ -240,7 +240,7 @@ pub(in crate::emission) fn mass(f: &impl LogConcave, from: f64, to: f64) -> f64 
     }
 }
 
-/// Shares of the whole integral below and above a place.
+/// Shares of the whole integral below and above a point.
 fn sides<F: LogConcave>(f: &F, u: f64) -> [f64; 2] {
     let [low, high] = F::ENDS;
     let [below, above] = [mass(f, low, u), mass(f, u, high)];

@@ -198,8 +198,8 @@ fn hankel(order: f64, x: f64) -> Bessel {
 fn recur(order: f64, x: f64) -> Bessel {
     let above = ((order * order + 40.0 * x).sqrt() - order).ceil() + 20.0;
     let mut k = order + above;
-    // r_k = I_{k+1}(x) / (x I_k(x)). As I_{k−1} = (2k / x) I_k + I_{k+1}, r_{k−1} = 1 / (2k + x²
-    // r_k).
+    // r_k = I_{k+1}(x) / (x I_k(x)). From I_{k−1} = (2k / x) I_k + I_{k+1} follows
+    // r_{k−1} = 1 / (2k + x² r_k).
     let mut ratio = (k + 0.5 + x.hypot(k + 1.5)).recip();
     while k > order {
         ratio = (2.0 * k + x * x * ratio).recip();

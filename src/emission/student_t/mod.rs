@@ -90,9 +90,9 @@ impl StudentT {
                 .map_err(|error| at(error, state, None))?;
         }
         let d = gaussian.components();
-        // The normal density of k components has (2π)^(−k/2), the t density (νπ)^(−k/2) =
-        // (2π)^(−k/2) (ν/2)^(−k/2): what remains beside the gamma functions is `ln_rising`. One for
-        // each k, as components may be missing.
+        // (νπ)^(−k/2) = (2π)^(−k/2) (ν/2)^(−k/2), and the Gaussian norm has the first factor. The
+        // rest, Γ((ν+k)/2) / (Γ(ν/2) (ν/2)^(k/2)), is `ln_rising`, for each number k of components
+        // that are not missing.
         let norms = degrees.iter().flat_map(|nu| (0..=d).map(move |k| ln_rising(nu / 2.0, k)));
         Ok(Self { log_norms: norms.collect(), gaussian, degrees, fixed })
     }

@@ -231,7 +231,7 @@ impl Cumulative for NegativeBinomial {
     /// O(1): an incomplete beta function on either side, in some hundred evaluations each.
     fn tails(&self, y: f64) -> Tails {
         // P(Y ≤ y) = P(X ≤ r / (r + m)) for X ~ Beta(r, y + 1), whose mode has odds r / (y + 1):
-        // the place is ln((y + 1) / m).
+        // relative to it, the log-odds are ln((y + 1) / m).
         let size = self.dispersion.recip();
         tails(y, self, |y| {
             // Here y + r rounds to r, and the counts are Poisson.
