@@ -30,9 +30,10 @@ impl PseudoResiduals {
         &self.forecast
     }
 
-    /// Ordinary residuals, given all other observations: P(Y_k ≤ y_k | y_1 … y_{k-1}, y_{k+1} …
-    /// y_T). If the model is right, each is uniform by itself, but neighbours are dependent. They
-    /// find outliers, which contradict the observations on both sides.
+    /// Ordinary residuals, given all other observations:
+    /// P(Y_k ≤ y_k | y_1 … y_{k-1}, y_{k+1} … y_T). If the model is right, each is uniform by
+    /// itself, but neighbours are dependent. They find outliers, which contradict the observations
+    /// on both sides.
     #[must_use]
     pub fn ordinary(&self) -> &[Option<Tails>] {
         &self.ordinary

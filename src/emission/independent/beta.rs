@@ -27,11 +27,11 @@ use crate::emission::{EmissionError, Tails};
 /// p(y) = Π_c y_c^{a_c − 1} (1 − y_c)^{b_c − 1} Γ(a_c + b_c) / (Γ(a_c) Γ(b_c)), of y_c above 0 and
 /// below 1: the mean is m = a / (a + b), the variance m (1 − m) / (a + b + 1).
 ///
-/// Learning finds the shapes whose expected logarithms of y and of 1 − y, ψ(a) − ψ(a + b) and ψ(b)
-/// − ψ(a + b), equal the observed means, to the last digits, also for large shapes. Observations
-/// that are all alike determine none, an [error](EmissionError::TooFew), unless there is a
-/// conjugate prior of c [observations](Independent::with_prior) with given shapes, whose expected
-/// logarithms are known.
+/// Learning finds the shapes whose expected logarithms of y and of 1 − y, ψ(a) − ψ(a + b) and
+/// ψ(b) − ψ(a + b), equal the observed means, to the last digits, also for large shapes.
+/// Observations that are all alike determine none, an [error](EmissionError::TooFew), unless there
+/// is a conjugate prior of c [observations](Independent::with_prior) with given shapes, whose
+/// expected logarithms are known.
 ///
 /// ```
 /// use wayfix::emission::Beta;

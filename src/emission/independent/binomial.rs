@@ -196,8 +196,8 @@ impl Cumulative for Binomial {
     /// O(1): an incomplete beta function on either side, in some hundred evaluations each.
     fn tails(&self, y: f64) -> Tails {
         let (n, p) = (self.trials, self.probability);
-        // P(Y ≤ y) = P(X ≤ 1 − p) for X ~ Beta(n − y, y + 1), whose mode has odds (n − y) / (y +
-        // 1).
+        // P(Y ≤ y) = P(X ≤ 1 − p) for X ~ Beta(n − y, y + 1), whose mode has odds
+        // (n − y) / (y + 1).
         tails(y, self, |y| {
             let failures = n - y;
             if failures <= 0.0 {

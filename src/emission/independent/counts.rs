@@ -40,8 +40,8 @@ pub(super) fn expectation<const N: usize>(
             add(y - 1.0, 1.0)
         } else {
             // The nodes of the Gram polynomial of degree 3 for L consecutive integers are the
-            // middle and √((3 L² − 7) / 20) on either side; the weights give the variance (L² − 1)
-            // / 12.
+            // middle and √((3 L² − 7) / 20) on either side; the weights give the variance
+            // (L² − 1) / 12.
             let (middle, square) = (y + 0.5 * (length - 1.0), length * length);
             let node = ((3.0 * square - 7.0) / 20.0).sqrt();
             let share = (square - 1.0) / (24.0 * node * node);

@@ -20,11 +20,11 @@ use crate::emission::{EmissionError, Tails};
 /// p(y) = Π_c exp(κ_c cos(y_c − μ_c)) / (2π I₀(κ_c)), of finite y_c. Concentrations may have any
 /// size, from 0, where all directions are equally likely, to large κ with a variance of 1 / κ.
 ///
-/// Learning sets μ to the direction of the mean vector, and κ to the solution of I₁(κ) / I₀(κ) =
-/// its length, by Newton's method to the last digits (Mardia and Jupp, *Directional Statistics*,
-/// 2000); learned directions are from −π to π. Observations that are all alike determine no
-/// concentration, an [error](EmissionError::TooFew), unless there is a prior: that of c
-/// [observations](Independent::with_prior) with parameters m and k has the density of μ and κ
+/// Learning sets μ to the direction of the mean vector, and κ to the solution of
+/// I₁(κ) / I₀(κ) = its length, by Newton's method to the last digits (Mardia and Jupp, *Directional
+/// Statistics*, 2000); learned directions are from −π to π. Observations that are all alike
+/// determine no concentration, an [error](EmissionError::TooFew), unless there is a prior: that of
+/// c [observations](Independent::with_prior) with parameters m and k has the density of μ and κ
 /// proportional to exp(c κ cos(μ − m) I₁(k) / I₀(k)) I₀(κ)^−c, which is conjugate (Guttorp and
 /// Lockhart, 1988).
 ///
@@ -137,8 +137,8 @@ impl Univariate for VonMises {
     }
 
     fn expectations(&self, of: &Self) -> [f64; 3] {
-        // The mean vector of `of` has length r and the angle Δ to μ: 1 − r cos Δ = (1 − r) + r (1 −
-        // cos Δ).
+        // The mean vector of `of` has length r and the angle Δ to μ, and
+        // 1 − r cos Δ = (1 − r) + r (1 − cos Δ).
         let (sin, rest) = self.turn(of.half);
         let Bessel { ratio, complement, .. } = Bessel::new(0.0, of.concentration);
         [1.0, ratio * sin, complement + ratio * rest]

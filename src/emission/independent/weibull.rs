@@ -181,10 +181,10 @@ impl Univariate for Weibull {
     }
 
     fn expectations(&self, of: &Self) -> [f64; 8] {
-        // v = V + q g, where exp(g) is exponentially distributed, V = k ln(λ_of / λ) and q = k /
-        // k_of. So E exp(t v) = exp(t V) Γ(1 + t q), whose derivatives with respect to t give the
-        // moments with v and v²: mean and variance of v under the tilted density are V + q ψ and q²
-        // ψ'.
+        // v = V + q g, where exp(g) is exponentially distributed, V = k ln(λ_of / λ) and
+        // q = k / k_of. So E exp(t v) = exp(t V) Γ(1 + t q), whose derivatives with respect to t
+        // give the moments with v and v²: under the tilted density v has the mean V + q ψ and the
+        // variance q² ψ'.
         let (middle, q) = (self.power([of.scale, of.ln_scale]), self.shape / of.shape);
         let moments = |times: f64| {
             let [gamma, first, second] = gamma(times * q);

@@ -1,8 +1,9 @@
 //! Wrapped Cauchy distribution: turning angles, some of them far from the others.
 //!
 //! As complex numbers z = e^iΔ, Δ = y − μ, the Möbius transformation (z − ρ) / (1 − ρ z) makes
-//! angles of this distribution uniform. For half angles it is tan(Δ'/2) = (1 + ρ) / (1 − ρ) ·
-//! tan(Δ/2), by which densities, statistics, tails and draws are computed.
+//! angles of this distribution uniform. For half angles it is
+//! tan(Δ'/2) = (1 + ρ) / (1 − ρ) · tan(Δ/2), by which densities, statistics, tails and draws are
+//! computed.
 
 use std::f64::consts::{PI, TAU};
 

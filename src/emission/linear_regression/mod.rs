@@ -1,6 +1,6 @@
 //! Linear regression on an input: parameters, predictions and draws of y = B x + c + noise. The
-//! noise is a [`Gaussian`] of mean 0, whose steps take the differences y − B x − c in place of y −
-//! μ.
+//! noise is a [`Gaussian`] of mean 0, whose steps take the differences y − B x − c in place of
+//! y − μ.
 
 mod learn;
 mod simulate;

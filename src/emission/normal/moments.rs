@@ -7,8 +7,8 @@
 //! ```
 //!
 //! (West 1979), and two sets of observations merge likewise (Chan, Golub and LeVeque 1983). All
-//! terms of S are positive, so that no digits cancel for values far from 0, as they do in Σ w x² −
-//! N m².
+//! terms of S are positive, so that no digits cancel for values far from 0, as they do in
+//! Σ w x² − N m².
 
 use super::form::Shape;
 use crate::kernels::{Eight, LANES, Simd, WithSimd, run};
@@ -115,8 +115,8 @@ impl Moments {
         for at in 0..self.blocks() * LANES {
             let (block, l) = (at / LANES, at % LANES);
             let weight = |c: usize| block * each + if each == 1 { 0 } else { c };
-            // Difference δ of the means, its weight a b / (a + b) in the scatter, and the share b /
-            // (a + b) of the other's weight. A density without observations has no mean: δ is 0.
+            // Difference δ of the means, its weight a b / (a + b) in the scatter, and the share
+            // b / (a + b) of the other's weight. Without observations there is no mean: δ is 0.
             let change = |this: &Self, c: usize| {
                 let (a, b) = (this.weights[weight(c)][l], other.weights[weight(c)][l]);
                 let delta = other.means[block * d + c][l] - this.means[block * d + c][l];

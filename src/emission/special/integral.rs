@@ -169,9 +169,9 @@ static NODES: LazyLock<[[f64; 2]; POINTS]> = LazyLock::new(|| {
     std::array::from_fn(|i| {
         let n = POINTS as f64;
         // Newton's method on the Legendre polynomial P_n from the classical guess, which is close
-        // enough to reach the i-th root. The recurrence is k P_k = (2k − 1) x P_{k−1} −
-        // (k − 1) P_{k−2}, the slope n (x P_n − P_{n−1}) / (x² − 1), and the weight
-        // 2 / ((1 − x²) P_n'²) (Abramowitz and Stegun 1964, 22.7.10, 22.8.5 and 25.4.29).
+        // enough to reach the i-th root. The recurrence is k P_k = (2k − 1) x P_{k−1} − (k − 1)
+        // P_{k−2}, the slope n (x P_n − P_{n−1}) / (x² − 1), and the weight 2 / ((1 − x²) P_n'²)
+        // (Abramowitz and Stegun 1964, 22.7.10, 22.8.5 and 25.4.29).
         let mut x = (PI * (i as f64 + 0.75) / (n + 0.5)).cos();
         let mut slope = 1.0;
         for _ in 0..10 {

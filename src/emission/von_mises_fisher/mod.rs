@@ -30,11 +30,11 @@ const TOLERANCE: f64 = 1e-6;
 /// the variance around μ is 1 / κ in each of d − 1 dimensions. The density is with respect to the
 /// area of the sphere. Vectors within 1e-6 of length one are accepted, and scaled to it.
 ///
-/// Learning sets μ to the direction of the mean vector, and κ to the solution of I_{ν+1}(κ) /
-/// I_ν(κ) = its length, by Newton's method to the last digits, from the starting value of Banerjee
-/// et al. (2005); closed-form approximations (Sra, 2012) are not used. Observations that are all
-/// alike determine no concentration, an [error](EmissionError::TooFew), unless there is a
-/// [prior](Self::with_prior).
+/// Learning sets μ to the direction of the mean vector, and κ to the solution of
+/// I_{ν+1}(κ) / I_ν(κ) = its length, by Newton's method to the last digits, from the starting value
+/// of Banerjee et al. (2005); closed-form approximations (Sra, 2012) are not used. Observations
+/// that are all alike determine no concentration, an [error](EmissionError::TooFew), unless there
+/// is a [prior](Self::with_prior).
 ///
 /// A vector may be missing as a whole ([`with_missing`](Self::with_missing)), but not in part.
 ///

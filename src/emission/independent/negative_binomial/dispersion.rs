@@ -7,12 +7,12 @@
 //! L(α) = Σ_j S_j ln(1 + α j) − (m + 1/α) ln(1 + α m),
 //! ```
 //!
-//! where S_j is the share of counts above j. From the present dispersion a to α = a + u, with x_j =
-//! j / (1 + a j) from 0 to 1 / a, the first sum grows by Σ_j S_j x_j H(x_j), where H(x) = ln(1 + u
-//! x) / x has a second derivative of the sign of u. So a quadrature for the measure S_j x_j that is
-//! exact for linear functions bounds it from below: for u > 0 the Gauss rule with one node, for u <
-//! 0 the Lobatto rule with nodes at the ends 0 and 1 / a. Both need only Σ S_j x_j and Σ S_j x_j²,
-//! the first two derivatives at a (up to sign).
+//! where S_j is the share of counts above j. From the present dispersion a to α = a + u, with
+//! x_j = j / (1 + a j) from 0 to 1 / a, the first sum grows by Σ_j S_j x_j H(x_j), where
+//! H(x) = ln(1 + u x) / x has a second derivative of the sign of u. So a quadrature for the measure
+//! S_j x_j that is exact for linear functions bounds it from below: for u > 0 the Gauss rule with
+//! one node, for u < 0 the Lobatto rule with nodes at the ends 0 and 1 / a. Both need only the
+//! sums of S_j x_j and S_j x_j², the first two derivatives at a (up to sign).
 
 use crate::emission::special::{excess_ratio, log_excess, root};
 
@@ -22,9 +22,9 @@ use crate::emission::special::{excess_ratio, log_excess, root};
 fn square_ratio(z: f64) -> f64 {
     let v = z / (2.0 + z);
     let square = v * v;
-    // With v = z / (2 + z), z + z / (1 + z) = 4 Σ v^(2k+1) and 2 ln(1 + z) = 4 Σ v^(2k+1) / (2k +
-    // 1): the terms of k = 0 cancel, and those left are 4 v³ Σ v^2k (2k + 2) / (2k + 3). v³ / z³ is
-    // (2 + z)⁻³.
+    // With v = z / (2 + z), z + z / (1 + z) = 4 Σ v^(2k+1), and 2 ln(1 + z) is the same sum with
+    // terms divided by 2k + 1. Those of k = 0 cancel, and what remains is
+    // 4 v³ Σ v^2k (2k + 2) / (2k + 3). v³ / z³ is (2 + z)⁻³.
     let (mut sum, mut power, mut even) = (0.0, 1.0, 2.0);
     while power > 1e-18 {
         sum += power * even / (even + 1.0);

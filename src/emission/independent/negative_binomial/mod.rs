@@ -108,11 +108,11 @@ impl NegativeBinomial {
     /// Log probability of a count above `PRODUCT` in saddle-point form (Loader, 2000): deviations
     /// of y and r from their expectations given y + r. `rest` is ln(y!) − y (ln y − 1).
     fn far(&self, y: f64, rest: f64) -> f64 {
-        // Stirling's formula for the gamma functions, with its errors Δ, leaves Δ(r + y) − Δ(r) −
-        // rest − ½ ln(1 + α y) + r ln(1 + u) + y ln(1 + v), where 1 + u = (r + y) / (r + m) and 1 +
-        // v = m (r + y) / (y (r + m)). As r u = −y v = d, the last two terms are −r (u − ln(1 + u))
-        // − y (v − ln(1 + v)), and nothing cancels. Where 1 + u or 1 + v is small its logarithm
-        // comes from those of its factors.
+        // Stirling's formula for the gamma functions, with its errors Δ, leaves
+        // Δ(r + y) − Δ(r) − rest − ½ ln(1 + α y) + r ln(1 + u) + y ln(1 + v), where
+        // 1 + u = (r + y) / (r + m) and 1 + v = m (r + y) / (y (r + m)). As r u = −y v = d, the
+        // last two terms are −r (u − ln(1 + u)) − y (v − ln(1 + v)), and nothing cancels. Where
+        // 1 + u or 1 + v is small its logarithm comes from those of its factors.
         let Self { mean, dispersion, .. } = *self;
         let ln_grown = (dispersion * y).ln_1p();
         let d = (y - mean) / (1.0 + dispersion * mean);

@@ -33,8 +33,8 @@ pub(super) fn expectations(by: &SkewedT, of: &SkewedT) -> [f64; 9] {
     let logs = |least: f64, most: f64| {
         std::iter::successors(Some(least), |x| Some(x + STEP)).take_while(move |x| *x <= most)
     };
-    // A tail falls as distance^−ν, so it takes RANGE / ν in the logarithm. y = location ∓ side ·
-    // e^x has dy/dx = the distance.
+    // A tail falls as distance^−ν, so it takes RANGE / ν in the logarithm.
+    // y = location ∓ side · e^x has dy/dx = the distance.
     for x in logs(-RANGE, RANGE / of.degrees.min(1.0)) {
         let distances = sides.map(|side| side * x.exp());
         add(low - distances[0], distances[0]);

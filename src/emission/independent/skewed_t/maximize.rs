@@ -9,11 +9,11 @@ use crate::emission::special::inverse_ln_minus_digamma;
 /// Returns the distribution after a step that does not lower the expected log density of
 /// observations and their precisions.
 ///
-/// At the present location, with σ₁ = σ / γ and σ₂ = σ γ, this is −ln(σ₁ + σ₂) − A₁ / 2σ₁² − A₂ /
-/// 2σ₂² up to constants, where A₁ and A₂ are the means of u (y − μ)² on either side. Its maximum
-/// has (σ₂ / σ₁)³ = A₂ / A₁ and σ₁² = A₁ (1 + σ₂ / σ₁). The location then moves to the maximum of a
-/// quadratic lower bound, in which observations that it may pass have the curvature of the steeper
-/// side.
+/// At the present location, with σ₁ = σ / γ and σ₂ = σ γ, this is
+/// −ln(σ₁ + σ₂) − A₁ / 2σ₁² − A₂ / 2σ₂² up to constants, where A₁ and A₂ are the means of
+/// u (y − μ)² on either side. Its maximum has (σ₂ / σ₁)³ = A₂ / A₁ and σ₁² = A₁ (1 + σ₂ / σ₁). The
+/// location then moves to the maximum of a quadratic lower bound, in which observations that it may
+/// pass have the curvature of the steeper side.
 pub(super) fn maximize(from: &SkewedT, sums: &[f64; 9]) -> Result<SkewedT, EmissionError> {
     let weight = sums[0];
     let [_, low_u, low_z, low_square, high_u, high_z, high_square, excess, _] =
