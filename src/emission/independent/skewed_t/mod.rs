@@ -62,7 +62,7 @@ pub struct SkewedT {
     degrees: f64,
     /// Log density at the location.
     peak: f64,
-    /// E[−ln u] − (−ln E[u]) given an observation: ln a − ψ(a) with a = (ν + 1) / 2.
+    /// ln E u − E ln u given an observation: ln a − ψ(a) with a = (ν + 1) / 2.
     gap: f64,
 }
 
