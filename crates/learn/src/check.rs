@@ -1,12 +1,12 @@
-//! Checks of parameters and observations, with the errors of those that are invalid.
+//! Checks of parameters and observations, with the errors for invalid ones.
 
 use super::EmissionError;
 
-/// Lowest log density that differs from that of an impossible observation, which is −∞. It is below
-/// what a diagonal may hold, where it is an error and not taken for a density of 0.
+/// Floor for the log density of a possible observation, to tell it from −∞, an impossible one. It
+/// is below what a diagonal may hold: an error, not a density of 0.
 pub(super) const LOWEST: f64 = -1e301;
 
-/// Part of a mean square below which a variance is rounding.
+/// Variance relative to the mean square below which it is only rounding.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
 
 /// Returns a parameter if it is valid.
@@ -24,7 +24,7 @@ pub(super) fn check(
     }
 }
 
-/// Checks the length of a list of parameters, of a state or common to all.
+/// Checks the length of a list of parameters, for one state or common to all.
 pub(super) fn check_length(
     what: &'static str,
     state: Option<usize>,
@@ -81,7 +81,7 @@ pub(super) fn check_shape<R: AsRef<[T]>, T>(
     })
 }
 
-/// Returns the parameters of all states, one row after the other, if they are finite.
+/// Checks that parameters are finite, and returns those of all states, one row after the other.
 pub(super) fn flatten<R: AsRef<[f64]>>(
     what: &'static str,
     rows: &[R],
@@ -98,7 +98,7 @@ pub(super) fn flatten<R: AsRef<[f64]>>(
     Ok(all)
 }
 
-/// Adds state and component to the error of a distribution.
+/// Adds the state and the component to the error of a distribution.
 pub(super) fn at(mut error: EmissionError, at: usize, of: Option<usize>) -> EmissionError {
     if let EmissionError::Parameter { state, component, .. }
     | EmissionError::TooFew { state, component, .. } = &mut error
@@ -108,16 +108,18 @@ pub(super) fn at(mut error: EmissionError, at: usize, of: Option<usize>) -> Emis
     error
 }
 
-/// Returns a variance, or another measure of spread, if sums with a mean square determine it.
+/// Returns a variance, or another measure of spread, unless it is only rounding.
 pub(super) fn spread(
     what: &'static str,
     weight: f64,
     variance: f64,
     square: f64,
 ) -> Result<f64, EmissionError> {
+    // The variance is a difference of terms of the size of the mean square, each rounded: below
+    // some units in the last place of that, nothing of it is known. NaN and infinity fail as well.
     if variance > ROUNDING * square && square.is_finite() {
         return Ok(variance);
     }
-    let reason = "they are alike, so that the spread has no estimate; give a prior";
+    let reason = "they are all alike, which leaves the spread undetermined; give a prior";
     Err(EmissionError::TooFew { state: None, component: None, what, weight, reason })
 }

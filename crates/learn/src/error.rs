@@ -1,4 +1,5 @@
-//! Errors of families.
+//! Errors of families. A distribution's errors name no state; the family adds the state and the
+//! component, a mixture the part, and a product shifts components to those of the whole row.
 
 use std::ops::Range;
 
@@ -6,8 +7,8 @@ use wayfix::LikelihoodError;
 use wayfix::inference::LearnError;
 use wayfix::internal::Number;
 
-/// An invalid parameter or observation of a family, statistics that determine no parameter, or
-/// numbers that are no series of observations.
+/// An invalid parameter or observation of a family, statistics that do not determine the
+/// parameters, or data that is not a series of observations.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum EmissionError {
@@ -21,7 +22,7 @@ pub enum EmissionError {
         /// Number of components of an observation, d.
         components: usize,
     },
-    /// A list of parameters has a wrong length.
+    /// A list of parameters has the wrong length.
     #[error("the {what}{} has {found} values, expected {expected}", of_state(*.state))]
     Length {
         /// Name of the parameter.
@@ -45,7 +46,7 @@ pub enum EmissionError {
         what: &'static str,
         /// The state, from 0, unless the parameter is common to all.
         state: Option<usize>,
-        /// The component, from 0, unless the parameter is that of the whole vector.
+        /// The component, from 0, unless the parameter belongs to the whole vector.
         component: Option<usize>,
         /// Value found.
         value: f64,
@@ -65,16 +66,16 @@ pub enum EmissionError {
     TooFew {
         /// The state, from 0, unless the parameter is common to all.
         state: Option<usize>,
-        /// The component, from 0, unless the parameter is that of the whole vector.
+        /// The component, from 0, unless the parameter belongs to the whole vector.
         component: Option<usize>,
         /// Name of the parameter.
         what: &'static str,
         /// Expected number of observations behind the state.
         weight: f64,
-        /// Reason, and what to do.
+        /// Reason, with a remedy.
         reason: &'static str,
     },
-    /// An observation has a wrong number of components.
+    /// An observation has the wrong number of components.
     #[error("the observation has {found} components, expected {expected}")]
     Components {
         /// Number of components found.
@@ -90,7 +91,7 @@ pub enum EmissionError {
         /// Number of components of an observation.
         components: usize,
     },
-    /// An observation that is a direction does not have length one.
+    /// A direction does not have length one.
     #[error("the observation has length {value}, expected 1 within 1e-6", value = Number(*.value))]
     Norm {
         /// Length found.
@@ -112,23 +113,23 @@ pub enum EmissionError {
     /// There are no observations.
     #[error("there are no observations")]
     NoObservations,
-    /// A component is missing in all observations, so that nothing can be learned of it.
+    /// A component is missing in all observations, so that nothing can be learned about it.
     #[error("component {component} is missing in all observations")]
     AllMissing {
         /// The component, from 0.
         component: usize,
     },
-    /// There are fewer different observations than clusters.
+    /// There are fewer distinct observations than clusters.
     #[error("{found} different observations cannot start {expected} {what}")]
     TooFewDifferent {
-        /// Number of observations that differ in known components.
+        /// Number of distinct observations, by their known components.
         found: usize,
         /// Number of clusters.
         expected: usize,
         /// Name of the clusters, such as "states".
         what: &'static str,
     },
-    /// A component has the same value in all observations, so that a family is not determined.
+    /// A component has the same value in all observations, which leaves the family undetermined.
     #[error(
         "component {component} is always {value}; leave it out, or give a prior: {cause}",
         value = Number(*.value)
@@ -159,12 +160,12 @@ pub enum EmissionError {
         /// Error of the part, with the state.
         cause: Box<EmissionError>,
     },
-    /// A factor of a [`Product`](super::Product) has an error that is about its own components.
+    /// A factor of a [`Product`](super::Product) has an error that concerns its own components.
     #[error("{} of the row: {cause}", components(*.from, *.to))]
     Factor {
-        /// First component of a row that belongs to the factor, from 0.
+        /// First component of the row that belongs to the factor, from 0.
         from: usize,
-        /// Component after the last that does.
+        /// One past the last component that belongs to it.
         to: usize,
         /// Error of the factor, which counts its components from 0.
         cause: Box<EmissionError>,
@@ -173,14 +174,14 @@ pub enum EmissionError {
     #[error("observations have 0 components, expected at least 1")]
     NoComponents,
     /// The last row is not complete.
-    #[error("{values} values are no whole number of observations with {components} components")]
+    #[error("{values} values do not divide into observations of {components} components")]
     Incomplete {
         /// Number of values.
         values: usize,
         /// Number of components of an observation.
         components: usize,
     },
-    /// There are fewer rows than an observation with its predecessors needs.
+    /// There are too few rows for an observation with its predecessors.
     #[error("{rows} rows are too few for observations with {order} predecessors")]
     TooFewRows {
         /// Number of rows.
@@ -203,14 +204,14 @@ pub enum EmissionError {
         file: String,
         /// The line, from 1.
         line: u64,
-        /// Defect, in words.
+        /// What is wrong, in words.
         problem: String,
     },
 }
 
 impl EmissionError {
-    /// Returns an error of the family of components `from` to `to` as that of the whole row: a
-    /// component of an observation is counted from the row's start.
+    /// Converts an error of the family of components `from` to `to` into one of the whole row, in
+    /// which components of an observation count from the row's start.
     pub(super) fn in_factor(self, from: usize, to: usize) -> Self {
         match self {
             Self::Observation { component, value, expected } => {
@@ -223,8 +224,8 @@ impl EmissionError {
         }
     }
 
-    /// Returns an error of a Gaussian as that of a part of a mixture: among the parts of the
-    /// state, or of all states, m each.
+    /// Converts an error of a Gaussian into one of a part of a mixture with m parts in each state.
+    /// The Gaussian's number counts the parts of the `known` state, or else of all states.
     pub(super) fn in_part(mut self, known: Option<usize>, m: usize) -> Self {
         use EmissionError as E;
         let (E::Length { state, .. }
@@ -237,12 +238,13 @@ impl EmissionError {
         let Some(at) = *state else {
             return self;
         };
+        // With a known state the number is below m, and is the part itself.
         *state = Some(known.unwrap_or(at / m));
         Self::Part { part: at % m, cause: Box::new(self) }
     }
 
-    /// Components of the family whose parameters observations do not determine, and among them
-    /// the one of these parameters, if it is known. `all` are those of the family with the error.
+    /// Components of the family whose parameters are not determined by the observations, and the
+    /// component at fault, if it is known. `all` are the components of the family with the error.
     pub(super) fn undetermined(&self, all: Range<usize>) -> Option<(Range<usize>, Option<usize>)> {
         match self {
             Self::TooFew { component, .. } => {
@@ -277,7 +279,7 @@ fn components(from: usize, to: usize) -> String {
     }
 }
 
-/// A weight without the digits that rounding leaves.
+/// A weight rounded to six decimals, without the noise of its last digits.
 fn rounded(weight: f64) -> f64 {
     if weight < 1e-3 { weight } else { (weight * 1e6).round() / 1e6 }
 }

@@ -1,4 +1,4 @@
-//! Families of rows of a known width.
+//! Families of rows with a known width.
 
 use std::rc::Rc;
 use std::sync::Arc;
@@ -6,8 +6,8 @@ use std::sync::Arc;
 use wayfix::Fixed;
 use wayfix::Likelihood;
 
-/// A likelihood of rows of numbers that says how many a row has, so that a
-/// [`Product`](super::Product) knows which part of a longer row is its own.
+/// A likelihood of rows of numbers with a known width, so that a [`Product`](super::Product) can
+/// tell which part of a longer row belongs to it.
 ///
 /// All families of this module implement it. A sensor of your own takes part with its
 /// [`Likelihood`] and one more method:

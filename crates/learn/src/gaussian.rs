@@ -1,5 +1,5 @@
 //! Gaussian vectors: their densities b_i(y) (section 1 of the guide's formulas) and M step (section
-//! 9).
+//! 9). The work is done by `Normals`, with one density for each state.
 
 use std::error::Error;
 
@@ -35,8 +35,8 @@ use wayfix::{Diagonal, Likelihood, Scratch};
 /// diagonal covariances and O(n d²) for full and tied ones, eight states side by side, and
 /// allocates nothing. A log-density below −1e300 counts as −∞, a density of 0.
 ///
-/// Components may be missing [if it is said](Self::with_missing): they are integrated out, which
-/// takes O(n d³) for such a step with a full or tied covariance.
+/// Components may be missing [if this is allowed](Self::with_missing): they are integrated out,
+/// which takes O(n d³) for such a step with a full or tied covariance.
 ///
 /// ```
 /// use wayfix_learn::{Gaussian, Rows};
@@ -100,7 +100,7 @@ impl Gaussian {
         Self::new(CovarianceType::Full, means, covariances)
     }
 
-    /// Creates a family with one covariance of all states: d × d values, row after row.
+    /// Creates a family with one covariance shared by all states: d × d values, row after row.
     ///
     /// # Errors
     ///
@@ -109,12 +109,12 @@ impl Gaussian {
         Self::new(CovarianceType::Tied, means, &[covariance])
     }
 
-    /// Creates a family with covariances of this type in the form of its constructor, one for
-    /// each state, or a single one if they are tied.
+    /// Creates a family with covariances of this type, given as its own constructor takes them: one
+    /// for each state, or a single one if they are tied.
     ///
     /// # Errors
     ///
-    /// [`EmissionError`] as the constructor of the type.
+    /// [`EmissionError`] as for the constructor of the type.
     pub fn new<M: AsRef<[f64]>, V: AsRef<[f64]>>(
         covariance_type: CovarianceType,
         means: &[M],
@@ -181,6 +181,8 @@ impl Likelihood for Gaussian {
         y: &'a [f64],
         scratch: &'a mut Scratch,
     ) -> Result<Diagonal<'a>, LikelihoodError> {
+        // ln b_i = ln N(μ; μ, Σ) − ½ ‖W (y − μ)‖², in place of the distances at the start of the
+        // memory.
         let values = scratch.values(self.normals.memory() * 8);
         let memory = eights(values);
         self.normals.distances(y, memory)?;
@@ -214,6 +216,7 @@ impl LearnLikelihood for Gaussian {
     fn add(&self, statistics: &mut GaussianStatistics, y: &[f64], posterior: &[f64]) {
         let GaussianStatistics { moments, weights: [weights, _], memory, .. } = statistics;
         in_blocks(posterior, weights);
+        // Values and conditional covariances have the same weights γ.
         self.normals.add(moments, y, weights, weights, memory);
     }
 
@@ -246,14 +249,14 @@ impl ReorderStates for Gaussian {
     }
 }
 
-/// Means, then variances or covariances, unless learning keeps them.
+/// Means, then variances or covariances, except those that learning keeps.
 impl FreeParameters for Gaussian {
     fn displaced(&self, by: &mut Displacement<'_>) -> Result<Self, Box<dyn Error + Send + Sync>> {
         Ok(Self { normals: self.normals.displaced(by)? })
     }
 }
 
-/// Each component by itself, with its variance.
+/// The marginal distribution of each component, with its own variance.
 impl Marginals for Gaussian {
     fn numbers(&self) -> usize {
         self.normals.components()

@@ -1,21 +1,21 @@
 //! Families of observations whose parameters are learned (feature `emission`).
 //!
-//! An observation is a row of d numbers, `[f64]`; [`Rows`] makes a sequence of a T × d matrix
+//! An observation is a row of d numbers, `[f64]`. [`Rows`] makes a sequence of a T × d matrix
 //! without copying it, a d × T matrix of faer is one after `try_as_col_major`, and `Series` reads
-//! the columns of a CSV file (feature `csv`), in which texts such as `NA` may stand for missing
-//! values. Each family is a [`Likelihood`](wayfix::Likelihood) with one set of parameters for each
-//! state; it is learned by [`Hmm::learn`](wayfix::Hmm::learn) and draws observations for
-//! [`Hmm::simulate`](wayfix::Hmm::simulate).
+//! columns of a CSV file (feature `csv`), in which texts such as `NA` may stand for missing values.
+//! Each family is a [`Likelihood`](wayfix::Likelihood) with one set of parameters for each state;
+//! [`Hmm::learn`](wayfix::Hmm::learn) learns it, and [`Hmm::simulate`](wayfix::Hmm::simulate) draws
+//! observations from it.
 //!
 //! | for | use |
 //! |---|---|
 //! | events that happen or not | [`Bernoulli::family`] |
 //! | counts of events | [`Poisson::family`] |
-//! | the same in clusters, of a variance above the mean | [`NegativeBinomial::family`] |
-//! | counts of successes in so many trials | [`Binomial::family`] |
-//! | counts of several kinds in so many trials | [`Multinomial`] |
-//! | counts with more zeros than those have, or fewer | [`ZeroInflated`], [`Hurdle`] |
-//! | positive numbers, and at times exactly 0 | [`ZeroInflated`] |
+//! | counts of clustered events, with a variance above the mean | [`NegativeBinomial::family`] |
+//! | successes in a known number of trials | [`Binomial::family`] |
+//! | counts of several kinds in a number of trials | [`Multinomial`] |
+//! | counts with more or fewer zeros than these have | [`ZeroInflated`], [`Hurdle`] |
+//! | positive numbers that are sometimes exactly 0 | [`ZeroInflated`] |
 //! | times until the next event | [`Exponential::family`] |
 //! | durations and speeds | [`Gamma::family`], [`LogNormal::family`], [`Weibull::family`] |
 //! | shares | [`Beta::family`] |
@@ -23,23 +23,24 @@
 //! | returns, skewed and with heavy tails | [`SkewedT::family`] |
 //! | directions in d ≥ 2 dimensions | [`VonMisesFisher`] |
 //! | vectors of real numbers | [`Gaussian`], [`GaussianMixture`] |
-//! | the same with outliers | [`StudentT`] |
-//! | outputs that depend on an input, or on the values before | [`LinearRegression`] |
-//! | components of a distribution of your own | [`Independent`] of a [`Univariate`] |
-//! | several sensors in one row, each with a family of its own | [`Product`] |
+//! | vectors with outliers | [`StudentT`] |
+//! | outputs that depend on an input, or on previous values | [`LinearRegression`] |
+//! | components with a distribution of your own | [`Independent`] of a [`Univariate`] |
+//! | several sensors in one row, each with its own family | [`Product`] |
 //!
-//! The fit of a model shows in its [pseudo-residuals](wayfix::Hmm::pseudo_residuals), the places of
-//! observations in the distributions that the model gives them; the distribution of the next one is
-//! [`Filter::predictive`](wayfix::Filter::predictive). Both take one number of an observation: see
-//! [`Marginals`].
+//! The fit of a model shows in its [pseudo-residuals](wayfix::Hmm::pseudo_residuals), the positions
+//! of observations in the distributions that the model predicts. The distribution of the next
+//! observation is [`Filter::predictive`](wayfix::Filter::predictive). Both are about one number of
+//! an observation: see [`Marginals`].
 //!
 //! Symbols (hmmlearn's `CategoricalHMM`) are observations of a
-//! [`TableLikelihood`](wayfix::TableLikelihood), which needs no feature; [`table_starts`] is here.
+//! [`TableLikelihood`](wayfix::TableLikelihood), which needs no feature; only [`table_starts`] is
+//! here.
 //!
 //! # Layers
 //!
 //! In terms of the [formulas](wayfix::guide::formulas), a family is the b_i(y) of section 1, and
-//! learning the M-step of section 9. Modules stand on those of the lines above them alone:
+//! learning it is the M step of section 9. Modules use only those of the lines above them:
 //!
 //! ```text
 //! error, check, special, rows, columns, series     errors, checks, functions, sequences of rows

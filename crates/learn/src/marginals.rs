@@ -1,4 +1,4 @@
-//! Likelihoods that know the distribution of each number of an observation.
+//! Likelihoods with a known marginal distribution for each number of an observation.
 
 use std::rc::Rc;
 use std::sync::Arc;
@@ -8,15 +8,15 @@ use wayfix::Fixed;
 use wayfix::LikelihoodError;
 use wayfix::{Likelihood, OptionalLikelihood, TableLikelihood};
 
-/// A likelihood that knows how each number of an observation is distributed in a state, whatever the
-/// others are, for [pseudo-residuals](wayfix::Hmm::pseudo_residuals) and
-/// [forecasts](super::Predictive) of observations.
+/// A likelihood that knows the marginal distribution of each number of an observation in a state,
+/// for [pseudo-residuals](wayfix::Hmm::pseudo_residuals) and [forecasts](super::Predictive) of
+/// observations.
 ///
 /// Implemented for [`Independent`](super::Independent) families of
 /// [`Cumulative`](super::Cumulative) distributions, [`Gaussian`](super::Gaussian),
-/// [`GaussianMixture`](super::GaussianMixture), [`StudentT`](super::StudentT), [`Product`](super::Product)s
-/// of these, and for tables of symbols, which are ordered as their numbers are. A sensor of your own
-/// takes part with five lines:
+/// [`GaussianMixture`](super::GaussianMixture), [`StudentT`](super::StudentT),
+/// [`Product`](super::Product)s of these, and for tables of symbols, which are ordered by their
+/// numbers. A sensor of your own takes part with a few lines:
 ///
 /// ```
 /// use wayfix_learn::{Marginals, Tails};
@@ -61,11 +61,11 @@ use wayfix::{Likelihood, OptionalLikelihood, TableLikelihood};
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub trait Marginals: Likelihood {
-    /// Number of numbers in an observation, the components of a row.
+    /// Number of components of an observation.
     fn numbers(&self) -> usize;
 
-    /// The number at `component`, below [`numbers`](Self::numbers), of an observation, or `None` if it
-    /// is missing. It is never NaN.
+    /// The number at a component of an observation, below [`numbers`](Self::numbers), or `None` if
+    /// it is missing. It is never NaN.
     ///
     /// # Errors
     ///
@@ -77,16 +77,17 @@ pub trait Marginals: Likelihood {
         component: usize,
     ) -> Result<Option<f64>, LikelihoodError>;
 
-    /// Logarithm of the density (or, among symbols and counts, of the probability) of a number in a
-    /// state, both of which exist: −∞ where it is 0, and for what is no observation.
+    /// Logarithm of the density of a number in a state (of the probability, for symbols and
+    /// counts): −∞ where it is 0, and for a number that cannot be observed. State and component
+    /// exist.
     fn log_density(&self, state: usize, component: usize, y: f64) -> f64;
 
-    /// Probabilities below, at and above any number but NaN in a state. See
+    /// Probabilities below, at and above any number but NaN, in a state. See
     /// [`Cumulative::tails`](super::Cumulative::tails).
     fn tails(&self, state: usize, component: usize, y: f64) -> Tails;
 }
 
-/// Checks that observations have such a component.
+/// Checks that observations have this component.
 pub(super) fn check_component<B: Marginals>(
     likelihood: &B,
     component: usize,
@@ -98,7 +99,7 @@ pub(super) fn check_component<B: Marginals>(
     Err(EmissionError::NoComponent { component, components })
 }
 
-/// Symbols as their numbers, from 0.
+/// Symbols count as their numbers, from 0.
 impl Marginals for TableLikelihood {
     fn numbers(&self) -> usize {
         1
@@ -113,6 +114,7 @@ impl Marginals for TableLikelihood {
     }
 
     fn log_density(&self, state: usize, _: usize, y: f64) -> f64 {
+        // Numbers between symbols, or beyond the last, have no probability.
         let symbol = (0..self.symbols()).find(|symbol| *symbol as f64 == y);
         symbol.and_then(|symbol| self.probability(state, symbol)).map_or(f64::NEG_INFINITY, f64::ln)
     }

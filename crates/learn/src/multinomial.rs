@@ -1,5 +1,9 @@
-//! Counts of several kinds in a number of trials: b_i(y) (section 1 of the formulas), M step
+//! Counts of several kinds in a number of trials: b_i(y) (section 1 of the formulas) and M step
 //! (section 9).
+//!
+//! With few trials ln p(y) = ln N! − Σ ln y_c! + Σ y_c ln p_c is summed as it stands. With many, it
+//! is the probability of independent Poisson counts of means N p_c given that their sum is N, whose
+//! terms are distances from expected counts and do not cancel.
 
 use std::error::Error;
 
@@ -19,16 +23,15 @@ use wayfix::likelihood::{LearnLikelihood, SampleObservation};
 use wayfix::{Diagonal, Likelihood, Scratch};
 use wayfix_kernels as kernels;
 
-/// Number of trials from which on a probability is computed by distances from the expected counts:
-/// the terms of the plain sum would lose digits.
+/// Number of trials at which log probabilities are computed from distances to the expected counts,
+/// since the terms of the plain sum would cancel.
 const MANY: f64 = 64.0;
 
-/// Counts of d kinds of outcomes: how often each occurred in the trials of a step, such as the
-/// words of a document.
+/// Counts of d kinds of outcomes in the trials of a step, such as the words of a document.
 ///
-/// p(y) = N! Π_c p_c^{y_c} / y_c!, of whole numbers y_c ≥ 0; the number of trials, N = Σ y_c, is that of the row, at
-/// most 2^53, and may differ from row to row; probabilities are taken in proportion to their sum,
-/// which is one but for rounding. With one trial a step it is a
+/// p(y) = N! Π_c p_c^{y_c} / y_c!, of whole numbers y_c ≥ 0. The number of trials N = Σ y_c of a
+/// row is at most 2^53 and may differ from row to row. Probabilities are relative to their sum,
+/// which is one up to rounding. With one trial in each step it is a
 /// [table](wayfix::TableLikelihood). Learning sets the probabilities to the weighted shares of the
 /// counts.
 ///
@@ -36,8 +39,8 @@ const MANY: f64 = 64.0;
 /// added to the count of each outcome, as in a table: a Dirichlet prior, under which
 /// probabilities of 0 stay 0.
 ///
-/// A row of which one count is missing has no number of trials; but a whole row may be missing
-/// ([`with_missing`](Self::with_missing)).
+/// A single count cannot be missing, since the number of trials would be unknown; a whole row may
+/// be ([`with_missing`](Self::with_missing)).
 ///
 /// A step costs O(n d). Memory: O(n d).
 ///
@@ -60,11 +63,13 @@ pub struct Multinomial {
     states: usize,
     missing: bool,
     trials: u64,
-    /// Probability of outcome c in state i at c n + i, and its logarithm.
+    /// Probability of outcome c in state i at c n + i.
     probabilities: Vec<f64>,
+    /// Logarithms of the probabilities.
     logs: Vec<f64>,
-    /// Sum of each state's probabilities, less 1, and its logarithm.
+    /// Sum of each state's probabilities, less 1.
     above_one: Vec<f64>,
+    /// Logarithm of that sum.
     ln_sums: Vec<f64>,
 }
 
@@ -102,19 +107,20 @@ impl Multinomial {
         Self { states, missing: false, trials: 1, probabilities, logs, above_one, ln_sums }
     }
 
-    /// Takes a row of NaN alone as a missing observation.
+    /// Returns the family with rows of all NaN taken as missing observations.
     #[must_use]
     pub fn with_missing(self) -> Self {
         Self { missing: true, ..self }
     }
 
-    /// Sets the number of trials of rows that are drawn: 1 by default. Observations may have any.
+    /// Returns the family with this number of trials in rows that are drawn, 1 by default.
+    /// Observations may have any number.
     #[must_use]
     pub fn with_trials(self, trials: u32) -> Self {
         Self { trials: trials.into(), ..self }
     }
 
-    /// True if a row of NaN alone is a missing observation.
+    /// True if a row of all NaN is a missing observation.
     #[must_use]
     pub fn takes_missing(&self) -> bool {
         self.missing
@@ -139,6 +145,7 @@ impl Multinomial {
         if self.missing && observation.iter().all(|y| y.is_nan()) {
             return Ok(None);
         }
+        // Whole numbers whose partial sums stay within 2^53 add without rounding.
         let mut trials = 0.0;
         let refused = observation.iter().position(|y| {
             trials += y;
@@ -175,19 +182,21 @@ impl Likelihood for Multinomial {
         };
         let (whole, rest) = ln_factorial(number);
         if number < MANY {
-            // Factorials are those of all states.
+            // Terms without probabilities are the same for all states. The probabilities are
+            // divided by their sum, N times.
             let of_counts: f64 = observation.iter().map(|value| ln_factorial(*value).0).sum();
             for (log, ln_sum) in logs.iter_mut().zip(&self.ln_sums) {
                 *log = whole - of_counts - number * ln_sum;
             }
             for (value, ln_ps) in observation.iter().zip(self.logs.chunks_exact(n)) {
+                // 0 · ln 0 is 0.
                 if *value > 0.0 {
                     logs.iter_mut().zip(ln_ps).for_each(|(log, ln_p)| *log += value * ln_p);
                 }
             }
             return Ok(Diagonal::log(logs));
         }
-        // Poisson counts, given their sum, are multinomial.
+        // Π_c Pois(y_c; N p_c) / Pois(N; N), where −ln Pois(N; N) = ln N! − N (ln N − 1) = `rest`.
         let ln = number.ln();
         let parts = self.probabilities.chunks_exact(n).zip(self.logs.chunks_exact(n));
         for (&value, (ps, ln_ps)) in observation.iter().zip(parts) {
@@ -196,7 +205,8 @@ impl Likelihood for Multinomial {
                 *log += log_probability((value, factorial), (number * p, ln + ln_p));
             }
         }
-        // A sum of probabilities that is not one, such as by rounding, counts in its square.
+        // If the probabilities sum to 1 + ε, the total has the mean N (1 + ε), and
+        // −ln Pois(N; N (1 + ε)) = rest + N (ε − ln(1 + ε)): rounding only enters as ε².
         let above = logs.iter_mut().zip(&self.above_one);
         above.for_each(|(log, above)| *log += rest + number * log_excess(*above));
         Ok(Diagonal::log(logs))
@@ -215,8 +225,9 @@ impl SampleObservation for Multinomial {
     fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> Vec<f64> {
         let (mut trials, mut share) = (self.trials, 1.0 + self.above_one[state]);
         let row = || self.probabilities[state..].iter().step_by(self.states);
-        // Rounding leaves something of the share to nobody, but the last possible outcome takes
-        // all trials that are left.
+        // One binomial draw after the other, each among the trials that are left, with the share of
+        // what is left of the probabilities. Rounding may leave a rest at the end, so the last
+        // possible outcome takes all remaining trials.
         let last = row().rposition(|p| *p > 0.0);
         let draw = |(outcome, &p): (usize, &f64)| {
             let part = if Some(outcome) == last { 1.0 } else { (p / share).clamp(0.0, 1.0) };
@@ -272,6 +283,7 @@ impl LearnLikelihood for Multinomial {
     }
 
     fn free_parameters(&self) -> usize {
+        // Each state's probabilities sum to one, and those of 0 stay 0.
         self.probabilities.iter().filter(|p| **p > 0.0).count() - self.states
     }
 }
@@ -288,8 +300,8 @@ impl ReorderStates for Multinomial {
     }
 }
 
-/// Log-odds of the probabilities above 0, state by state, to the largest of the state. Those of 0
-/// count as at a bound.
+/// Log-odds of the probabilities above 0 relative to the largest of the state, state by state.
+/// Probabilities of 0 count as at a bound.
 impl FreeParameters for Multinomial {
     fn displaced(&self, by: &mut Displacement<'_>) -> Result<Self, Box<dyn Error + Send + Sync>> {
         let mut rows = self.probabilities();

@@ -1,4 +1,5 @@
-//! Distributions of observations to come.
+//! Distributions of observations to come: p(y) = Σ_i p(X = i) b_i(y), the mixture under a belief
+//! (section 8 of the formulas).
 
 use std::borrow::Borrow;
 use std::ops::Deref;
@@ -17,13 +18,14 @@ use wayfix::likelihood::SampleObservation;
 use wayfix::{InferenceError, LikelihoodError};
 use wayfix_kernels::log_sum;
 
-/// Distribution of one number of an observation, given a belief: the mixture of its distributions in
+/// Distribution of one number of an observation under a belief: the mixture of its distributions in
 /// the states.
 ///
-/// Made by [`ahead`](Self::ahead) of a filter for observations to come, and by [`new`](Self::new) for any belief.
+/// Made by [`ahead`](Self::ahead) for observations to come, and by [`new`](Self::new) for any
+/// belief.
 ///
 /// ```
-/// use wayfix_learn::{Gamma, Predictive};
+/// use wayfix_learn::Gamma;
 /// use wayfix::{Belief, DenseTransition, Hmm, Prior};
 ///
 /// // Minutes between trams, by day and at night.
@@ -48,14 +50,14 @@ pub struct Predictive<'a, B> {
 }
 
 impl<'a, B: Marginals> Predictive<'a, B> {
-    /// Returns the distribution of a component of the observation `steps` ahead, given all so far: of
-    /// the next one with 1, of another one at the present step with 0. The component is 0 where
-    /// observations are one number. Costs `steps` products with A.
+    /// Returns the distribution of a component of the observation `steps` ahead, given all so far:
+    /// 1 for the next one, 0 for another one at the present step. The component is 0 where
+    /// observations are single numbers. Costs `steps` products with A.
     ///
     /// # Errors
     ///
-    /// [`InferenceError`] as [`Filter::forecast`], and with the step if there is no such
-    /// component.
+    /// [`InferenceError`] as for [`Filter::forecast`], and with the step if there is no
+    /// such component.
     pub fn ahead<M, A>(
         filter: &'a Filter<M>,
         steps: usize,
@@ -69,13 +71,13 @@ impl<'a, B: Marginals> Predictive<'a, B> {
         Self::at(filter, filter.forecast(steps)?, steps, component)
     }
 
-    /// Returns the distribution of a component of the observation `controls.len()` steps ahead, under
-    /// one control a step, as [`ahead`](Self::ahead).
+    /// Returns the distribution of a component of the observation `controls.len()` steps ahead,
+    /// with one control for each step, like [`ahead`](Self::ahead).
     ///
     /// # Errors
     ///
-    /// [`InferenceError`] as [`Filter::forecast_with`], and with the step if there is no
-    /// such component.
+    /// [`InferenceError`] as for [`Filter::forecast_with`], and with the step if there
+    /// is no such component.
     pub fn ahead_with<M, A>(
         filter: &'a Filter<M>,
         controls: &[A::Control],
@@ -103,12 +105,13 @@ impl<'a, B: Marginals> Predictive<'a, B> {
             .map_err(|error| InferenceError::likelihood(step, error))
     }
 
-    /// Creates the distribution of a component of an observation, 0 where it is one number, of a state
-    /// with this belief.
+    /// Creates the distribution of a component of an observation under a belief. The component is 0
+    /// where an observation is a single number.
     ///
     /// # Errors
     ///
-    /// [`LikelihoodError`] if the belief has another number of states, or there is no such component.
+    /// [`LikelihoodError`] if the belief has the wrong number of states, or there is no such
+    /// component.
     pub fn new(
         likelihood: &'a B,
         belief: Belief,
@@ -133,11 +136,11 @@ impl<'a, B: Marginals> Predictive<'a, B> {
         self.belief.as_slice().iter().copied().enumerate().filter(|(_, p)| *p > 0.0)
     }
 
-    /// Logarithm of the density of a number (among counts and symbols, of its probability): −∞ where it
-    /// is 0, and for what is no observation, such as NaN. O(n).
+    /// Logarithm of the density of a number (of its probability, for counts and symbols): −∞ where
+    /// it is 0, and for what cannot be observed, such as NaN. O(n).
     ///
-    /// Where observations have one component, it is what the filter returns for the step:
-    /// ln p(y_1 … y_{k+1}) − ln p(y_1 … y_k).
+    /// Where observations have a single component, the next observation has the log density that
+    /// the filter adds for its step: ln p(y_1 … y_{k+1}) − ln p(y_1 … y_k).
     #[must_use]
     pub fn log_density(&self, y: f64) -> f64 {
         let log = |(state, p): (usize, f64)| {
@@ -146,8 +149,8 @@ impl<'a, B: Marginals> Predictive<'a, B> {
         log_sum(self.states().map(log))
     }
 
-    /// Probabilities below, at and above a number; NaN counts as one above all others. O(n) tails of a
-    /// state. Angles are counted from −π to π.
+    /// Probabilities below, at and above a number. NaN counts as above all numbers; angles count
+    /// from −π to π. Costs the tails in each possible state.
     #[must_use]
     pub fn tails(&self, y: f64) -> Tails {
         let y = if y.is_nan() { f64::INFINITY } else { y };
@@ -158,10 +161,11 @@ impl<'a, B: Marginals> Predictive<'a, B> {
         mixed
     }
 
-    /// Returns the least number y (as doubles are ordered) with P(Y ≤ y) ≥ p: 0.5 for the median.
+    /// Returns the smallest double y with P(Y ≤ y) ≥ p; p = 0.5 gives the median.
     ///
-    /// Above ½, the least with P(Y > y) ≤ 1 − p, which has more digits. Found to the last digit, in 64
-    /// evaluations of the [tails](Self::tails); the largest double if no number is large enough.
+    /// For p above ½, the smallest with P(Y > y) ≤ 1 − p, which has more digits. It is exact to the
+    /// last digit, by 64 evaluations of the [tails](Self::tails); the largest double if no number
+    /// is large enough.
     ///
     /// # Errors
     ///
@@ -173,9 +177,12 @@ impl<'a, B: Marginals> Predictive<'a, B> {
             let tails = self.tails(y);
             if p <= 0.5 { tails.up_to() >= p } else { tails.above <= 1.0 - p }
         };
+        // Bisection over the doubles themselves, in their order: each of at most 64 steps halves
+        // their number. Invariant: no double below `low` is enough, and `high` is, or is the
+        // largest.
         let (mut low, mut high) = (order(f64::MIN), order(f64::MAX));
         while low < high {
-            // Without an overflow, and rounded down.
+            // The mean rounded down, without overflow.
             let middle = (low & high) + ((low ^ high) >> 1);
             if is_enough(number(middle)) {
                 high = middle;
@@ -186,11 +193,12 @@ impl<'a, B: Marginals> Predictive<'a, B> {
         Ok(number(high))
     }
 
-    /// Draws a number: a state, and an observation in it. O(n).
+    /// Draws a number, by drawing a state and an observation in it. O(n).
     ///
     /// # Errors
     ///
-    /// [`LikelihoodError`] if the sensor draws what it does not take itself, or nothing.
+    /// [`LikelihoodError`] if the sensor draws an observation that it rejects, or one that is
+    /// missing.
     pub fn sample<R: Rng + ?Sized>(&self, rng: &mut R) -> Result<f64, LikelihoodError>
     where
         B: SampleObservation,
@@ -206,13 +214,15 @@ impl<'a, B: Marginals> Predictive<'a, B> {
     }
 }
 
-/// Place of a double in their order, from the bits; −0 is just below 0.
+/// Rank of a double in the order of all doubles, from its bits; −0 is just below 0.
 fn order(y: f64) -> i64 {
+    // Positive doubles are ordered as their bits. The bits of negative ones grow with their size:
+    // flipping all but the sign bit reverses them.
     let bits = y.to_bits().cast_signed();
     bits ^ (((bits >> 63).cast_unsigned() >> 1).cast_signed())
 }
 
-/// The double at a place in their order.
+/// The double of a rank, the inverse of [`order`].
 fn number(order: i64) -> f64 {
     let bits = order ^ (((order >> 63).cast_unsigned() >> 1).cast_signed());
     f64::from_bits(bits.cast_unsigned())

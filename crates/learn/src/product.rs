@@ -1,4 +1,5 @@
-//! Several families in one row: b_i(y) is the product of theirs (section 1 of the formulas).
+//! Several families in one row: b_i(y) is the product of theirs (section 1 of the formulas). Its
+//! logarithm is a sum, so each family is learned from its own components with the same γ.
 
 use std::borrow::Borrow;
 
@@ -14,15 +15,15 @@ use wayfix::internal::product_of;
 use wayfix::likelihood::{LearnLikelihood, SampleObservation};
 use wayfix::{Diagonal, Likelihood, Scratch};
 
-/// Several sensors in one row: its first components are observations of one family, the others
-/// of another, independent of each other given the state.
+/// Several sensors in one row: the first components are observations of one family, the others of
+/// another, independent given the state.
 ///
-/// The density of a row is the product of both densities. Nest it for more than two; each family
-/// keeps its own settings, such as missing components and priors, and is learned by itself.
-/// [`Fixed`](wayfix::Fixed) excludes one of them from learning, and a sensor of your own takes part
-/// as a [`Family`].
+/// The density of a row is the product of the two densities. Nest products for more than two
+/// families; each keeps its own settings, such as missing components and priors, and is learned by
+/// itself. [`Fixed`](wayfix::Fixed) excludes one of them from learning, and a sensor of your own
+/// takes part as a [`Family`].
 ///
-/// A step costs what those of both families cost and O(n) more, and allocates nothing.
+/// A step costs those of both families and O(n) more, and allocates nothing.
 ///
 /// ```
 /// use wayfix_learn::{Gamma, Poisson, Product, VonMises};
@@ -61,7 +62,7 @@ pub struct Product<A, B> {
 }
 
 impl<A: Family, B: Family> Product<A, B> {
-    /// Creates the family of rows with the components of `first`, and then those of `second`.
+    /// Creates the family of rows with the components of `first` followed by those of `second`.
     ///
     /// # Errors
     ///
@@ -72,13 +73,14 @@ impl<A: Family, B: Family> Product<A, B> {
         Ok(Self { first, second })
     }
 
-    /// The components of either family, or `None` if the row has another number of them.
+    /// Splits a row into the components of either family, or returns `None` if it has the wrong
+    /// width.
     fn split<'a>(&self, row: &'a [f64]) -> Option<(&'a [f64], &'a [f64])> {
         let parts = row.split_at_checked(self.first.components())?;
         (parts.1.len() == self.second.components()).then_some(parts)
     }
 
-    /// Components from the first of the second family to the end of the row.
+    /// Range of the second family's components in a row.
     fn others(&self) -> (usize, usize) {
         (self.first.components(), self.components())
     }
@@ -105,7 +107,7 @@ impl<A, B> Product<A, B> {
 }
 
 impl<A: Family, B: Family> Family for Product<A, B> {
-    /// Those of the first family and those of the second.
+    /// Sum of the widths of both families.
     fn components(&self) -> usize {
         self.first.components() + self.second.components()
     }
@@ -127,6 +129,7 @@ impl<A: Family, B: Family> Likelihood for Product<A, B> {
             let (found, expected) = (row.len(), self.components());
             return Err(EmissionError::Components { found, expected }.into());
         };
+        // A scratch for each family: both diagonals are in use until the product is written.
         let (out, parts) = scratch.with_parts(self.states(), 2);
         let (left, right) = parts.split_at_mut(1);
         let whole = |(from, to)| move |error| in_factor(error, from, to);
@@ -170,8 +173,9 @@ impl<A: Family + Marginals, B: Family + Marginals> Marginals for Product<A, B> {
     }
 }
 
-/// Returns an error of the family of components `from` to `to` as that of the whole row.
+/// Converts an error of the family of components `from` to `to` into one of the whole row.
 fn in_factor(error: LikelihoodError, from: usize, to: usize) -> LikelihoodError {
+    // Errors of a user's own family are passed on unchanged, since their components are unknown.
     if let LikelihoodError::Sensor(failed) = &error
         && let Some(source) = failed.cause.downcast_ref::<EmissionError>()
     {
@@ -192,7 +196,7 @@ where
         (self.first.statistics(), self.second.statistics())
     }
 
-    /// Adds one observation; one with another number of components adds nothing.
+    /// Adds one observation, or nothing if it has the wrong width.
     fn add(&self, statistics: &mut Self::Statistics, row: &[f64], posterior: &[f64]) {
         if let Some((first, second)) = self.split(row) {
             self.first.add(&mut statistics.0, first, posterior);
@@ -205,8 +209,8 @@ where
         self.second.merge(&mut statistics.1, &other.1);
     }
 
-    /// Learns either family. Their errors, if they are [`EmissionError`]s, name the components
-    /// of the row.
+    /// Maximises each family by itself. Their errors, if they are [`EmissionError`]s, name the
+    /// components of the row.
     fn maximize(&self, statistics: &Self::Statistics, pseudo_count: f64) -> Outcome<Self> {
         let (from, to) = self.others();
         let first = self.first.maximize(&statistics.0, pseudo_count);
@@ -223,7 +227,7 @@ where
     }
 }
 
-/// Returns what was learned of the family of components `from` to `to`, or its error.
+/// Returns the learned family of components `from` to `to`, or its error as one of the whole row.
 fn learned<F>(outcome: Outcome<F>, from: usize, to: usize) -> Outcome<F> {
     outcome.map_err(|error| match error.downcast::<EmissionError>() {
         Ok(error) => error.in_factor(from, to).into(),
@@ -236,7 +240,8 @@ where
     A: Family + StartFromClusters,
     B: Family + StartFromClusters,
 {
-    /// Starts either family from its own components. Errors are as those of learning.
+    /// Starts each family from its own components of the same clusters. Errors name components of
+    /// the row.
     fn start<R: Rng + ?Sized>(&self, clusters: &Clusters<'_>, rng: &mut R) -> Outcome<Self> {
         clusters.check(self)?;
         let (from, to) = self.others();

@@ -1,4 +1,8 @@
-//! Pseudo-residuals: the places of observations in the distributions that a model gives them.
+//! Pseudo-residuals: the positions of observations in the distributions that a model predicts.
+//!
+//! Both kinds mix the states' tails P(Y ≤ y_k | X_k = i). For forecast residuals the weights are
+//! p(X_k = i | y_1 … y_{k−1}), for ordinary ones p(X_k = i | all but y_k), which is proportional to
+//! the prediction times the backward probability.
 
 use super::marginals::check_component;
 use super::{Marginals, Tails};
@@ -8,8 +12,8 @@ use wayfix::Sequence;
 use wayfix::Transition;
 use wayfix::internal::left_out;
 
-/// Pseudo-residuals of a sequence, of two kinds. Those of step k are at index k − 1: `None` where the
-/// observation is missing.
+/// Two kinds of pseudo-residuals of a sequence. Those of step k are at index k − 1, `None` where
+/// the observation is missing.
 ///
 /// Made by [`new`](Self::new).
 #[derive(Debug, Clone, PartialEq)]
@@ -19,20 +23,20 @@ pub struct PseudoResiduals {
 }
 
 impl PseudoResiduals {
-    /// Returns the pseudo-residuals of a component of the observations, 0 where they are one number:
-    /// the probabilities below, at and above each number, given the observations before it and given
-    /// all others (Zucchini, MacDonald and Langrock, *Hidden Markov Models for Time Series*, 2016,
-    /// section 6.2).
+    /// Returns the pseudo-residuals of a component of the observations (0 where they are single
+    /// numbers): the probabilities below, at and above each number, given the observations before
+    /// it and given all others (Zucchini, MacDonald and Langrock, *Hidden Markov Models for Time
+    /// Series*, 2016, section 6.2).
     ///
-    /// As [uniform](Tails::uniform) or [normal](Tails::normal) values they show what a model gets wrong:
-    /// a QQ plot of normal ones the shape of its distributions, their course over time a change, and
-    /// their correlation what the states do not remember. Of counts, [segments](Tails::segment) and
-    /// [randomised](Tails::randomized) ones.
+    /// As [uniform](Tails::uniform) or [normal](Tails::normal) values they show what a model gets
+    /// wrong: a QQ plot of the normal values shows the shape of its distributions, their course
+    /// over time a change, and their autocorrelation what the states do not remember. For counts
+    /// use [segments](Tails::segment) or [randomised](Tails::randomized) values.
     ///
-    /// Observations have several components: those of the step itself are left out, those of all other
-    /// steps are known. Evidence on a move is known, too, up to the step for forecast residuals.
+    /// If observations have several components, none of the step itself is known, and all of the
+    /// other steps are. Evidence on moves is known as well, for forecast residuals up to the step.
     ///
-    /// Costs a product with A and one with A' in logarithms a step, which takes some ten times as
+    /// Each step costs a product with A, one with A' in logarithms, which takes some ten times as
     /// long, and the [tails](Marginals::tails) in n states. Memory: 2 n T numbers.
     ///
     /// ```
@@ -54,8 +58,8 @@ impl PseudoResiduals {
     ///
     /// # Errors
     ///
-    /// [`InferenceError`] with the step at which an observation is impossible or not valid, or a control
-    /// is not valid; with step 1 if there is no such component.
+    /// [`InferenceError`] with the step at which an observation is impossible or invalid, or a
+    /// control is invalid; with step 1 if there is no such component.
     pub fn new<A, B, S>(
         hmm: &Hmm<A, B>,
         sequence: &S,
@@ -79,6 +83,8 @@ impl PseudoResiduals {
             let mixed = number.map(|y| {
                 let mut mixed = [Tails::default(); 2];
                 for (state, shares) in predicted.iter().zip(others).enumerate() {
+                    // Tails cost far more than this test, and a state with neither share adds
+                    // nothing.
                     if *shares.0 > 0.0 || *shares.1 > 0.0 {
                         let tails = likelihood.tails(state, component, y);
                         mixed[0].add(*shares.0, tails);
@@ -94,16 +100,17 @@ impl PseudoResiduals {
         Ok(Self { forecast, ordinary })
     }
 
-    /// Forecast residuals, of one step ahead: p(Y_k ≤ y_k | y_1 … y_{k-1}). If the model is right, they
-    /// are independent of each other, and normal ones standard normal.
+    /// Forecast residuals, one step ahead: P(Y_k ≤ y_k | y_1 … y_{k-1}). If the model is right,
+    /// they are independent, and their normal values are standard normal.
     #[must_use]
     pub fn forecast(&self) -> &[Option<Tails>] {
         &self.forecast
     }
 
-    /// Ordinary residuals, given all other observations: p(Y_k ≤ y_k | y_1 … y_{k-1}, y_{k+1} … y_T).
-    /// If the model is right, each by itself is uniform, but neighbours depend on each other. They find
-    /// outliers, which the observations on both sides contradict.
+    /// Ordinary residuals, given all other observations:
+    /// P(Y_k ≤ y_k | y_1 … y_{k-1}, y_{k+1} … y_T). If the model is right, each is uniform by
+    /// itself, but neighbours are dependent. They find outliers, which contradict the observations
+    /// on both sides.
     #[must_use]
     pub fn ordinary(&self) -> &[Option<Tails>] {
         &self.ordinary

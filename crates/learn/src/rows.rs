@@ -1,4 +1,5 @@
-//! Matrices of observations as sequences.
+//! Matrices of observations as sequences, without copying: a row begins each `stride` values and
+//! has `width` of them. Lagged rows are wider than the stride, and overlap.
 
 use super::EmissionError;
 use wayfix::Sequence;
@@ -6,8 +7,9 @@ use wayfix::Sequence;
 /// A T × d matrix, row after row, as a sequence of T observations of d numbers.
 ///
 /// Borrows the values, so nothing is copied: a slice, `as_slice()` of a row-major array of
-/// `ndarray`, or the vector that a crate such as `npyz` reads from a `.npy` file (float64, C order). [`lagged`](Self::lagged) gives each observation those before it, for autoregressive
-/// families.
+/// `ndarray`, or the vector that a crate such as `npyz` reads from a `.npy` file (float64, C
+/// order). [`lagged`](Self::lagged) puts the previous observations in front of each one, for
+/// autoregressive families.
 ///
 /// ```
 /// use wayfix::Sequence;
@@ -23,13 +25,14 @@ use wayfix::Sequence;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rows<'a> {
     values: &'a [f64],
-    /// Numbers of the values of an observation, and of those from one observation to the next.
+    /// Number of values of an observation.
     width: usize,
+    /// Number of values from the start of one observation to the start of the next.
     stride: usize,
 }
 
 impl<'a> Rows<'a> {
-    /// Divides values into observations of so many components. O(1).
+    /// Divides values into observations with this number of components. O(1).
     ///
     /// # Errors
     ///
@@ -42,14 +45,14 @@ impl<'a> Rows<'a> {
         }
     }
 
-    /// Divides values whose number is known to fit.
+    /// Divides values whose number is known to be a multiple of the number of components.
     #[cfg(feature = "csv")]
     pub(super) fn known(values: &'a [f64], components: usize) -> Self {
         Self { values, width: components, stride: components }
     }
 
-    /// Rows that hold the `order` observations before each, oldest first, and then the
-    /// observation itself: T − order rows of (order + 1) d numbers. O(1), since they overlap.
+    /// Returns rows of the `order` previous observations, oldest first, and the observation itself:
+    /// T − order rows of (order + 1) d numbers. O(1), since they overlap.
     ///
     /// # Errors
     ///
@@ -64,10 +67,11 @@ impl<'a> Rows<'a> {
 
     /// Number of rows.
     fn steps(&self) -> usize {
+        // The last row ends with the last value; in this order 0 values do not underflow.
         (self.values.len() + self.stride - self.width) / self.stride
     }
 
-    /// Number of values of an observation: d, or (order + 1) d of lagged rows.
+    /// Number of values of an observation: d, or (order + 1) d for lagged rows.
     #[must_use]
     pub fn width(&self) -> usize {
         self.width

@@ -8,10 +8,10 @@ use csv::StringRecord;
 use super::{EmissionError, Rows};
 use wayfix::internal::{FileError, Text, each_row, excerpt, open, shortened};
 
-/// Most characters of a header that an error message quotes.
+/// Longest part of a header that an error message quotes, in characters.
 const HEADER: usize = 600;
 
-/// Numbers from some columns of a CSV file, a row for each observation (feature `csv`).
+/// Numbers from named columns of a CSV file, one row for each observation (feature `csv`).
 ///
 /// ```
 /// use wayfix_learn::Series;
@@ -35,16 +35,16 @@ pub struct Series {
 
 impl Series {
     /// Reads the named columns of a CSV file with a header, in the order of the names. A field that
-    /// is empty or one of the `missing` texts, such as `NA`, is a missing component, NaN, which a
-    /// family takes if it was told so. Case counts, spaces around fields do not. Empty lines are
-    /// skipped: in a file with a single column a missing value is a text, or an empty one in quotes.
-    /// O(file).
+    /// is empty or one of the `missing` texts, such as `NA`, is a missing component, NaN, which
+    /// families accept if they allow missing components. Case matters, spaces around fields do not.
+    /// Empty lines are skipped, so in a file with a single column write a missing value as such a
+    /// text, or as an empty field in quotes. O(file).
     ///
     /// # Errors
     ///
-    /// [`EmissionError`] with the line if a column is missing or there twice, a field is not a finite
-    /// number, or a line has another number of fields than the header; or if the file cannot be
-    /// read.
+    /// [`EmissionError`] with the line if a column is missing or occurs twice, a field is not a
+    /// finite number, or a line does not have as many fields as the header; or if the file cannot
+    /// be read.
     pub fn from_csv_file(
         path: impl AsRef<Path>,
         columns: &[&str],
@@ -54,11 +54,12 @@ impl Series {
         Self::read(&file, reader, columns, missing)
     }
 
-    /// Reads from a reader, as [`from_csv_file`](Self::from_csv_file); errors call it "the input".
+    /// Reads from a reader, like [`from_csv_file`](Self::from_csv_file); errors call it "the
+    /// input".
     ///
     /// # Errors
     ///
-    /// As [`from_csv_file`](Self::from_csv_file).
+    /// As for [`from_csv_file`](Self::from_csv_file).
     pub fn from_csv(
         input: impl Read,
         columns: &[&str],
@@ -74,7 +75,7 @@ impl Series {
         missing: &[&str],
     ) -> Result<Self, EmissionError> {
         if columns.is_empty() {
-            let (file, problem) = (file.to_owned(), "no column is asked for".to_owned());
+            let (file, problem) = (file.to_owned(), "no columns were asked for".to_owned());
             return Err(EmissionError::Line { file, line: 1, problem });
         }
         let missing: Vec<&str> = missing.iter().map(|text| text.trim()).collect();
@@ -87,6 +88,7 @@ impl Series {
             if text.is_empty() || missing.contains(&text) {
                 return Some(f64::NAN);
             }
+            // "NaN" and "inf" parse as numbers, but a missing value must be declared.
             text.parse().ok().filter(|value: &f64| value.is_finite())
         };
         let mut values = Vec::new();
@@ -119,10 +121,10 @@ impl Series {
     }
 }
 
-/// Place of each column in a line.
+/// Position of each column in a line, found by its name in the header.
 fn places(header: &StringRecord, columns: &[&str]) -> Result<Vec<Option<usize>>, String> {
     if header.is_empty() {
-        return Err("there is nothing, expected a header".to_owned());
+        return Err("the header is missing".to_owned());
     }
     let place = |name: &&str| {
         let mut found = header.iter().enumerate().filter(|(_, known)| *known == name.trim());

@@ -1,4 +1,5 @@
-//! Models to begin learning with (section 9 of the formulas finds the maximum that is near).
+//! Models to begin learning with, since EM (section 9 of the formulas) only finds a maximum near
+//! its start: the best of several candidates after a few iterations, for several kinds of clusters.
 
 use rand::{Rng, RngExt};
 
@@ -13,24 +14,25 @@ use wayfix::inference::{LearnError, SequenceError};
 use wayfix::internal::parallel;
 use wayfix::{Hmm, Prior};
 
-/// Candidates of each start.
+/// Candidates for each start.
 const CANDIDATES: usize = 8;
-/// Iterations of learning from each. On random problems, fewer of both find the highest end of ten
-/// starts less often: so few iterations say little of an end.
+/// Iterations of learning from each candidate. On random problems, fewer candidates or iterations
+/// find the highest of ten ends less often: after fewer iterations, the rank says little about the
+/// end.
 const SHORT: usize = 15;
 
-/// Models to start learning from, as many as asked for, of several [kinds](StartKind) in turn:
-/// that of a start is [`StartKind::of`] its index.
+/// Returns `count` models to start learning from, of several [kinds](StartKind) in turn: the kind
+/// of a start is [`StartKind::of`] its index.
 ///
-/// A start is that of eight candidates from which 15 iterations of learning come furthest
-/// (Biernacki, Celeux and Govaert 2003, for mixtures). Each comes from random [`Clusters`] of its
-/// kind, whose observations give the family its parameters.
+/// Each start is the best of eight candidates after 15 iterations of learning (Biernacki, Celeux
+/// and Govaert 2003, for mixtures). Each candidate comes from random [`Clusters`] of the kind,
+/// whose observations give the family its parameters.
 ///
 /// Parameters are estimated from the observations of each cluster, with a tenth of the weight from
-/// all observations. The transition of every other candidate is what the clusters of successive
-/// observations show, with one more of each; those between have a random one, in which few moves
-/// out of a state are probable. The prior is uniform at the first observation.
-/// [`Hmm::learn_best`] learns from all and keeps the best:
+/// all observations. The transition of every other candidate counts the moves between the clusters
+/// of successive observations, plus one of each; the others have a random transition, in which only
+/// a few moves out of a state are probable. The prior is uniform at the first observation.
+/// [`Hmm::learn_best`] learns from all starts and keeps the best:
 ///
 /// ```
 /// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
@@ -57,22 +59,23 @@ const SHORT: usize = 15;
 ///
 /// `family` is a placeholder. It decides the number of states, the kind of covariance, the
 /// [prior](super::GaussianPrior) of its parameters, whether components may be missing, and the
-/// number of a mixture's parts, which come from clusters within that of a state. It also keeps
-/// what is fixed (put fixed means in ascending order, as clusters are) and what observations do
-/// not give: probabilities of 0, and in the start, but not in learning, the degrees of freedom of a
-/// [`StudentT`](super::StudentT). Its other parameters have no influence, but for the choice among equals (a mean direction of observations that have none).
+/// number of a mixture's parts, which come from clusters within that of a state. It also keeps what
+/// is fixed (put fixed means in ascending order, as clusters are) and what observations do not
+/// determine: probabilities of 0, and, in the start but not in learning, the degrees of freedom of
+/// a [`StudentT`](super::StudentT). Its other parameters have no influence, except to break ties (a
+/// mean direction of observations that have none).
 ///
-/// Without a prior a state may take hold of one observation, or of several that are the same:
-/// the likelihood then has no maximum, and learning ends there. `with_prior`, as above, avoids it
-/// in starts and in learning.
+/// Without a prior, a state may collapse onto a single observation, or several equal ones: the
+/// likelihood is then unbounded, and learning ends there. `with_prior`, as above, avoids this in
+/// starts and in learning.
 ///
-/// Distances are Euclidean, so that a group of headings around ±π is two clusters
-/// ([`Clusters`] says what to do).
+/// Distances are Euclidean, so that a group of headings around ±π becomes two clusters
+/// ([`Clusters`] tells what to do about it).
 ///
 /// # Another transition
 ///
-/// Keep the family alone to learn with a transition of your own. States are in ascending order of
-/// the first component's mean in their clusters, which tells little where clusters differ in
+/// To learn with a transition of your own, keep only the family. States are in ascending order of
+/// the mean of the first component in their clusters, which means little where clusters differ in
 /// something else; [`Hmm::reordered`] puts them in the order in which they follow each other.
 ///
 /// ```
@@ -93,15 +96,15 @@ const SHORT: usize = 15;
 ///
 /// # Errors
 ///
-/// [`LearnError::Sequence`] with sequence and step if the family refuses an observation;
-/// [`LearnError::Likelihood`] if there are no observations, or fewer different ones than states,
-/// if a component is missing in all, or if clusters do not determine the parameters, which a prior
-/// may help. A component that is always the same is then named.
+/// [`LearnError::Sequence`] with sequence and step if the family rejects an observation;
+/// [`LearnError::Likelihood`] if there are no observations, or fewer distinct ones than states, if
+/// a component is missing in all, or if clusters do not determine the parameters, where a prior may
+/// help. The error then names a component that never changes.
 ///
 /// # Complexity
 ///
-/// Each start costs as much as eight [`Clusters`] and 128 iterations of learning, one or two times
-/// as much as learning from it to the end. In parallel with the feature `rayon`.
+/// Each start costs as much as eight [`Clusters`] and 128 iterations of learning, once or twice as
+/// much as learning from it to the end. Parallel with the feature `rayon`.
 pub fn starts<B, S, R>(
     family: &B,
     sequences: &[S],
@@ -115,13 +118,15 @@ where
 {
     check(family, sequences)?;
     if count > 0 {
-        // Kinds that look at more than a row could do with fewer different ones, families seldom.
+        // Kinds that cluster windows might manage with fewer distinct rows than states, but few
+        // families would.
         clusters(StartKind::Position, sequences, family.states(), rng)?;
     }
     of_kinds(family, sequences, count, rng)
 }
 
-/// Checks that the family takes all observations, and that no component is missing in all.
+/// Checks that the family accepts all observations, and that no component is missing in all of
+/// them.
 fn check<B, S>(family: &B, sequences: &[S]) -> Result<(), LearnError>
 where
     B: StartFromClusters,
@@ -146,8 +151,8 @@ where
     }
 }
 
-/// Returns a start of each kind in turn. Segments take the place of a kind that does not tell
-/// enough observations apart.
+/// Returns a start of each kind in turn. Segments replace a kind that does not tell enough
+/// observations apart.
 pub(super) fn of_kinds<B, S, R>(
     family: &B,
     sequences: &[S],
@@ -163,16 +168,17 @@ where
         let draw = |at| candidate(family, sequences, kind, at % 2 == 1, rng);
         furthest((0..CANDIDATES).map(draw).collect(), sequences)
     };
+    // If segments fail as well, the error of the kind itself is returned.
     let mut start =
         |kind| of_kind(kind).or_else(|error| of_kind(StartKind::Segments).map_err(|_| error));
     (0..count).map(|index| start(StartKind::of(index))).collect()
 }
 
-/// Returns the candidate from which a few iterations come furthest, the first of several.
+/// Returns the candidate with the highest objective after a few iterations, the first among equals.
 ///
 /// # Errors
 ///
-/// The first candidate's, if there is none that is no error.
+/// The first candidate's error, if all are errors.
 fn furthest<B, S>(
     candidates: Vec<Result<Hmm<DenseTransition, B>, LearnError>>,
     sequences: &[S],
@@ -184,7 +190,7 @@ where
     let few = LearningOptions { iterations: SHORT, ..LearningOptions::default() };
     let ranked = parallel::map(candidates, |start: Result<Hmm<_, _>, _>, (): &mut ()| {
         let start = start?;
-        // One that fails comes after all others: its likelihood may have no bound.
+        // A failed candidate ranks below all others: its likelihood may be unbounded.
         let rank = match start.learn(sequences, &few) {
             Ok(end) => (!end.failed(), end.objective()),
             Err(_) => (false, f64::NEG_INFINITY),
@@ -200,7 +206,7 @@ where
     ranked.into_iter().reduce(further).unwrap_or(nothing).map(|(_, start)| start)
 }
 
-/// Returns a model from clusters of a kind.
+/// Returns a model from random clusters of a kind.
 fn candidate<B, S, R>(
     family: &B,
     sequences: &[S],
@@ -245,8 +251,8 @@ where
     })
 }
 
-/// Moves between the clusters of successive observations, out of each state in a row, and one more
-/// of each.
+/// Counts of moves between the clusters of successive observations, plus one of each. The moves out
+/// of a state are a row.
 fn shown_moves<S: Sequence<(), [f64]>>(
     n: usize,
     sequences: &[S],
@@ -254,7 +260,7 @@ fn shown_moves<S: Sequence<(), [f64]>>(
 ) -> Vec<f64> {
     let mut moves = vec![1.0; n * n];
     for (sequence, labels) in sequences.iter().zip(clusters.labels()) {
-        // An observation without a known component tells nothing of its state.
+        // An observation whose components are all missing says nothing about its state.
         let is_known = |step: usize| sequence.observation(step).iter().any(|y| !y.is_nan());
         let pairs = (1..).zip(labels.windows(2));
         for (_, pair) in pairs.filter(|&(step, _)| is_known(step) && is_known(step + 1)) {
@@ -264,10 +270,11 @@ fn shown_moves<S: Sequence<(), [f64]>>(
     moves
 }
 
-/// Random weights of the moves out of each state in a row, of which few are large: nearly those of
-/// a Dirichlet distribution with 1/n for each. None is 0, since that would stay so.
+/// Random weights of moves, few of them large: nearly a Dirichlet distribution with parameters 1/n.
+/// The moves out of a state are a row. None is 0, since learning would keep it.
 fn random_moves<R: Rng + ?Sized>(n: usize, rng: &mut R) -> Vec<f64> {
-    // Above 0: the smallest is 2^-53, its power 2^-424.
+    // U^n is nearly a gamma variable of shape 1/n for small values. `1 − random` is at least 2^-53,
+    // so that its eighth power is at least 2^-424.
     let power = |p: f64| std::iter::repeat_n(p, n.min(8)).product::<f64>();
     (0..n * n).map(|_| power(1.0 - rng.random::<f64>())).collect()
 }

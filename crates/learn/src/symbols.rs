@@ -1,5 +1,5 @@
-//! Starts of tables of symbols: those of a [`Multinomial`] of one trial, with a component for each
-//! symbol.
+//! Starts of tables of symbols: a symbol is a [`Multinomial`] observation of one trial, with a
+//! component for each symbol.
 
 use rand::Rng;
 
@@ -12,12 +12,13 @@ use wayfix::Sequence;
 use wayfix::inference::{LearnError, SequenceError};
 use wayfix::{Likelihood, Scratch, TableLikelihood};
 
-/// Models of symbols to start learning from, of the kinds of [`starts`](super::starts), which see
-/// a component for each symbol, 1 where it is that of the step and 0 elsewhere.
+/// Returns models of symbols to start learning from, of the same kinds as
+/// [`starts`](super::starts), which see one component for each symbol: 1 for the symbol of the step
+/// and 0 for the others.
 ///
-/// The table is a placeholder: it decides the numbers of states and symbols, and what is impossible
-/// stays so. It counts as one more observation of each state, so that symbols which are never seen
-/// are not impossible. There may be fewer symbols than states.
+/// The table is a placeholder: it decides the numbers of states and symbols, and what it rules out
+/// stays impossible. It counts as one more observation of each state, so that symbols that are
+/// never seen do not become impossible. There may be fewer symbols than states.
 ///
 /// ```
 /// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
@@ -73,6 +74,8 @@ where
     let steps = rows.iter().map(Rows::steps).sum::<usize>() as f64;
     let own = |start: Hmm<DenseTransition, Multinomial>| {
         let (prior, transition, family) = start.into_parts();
+        // The weighted mean of the cluster's shares, for the T / n steps that a state has on
+        // average, and of the table, for one step.
         let mut learned = family.probabilities();
         for (p, first) in learned.iter_mut().flatten().zip(placeholder.iter().flatten()) {
             *p = (steps / n as f64 * *p + first) / (steps / n as f64 + 1.0);

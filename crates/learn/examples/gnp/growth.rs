@@ -1,5 +1,5 @@
-//! Growth of the real gross national product of the United States in percent, by quarters from the
-//! second of 1951 to the last of 1984 (US Bureau of Economic Analysis).
+//! Quarterly growth of the real gross national product of the United States in percent, from the
+//! second quarter of 1951 to the last of 1984 (US Bureau of Economic Analysis).
 
 #![expect(clippy::unreadable_literal, reason = "figures as they are printed")]
 

@@ -1,8 +1,13 @@
 //! Hamilton's model (*A new approach to the economic analysis of nonstationary time series and the
-//! business cycle*, 1989): a mean that switches, and four lags of the deviation from it.
+//! business cycle*, 1989): a mean that switches between two regimes s, and an autoregression of
+//! four lags for the deviation from it,
 //!
-//! The deviation of a quarter depends on the means of the four quarters before, so that a state of the
-//! chain is that of five quarters: bit k is the state of the quarter k before.
+//! ```text
+//! y_t − μ(s_t) = Σ_k φ_k (y_{t−k} − μ(s_{t−k})) + noise,    k = 1 … 4
+//! ```
+//!
+//! The density of a quarter depends on the regimes of five quarters, so these make up a state of
+//! the chain: bit k is the regime of the quarter k before.
 
 use std::error::Error;
 
@@ -12,13 +17,13 @@ use wayfix::{
     Diagonal, Hmm, Likelihood, LikelihoodError, Prior, Scratch, SparseTransition, TransitionError,
 };
 
-/// Number of states, those of five quarters.
+/// Number of states: two regimes in each of five quarters.
 pub(crate) const STATES: usize = 32;
-/// Values in the square of a row: five growths, five states, and 1.
+/// Length of a row: five growths, five regimes, and 1.
 const WIDTH: usize = 11;
 
-/// Moves of the chain that leaves states 0 and 1 for state 0 with these probabilities; it starts as
-/// if it had been running for long, in the stationary distribution.
+/// Creates the model of a chain that moves from the regimes 0 and 1 to regime 0 with these
+/// probabilities. It starts in its stationary distribution, as if it had been running for long.
 pub(crate) fn model(
     to_0: [f64; 2],
     sensor: SwitchingMean,
@@ -27,30 +32,34 @@ pub(crate) fn model(
     Ok(Hmm::new(Prior::stationary(&moves)?, moves, sensor)?)
 }
 
+/// Moves between states of five regimes, which shift by one quarter.
 fn moves(to_0: [f64; 2]) -> Result<ConstrainedTransition, TransitionError> {
     let out_of = |from: usize| {
+        // Each regime becomes one quarter older and the oldest drops out; bit 0 is the new one.
         let (after, p) = ((from << 1) % STATES, to_0[from & 1]);
         [(after, from, p), (after | 1, from, 1.0 - p)]
     };
     let moves = SparseTransition::from_triplets(STATES, (0..STATES).flat_map(out_of))?;
-    // Only the present state matters.
+    // A move depends on the present regime alone: one label for each pair of present and next
+    // regime.
     Ok(ConstrainedTransition::new(moves).with_ties(|from, to| 2 * (from & 1) + (to & 1)))
 }
 
-/// Growth with a mean in each of two states; its deviation from this is the sum of those of the four
-/// quarters before, each times a coefficient, and of noise. An observation has five quarters, the
-/// present one last.
+/// Growth with a mean in each of two regimes. Its deviation from the mean is a linear combination
+/// of the deviations of the four previous quarters, plus noise. An observation has five quarters,
+/// the present one last.
 #[derive(Debug, Clone)]
 pub(crate) struct SwitchingMean {
     pub(crate) means: [f64; 2],
-    /// Coefficients of the quarters before, the last one first.
+    /// Coefficients of the previous quarters, the most recent first.
     pub(crate) lags: [f64; 4],
     pub(crate) variance: f64,
 }
 
+/// A vector of growths, regimes and 1, or a linear function of such a vector.
 type Row = [f64; WIDTH];
 
-/// Growth of the present quarter and of those before, their states, and 1.
+/// Growth of the present and the previous quarters, most recent first, their regimes, and 1.
 fn row(growth: &[f64], state: usize) -> Row {
     let mut row = [1.0; WIDTH];
     for k in 0..5 {
@@ -61,8 +70,9 @@ fn row(growth: &[f64], state: usize) -> Row {
 }
 
 impl SwitchingMean {
-    /// Deviation from the mean k quarters before, as a function of a row.
+    /// Deviation from the mean k quarters before, as a linear function of a row.
     fn deviation(&self, k: usize) -> Row {
+        // y − μ(s) = y + (μ_0 − μ_1) s − μ_0 for a regime s of 0 or 1.
         let mut function = [0.0; WIDTH];
         function[k] = 1.0;
         function[5 + k] = self.means[0] - self.means[1];
@@ -70,8 +80,9 @@ impl SwitchingMean {
         function
     }
 
-    /// Noise as a function of a row.
+    /// Noise as a linear function of a row.
     fn noise(&self) -> Row {
+        // The deviation less Σ_k φ_k times the deviation k quarters before.
         let mut function = self.deviation(0);
         for (k, lag) in (1..).zip(self.lags) {
             let before = self.deviation(k);
@@ -105,7 +116,8 @@ impl Likelihood for SwitchingMean {
 }
 
 impl LearnLikelihood for SwitchingMean {
-    /// Σ weight row row'.
+    /// Σ γ row row' over all states and quarters: noise is linear in a row, so its expected square
+    /// is a quadratic form of this matrix for any parameters.
     type Statistics = Vec<Row>;
 
     fn statistics(&self) -> Vec<Row> {
@@ -129,19 +141,25 @@ impl LearnLikelihood for SwitchingMean {
             .for_each(|(sum, more)| *sum += more);
     }
 
-    /// The means for the old coefficients, then the coefficients for the new means, each by least
-    /// squares, then the variance (Meng and Rubin 1993): no step lowers the likelihood.
+    /// Maximises over the means for the old coefficients, then over the coefficients for the new
+    /// means, each by least squares, then over the variance: an ECM step (Meng and Rubin 1993),
+    /// which does not lower the likelihood.
     fn maximize(&self, squares: &Vec<Row>, _: f64) -> Result<Self, Box<dyn Error + Send + Sync>> {
         let mut learned = self.clone();
+        // For fixed coefficients noise is affine in the means: its value at 0, and one term for
+        // each mean.
         let of_means = |means: [f64; 2]| Self { means, ..self.clone() }.noise();
         let none = of_means([0.0; 2]);
         let mean = |means: [f64; 2]| difference(&of_means(means), &none);
         let means = least_squares(squares, &none, &[mean([1.0, 0.0]), mean([0.0, 1.0])])?;
         learned.means = [means[0], means[1]];
+        // For fixed means it is affine in the coefficients: the present deviation, less each
+        // previous one times its coefficient.
         let before: Vec<Row> =
             (1..5).map(|k| difference(&[0.0; WIDTH], &learned.deviation(k))).collect();
         let lags = least_squares(squares, &learned.deviation(0), &before)?;
         learned.lags.copy_from_slice(&lags);
+        // The last entry of a row is 1, so that squares[10][10] is the number of quarters.
         let noise = learned.noise();
         learned.variance = product(squares, &noise, &noise) / squares[10][10];
         Ok(learned)
@@ -165,13 +183,15 @@ fn product(squares: &[Row], a: &Row, b: &Row) -> f64 {
     a.iter().zip(squares).map(|(a, squares)| a * dot(squares, b)).sum()
 }
 
-/// The x for which fixed + Σ x_k terms_k has the least sum of squares.
+/// The x that minimises the weighted sum of squares of fixed + Σ x_k terms_k.
 fn least_squares(
     squares: &[Row],
     fixed: &Row,
     terms: &[Row],
 ) -> Result<Vec<f64>, Box<dyn Error + Send + Sync>> {
     let n = terms.len();
+    // Normal equations: Σ_j (t_i' M t_j) x_j = −t_i' M fixed, with the right-hand side as last
+    // column.
     let mut equations: Vec<Vec<f64>> = terms
         .iter()
         .map(|term| {
@@ -179,13 +199,15 @@ fn least_squares(
             left.chain([-product(squares, term, fixed)]).collect()
         })
         .collect();
-    // Gauss and Jordan: the matrix is positive definite, so that no pivot is 0.
+    // Gauss–Jordan elimination. The matrix is positive definite unless the terms are collinear, so
+    // that no exchange of rows is needed.
     for k in 0..n {
         let pivot = equations[k].clone();
         if pivot[k] <= 0.0 {
             return Err("the quarters do not determine the parameters".into());
         }
         for (i, equation) in equations.iter_mut().enumerate() {
+            // Row k is divided by its pivot, which is subtracting (1 − 1 / pivot) times itself.
             let times = if i == k { 1.0 - 1.0 / pivot[k] } else { equation[k] / pivot[k] };
             equation.iter_mut().zip(&pivot).for_each(|(value, pivot)| *value -= times * pivot);
         }

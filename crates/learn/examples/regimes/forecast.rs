@@ -1,5 +1,5 @@
-//! Forecast of the coming days: the distribution of each day's return, and of all returns up to it by
-//! simulated futures.
+//! Forecast of the coming days: the distribution of each day's return, and, by simulation, that of
+//! the total return up to each day.
 
 use std::error::Error;
 use wayfix_learn::Predictive;
@@ -9,16 +9,17 @@ use wayfix::Filter;
 
 use super::Model;
 
-/// Number of futures that are simulated.
+/// Number of simulated futures.
 const FUTURES: usize = 20_000;
-/// Probabilities below the four values of a day: the ends of the central 90%, and of the central half.
+/// Probabilities of the four quantiles of a day: the ends of the central 90% and of the central
+/// half.
 const FRACTIONS: [f64; 4] = [0.05, 0.25, 0.75, 0.95];
 
 /// Quantiles of each day, at [`FRACTIONS`].
 pub(crate) struct Forecast {
     /// Return of the day, in percent.
     pub(crate) returns: Vec<[f64; 4]>,
-    /// Return of all days up to this one, in percent.
+    /// Total return up to and including the day, in percent.
     pub(crate) total: Vec<[f64; 4]>,
 }
 
@@ -28,6 +29,7 @@ impl Forecast {
         days: usize,
         seed: u64,
     ) -> Result<Self, Box<dyn Error>> {
+        // A single day's return is a mixture of normal ones, whose quantiles are exact.
         let mut returns = Vec::with_capacity(days);
         for day in 1..=days {
             let next = Predictive::ahead(&filter, day, 0)?;
@@ -37,6 +39,8 @@ impl Forecast {
             }
             returns.push(at);
         }
+        // Sums of returns depend on the path of regimes, whose mixture has exponentially many
+        // parts: simulated instead.
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut total = vec![Vec::with_capacity(FUTURES); days];
         for _ in 0..FUTURES {
@@ -50,6 +54,7 @@ impl Forecast {
     }
 }
 
+/// Empirical quantiles at [`FRACTIONS`].
 fn quantiles(mut values: Vec<f64>) -> [f64; 4] {
     values.sort_by(f64::total_cmp);
     #[expect(clippy::cast_sign_loss, reason = "fractions are positive")]

@@ -1,13 +1,12 @@
-//! Finds the regimes of a market in daily returns and trading volumes: how many there are, what
-//! they are like, in which one each day was, what the coming days may bring, and whether the model
-//! fits.
+//! Finds the regimes of a market in daily returns and trading volumes: their number and properties,
+//! the regime of each day, a forecast of the coming days, and the fit of the model.
 //!
 //! ```text
 //! cargo run --release --features emission --example regimes -- [--seed N] [--repeat N] [--out FOLDER]
 //! ```
 //!
-//! The data are simulated from three regimes, so that the answers can be compared with the truth:
-//! no market is as simple.
+//! The data are simulated from three regimes, so that the answers can be compared with the truth.
+//! No real market is as simple.
 
 mod forecast;
 mod market;
@@ -33,7 +32,7 @@ use residuals::Residuals;
 
 /// Random starts of each model.
 const STARTS: usize = 5;
-/// Days that are forecast.
+/// Number of days to forecast.
 const AHEAD: usize = 60;
 
 type Model = Hmm<DenseTransition, Gaussian>;
@@ -60,6 +59,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let years = market::simulate(12, 252, seed)?;
         let selection = choose(&years, seed)?;
         let states = *selection.best_by_bic();
+        // Only the first market is described; the others show how often the number is found.
         found[states] += 1;
         if seed == arguments.seed {
             println!("{selection}");
@@ -78,10 +78,11 @@ fn main() -> Result<(), Box<dyn Error>> {
 
 /// Learns a model from several starts.
 ///
-/// The prior covariance counts for ten days: without one, a regime of three odd days would be as
-/// probable as one pleases.
+/// The prior covariance counts for ten days: without it, a regime of a few odd days could make the
+/// likelihood arbitrarily high.
 fn learn(states: usize, years: &[&Year], seed: u64) -> Result<Learned, LearnError> {
     let prior = GaussianPrior::new(2).and_then(|prior| prior.with_covariance(10.0, &[10.0, 0.5]));
+    // A placeholder: starts only take its number of states, its type of covariance and its prior.
     let family = Gaussian::new(
         CovarianceType::Full,
         &vec![[0.0; 2]; states],
@@ -92,16 +93,19 @@ fn learn(states: usize, years: &[&Year], seed: u64) -> Result<Learned, LearnErro
     Hmm::learn_best(&starts, years, &LearningOptions::default(), |_, _| ())
 }
 
-/// Returns a model with its regimes in ascending order of their volatility.
+/// Returns the model with its regimes in ascending order of volatility.
 fn ordered(model: &Model) -> Result<Model, LearnError> {
+    // Component 0 is the return, and c[0] its variance.
     let variances: Vec<f64> = model.likelihood().covariances().iter().map(|c| c[0]).collect();
     let mut order: Vec<usize> = (0..variances.len()).collect();
     order.sort_by(|&a, &b| variances[a].total_cmp(&variances[b]));
     Ok(model.reordered(&order)?)
 }
 
-/// Two to six regimes, by information criteria and by four folds of years.
+/// Compares two to six regimes by information criteria and by cross-validation over four folds of
+/// years.
 fn choose(years: &[Year], seed: u64) -> Result<ModelSelection<usize>, LearnError> {
+    // Each of five numbers of regimes is fitted to all years, and once without each of four folds.
     let fits = 5 * 5;
     let style =
         ProgressStyle::with_template("learning {bar:30} {pos}/{len} fits of several starts");
@@ -116,7 +120,7 @@ fn choose(years: &[Year], seed: u64) -> Result<ModelSelection<usize>, LearnError
     selection
 }
 
-/// Names of regimes in ascending order of their volatility.
+/// Names of the regimes, in ascending order of volatility.
 fn names(states: usize) -> Vec<String> {
     let known: &[&str] = match states {
         2 => &["calm", "panic"],
@@ -128,7 +132,7 @@ fn names(states: usize) -> Vec<String> {
     known.iter().map(ToString::to_string).collect()
 }
 
-/// Prints the regimes and what the days after the last may bring, and draws them.
+/// Prints and draws the regimes, and the forecast of the days after the last one.
 fn describe(years: &[Year], states: usize, seed: u64, out: &PathBuf) -> Result<(), Box<dyn Error>> {
     let all: Vec<&Year> = years.iter().collect();
     let learned = learn(states, &all, seed)?;
@@ -143,6 +147,7 @@ fn describe(years: &[Year], states: usize, seed: u64, out: &PathBuf) -> Result<(
         else {
             continue;
         };
+        // A stay in a regime is geometric, of mean 1 / (1 − p).
         let days = 1.0 / (1.0 - model.transition().get(state, state));
         let volatility = covariance[0].sqrt();
         println!(
@@ -152,6 +157,8 @@ fn describe(years: &[Year], states: usize, seed: u64, out: &PathBuf) -> Result<(
         moments.push([mean[0], volatility]);
     }
 
+    // The past of the last year is smoothed, the future is a forecast from its end. Years are
+    // separate sequences, so the filter sees the last one alone.
     let year = &years[years.len() - 1];
     let smoothed = model.smooth(year)?;
     let probabilities: Vec<Vec<f64>> =
@@ -197,7 +204,7 @@ fn describe(years: &[Year], states: usize, seed: u64, out: &PathBuf) -> Result<(
     table.flush()?;
     let names = names.iter().zip(moments);
     let names = names.map(|(name, [mean, volatility])| {
-        // U+2212, since a hyphen is hard to see.
+        // A minus sign (U+2212), since a hyphen is hard to see.
         let sign = if mean < 0.0 { "−" } else { "" };
         format!("{name}: {sign}{:.2} ± {volatility:.2} % a day", mean.abs())
     });

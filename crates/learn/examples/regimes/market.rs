@@ -6,7 +6,7 @@ use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use wayfix::{Belief, DenseTransition, Hmm, Prior, Sequence};
 use wayfix_learn::Gaussian;
 
-/// Days of a year: return in percent and logarithm of the volume, with the true regimes.
+/// Days of a year: the return in percent and the logarithm of the volume, with the true regimes.
 #[derive(Clone)]
 pub(crate) struct Year {
     pub(crate) days: Vec<Vec<f64>>,
@@ -27,13 +27,18 @@ impl Sequence<(), [f64]> for Year {
     }
 }
 
-/// Draws years of a market that is calm, nervous or in panic, for 60, 25 and 8 days at a time.
+/// Draws years of a market that is calm, nervous or in panic, for 60, 25 and 8 days at a time on
+/// average.
 pub(crate) fn simulate(years: usize, days: usize, seed: u64) -> Result<Vec<Year>, Box<dyn Error>> {
+    // Rows are the next regime, columns the present one. Between calm and panic the market is
+    // nervous.
     let moves = [
         [1.0 - 1.0 / 60.0, 0.8 / 25.0, 0.0],
         [1.0 / 60.0, 1.0 - 1.0 / 25.0, 1.0 / 8.0],
         [0.0, 0.2 / 25.0, 1.0 - 1.0 / 8.0],
     ];
+    // Return and log volume: volatility, volume and their negative correlation grow with the
+    // regime.
     let means = [[0.06, 0.0], [-0.02, 0.25], [-0.4, 0.7]];
     let covariances =
         [[0.36, 0.0, 0.0, 0.04], [1.44, -0.06, -0.06, 0.05], [9.0, -0.36, -0.36, 0.09]];

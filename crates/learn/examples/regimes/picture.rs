@@ -1,5 +1,5 @@
-//! Picture of a year: the price, the returns and the probabilities of the regimes day by day, with
-//! their forecasts.
+//! Picture of a year: the price, the returns and the probabilities of the regimes for each day,
+//! with their forecasts.
 
 use std::error::Error;
 use std::path::Path;
@@ -11,7 +11,8 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use super::forecast::Forecast;
 use super::market::Year;
 
-// Okabe and Ito's palette, which is safe for the colour-blind, from calm to panic.
+/// Colours of the regimes from calm to panic: Okabe and Ito's palette, which is safe for the
+/// colour-blind.
 const COLOURS: [RGBColor; 6] = [
     RGBColor(86, 180, 233),
     RGBColor(230, 159, 0),
@@ -21,7 +22,7 @@ const COLOURS: [RGBColor; 6] = [
     RGBColor(0, 114, 178),
 ];
 pub(crate) const PALE: RGBColor = RGBColor(225, 225, 225);
-/// Colours of 90% and of half of the futures.
+/// Colours of the central 90% and of the central half of the futures.
 const FAN: [RGBColor; 2] = [RGBColor(205, 205, 205), RGBColor(140, 140, 140)];
 const SIZE: (u32, u32) = (860, 800);
 const HEAD: u32 = 96;
@@ -35,7 +36,7 @@ pub(crate) struct Shown<'a> {
     pub(crate) year: &'a Year,
     /// Names of the regimes.
     pub(crate) names: Vec<String>,
-    /// Probabilities of the regimes on each day of the year and after it.
+    /// Probabilities of the regimes on each day of the year and of the forecast.
     pub(crate) beliefs: Vec<Vec<f64>>,
     pub(crate) forecast: Forecast,
 }
@@ -46,7 +47,7 @@ pub(crate) fn font(size: i32, horizontal: HPos) -> TextStyle<'static> {
 }
 
 impl Shown<'_> {
-    /// Draws the price above, returns below it, and the regimes at the bottom.
+    /// Draws the price at the top, the returns below it, and the regimes at the bottom.
     pub(crate) fn draw(&self, file: &Path) -> Drawn {
         let area = SVGBackend::new(file, SIZE).into_drawing_area();
         area.fill(&WHITE)?;
@@ -63,6 +64,7 @@ impl Shown<'_> {
     fn head(&self, area: &Area<'_>) -> Drawn {
         let title = "Regimes of a simulated market, by volatility, with a forecast";
         area.draw(&Text::new(title, (20, 22), font(24, HPos::Left)))?;
+        // About eight pixels for a character: text is not measured.
         let mut x = 20;
         for (name, colour) in self.names.iter().zip(COLOURS) {
             area.draw(&Rectangle::new([(x, 48), (x + 18, 62)], colour.filled()))?;
@@ -78,7 +80,7 @@ impl Shown<'_> {
         Ok(area.draw(&Text::new(note, (840, 83), font(18, HPos::Right)))?)
     }
 
-    /// Draws axes over the days of the year and of the forecast, and a line between them.
+    /// Draws axes over the days of the year and of the forecast.
     fn chart<'a>(
         &self,
         area: &Area<'a>,
@@ -94,6 +96,7 @@ impl Shown<'_> {
             .y_label_area_size(70)
             .x_label_area_size(below)
             .build_cartesian_2d(0.0..self.beliefs.len() as f64, least..most)?;
+        // Only the lowest chart has room for labels of its days.
         let days = if below > 20 { 8 } else { 0 };
         chart
             .configure_mesh()
@@ -112,6 +115,7 @@ impl Shown<'_> {
         Ok(chart)
     }
 
+    /// Draws a line between the year and the forecast.
     fn today(&self, chart: &mut Chart<'_>, [least, most]: [f64; 2]) -> Drawn {
         let today = self.year.days.len() as f64;
         let line = [(today, least), (today, most)];
@@ -119,9 +123,11 @@ impl Shown<'_> {
         Ok(())
     }
 
-    /// Draws quantiles of the days after the year.
+    /// Draws the quantiles of the days after the year as two nested bands.
     fn fan(&self, chart: &mut Chart<'_>, days: &[[f64; 4]]) -> Drawn {
         let first = self.year.days.len() as f64 + 0.5;
+        // The wide band first. Each polygon runs forward along its lower edge and back along the
+        // upper one.
         for ((low, high), colour) in [(0, 3), (1, 2)].into_iter().zip(FAN) {
             let x = |day: usize| first + day as f64;
             let lower = days.iter().enumerate().map(|(day, at)| (x(day), at[low]));
@@ -133,6 +139,7 @@ impl Shown<'_> {
     }
 
     fn price(&self, area: &Area<'_>) -> Drawn {
+        // Returns are logarithmic: a price is 100 times the exponential of their sum.
         let mut sum = 0.0;
         let price = |percent: f64| 100.0 * (percent / 100.0).exp();
         let days = self.year.days.iter().map(|seen| {
@@ -165,10 +172,11 @@ impl Shown<'_> {
         self.today(&mut chart, range)
     }
 
-    /// Draws probabilities as bands above each other, and the true regimes as a strip above them.
+    /// Draws the probabilities as stacked bands, and the true regimes as a strip above them.
     fn regimes(&self, whole: &Area<'_>, area: &Area<'_>) -> Drawn {
         let mut chart = self.chart(area, [28, 54], "probability", [0.0, 1.0], 1)?;
         for (state, colour) in COLOURS.iter().enumerate().take(self.names.len()) {
+            // The band of a regime is between the sums of the probabilities before it and up to it.
             let up_to = |belief: &[f64], count: usize| belief[..count].iter().sum::<f64>();
             let x = |day: usize| day as f64 + 0.5;
             let days = self.beliefs.iter().enumerate();
@@ -179,6 +187,7 @@ impl Shown<'_> {
         }
         self.today(&mut chart, [0.0, 1.0])?;
 
+        // The strip is outside the axes, so it is drawn on the whole picture in pixels.
         let plot = chart.plotting_area();
         let mut day = 0;
         for run in self.year.regimes.chunk_by(|a, b| a == b) {
@@ -194,7 +203,7 @@ impl Shown<'_> {
     }
 }
 
-/// Range of values, with some room.
+/// Range of values, with a margin.
 fn around(values: impl Iterator<Item = f64>) -> [f64; 2] {
     let ends = (f64::INFINITY, f64::NEG_INFINITY);
     let (least, most) = values.fold(ends, |range, value| (range.0.min(value), range.1.max(value)));

@@ -1,4 +1,4 @@
-//! Picture of pseudo-residuals: whether the returns are distributed as the model says.
+//! Picture of pseudo-residuals, which show whether the returns are distributed as the model says.
 
 use std::error::Error;
 use std::path::Path;
@@ -15,15 +15,16 @@ use super::picture::{PALE, font};
 
 /// Blue of Okabe and Ito's palette.
 const POINT: RGBColor = RGBColor(0, 114, 178);
-/// Normal quantiles between which are 95%.
+/// Normal quantile u with 95% of the probability between −u and u.
 const USUAL: f64 = 1.96;
 
 type Drawn = Result<(), Box<dyn Error>>;
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Chart<'a> = ChartContext<'a, SVGBackend<'a>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 
-/// Points at either end of the QQ plot that are all drawn, and the step between others.
+/// Number of points at either end of the QQ plot that are all drawn.
 const ENDS: usize = 40;
+/// Step between the points drawn elsewhere.
 const STEP: usize = 10;
 
 /// Normal forecast residuals of the returns of all years, and of the last one.
@@ -37,25 +38,26 @@ impl Residuals {
         let (mut all, mut last) = (Vec::new(), Vec::new());
         for year in years {
             let residuals = PseudoResiduals::new(&model, year, 0)?;
+            // No day is missing, so that `flatten` keeps them all in order.
             last = residuals.forecast().iter().flatten().map(Tails::normal).collect();
             all.extend_from_slice(&last);
         }
         Ok(Self { all, last })
     }
 
-    /// Prints their moments, and how many are far from 0.
+    /// Prints the moments of the residuals, and the share that is far from 0.
     pub(crate) fn describe(&self) {
         let count = self.all.len() as f64;
         let mean = self.all.iter().sum::<f64>() / count;
         let square = self.all.iter().map(|z| (z - mean).powi(2)).sum::<f64>() / count;
         let far = self.all.iter().filter(|z| z.abs() > USUAL).count() as f64 / count;
         println!(
-            "\nforecast residuals of returns, of which a true model has mean 0, deviation 1 and 5% beyond ±{USUAL}:"
+            "\nforecast residuals of returns (under the true model: mean 0, deviation 1, 5% beyond ±{USUAL}):"
         );
         println!("mean {mean:.3}, deviation {:.3}, {:.1}% beyond", square.sqrt(), 100.0 * far);
     }
 
-    /// Draws a QQ plot of all days, and the residuals of the last year.
+    /// Draws a QQ plot of all days, and the residuals of the last year over time.
     pub(crate) fn draw(&self, file: &Path) -> Drawn {
         let area = SVGBackend::new(file, (860, 470)).into_drawing_area();
         area.fill(&WHITE)?;
@@ -70,7 +72,7 @@ impl Residuals {
         Ok(area.present()?)
     }
 
-    /// Largest residual, with some room.
+    /// Largest absolute residual, but at least 3.5, with a margin.
     fn range(&self) -> f64 {
         self.all.iter().fold(3.5, |most, z| f64::max(most, z.abs())) + 0.3
     }
@@ -105,7 +107,7 @@ impl Residuals {
         Ok(chart)
     }
 
-    /// Residuals in order against quantiles of the normal distribution.
+    /// Draws the sorted residuals against quantiles of the normal distribution.
     fn quantiles(&self, area: &Area<'_>) -> Drawn {
         let range = self.range();
         let mut chart =
@@ -113,12 +115,14 @@ impl Residuals {
         let mut sorted = self.all.clone();
         sorted.sort_by(f64::total_cmp);
         let count = sorted.len() as f64;
+        // The k-th of n is compared with the quantile at (k − ½) / n.
         let place = |at: usize| {
             let below = (at as f64 + 0.5) / count;
             Tails { below, at: 0.0, above: 1.0 - below }.normal()
         };
         let line = [(-range, -range), (range, range)];
         chart.draw_series([PathElement::new(line, BLACK.stroke_width(1))])?;
+        // Thousands of points overlap in the middle, where a tenth of them looks the same.
         let is_drawn =
             |at: usize| at < ENDS || at + ENDS >= sorted.len() || at.is_multiple_of(STEP);
         let points = sorted.iter().enumerate().filter(|(at, _)| is_drawn(*at));
@@ -127,7 +131,7 @@ impl Residuals {
         Ok(())
     }
 
-    /// Residuals of the last year, day after day.
+    /// Draws the residuals of the last year, day by day.
     fn course(&self, area: &Area<'_>) -> Drawn {
         let days = self.last.len() as f64;
         let mut chart = self.chart(area, (0.0, days), ["day of the last year", "residual"])?;

@@ -1,4 +1,5 @@
-//! Families from clusters of observations.
+//! Families from clusters of observations: an M step in which each cluster stands for the posterior
+//! of its state, smoothed by a tenth of the weight from all observations.
 
 use std::error::Error;
 
@@ -11,24 +12,24 @@ use wayfix::HmmError;
 use wayfix::likelihood::{GroupedLikelihood, LearnLikelihood};
 use wayfix::{Likelihood, Scratch};
 
-/// Rounds in which what is missing has its expectation, after one with the values of others.
+/// Rounds with expected values in place of missing ones, after a round with values of other rows.
 pub(crate) const ROUNDS: usize = 3;
 
 /// Result of estimating a family.
 pub(crate) type Outcome<B> = Result<B, Box<dyn Error + Send + Sync>>;
 
-/// A family that takes its parameters from clusters of observations, to begin learning there.
+/// A family that can take its parameters from clusters of observations, to begin learning there.
 ///
-/// [`starts`](crate::starts) asks for it. All families of this module have it; one of
-/// your own needs a single line, if the way that its parameters are estimated from complete
-/// observations does not depend on those that it has: `impl StartFromClusters for MyFamily {}`.
+/// [`starts`](crate::starts) requires it. All families of this module implement it. One
+/// of your own needs a single line, `impl StartFromClusters for MyFamily {}`, if its estimates from
+/// complete observations do not depend on its present parameters.
 pub trait StartFromClusters: LearnLikelihood<Observation = [f64]> + Clone + Send + Sync {
-    /// Returns the family with parameters from the clusters, one for each state. By default they
-    /// are [fitted](Clusters::fit) as in learning.
+    /// Returns the family with parameters from the clusters, of which there is one for each state.
+    /// By default they are [fitted](Clusters::fit) as in learning.
     ///
     /// # Errors
     ///
-    /// Any error, if the clusters do not determine the parameters.
+    /// Any error if the clusters do not determine the parameters.
     fn start<R: Rng + ?Sized>(
         &self,
         clusters: &Clusters<'_>,
@@ -49,14 +50,15 @@ impl Clusters<'_> {
     /// Fits a family to the observations of each state's cluster, with a tenth of the
     /// weight from all observations.
     ///
-    /// Missing components have at first the values of other observations of the cluster; the
-    /// family from these then expects them, three times, as in learning. So the parameters do not
-    /// depend on those of `family`, if complete observations are added alike whatever they are.
+    /// Missing components first have the values of other observations in the cluster. The family
+    /// fitted to these then supplies their expectations, in three rounds as in learning. So the
+    /// result does not depend on the parameters of `family`, provided that its statistics of
+    /// complete observations do not.
     ///
     /// # Errors
     ///
-    /// The error of [`LearnLikelihood::maximize`]; [`HmmError::StateCount`] unless there is a cluster
-    /// for each state, and the family's error if it does not take the first observation.
+    /// The error of [`LearnLikelihood::maximize`]; [`HmmError::StateCount`] unless there is a
+    /// cluster for each state, and the family's error if it does not take the first observation.
     pub fn fit<B>(&self, family: &B) -> Result<B, Box<dyn Error + Send + Sync>>
     where
         B: LearnLikelihood<Observation = [f64]>,
@@ -65,7 +67,7 @@ impl Clusters<'_> {
         self.fit_by(family, |at, weights| self.weights(at, weights))
     }
 
-    /// Checks that a family has a state for each cluster, and takes the components of observations.
+    /// Checks that a family has a state for each cluster, and accepts the first observation.
     pub(crate) fn check<B>(&self, family: &B) -> Outcome<()>
     where
         B: Likelihood<Observation = [f64]>,
@@ -82,7 +84,7 @@ impl Clusters<'_> {
         Ok(())
     }
 
-    /// Estimates a family in which each observation has weights that a function writes.
+    /// Estimates a family from all observations, with weights that a function writes for each.
     pub(super) fn fit_by<B>(&self, family: &B, weights: impl Fn(usize, &mut [f64])) -> Outcome<B>
     where
         B: LearnLikelihood<Observation = [f64]>,
@@ -90,7 +92,8 @@ impl Clusters<'_> {
         if self.completed.is_empty() {
             return self.round_by(family, weights);
         }
-        // A value of another row may be impossible beside the rest of this one.
+        // A value filled in from another row may be invalid beside the rest of this one, such as a
+        // direction that no longer has length one.
         let mut scratch = Scratch::default();
         let rows = self.completed.iter().map(|row| &**row).enumerate();
         let valid = rows.filter(|(_, row)| family.diagonal(row, &mut scratch).is_ok());
@@ -115,13 +118,13 @@ impl Clusters<'_> {
         round(family, self.rows.iter().copied().enumerate(), weights)
     }
 
-    /// Writes the weights of an observation in all states.
+    /// Writes the weights of an observation in all states: the pooled one, and 1 more in its own.
     fn weights(&self, at: usize, weights: &mut [f64]) {
         weights.copy_from_slice(&self.pooled);
         weights[self.assigned[at]] += 1.0;
     }
 
-    /// Adds the component that never changes to an error that it may explain.
+    /// Names a component that never changes, if that may be the cause of an error.
     pub(crate) fn explain(
         &self,
         error: Box<dyn Error + Send + Sync>,
@@ -130,6 +133,7 @@ impl Clusters<'_> {
             Ok(cause) => cause,
             Err(error) => return error,
         };
+        // The component with its value, if all known values are the same.
         let constant = |component: usize| {
             let mut known = self.rows.iter().filter_map(|row| row.get(component));
             let value = *known.clone().find(|y| !y.is_nan())?;
@@ -148,7 +152,7 @@ impl Clusters<'_> {
     }
 }
 
-/// Estimates a family from rows with their numbers.
+/// Estimates a family from rows and their indices by one M step, without pseudo-counts.
 fn round<'r, B>(
     family: &B,
     rows: impl Iterator<Item = (usize, &'r [f64])>,

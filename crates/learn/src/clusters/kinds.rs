@@ -1,4 +1,4 @@
-//! Kinds of clusters to begin learning with: most are k-means of what a kind looks at.
+//! Kinds of clusters to begin learning with: most are k-means of a feature of the observations.
 
 use std::fmt;
 
@@ -8,9 +8,9 @@ use super::k_means::{distance, k_means, standardize};
 
 /// Kind of a [start](crate::starts): the feature by which its states differ.
 ///
-/// Learning ends at a maximum near its start, and no kind is near to the highest one for all data.
-/// Starts are of all kinds in turn, and [`Hmm::learn_best`](wayfix::Hmm::learn_best) says which
-/// start it ended from:
+/// Learning ends at a local maximum near its start, and no kind is near the highest one for all
+/// data. Starts cycle through the kinds, and [`Hmm::learn_best`](wayfix::Hmm::learn_best) tells
+/// which start its result came from:
 ///
 /// ```
 /// use wayfix_learn::StartKind;
@@ -20,20 +20,20 @@ use super::k_means::{distance, k_means, standardize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum StartKind {
-    /// Where observations are: the [`Clusters`](super::Clusters) of k-means.
+    /// The observations themselves: the [`Clusters`](super::Clusters) of k-means.
     Position,
-    /// Which of a few observations, drawn at random, is the nearest.
+    /// The nearest of a few observations drawn at random.
     Random,
-    /// Mean distance of observations from the mean, over a window: regimes of a market.
+    /// The mean distance of observations from the overall mean, over a window: regimes of a market.
     Spread,
-    /// When they were made: segments in time, cut at random.
+    /// Time: segments of the sequences, cut at random.
     Segments,
-    /// The mean of the observations in a window, and how much one differs from the next.
+    /// The mean of the observations in a window, and the mean difference of successive ones.
     Surroundings,
 }
 
 impl StartKind {
-    /// Returns the kind of a start, by its index among the [starts](crate::starts).
+    /// Returns the kind of the start with this index among the [starts](crate::starts).
     #[must_use]
     pub fn of(start: usize) -> Self {
         match start % 5 {
@@ -58,12 +58,12 @@ impl fmt::Display for StartKind {
     }
 }
 
-/// Returns the cluster of each row, of `count` clusters. There is at least one row, of at least one
-/// component; the rows of a sequence follow each other.
+/// Returns the cluster of each row, of `count` clusters. There is at least one row, with at least
+/// one component; the rows of a sequence are consecutive, and `lengths` are those of the sequences.
 ///
 /// # Errors
 ///
-/// The number of rows that differ in what the kind looks at, if it is less than `count`.
+/// The number of rows with distinct features, if it is below `count`.
 pub(super) fn labels<R: Rng + ?Sized>(
     kind: StartKind,
     rows: &[&[f64]],
@@ -76,8 +76,8 @@ pub(super) fn labels<R: Rng + ?Sized>(
     if kind != StartKind::Position {
         standardize(&mut scaled, components);
     }
-    // Half the width of a window, which is from one step to the time that each state would have,
-    // in all orders of magnitude.
+    // Half the width of a window. Dwell times are unknown, so all orders of magnitude are equally
+    // likely, from one step to the time that each state would have if they shared it equally.
     let orders = (rows.len() / (2 * count)).max(1).ilog2();
     let half = |rng: &mut R| {
         let order = rng.random_range(0..=orders);
@@ -90,6 +90,7 @@ pub(super) fn labels<R: Rng + ?Sized>(
         StartKind::Spread => {
             let sizes: Vec<f64> = scaled.iter().map(|z| z.abs()).collect();
             let mut means = window_means(&sizes, components, lengths, half(rng));
+            // The root keeps the largest spreads from deciding all distances.
             means.iter_mut().for_each(|mean| *mean = mean.sqrt());
             means
         }
@@ -107,7 +108,7 @@ pub(super) fn labels<R: Rng + ?Sized>(
     k_means(&features, count, rng)
 }
 
-/// Nearest of rows that are drawn, each with the same probability.
+/// Returns the nearest of `count` distinct rows drawn uniformly, for each row.
 fn nearest_of_random<R: Rng + ?Sized>(
     scaled: &[f64],
     components: usize,
@@ -123,6 +124,7 @@ fn nearest_of_random<R: Rng + ?Sized>(
         }
         let drawn = row(left[rng.random_range(0..left.len())]);
         let centre: Vec<f64> = drawn.iter().map(|y| if y.is_nan() { 0.0 } else { *y }).collect();
+        // Rows that coincide with this centre would make an empty cluster.
         left.retain(|&at| distance(&centre, row(at)) > 0.0);
         centres.push(centre);
     }
@@ -133,14 +135,14 @@ fn nearest_of_random<R: Rng + ?Sized>(
     Ok(scaled.chunks_exact(components).map(nearest).collect())
 }
 
-/// Rows in as many segments as clusters, cut at random.
+/// Divides the rows into `count` segments at random cuts.
 fn segments<R: Rng + ?Sized>(rows: usize, count: usize, rng: &mut R) -> Vec<usize> {
     let mut cuts: Vec<usize> = (1..count).map(|_| rng.random_range(0..=rows)).collect();
     cuts.sort_unstable();
     (0..rows).map(|at| cuts.partition_point(|cut| *cut <= at)).collect()
 }
 
-/// Sizes of the differences from the row before; those of a first row are not known.
+/// Absolute differences from the previous row; NaN for the first row of a sequence.
 fn changes(scaled: &[f64], components: usize, lengths: &[usize]) -> Vec<f64> {
     let mut found = vec![f64::NAN; scaled.len()];
     let mut from = 0;
@@ -154,14 +156,16 @@ fn changes(scaled: &[f64], components: usize, lengths: &[usize]) -> Vec<f64> {
     found
 }
 
-/// Means of the known values of each component from so many rows before to as many behind.
+/// Means of the known values of each component over `half` rows before, the row itself, and `half`
+/// rows after it, within its sequence. NaN where nothing is known.
 fn window_means(values: &[f64], components: usize, lengths: &[usize], half: usize) -> Vec<f64> {
     let mut means = Vec::with_capacity(values.len());
     let mut from = 0;
     for &length in lengths {
         let values = &values[from..from + length * components];
         from += values.len();
-        // Sums and numbers of the known values before each row.
+        // Prefix sums and counts of the known values before each row, so that a window of any width
+        // is a difference of two.
         let mut sums = vec![(0.0, 0.0); components];
         for (at, y) in values.iter().enumerate() {
             let (sum, known) = sums[at];

@@ -1,6 +1,6 @@
-//! Clusters of observations, and families from them to begin learning with.
+//! Clusters of observations, and families fitted to them as starting points of learning.
 //!
-//! Files, each of which stands on those before it: `k_means`, `kinds` (of clusters to begin with),
+//! Files, each of which uses only those before it: `k_means`, `kinds` (what a start clusters by),
 //! `observations`, `fit` (a family from clusters) and `parts` (the parts of a mixture).
 
 mod fit;

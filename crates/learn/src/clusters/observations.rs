@@ -1,4 +1,4 @@
-//! Observations in clusters.
+//! Observations in clusters, with what is needed to fit a family to them.
 
 use std::borrow::Cow;
 use std::ops::Range;
@@ -11,20 +11,21 @@ use crate::EmissionError;
 use crate::check::{check_components, check_values};
 use wayfix::Sequence;
 
-/// Weight of all observations in the start of a state, as a part of that of its cluster, so that
-/// a cluster of two observations has a covariance.
+/// Weight of all observations together in a state's start, relative to its own cluster: even a
+/// cluster of two observations then has a covariance.
 const POOLED: f64 = 0.1;
 
-/// Clusters of observations: k-means from centres that k-means++ has drawn.
+/// Clusters of observations by k-means, from centres drawn by k-means++.
 ///
 /// Distances are Euclidean, with each component divided by its standard deviation over all
 /// observations, so that units have no influence. Missing components (NaN) are left out of
-/// distances and means; an observation without any other is in the first of all clusters. Clusters
-/// are numbered in ascending order of their centres, by the first component, then by the next.
+/// distances and means; an observation whose components are all missing gets an arbitrary cluster.
+/// Clusters are numbered in ascending order of their centres, by the first component, then by the
+/// next.
 ///
-/// An angle has no Euclidean distance: headings near −π and π are far apart, although they point
-/// the same way, so that one group of them becomes two clusters. Give the cosine and the sine of an
-/// angle as two components, or turn angles so that they are cut where few of them are.
+/// Angles have no Euclidean distance: headings near −π and π are far apart although they point the
+/// same way, so that one group of them becomes two clusters. Give the cosine and the sine of an
+/// angle as two components, or rotate angles so that few of them are near the cut.
 ///
 /// A family [fits](Self::fit) its states to them, to begin learning there.
 ///
@@ -42,12 +43,13 @@ const POOLED: f64 = 0.1;
 pub struct Clusters<'a> {
     labels: Vec<Vec<usize>>,
     centres: Vec<f64>,
-    /// Observations with a known component, and their clusters.
+    /// Observations with at least one known component.
     pub(super) rows: Vec<&'a [f64]>,
+    /// Cluster of each of these rows.
     pub(super) assigned: Vec<usize>,
-    /// The same with values of others in place of missing ones; none if nothing is missing.
+    /// The same rows with values of others in place of missing ones; empty if nothing is missing.
     pub(super) completed: Vec<Cow<'a, [f64]>>,
-    /// Weight of each observation in a cluster, in addition to that of one of its own.
+    /// Weight that every observation has in a cluster, in addition to 1 for its own.
     pub(super) pooled: Vec<f64>,
 }
 
@@ -57,8 +59,8 @@ impl<'a> Clusters<'a> {
     ///
     /// # Errors
     ///
-    /// [`EmissionError`] if there are no observations, or fewer different ones than clusters; with
-    /// sequence and step if they differ in their number of components, or one is infinite.
+    /// [`EmissionError`] if there are no observations, or fewer distinct ones than clusters; with
+    /// the sequence and step if the number of components changes, or a value is infinite.
     pub fn new<S, R>(sequences: &'a [S], count: usize, rng: &mut R) -> Result<Self, EmissionError>
     where
         S: Sequence<(), [f64]>,
@@ -67,7 +69,7 @@ impl<'a> Clusters<'a> {
         Self::of_kind(StartKind::Position, sequences, count, rng)
     }
 
-    /// Divides the observations by what a kind of start looks at.
+    /// Divides the observations by the feature of a kind of start.
     pub(crate) fn of_kind<S, R>(
         kind: StartKind,
         sequences: &'a [S],
@@ -88,7 +90,7 @@ impl<'a> Clusters<'a> {
             EmissionError::TooFewDifferent { found, expected: count, what: "clusters" }
         })?;
         let centres = means(&rows, &nearest, count);
-        // In ascending order of their centres.
+        // Renumber in ascending order of the centres, lexicographically.
         let all: Vec<&[f64]> = centres.chunks_exact(components).collect();
         let ascending = |a: &[f64], b: &[f64]| {
             let pairs = a.iter().zip(b).map(|(a, b)| a.total_cmp(b));
@@ -104,7 +106,7 @@ impl<'a> Clusters<'a> {
         Ok(Self::of(labels, centres, count, rows.into_iter().zip(nearest)))
     }
 
-    /// Takes observations of one length with their clusters.
+    /// Creates clusters from observations of equal length, each with its cluster.
     fn of(
         labels: Vec<Vec<usize>>,
         centres: Vec<f64>,
@@ -122,7 +124,7 @@ impl<'a> Clusters<'a> {
         Self { labels, centres, rows, assigned, completed, pooled }
     }
 
-    /// The same clusters with the components of one of several families in a row.
+    /// The same clusters, restricted to the components of one of several families in a row.
     pub(crate) fn columns(&self, components: Range<usize>) -> Self {
         let count = self.pooled.len();
         let centres = (0..count).flat_map(|cluster| &self.centre(cluster)[components.clone()]);
@@ -143,31 +145,32 @@ impl<'a> Clusters<'a> {
         &self.centres[cluster * components..][..components]
     }
 
-    /// Observations with their clusters, without those of which no component is known.
+    /// Observations with their clusters, except those whose components are all missing.
     #[must_use]
     pub fn iter(&self) -> impl ExactSizeIterator<Item = (&'a [f64], usize)> {
         self.rows.iter().copied().zip(self.assigned.iter().copied())
     }
 }
 
-/// By labels and centres: missing components are equal to nothing, not even to themselves.
+/// Compares labels and centres, since missing components (NaN) are not equal even to themselves.
 impl PartialEq for Clusters<'_> {
     fn eq(&self, other: &Self) -> bool {
         (&self.labels, &self.centres) == (&other.labels, &other.centres)
     }
 }
 
-/// Weight of each of all observations, whose weights have this sum, beside those of a cluster. One
-/// without observations has the parameters of all.
+/// Weight of every observation in a cluster of `count`, beside the cluster's own, where all weights
+/// sum to `total`. A cluster without observations takes its parameters from all.
 pub(super) fn share(count: usize, total: f64) -> f64 {
     if count == 0 { 1.0 / total } else { POOLED * count as f64 / total }
 }
 
-/// Rows in which missing components have the values of others of the cluster, one after the other,
-/// or of all where the cluster has none. So they are values that the family takes, and vary as the
+/// Rows in which missing components are filled with known values of the cluster, each in turn, or
+/// of all rows where the cluster has none. So they are values that the family accepts, and vary as
 /// known ones.
 fn completed<'a>(rows: &[&'a [f64]], clusters: &[usize], states: usize) -> Vec<Cow<'a, [f64]>> {
     let components = rows.first().map_or(0, |row| row.len());
+    // Known values by cluster and component; the last cluster stands for all rows.
     let mut known = vec![Vec::new(); (states + 1) * components];
     for (row, &cluster) in rows.iter().zip(clusters) {
         for (component, &y) in row.iter().enumerate().filter(|y| !y.1.is_nan()) {
@@ -195,7 +198,7 @@ fn completed<'a>(rows: &[&'a [f64]], clusters: &[usize], states: usize) -> Vec<C
     rows.iter().zip(clusters).map(complete).collect()
 }
 
-/// Returns the observations of all sequences after checking them.
+/// Checks the observations of all sequences, and returns them one after the other.
 fn rows<S: Sequence<(), [f64]>>(sequences: &[S]) -> Result<Vec<&[f64]>, EmissionError> {
     let mut rows: Vec<&[f64]> = Vec::with_capacity(sequences.iter().map(S::steps).sum());
     for (at, sequence) in sequences.iter().enumerate() {

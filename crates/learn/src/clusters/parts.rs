@@ -1,4 +1,4 @@
-//! Parts of mixtures from clusters within those of states.
+//! Parts of mixtures from clusters within the clusters of states.
 
 use rand::Rng;
 
@@ -8,17 +8,17 @@ use super::observations::{Clusters, share};
 use crate::EmissionError;
 use wayfix::likelihood::LearnLikelihood;
 
-/// Observations of a state in parts.
+/// Division of a state's observations into parts.
 pub(crate) struct Division {
-    /// Part of each observation, if it is in one.
+    /// Part of each observation, or `None` if it does not take part.
     parts: Vec<Option<usize>>,
-    /// Parts, each with the number of its observations.
+    /// Each part with the number of its observations.
     pub(crate) counts: Vec<(usize, usize)>,
 }
 
 impl Clusters<'_> {
-    /// Estimates a family of the parts of a state, those of the observations that a division
-    /// assigns to each, with a tenth of the weight from all observations of the state.
+    /// Estimates a family whose states are the parts of a state, from the observations that the
+    /// division assigns to each, with a tenth of the weight from all observations of the state.
     pub(crate) fn fit_parts<B>(
         &self,
         family: &B,
@@ -28,6 +28,8 @@ impl Clusters<'_> {
     where
         B: LearnLikelihood<Observation = [f64]>,
     {
+        // Pooling twice: within the state all parts share its observations, whose weights already
+        // include those pooled from other states.
         let pooled = self.pooled[state];
         let weight = |at: usize| pooled + f64::from(u8::from(self.assigned[at] == state));
         let total: f64 = (0..self.rows.len()).map(weight).sum();
@@ -40,8 +42,8 @@ impl Clusters<'_> {
         })
     }
 
-    /// Divides the observations of a state between these parts. If fewer of them are different,
-    /// those that are nearest to its cluster are taken, too.
+    /// Divides the observations of a state among these parts. If too few of them are distinct, the
+    /// nearest observations of other states are added.
     pub(crate) fn divide<R: Rng + ?Sized>(
         &self,
         state: usize,
@@ -68,6 +70,8 @@ impl Clusters<'_> {
                     let (expected, what) = (parts.len(), "parts of a state");
                     return Err(EmissionError::TooFewDifferent { found, expected, what });
                 }
+                // The number of further observations doubles until there are enough, or none is
+                // left.
                 Err(_) => {
                     members.truncate(own);
                     further = if further == 0 { parts.len() } else { 2 * further };
@@ -77,8 +81,8 @@ impl Clusters<'_> {
         }
     }
 
-    /// The observations that are no members, in ascending order of their distance from the mean of
-    /// these.
+    /// Observations that are not members, in ascending order of their distance from the members'
+    /// mean.
     fn nearest(&self, members: &[usize]) -> Vec<usize> {
         let components = self.rows.first().map_or(1, |row| row.len());
         let mut scaled = self.rows.concat();
@@ -87,7 +91,7 @@ impl Clusters<'_> {
         let mean = |component: usize| {
             let known = members.iter().map(|&at| row(at)[component]).filter(|y| !y.is_nan());
             let (sum, count) = known.fold((0.0, 0.0), |(sum, count), y| (sum + y, count + 1.0));
-            // That of all observations is 0.
+            // 0 is the mean of all observations.
             if count > 0.0 { sum / count } else { 0.0 }
         };
         let centre: Vec<f64> = (0..components).map(mean).collect();

@@ -18,7 +18,7 @@ pub(super) fn check_weights(weights: &[f64], parts: usize) -> Result<(), Emissio
     Ok(())
 }
 
-/// Checks parameters of the parts of each state, and returns them one after the other.
+/// Checks the parameters of each state's parts, and returns them one after the other.
 pub(super) fn of_parts<M: AsRef<[P]>, P>(
     what: &'static str,
     all: &[M],

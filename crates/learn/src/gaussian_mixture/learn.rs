@@ -1,5 +1,9 @@
-//! Mixtures of Gaussians, learned: E step over the parts, and the M step of section 9 of the
+//! Learning of Gaussian mixtures: the E step over the parts, and the M step of section 9 of the
 //! formulas.
+//!
+//! With the posterior γ_i of state i, part p has the posterior γ_i w_p N_p(y) / Σ_q w_q N_q(y). So
+//! the parts of all states are Gaussians with these weights, and the weights w_p a distribution
+//! that is learned from their sums.
 
 use std::error::Error;
 
@@ -12,7 +16,7 @@ use wayfix::internal::shares;
 use wayfix::likelihood::LearnLikelihood;
 
 impl LearnLikelihood for GaussianMixture {
-    /// The sums are the weights of all parts.
+    /// The sums are the expected numbers of observations of all parts.
     type Statistics = GaussianStatistics;
 
     fn statistics(&self) -> GaussianStatistics {
@@ -22,9 +26,9 @@ impl LearnLikelihood for GaussianMixture {
     fn add(&self, statistics: &mut GaussianStatistics, y: &[f64], posterior: &[f64]) {
         let GaussianStatistics { moments, sums, weights: [weights, _], memory } = statistics;
         let Ok(logs) = self.logs(y, memory) else {
-            return; // has no posterior
+            return; // invalid
         };
-        // Lanes after the last part keep their 0.
+        // Lanes beyond the last part stay at 0.
         let shares = &mut weights.as_flattened_mut()[..self.weights.len()];
         let states = logs.chunks_exact(self.parts).zip(shares.chunks_exact_mut(self.parts));
         for ((logs, shares), p) in states.zip(posterior) {
@@ -33,6 +37,7 @@ impl LearnLikelihood for GaussianMixture {
                 shares.fill(0.0);
                 continue;
             }
+            // Relative to the largest, so that the sum is from 1 to m.
             let exponentials = shares.iter_mut().zip(logs);
             exponentials.for_each(|(share, log)| *share = (log - largest).exp());
             let scale = p / shares.iter().sum::<f64>();
@@ -54,7 +59,7 @@ impl LearnLikelihood for GaussianMixture {
         let normals = self.normals.maximize(&statistics.moments, None);
         let tied = self.normals.kind() == CovarianceType::Tied;
         let normals = normals.map_err(|error| match error.in_part(None, self.parts) {
-            // That of a covariance that all parts of the state have.
+            // All parts of the state share the covariance, so the error names no part.
             EmissionError::Part { cause, .. }
                 if tied && matches!(*cause, EmissionError::TooFew { .. }) =>
             {
@@ -62,6 +67,7 @@ impl LearnLikelihood for GaussianMixture {
             }
             error => error,
         })?;
+        // Σ S_p ln w_p under Σ w_p = 1 is largest in proportion to S_p (with pseudo-counts).
         let states = self.weights.chunks_exact(self.parts);
         let counts = statistics.sums.chunks_exact(self.parts);
         let weights = states.zip(counts);
@@ -79,13 +85,14 @@ impl LearnLikelihood for GaussianMixture {
     }
 
     fn free_parameters(&self) -> usize {
+        // The weights of a state sum to one, and those of 0 stay so.
         let weights = self.weights.iter().filter(|weight| **weight > 0.0).count();
         weights - self.states() + self.normals.free_parameters()
     }
 }
 
-/// Log-odds of the weights above 0, state by state, to the largest of the state, then means and
-/// covariances, unless learning keeps them.
+/// Log-odds of the weights above 0 relative to the largest of the state, state by state; then means
+/// and covariances, except those that learning keeps.
 impl FreeParameters for GaussianMixture {
     fn displaced(&self, by: &mut Displacement<'_>) -> Result<Self, Box<dyn Error + Send + Sync>> {
         let mut weights = self.weights.clone();

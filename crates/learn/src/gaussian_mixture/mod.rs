@@ -1,4 +1,5 @@
-//! Mixtures of Gaussians: their densities b_i(y), section 1 of the guide's formulas.
+//! Mixtures of Gaussians: their densities b_i(y) = Σ_p w_p N(y; μ_p, Σ_p) (section 1 of the guide's
+//! formulas), summed in logarithms relative to the largest part.
 
 mod check;
 mod learn;
@@ -17,9 +18,8 @@ use wayfix::likelihood::SampleObservation;
 use wayfix::{Diagonal, Likelihood, Scratch};
 use wayfix_kernels::{Eight, log_sum};
 
-/// Mixtures of m Gaussians for each state, with covariances of one of four
-/// [types](CovarianceType): the counterpart of hmmlearn's `GMMHMM`. Tied covariances are those of all
-/// parts of a state.
+/// Mixtures of m Gaussians for each state, with covariances of one of four [types](CovarianceType):
+/// the counterpart of hmmlearn's `GMMHMM`. A tied covariance is shared by all parts of a state.
 ///
 /// With the weights w, means μ and covariances Σ of a state's parts, the density of an observation
 /// of d numbers is
@@ -32,15 +32,15 @@ use wayfix_kernels::{Eight, log_sum};
 /// probabilities (Juang, Levinson and Sondhi 1986) and then estimates each part as a
 /// [`Gaussian`](super::Gaussian), and the weights as shares. The pseudo-count of
 /// [learning](wayfix::inference::LearningOptions::likelihood_pseudo_count) is that of a Dirichlet
-/// prior on the weights above 0, so 1 less than hmmlearn's `weights_prior`; that of the means and
+/// prior on the weights above 0, so 1 less than hmmlearn's `weights_prior`. The prior of means and
 /// covariances is set by [`with_prior`](Self::with_prior) and is the same for all parts. A weight
-/// of 0 stays 0, and a part without weight keeps its mean and its covariance.
+/// of 0 stays 0, and a part without weight keeps its mean and covariance.
 ///
 /// Covariances are estimated about the new means. (hmmlearn's `GMMHMM` takes them about the means
-/// of the iteration before, which is no maximum; both have the same fixed points.)
+/// of the previous iteration, which is not a maximum; both have the same fixed points.)
 ///
 /// A step takes O(n m d) for variances, O(n m d²) for matrices, and n m exponentials; it
-/// allocates nothing. Missing components are as those of a [`Gaussian`](super::Gaussian).
+/// allocates nothing. Missing components are treated as in a [`Gaussian`](super::Gaussian).
 ///
 /// ```
 /// use wayfix_learn::{GaussianMixture, Rows};
@@ -67,7 +67,7 @@ use wayfix_kernels::{Eight, log_sum};
 /// ```
 #[derive(Debug, Clone)]
 pub struct GaussianMixture {
-    /// Parts of the first state, of the second and so on.
+    /// All parts, state by state: part p of state i at i m + p, as are the weights.
     normals: Normals,
     parts: usize,
     weights: Vec<f64>,
@@ -75,12 +75,12 @@ pub struct GaussianMixture {
 }
 
 impl GaussianMixture {
-    /// Creates mixtures of Gaussians with one variance for all components: for each state the weights
-    /// of its parts, a mean for each of these, and their variances.
+    /// Creates mixtures of Gaussians with one variance for all components: for each state the
+    /// weights of its parts, and for each part a mean and a variance.
     ///
     /// # Errors
     ///
-    /// [`EmissionError`] as [`diagonal`](Self::diagonal).
+    /// [`EmissionError`] as for [`diagonal`](Self::diagonal).
     pub fn spherical<P: AsRef<[f64]>>(
         weights: &[impl AsRef<[f64]>],
         means: &[impl AsRef<[P]>],
@@ -91,14 +91,14 @@ impl GaussianMixture {
         Self::new(CovarianceType::Spherical, weights, means, &rows)
     }
 
-    /// Creates mixtures of Gaussians with variances: for each state the weights of its parts, and
-    /// for each of these a mean and its variances.
+    /// Creates mixtures of Gaussians with diagonal covariances: for each state the weights of its
+    /// parts, and for each part a mean and its variances.
     ///
     /// # Errors
     ///
     /// [`EmissionError`] without states, parts or components, for a wrong length, weights that are
     /// negative or do not sum to one within 1e-9, a mean that is not finite, or a variance that is
-    /// not finite and above 2.2e-308. An error of a part says which.
+    /// not finite and above 2.2e-308. An error of a part names the part.
     pub fn diagonal<P: AsRef<[f64]>, Q: AsRef<[f64]>>(
         weights: &[impl AsRef<[f64]>],
         means: &[impl AsRef<[P]>],
@@ -108,11 +108,11 @@ impl GaussianMixture {
     }
 
     /// Creates mixtures of Gaussians with full covariances: for each state the weights of its
-    /// parts, and for each of these a mean and a covariance of d × d values, row after row.
+    /// parts, and for each part a mean and a covariance of d × d values, row after row.
     ///
     /// # Errors
     ///
-    /// [`EmissionError`] as [`diagonal`](Self::diagonal), and for a covariance that is not
+    /// [`EmissionError`] as for [`diagonal`](Self::diagonal), and for a covariance that is not
     /// symmetric within 1e-9 and positive definite.
     pub fn full<P: AsRef<[f64]>, Q: AsRef<[f64]>>(
         weights: &[impl AsRef<[f64]>],
@@ -122,13 +122,13 @@ impl GaussianMixture {
         Self::new(CovarianceType::Full, weights, means, covariances)
     }
 
-    /// Creates mixtures of Gaussians with a full covariance for each state, which all of its parts
-    /// have: for each state the weights of its parts, a mean for each of these, and d × d values, row
-    /// after row.
+    /// Creates mixtures of Gaussians with one full covariance for each state, shared by its parts:
+    /// for each state the weights of its parts, a mean for each part, and d × d values, row after
+    /// row.
     ///
     /// # Errors
     ///
-    /// [`EmissionError`] as [`full`](Self::full); those of covariances say the state.
+    /// [`EmissionError`] as for [`full`](Self::full); an error of a covariance names the state.
     pub fn tied<P: AsRef<[f64]>>(
         weights: &[impl AsRef<[f64]>],
         means: &[impl AsRef<[P]>],
@@ -138,7 +138,7 @@ impl GaussianMixture {
         Self::new(CovarianceType::Tied, weights, means, &rows)
     }
 
-    /// Creates mixtures with covariances of this type: one for each part, or one for each state, if
+    /// Creates mixtures with covariances of this type: one for each part, or one for each state if
     /// they are tied.
     pub(crate) fn new<P: AsRef<[f64]>, Q: AsRef<[f64]>>(
         kind: CovarianceType,
@@ -171,7 +171,7 @@ impl GaussianMixture {
             of_parts(what, covariances, [states, parts], covariance)?
         };
         let normals = Normals::new(kind, d, means, covariances, Settings::default());
-        // Tied covariances have the number of the state already.
+        // The error of a tied covariance names its state already; others count parts.
         let normals =
             normals.map_err(|error| if tied { error } else { error.in_part(None, parts) })?;
         Ok(Self::of(normals, parts, weights))
@@ -215,7 +215,7 @@ impl GaussianMixture {
         self.normals.means().chunks(self.parts).map(<[_]>::to_vec).collect()
     }
 
-    /// Covariances of the parts of each state, of which there is one if they are tied: a variance,
+    /// Covariances of the parts of each state, or a single one if they are tied: a variance, d
     /// variances, or d × d values row after row.
     #[must_use]
     pub fn covariances(&self) -> Vec<Vec<Vec<f64>>> {
@@ -223,12 +223,12 @@ impl GaussianMixture {
         all.chunks(all.len() / self.states()).map(<[_]>::to_vec).collect()
     }
 
-    /// Position of a part among those of all states.
+    /// Position of a part among the parts of all states.
     fn at(&self, state: usize, part: usize) -> Option<usize> {
         (state < self.states() && part < self.parts).then_some(state * self.parts + part)
     }
 
-    /// Writes ln w N(y; μ, Σ) of all parts to the start of `memory`.
+    /// Writes ln(w N(y; μ, Σ)) of all parts to the start of `memory`.
     #[inline]
     fn logs<'a>(&self, y: &[f64], memory: &'a mut [Eight]) -> Result<&'a mut [f64], EmissionError> {
         let result = self.normals.distances(y, memory);
@@ -257,9 +257,11 @@ impl Likelihood for GaussianMixture {
         let logs = self.logs(y, eights(values))?;
         for state in 0..states {
             let parts = &logs[state * self.parts..][..self.parts];
+            // Relative to the largest part, whose exponential is 1: the sum neither overflows nor
+            // vanishes.
             let largest = parts.iter().copied().fold(f64::NEG_INFINITY, f64::max);
             let sum: f64 = parts.iter().map(|log| (log - largest).exp()).sum();
-            // The parts of this state are read no more.
+            // Overwrites a part of this state or of an earlier one, which is no longer needed.
             logs[state] = if largest == f64::NEG_INFINITY { largest } else { largest + sum.ln() };
         }
         Ok(Diagonal::log(&values[..states]))
@@ -292,7 +294,7 @@ impl ReorderStates for GaussianMixture {
     }
 }
 
-/// Each component by itself: a mixture with the same weights.
+/// The marginal distribution of each component: a mixture with the same weights.
 impl Marginals for GaussianMixture {
     fn numbers(&self) -> usize {
         self.normals.components()

@@ -1,4 +1,4 @@
-//! Mixtures of Gaussians from clusters, to begin learning with.
+//! Starts of Gaussian mixtures from clusters: the parts of a state are clusters within its own.
 
 use std::error::Error;
 
@@ -10,13 +10,14 @@ use crate::{Clusters, EmissionError, Family, Gaussian, StartFromClusters};
 use wayfix::Likelihood;
 
 impl StartFromClusters for GaussianMixture {
-    /// Takes the parts of each state from clusters within that of the state. A part with a weight
-    /// of 0 stays as it is. Means that are fixed divide the observations of a state between them.
+    /// Takes the parts of each state from clusters within the state's cluster. A part with a weight
+    /// of 0 stays as it is. Fixed means divide the observations of a state between them.
     fn start<R: Rng + ?Sized>(
         &self,
         clusters: &Clusters<'_>,
         rng: &mut R,
     ) -> Result<Self, Box<dyn Error + Send + Sync>> {
+        // Fixed means already decide which part an observation belongs to.
         if self.has_fixed_means() {
             return clusters.fit(self);
         }
@@ -37,7 +38,7 @@ impl StartFromClusters for GaussianMixture {
             })?;
             means.extend(parts.means().concat());
             covariances.extend(parts.covariances().concat());
-            // Every part has a weight, since one of 0 would stay so.
+            // At least 1 each, since a weight of 0 would stay 0.
             let counts = division.counts.iter().map(|(part, count)| (*part, *count.max(&1) as f64));
             let total: f64 = counts.clone().map(|(_, count)| count).sum();
             weights.resize((state + 1) * m, 0.0);

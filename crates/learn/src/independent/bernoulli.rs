@@ -1,4 +1,4 @@
-//! Bernoulli distribution: events that happen or not.
+//! Bernoulli distribution: events that happen or not, ln p(y) = y ln p + (1 − y) ln(1 − p).
 
 use rand::{Rng, RngExt};
 
@@ -14,8 +14,8 @@ use crate::{EmissionError, Tails};
 ///
 /// The pseudo-count of the [sensor](wayfix::inference::LearningOptions::likelihood_pseudo_count) is
 /// added to the counts of 0 and of 1, as in a [table](wayfix::TableLikelihood): probabilities of 0
-/// and 1 stay as they are. The [prior](Independent::with_prior) of c observations with probability q
-/// is the beta density of p with parameters c q + 1 and c (1 − q) + 1.
+/// and 1 stay as they are. The [prior](Independent::with_prior) of c observations with probability
+/// q is the beta density of p with parameters c q + 1 and c (1 − q) + 1.
 ///
 /// ```
 /// use wayfix_learn::Bernoulli;
@@ -73,7 +73,7 @@ impl Univariate for Bernoulli {
     const VALUES: &'static str = "0 or 1";
     const HAS_ZERO: bool = true;
     type Point = bool;
-    /// Numbers of 0 and of 1.
+    /// Numbers of zeros and of ones.
     type Statistics = (f64, [f64; 1]);
 
     #[expect(
@@ -99,11 +99,13 @@ impl Univariate for Bernoulli {
     }
 
     fn expected_log_density(&self, &(zeros, [ones]): &(f64, [f64; 1])) -> f64 {
+        // 0 · ln 0 is 0.
         let shares = [zeros, ones].into_iter().zip(self.logs);
         shares.filter(|(share, _)| *share > 0.0).map(|(share, log)| share * log).sum()
     }
 
     fn add_pseudo_count(&self, (zeros, [ones]): &mut (f64, [f64; 1]), pseudo_count: f64) {
+        // An outcome of probability 0 stays impossible.
         for (sum, log) in [zeros, ones].into_iter().zip(self.logs) {
             if log > f64::NEG_INFINITY {
                 *sum += pseudo_count;
@@ -128,7 +130,7 @@ impl Univariate for Bernoulli {
     }
 }
 
-/// Log density of the prior that the pseudo-count of two outcomes stands for.
+/// Log density of the prior that a pseudo-count of two outcomes stands for, up to its constant.
 pub(super) fn log_prior(logs: &[f64; 2], pseudo_count: f64) -> f64 {
     if pseudo_count == 0.0 {
         return 0.0;

@@ -1,4 +1,14 @@
 //! Beta distribution: shares, by their mean and their spread around it.
+//!
+//! With the mean m = a / s of shapes a and b, s = a + b, and the Kullback–Leibler divergence
+//! D(y) = m ln(m / y) + (1 − m) ln((1 − m) / (1 − y)), Stirling's formula turns the density into
+//!
+//! ```text
+//! ln p(y) = ½ ln(a b / 2πs) + Δ(s) − Δ(a) − Δ(b) − s D(y) − ln y − ln(1 − y)
+//! ```
+//!
+//! where Δ is the error of the formula. D is a sum of two positive terms, and nothing cancels for
+//! large shapes.
 
 use std::f64::consts::TAU;
 
@@ -17,11 +27,11 @@ use crate::{EmissionError, Tails};
 /// p(y) = Π_c y_c^{a_c − 1} (1 − y_c)^{b_c − 1} Γ(a_c + b_c) / (Γ(a_c) Γ(b_c)), of y_c above 0 and
 /// below 1: the mean is m = a / (a + b), the variance m (1 − m) / (a + b + 1).
 ///
-/// Learning finds the shapes with the mean logarithms of y and of 1 − y, ψ(a) − ψ(a + b) and
-/// ψ(b) − ψ(a + b), to the last digits, also of large shapes. Observations that are all alike
-/// determine none, an [error](EmissionError::TooFew), unless there is a prior: that of c
-/// [observations](Independent::with_prior) with given shapes, of which the mean logarithms are
-/// known, which is conjugate.
+/// Learning finds the shapes whose expected logarithms of y and of 1 − y, ψ(a) − ψ(a + b) and
+/// ψ(b) − ψ(a + b), equal the observed means, to the last digits, also for large shapes.
+/// Observations that are all alike determine none, an [error](EmissionError::TooFew), unless there
+/// is a conjugate prior of c [observations](Independent::with_prior) with given shapes, whose
+/// expected logarithms are known.
 ///
 /// ```
 /// use wayfix_learn::Beta;
@@ -39,15 +49,16 @@ use crate::{EmissionError, Tails};
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Beta {
     shapes: [f64; 2],
-    /// Their sum s, and the parts that they have in it: the mean, and 1 less that.
+    /// Sum s of the shapes.
     sum: f64,
+    /// Mean of y, a / s, and of 1 − y, b / s.
     mean: [f64; 2],
     ln_mean: [f64; 2],
-    /// Log density at the mean, without −ln y − ln(1 − y).
+    /// Log density at the mean, without the terms −ln y − ln(1 − y).
     constant: f64,
 }
 
-/// A number, and 1 less that, with their logarithms.
+/// A number y and 1 − y, with their logarithms.
 type Pair = ([f64; 2], [f64; 2]);
 
 impl Beta {
@@ -94,11 +105,15 @@ impl Beta {
         self.shapes[1]
     }
 
-    /// Difference of the log odds of y and of the mean, and the divergence
+    /// Log-odds of y relative to those of the mean, and the divergence
     /// m ln(m / y) + (1 − m) ln((1 − m) / (1 − y)).
     fn compare(&self, (y, ln): Pair) -> (f64, f64) {
         let [m, n] = self.mean;
+        // y − m, from whichever of y and 1 − y has more digits.
         let above = if m < 0.5 { y[0] - m } else { n - y[1] };
+        // With y = m (1 + u) and 1 − y = n (1 + v), m u + n v = 0, so that
+        // D = m (u − ln(1 + u)) + n (v − ln(1 + v)). Where 1 + u is small, ln(1 + u) is the
+        // difference of the logarithms instead, which has more digits.
         let part = |k: usize, u: f64| {
             let far = ln[k] - self.ln_mean[k];
             let log = if u.abs() < 0.5 { u.ln_1p() } else { far };
@@ -108,7 +123,7 @@ impl Beta {
         (a - b, first + second)
     }
 
-    /// Mean whose odds are these times those of the present one.
+    /// Mean whose odds are `odds` times those of the present mean.
     fn moved(&self, odds: f64) -> [f64; 2] {
         let [m, n] = self.mean;
         let total = m * odds + n;
@@ -123,14 +138,15 @@ fn pair(values: [f64; 2]) -> Pair {
 impl Univariate for Beta {
     const VALUES: &'static str = "a value above 0 and below 1";
     type Point = Pair;
-    /// 1, the difference of log odds from the present mean, and the divergence from it.
+    /// 1, the log-odds relative to the present mean, and the divergence from it: linear functions
+    /// of 1, ln y and ln(1 − y).
     type Statistics = [f64; 3];
 
     fn point(value: f64) -> Option<Pair> {
         (value > 0.0 && value < 1.0).then(|| ([value, 1.0 - value], [value.ln(), (-value).ln_1p()]))
     }
 
-    // By the divergence from the mean: the terms of the usual form cancel where shapes are large.
+    // The formula at the top: the terms of the usual form cancel where shapes are large.
     fn log_density(&self, &y: &Pair) -> f64 {
         let [ln, ln_rest] = y.1;
         (self.constant - self.sum * self.compare(y).1 - ln - ln_rest).max(LOWEST)
@@ -143,6 +159,7 @@ impl Univariate for Beta {
     }
 
     fn expectations(&self, of: &Self) -> [f64; 3] {
+        // E ln y = ln m_of − (ln a − ψ(a)) + (ln s − ψ(s)), and likewise for 1 − y.
         let (odds, divergence) = self.compare((of.mean, of.ln_mean));
         let [a, b, s] = [of.shapes[0], of.shapes[1], of.sum].map(|x| ln_minus_digamma(x).0);
         [1.0, odds - a + b, divergence + (self.mean[0] * a + self.mean[1] * b - s)]
@@ -157,12 +174,14 @@ impl Univariate for Beta {
         let start = odds.clamp(-700.0, 700.0).exp();
         let [m, n] = self.moved(start);
         let least = self.compare(pair([m, n])).1;
-        // Near the mean the divergence is m n d² / 2, with a difference d of log odds, of which
-        // rounding leaves some units in the last place of 1.
+        // What exceeds the divergence of the mean with these log-odds is the spread. Near the mean
+        // the divergence is m n δ² / 2 for a difference δ of log-odds, which has an error of some
+        // units in the last place of 1: the error of the divergence follows.
         let near = m * n;
         let size = divergence + 8.0 * (near * divergence).sqrt() + 64.0 * f64::EPSILON * near;
         let rest = spread("shapes", sums[0], divergence - least, size)?;
-        // For a sum of shapes, the mean that has the log odds of the observations.
+        // For a given sum s, the mean at which the expected log-odds equal the observed ones. The
+        // shapes s m and s n change by n and −m in logarithms with each unit of log-odds.
         let fitting = |sum: f64| {
             let odds = root(start, |odds_ratio| {
                 let mean = self.moved(odds_ratio);
@@ -172,7 +191,7 @@ impl Univariate for Beta {
             });
             self.moved(odds)
         };
-        // Its expected divergence falls with the sum.
+        // The expected divergence at that mean falls as s grows, so its root is unique.
         let sum = root((0.5 / rest).clamp(1e-90, 1e90), |sum| {
             let mean = fitting(sum);
             let shapes = mean.map(|part| sum * part);
@@ -180,7 +199,8 @@ impl Univariate for Beta {
             let whole = ln_minus_digamma(sum);
             let expected =
                 self.compare(pair(mean)).1 + (self.mean[0] * a.0 + self.mean[1] * b.0 - whole.0);
-            // Derivatives of ψ; of a large sum their leading terms, since others cancel.
+            // d / d ln s along the solutions above, by implicit differentiation: s ψ'(s) − s / (1 /
+            // ψ'(a) + 1 / ψ'(b)). For large s its leading term, as others cancel.
             let slope = if sum > 1e5 {
                 -0.5 / sum
             } else {
@@ -200,13 +220,14 @@ impl Univariate for Beta {
     fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> f64 {
         let [a, b] = self.shapes;
         let drawn = rand_distr::Beta::new(a, b).map_or(f64::NAN, |draw| draw.sample(rng));
-        // Shapes that are too small or large for the algorithm leave all at one end or the other.
+        // Shapes that are too small or too large for the algorithm leave all probability at the two
+        // ends.
         let drawn = if drawn.is_nan() {
             f64::from(u8::from(rng.random::<f64>() < self.mean[0]))
         } else {
             drawn
         };
-        // A draw that a double does not hold is the nearest that it does.
+        // 0 and 1 are not observations: the nearest double that is.
         drawn.clamp(f64::from_bits(1), 1.0 - 0.5 * f64::EPSILON)
     }
 }
@@ -214,6 +235,7 @@ impl Univariate for Beta {
 impl Cumulative for Beta {
     /// O(1): an integral of the density of the log odds, in some hundred evaluations.
     fn tails(&self, y: f64) -> Tails {
+        // `Odds` counts log-odds from those of the mean, as `compare` does.
         let u = match Self::point(y) {
             Some(y) => self.compare(y).0,
             None if y >= 1.0 => f64::INFINITY,

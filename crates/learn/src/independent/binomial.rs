@@ -1,4 +1,7 @@
-//! Binomial distribution: events among so many that might have happened.
+//! Binomial distribution: numbers of successes in n trials.
+//!
+//! For many trials the log probability is that of two Poisson counts given their sum, whose terms
+//! measure distances from expected counts and do not cancel (Loader 2000).
 
 use rand::Rng;
 use rand_distr::Distribution;
@@ -12,16 +15,16 @@ use crate::check::{check, check_length, shape};
 use crate::special::{Odds, ln_factorial};
 use crate::{EmissionError, Tails};
 
-/// Number of trials below which logarithmic probabilities are plain sums; above, these would lose
-/// digits.
+/// Number of trials below which log probabilities are plain sums; above, these would lose digits.
 const PLAIN: f64 = 64.0;
 
-/// Binomial distribution of a count, that of successes in a known number of trials.
+/// Binomial distribution of the number of successes in a known number of trials.
 ///
 /// With n_c trials and probabilities p_c, a [family](Self::family) of d counts has
 /// p(y) = Π_c (n_c over y_c) p_c^{y_c} (1 − p_c)^{n_c − y_c}; counts above n_c are impossible.
-/// Learning sets each probability to the weighted share of successes. Where numbers of trials
-/// change from row to row, [`Multinomial`](crate::Multinomial) takes successes and failures.
+/// Learning sets each probability to the weighted share of successes. Where the number of trials
+/// changes from row to row, use [`Multinomial`](crate::Multinomial) with successes and
+/// failures.
 ///
 /// The pseudo-count of the [sensor](wayfix::inference::LearningOptions::likelihood_pseudo_count) is
 /// added to the numbers of successes and of failures: probabilities of 0 and 1 stay as they are.
@@ -48,7 +51,7 @@ pub struct Binomial {
     /// Logarithms of the probabilities of success and failure in a trial.
     logs: [f64; 2],
     ln_trials: f64,
-    /// ln(n!), and that less n (ln n − 1).
+    /// ln(n!), and ln(n!) − n (ln n − 1).
     factorial: (f64, f64),
 }
 
@@ -87,7 +90,7 @@ impl Binomial {
         Independent::build(shape, |state, c| Self::new(trials[c], probabilities[state].as_ref()[c]))
     }
 
-    /// Creates a family from rows of numbers of trials, too.
+    /// Creates a family from one row of numbers of trials and one of probabilities for each state.
     #[cfg(feature = "serde")]
     pub(crate) fn from_rows(
         trials: &[Vec<f64>],
@@ -111,7 +114,7 @@ impl Binomial {
     }
 }
 
-/// A number of events times the logarithm of their probability, 0 if there are none.
+/// A number of events times the logarithm of their probability, with 0 · ln 0 = 0.
 fn times(number: f64, log: f64) -> f64 {
     if number == 0.0 { 0.0 } else { number * log }
 }
@@ -119,7 +122,7 @@ fn times(number: f64, log: f64) -> f64 {
 impl Univariate for Binomial {
     const VALUES: &'static str = "a whole number from 0 to 2^53";
     const HAS_ZERO: bool = true;
-    /// The count y, with ln(y!), and that less y (ln y − 1).
+    /// The count y, with ln(y!) and ln(y!) − y (ln y − 1).
     type Point = (f64, (f64, f64));
     /// Numbers of observations, of successes and of failures.
     type Statistics = [f64; 3];
@@ -141,7 +144,7 @@ impl Univariate for Binomial {
         if n < PLAIN {
             return self.factorial.0 - factorial.0 - rest.0 + y * ln_p + others * ln_q;
         }
-        // Two Poisson counts, given their sum.
+        // Pois(y; np) Pois(n − y; nq) / Pois(n; n), where −ln Pois(n; n) = ln n! − n (ln n − 1).
         let (p, q) = (self.probability, 1.0 - self.probability);
         log_probability((y, factorial), (n * p, self.ln_trials + ln_p))
             + log_probability((others, rest), (n * q, self.ln_trials + ln_q))
@@ -183,7 +186,7 @@ impl Univariate for Binomial {
     }
 
     fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> f64 {
-        // The probability is valid there, too.
+        // rand_distr accepts the same probabilities.
         let draw = rand_distr::Binomial::new(self.trials().into(), self.probability);
         draw.map_or(0.0, |counts| counts.sample(rng) as f64).min(MOST)
     }
@@ -193,6 +196,8 @@ impl Cumulative for Binomial {
     /// O(1): an incomplete beta function on either side, in some hundred evaluations each.
     fn tails(&self, y: f64) -> Tails {
         let (n, p) = (self.trials, self.probability);
+        // P(Y ≤ y) = P(X ≤ 1 − p) for X ~ Beta(n − y, y + 1), whose mode has odds
+        // (n − y) / (y + 1).
         tails(y, self, |y| {
             let failures = n - y;
             if failures <= 0.0 {

@@ -1,4 +1,6 @@
-//! Free parameters of the distributions of one number.
+//! Free parameters of the distributions of one number, for standard errors (section 9 of the
+//! formulas): each on the scale of its constraint, logarithms for positive parameters and log-odds
+//! for probabilities.
 
 use std::error::Error;
 
@@ -12,7 +14,7 @@ use wayfix::inference::{Displacement, FreeParameters};
 
 type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;
 
-/// Parameters of each component in turn, state by state.
+/// Parameters of each component in turn, and within it of each state.
 impl<F: Univariate + FreeParameters> FreeParameters for Independent<F> {
     fn displaced(&self, by: &mut Displacement<'_>) -> Outcome<Self> {
         let parts = self.parts.iter().map(|part| part.displaced(by)).collect::<Result<_, _>>()?;
@@ -20,7 +22,7 @@ impl<F: Univariate + FreeParameters> FreeParameters for Independent<F> {
     }
 }
 
-/// Implements the trait for a distribution by its constructor.
+/// Implements the trait by calling a distribution's constructor with displaced parameters.
 macro_rules! displaced {
     ($($type:ident, $part:ident, $by:ident => [$($parameter:expr),+];)+) => {$(
         impl FreeParameters for $type {
@@ -52,14 +54,14 @@ displaced! {
     ];
 }
 
-/// The odds of a zero, then the parameters of the distribution.
+/// The log-odds of a zero, then the parameters of the distribution.
 impl<F: Univariate + FreeParameters> FreeParameters for ZeroInflated<F> {
     fn displaced(&self, by: &mut Displacement<'_>) -> Outcome<Self> {
         Ok(Self::new(by.probability(self.probability()), self.inner().displaced(by)?)?)
     }
 }
 
-/// The odds of a zero, then the parameters of the distribution.
+/// The log-odds of a zero, then the parameters of the distribution.
 impl<F: Univariate + FreeParameters> FreeParameters for Hurdle<F> {
     fn displaced(&self, by: &mut Displacement<'_>) -> Outcome<Self> {
         Ok(Self::new(by.probability(self.probability()), self.inner().displaced(by)?)?)

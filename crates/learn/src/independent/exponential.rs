@@ -1,4 +1,4 @@
-//! Exponential distribution: times between events that know nothing of each other.
+//! Exponential distribution: times between independent events, ln p(y) = ln λ − λ y.
 
 use rand::Rng;
 use rand_distr::{Distribution, Exp1};
@@ -10,8 +10,8 @@ use crate::{EmissionError, Tails};
 
 /// Exponential distribution of a positive number, such as the time until the next event.
 ///
-/// With rates λ_c, a [family](Self::family) of d numbers has p(y) = Π_c λ_c exp(−λ_c y_c), of finite
-/// y_c above 0: the mean is 1 / λ. It is the [`Gamma`](super::Gamma) and the
+/// With rates λ_c, a [family](Self::family) of d numbers has p(y) = Π_c λ_c exp(−λ_c y_c), of
+/// finite y_c above 0: the mean is 1 / λ. It is the [`Gamma`](super::Gamma) and the
 /// [`Weibull`](super::Weibull) distribution of shape 1.
 ///
 /// Learning sets 1 / λ to the weighted mean. The [prior](Independent::with_prior) of c observations
@@ -41,8 +41,8 @@ impl Exponential {
     ///
     /// # Errors
     ///
-    /// [`EmissionError::Parameter`] unless the rate is from 2.3e-308 to 4.4e307, so that the mean is
-    /// a number, too.
+    /// [`EmissionError::Parameter`] unless the rate is from 2.3e-308 to 4.4e307, so that the mean
+    /// is in range as well.
     pub fn new(rate: f64) -> Result<Self, EmissionError> {
         let valid = (2.3e-308..=4.4e307).contains(&rate);
         let rate = check("rate", rate, valid, "a value from 2.3e-308 to 4.4e307")?;
@@ -69,7 +69,7 @@ impl Exponential {
 impl Univariate for Exponential {
     const VALUES: &'static str = "a finite value above 0";
     type Point = f64;
-    /// 1 and λ y, in parts of the present mean.
+    /// 1 and λ y, which is y relative to the present mean.
     type Statistics = [f64; 2];
 
     fn point(value: f64) -> Option<f64> {
@@ -94,6 +94,8 @@ impl Univariate for Exponential {
     }
 
     fn maximize(&self, &[weight, sum]: &[f64; 2]) -> Result<Self, EmissionError> {
+        // 1 / λ is the weighted mean, and the sum is in units of the present mean: such sums do not
+        // overflow where those of y would.
         Self::new(self.rate / (sum / weight))
     }
 
@@ -103,13 +105,14 @@ impl Univariate for Exponential {
 
     fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> f64 {
         let draw: f64 = Exp1.sample(rng);
-        // A draw that a double does not hold is the nearest that it does.
+        // A draw beyond the range of doubles becomes the nearest valid one.
         (draw / self.rate).clamp(f64::from_bits(1), f64::MAX)
     }
 }
 
 impl Cumulative for Exponential {
     fn tails(&self, y: f64) -> Tails {
+        // 1 − exp(−λ y) by `exp_m1`, which keeps the digits of a small lower tail.
         let fall = -self.rate * y.max(0.0);
         Tails::between([-fall.exp_m1(), fall.exp()])
     }

@@ -13,11 +13,11 @@ use wayfix::ReorderStates;
 use wayfix::likelihood::SampleObservation;
 use wayfix::{Diagonal, Likelihood, Scratch};
 
-/// A family of observations with d components that are independent of each other, given the
-/// state: for each state and component a distribution of one number.
+/// A family of observations whose d components are independent given the state: a distribution of
+/// one number for each state and component.
 ///
-/// Distributions make families of themselves, such as [`Poisson::family`](super::Poisson::family).
-/// [`Univariate`] shows how to add one of your own.
+/// Each distribution has a constructor of its family, such as
+/// [`Poisson::family`](super::Poisson::family). [`Univariate`] shows how to add one of your own.
 ///
 /// # Missing components
 ///
@@ -27,10 +27,9 @@ use wayfix::{Diagonal, Likelihood, Scratch};
 /// # Prior
 ///
 /// Learning maximises the likelihood, unless there is a conjugate prior
-/// ([`with_prior`](Self::with_prior)). It is given as further observations: so many in each state,
-/// of which the distribution is known. Its density is proportional to exp(c E ln p(y | θ)), where the
-/// expectation is over observations y with the distribution of the prior, and c is their number,
-/// which need not be whole.
+/// ([`with_prior`](Self::with_prior)). It is given as c further observations in each state with a
+/// known distribution. Its density is proportional to exp(c E ln p(y | θ)), where the expectation
+/// is over observations y from that distribution; c need not be a whole number.
 ///
 /// # Cost
 ///
@@ -40,9 +39,9 @@ pub struct Independent<F> {
     pub(super) states: usize,
     pub(super) components: usize,
     pub(super) missing: bool,
-    /// Distribution of component c in state i at c n + i; in the same order the prior's, with its
-    /// number of observations.
+    /// Distribution of component c in state i at c n + i.
     pub(super) parts: Vec<F>,
+    /// Distributions of the prior in the same order, and its number of observations.
     pub(super) prior: Option<(Vec<F>, f64)>,
 }
 
@@ -95,15 +94,16 @@ impl<F> Independent<F> {
         Ok(Self { states, components, missing: false, parts, prior: None })
     }
 
-    /// Takes NaN as a missing component, which is integrated out in likelihoods and in learning.
+    /// Returns the family with NaN taken as a missing component, which is integrated out of
+    /// likelihoods and left out of learning.
     #[must_use]
     pub fn with_missing(self) -> Self {
         Self { missing: true, ..self }
     }
 
     /// Adds a conjugate prior: learning proceeds as if each state had shown `count` more
-    /// observations, distributed as `prior`, a family with one state for all or as many states
-    /// as this.
+    /// observations, distributed as `prior`, a family with a single state for all or as many states
+    /// as this one.
     ///
     /// ```
     /// use wayfix_learn::Poisson;
@@ -162,8 +162,8 @@ impl<F> Independent<F> {
         Some((Self { states, components, missing: false, parts, prior: None }, count))
     }
 
-    /// Returns one row for each state with a parameter of each component, as lists of parameters
-    /// are given: `family.parameters(Poisson::rate)`.
+    /// Returns one row for each state with a parameter of each component, in the form that
+    /// constructors take: `family.parameters(Poisson::rate)`.
     #[must_use]
     pub fn parameters(&self, parameter: impl Fn(&F) -> f64) -> Vec<Vec<f64>> {
         self.rows(parameter)
@@ -177,8 +177,8 @@ impl<F> Independent<F> {
 }
 
 impl<F: Univariate> Independent<F> {
-    /// Calls a function for each component that is not missing, with its number, its observation
-    /// and its distributions in all states.
+    /// Calls a function for each component that is not missing, with its index, its value and its
+    /// distributions in all states.
     pub(super) fn visit(
         &self,
         observation: &[f64],
@@ -212,6 +212,8 @@ impl<F: Univariate> Likelihood for Independent<F> {
         scratch: &'a mut Scratch,
     ) -> Result<Diagonal<'a>, LikelihoodError> {
         let logs = scratch.values(self.states);
+        // ln b_i(y) = Σ_c ln p(y_c | θ_ci). What all states compute alike, such as ln y_c, is in
+        // the point, once for a component; a missing component adds ln 1.
         logs.fill(0.0);
         self.visit(observation, |_, point, parts| {
             logs.iter_mut().zip(parts).for_each(|(log, part)| *log += part.log_density(&point));
@@ -254,7 +256,7 @@ impl<F: Cumulative> Marginals for Independent<F> {
     }
 }
 
-/// M steps that lead near the maximum, where one does not.
+/// M steps that come near the maximum where a single one does not find it.
 const ROUNDS: usize = 20;
 
 impl<F: Univariate + Send + Sync> StartFromClusters for Independent<F> {
@@ -263,6 +265,8 @@ impl<F: Univariate + Send + Sync> StartFromClusters for Independent<F> {
         clusters: &Clusters<'_>,
         _: &mut R,
     ) -> Result<Self, Box<dyn Error + Send + Sync>> {
+        // The first M step starts from the family's own parameters; if it maximises only a bound,
+        // those would show through.
         let rounds = if F::EXACT { 0 } else { ROUNDS };
         (0..rounds).try_fold(clusters.fit(self)?, |family, _| clusters.round(&family))
     }

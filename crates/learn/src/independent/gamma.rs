@@ -1,4 +1,13 @@
 //! Gamma distribution: durations and speeds, by their mean and their spread around it.
+//!
+//! With the mean m = a s of shape a and scale s, Stirling's formula and its error Δ turn the
+//! density into
+//!
+//! ```text
+//! ln p(y) = ½ ln(a / 2π) − Δ(a) − a (y / m − 1 − ln(y / m)) − ln y
+//! ```
+//!
+//! whose third term is 0 at the mean, where the terms of the usual form cancel for large a.
 
 use std::f64::consts::TAU;
 
@@ -13,14 +22,14 @@ use crate::{EmissionError, Tails};
 
 /// Gamma distribution of a positive number, such as a duration or a speed.
 ///
-/// With shapes a_c and scales s_c, a [family](Self::family) of d numbers has
-/// p(y) = Π_c y_c^{a_c − 1} exp(−y_c / s_c) / (Γ(a_c) s_c^{a_c}), of finite y_c above 0: the mean is
-/// a s, the variance a s².
+/// With shapes a_c and scales s_c, a [family](Self::family) of d numbers has p(y) = Π_c y_c^{a_c −
+/// 1} exp(−y_c / s_c) / (Γ(a_c) s_c^{a_c}), of finite y_c above 0: the mean is a s, the variance a
+/// s².
 ///
-/// Learning finds the shape that solves ln a − ψ(a) = ln ȳ − mean of ln y, by Newton's method in ln a
-/// to the last digits, with the start of Minka (*Estimating a Gamma distribution*, 2002), and the
-/// scale ȳ / a; both are exact also for a large shape. Observations that are all alike determine
-/// no shape, an [error](EmissionError::TooFew), unless there is a prior: that of c
+/// Learning finds the shape that solves ln a − ψ(a) = ln ȳ − mean of ln y, by Newton's method in ln
+/// a to the last digits from the starting value of Minka (*Estimating a Gamma distribution*, 2002),
+/// and the scale ȳ / a; both are accurate also for a large shape. Observations that are all alike
+/// determine no shape, an [error](EmissionError::TooFew), unless there is a prior: that of c
 /// [observations](Independent::with_prior) with shape b and scale t has the density of a and s
 /// proportional to exp(c ((a − 1) (ψ(b) + ln t) − b t / s − ln Γ(a) − a ln s)), which is conjugate
 /// (Miller, 1980).
@@ -47,7 +56,7 @@ pub struct Gamma {
     scale: f64,
     mean: f64,
     ln_mean: f64,
-    /// Log density at the mean, without −ln y.
+    /// Log density at the mean, without the term −ln y.
     constant: f64,
 }
 
@@ -95,7 +104,7 @@ impl Gamma {
         self.scale
     }
 
-    /// Distance of y from the mean m, in parts of m, and y / m − 1 − ln(y / m).
+    /// u = y / m − 1, the relative distance from the mean, and u − ln(1 + u).
     fn excess(&self, [y, ln]: [f64; 2]) -> (f64, f64) {
         let u = (y - self.mean) / self.mean;
         // Far from the mean the difference of the logarithms has all the digits that are left.
@@ -114,7 +123,7 @@ impl Univariate for Gamma {
         positive(value)
     }
 
-    // By the distance from the mean: the terms of the usual form cancel where the shape is large.
+    // The formula at the top.
     fn log_density(&self, &y: &[f64; 2]) -> f64 {
         (self.constant - self.shape * self.excess(y).1 - y[1]).max(LOWEST)
     }
@@ -126,6 +135,7 @@ impl Univariate for Gamma {
     }
 
     fn expectations(&self, of: &Self) -> [f64; 3] {
+        // E ln y = ln m_of + ψ(a_of) − ln a_of.
         let (u, excess) = self.excess([of.mean, of.ln_mean]);
         [1.0, u, excess + ln_minus_digamma(of.shape).0]
     }
@@ -136,11 +146,13 @@ impl Univariate for Gamma {
 
     fn maximize(&self, &[weight, sum, excess]: &[f64; 3]) -> Result<Self, EmissionError> {
         let (u, excess) = (sum / weight, excess / weight);
-        // ln of the mean less the mean of ln, which is ln a − ψ(a) at the maximum.
+        // ln ȳ − mean of ln y = mean of (u − ln(1 + u)) − (ū − ln(1 + ū)), which is ln a − ψ(a) at
+        // the maximum, and 0 if all observations are alike.
         let s = spread("shape", weight, excess - log_excess(u), excess)?;
         let ln_s = s.ln();
         let start = (3.0 - s + ((s - 3.0).powi(2) + 24.0 * s).sqrt()) / (12.0 * s);
         let start = if start > 0.0 && start.is_finite() { start } else { s.recip() };
+        // In logarithms of both sides, where the function is nearly linear.
         let shape = root(start, |shape| {
             let (value, slope) = ln_minus_digamma(shape);
             (ln_s - value.ln(), -slope / value)
@@ -153,8 +165,8 @@ impl Univariate for Gamma {
     }
 
     fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> f64 {
-        // Both parameters are valid there, too; a draw that a double does not hold is the nearest
-        // that it does.
+        // rand_distr accepts the same parameters. A draw beyond the range of doubles becomes the
+        // nearest valid one.
         let draw = rand_distr::Gamma::new(self.shape, self.scale);
         let draw = draw.map_or(self.mean, |draw| draw.sample(rng));
         draw.clamp(f64::from_bits(1), f64::MAX)
@@ -162,9 +174,10 @@ impl Univariate for Gamma {
 }
 
 impl Cumulative for Gamma {
-    /// O(1): an integral of the density of ln y, in some hundred evaluations; with a relative error
-    /// below 1e-12 while the shape is below 1e4, and of that of y times its effect beyond.
+    /// O(1): an integral of the density of ln y, in some hundred evaluations. Its relative error is
+    /// below 1e-12 for shapes below 1e4; beyond, the rounding of y itself dominates.
     fn tails(&self, y: f64) -> Tails {
+        // u = ln(y / m), relative to the mode of the density of ln y.
         let above = (y - self.mean) / self.mean;
         let u = if above.abs() < 0.5 { above.ln_1p() } else { y.max(0.0).ln() - self.ln_mean };
         Tails::between(Odds::gamma(self.shape).sides(u))

@@ -1,4 +1,9 @@
-//! Counts that are 0 by a probability of its own.
+//! Hurdle counts: a zero has a probability of its own, and other counts a distribution truncated at
+//! 0.
+//!
+//! The log-likelihood separates: that of π, which is a Bernoulli one, and that of F given y > 0.
+//! For the second, learning completes the data with the zeros that F would have shown (see
+//! `zeros::fit`).
 
 use rand::{Rng, RngExt};
 
@@ -8,20 +13,20 @@ use super::zeros;
 use crate::check::check;
 use crate::{EmissionError, Tails};
 
-/// Counts that are 0 with a probability of its own, and otherwise have a distribution F, given that
-/// they are not 0 (Mullahy, 1986).
+/// Hurdle counts: 0 with a probability π of its own, otherwise distributed as F given that it is
+/// not 0 (Mullahy, 1986).
 ///
 /// With F = [`Poisson`](super::Poisson), [`NegativeBinomial`](super::NegativeBinomial) or
 /// [`Binomial`](super::Binomial), whose probability of 0 is f(0), p(0) = π and
 /// p(y) = (1 − π) f(y) / (1 − f(0)). Unlike [`ZeroInflated`](super::ZeroInflated) counts, these may
-/// have fewer zeros than F alone. Beside a distribution without zeros, both are the same.
+/// have fewer zeros than F alone. For an F without zeros of its own, both are the same.
 ///
-/// Learning sets π to the weighted share of zeros, and F to the maximum for other counts, if F does
-/// so from its own statistics: each step finds the number of unseen zeros, n f(0) / (1 − f(0)) beside
-/// n others, to the last digits. Counts above 0 that are all 1 may be of any small mean, an
-/// [error](EmissionError::TooFew), unless there is a prior: that of c
-/// [observations](Independent::with_prior) is that of their expected zeros and expected statistics
-/// of others.
+/// Learning sets π to the weighted share of zeros, and F to the maximum for the other counts, if F
+/// finds the maximum from its own statistics: each step solves for the number of unseen zeros, n
+/// f(0) / (1 − f(0)) beside n other counts, to the last digits. If all counts above 0 are 1, any
+/// small mean will do, which is an [error](EmissionError::TooFew) unless there is a prior. A prior
+/// of c [observations](Independent::with_prior) adds their expected zeros and the expected
+/// statistics of the others.
 ///
 /// ```
 /// use wayfix_learn::{Hurdle, Poisson};
@@ -54,7 +59,7 @@ impl<F> Hurdle<F> {
         self.probability
     }
 
-    /// The distribution that counts other than 0 have, given that they are not 0.
+    /// The distribution F, whose truncation at 0 is that of counts other than 0.
     #[must_use]
     pub fn inner(&self) -> &F {
         &self.inner
@@ -66,8 +71,8 @@ impl<F: Univariate> Hurdle<F> {
     ///
     /// # Errors
     ///
-    /// [`EmissionError::Parameter`] unless the probability is from 0 to 1, and the distribution has
-    /// other values than 0.
+    /// [`EmissionError::Parameter`] unless the probability is from 0 to 1, and the distribution is
+    /// not always 0.
     pub fn new(probability: f64, inner: F) -> Result<Self, EmissionError> {
         let valid = (0.0..=1.0).contains(&probability);
         let p = check("probability of 0", probability, valid, "a value from 0 to 1")?;
@@ -126,6 +131,8 @@ impl<F: Univariate> Univariate for Hurdle<F> {
     }
 
     fn maximize(&self, sums: &Self::Statistics) -> Result<Self, EmissionError> {
+        // Starts from the zeros that the present F expects beside the others. There may be any
+        // number.
         let (zero, others) = sums;
         let unseen = others.weight() * (1.0 - self.above) / self.above;
         let (inner, _) = zeros::fit(&self.inner, others, unseen, f64::INFINITY)?;
@@ -136,7 +143,8 @@ impl<F: Univariate> Univariate for Hurdle<F> {
         zeros::free_parameters(self.probability, &self.inner)
     }
 
-    /// Draws from the distribution until there is another value than 0, or counts up where most are.
+    /// Draws from F until the value is not 0, or by inversion from 1 upwards where nearly all
+    /// values are 0.
     fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> f64 {
         if rng.random::<f64>() < self.probability {
             return 0.0;
@@ -153,7 +161,7 @@ impl<F: Univariate> Univariate for Hurdle<F> {
         loop {
             let probability = F::point(y).map_or(0.0, |y| self.inner.log_density(&y).exp());
             sum += probability;
-            // Rounding may leave a little to no count.
+            // Rounding may leave the sum a little short of what is wanted.
             if wanted <= sum || probability < 1e-20 * sum {
                 return y;
             }
@@ -164,6 +172,7 @@ impl<F: Univariate> Univariate for Hurdle<F> {
 
 impl<F: Cumulative> Cumulative for Hurdle<F> {
     fn tails(&self, y: f64) -> Tails {
+        // (1 − π) / (1 − f(0)) times F without its zeros, and π at 0.
         let mut all = Tails::default();
         all.add((1.0 - self.probability) / self.above, zeros::without(&self.inner, y));
         *zeros::side(&mut all, y) += self.probability;

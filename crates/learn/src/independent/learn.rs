@@ -1,4 +1,5 @@
-//! Families of independent components, learned one by one: the M step of section 9 of the formulas.
+//! Learning of independent components: the M step of section 9 of the formulas, one by one for each
+//! state and component.
 
 use std::error::Error;
 
@@ -15,13 +16,16 @@ impl<F: Univariate> LearnLikelihood for Independent<F> {
         vec![F::Statistics::default(); self.parts.len()]
     }
 
-    /// Adds one observation; one for which there is no [`diagonal`](wayfix::Likelihood::diagonal) adds
-    /// nothing from its first invalid component on.
+    /// Adds one observation. If it is invalid, and so has no
+    /// [`diagonal`](wayfix::Likelihood::diagonal), only the components before the first invalid one
+    /// are added.
     fn add(&self, statistics: &mut Vec<F::Statistics>, observation: &[f64], posterior: &[f64]) {
         let n = self.states;
         let _ = self.visit(observation, |component, point, parts| {
             let sums = &mut statistics[component * n..];
             for ((sums, part), &weight) in sums.iter_mut().zip(parts).zip(posterior) {
+                // Statistics may be infinite in a state that rules the observation out: 0 · ∞ is
+                // NaN.
                 if weight > 0.0 {
                     sums.add(weight, &part.statistics(&point));
                 }
@@ -42,10 +46,13 @@ impl<F: Univariate> LearnLikelihood for Independent<F> {
     ) -> Result<Self, Box<dyn Error + Send + Sync>> {
         let maximize = |(index, part): (usize, &F)| {
             let mut sums = statistics[index].clone();
+            // The prior is exp(c E ln p): its term of Q is that of c observations with the expected
+            // statistics.
             if let Some((prior, count)) = &self.prior {
                 sums.add(*count, &part.expectations(&prior[index]));
             }
             part.add_pseudo_count(&mut sums, pseudo_count);
+            // A state without observations or prior keeps its parameters.
             if sums.weight() < f64::MIN_POSITIVE {
                 return Ok(part.clone());
             }

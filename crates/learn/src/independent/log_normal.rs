@@ -1,4 +1,4 @@
-//! Log-normal distribution: durations and speeds, by their logarithm.
+//! Log-normal distribution: durations and speeds, by the normal distribution of their logarithm.
 
 use std::f64::consts::TAU;
 
@@ -17,10 +17,10 @@ use crate::{EmissionError, Tails};
 /// p(y) = Π_c exp(−(ln y_c − μ_c)² / 2σ_c²) / (y_c σ_c √2π), of finite y_c above 0. The median is
 /// exp(μ), the mean exp(μ + σ² / 2).
 ///
-/// Learning sets μ and σ² to the weighted mean and variance of the logarithms. Observations that are
-/// all alike determine no variance, an [error](EmissionError::TooFew), unless there is a prior:
-/// that of c [observations](Independent::with_prior) with parameters m and r has the density of μ
-/// and σ proportional to σ^−c exp(−c ((μ − m)² + r²) / 2σ²), which is normal-inverse-gamma.
+/// Learning sets μ and σ² to the weighted mean and variance of the logarithms. Observations that
+/// are all alike determine no variance, an [error](EmissionError::TooFew), unless there is a prior.
+/// A prior of c [observations](Independent::with_prior) with parameters m and r has the density of
+/// μ and σ proportional to σ^−c exp(−c ((μ − m)² + r²) / 2σ²), which is normal-inverse-gamma.
 ///
 /// ```
 /// use wayfix_learn::LogNormal;
@@ -98,6 +98,7 @@ impl Univariate for LogNormal {
     }
 
     fn log_density(&self, &[_, ln]: &[f64; 2]) -> f64 {
+        // The density of ln y times the derivative 1 / y.
         let z = (ln - self.mean) / self.deviation;
         (-0.5 * z * z - self.constant - ln).max(LOWEST)
     }
@@ -120,6 +121,7 @@ impl Univariate for LogNormal {
     fn maximize(&self, &[weight, sum, square]: &[f64; 3]) -> Result<Self, EmissionError> {
         let (x, square) = (sum / weight, square / weight);
         let what = "standard deviation of logarithms";
+        // x is relative to the present mean, so that little cancels once that is near.
         let variance = spread(what, weight, square - x * x, square)?;
         Self::new(self.mean + x, variance.sqrt())
     }
@@ -130,7 +132,7 @@ impl Univariate for LogNormal {
 
     fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> f64 {
         let z: f64 = StandardNormal.sample(rng);
-        // A draw that a double does not hold is the nearest that it does.
+        // A draw beyond the range of doubles becomes the nearest valid one.
         (self.mean + self.deviation * z).exp().clamp(f64::from_bits(1), f64::MAX)
     }
 }

@@ -1,8 +1,13 @@
-//! Families whose components are independent of each other, and the distributions of one.
+//! Families of independent components, and the distributions of a single component.
 //!
-//! Files, each of which stands on those before it: `univariate` (the trait of a
-//! distribution), `family` and `learn` (the family), `counts` (expectations over them) and `zeros` (how
-//! many a distribution expects), and one for each distribution.
+//! Given the state, ln b_i(y) is the sum of the components' log densities, and the M step of
+//! section 9 of the formulas is one for each state and component. Statistics are centred on the
+//! present parameters (a deviation from the mean, a divergence, an angle to the mean direction), so
+//! that a narrow distribution far from 0 loses no digits.
+//!
+//! Files, each of which uses only those before it: `univariate` (the trait of a distribution),
+//! `family` and `learn` (the family), `counts` (expectations over counts), `zeros` (the number of
+//! zeros that a distribution expects), and one for each distribution.
 
 mod bernoulli;
 mod beta;

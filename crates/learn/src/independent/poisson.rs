@@ -1,4 +1,7 @@
-//! Poisson distribution: counts of events.
+//! Poisson distribution: counts of events, ln p(y) = y ln λ − λ − ln y!.
+//!
+//! For large counts the three terms cancel. With ln y! = y (ln y − 1) + rest, where the rest is
+//! known to all its digits, ln p(y) = −y (u − ln(1 + u)) − rest with u = (λ − y) / y (Loader 2000).
 
 use rand::Rng;
 use rand_distr::Distribution;
@@ -10,16 +13,16 @@ use crate::check::check;
 use crate::special::{INTEGERS, Odds, ln_factorial, log_excess};
 use crate::{EmissionError, Tails};
 
-/// Largest count: whole numbers up to it are doubles.
+/// Largest count, 2^53: every whole number up to it is a double.
 pub(super) const MOST: f64 = 9_007_199_254_740_992.0;
 
-/// Count below which its logarithmic probability is a plain sum; above, that would lose digits.
+/// Count below which the log probability is a plain sum; above, that would lose digits.
 const PLAIN: f64 = 64.0;
 
 /// Poisson distribution of a count, a whole number from 0 to 2^53.
 ///
-/// A [family](Self::family) of d counts has p(y) = Π_c λ_c^{y_c} exp(−λ_c) / y_c!. A rate of 0 is a
-/// component that is always 0. Learning sets each rate to the weighted mean of the counts.
+/// A [family](Self::family) of d counts has p(y) = Π_c λ_c^{y_c} exp(−λ_c) / y_c!. A component with
+/// a rate of 0 is always 0. Learning sets each rate to the weighted mean of the counts.
 ///
 /// The [prior](Independent::with_prior) of c observations with mean m is the gamma density of λ
 /// with shape c m + 1 and rate c (Gelman et al., *Bayesian Data Analysis*, 2013).
@@ -73,24 +76,25 @@ impl Poisson {
     }
 }
 
-/// Probabilities of up to y counts, and of more: the time until the next one after y has a gamma
-/// distribution.
+/// Probabilities of at most y events, and of more.
 pub(super) fn arrivals(y: f64, rate: f64) -> [f64; 2] {
+    // In a Poisson process the (y + 1)-th event comes after a gamma time of shape y + 1: at most y
+    // events up to the time `rate` means that it comes later.
     let [until, after] = Odds::gamma(y + 1.0).sides((rate / (y + 1.0)).ln());
     [after, until]
 }
 
-/// Returns true for a whole number from 0 to 2^53.
+/// True for a whole number from 0 to 2^53.
 #[inline]
 pub(crate) fn is_count(value: f64) -> bool {
-    // There is no instruction for the fraction on every processor, and a cast is checked. Beside 2^52
-    // there is no room for one.
+    // Adding 2^52 rounds to a whole number: a double of that size has no bits for a fraction. Not
+    // every processor has an instruction for rounding, and a cast costs more.
     let is_whole = value >= INTEGERS || (value + INTEGERS) - INTEGERS == value;
     (0.0..=MOST).contains(&value) && is_whole
 }
 
-/// Logarithm of the probability of a count y in a Poisson distribution, of which ln(y!), and that
-/// less y (ln y − 1), are known.
+/// Log probability of a count y with ln(y!) and ln(y!) − y (ln y − 1), under a rate with its
+/// logarithm.
 #[inline]
 pub(crate) fn log_probability(
     (y, (ln_factorial, rest)): (f64, (f64, f64)),
@@ -105,9 +109,10 @@ pub(crate) fn log_probability(
     }
 }
 
-/// A function of its own, since its logarithm would otherwise be computed for small counts, too.
+/// Out of line, since the compiler would otherwise compute its logarithm for small counts as well.
 #[cold]
 fn log_probability_of_many(y: f64, rest: f64, rate: f64, ln_rate: f64) -> f64 {
+    // Far below the count 1 + u is small, and the logarithm of the rate has more digits.
     if rate < 0.1 * y {
         y * (ln_rate - y.ln()) + (y - rate) - rest
     } else {
@@ -118,7 +123,7 @@ fn log_probability_of_many(y: f64, rest: f64, rate: f64, ln_rate: f64) -> f64 {
 impl Univariate for Poisson {
     const VALUES: &'static str = "a whole number from 0 to 2^53";
     const HAS_ZERO: bool = true;
-    /// The count y, with ln(y!), and that less y (ln y − 1).
+    /// The count y, with ln(y!) and ln(y!) − y (ln y − 1).
     type Point = (f64, (f64, f64));
     type Statistics = [f64; 2];
 
@@ -154,7 +159,8 @@ impl Univariate for Poisson {
     }
 
     fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> f64 {
-        // A rate of 0 is no Poisson distribution there; a draw above the largest count is that one.
+        // rand_distr rejects a rate of 0, whose counts are 0. Draws above the largest count become
+        // it.
         let draw = rand_distr::Poisson::new(self.rate).map_or(0.0, |counts| counts.sample(rng));
         draw.min(MOST)
     }

@@ -1,4 +1,4 @@
-//! Trait of a distribution of one number, for [`Independent`](super::Independent) families.
+//! Traits of a distribution of one number, for [`Independent`](super::Independent) families.
 
 use std::fmt::Debug;
 
@@ -6,9 +6,9 @@ use rand::Rng;
 
 use crate::{EmissionError, Tails};
 
-/// A distribution of one number, with parameters that are learned.
+/// A distribution of one number whose parameters are learned.
 ///
-/// [`Independent`](super::Independent) makes a family of it: one for each state and component.
+/// [`Independent`](super::Independent) makes a family of it, with one for each state and component.
 ///
 /// # Implement it yourself
 ///
@@ -68,19 +68,20 @@ pub trait Univariate: Clone + Debug {
     /// Valid observations, in words, for errors.
     const VALUES: &'static str;
 
-    /// True if 0 is an observation that has a probability, as among counts, and no density: by this
-    /// [`ZeroInflated`](super::ZeroInflated) and [`Hurdle`](super::Hurdle) know other zeros.
+    /// True if 0 is an observation with a probability of its own, as among counts, rather than a
+    /// density. [`ZeroInflated`](super::ZeroInflated) and [`Hurdle`](super::Hurdle) need to know.
     const HAS_ZERO: bool = false;
 
-    /// True if [`maximize`](Self::maximize) finds the maximum at once; false if it leads there in
-    /// several steps, which [`starts`](crate::starts) then makes.
+    /// True if [`maximize`](Self::maximize) finds the maximum at once; false if it takes several
+    /// steps, which [`starts`](crate::starts) then makes.
     const EXACT: bool = true;
 
-    /// An observation with what all states compute from it alike, such as its logarithm.
+    /// An observation together with what is the same for all states, such as its logarithm.
     type Point;
 
-    /// Sufficient statistics of one or more observations: an array that holds their number, or the sum
-    /// of their weights, first, or a pair of such a number and other [`Sums`]. Best centred on the present parameters, as a variance is.
+    /// Sufficient statistics of one or more observations: an array whose first entry is their
+    /// number or the sum of their weights, or a pair of such a number and other [`Sums`]. They are
+    /// best centred on the present parameters, as a variance is on the mean.
     type Statistics: Sums;
 
     /// Returns the observation if it is valid. It is never NaN.
@@ -89,33 +90,32 @@ pub trait Univariate: Clone + Debug {
     /// Logarithm of the density (or probability) of an observation: −∞ where it is 0, never NaN.
     fn log_density(&self, point: &Self::Point) -> f64;
 
-    /// Statistics of one observation, of which those of many are the weighted sum.
+    /// Statistics of one observation; those of many are the weighted sum.
     fn statistics(&self, point: &Self::Point) -> Self::Statistics;
 
     /// Expectations of the [statistics](Self::statistics) of an observation distributed as `of`.
     fn expectations(&self, of: &Self) -> Self::Statistics;
 
-    /// Expectation of the log density of an observation whose statistics have these expectations,
-    /// up to terms that are free of the parameters.
+    /// Expected log density of an observation whose statistics have these expectations, up to terms
+    /// that do not depend on the parameters.
     fn expected_log_density(&self, expectations: &Self::Statistics) -> f64;
 
-    /// Adds the pseudo-count of each value that `self` does not rule out, where values are few; by
-    /// default nothing.
+    /// Adds the pseudo-count of each value that `self` does not rule out, for distributions on a
+    /// few values; by default nothing.
     fn add_pseudo_count(&self, sums: &mut Self::Statistics, pseudo_count: f64) {
         let _ = (sums, pseudo_count);
     }
 
-    /// Log density of the prior that the pseudo-count stands for, without its constant; by
-    /// default 0.
+    /// Log density of the prior that the pseudo-count stands for, up to its constant; by default 0.
     fn log_prior(&self, pseudo_count: f64) -> f64 {
         let _ = pseudo_count;
         0.0
     }
 
     /// Returns the distribution that maximises the log-likelihood of the observations behind the
-    /// sums, which were added by `self`, and have a weight of at least 2.2e-308; or one with a
-    /// likelihood that is higher than that of `self`, if there is one, where no statistics of finite
-    /// number determine the maximum.
+    /// sums, which were added by `self` and have a total weight of at least 2.2e-308. Where there
+    /// is no finite-dimensional sufficient statistic, it returns one with a higher likelihood than
+    /// `self`, if there is one.
     ///
     /// # Errors
     ///
@@ -123,17 +123,17 @@ pub trait Univariate: Clone + Debug {
     /// determine no valid distribution.
     fn maximize(&self, sums: &Self::Statistics) -> Result<Self, EmissionError>;
 
-    /// Number of parameters that learning may change independently of each other.
+    /// Number of free parameters in learning.
     fn free_parameters(&self) -> usize;
 
     /// Draws an observation.
     fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> f64;
 }
 
-/// A distribution of one number that knows the probabilities on both sides of a value, for
+/// A distribution of one number with the probabilities on both sides of a value, for
 /// [pseudo-residuals](wayfix::Hmm::pseudo_residuals) and [forecasts](crate::Predictive).
 ///
-/// All distributions of this module do. For one of your own, such as the waiting times of
+/// All distributions of this module implement it. For one of your own, such as the waiting times of
 /// [`Univariate`]:
 ///
 /// ```
@@ -146,26 +146,26 @@ pub trait Univariate: Clone + Debug {
 /// assert_eq!(tails(2.0, 1e3).above, (-500.0_f64).exp()); // 1 − below would be 0
 /// ```
 pub trait Cumulative: Univariate {
-    /// Probabilities below, at and above any number but NaN: also one that is no observation, such as
-    /// 0.5 among counts, and ±∞. Both tails should have digits, that of below not being 1 less that of
-    /// above.
+    /// Probabilities below, at and above any number but NaN, including numbers that cannot be
+    /// observed, such as 0.5 among counts, and ±∞. Compute each tail by itself: 1 less the other
+    /// has no digits where it is small.
     fn tails(&self, y: f64) -> Tails;
 
-    /// A valid observation as the number that is counted with: of an angle the one from −π to π, which
-    /// has the same direction. By default the observation itself.
+    /// Canonical number of a valid observation: for an angle, the one from −π to π with the same
+    /// direction. By default the observation itself.
     #[must_use]
     fn principal(value: f64) -> f64 {
         value
     }
 }
 
-/// Sums of statistics of observations that have weights. Implemented for arrays that hold the sum
-/// of weights first, and for pairs of one weight and other sums.
+/// Weighted sums of the statistics of observations. Implemented for arrays whose first entry is the
+/// sum of the weights, and for pairs of one weight and other sums.
 pub trait Sums: Default + Clone + Send {
     /// Sum of the weights.
     fn weight(&self) -> f64;
 
-    /// Adds a factor times the sums of other observations.
+    /// Adds `factor` times the sums of other observations.
     fn add(&mut self, factor: f64, other: &Self);
 }
 
@@ -183,7 +183,7 @@ where
     }
 }
 
-/// Returns a finite number above 0 with its logarithm.
+/// Returns a finite number above 0 with its logarithm, or `None` for others.
 pub(super) fn positive(value: f64) -> Option<[f64; 2]> {
     (value > 0.0 && value.is_finite()).then(|| [value, value.ln()])
 }

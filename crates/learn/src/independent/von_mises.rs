@@ -1,4 +1,7 @@
-//! Von Mises distribution: headings and other angles.
+//! Von Mises distribution: headings and other angles, ln p(y) = peak − κ (1 − cos(y − μ)).
+//!
+//! 1 − cos Δ = 2 sin²(Δ/2) is computed from half angles, and 1 less the mean length from it, since
+//! both are small for large κ.
 
 use std::f64::consts::{PI, TAU};
 
@@ -15,13 +18,13 @@ use crate::{EmissionError, Tails};
 ///
 /// With mean directions μ_c and concentrations κ_c ≥ 0, a [family](Self::family) of d angles has
 /// p(y) = Π_c exp(κ_c cos(y_c − μ_c)) / (2π I₀(κ_c)), of finite y_c. Concentrations may have any
-/// size: from all directions alike to a variance of 1 / κ.
+/// size, from 0, where all directions are equally likely, to large κ with a variance of 1 / κ.
 ///
-/// Learning sets μ to the direction of the mean vector, and κ to the solution of I₁(κ) / I₀(κ) = its
-/// length, by Newton's method to the last digits (Mardia and Jupp, *Directional Statistics*, 2000);
-/// learned directions are from −π to π. Observations that are all alike determine no
-/// concentration, an [error](EmissionError::TooFew), unless there is a prior: that of c
-/// [observations](Independent::with_prior) with parameters m and k has the density of μ and κ
+/// Learning sets μ to the direction of the mean vector, and κ to the solution of
+/// I₁(κ) / I₀(κ) = its length, by Newton's method to the last digits (Mardia and Jupp, *Directional
+/// Statistics*, 2000); learned directions are from −π to π. Observations that are all alike
+/// determine no concentration, an [error](EmissionError::TooFew), unless there is a prior: that of
+/// c [observations](Independent::with_prior) with parameters m and k has the density of μ and κ
 /// proportional to exp(c κ cos(μ − m) I₁(k) / I₀(k)) I₀(κ)^−c, which is conjugate (Guttorp and
 /// Lockhart, 1988).
 ///
@@ -54,11 +57,12 @@ impl VonMises {
     /// # Errors
     ///
     /// [`EmissionError::Parameter`] unless the mean is finite and the concentration from 0 (all
-    /// directions are as likely) to 1e300.
+    /// directions equally likely) to 1e300.
     pub fn new(mean: f64, concentration: f64) -> Result<Self, EmissionError> {
         let mean = check("mean direction", mean, mean.is_finite(), "a finite value")?;
         let valid = (0.0..=1e300).contains(&concentration);
         let k = check("concentration", concentration, valid, "a value from 0 to 1e300")?;
+        // At the mean e^κ / (2π I₀(κ)), where `Bessel::log` is ln(e^−κ I₀(κ)).
         let peak = -TAU.ln() - Bessel::new(0.0, k).log;
         Ok(Self { mean, concentration: k, half: half(mean), peak })
     }
@@ -90,15 +94,16 @@ impl VonMises {
         self.concentration
     }
 
-    /// Sine of the angle to μ, and 1 less its cosine.
+    /// sin Δ and 1 − cos Δ of the angle Δ to μ.
     fn turn(&self, [sin_half, cos_half]: [f64; 2]) -> (f64, f64) {
+        // Half the difference by the addition theorems, without another call of sine and cosine.
         let sin = sin_half * self.half[1] - cos_half * self.half[0];
         let cos = cos_half * self.half[1] + sin_half * self.half[0];
         (2.0 * sin * cos, 2.0 * sin * sin)
     }
 }
 
-/// Sine and cosine of half an angle: those of half a difference take no further call.
+/// Sine and cosine of half an angle.
 pub(super) fn half(angle: f64) -> [f64; 2] {
     let (sin, cos) = (0.5 * angle).sin_cos();
     [sin, cos]
@@ -106,7 +111,7 @@ pub(super) fn half(angle: f64) -> [f64; 2] {
 
 /// Returns the same direction as an angle from −π to π.
 pub(super) fn wrapped(angle: f64) -> f64 {
-    // Sine and cosine know 2π to all its digits, a remainder only to those of a double.
+    // Sine and cosine reduce by 2π to all its digits, a remainder only by the nearest double.
     if angle.abs() <= PI { angle } else { angle.sin().atan2(angle.cos()) }
 }
 
@@ -132,6 +137,8 @@ impl Univariate for VonMises {
     }
 
     fn expectations(&self, of: &Self) -> [f64; 3] {
+        // The mean vector of `of` has length r and the angle Δ to μ, and
+        // 1 − r cos Δ = (1 − r) + r (1 − cos Δ).
         let (sin, rest) = self.turn(of.half);
         let Bessel { ratio, complement, .. } = Bessel::new(0.0, of.concentration);
         [1.0, ratio * sin, complement + ratio * rest]
@@ -143,6 +150,7 @@ impl Univariate for VonMises {
 
     fn maximize(&self, &[weight, sin, rest]: &[f64; 3]) -> Result<Self, EmissionError> {
         let (sin, rest) = (sin / weight, rest / weight);
+        // Mean vector (cos, sin) relative to the present μ.
         let length = sin.hypot(1.0 - rest);
         let variance = 2.0 * rest - rest * rest - sin * sin; // 1 − length²
         let variance = spread("concentration", weight, variance, rest)?;
@@ -151,6 +159,7 @@ impl Univariate for VonMises {
         } else {
             wrapped(wrapped(self.mean) + sin.atan2(1.0 - rest))
         };
+        // 1 − length = (1 − length²) / (1 + length).
         Self::new(mean, concentration::concentration(2, length, variance / (1.0 + length)))
     }
 
@@ -159,6 +168,7 @@ impl Univariate for VonMises {
     }
 
     fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> f64 {
+        // sin²(turn / 2) = (1 − cos) / 2; both signs are equally likely.
         let turn =
             2.0 * (0.5 * concentration::draw(2, self.concentration, rng)).sqrt().min(1.0).asin();
         wrapped(wrapped(self.mean) + if rng.random::<bool>() { turn } else { -turn })
@@ -166,18 +176,19 @@ impl Univariate for VonMises {
 }
 
 impl Cumulative for VonMises {
-    /// Probabilities of angles from −π to π, counted from −π. O(1): integrals of the density, in some
+    /// Probabilities between −π and y and between y and π. O(1): integrals of the density, in some
     /// hundred evaluations.
     fn tails(&self, y: f64) -> Tails {
         if y.abs() >= PI {
             let below = f64::from(u8::from(y > 0.0));
             return Tails::between([below, 1.0 - below]);
         }
-        // If the mean is below 0, the tails of the mirror image.
+        // For a mean below 0, the tails of the mirror image: so the mean is from 0 to π.
         let mean = wrapped(self.mean);
         let (circle, cut, at) = (Circle(self.concentration), PI - mean.abs(), y - mean);
         let at = if mean < 0.0 { -at } else { at };
-        // Angles from the mean begin at the cut, go up to π, and on from −π to the cut again.
+        // The circle is cut at ±π, which is the angle π − mean from the mean. In angles from the
+        // mean, counting from −π starts at the cut, goes up to π, and continues from −π to the cut.
         let (before, after) = (mass(&circle, -PI, cut), mass(&circle, cut, PI));
         let [below, above] = if at < -PI {
             [mass(&circle, cut, at + TAU), before + mass(&circle, at + TAU, PI)]

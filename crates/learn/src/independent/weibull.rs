@@ -1,4 +1,11 @@
 //! Weibull distribution: durations and speeds, by the way in which their hazard changes.
+//!
+//! With v = k ln(y / λ), ln p(y) = ln k + v − e^v − ln y. For a new shape ρ k the best scale has
+//! λ'^(ρk) = mean of y^(ρk), so that per observation, up to a constant, the likelihood is
+//!
+//! ```text
+//! L(ρ) = ln ρ + ρ E v − ln E exp(ρ v)
+//! ```
 
 use std::f64::consts::{PI, TAU};
 
@@ -18,13 +25,14 @@ use crate::{EmissionError, Tails};
 /// The hazard rises with y for k > 1, and falls for k < 1; for k = 1 the distribution is
 /// [`Exponential`](super::Exponential).
 ///
-/// No statistics of finite number determine the shape. Learning maximises a bound from below, whose
-/// value and first two derivatives are those of the likelihood at the present shape, up to twice or
-/// down to half of it. So no step lowers the likelihood, and near the maximum each doubles the
-/// number of right digits. The scale is at its maximum for each shape, λ^k = mean of y^k.
+/// There is no finite-dimensional sufficient statistic for the shape. Learning maximises a lower
+/// bound of the likelihood with the same value and the same first two derivatives at the present
+/// shape, between half and twice that shape. So no step lowers the likelihood, and near the maximum
+/// each doubles the number of correct digits. The scale is optimal for each shape, λ^k = mean of
+/// y^k.
 ///
 /// Observations that are all alike determine no shape, an [error](EmissionError::TooFew), unless
-/// there is a prior, that of c [observations](Independent::with_prior).
+/// there is a prior of c [observations](Independent::with_prior).
 ///
 /// ```
 /// use wayfix_learn::Weibull;
@@ -81,24 +89,28 @@ impl Weibull {
         self.shape
     }
 
-    /// Scale λ: a share of 1 − 1/e of all is below.
+    /// Scale λ, below which are 1 − 1/e of all observations.
     #[must_use]
     pub fn scale(&self) -> f64 {
         self.scale
     }
 
-    /// v = ln((y / λ)^k), exact also near the scale.
+    /// v = k ln(y / λ), accurate also near the scale.
     fn power(&self, [y, ln]: [f64; 2]) -> f64 {
         let u = (y - self.scale) / self.scale;
         self.shape * if u.abs() < 0.5 { u.ln_1p() } else { ln - self.ln_scale }
     }
 
-    /// Returns the shape, in parts of the present one, that maximises the bound, and the logarithm of
-    /// the mean of (y / λ)^k there.
+    /// Returns the shape that maximises the bound, relative to the present one, and the logarithm
+    /// of the bound of the mean of (y / λ)^k there.
     ///
-    /// The mean of exp(ρ v) has a second derivative with respect to ρ that is convex, so below its
-    /// chord; integrated twice, a cubic bound of the mean from above.
+    /// The second derivative of E exp(ρ v) with respect to ρ, E v² exp(ρ v), is convex, and so lies
+    /// below its chord from ρ = 1 to 2, or to ½. Integrated twice, this is a cubic upper bound of
+    /// the mean.
     fn step(mean: f64, [value, slope, curvature, twice, half]: [f64; 5]) -> (f64, f64) {
+        // With ρ = 1 + u: L'(1) = 1 + E v − slope / value decides to which side to go. The cubic is
+        // value + slope u + curvature u² / 2 + chord u³ / 6, and `gain` is the bound of L less
+        // L(1).
         let rises = 1.0 + mean - slope / value >= 0.0;
         let (chord, end) =
             if rises { (twice - curvature, 1.0) } else { (2.0 * (curvature - half), -0.5) };
@@ -108,6 +120,8 @@ impl Weibull {
             let ratio = (slope + u * (curvature + 0.5 * u * chord)) / bound(u);
             ((1.0 + u).recip() + mean - ratio >= 0.0) == rises
         };
+        // The point where the derivative of the bound changes its sign, by bisection, or the end of
+        // the interval.
         let mut u = if !chord.is_finite() {
             0.0
         } else if is_before(end) {
@@ -124,7 +138,8 @@ impl Weibull {
             }
             low
         };
-        // At first it rises; should it have fallen since, half the way is better.
+        // The bound rises at first, but may have several extrema: if this is lower than the start,
+        // go back by halves.
         while gain(u) < 0.0 && u.abs() > f64::EPSILON {
             u *= 0.5;
         }
@@ -132,7 +147,7 @@ impl Weibull {
     }
 }
 
-/// Γ(1 + t), ψ(1 + t) and its derivative.
+/// Γ(1 + t), ψ(1 + t) and ψ'(1 + t).
 fn gamma(t: f64) -> [f64; 3] {
     let a = 1.0 + t;
     let log = (t + 0.5) * a.ln() - a + 0.5 * TAU.ln() + stirling(a);
@@ -166,7 +181,10 @@ impl Univariate for Weibull {
     }
 
     fn expectations(&self, of: &Self) -> [f64; 8] {
-        // v = V + q g, where exp(g) is exponentially distributed.
+        // v = V + q g, where exp(g) is exponentially distributed, V = k ln(λ_of / λ) and
+        // q = k / k_of. So E exp(t v) = exp(t V) Γ(1 + t q), whose derivatives with respect to t
+        // give the moments with v and v²: under the tilted density v has the mean V + q ψ and the
+        // variance q² ψ'.
         let (middle, q) = (self.power([of.scale, of.ln_scale]), self.shape / of.shape);
         let moments = |times: f64| {
             let [gamma, first, second] = gamma(times * q);
@@ -189,11 +207,13 @@ impl Univariate for Weibull {
         let (ratio, shift) = if value > 0.0 && curvature.is_finite() {
             Self::step(mean, powers)
         } else {
-            // Beyond the range of doubles: from the moments of logarithms (Menon, 1963).
+            // Sums beyond the range of doubles: by the moments of logarithms (Menon, 1963). ln y
+            // has the variance π² / 6k² and the mean ln λ − 0.577… / k.
             let ratio = PI / (6.0 * variance).sqrt();
             (ratio, ratio * mean + 0.577_215_664_901_532_9)
         };
         let shape = self.shape * ratio;
+        // λ'^(k') = λ^(k') E exp(ρ v).
         Self::new(shape, self.scale * (shift / shape).exp())
     }
 
@@ -203,13 +223,14 @@ impl Univariate for Weibull {
 
     fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> f64 {
         let draw: f64 = Exp1.sample(rng);
-        // A draw that a double does not hold is the nearest that it does.
+        // A draw beyond the range of doubles becomes the nearest valid one.
         (self.scale * draw.powf(self.shape.recip())).clamp(f64::from_bits(1), f64::MAX)
     }
 }
 
 impl Cumulative for Weibull {
     fn tails(&self, y: f64) -> Tails {
+        // The cumulative hazard e^v: the upper tail is exp(−e^v), and 1 less that by `exp_m1`.
         let hazard = match positive(y) {
             Some(y) => self.power(y).exp(),
             None if y > 0.0 => f64::INFINITY,

@@ -1,4 +1,9 @@
-//! Wrapped Cauchy distribution: turning angles, of which some are far from the others.
+//! Wrapped Cauchy distribution: turning angles, some of them far from the others.
+//!
+//! As complex numbers z = e^iΔ, Δ = y − μ, the Möbius transformation (z − ρ) / (1 − ρ z) makes
+//! angles of this distribution uniform. For half angles it is
+//! tan(Δ'/2) = (1 + ρ) / (1 − ρ) · tan(Δ/2), by which densities, statistics, tails and draws are
+//! computed.
 
 use std::f64::consts::{PI, TAU};
 
@@ -17,12 +22,12 @@ use crate::{EmissionError, Tails};
 /// [family](Self::family) of d angles has
 /// p(y) = Π_c (1 − ρ_c²) / (2π (1 + ρ_c² − 2 ρ_c cos(y_c − μ_c))), of finite y_c.
 ///
-/// No statistics of finite number determine the parameters. A learning step moves angles such that
-/// their present distribution becomes uniform (McCullagh, 1996), and there maximises the bound from
-/// below that Kent and Tyler (1988) derive. So no step lowers the likelihood, and near the maximum
-/// about half of the distance is left by each; learned directions are from −π to π. Observations that
-/// are all alike, or of which half are, determine no concentration, an
-/// [error](EmissionError::TooFew), unless there is a prior, that of c
+/// There is no finite-dimensional sufficient statistic. A learning step transforms the angles so
+/// that their present distribution becomes uniform (McCullagh, 1996), and there maximises the lower
+/// bound of Kent and Tyler (1988). So no step lowers the likelihood, and near the maximum each
+/// about halves the distance that is left; learned directions are from −π to π. If half of the
+/// observations or more are alike, they determine no concentration, an
+/// [error](EmissionError::TooFew), unless there is a prior of c
 /// [observations](Independent::with_prior).
 ///
 /// ```
@@ -55,7 +60,7 @@ impl WrappedCauchy {
     /// # Errors
     ///
     /// [`EmissionError::Parameter`] unless the mean is finite and the concentration from 0 (all
-    /// directions are as likely) to below 1.
+    /// directions equally likely) to below 1.
     pub fn new(mean: f64, concentration: f64) -> Result<Self, EmissionError> {
         let mean = check("mean direction", mean, mean.is_finite(), "a finite value")?;
         let valid = (0.0..1.0).contains(&concentration);
@@ -91,12 +96,12 @@ impl WrappedCauchy {
         self.concentration
     }
 
-    /// Sine and cosine of half the angle to μ, in parts of 1 ∓ ρ: those of the angle at which the
-    /// distribution is uniform, times the root of 1 + ρ² − 2ρ cos(y − μ).
+    /// (1 + ρ) sin(Δ/2) and (1 − ρ) cos(Δ/2) for the angle Δ to μ: sine and cosine of half the
+    /// transformed angle, times the root of 1 + ρ² − 2ρ cos Δ.
     fn turn(&self, [y, sin_half, cos_half]: [f64; 3]) -> [f64; 2] {
         let difference = y - self.mean;
         let [sin, cos] = if difference.abs() < 0.25 {
-            // The products below would cancel.
+            // Near the mean the addition theorem would cancel.
             half(difference)
         } else {
             let (sin, cos) = (self.half[0], self.half[1]);
@@ -111,8 +116,8 @@ impl Univariate for WrappedCauchy {
     const EXACT: bool = false;
     /// The angle, and sine and cosine of half of it.
     type Point = [f64; 3];
-    /// 1, the sine and 1 less the cosine of the angle that is uniform at present, and the log
-    /// density.
+    /// 1, sin Δ' and 1 − cos Δ' of the transformed angle, which is uniform under the present
+    /// parameters, and the log density.
     type Statistics = [f64; 4];
 
     fn point(value: f64) -> Option<[f64; 3]> {
@@ -132,13 +137,15 @@ impl Univariate for WrappedCauchy {
         [1.0, 2.0 * sin * cos / square, 2.0 * sin * sin / square, self.constant - square.ln()]
     }
 
-    // The mean vector z of angles becomes (z − ρ) / (1 − ρ z), as each angle does.
+    // The mean vector z of a wrapped Cauchy distribution transforms as each angle does, to
+    // (z − ρ) / (1 − ρ z), and E ln |1 − ρ e^iΔ|² is ln |1 − ρ z|²: both functions are harmonic.
     fn expectations(&self, of: &Self) -> [f64; 4] {
         let (rho, other) = (self.concentration, of.concentration);
         let sin_half = of.half[0] * self.half[1] - of.half[1] * self.half[0];
         let cos_half = of.half[1] * self.half[1] + of.half[0] * self.half[0];
         let (sin, rest) = (2.0 * sin_half * cos_half, 2.0 * sin_half * sin_half);
-        // 1 − ρ z, of which the real part is 1 − ρ r + ρ r (1 − cos).
+        // The real part of 1 − ρ z, z = r e^iδ, is 1 − ρ r + ρ r (1 − cos δ), which does not
+        // cancel.
         let real = (1.0 - rho * other) + rho * other * rest;
         let imaginary = -rho * other * sin;
         let square = real * real + imaginary * imaginary;
@@ -158,11 +165,14 @@ impl Univariate for WrappedCauchy {
         let [_, sin, rest, _] = sums.map(|sum| sum / sums[0]);
         let variance = 2.0 * rest - rest * rest - sin * sin; // 1 − length²
         spread("concentration", sums[0], variance, 1.0)?;
-        // The vector η with η / (1 − |η|²) = the mean one, and z with η = 2 z / (1 + |z|²).
+        // The bound of Kent and Tyler at a uniform start has its maximum at the vector η with
+        // η / (1 − |η|²) = the mean one, where η = 2 z / (1 + |z|²) for the mean vector z of the
+        // distribution. `eta` and `share` are |η| and |z| over the length of the mean vector.
         let (cos, length) = (1.0 - rest, sin.hypot(1.0 - rest));
         let eta = 2.0 / (1.0 + (2.0 * length).hypot(1.0));
         let share = eta / (1.0 + ((1.0 - eta * length) * (1.0 + eta * length)).sqrt());
-        // Back to angles: (z + ρ) / (1 + ρ z).
+        // Back to the original angles: (z + ρ) / (1 + ρ z), and 1 less its squared length, which is
+        // (1 − ρ²) (1 − |z|²) / |1 + ρ z|² without cancellation.
         let (rho, x, y) = (self.concentration, share * cos, share * sin);
         let (above, below) = ((rho + x, y), (1.0 + rho * x, rho * y));
         let square = below.0 * below.0 + below.1 * below.1;
@@ -172,7 +182,7 @@ impl Univariate for WrappedCauchy {
         } else {
             above.0.hypot(above.1) / square.sqrt()
         };
-        // Below that, the next double is 1.
+        // Closer to 1 there is hardly a double left: the concentration has no maximum below 1.
         spread("concentration", sums[0], 1.0 - concentration, 1.0)?;
         let turn = above.1.atan2(above.0) - below.1.atan2(below.0);
         Self::new(wrapped(wrapped(self.mean) + turn), concentration)
@@ -183,7 +193,7 @@ impl Univariate for WrappedCauchy {
     }
 
     fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> f64 {
-        // An angle that is uniform, moved back.
+        // The inverse transformation of a uniform angle.
         let [sin, cos] = half(TAU * (rng.random::<f64>() - 0.5));
         let (a, b) = (1.0 - self.concentration, 1.0 + self.concentration);
         wrapped(wrapped(self.mean) + 2.0 * (sin * a).atan2(cos * b))
@@ -191,11 +201,12 @@ impl Univariate for WrappedCauchy {
 }
 
 impl Cumulative for WrappedCauchy {
-    /// Probabilities of angles from −π to π, counted from −π.
+    /// Probabilities between −π and y and between y and π.
     fn tails(&self, y: f64) -> Tails {
         let (y, mean) = (y.clamp(-PI, PI), wrapped(self.mean));
         let (less, more) = (1.0 - self.concentration, 1.0 + self.concentration);
-        // Half of the arc between two angles after the distribution has become uniform.
+        // Half the arc between two transformed angles, over π. It is the angle between the vectors
+        // ((1 − ρ) cos, (1 + ρ) sin) of their halves, from cross and dot product.
         let share = |from: f64, to: f64| {
             let [a, b] = [from, to].map(|angle| half(angle - mean));
             let sin = less * more * (0.5 * (to - from)).sin();

@@ -1,4 +1,7 @@
-//! Zeros beside any distribution, some of which may be its own.
+//! Zero inflation: extra zeros beside any distribution, which may have zeros of its own.
+//!
+//! Which zeros are extra is hidden. Learning solves for their number within the M step
+//! (`zeros::fit`) rather than by one EM step after the other.
 
 use rand::{Rng, RngExt};
 
@@ -8,20 +11,20 @@ use super::zeros;
 use crate::check::check;
 use crate::{EmissionError, Tails};
 
-/// A distribution with more zeros: with probability w a value is 0, otherwise it has the
-/// distribution F.
+/// A distribution with extra zeros: a value is 0 with probability w, and otherwise distributed as
+/// F.
 ///
 /// With F = [`Poisson`](super::Poisson), [`NegativeBinomial`](super::NegativeBinomial) or
 /// [`Binomial`](super::Binomial) these are zero-inflated counts, in which a zero may be of either
-/// origin: p(0) = w + (1 − w) f(0) and p(y) = (1 − w) f(y). Other distributions have no zeros, or
-/// none with a probability. There it is a point mass at 0, as animals that rest have steps of
-/// length 0 and otherwise of [`Gamma`](super::Gamma), [`Weibull`](super::Weibull) or
+/// origin: p(0) = w + (1 − w) f(0) and p(y) = (1 − w) f(y). Continuous distributions have no zeros
+/// of positive probability. There w is a point mass at 0: the steps of an animal have length 0
+/// while it rests, and otherwise [`Gamma`](super::Gamma), [`Weibull`](super::Weibull) or
 /// [`LogNormal`](super::LogNormal) lengths.
 ///
-/// Learning sets both to the maximum, if F does so from its own statistics: the number of zeros
-/// that F explains is the root of an equation, which each step solves to the last digits; where F
-/// would explain all, w is 0. The [prior](Independent::with_prior) of c observations is that of
-/// their expected zeros and expected statistics of others.
+/// Learning sets w and F to the maximum, if F finds its own from its statistics: the number of
+/// zeros that F explains is the root of an equation, which each step solves to the last digits;
+/// where F would explain them all, w is 0. The [prior](Independent::with_prior) of c observations
+/// adds their expected zeros and the expected statistics of the others.
 ///
 /// ```
 /// use wayfix_learn::{Poisson, ZeroInflated};
@@ -51,13 +54,13 @@ pub struct ZeroInflated<F> {
 }
 
 impl<F> ZeroInflated<F> {
-    /// Probability of a zero beside those of the distribution, w.
+    /// Probability w of an extra zero.
     #[must_use]
     pub fn probability(&self) -> f64 {
         self.probability
     }
 
-    /// The distribution of values that are no such zero.
+    /// The distribution F of all values but the extra zeros.
     #[must_use]
     pub fn inner(&self) -> &F {
         &self.inner
@@ -65,7 +68,7 @@ impl<F> ZeroInflated<F> {
 }
 
 impl<F: Univariate> ZeroInflated<F> {
-    /// Creates the distribution with this probability of a zero beside those of another.
+    /// Creates the distribution with this probability of an extra zero, and F.
     ///
     /// # Errors
     ///
@@ -74,6 +77,8 @@ impl<F: Univariate> ZeroInflated<F> {
         let valid = (0.0..=1.0).contains(&probability);
         let w = check("probability of 0", probability, valid, "a value from 0 to 1")?;
         let (log, other) = (zeros::log_zero(&inner), (-w).ln_1p());
+        // ln p(0): as 1 less the probability of the others where that is below ½, otherwise the
+        // logarithm of w + (1 − w) f(0), relative to the larger term.
         let others = (1.0 - w) * -log.exp_m1();
         let zero = if others < 0.5 {
             (-others).ln_1p()
@@ -137,6 +142,7 @@ impl<F: Univariate> Univariate for ZeroInflated<F> {
     }
 
     fn maximize(&self, sums: &Self::Statistics) -> Result<Self, EmissionError> {
+        // The start is one EM step: a zero is F's own with probability (1 − w) f(0) / p(0).
         let (zero, others) = sums;
         let share = (self.other + zeros::log_zero(&self.inner) - self.zero).exp();
         let start = if share <= 1.0 { zero * share } else { *zero };

@@ -1,4 +1,5 @@
-//! Zeros beside other observations: how many of them a distribution expects.
+//! Zeros beside other observations: shared by [`ZeroInflated`](super::ZeroInflated) and
+//! [`Hurdle`](super::Hurdle), whose M steps both ask how many zeros a distribution expects.
 
 use super::family::Independent;
 use super::univariate::{Cumulative, Sums, Univariate};
@@ -17,7 +18,7 @@ impl<S: Sums> Sums for (f64, S) {
     }
 }
 
-/// Statistics of an observation, of which `None` is a zero.
+/// Statistics of an observation, where `None` stands for a zero.
 pub(super) fn statistics<F: Univariate>(inner: &F, y: Option<&F::Point>) -> (f64, F::Statistics) {
     match y {
         None => (1.0, F::Statistics::default()),
@@ -25,12 +26,12 @@ pub(super) fn statistics<F: Univariate>(inner: &F, y: Option<&F::Point>) -> (f64
     }
 }
 
-/// The observation 0, if it has a probability.
+/// The observation 0, if the distribution gives it a probability.
 fn zero_point<F: Univariate>() -> Option<F::Point> {
     if F::HAS_ZERO { F::point(0.0) } else { None }
 }
 
-/// Statistics of a zero, if it has a probability.
+/// Statistics of a zero, if the distribution gives it a probability.
 fn zero<F: Univariate>(inner: &F) -> Option<F::Statistics> {
     zero_point::<F>().map(|zero| inner.statistics(&zero))
 }
@@ -40,8 +41,9 @@ pub(super) fn log_zero<F: Univariate>(inner: &F) -> f64 {
     zero_point::<F>().map_or(f64::NEG_INFINITY, |zero| inner.log_density(&zero))
 }
 
-/// Logarithm of the probability of all values but 0, from that of 0.
+/// ln(1 − f(0)), from ln f(0).
 pub(super) fn log_others(log_zero: f64) -> f64 {
+    // `exp_m1` near f(0) = 1, `ln_1p` near 0: either keeps all digits on its side.
     if log_zero > -0.5 { (-log_zero.exp_m1()).ln() } else { (-log_zero.exp()).ln_1p() }
 }
 
@@ -54,8 +56,8 @@ pub(super) fn expectations<F: Univariate>(inner: &F, of: &F) -> F::Statistics {
     all
 }
 
-/// Expectation of the log density of zeros, whose logarithm is given, and of others, with the
-/// logarithm of the factor beside their distribution.
+/// Expected log density, where a zero has the log probability `zero` and other values have their
+/// log density plus `other`.
 pub(super) fn expected_log_density<F: Univariate>(
     inner: &F,
     [zero, other]: [f64; 2],
@@ -66,17 +68,18 @@ pub(super) fn expected_log_density<F: Univariate>(
     if weight == 0.0 {
         return of_zeros;
     }
+    // `expected_log_density` is for the statistics of one observation: divide by the weight.
     let mut mean = F::Statistics::default();
     mean.add(weight.recip(), others);
     of_zeros + weight * (other + inner.expected_log_density(&mean))
 }
 
-/// Number of parameters of a probability of 0 and a distribution beside it.
+/// Number of free parameters of a probability of 0 and a distribution beside it.
 pub(super) fn free_parameters<F: Univariate>(probability: f64, inner: &F) -> usize {
     usize::from(0.0 < probability && probability < 1.0) + inner.free_parameters()
 }
 
-/// Creates a family from rows of probabilities and of distributions.
+/// Creates a family from rows of probabilities and rows of distributions.
 pub(super) fn family<F: Clone, G>(
     probabilities: &[impl AsRef<[f64]>],
     inner: &[impl AsRef<[F]>],
@@ -89,7 +92,7 @@ pub(super) fn family<F: Clone, G>(
     })
 }
 
-/// The probability to which that of 0 belongs in the tails of a value.
+/// The tail of y that contains 0.
 pub(super) fn side(tails: &mut Tails, y: f64) -> &mut f64 {
     match y {
         _ if y > 0.0 => &mut tails.below,
@@ -98,11 +101,11 @@ pub(super) fn side(tails: &mut Tails, y: f64) -> &mut f64 {
     }
 }
 
-/// Most counts whose probabilities are added one by one.
+/// Largest count up to which probabilities are added one by one.
 const FEW: f64 = 64.0;
 
-/// Tails of a value without the probability that the distribution gives to 0; among distributions
-/// that give it some, for counts.
+/// Tails of a value without the probability of 0. A distribution that gives 0 a probability must be
+/// one of counts.
 pub(super) fn without<F: Cumulative>(inner: &F, y: f64) -> Tails {
     let mut tails = inner.tails(y);
     let zero = log_zero(inner).exp();
@@ -110,7 +113,7 @@ pub(super) fn without<F: Cumulative>(inner: &F, y: f64) -> Tails {
         return tails;
     }
     if 0.0 < y && y <= FEW {
-        // A difference would have no digits where 0 has nearly all.
+        // A difference would have no digits where 0 has nearly all the probability.
         let (mut sum, mut count) = (0.0, 1.0);
         while count < y {
             sum += F::point(count).map_or(0.0, |count| inner.log_density(&count).exp());
@@ -119,27 +122,26 @@ pub(super) fn without<F: Cumulative>(inner: &F, y: f64) -> Tails {
         tails.below = sum;
     } else {
         let side = side(&mut tails, y);
-        *side = (*side - zero).max(0.0); // what rounding leaves
+        *side = (*side - zero).max(0.0); // rounding may leave it below 0
     }
     tails
 }
 
-/// A number of zeros with the distribution that fits these and other observations best, and how
-/// many zeros it expects beside the others.
+/// A number of zeros, the distribution that fits these and the other observations best, and the
+/// number of zeros that it expects beside the others.
 struct Fit<F> {
     zeros: f64,
     inner: F,
     expected: f64,
 }
 
-/// Returns the distribution that fits other observations best, given that they are not 0, if it
-/// expects no more than `most` zeros beside them; otherwise that which fits with so many zeros. Also
-/// returns the number of zeros.
+/// Returns the distribution that fits the other observations best given that they are not 0, with
+/// the number of zeros that it expects beside them; if that is more than `most`, the best fit with
+/// `most` zeros.
 ///
-/// With z zeros beside n others the distribution has a probability f(z) of 0, which rises with z,
-/// and expects n f / (1 − f) of them; the step from z to that is the one of expectation and
-/// maximisation. The likelihood rises on the way to the first z that is expected as it is, which is
-/// found in a bracket.
+/// Fitted with z zeros beside n others, the distribution has a probability f(z) of 0, which rises
+/// with z, and expects n f / (1 − f) zeros. An EM step goes from z to that number. The likelihood
+/// rises on the way to the first fixed point, which is bracketed and solved for instead.
 pub(super) fn fit<F: Univariate>(
     inner: &F,
     others: &F::Statistics,
@@ -150,6 +152,7 @@ pub(super) fn fit<F: Univariate>(
     if weight < f64::MIN_POSITIVE {
         return Ok((inner.clone(), 0.0));
     }
+    // Without zeros of its own, the distribution explains none.
     let Some(zero) = zero(inner) else {
         return Ok((inner.maximize(others)?, 0.0));
     };
@@ -157,14 +160,17 @@ pub(super) fn fit<F: Univariate>(
         let mut sums = others.clone();
         sums.add(zeros, &zero);
         let inner = inner.maximize(&sums)?;
+        // n f / (1 − f) = n / (1/f − 1).
         let expected = weight / (-log_zero(&inner)).exp_m1();
         Ok::<_, EmissionError>(Fit { zeros, inner, expected })
     };
+    // Invariant of both loops: the fixed point is between `near` and `far`, and the likelihood
+    // rises from `near` towards it.
     let mut near = at(start.min(most))?;
     let rises = near.expected >= near.zeros;
     let mut far = if rises {
         loop {
-            // From there on, what is seen is lost in rounding beside the zeros.
+            // Beside so many zeros, the other observations are lost in rounding.
             if most == f64::INFINITY && near.expected * 64.0 * f64::EPSILON > weight {
                 let (state, component, what) = (None, None, "distribution of values above 0");
                 let reason = "they may stand beside any number of zeros; give a prior";
@@ -182,7 +188,8 @@ pub(super) fn fit<F: Univariate>(
     } else {
         at(0.0)?
     };
-    // Regula falsi, with half of an excess that stays (Illinois).
+    // Regula falsi with the Illinois modification: the value at an end that stays is halved, so
+    // that the bracket shrinks from both sides. Each step moves by at least the tolerance.
     let (mut a, mut b) = (near.expected - near.zeros, far.expected - far.zeros);
     for _ in 0..200 {
         let width = far.zeros - near.zeros;

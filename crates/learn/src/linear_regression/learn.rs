@@ -1,4 +1,16 @@
-//! Linear regression, learned by weighted least squares: the M step of section 9 of the formulas.
+//! Learning of linear regression by weighted least squares: the M step of section 9 of the
+//! formulas.
+//!
+//! The statistics are joint moments of the inputs x and the residuals r = y − B x − c under the
+//! current lines. With the scatters X of x, Z of x and r, and R of r, and a ridge λ, the maximum of
+//! −½ tr(Σ⁻¹ (Σ γ (r − D x − e)(r − D x − e)' + λ (B + D)(B + D)')) over the changes D of B and e
+//! of c is at
+//!
+//! ```text
+//! D = (Z' − λ B) (X + λ I)⁻¹              e = mean of r − D · mean of x
+//! Σ = (Ψ + R − D Z − Z' D' + D X D' + λ (B + D)(B + D)') / (ν + N)
+//! ```
+//! Near the maximum residuals are small compared with outputs, so that little cancels.
 
 use std::error::Error;
 
@@ -13,11 +25,11 @@ use wayfix::inference::{Displacement, FreeParameters};
 use wayfix::likelihood::LearnLikelihood;
 use wayfix_kernels::{Eight, LANES};
 
-/// Rounding of a rest, relative to the terms that were taken from an output.
+/// Rounding error of a residual, relative to the terms subtracted from the output.
 const ROUNDING: f64 = 64.0 * f64::EPSILON;
 
 impl LearnLikelihood for LinearRegression {
-    /// Moments of inputs, and of the differences of outputs from the current lines.
+    /// Joint moments of inputs and of the differences of outputs from the current lines.
     type Statistics = GaussianStatistics;
 
     fn statistics(&self) -> GaussianStatistics {
@@ -36,18 +48,21 @@ impl LearnLikelihood for LinearRegression {
         if observed == 0 {
             return;
         }
+        // An augmented row (x, r) for each state. Inputs are the same in all lanes.
         values.iter_mut().zip(input).for_each(|(value, x)| *value = [*x; LANES]);
         let differences = self.differences(row);
         for (block, weight) in weights.iter().enumerate() {
             if *weight == Eight::default() {
                 continue;
             }
+            // Complete outputs, or uncorrelated ones, need no elimination.
             let rests = &mut values[p..];
             if observed == d || noise.kind() == CovarianceType::Diagonal {
                 noise.write(&differences, block, rests);
                 moments.add_block(block, weight, values);
                 for (c, _) in output.iter().enumerate().filter(|c| c.1.is_nan()) {
-                    // Expected where it was, with its variance.
+                    // Given nothing else, it is expected on the line: its residual is 0, with the
+                    // current variance.
                     let at = Shape::Triangular.entry(p + c, p + c);
                     let variances = noise.variances(block, c);
                     let sums = moments.scatter_mut(block)[at].iter_mut();
@@ -56,6 +71,8 @@ impl LearnLikelihood for LinearRegression {
                 }
                 continue;
             }
+            // Missing residuals have their expectation given the observed ones, and a conditional
+            // covariance, as in the E step of a Gaussian.
             let expected = noise.expected(&differences, output, block, memory);
             let Ok((deltas, covariance)) = expected else { continue };
             rests.copy_from_slice(deltas);
@@ -84,6 +101,8 @@ impl LearnLikelihood for LinearRegression {
             }
             let (new, covariance) = self.maximize_state(moments, at, old)?;
             lines.extend(new);
+            // A diagonal covariance maximises the sum over outputs, each by itself: the lines are
+            // the same, since D does not depend on Σ.
             let stored = (0..d * d).filter(|k| full || k / d == k % d);
             covariances.extend(stored.map(|k| covariance[k]));
         }
@@ -101,6 +120,8 @@ impl LearnLikelihood for LinearRegression {
         if self.ridge == 0.0 {
             return noise;
         }
+        // tr(B' Σ⁻¹ B) is the sum of ‖W b‖² over the columns b of B; column 0 of a line is the
+        // intercept, which is free.
         let width = 1 + self.inputs;
         let states = self.lines.chunks_exact(self.outputs() * width).enumerate();
         let columns = states.flat_map(|(at, lines)| (1..width).map(move |k| (at, lines, k)));
@@ -111,6 +132,7 @@ impl LearnLikelihood for LinearRegression {
     }
 
     fn free_parameters(&self) -> usize {
+        // The noise's own means are 0, and were counted.
         self.lines.len() + self.noise.free_parameters() - self.noise.states() * self.outputs()
     }
 }
@@ -118,9 +140,7 @@ impl LearnLikelihood for LinearRegression {
 impl StartFromClusters for LinearRegression {}
 
 impl LinearRegression {
-    /// Lines and covariance of a state that fit best: with the inputs' scatter X, Z of inputs and
-    /// rests, and R of the rests, coefficients change by D = (Z' − λ B) (X + λ)⁻¹, which leaves
-    /// R − D Z − Z' D' + D X D' + λ (B + D)(B + D)'. Rests are small, so that little cancels.
+    /// Lines and covariance of a state that maximise the objective, by the formulas at the top.
     fn maximize_state(
         &self,
         moments: &Moments,
@@ -149,12 +169,13 @@ impl LinearRegression {
         let mut change = vec![0.0; d * p];
         for c in 0..d {
             let side = |i: usize| z(i, c) - lambda * old[c * width + 1 + i];
-            // W' W side
+            // (X + λ I)⁻¹ = W' W, since W is the inverse of its Cholesky factor.
             let half: Vec<f64> = (0..p).map(|i| (0..=i).map(|j| w(i, j) * side(j)).sum()).collect();
             for j in 0..p {
                 change[c * p + j] = (j..p).map(|i| w(i, j) * half[i]).sum();
             }
         }
+        // Intercepts: e = mean of r − D · mean of x.
         let mut lines = old.to_vec();
         for (c, line) in lines.chunks_exact_mut(width).enumerate() {
             let change = &change[c * p..][..p];
@@ -166,6 +187,7 @@ impl LinearRegression {
             Some(prior) => prior.covariance(),
             None => (0.0, &[][..]),
         };
+        // Only the lower triangle is computed, and read twice: the matrix is symmetric to the bit.
         let covariance = (0..d * d).map(|k| {
             let (a, b) = ((k / d).max(k % d), (k / d).min(k % d));
             let mut sum = moments.scatter(at, p + a, p + b) + scale.get(a * d + b).unwrap_or(&0.0);
@@ -178,11 +200,12 @@ impl LinearRegression {
             sum / (nu + weight)
         });
         let covariance: Vec<f64> = covariance.collect();
-        // Rounding alone leaves no variance.
+        // Outputs on a line exactly leave only rounding, which is taken for no variance at all.
         for (c, line) in lines.chunks_exact(width).enumerate() {
             let size = |i: usize| moments.mean(at, i).abs() + (x(i, i) / weight).sqrt();
             let before = &old[c * width..][..width];
-            // Coefficients before the change count, too: sums are of differences from them.
+            // The old coefficients count as well, since residuals are differences from the old
+            // lines.
             let largest = |i: usize| line[i].abs() + before[i].abs();
             let terms = (0..p).map(|i| largest(i + 1) * size(i));
             let rounding = ROUNDING * (largest(0) + terms.sum::<f64>());
@@ -204,7 +227,7 @@ impl LinearRegression {
 impl FreeParameters for LinearRegression {
     fn displaced(&self, by: &mut Displacement<'_>) -> Result<Self, Box<dyn Error + Send + Sync>> {
         let lines = self.lines.iter().map(|value| by.real(*value)).collect();
-        // The noise has means of 0, which are no parameters.
+        // The noise's means are 0 by definition and are not parameters.
         let normals = self.noise.normals();
         let known = normals.clone().with(|settings| settings.fixed_means = true);
         let fixed_means = normals.settings().fixed_means;

@@ -1,4 +1,6 @@
-//! Linear regression on an input: its parameters, predictions and draws.
+//! Linear regression on an input: parameters, predictions and draws of y = B x + c + noise. The
+//! noise is a [`Gaussian`] of mean 0, whose steps take the differences y − B x − c in place of
+//! y − μ.
 
 mod learn;
 mod simulate;
@@ -15,7 +17,7 @@ use wayfix::likelihood::SampleObservation;
 use wayfix_kernels::{Eight, LANES};
 
 /// Outputs that are linear in an input, with Gaussian noise: in each state y = B x + c + noise. An
-/// observation is a row with the p numbers of the input x and then the d numbers of the output y.
+/// observation is a row of the p numbers of the input x followed by the d numbers of the output y.
 ///
 /// With the coefficients B (d × p), the intercept c and the covariance Σ of a state's noise, full
 /// or diagonal, the density is that of the output given the input,
@@ -24,13 +26,13 @@ use wayfix_kernels::{Eight, LANES};
 /// p(y | x) = (2π)^(−d/2) det(Σ)^(−1/2) exp(−½ (y − B x − c)' Σ⁻¹ (y − B x − c)).
 /// ```
 ///
-/// Inputs have no distribution: nothing can be simulated by
-/// [`Hmm::simulate`](wayfix::Hmm::simulate), but [`sample`](Self::sample) draws an output for an
-/// input, and [`Hmm::simulate_after`](wayfix::Hmm::simulate_after) a sequence whose inputs are the
-/// outputs before.
+/// Inputs have no distribution, so [`Hmm::simulate`](wayfix::Hmm::simulate) is not available. But
+/// [`sample`](Self::sample) draws an output for an input, and
+/// [`Hmm::simulate_after`](wayfix::Hmm::simulate_after) a sequence whose inputs are the previous
+/// outputs.
 ///
-/// An intercept is the output at an input of 0: inputs that are far from 0 beside their spread, such
-/// as times of a clock, lose digits there, and should have a constant subtracted before.
+/// An intercept is the output at an input of 0. Inputs that are far from 0 relative to their
+/// spread, such as clock times, lose digits in it: subtract a constant from them first.
 ///
 /// Learning is weighted least squares in closed form (Quandt and Ramsey 1978; Hamilton 1989 for
 /// states that follow a Markov chain). Inputs of a state that do not vary in all directions are an
@@ -63,11 +65,11 @@ use wayfix_kernels::{Eight, LANES};
 ///
 /// # Autoregressive Gaussians
 ///
-/// With the observations before as the input, from [`Rows::lagged`](super::Rows::lagged), this is
-/// the autoregressive Gaussian of some order: B has d × (order · d) coefficients, those of the
-/// oldest observation first. [`Hmm::simulate_after`](wayfix::Hmm::simulate_after) draws sequences
-/// from it, after `order` values that are given, and
-/// [`Filter::simulate_after`](wayfix::Filter::simulate_after) what may follow a series.
+/// With the previous observations as the input, from [`Rows::lagged`](super::Rows::lagged), this is
+/// an autoregressive Gaussian: B has d × (order · d) coefficients, those of the oldest observation
+/// first. [`Hmm::simulate_after`](wayfix::Hmm::simulate_after) draws sequences from it, given the
+/// first `order` values, and [`Filter::simulate_after`](wayfix::Filter::simulate_after)
+/// continuations of a series.
 ///
 /// ```
 /// use wayfix_learn::{LinearRegression, Rows};
@@ -94,16 +96,16 @@ use wayfix_kernels::{Eight, LANES};
 pub struct LinearRegression {
     noise: Gaussian,
     inputs: usize,
-    /// Intercept and coefficients of each output, in one row for each state.
+    /// State by state and output by output, the intercept and then the p coefficients: a line.
     lines: Vec<f64>,
-    /// The same in blocks of eight states.
+    /// The same lines in blocks of eight states.
     blocks: Vec<Eight>,
     ridge: f64,
 }
 
 impl LinearRegression {
-    /// Creates a family with the variances of each state's noise: for each state d × p
-    /// coefficients, row after row, d intercepts and d variances.
+    /// Creates a family with diagonal noise covariances: for each state d × p coefficients, row
+    /// after row, d intercepts and d variances.
     ///
     /// # Errors
     ///
@@ -117,12 +119,12 @@ impl LinearRegression {
         Self::new(CovarianceType::Diagonal, coefficients, intercepts, variances)
     }
 
-    /// Creates a family with a covariance of each state's noise: for each state d × p
-    /// coefficients, row after row, d intercepts and d × d covariances, row after row.
+    /// Creates a family with full noise covariances: for each state d × p coefficients, row after
+    /// row, d intercepts and d × d covariances, row after row.
     ///
     /// # Errors
     ///
-    /// [`EmissionError`] as [`diagonal`](Self::diagonal), and for a covariance that is not
+    /// [`EmissionError`] as for [`diagonal`](Self::diagonal), and for a covariance that is not
     /// symmetric within 1e-9 and positive definite.
     pub fn full<M: AsRef<[f64]>, C: AsRef<[f64]>, V: AsRef<[f64]>>(
         coefficients: &[M],
@@ -141,6 +143,7 @@ impl LinearRegression {
         let states = intercepts.len();
         let d = intercepts.first().map_or(0, |first| first.as_ref().len());
         let first = coefficients.first().map_or(0, |first| first.as_ref().len());
+        // A row of coefficients is d × p values; a remainder is caught by `flatten` below.
         let p = first.checked_div(d).unwrap_or(0);
         if states == 0 || p == 0 {
             return Err(EmissionError::Empty { states, components: d.min(p) });
@@ -159,6 +162,7 @@ impl LinearRegression {
 
     fn of(noise: Gaussian, inputs: usize, lines: Vec<f64>, ridge: f64) -> Self {
         let each = noise.components() * (1 + inputs);
+        // Transposed for the steps: value k of eight states side by side.
         let mut blocks = vec![Eight::default(); noise.normals().blocks() * each];
         for (at, line) in lines.chunks_exact(each).enumerate() {
             for (k, value) in line.iter().enumerate() {
@@ -168,15 +172,15 @@ impl LinearRegression {
         Self { noise, inputs, lines, blocks, ridge }
     }
 
-    /// Returns the family with missing components of the output, given as NaN. They are integrated
-    /// out. Without this, a NaN is an error.
+    /// Returns the family with missing components of the output allowed, given as NaN. They are
+    /// integrated out. Without this setting, NaN is an error.
     #[must_use]
     pub fn with_missing(self) -> Self {
         Self { noise: self.noise.with_missing(), ..self }
     }
 
-    /// Returns the family with a prior of the coefficients: −½ λ tr(B' Σ⁻¹ B) is added to the
-    /// logarithm of its density, which draws B to 0 (intercepts are free). 0 by default.
+    /// Returns the family with a Gaussian prior of the coefficients, whose log density is
+    /// −½ λ tr(B' Σ⁻¹ B): it draws B towards 0, and leaves intercepts free. λ is 0 by default.
     ///
     /// # Errors
     ///
@@ -186,13 +190,14 @@ impl LinearRegression {
         Ok(Self { ridge: check("ridge", lambda, valid, "a finite value of at least 0")?, ..self })
     }
 
-    /// Returns the family with a prior of the noise, for learning: ν and Ψ of a [`GaussianPrior`],
-    /// whose mean plays no part. By default there is none.
+    /// Returns the family with a prior of the noise covariance, for learning: ν and Ψ of a
+    /// [`GaussianPrior`], whose mean is not used. By default there is none.
     ///
     /// # Errors
     ///
     /// [`EmissionError::Length`] if the prior has another number of components than the output.
     pub fn with_noise_prior(self, mut prior: GaussianPrior) -> Result<Self, EmissionError> {
+        // The noise has mean 0 by definition; a prior of it would be a constant of the objective.
         prior.mean_weight = 0.0;
         Ok(Self { noise: self.noise.with_prior(prior)?, ..self })
     }
@@ -229,8 +234,8 @@ impl LinearRegression {
         self.ridge
     }
 
-    /// Noise of the outputs: a Gaussian with means of 0, the covariances, the prior, and whether
-    /// components may be missing.
+    /// Noise of the outputs: a Gaussian of mean 0 with the covariances, the prior, and the setting
+    /// for missing components.
     #[must_use]
     pub fn noise(&self) -> &Gaussian {
         &self.noise
@@ -257,7 +262,7 @@ impl LinearRegression {
     ///
     /// # Errors
     ///
-    /// [`EmissionError`] as [`predict`](Self::predict).
+    /// [`EmissionError`] as for [`predict`](Self::predict).
     pub fn sample<R: Rng + ?Sized>(
         &self,
         state: usize,
@@ -270,12 +275,13 @@ impl LinearRegression {
         Ok(output)
     }
 
+    /// Lines of a state, or `None` if it does not exist.
     fn lines_of(&self, state: usize) -> Option<&[f64]> {
         self.lines.chunks_exact(self.outputs() * (1 + self.inputs)).nth(state)
     }
 }
 
-/// Output of a line, an intercept with slopes.
+/// Output of a line, which is an intercept followed by slopes.
 fn predicted(line: &[f64], input: &[f64]) -> f64 {
     line[0] + line[1..].iter().zip(input).map(|(slope, x)| slope * x).sum::<f64>()
 }

@@ -1,4 +1,5 @@
-//! Linear regression: its densities b_i(y), section 1 of the guide's formulas.
+//! Linear regression: its densities b_i(y) = N(y − B x − c; 0, Σ), section 1 of the guide's
+//! formulas.
 
 use super::LinearRegression;
 use crate::check::{check_components, check_values};
@@ -11,11 +12,12 @@ use wayfix_kernels::{Eight, Simd};
 impl LinearRegression {
     pub(super) fn check_input(&self, input: &[f64], expected: usize) -> Result<(), EmissionError> {
         check_components(input, expected)?;
-        let expected = "a finite value, as all of the input";
+        // `check_components` has established the length.
+        let expected = "a finite value (inputs may not be missing)";
         check_values(&input[..self.inputs], f64::is_finite, expected)
     }
 
-    /// Checks a row, and returns its output and the number of that one's components that are not
+    /// Checks a row, and returns its output and the number of components of the output that are not
     /// missing.
     #[inline]
     pub(super) fn output<'a>(&self, row: &'a [f64]) -> Result<(&'a [f64], usize), EmissionError> {
@@ -31,7 +33,7 @@ impl LinearRegression {
     }
 }
 
-/// Differences of outputs from their expectations; 0 for missing ones.
+/// Differences of outputs from their lines; 0 for missing ones.
 pub(super) struct FromLines<'a> {
     row: &'a [f64],
     inputs: usize,
@@ -44,6 +46,7 @@ impl Differences for FromLines<'_> {
         let (input, output) = self.row.split_at(self.inputs);
         let width = 1 + self.inputs;
         let lines = &self.lines[block * width * out.len()..];
+        // One output after the other, y_c − c_c − Σ_k B_ck x_k, for eight states at once.
         for ((out, &y), line) in out.iter_mut().zip(output).zip(lines.chunks_exact(width)) {
             if y.is_nan() {
                 *out = Eight::default();

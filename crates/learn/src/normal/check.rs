@@ -1,11 +1,12 @@
-//! Checks of covariances: finite, symmetric and, if diagonal, above 0.
+//! Checks of covariances: finite, symmetric and, if diagonal, positive. Definiteness is left to the
+//! Cholesky factor.
 
 use super::form::{CovarianceType, Shape};
 use super::prior::SYMMETRY;
 use crate::EmissionError;
 use crate::check::flatten;
 
-/// Checks covariances in the form in which users give them, and returns them one after the other.
+/// Checks covariances as users give them, and returns them one after the other.
 pub(crate) fn flatten_covariances<V: AsRef<[f64]>>(
     kind: CovarianceType,
     covariances: &[V],
@@ -16,7 +17,7 @@ pub(crate) fn flatten_covariances<V: AsRef<[f64]>>(
     Ok(flat)
 }
 
-/// Checks covariances in their stored form, one for each density, or for several if they are tied.
+/// Checks covariances in their stored form: one for each density, or one for all that share it.
 pub(super) fn check_covariances(
     kind: CovarianceType,
     d: usize,
@@ -24,6 +25,8 @@ pub(super) fn check_covariances(
 ) -> Result<(), EmissionError> {
     let what = kind.name();
     for (at, covariance) in covariances.chunks_exact(kind.values(d)).enumerate() {
+        // A covariance tied across all states belongs to none; one tied across the parts of a
+        // mixture has its state's number.
         let single = covariances.len() == kind.values(d);
         let state = (kind != CovarianceType::Tied || !single).then_some(at);
         let wrong = |component: usize, value, expected| {
@@ -37,6 +40,7 @@ pub(super) fn check_covariances(
                 }
                 continue;
             }
+            // Relative to √(Σ_ii Σ_jj), the largest that |Σ_ij| can be.
             let (i, j) = (position / d, position % d);
             let (other, scale) = (covariance[j * d + i], covariance[i * d + i].abs().sqrt());
             if !value.is_finite() {

@@ -1,4 +1,4 @@
-//! Types of covariances, and where their entries are stored.
+//! Types of covariances, and the layout of their entries.
 
 /// Form of the covariances of a Gaussian family.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -11,12 +11,12 @@ pub enum CovarianceType {
     Diagonal,
     /// A symmetric matrix for each state.
     Full,
-    /// One symmetric matrix for all states; in a mixture, one for all parts of a state.
+    /// One symmetric matrix shared by all states; in a mixture, by all parts of a state.
     Tied,
 }
 
 impl CovarianceType {
-    /// Number of values of a covariance in d dimensions.
+    /// Number of stored values of a covariance in d dimensions.
     pub(crate) fn values(self, d: usize) -> usize {
         match self {
             Self::Spherical => 1,
@@ -25,7 +25,7 @@ impl CovarianceType {
         }
     }
 
-    /// Number of values of a covariance that may be chosen freely.
+    /// Number of free parameters of a covariance in d dimensions.
     pub(crate) fn free(self, d: usize) -> usize {
         match self {
             Self::Full | Self::Tied => d * (d + 1) / 2,
@@ -40,13 +40,13 @@ impl CovarianceType {
         }
     }
 
-    /// Name of a value of a covariance in errors.
+    /// Name of a covariance's value in error messages.
     pub(super) fn name(self) -> &'static str {
         if self.shape() == Shape::Diagonal { "variance" } else { "covariance" }
     }
 }
 
-/// Entries that are kept of a matrix.
+/// Entries of a matrix that are stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Shape {
     Diagonal,
@@ -63,7 +63,7 @@ impl Shape {
         }
     }
 
-    /// Number of an entry; of a diagonal one, if only these are kept.
+    /// Position of an entry; for a diagonal shape i = j is assumed.
     pub(crate) fn entry(self, i: usize, j: usize) -> usize {
         match self {
             Self::Diagonal => i,
@@ -75,6 +75,7 @@ impl Shape {
 /// Position of an entry of a symmetric matrix in its lower triangle, packed row after row.
 #[inline(always)]
 pub(super) fn packed(i: usize, j: usize) -> usize {
+    // Rows before this one hold 1 + 2 + … + row entries.
     let (row, column) = if i >= j { (i, j) } else { (j, i) };
     row * (row + 1) / 2 + column
 }

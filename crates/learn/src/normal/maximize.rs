@@ -1,5 +1,17 @@
 //! M step of normal densities (section 9 of the formulas): the maximum of Σ γ ln b + ln p(θ), in
 //! closed form.
+//!
+//! The moments are of differences from the old means, with weight N, mean m and scatter S about m.
+//! With the prior's κ, μ0, ν and Ψ (all 0 without a prior),
+//!
+//! ```text
+//! μ = (κ μ0 + N ȳ) / (κ + N)                 ȳ = old mean + m
+//! Σ = (Ψ + S + N (ȳ − μ)(ȳ − μ)' + κ (μ − μ0)(μ − μ0)') / (ν + N)
+//! ```
+//!
+//! of which a diagonal covariance takes the diagonal, a spherical one the mean of that, and a tied
+//! one the sums over all densities that share it. In a Student's t family the weights of the
+//! moments are γ u, and N in the divisor of Σ is Σ γ, given as `counts`.
 
 use super::check::check_covariances;
 use super::form::{CovarianceType, Shape};
@@ -12,8 +24,8 @@ use wayfix::inference::Displacement;
 const REASON: &str = "they do not vary in all directions; give a prior (`with_prior`)";
 
 impl Normals {
-    /// Returns the densities that fit the moments best. Covariances are divided by `counts`, d for
-    /// each density, if these are not the weights of the moments.
+    /// Returns the densities that maximise the objective. `counts`, d for each density, are the
+    /// divisors of the covariances if these are not the weights of the moments.
     pub(crate) fn maximize(
         &self,
         moments: &Moments,
@@ -31,26 +43,28 @@ impl Normals {
         let (fixed_means, fixed_covariances) =
             (self.settings.fixed_means, self.settings.fixed_covariances);
 
-        // Changes of the means, 0 without observations.
+        // Changes of the means, 0 without observations. μ − old = m + κ / (κ + N) (μ0 − old − m):
+        // relative to the old mean, so that no digits of a distant mean are lost.
         let change = |at: usize, c: usize| {
             if fixed_means || !known(at, c) {
                 return 0.0;
             }
             let (weight, old) = (weight(at, c), self.means[at * d + c]);
-            // Exactly the mean without a prior.
+            // In this form exactly m if κ is 0.
             let (seen, share) = (moments.mean(at, c), kappa / (kappa + weight));
             seen + share * (origin(c) - old - seen)
         };
         let changes: Vec<f64> = (0..count * d).map(|k| change(k / d, k % d)).collect();
         let means: Vec<f64> = self.means.iter().zip(&changes).map(|(m, c)| m + c).collect();
-        // Rounding errors of these sums, exactly (Knuth's): covariances are about the means that
-        // are kept, of which they are then the maximum.
+        // Exact rounding errors of these sums (Knuth's TwoSum). The covariance is taken about the
+        // mean that is stored, rounding included, since it is the maximum for that mean.
         let rounded = |k: usize| {
             let (old, change, new) = (self.means[k], changes[k], means[k]);
             let part = new - old;
             (old - (new - part)) + (change - part)
         };
-        // S + N (m − μ)(m − μ)' + κ (μ − μ0)(μ − μ0)'
+        // S + N (ȳ − μ)(ȳ − μ)' + κ (μ − μ0)(μ − μ0)'. Without κ the last term is left out, as the
+        // product of the differences could overflow.
         let scatter = |at: usize, i: usize, j: usize| {
             let from = |c: usize| means[at * d + c] - origin(c);
             let moved = |c: usize| moments.mean(at, c) - changes[at * d + c] + rounded(at * d + c);
@@ -69,9 +83,10 @@ impl Normals {
         let learned = if fixed_covariances { 0 } else { covariances.len() };
         for (position, value) in covariances[..learned].iter_mut().enumerate() {
             let at = position / each;
-            // The same sums on both sides of the diagonal, so that it is symmetric to the bit.
+            // The same sum on both sides of the diagonal makes the matrix symmetric to the bit.
             let (i, j) = (position % each / d, position % d);
             let (i, j) = (i.max(j), i.min(j));
+            // Without observations the covariance stays as it is.
             match self.kind {
                 CovarianceType::Spherical if (0..d).any(|c| known(at, c)) => {
                     let seen = (0..d).map(|c| scale(c, c) + scatter(at, c, c)).sum::<f64>();
@@ -91,14 +106,14 @@ impl Normals {
                 _ => {}
             }
         }
-        // The densities that share the covariance of this one.
+        // Weight of all densities that share the covariance of this one, for error messages.
         let total = |state: Option<usize>| match state {
             Some(at) => sharing(at / self.sharing()).map(all_of).sum::<f64>() / d as f64,
             None => (0..count).map(|at| counted(at, 0)).sum(),
         };
         let new = self.replaced(means, covariances, total)?;
-        // Observations that differ from the mean by the rounding of its change alone have no
-        // variance.
+        // If all observations are alike, rounding of the change of the mean still leaves a small
+        // variance, which is taken for the 0 that it stands for.
         let rounding = |at: usize, c: usize| {
             let size = self.means[at * d + c].abs() + changes[at * d + c].abs();
             (f64::EPSILON * size).powi(2)
@@ -117,7 +132,9 @@ impl Normals {
         }
     }
 
-    /// Log density of the prior, if there is one, at the parameters of all densities.
+    /// Log density of the prior at the parameters of all densities, up to its constant:
+    /// −½ Σ κ ‖W (μ − μ0)‖² − ½ Σ (ν ln det Σ + tr(Ψ Σ⁻¹)), the second sum over distinct
+    /// covariances. 0 without a prior.
     pub(crate) fn log_prior(&self) -> f64 {
         let Some(prior) = &self.settings.prior else { return 0.0 };
         let (d, count) = (self.d, self.count());
@@ -128,7 +145,7 @@ impl Normals {
         });
         let means = if prior.mean_weight == 0.0 { 0.0 } else { means.sum::<f64>() };
         let covariances = (0..count).step_by(self.sharing()).map(|at| {
-            // Σ w Ψ w' over the rows w of W
+            // tr(Ψ Σ⁻¹) = tr(W Ψ W') is the sum of w Ψ w' over the rows w of W.
             let trace: f64 = (0..d)
                 .map(|row| {
                     let all = self.kind.shape() == Shape::Triangular;
@@ -136,7 +153,8 @@ impl Normals {
                     let pairs = entries.clone().flat_map(|i| entries.clone().map(move |j| (i, j)));
                     pairs
                         .map(|(i, j)| {
-                            // In this order: a product of the weights may be infinite.
+                            // In this order, since the product of the two entries of W may
+                            // overflow.
                             let scaled = self.inverse(at, row, i) * prior.scale[i * d + j];
                             scaled * self.inverse(at, row, j)
                         })
@@ -148,8 +166,8 @@ impl Normals {
         -0.5 * (means + covariances.sum::<f64>())
     }
 
-    /// Returns densities of the same form. Covariances that are not positive definite are an
-    /// error of the weight of the observations of a density, or of all.
+    /// Returns densities of the same form with other parameters. A covariance that is not positive
+    /// definite is reported as [`EmissionError::TooFew`], with `weight` of its density, or of all.
     pub(crate) fn replaced(
         &self,
         means: Vec<f64>,
@@ -162,6 +180,8 @@ impl Normals {
         }
         let new = check_covariances(self.kind, self.d, &covariances)
             .and_then(|()| Self::new(self.kind, self.d, means, covariances, self.settings.clone()));
+        // A variance below 2.2e-308 or a matrix that cannot be factored means that the observations
+        // do not vary enough; NaN or an infinite value stays an error of the parameter.
         new.map_err(|error| match error {
             EmissionError::Parameter { value, .. }
                 if value.is_nan() || value >= f64::MIN_POSITIVE =>
@@ -179,12 +199,13 @@ impl Normals {
         })
     }
 
-    /// True if a component that is missing does not count, instead of being expected.
+    /// True if missing components are left out of the statistics, rather than replaced by their
+    /// expectation.
     pub(crate) fn counts_by_component(&self) -> bool {
         self.settings.missing && self.kind.shape() == Shape::Diagonal
     }
 
-    /// Number of parameters that may be chosen freely.
+    /// Number of free parameters.
     pub(crate) fn free_parameters(&self) -> usize {
         let of_means = if self.settings.fixed_means { 0 } else { self.count() * self.d };
         of_means
@@ -195,7 +216,7 @@ impl Normals {
             }
     }
 
-    /// Moves means, then covariances, unless learning keeps them.
+    /// Displaces the means, then the covariances, except those that learning keeps.
     pub(crate) fn displaced(&self, by: &mut Displacement<'_>) -> Result<Self, EmissionError> {
         let (mut means, mut covariances) = (self.means.clone(), self.covariances.clone());
         if !self.settings.fixed_means {

@@ -1,9 +1,12 @@
-//! Normal densities of vectors with cached factors, on which the Gaussian families stand.
+//! Normal densities of vectors with cached Cholesky factors, the base of the Gaussian families.
 //!
-//! Files, each of which stands on those before it: `form` (types of covariances), `factor`
-//! (Cholesky), `lanes` (eight densities side by side), `moments` (the statistics of the M-step),
-//! `prior`, `settings`, `check`, `normals` (the densities), `step` (E-step), `marginals`
-//! (single components) and `maximize` (M-step).
+//! A covariance Σ = L L' is stored with W = L⁻¹, so that (y − μ)' Σ⁻¹ (y − μ) = ‖W (y − μ)‖² and
+//! ln det Σ = −2 Σ ln W_rr. Eight densities are laid out side by side, one in each lane.
+//!
+//! Files, each of which uses only those before it: `form` (types of covariances), `factor`
+//! (Cholesky), `lanes` (loops over eight densities), `moments` (the statistics of the M step),
+//! `prior`, `settings`, `check`, `normals` (the densities), `step` (E step), `marginals`
+//! (single components) and `maximize` (M step).
 
 mod check;
 mod factor;

@@ -1,25 +1,32 @@
 //! Weighted moments of differences from current means, the statistics of the Gaussian families.
 //!
-//! By West's (1979) update of weights, means and sums of squares, which stays exact for values far
-//! from 0, and that of Chan, Golub and LeVeque (1983) for two sets of observations.
+//! An observation x of weight w changes the weight N, mean m and scatter S to
+//!
+//! ```text
+//! N' = N + w,    m' = m + (w / N') (x − m),    S' = S + (N w / N') (x − m)(x − m)'
+//! ```
+//!
+//! (West 1979), and two sets of observations merge likewise (Chan, Golub and LeVeque 1983). All
+//! terms of S are positive, so that no digits cancel for values far from 0, as they do in
+//! Σ w x² − N m².
 
 use super::form::Shape;
 use wayfix_kernels::{Eight, LANES, Simd, WithSimd, run};
 
-/// Statistics of a Gaussian family: weights, means and scatter of the observations of each density,
+/// Statistics of a Gaussian family: weight, mean and scatter of the observations of each density,
 /// further sums of the family, and memory for one observation.
 #[derive(Debug, Clone)]
 pub struct GaussianStatistics {
     pub(crate) moments: Moments,
     pub(crate) sums: Vec<f64>,
-    /// Weights of an observation in blocks: of its values, and of the covariances of its missing
-    /// components, if these differ.
+    /// Weights of an observation in blocks: those of its values, and those of the conditional
+    /// covariance of its missing components, if they differ.
     pub(crate) weights: [Vec<Eight>; 2],
     pub(crate) memory: Vec<Eight>,
 }
 
 impl GaussianStatistics {
-    /// Empty statistics, with memory of so many blocks.
+    /// Returns empty statistics with `sums` further sums and `memory` blocks of memory.
     pub(crate) fn new(moments: Moments, sums: usize, memory: usize) -> Self {
         let blocks = vec![Eight::default(); moments.blocks()];
         let memory = vec![Eight::default(); memory];
@@ -38,21 +45,21 @@ impl GaussianStatistics {
 pub(crate) struct Moments {
     shape: Shape,
     d: usize,
-    /// True if each component has weights of its own, since others may be missing.
+    /// True if each component has its own weights, since others may be missing.
     by_component: bool,
-    /// Blocks of 1 or d weights, d means, and d or d (d + 1) / 2 sums of products.
+    /// For each block, 1 or d weights, d means, and d or d (d + 1) / 2 sums of products.
     weights: Vec<Eight>,
     means: Vec<Eight>,
     scatters: Vec<Eight>,
     deltas: Vec<Eight>,
 }
 
-/// Differences of an observation from the means.
+/// Source of the differences of an observation from the current means of the family.
 #[derive(Clone, Copy)]
 enum Row<'a> {
-    /// The observation, and the means of all blocks.
+    /// An observation, and the means of all blocks.
     From(&'a [f64], &'a [Eight]),
-    /// Differences of one block.
+    /// The differences of one block.
     Each(&'a [Eight]),
 }
 
@@ -79,7 +86,7 @@ impl Moments {
         if self.by_component { self.d } else { 1 }
     }
 
-    /// Adds an observation's differences from means, with these weights for each block.
+    /// Adds an observation's differences from `means`, with these weights for each block.
     #[inline]
     pub(super) fn add(&mut self, weights: &[Eight], y: &[f64], means: &[Eight]) {
         run(Add { moments: self, first: 0, weights, row: Row::From(y, means) });
@@ -103,13 +110,15 @@ impl Moments {
         for at in 0..self.blocks() * LANES {
             let (block, l) = (at / LANES, at % LANES);
             let weight = |c: usize| block * each + if each == 1 { 0 } else { c };
-            // The change of the mean, and the weight of the change in the scatter.
+            // Difference δ of the means, its weight a b / (a + b) in the scatter, and the share
+            // b / (a + b) of the other's weight. Without observations there is no mean: δ is 0.
             let change = |this: &Self, c: usize| {
                 let (a, b) = (this.weights[weight(c)][l], other.weights[weight(c)][l]);
                 let delta = other.means[block * d + c][l] - this.means[block * d + c][l];
                 let share = b / (a + b).max(f64::MIN_POSITIVE);
                 (if b == 0.0 { 0.0 } else { delta }, a * share, share)
             };
+            // From the side with more weight, as in `Add`.
             let mean = |this: &Self, c: usize| {
                 let (old, (delta, between, share)) =
                     (this.means[block * d + c][l], change(this, c));
@@ -119,6 +128,7 @@ impl Moments {
                 let kept = between / other.weights[weight(c)][l];
                 other.means[block * d + c][l] - delta * kept
             };
+            // The scatter first, since it needs the old means, and these the old weights.
             let (mut entry, scatter) = (0, block * entries);
             for r in 0..d {
                 let (delta, between, _) = change(self, r);
@@ -139,7 +149,7 @@ impl Moments {
         }
     }
 
-    /// Sum of the weights of one density, that of a component if these differ.
+    /// Sum of the weights of one density, or of one of its components if these differ.
     pub(crate) fn weight(&self, at: usize, component: usize) -> f64 {
         let each = self.weights_each();
         self.weights[at / LANES * each + if each == 1 { 0 } else { component }][at % LANES]
@@ -149,7 +159,7 @@ impl Moments {
         self.means[at / LANES * self.d + component][at % LANES]
     }
 
-    /// Entry of the scatter about the mean; only those on the diagonal, unless all are kept.
+    /// Entry of the scatter about the mean; with a diagonal shape i = j is assumed.
     pub(crate) fn scatter(&self, at: usize, i: usize, j: usize) -> f64 {
         let entry = self.shape.entry(i, j);
         self.scatters[at / LANES * self.shape.entries(self.d) + entry][at % LANES]
@@ -174,6 +184,7 @@ impl WithSimd for Add<'_> {
         let entries = shape.entries(d);
         let deltas = &mut moments.deltas[..d];
         for (block, weight) in (first..).zip(weights) {
+            // Most posteriors of a step are 0 in models of many states.
             if *weight == Eight::default() {
                 continue;
             }
@@ -189,19 +200,22 @@ impl WithSimd for Add<'_> {
                     Row::From(y, means) => s.sub(s.splat(y[c]), s.load(&means[block * d + c])),
                     Row::Each(differences) => s.load(&differences[c]),
                 };
+                // With one weight for all components, those of the first component serve all. The
+                // maximum avoids 0 / 0 in lanes without any weight: their share is then 0.
                 if c < each {
                     let before = s.load(&sums[c]);
                     let sum = s.add(before, w);
                     s.store(sum, &mut sums[c]);
                     let sum = s.max(sum, s.splat(f64::MIN_POSITIVE));
                     (share, kept) = (s.div(w, sum), s.div(before, sum));
-                    // Not w (1 − share), which is 0 where the weights before are below 1e-16 w.
+                    // N w / N', not w (1 − share): that is 0 where the weights before are below
+                    // 1e-16 w.
                     rest = s.mul(before, share);
                 }
                 let old = s.load(mean);
                 let change = s.sub(y, old);
-                // From the side with more weight: the other may be so far away that a difference
-                // from it has no digit of this one.
+                // From the side with more weight: the other may be so far away that the rounded
+                // difference from it has no digit of this one.
                 let (from_old, from_y) =
                     (s.add(old, s.mul(share, change)), s.sub(y, s.mul(kept, change)));
                 s.store(s.select(s.lt(s.splat(0.5), share), from_y, from_old), mean);
@@ -212,6 +226,7 @@ impl WithSimd for Add<'_> {
                     s.store(change, delta);
                 }
             }
+            // All differences are from the means before this observation.
             if shape == Shape::Triangular {
                 let mut at = 0;
                 for r in 0..d {

@@ -1,4 +1,5 @@
-//! Sets of normal densities, with cached factors.
+//! Sets of normal densities with cached factors: for each, the mean, W = L⁻¹ of its covariance L
+//! L', and ln N(μ; μ, Σ) = −½ (d ln 2π + ln det Σ), in blocks of eight densities.
 
 use rand::{Rng, RngExt};
 use rand_distr::StandardNormal;
@@ -14,28 +15,30 @@ use wayfix_kernels::{Eight, LANES};
 /// ln 2π.
 pub(super) const LN_2_PI: f64 = 1.837_877_066_409_345_6;
 
-/// Normal densities of vectors of d components, with what a step needs of them in blocks of eight
-/// densities.
+/// Normal densities of vectors of d components, with a copy in blocks of eight densities for the
+/// steps.
 #[derive(Debug, Clone)]
 pub(crate) struct Normals {
     pub(super) kind: CovarianceType,
     pub(super) d: usize,
     pub(super) means: Vec<f64>,
-    /// One covariance after the other; if they are tied, each is that of as many densities in turn.
+    /// One covariance after the other. If they are tied, each is shared by the same number of
+    /// consecutive densities.
     pub(super) covariances: Vec<f64>,
     pub(super) settings: Settings,
+    /// Means, in blocks.
     pub(super) centres: Vec<Eight>,
     /// Inverse Cholesky factors, or inverse deviations.
     pub(super) factors: Vec<Eight>,
     /// Logarithms of the densities at the means.
     pub(super) log_norms: Vec<Eight>,
-    /// If components may be missing: packed covariances, or the part of each component in the
-    /// logarithm of the density at the mean.
+    /// Only if components may be missing: packed covariances for the elimination, or, for
+    /// variances, the contribution of each component to the logarithm of the density at the mean.
     pub(super) parts: Vec<Eight>,
 }
 
 impl Normals {
-    /// Factors the covariances, after all values were checked.
+    /// Creates the densities by factoring the covariances. The caller has checked all values.
     pub(crate) fn new(
         kind: CovarianceType,
         d: usize,
@@ -59,6 +62,7 @@ impl Normals {
         };
         let (each, mut factor) = (new.sharing(), Vec::new());
         for at in 0..count {
+            // Densities that share a covariance are consecutive: factor it at the first.
             if at % each == 0 {
                 factor = new.factor(at)?;
             }
@@ -73,7 +77,8 @@ impl Normals {
         }
         if missing {
             new.parts = zeros(entries);
-            // Identities where there is no density, which can be factored, too.
+            // Lanes without a density get an identity, whose pivots are positive: the elimination
+            // checks all lanes.
             for at in 0..blocks * LANES {
                 for i in 0..d {
                     for j in if shape == Shape::Diagonal { i..i + 1 } else { 0..i + 1 } {
@@ -132,10 +137,11 @@ impl Normals {
         &self.settings
     }
 
-    /// Returns the densities with other settings.
+    /// Returns the densities with changed settings.
     pub(crate) fn with(self, change: impl FnOnce(&mut Settings)) -> Self {
         let mut settings = self.settings.clone();
         change(&mut settings);
+        // Only missing components change what is cached (`parts`).
         if settings.missing == self.settings.missing {
             return Self { settings, ..self };
         }
@@ -149,7 +155,7 @@ impl Normals {
         Ok(self.with(|settings| settings.prior = Some(prior)))
     }
 
-    /// Empty statistics, with so many further sums of a family.
+    /// Returns empty statistics with `sums` further sums for the family.
     pub(crate) fn statistics(&self, sums: usize) -> GaussianStatistics {
         let shape = self.kind.shape();
         let moments = Moments::new(self.count(), self.d, shape, self.counts_by_component());
@@ -164,13 +170,13 @@ impl Normals {
         self.means.chunks_exact(self.d).map(<[f64]>::to_vec).collect()
     }
 
-    /// Covariances as they are stored.
+    /// Covariances in their stored form.
     pub(crate) fn covariances(&self) -> Vec<Vec<f64>> {
         let each = self.kind.values(self.d);
         self.covariances.chunks_exact(each).map(<[f64]>::to_vec).collect()
     }
 
-    /// Covariance of a density, row after row, in full.
+    /// Full covariance matrix of a density, row after row.
     pub(crate) fn full_covariance(&self, at: usize) -> Option<Vec<f64>> {
         let (d, entry) = (self.d, |i, j| self.covariance(at, i, j));
         (at < self.count())
@@ -221,7 +227,7 @@ impl Normals {
         let mut x: Vec<f64> = Vec::with_capacity(self.d);
         for i in 0..self.d {
             let z: f64 = rng.sample(StandardNormal);
-            // W (x − μ) = z
+            // W (x − μ) = z by forward substitution, so that x has the covariance (W' W)⁻¹ = Σ.
             let before: f64 = (0..i).map(|j| self.inverse(at, i, j) * x[j]).sum();
             x.push((z - before) / self.inverse(at, i, i));
         }
@@ -229,8 +235,8 @@ impl Normals {
         x
     }
 
-    /// Returns the densities in another order, or some of them; those that share a covariance as one,
-    /// if there are others.
+    /// Returns some of the densities, in this order. Densities that share a covariance are selected
+    /// together, unless all share one.
     pub(crate) fn select(&self, order: &[usize]) -> Self {
         let each = self.kind.values(self.d);
         let means = order.iter().flat_map(|at| &self.means[at * self.d..][..self.d]);

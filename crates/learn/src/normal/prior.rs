@@ -1,32 +1,32 @@
-//! Priors of Gaussian families.
+//! Priors of Gaussian families: normal for the mean and inverse Wishart for the covariance.
 
 use super::factor::is_semidefinite;
 use crate::EmissionError;
 use crate::check::{check, check_length};
 
-/// Difference of two entries that are taken for one, relative to the diagonal.
+/// Largest asymmetry of a matrix that counts as rounding, relative to the diagonal.
 pub(super) const SYMMETRY: f64 = 1e-9;
 
 /// Prior of the means and covariances of a Gaussian family, the same for each state.
 ///
-/// Its log-density, up to a constant, is for a mean μ and a covariance Σ
+/// Up to a constant, its log density at a mean μ and a covariance Σ is
 ///
 /// ```text
 /// −½ κ (μ − μ0)' Σ⁻¹ (μ − μ0) − ½ (ν ln det Σ + tr(Ψ Σ⁻¹)),
 /// ```
 ///
-/// of which the second part counts once if the covariance is tied. With the weight N of a state,
-/// the weighted mean m and the scatter S of its observations about the new mean, the maximum is at
+/// where the second part counts once if the covariance is tied. With the weight N of a state, the
+/// weighted mean m of its observations and their scatter S about the new mean, the maximum is at
 ///
 /// ```text
 /// μ = (κ μ0 + N m) / (κ + N),    Σ = (Ψ + S + κ (μ − μ0)(μ − μ0)') / (ν + N),
 /// ```
 ///
-/// or its diagonal, or the mean of that. Each of κ, ν and Ψ may be 0; without a prior, all are.
-/// Ψ = 0.01 times the variances of all observations, with ν = 0, keeps covariances positive
-/// definite, and hardly changes them otherwise. A component that is always the same has a variance
-/// of 0, and so would Ψ: give it the square of the sensor's resolution instead (1 for whole numbers),
-/// which leaves a variance of Ψ / N, or leave the component out.
+/// or the diagonal of this Σ, or the mean of its diagonal. Each of κ, ν and Ψ may be 0; without a
+/// prior, all are. Ψ = 0.01 times the variances of all observations, with ν = 0, keeps covariances
+/// positive definite and hardly changes them otherwise. A component that never changes has a
+/// variance of 0, and so would Ψ: give it the square of the sensor's resolution instead (1 for
+/// whole numbers), which leaves a variance of Ψ / N, or leave the component out.
 ///
 /// # From hmmlearn
 ///
@@ -40,7 +40,7 @@ pub(super) const SYMMETRY: f64 = 1e-9;
 /// | `GMMHMM` | `full` | `covars_prior` | `covars_weight` + d + 2 |
 ///
 /// So the defaults of `GaussianHMM` (0, 0, 0.01 and 1) are Ψ = 0.01 for each variance, or for each
-/// of the d² entries of a matrix, with ν = 0; those of `GMMHMM` are no prior.
+/// of the d² entries of a matrix, with ν = 0. The defaults of `GMMHMM` mean no prior.
 ///
 /// ```
 /// use wayfix_learn::{Gaussian, GaussianPrior};
@@ -61,7 +61,7 @@ pub struct GaussianPrior {
 }
 
 impl GaussianPrior {
-    /// Creates a flat prior for observations of so many components, d.
+    /// Creates a flat prior for observations of d components.
     ///
     /// # Errors
     ///
@@ -74,7 +74,7 @@ impl GaussianPrior {
         Ok(Self { mean_weight: 0.0, mean: vec![0.0; components], covariance_weight: 0.0, scale })
     }
 
-    /// Sets κ, the number of observations that the mean μ0 counts for, and μ0 itself.
+    /// Sets κ, the number of observations that the prior mean counts for, and the prior mean μ0.
     ///
     /// # Errors
     ///
@@ -85,9 +85,9 @@ impl GaussianPrior {
         Ok(Self { mean_weight: weight, mean: mean.to_vec(), ..self })
     }
 
-    /// Sets ν, the number of observations that the prior covariance counts for, and Ψ, the sum of
-    /// their products: d values for a diagonal matrix, or d × d, row after row. Families with
-    /// variances use the diagonal alone.
+    /// Sets ν, the number of observations that the prior covariance counts for, and their scatter
+    /// Ψ: d values for a diagonal matrix, or d × d values row after row. Families with variances
+    /// use only the diagonal.
     ///
     /// # Errors
     ///
@@ -96,6 +96,7 @@ impl GaussianPrior {
     pub fn with_covariance(self, weight: f64, scale: &[f64]) -> Result<Self, EmissionError> {
         let (d, what) = (self.mean.len(), "scale of the prior covariance");
         check_weight("weight of the prior covariance", weight)?;
+        // For d = 1 both forms are the same value.
         let full: Vec<f64> = if scale.len() == d {
             let entry = |at: usize| if at / d == at % d { scale[at / d] } else { 0.0 };
             (0..d * d).map(entry).collect()
@@ -111,6 +112,7 @@ impl GaussianPrior {
             if full[i * d + i] < 0.0 {
                 return wrong(i, full[i * d + i], "a value of at least 0 on the diagonal");
             }
+            // Relative to √(Ψ_ii Ψ_jj), the largest that |Ψ_ij| can be.
             let scale = |j: usize| (full[i * d + i] * full[j * d + j]).sqrt();
             let differ =
                 |j: &usize| (full[i * d + j] - full[j * d + i]).abs() > SYMMETRY * scale(*j);

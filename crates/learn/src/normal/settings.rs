@@ -1,11 +1,11 @@
-//! Settings that the families on [`Normals`](super::Normals) share.
+//! Settings that all families built on [`Normals`](super::Normals) share.
 
 use super::prior::GaussianPrior;
 
-/// Choices that learning leaves as they are.
+/// Settings of a family, which learning does not change.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct Settings {
-    /// True if NaN is a missing component.
+    /// True if NaN stands for a missing component.
     pub(crate) missing: bool,
     /// True if learning keeps the means.
     pub(crate) fixed_means: bool,
@@ -18,17 +18,17 @@ pub(crate) struct Settings {
 /// Methods of a family with the field `normals`.
 macro_rules! settings {
     () => {
-        /// Returns the family with missing components, given as NaN. They are integrated out: of
-        /// the density, and in learning by their expectation, given the others. Without this, a
-        /// NaN is an error.
+        /// Returns the family with missing components allowed, given as NaN. They are integrated
+        /// out of the density; learning takes their expectation given the others. Without this
+        /// setting, NaN is an error.
         #[must_use]
         pub fn with_missing(mut self) -> Self {
             self.normals = self.normals.with(|settings| settings.missing = true);
             self
         }
 
-        /// Returns the family with a prior of each mean and covariance, for learning.
-        /// By default there is none: learning maximises the likelihood.
+        /// Returns the family with a prior of each state's mean and covariance, for learning.
+        /// By default there is none, and learning maximises the likelihood.
         ///
         /// # Errors
         ///
@@ -62,7 +62,7 @@ macro_rules! settings {
             self.normals.kind()
         }
 
-        /// True if NaN is a missing component.
+        /// True if NaN stands for a missing component.
         #[must_use]
         pub fn takes_missing(&self) -> bool {
             self.normals.settings().missing

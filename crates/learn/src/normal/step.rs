@@ -1,4 +1,8 @@
 //! E step of normal densities: distances of an observation, and expectations of missing components.
+//!
+//! The memory of a step is in blocks of eight: first a distance for each block of densities, then a
+//! log-norm for each, then the differences of one block; for elimination its packed covariance and
+//! one more vector follow.
 
 use super::form::{Shape, packed};
 use super::lanes::{Differences, Distances, Eliminate, FromMeans};
@@ -14,19 +18,20 @@ impl Normals {
         self.log_norms.len()
     }
 
-    /// Number of blocks of memory that distances take.
+    /// Size of the memory of a step, in blocks of eight.
     pub(crate) fn memory(&self) -> usize {
         let elimination = self.settings.missing && self.kind.shape() == Shape::Triangular;
         2 * self.blocks() + self.d + if elimination { self.elimination() } else { 0 }
     }
 
+    /// Size of the memory that elimination takes in addition: a packed covariance, and the pivots.
     fn elimination(&self) -> usize {
         self.d + Shape::Triangular.entries(self.d)
     }
 
-    /// Writes to `memory` the squared distance of an observation from each mean, in blocks, and
-    /// after these, in as many, the logarithm of each density at the mean; both for the
-    /// components that are not missing, whose number is returned.
+    /// Writes to `memory` the squared distance of an observation from each mean, and after these
+    /// the logarithm of each density at its mean. Both are for the components that are not missing;
+    /// returns their number.
     #[inline]
     pub(crate) fn distances(
         &self,
@@ -38,8 +43,8 @@ impl Normals {
         Ok(observed)
     }
 
-    /// As [`distances`](Self::distances), with these differences from the observation, which is
-    /// valid and has so many components that are not missing.
+    /// Like [`distances`](Self::distances), but with the given differences of an observation that
+    /// has been checked and has `observed` components.
     #[inline]
     pub(crate) fn distances_from(
         &self,
@@ -49,6 +54,8 @@ impl Normals {
         memory: &mut [Eight],
     ) -> Result<(), EmissionError> {
         let (d, triangular) = (self.d, self.kind.shape() == Shape::Triangular);
+        // The marginal of some components is the normal density with their rows and columns of Σ,
+        // whose factor is not a part of W: it takes an elimination, block by block.
         if observed < d && triangular {
             return (0..self.blocks())
                 .try_for_each(|block| self.eliminate(y, differences, block, memory));
@@ -57,6 +64,7 @@ impl Normals {
         let (norms, rest) = rest.split_at_mut(self.blocks());
         let (factors, deltas) = (&*self.factors, &mut rest[..d]);
         run(Distances { shape: self.kind.shape(), factors, deltas, differences, out });
+        // Uncorrelated components: a missing one has a difference of 0, and adds no norm.
         norms.copy_from_slice(&self.log_norms);
         if observed < d {
             for (norms, parts) in norms.iter_mut().zip(self.parts.chunks_exact(d)) {
@@ -69,11 +77,12 @@ impl Normals {
         Ok(())
     }
 
-    /// Checks an observation, and returns its number of components that are not missing.
+    /// Checks an observation, and returns the number of its components that are not missing.
     #[inline]
     pub(crate) fn check(&self, y: &[f64]) -> Result<usize, EmissionError> {
         check_components(y, self.d)?;
-        // The sum of these products is 0 if all values are finite.
+        // y · 0 is 0 for a finite y and NaN otherwise: one test without branches for the usual
+        // case.
         if y.iter().map(|y| y * 0.0).sum::<f64>() == 0.0 {
             return Ok(self.d);
         }
@@ -87,8 +96,8 @@ impl Normals {
         Ok(y.iter().filter(|y| !y.is_nan()).count())
     }
 
-    /// Writes the distance and the norm of one block for an observation with missing components;
-    /// then `memory` holds, after both, differences and covariances as [`Eliminate`] leaves them.
+    /// Writes the distances and log-norms of one block for an observation with missing components.
+    /// After both, `memory` then holds differences and covariances as [`Eliminate`] leaves them.
     fn eliminate(
         &self,
         y: &[f64],
@@ -108,7 +117,8 @@ impl Normals {
         norms[block] = Eight::default();
         for (component, pivot) in pivots.iter().enumerate().filter(|c| !y[c.0].is_nan()) {
             for (l, (norm, pivot)) in norms[block].iter_mut().zip(pivot).enumerate() {
-                // Pivots of a factored matrix are positive, but for rounding.
+                // The whole matrix has been factored, so pivots are positive up to rounding. The
+                // log-norm is −½ Σ (ln 2π + ln pivot) over the observed components.
                 if pivot.is_nan() || *pivot <= 0.0 {
                     let state = Some(block * LANES + l);
                     return Err(EmissionError::NotPositiveDefinite { state, component });
@@ -136,8 +146,8 @@ impl Normals {
         run(Write { differences, block, out: &mut out[..self.d] });
     }
 
-    /// Adds an observation with these weights for each block to moments. What is missing has its
-    /// conditional distribution, whose covariance counts with the weights `conditional`.
+    /// Adds an observation with these weights for each block to moments. Missing components take
+    /// part with their conditional distribution, whose covariance has the weights `conditional`.
     #[inline]
     pub(crate) fn add(
         &self,
@@ -147,6 +157,8 @@ impl Normals {
         conditional: &[Eight],
         memory: &mut [Eight],
     ) {
+        // Uncorrelated components carry no information on each other: missing ones are left out,
+        // and each component has a weight of its own.
         let is_complete = !self.settings.missing || y.iter().all(|y| !y.is_nan());
         if is_complete || self.kind.shape() == Shape::Diagonal {
             return moments.add(weights, y, &self.centres);
@@ -160,15 +172,18 @@ impl Normals {
                 continue;
             }
             let expected = self.expected(&differences, y, block, memory);
+            // An observation without a likelihood has no posterior, and does not arrive here.
             let Ok((deltas, covariance)) = expected else { continue };
+            // E[x x'] is the product of the expectations and the conditional covariance (Little and
+            // Rubin 2002): the latter is 0 for observed components.
             moments.add_block(block, weight, deltas);
             let at = moments.scatter_mut(block);
             add_missing(at, 0, y, &conditional[block], covariance);
         }
     }
 
-    /// Expected differences of a block, with those of missing components given the others, and
-    /// packed covariances, which are valid between components that are missing.
+    /// Expected differences of a block, those of missing components given the others, with packed
+    /// conditional covariances, which are valid between missing components only.
     pub(crate) fn expected<'a>(
         &self,
         differences: &impl Differences,
@@ -179,10 +194,12 @@ impl Normals {
         let d = self.d;
         self.eliminate(y, differences, block, memory)?;
         let (deltas, rest) = memory[2 * self.blocks()..].split_at_mut(d);
+        // Elimination started from 0, and left the mean less the conditional expectation.
         for (delta, _) in deltas.iter_mut().zip(y).filter(|pair| pair.1.is_nan()) {
             delta.iter_mut().for_each(|delta| *delta = -*delta);
         }
-        // The others as before the elimination.
+        // Observed components get back the differences they had before the elimination; the pivots
+        // are no longer needed.
         let (covariance, before) = rest.split_at_mut(Shape::Triangular.entries(d));
         run(Write { differences, block, out: &mut before[..d] });
         for ((delta, before), _) in
@@ -194,8 +211,8 @@ impl Normals {
     }
 }
 
-/// Adds conditional covariances of missing components to a scatter in which `before` components
-/// precede those, both packed.
+/// Adds the conditional covariances of missing components to a scatter, both packed. In the scatter
+/// `before` other components precede those of `y`.
 pub(crate) fn add_missing(
     scatter: &mut [Eight],
     before: usize,
@@ -229,19 +246,20 @@ impl<D: Differences> WithSimd for Write<'_, D> {
     }
 }
 
-/// Logarithm of a density, as a [`Diagonal`](wayfix::Diagonal) takes it: −∞ (a density of 0) below
-/// −1e300, and where the distance is beyond the range of doubles.
+/// Logarithm of a density as a [`Diagonal`](wayfix::Diagonal) takes it: −∞ (a density of 0) below
+/// −1e300, and where the distance overflowed to ∞ or NaN.
 #[inline(always)]
 pub(crate) fn density(log: f64) -> f64 {
+    // The comparison is false for NaN, as of ∞ − ∞ in a distance.
     if log >= -1e300 { log } else { f64::NEG_INFINITY }
 }
 
-/// Memory of a step in blocks of eight.
+/// View of a step's memory in blocks of eight.
 pub(crate) fn eights(values: &mut [f64]) -> &mut [Eight] {
     values.as_chunks_mut().0
 }
 
-/// Copies weights into blocks of eight, with 0 in the lanes that are left.
+/// Copies weights into blocks of eight, with 0 in the remaining lanes.
 #[inline]
 pub(crate) fn in_blocks(weights: &[f64], out: &mut [Eight]) {
     let (blocks, rest) = weights.as_chunks::<LANES>();

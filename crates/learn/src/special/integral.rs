@@ -1,36 +1,36 @@
-//! Integrals of densities whose logarithm is concave: the incomplete gamma and beta functions, and
-//! arcs of a circle, with all digits in either tail.
+//! Integrals of log-concave densities: the incomplete gamma and beta functions, and arcs of a
+//! circle, with full precision in either tail.
 //!
-//! A density has its mode at 0 and is integrated away from it, in panels over which it falls by a
-//! few powers of e, until what is left is below the last digit. In logarithms of odds (of numbers
-//! above 0, their logarithms) the densities are smooth on the scale of 1 and on that of their width,
-//! whatever their parameters. They are divided by their whole integrals, so that they need no
-//! constants.
+//! A density has its mode at 0 and is integrated outwards from there by Gauss–Legendre quadrature,
+//! in panels over which it falls by a few powers of e, until the rest is below the last digit. In
+//! log-odds (for positive numbers, logarithms) the densities are smooth on the scale of 1 and of
+//! their own width, whatever their parameters. Each is divided by its integral over the whole line,
+//! so no normalising constant is needed.
 
 use std::f64::consts::PI;
 use std::sync::LazyLock;
 
 use super::log_excess;
 
-/// A density on the line, or a part of it, whose logarithm is concave with its mode at 0.
+/// A log-concave density on the line, or on part of it, with its mode at 0.
 pub(crate) trait LogConcave {
-    /// Ends of the part of the line where it is above 0.
+    /// Ends of the support.
     const ENDS: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
 
-    /// Logarithm of the density at u, less that at the mode.
+    /// Logarithm of the density at u relative to the mode.
     fn log(&self, u: f64) -> f64;
 
     /// Derivative of the logarithm.
     fn slope(&self, u: f64) -> f64;
 
-    /// Most that the logarithm bends between two places: a bound of −1 times its second derivative.
+    /// Upper bound of the curvature, −1 times the second derivative of the logarithm, between two
+    /// points.
     fn bend(&self, from: f64, to: f64) -> f64;
 }
 
-/// Logarithm of the odds x / (1 − x) of a number x with the beta distribution of these two shapes,
-/// less that of the odds a / b, which are the mode; with an infinite second shape the logarithm of a
-/// number with the gamma distribution of shape a, less ln a. Shapes are above 1e-300, and at least one
-/// is above 1e-200.
+/// Density of the log-odds ln(x / (1 − x)) of a beta variable x with shapes a and b, relative to
+/// the mode ln(a / b). With an infinite second shape it is that of ln x for a gamma variable x of
+/// shape a, relative to ln a. Shapes are above 1e-300, and at least one is above 1e-200.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Odds {
     a: f64,
@@ -38,7 +38,7 @@ pub(crate) struct Odds {
     /// a / (a + b)
     share: f64,
     ln_share: f64,
-    /// True if the shapes have changed places, so that a is not above b.
+    /// True if the shapes were exchanged, so that a ≤ b.
     mirrored: bool,
 }
 
@@ -46,7 +46,8 @@ impl Odds {
     pub(crate) fn beta(a: f64, b: f64) -> Self {
         let mirrored = a > b;
         let (a, mut b) = if mirrored { (b, a) } else { (a, b) };
-        // There the density is that of the gamma distribution, wherever it is above 0.
+        // Beta(a, b) tends to a gamma distribution as b / a grows. From here onwards the two
+        // agree wherever a double holds the density.
         if a / (a + b) < 1e-290 {
             b = f64::INFINITY;
         }
@@ -57,9 +58,10 @@ impl Odds {
         Self::beta(a, f64::INFINITY)
     }
 
-    /// Probabilities that a number with Student's t distribution is further from 0 than e, and that it
-    /// is nearer: ν / (ν + e²) has a beta distribution.
+    /// Probabilities that a Student's t variable is further from 0 than e, and that it is nearer.
     pub(crate) fn student(degrees: f64, e: f64) -> [f64; 2] {
+        // For a t variable T, x = ν / (ν + T²) is Beta(ν/2, ½). Its odds are ν / T² and those of
+        // the mode ν, so |T| = e lies at ln(ν / e²) − ln ν, and small x is large |T|.
         Self::beta(0.5 * degrees, 0.5).sides(-2.0 * e.abs().ln())
     }
 
@@ -73,11 +75,12 @@ impl Odds {
     }
 }
 
-/// exp(u) − 1 − u, exact also near 0.
+/// exp(u) − 1 − u, to full precision also near 0.
 fn exp_excess(u: f64) -> f64 {
     if u.abs() > 0.5 {
         return u.exp_m1() - u;
     }
+    // Σ u^k / k! from k = 2 onwards: both terms of the difference would cancel.
     let (mut sum, mut term, mut k) = (0.0, 0.5 * u * u, 3.0);
     while term.abs() > 1e-18 * f64::abs(sum) {
         sum += term;
@@ -88,15 +91,19 @@ fn exp_excess(u: f64) -> f64 {
 }
 
 impl LogConcave for Odds {
-    // With s the share of a, ln f = a u − (a + b) ln(1 + s (e^u − 1)).
+    // With s = a / (a + b), ln f = a u − (a + b) ln(1 + s (e^u − 1)), which is 0 at u = 0. As b
+    // grows, (a + b) s = a, and the limit is a u − a (e^u − 1).
     fn log(&self, u: f64) -> f64 {
         let &Self { a, b, share, ln_share, .. } = self;
         if b == f64::INFINITY {
             return -a * exp_excess(u);
         }
         if u.abs() <= 0.5 {
+            // With v = s (e^u − 1) and (a + b) v = a (e^u − 1), the parts linear in u cancel
+            // exactly: (a + b) (v − ln(1 + v)) − a (e^u − 1 − u).
             return (a + b) * log_excess(share * u.exp_m1()) - a * exp_excess(u);
         }
+        // Beyond s e^u = e^40 the other term, 1 − s, is below the last digit, and e^u may overflow.
         let ln_odds = u + ln_share;
         let denominator = if ln_odds > 40.0 { ln_odds } else { (share * u.exp_m1()).ln_1p() };
         a * u - (a + b) * denominator
@@ -107,6 +114,7 @@ impl LogConcave for Odds {
         if b == f64::INFINITY {
             return -a * u.exp_m1();
         }
+        // a − (a + b) s e^u / (1 + v), where s e^u = v + s: the two a cancel on paper.
         let v = share * u.exp_m1();
         if v > 1e300 { -b } else { -b * v / (1.0 + v) }
     }
@@ -114,16 +122,19 @@ impl LogConcave for Odds {
     fn bend(&self, from: f64, to: f64) -> f64 {
         let &Self { a, b, ln_share, .. } = self;
         if b == f64::INFINITY {
+            // The curvature is a e^u, largest at the upper end.
             return a * from.max(to).exp();
         }
-        // (a + b) x (1 − x) at the place nearest to even odds.
+        // The curvature is (a + b) x (1 − x), largest where the odds are nearest to even: there
+        // u = ln(b / a).
         let middle = (b / (a + b)).ln() - ln_share;
         let odds = (middle.clamp(from.min(to), from.max(to)) - middle).abs();
         (a + b) * (-odds).exp() / (1.0 + (-odds).exp()).powi(2)
     }
 }
 
-/// Angle from the mean direction of the von Mises distribution with this concentration.
+/// Density of the angle from the mean direction, for a von Mises distribution of this
+/// concentration.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Circle(pub(crate) f64);
 
@@ -131,6 +142,8 @@ impl LogConcave for Circle {
     const ENDS: [f64; 2] = [-PI, PI];
 
     fn log(&self, u: f64) -> f64 {
+        // κ (cos u − 1) = −2 κ sin²(u / 2). The root of κ is inside the square, which could
+        // underflow by itself where κ is large.
         let root = self.0.sqrt() * (0.5 * u).sin();
         -2.0 * root * root
     }
@@ -144,16 +157,21 @@ impl LogConcave for Circle {
     }
 }
 
-/// Points of Gauss's quadrature in a panel.
+/// Gauss–Legendre points of a panel.
 const POINTS: usize = 16;
 
-/// Most powers of e by which a density falls in a panel, near to where it starts.
+/// Largest fall of a density over a panel, in powers of e, at the slope with which the panel
+/// starts.
 const FALL: f64 = 8.0;
 
-/// Places from −1 to 1 and weights of Gauss and Legendre, by Newton's method.
+/// Gauss–Legendre nodes in [−1, 1] with their weights.
 static NODES: LazyLock<[[f64; 2]; POINTS]> = LazyLock::new(|| {
     std::array::from_fn(|i| {
         let n = POINTS as f64;
+        // Newton's method on the Legendre polynomial P_n from the classical guess, which is close
+        // enough to reach the i-th root. The recurrence is k P_k = (2k − 1) x P_{k−1} − (k − 1)
+        // P_{k−2}, the slope n (x P_n − P_{n−1}) / (x² − 1), and the weight 2 / ((1 − x²) P_n'²)
+        // (Abramowitz and Stegun 1964, 22.7.10, 22.8.5 and 25.4.29).
         let mut x = (PI * (i as f64 + 0.75) / (n + 0.5)).cos();
         let mut slope = 1.0;
         for _ in 0..10 {
@@ -169,16 +187,21 @@ static NODES: LazyLock<[[f64; 2]; POINTS]> = LazyLock::new(|| {
     })
 });
 
-/// Integral from a place to an end that is not nearer to the mode, over the value at the mode.
+/// Integral from a point outwards to an end that is no nearer to the mode, relative to the density
+/// at the mode.
 fn outward(f: &impl LogConcave, from: f64, end: f64) -> f64 {
     let direction = if end < from { -1.0 } else { 1.0 };
     let (mut at, mut sum) = (from, 0.0);
-    // More panels than there may be: they cover from 1e-320 to 1e320.
+    // A bound that is never reached, even where panels grow from 1e-320 to 1e320.
     for _ in 0..4000 {
+        // At the mode the slope is 0; there the curvature sets the scale.
         let steep = f.slope(at).abs().max(f.bend(at, at).sqrt() * 2.0);
         let rest = (end - at).abs();
         let mut width = rest.min(FALL / steep).min(1e300);
-        // Exponential parts need short panels, unless they are below the last digit.
+        // Over a width w the logarithm deviates from its tangent by at most bend · w² / 2, so
+        // bend · w² ≤ 16 bounds the fall by twice `FALL`, and the polynomial of the quadrature
+        // follows it. A width above 3 would span too much of an e^u in the logarithm, unless the
+        // curvature is below the last digit.
         loop {
             let bend = f.bend(at, at + direction * width);
             let is_straight = bend.sqrt() * width <= 4.0;
@@ -193,7 +216,8 @@ fn outward(f: &impl LogConcave, from: f64, end: f64) -> f64 {
         let part = half * NODES.iter().map(value).sum::<f64>();
         sum += part;
         let next = at + direction * width;
-        // Also if nothing is left that a double holds.
+        // The slope only steepens outwards, so what follows is at most of the order of this panel.
+        // A point that no longer moves means that the width is below its last digit.
         if part <= 1e-18 * sum || width >= rest || next == at {
             break;
         }
@@ -202,7 +226,7 @@ fn outward(f: &impl LogConcave, from: f64, end: f64) -> f64 {
     sum
 }
 
-/// Integral between two places, over the value at the mode; 0 if they are out of order.
+/// Integral between two points, relative to the density at the mode; 0 if they are out of order.
 pub(crate) fn mass(f: &impl LogConcave, from: f64, to: f64) -> f64 {
     if from >= to {
         0.0
@@ -211,14 +235,16 @@ pub(crate) fn mass(f: &impl LogConcave, from: f64, to: f64) -> f64 {
     } else if from >= 0.0 {
         outward(f, from, to)
     } else {
+        // Both halves start at the mode, so that each falls monotonically.
         outward(f, 0.0, from) + outward(f, 0.0, to)
     }
 }
 
-/// Shares of the whole below and above a place.
+/// Shares of the whole integral below and above a point.
 fn sides<F: LogConcave>(f: &F, u: f64) -> [f64; 2] {
     let [low, high] = F::ENDS;
     let [below, above] = [mass(f, low, u), mass(f, u, high)];
+    // Neither is 1 less the other: the smaller tail keeps all its digits.
     let sum = below + above;
     [below / sum, above / sum]
 }

@@ -1,4 +1,5 @@
-//! Student's t distribution of vectors: its densities b_i(y), section 1 of the guide's formulas.
+//! Student's t distribution of vectors: its densities b_i(y) (section 1 of the guide's formulas),
+//! by the squared distance that a Gaussian with its scale as covariance has.
 
 mod learn;
 mod start;
@@ -30,11 +31,11 @@ use wayfix::{Diagonal, Likelihood, Scratch};
 ///
 /// a Gaussian for large ν; its covariance is Σ ν / (ν − 2) for ν > 2.
 ///
-/// An observation is taken for a Gaussian one whose precision is multiplied by an unknown u, of
-/// mean 1. Learning expects u (so that outliers count little) and then maximises means and scales
-/// in closed form, and ν by Newton's method (Liu and Rubin 1995, without their second pass). It
-/// never falls, but where the tails are light, ν grows without end, ever more slowly; then a
-/// [`Gaussian`] fits. [`with_fixed_degrees`](Self::with_fixed_degrees) keeps ν.
+/// Each observation is treated as Gaussian with its precision multiplied by an unknown u of mean 1.
+/// Learning takes the expectation of u (so that outliers count little), then maximises means and
+/// scales in closed form, and ν by Newton's method (Liu and Rubin 1995, without their second pass).
+/// The likelihood never falls, but where the tails are light, ν grows without end, ever more
+/// slowly; then a [`Gaussian`] fits. [`with_fixed_degrees`](Self::with_fixed_degrees) keeps ν.
 ///
 /// Priors, missing components, fixed parameters and the complexity of a step are those of the
 /// [`Gaussian`], with Σ in place of its covariance; a step also takes n logarithms.
@@ -67,7 +68,7 @@ pub struct StudentT {
     log_norms: Vec<f64>,
 }
 
-/// Least degrees of freedom: with fewer, draws leave the range of doubles.
+/// Smallest number of degrees of freedom: with fewer, draws leave the range of doubles.
 const LEAST: f64 = 0.01;
 
 impl StudentT {
@@ -90,11 +91,14 @@ impl StudentT {
                 .map_err(|error| at(error, state, None))?;
         }
         let d = gaussian.components();
+        // (νπ)^(−k/2) = (2π)^(−k/2) (ν/2)^(−k/2), and the Gaussian norm has the first factor. The
+        // rest, Γ((ν+k)/2) / (Γ(ν/2) (ν/2)^(k/2)), is `ln_rising`, for each number k of components
+        // that are not missing.
         let norms = degrees.iter().flat_map(|nu| (0..=d).map(move |k| ln_rising(nu / 2.0, k)));
         Ok(Self { log_norms: norms.collect(), gaussian, degrees, fixed })
     }
 
-    /// Returns the family with degrees of freedom that learning keeps.
+    /// Returns the family with its degrees of freedom fixed during learning.
     #[must_use]
     pub fn with_fixed_degrees(self) -> Self {
         Self { fixed: true, ..self }
@@ -135,6 +139,8 @@ impl Likelihood for StudentT {
         let d = normals.components();
         let values = scratch.values(normals.memory() * 8);
         let memory = eights(values);
+        // ln p = ln N(μ; μ, Σ) + ln norm − (ν + k)/2 · ln(1 + distance / ν), for k observed
+        // components.
         let observed = normals.distances(y, memory)?;
         let (distances, norms) = memory.as_flattened_mut().split_at_mut(normals.blocks() * 8);
         for (state, (distance, norm)) in distances.iter_mut().zip(norms).enumerate().take(n) {
@@ -155,11 +161,12 @@ impl Family for StudentT {
 impl SampleObservation for StudentT {
     type Sample = Vec<f64>;
 
-    /// Draws an observation. Those beyond the range of doubles are drawn again.
+    /// Draws an observation, again if it is beyond the range of doubles.
     fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> Vec<f64> {
         let nu = self.degrees[state];
         let chi_squared = ChiSquared::new(nu).expect("degrees of freedom are above 0");
         let mean = self.gaussian.mean(state).expect("the state exists");
+        // μ + (Gaussian − μ) / √u, where ν u has a chi-squared distribution.
         loop {
             let mut y = self.gaussian.sample(state, rng);
             let stretch = (nu / chi_squared.sample(rng)).sqrt();
@@ -184,8 +191,8 @@ impl ReorderStates for StudentT {
     }
 }
 
-/// Each component by itself, with its scale. Tails take O(1): an incomplete beta function, in some
-/// hundred evaluations.
+/// The marginal distribution of each component, with its own scale. Tails take O(1): an incomplete
+/// beta function, in some hundred evaluations.
 impl Marginals for StudentT {
     fn numbers(&self) -> usize {
         self.gaussian.components()
@@ -201,7 +208,7 @@ impl Marginals for StudentT {
         }
         let [z, ln_scale] = self.gaussian.normals().standardize(state, component, y);
         let (nu, d) = (self.degrees[state], self.gaussian.components());
-        // ln(1 + z² / ν), whose square may be out of range.
+        // ln(1 + z² / ν), by 2 ln |z / √ν| where the square might overflow.
         let ratio = z.abs() / nu.sqrt();
         let tail = if ratio < 1e100 { (ratio * ratio).ln_1p() } else { 2.0 * ratio.ln() };
         let norm = self.log_norms[state * (d + 1) + 1] - 0.5 * TAU.ln() - ln_scale;
@@ -210,6 +217,8 @@ impl Marginals for StudentT {
 
     fn tails(&self, state: usize, component: usize, y: f64) -> Tails {
         let z = self.gaussian.normals().standardize(state, component, y)[0];
+        // By symmetry half of P(|T| > |z|) is beyond z, and half of the rest between it and the
+        // mean.
         let [beyond, within] = Odds::student(self.degrees[state], z).map(|p| 0.5 * p);
         let sides = [beyond, 0.5 + within];
         Tails::between(if z < 0.0 { sides } else { [sides[1], sides[0]] })

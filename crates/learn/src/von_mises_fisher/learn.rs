@@ -1,4 +1,8 @@
-//! Directions, learned: the M step of section 9 of the formulas, with a conjugate prior.
+//! Learning of directions: the M step of section 9 of the formulas, with a conjugate prior.
+//!
+//! ln p is linear in y and in 1, so the mean vector R and the weight are sufficient: μ = R / ‖R‖,
+//! and κ solves I_{ν+1}(κ) / I_ν(κ) = ‖R‖. The sums are of y − μ_old, from which 1 − ‖R‖ has all
+//! its digits.
 
 use std::error::Error;
 
@@ -12,37 +16,39 @@ use wayfix::inference::{Displacement, FreeParameters};
 use wayfix::likelihood::LearnLikelihood;
 
 impl VonMisesFisher {
-    /// Expectation of 1 − the cosine of the angle to the mean of a state, and the length of the
-    /// mean vector, of observations distributed as the prior.
+    /// Expected distance 1 − μ·y from the mean of a state, and length of the mean vector, for
+    /// observations distributed as the prior.
     fn expected_distance(&self, prior: &Self, state: usize) -> (f64, f64) {
         let order = 0.5 * self.components as f64 - 1.0;
         let Bessel { ratio, complement, .. } = Bessel::new(order, prior.concentrations[state]);
+        // The prior's mean vector is r m, and 1 − r μ·m = (1 − r) + r (1 − μ·m).
         let distance = cosine_distance(self.mean(state), prior.mean(state).iter().copied());
         (complement + ratio * distance, ratio)
     }
 
-    /// Returns the mean direction and the concentration that maximise the likelihood of what is
-    /// behind the sums.
+    /// Returns the mean direction and the concentration that maximise the likelihood of the
+    /// observations behind the sums.
     fn maximize(&self, state: usize, sums: &[f64]) -> Result<(Vec<f64>, f64), EmissionError> {
         let old = self.mean(state);
         let (weight, distance) = (sums[0], sums[1] / sums[0]);
         let shift = || sums[2..].iter().map(|sum| sum / weight);
         let mut mean: Vec<f64> = old.iter().zip(shift()).map(|(old, shift)| old + shift).collect();
         let length = length(&mean);
-        // 1 − length², by the distances from the old direction.
+        // With R = μ_old + s, 1 − ‖R‖² = −2 μ_old·s − ‖s‖², and −μ_old·s is the mean distance.
         let variance = 2.0 * distance - shift().map(|shift| shift * shift).sum::<f64>();
         let variance = spread("concentration", weight, variance, distance)?;
         if length == 0.0 {
             return Ok((old.to_vec(), 0.0));
         }
+        // 1 − ‖R‖ = (1 − ‖R‖²) / (1 + ‖R‖).
         mean.iter_mut().for_each(|m| *m /= length);
         Ok((mean, concentration(self.components, length, variance / (1.0 + length))))
     }
 }
 
 impl LearnLikelihood for VonMisesFisher {
-    /// For each state, with weights, the sums of 1, of half the squared distance from the mean
-    /// direction, and of the distances in each component.
+    /// For each state the weighted sums of 1, of the distance 1 − μ·y from the mean direction, and
+    /// of y − μ in each component.
     type Statistics = Vec<f64>;
 
     fn statistics(&self) -> Vec<f64> {
@@ -73,6 +79,7 @@ impl LearnLikelihood for VonMisesFisher {
         let (mut means, mut concentrations) = (self.means(), self.concentrations.clone());
         for (state, sums) in statistics.chunks_exact(self.components + 2).enumerate() {
             let mut sums = sums.to_vec();
+            // The prior adds the expected sums of its `count` observations.
             if let Some((prior, count)) = &self.prior {
                 let (distance, ratio) = self.expected_distance(prior, state);
                 sums[0] += count;

@@ -1,5 +1,8 @@
-//! Directions in any number of dimensions: their densities b_i(y), section 1 of the guide's
-//! formulas.
+//! Directions in any number of dimensions: their densities b_i(y) (section 1 of the guide's
+//! formulas).
+//!
+//! All is computed from 1 − μ·y = ½ ‖y − μ‖², and from 1 less a mean length, rather than from
+//! cosines: for large concentrations these are 1 up to rounding.
 
 mod learn;
 
@@ -17,26 +20,27 @@ use wayfix::ReorderStates;
 use wayfix::likelihood::SampleObservation;
 use wayfix::{Diagonal, Likelihood, Scratch};
 
-/// Distance from length one within which a vector is a direction.
+/// Largest deviation from length one of a vector that counts as a direction.
 const TOLERANCE: f64 = 1e-6;
 
 /// Directions in d ≥ 2 dimensions, as vectors of length one: a von Mises–Fisher distribution in
 /// each state.
 ///
-/// p(y) = κ^ν exp(κ μ·y) / ((2π)^{d/2} I_ν(κ)), where ν = d/2 − 1, with a mean direction μ of length one and a
-/// concentration κ ≥ 0: at 0 all directions are as likely, and for large κ the variance around μ
-/// is 1 / κ in each of d − 1 dimensions. The density is that on the sphere. Vectors within 1e-6 of
-/// length one are taken, and scaled to it.
+/// p(y) = κ^ν exp(κ μ·y) / ((2π)^{d/2} I_ν(κ)), where ν = d/2 − 1, with a mean direction μ of
+/// length one and a concentration κ ≥ 0: at 0 all directions are equally likely, and for large κ
+/// the variance around μ is 1 / κ in each of d − 1 dimensions. The density is with respect to the
+/// area of the sphere. Vectors within 1e-6 of length one are accepted, and scaled to it.
 ///
 /// Learning sets μ to the direction of the mean vector, and κ to the solution of
-/// I_{ν+1}(κ) / I_ν(κ) = its length, by Newton's method to the last digits, from the start of Banerjee et al.
-/// (2005); approximations of it (Sra, 2012) are not used. Observations that are all alike
-/// determine no concentration, an [error](EmissionError::TooFew), unless there is a
-/// [prior](Self::with_prior).
+/// I_{ν+1}(κ) / I_ν(κ) = its length, by Newton's method to the last digits, from the starting value
+/// of Banerjee et al. (2005); closed-form approximations (Sra, 2012) are not used. Observations
+/// that are all alike determine no concentration, an [error](EmissionError::TooFew), unless there
+/// is a [prior](Self::with_prior).
 ///
 /// A vector may be missing as a whole ([`with_missing`](Self::with_missing)), but not in part.
 ///
-/// A step costs O(n d), learning O(n d) an observation, and O(n (d + √κ)) a re-estimation. Memory: O(n d).
+/// A step costs O(n d), learning O(n d) an observation, and O(n (d + √κ)) a re-estimation. Memory:
+/// O(n d).
 ///
 /// ```
 /// use wayfix_learn::VonMisesFisher;
@@ -55,12 +59,12 @@ const TOLERANCE: f64 = 1e-6;
 pub struct VonMisesFisher {
     components: usize,
     missing: bool,
-    /// Direction of state i from i d on.
+    /// Mean direction of state i from index i d onwards.
     means: Vec<f64>,
     concentrations: Vec<f64>,
     /// Log density at each mean direction.
     peaks: Vec<f64>,
-    /// Distribution of further observations in each state, and their number.
+    /// Distribution of the prior's observations in each state, and their number.
     prior: Option<(Box<Self>, f64)>,
 }
 
@@ -69,7 +73,8 @@ fn length(vector: &[f64]) -> f64 {
     vector.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
-/// 1 − the cosine of two directions, as half their squared distance, in which nothing cancels.
+/// 1 − cosine of the angle between two directions, as half their squared distance, so that nothing
+/// cancels.
 fn cosine_distance(mean: &[f64], direction: impl Iterator<Item = f64>) -> f64 {
     0.5 * mean.iter().zip(direction).map(|(m, y)| (y - m).powi(2)).sum::<f64>()
 }
@@ -103,9 +108,12 @@ impl VonMisesFisher {
                     check("concentration", k, valid, "a value from 0 to 1e300")
                 })
                 .map_err(|error| at(error, state, None))?;
-            // One that is right but for rounding is kept to the bit.
+            // A length that differs from 1 by rounding alone is left: parameters survive a round
+            // trip to the bit.
             let scale = if (long - 1.0).abs() < 1e-12 { 1.0 } else { long.recip() };
             directions.extend(mean.iter().map(|m| m * scale));
+            // At y = μ, ln p = κ − (d/2) ln 2π − ln(I_ν(κ) κ^−ν): `Bessel::log` takes out e^κ, so
+            // that the log density at a distance t = 1 − μ·y is peak − κ t.
             let half = 0.5 * components as f64;
             peaks.push(-half * TAU.ln() - Bessel::new(half - 1.0, k).log);
         }
@@ -113,19 +121,19 @@ impl VonMisesFisher {
         Ok(Self { components, missing: false, means, concentrations, peaks, prior: None })
     }
 
-    /// Takes a row of NaN alone as a missing observation.
+    /// Returns the family with rows of all NaN taken as missing observations.
     #[must_use]
     pub fn with_missing(self) -> Self {
         Self { missing: true, ..self }
     }
 
     /// Adds a conjugate prior: learning proceeds as if each state had shown `count` more
-    /// observations, distributed as `prior`, a family with one state for all or as many states
-    /// as this.
+    /// observations, distributed as `prior`, a family with a single state for all or as many states
+    /// as this one.
     ///
-    /// With the direction m and the concentration k of the prior, its density of μ and κ is
-    /// proportional to exp(c κ μ·m I_{ν+1}(k) / I_ν(k)) (κ^ν / I_ν(κ))^c, where c is the count, which need
-    /// not be whole.
+    /// With the prior's direction m and concentration k, the density of μ and κ is proportional to
+    /// exp(c κ μ·m I_{ν+1}(k) / I_ν(k)) (κ^ν / I_ν(κ))^c, where c is the count, which need not be a
+    /// whole number.
     ///
     /// # Errors
     ///
@@ -145,7 +153,7 @@ impl VonMisesFisher {
         Ok(Self { prior: Some((Box::new(prior), count)), ..self })
     }
 
-    /// True if a row of NaN alone is a missing observation.
+    /// True if a row of all NaN is a missing observation.
     #[must_use]
     pub fn takes_missing(&self) -> bool {
         self.missing
@@ -225,7 +233,8 @@ impl SampleObservation for VonMisesFisher {
     fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> Vec<f64> {
         let mean = self.mean(state);
         let distance = draw(self.components, self.concentrations[state], rng);
-        // A direction across the mean, all of them as likely.
+        // An isotropic normal vector, made orthogonal to the mean, has a uniform direction there.
+        // The cosine is 1 − t, so the sine is √(t (2 − t)).
         let mut across: Vec<f64> = mean.iter().map(|_| StandardNormal.sample(rng)).collect();
         let along: f64 = across.iter().zip(mean).map(|(a, m)| a * m).sum();
         across.iter_mut().zip(mean).for_each(|(a, m)| *a -= along * m);

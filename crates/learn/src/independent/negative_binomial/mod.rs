@@ -1,4 +1,4 @@
-//! Negative binomial distribution: counts of events that come in clusters.
+//! Negative binomial distribution: counts of events that come in clusters, by mean and dispersion.
 
 mod dispersion;
 
@@ -13,22 +13,22 @@ use crate::check::check;
 use crate::special::{Odds, excess_ratio, ln_factorial, log_excess, stirling};
 use crate::{EmissionError, Tails};
 
-/// Negative binomial distribution of a count, a whole number from 0 to 2^53, whose variance is above
-/// that of a [`Poisson`](super::Poisson) count.
+/// Negative binomial distribution of a count, a whole number from 0 to 2^53, whose variance is
+/// above that of a [`Poisson`](super::Poisson) count.
 ///
-/// With means m_c and dispersions α_c, of which r_c = 1 / α_c is the size, a [family](Self::family)
-/// of d counts has p(y) = Π_c Γ(y_c + r_c) / (Γ(r_c) y_c!) (r_c / (r_c + m_c))^{r_c}
-/// (m_c / (r_c + m_c))^{y_c}: the variance is m + α m². It is the Poisson distribution where the
-/// dispersion is 0, and the geometric one where it is 1.
+/// With means m_c, dispersions α_c and sizes r_c = 1 / α_c, a [family](Self::family) of d counts
+/// has p(y) = Π_c Γ(y_c + r_c) / (Γ(r_c) y_c!) (r_c / (r_c + m_c))^{r_c} (m_c / (r_c + m_c))^{y_c}:
+/// the variance is m + α m². It is the Poisson distribution where the dispersion is 0, and the
+/// geometric one where it is 1.
 ///
-/// Learning sets each mean to the weighted mean of the counts. If their variance is not above it, the
-/// dispersion is 0, which is then the maximum (Levin and Reeds, 1977). Else no statistics of finite
-/// number determine it: the likelihood has a bound from below that has its value and its first two
-/// derivatives at the present dispersion, and which is maximised. So no step lowers the likelihood,
-/// and near the maximum each doubles the number of right digits.
+/// Learning sets each mean to the weighted mean of the counts. If their variance is not above it,
+/// the dispersion is 0, which is then the maximum (Levin and Reeds, 1977). Otherwise there is no
+/// finite-dimensional sufficient statistic for it: learning maximises a lower bound of the
+/// likelihood with the same value and the same first two derivatives at the present dispersion. So
+/// no step lowers the likelihood, and near the maximum each doubles the number of correct digits.
 ///
 /// The [prior](Independent::with_prior) is that of c further observations, whose expectations are
-/// summed numerically, in some thousand evaluations.
+/// summed numerically in some thousand evaluations.
 ///
 /// ```
 /// use wayfix_learn::NegativeBinomial;
@@ -55,7 +55,7 @@ pub struct NegativeBinomial {
     error: f64,
 }
 
-/// Count up to which the rising factorial is a product.
+/// Largest count whose rising factorial is computed as a product.
 const PRODUCT: f64 = 16.0;
 
 impl NegativeBinomial {
@@ -72,7 +72,8 @@ impl NegativeBinomial {
         let dispersion = check("dispersion", dispersion, valid, "a value from 0 to 1e100")?;
         let spread = dispersion * mean;
         let ln_spread = spread.ln_1p();
-        // Below that, its next term is below the last digit, and the quotient may underflow.
+        // −ln(1 + α m) / α = −m (1 − α m / 2 + …): here the second term is below the last digit,
+        // and the quotient may underflow.
         let zero = if spread < 1e-16 { -mean } else { -ln_spread / dispersion };
         let error = if dispersion == 0.0 { 0.0 } else { stirling(dispersion.recip()) };
         Ok(Self { mean, dispersion, ln_mean: mean.ln(), ln_spread, zero, error })
@@ -104,9 +105,14 @@ impl NegativeBinomial {
         self.dispersion
     }
 
-    /// Log probability of a count above `PRODUCT`, by the saddle point (Loader, 2000): distances of
-    /// y and r from what is expected of them, given their sum.
+    /// Log probability of a count above `PRODUCT` in saddle-point form (Loader, 2000): deviations
+    /// of y and r from their expectations given y + r. `rest` is ln(y!) − y (ln y − 1).
     fn far(&self, y: f64, rest: f64) -> f64 {
+        // Stirling's formula for the gamma functions, with its errors Δ, leaves
+        // Δ(r + y) − Δ(r) − rest − ½ ln(1 + α y) + r ln(1 + u) + y ln(1 + v), where
+        // 1 + u = (r + y) / (r + m) and 1 + v = m (r + y) / (y (r + m)). As r u = −y v = d, the
+        // last two terms are −r (u − ln(1 + u)) − y (v − ln(1 + v)), and nothing cancels. Where
+        // 1 + u or 1 + v is small its logarithm comes from those of its factors.
         let Self { mean, dispersion, .. } = *self;
         let ln_grown = (dispersion * y).ln_1p();
         let d = (y - mean) / (1.0 + dispersion * mean);
@@ -131,7 +137,7 @@ impl Univariate for NegativeBinomial {
     const VALUES: &'static str = "a whole number from 0 to 2^53";
     const HAS_ZERO: bool = true;
     const EXACT: bool = false;
-    /// The count y, with ln(y!), and that less y (ln y − 1).
+    /// The count y, with ln(y!) and ln(y!) − y (ln y − 1).
     type Point = (f64, (f64, f64));
     /// 1, y, (y − m)², the sums of j / (1 + α j) and of its square over j < y, and the log density.
     type Statistics = [f64; 6];
@@ -148,6 +154,8 @@ impl Univariate for NegativeBinomial {
         } else if y > PRODUCT {
             self.far(y, rest)
         } else {
+            // Γ(y + r) / Γ(r) = r^y Π (1 + α j) over j < y, also for α = 0. The logarithm is taken
+            // before the product overflows.
             let (mut log, mut product, mut j) = (0.0, 1.0_f64, 1.0);
             while j < y {
                 product *= 1.0 + self.dispersion * j;
@@ -171,6 +179,7 @@ impl Univariate for NegativeBinomial {
     fn expectations(&self, of: &Self) -> [f64; 6] {
         let (mean, spread) = (of.mean, 1.0 + of.dispersion * of.mean);
         let point = |y| (y, ln_factorial(y));
+        // The standard deviation, and 1 + α m, by which the tail falls by a factor of about e.
         let scales = [(mean * spread).sqrt(), spread];
         let all = expectation(
             mean,
@@ -191,6 +200,7 @@ impl Univariate for NegativeBinomial {
 
     fn maximize(&self, sums: &[f64; 6]) -> Result<Self, EmissionError> {
         let [_, mean, square, first, second, _] = sums.map(|sum| sum / sums[0]);
+        // The mean is at its maximum whatever the dispersion; the bound is for this mean.
         let variance = square - (mean - self.mean).powi(2);
         let dispersion = if mean == 0.0 {
             self.dispersion
@@ -205,8 +215,8 @@ impl Univariate for NegativeBinomial {
     }
 
     fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> f64 {
-        // With so little dispersion, no double but the mean is drawn. A draw above the largest count
-        // is that one.
+        // A Poisson count whose rate has a gamma distribution. With so little dispersion no rate
+        // but the mean is ever drawn. Draws above the largest count become it.
         let rate = if self.dispersion < 1e-40 {
             self.mean
         } else {
@@ -220,9 +230,11 @@ impl Univariate for NegativeBinomial {
 impl Cumulative for NegativeBinomial {
     /// O(1): an incomplete beta function on either side, in some hundred evaluations each.
     fn tails(&self, y: f64) -> Tails {
+        // P(Y ≤ y) = P(X ≤ r / (r + m)) for X ~ Beta(r, y + 1), whose mode has odds r / (y + 1):
+        // relative to it, the log-odds are ln((y + 1) / m).
         let size = self.dispersion.recip();
         tails(y, self, |y| {
-            // Below that, y + size is the size.
+            // Here y + r rounds to r, and the counts are Poisson.
             if self.dispersion < 1e-100 {
                 return arrivals(y, self.mean);
             }

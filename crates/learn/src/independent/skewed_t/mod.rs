@@ -1,4 +1,7 @@
-//! Skewed Student's t distribution: returns, of which losses have another spread than gains.
+//! Skewed Student's t distribution: returns whose losses have a different spread from their gains.
+//!
+//! It is two halves of a t distribution, with the scales σ / γ below the location and σ γ above it,
+//! that meet at the location with the same density.
 
 mod expectations;
 mod maximize;
@@ -14,27 +17,27 @@ use crate::check::{LOWEST, check, check_shape, shape};
 use crate::special::{Odds, ln_minus_digamma, ln_rising, log_excess};
 use crate::{EmissionError, Tails};
 
-/// Student's t distribution of a real number, stretched to one side, as of returns in finance
+/// Student's t distribution of a real number, stretched to one side, such as a financial return
 /// (Fernández and Steel, 1998).
 ///
-/// With a location μ, a scale σ, a skewness γ and degrees of freedom ν, and Student's density
-/// t_ν, a component of a [family](Self::family) has
+/// With a location μ, a scale σ, a skewness γ, degrees of freedom ν and Student's density t_ν, a
+/// component of a [family](Self::family) has
 ///
 /// ```text
 /// p(y) = 2 / (σ (γ + 1/γ)) t_ν(z / γ) for z ≥ 0, and t_ν(z γ) for z < 0, where z = (y − μ) / σ.
 /// ```
 ///
 /// The location is the mode. A share of γ² / (1 + γ²) is above it: for γ = 1 this is Student's
-/// distribution, and for γ and 1 / γ the same with sides changed. Several correlated numbers without
-/// skewness are better off with [`StudentT`](crate::StudentT).
+/// distribution, and 1 / γ gives the mirror image of γ. For several correlated numbers without
+/// skewness use [`StudentT`](crate::StudentT).
 ///
-/// As there, an observation is taken for a Gaussian one whose precision is multiplied by an unknown
-/// u. Learning expects u, then maximises scale and skewness in closed form, then a quadratic bound
-/// from below for the location, and ν by Newton's method. So no step lowers the likelihood, but where
-/// tails are light, ν grows without end, ever more slowly. Observations that are all alike, or all on
-/// one side, or fewer than the parameters, may determine none, an [error](EmissionError::TooFew),
-/// unless there is a prior, that of c [observations](Independent::with_prior), whose expectations
-/// are found by numerical integration.
+/// As there, each observation is treated as Gaussian with its precision multiplied by an unknown u.
+/// Learning takes the expectation of u, then maximises scale and skewness in closed form, the
+/// location by a quadratic lower bound, and ν by Newton's method. So no step lowers the likelihood,
+/// but where tails are light, ν grows without end, ever more slowly. Observations that are all
+/// alike, or all on one side, or fewer than the parameters, may determine none, an
+/// [error](EmissionError::TooFew), unless there is a prior of c
+/// [observations](Independent::with_prior), whose expectations are found by numerical integration.
 ///
 /// ```
 /// use wayfix_learn::SkewedT;
@@ -59,11 +62,11 @@ pub struct SkewedT {
     degrees: f64,
     /// Log density at the location.
     peak: f64,
-    /// Expectation of −ln u of an observation, above that at its mean.
+    /// ln E u − E ln u given an observation: ln a − ψ(a) with a = (ν + 1) / 2.
     gap: f64,
 }
 
-/// Least degrees of freedom: with fewer, draws leave the range of doubles.
+/// Smallest number of degrees of freedom: with fewer, draws leave the range of doubles.
 const LEAST: f64 = 0.1;
 
 impl SkewedT {
@@ -90,14 +93,15 @@ impl SkewedT {
         check(what, side, side >= f64::MIN_POSITIVE, expected)?;
         let (valid, expected) = (degrees >= LEAST, "a finite value of at least 0.1");
         let nu = check("degrees of freedom", degrees, valid && degrees.is_finite(), expected)?;
+        // At the mode 2 / (σ (γ + 1/γ)) t_ν(0).
         let sides = (0.5 * (skewness + skewness.recip())).ln();
         let peak = ln_rising(0.5 * nu, 1) - 0.5 * TAU.ln() - scale.ln() - sides;
         let gap = ln_minus_digamma(0.5 * (nu + 1.0)).0;
         Ok(Self { location, scale, skewness, degrees: nu, peak, gap })
     }
 
-    /// Creates a family from one row for each state, with the location of each component, and one
-    /// each with scales, skewnesses and degrees of freedom.
+    /// Creates a family from four lists with one row for each state: the locations of the
+    /// components, their scales, skewnesses and degrees of freedom.
     ///
     /// # Errors
     ///
@@ -131,7 +135,7 @@ impl SkewedT {
         self.scale
     }
 
-    /// Skewness γ: above 1, values above the location are spread further.
+    /// Skewness γ: if it is above 1, values above the location spread further than those below.
     #[must_use]
     pub fn skewness(&self) -> f64 {
         self.skewness
@@ -143,14 +147,15 @@ impl SkewedT {
         self.degrees
     }
 
-    /// The side of a value, γ or 1 / γ, and its distance from the location in parts of σ times that.
+    /// Factor of a value's side, γ or 1 / γ, and the distance from the location in units of σ times
+    /// that factor.
     fn distance(&self, y: f64) -> [f64; 2] {
         let side = if y < self.location { self.skewness.recip() } else { self.skewness };
-        // Halves, whose difference is in range.
+        // The difference of halves does not overflow.
         [side, 2.0 * ((0.5 * y - 0.5 * self.location) / (self.scale * side))]
     }
 
-    /// ln(1 + e² / ν)
+    /// ln(1 + e² / ν), also where the square overflows.
     fn tail(&self, e: f64) -> f64 {
         let x = e.abs() / self.degrees.sqrt();
         if x < 1e100 { (x * x).ln_1p() } else { 2.0 * x.ln() }
@@ -161,8 +166,8 @@ impl Univariate for SkewedT {
     const VALUES: &'static str = "a finite value";
     const EXACT: bool = false;
     type Point = f64;
-    /// 1, then for the lower and the upper side sums of u, u z and u z², where z = (y − μ) / σ, and
-    /// of E[u − 1 − ln u]; and the log density.
+    /// 1; u, u z and u z² for the lower and then the upper side, where z = (y − μ) / σ;
+    /// E[u − 1 − ln u]; and the log density.
     type Statistics = [f64; 9];
 
     fn point(value: f64) -> Option<f64> {
@@ -177,7 +182,8 @@ impl Univariate for SkewedT {
     fn statistics(&self, &y: &f64) -> [f64; 9] {
         let nu = self.degrees;
         let [side, e] = self.distance(y);
-        // u, u e and u e²; of a large distance, by its inverse, whose square is in range.
+        // E[u] = (ν + 1) / (ν + e²), then u e and u e². For large e by 1 / e, whose square is in
+        // range.
         let [u, first, second] = if e.abs() <= 1.0 {
             let u = (nu + 1.0) / (nu + e * e);
             [u, u * e, u * e * e]
@@ -186,6 +192,8 @@ impl Univariate for SkewedT {
             let second = (nu + 1.0) / (nu * inverse * inverse + 1.0);
             [second * inverse * inverse, second * inverse, second]
         };
+        // E[u − 1 − ln u] = (u − 1 − ln u) + gap at u = E[u], where u − 1 = (1 − e²) / (ν + e²) and
+        // ln u = ln(1 + 1/ν) − ln(1 + e² / ν).
         let above = (u - second) / (nu + 1.0); // u − 1
         let tail = self.tail(e);
         let excess =
@@ -212,9 +220,9 @@ impl Univariate for SkewedT {
         4
     }
 
-    /// Draws an observation. Those beyond the range of doubles are drawn again.
+    /// Draws an observation, again if it is beyond the range of doubles.
     fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> f64 {
-        // The share above, γ² / (1 + γ²).
+        // A share of γ / (γ + 1/γ) = γ² / (1 + γ²) is above the location.
         let [low, high] = [self.skewness.recip(), self.skewness];
         let side = if rng.random::<f64>() * (low + high) < high { high } else { -low };
         let Ok(chi_squared) = ChiSquared::new(self.degrees) else { return self.location };
@@ -234,7 +242,7 @@ impl Cumulative for SkewedT {
     fn tails(&self, y: f64) -> Tails {
         let [side, e] = self.distance(y);
         let [beyond, within] = Odds::student(self.degrees, e);
-        // Shares of this side and of the other: γ² / (1 + γ²) above, 1 / (1 + γ²) below.
+        // Probabilities of this side and of the other: γ² / (1 + γ²) above, 1 / (1 + γ²) below.
         let other = side.recip();
         let (own, rest) = (side / (side + other), other / (side + other));
         let (outer, inner) = (own * beyond, rest + own * within);

@@ -110,8 +110,8 @@ fn columns_that_are_not_there_are_errors() {
     refused("\n\na,b\n1,2\n", &["A"], "line 3: there is no column A, the header is \"a, b\"");
     refused("a,b,a\n1,2,3\n", &["a"], "line 1: there is more than one column a");
     assert!(Series::from_csv("a,b,a\n1,2,3\n".as_bytes(), &["b"], &[]).is_ok());
-    refused("a\n", &[], "line 1: no column is asked for");
-    refused("", &["a"], "line 1: there is nothing, expected a header");
+    refused("a\n", &[], "line 1: no columns were asked for");
+    refused("", &["a"], "line 1: the header is missing");
     let wide = format!("{}\n", vec!["column"; 1000].join(","));
     let error = Series::from_csv(wide.as_bytes(), &["a"], &[]).unwrap_err();
     assert!(error.to_string().len() < 700, "{error}");

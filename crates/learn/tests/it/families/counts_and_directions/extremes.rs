@@ -77,8 +77,9 @@ fn nothing_panics_and_nothing_is_nan<B: Family>() {
                 for state in 0..n {
                     let drawn = learned.model().likelihood().sample(state, &mut rng(2));
                     prop_assert!(drawn.iter().all(|y| y.is_finite()));
-                    // Learning may end at a distribution narrower than the spacing of doubles, where
-                    // its own draw has a density that no diagonal holds: the error that says so.
+                    // Learning may end at a distribution narrower than the spacing of doubles,
+                    // where its own draw has a density that no diagonal holds: the error that says
+                    // so.
                     let density = try_density(learned.model().likelihood(), state, &drawn);
                     let is_right = match &density {
                         Ok(_) => true,
@@ -229,7 +230,7 @@ fn a_spread_that_is_not_determined_is_an_error() {
         let error = start.maximize(&sums, 0.0).unwrap_err();
         let text = error.to_string();
         let at = component.map_or(String::new(), |c| format!(", component {c},"));
-        let reason = "they are alike, so that the spread has no estimate; give a prior";
+        let reason = "they are all alike, which leaves the spread undetermined; give a prior";
         let expected =
             EmissionError::TooFew { state: Some(1), component, what, weight: 1.0, reason };
         assert_eq!(*error.downcast::<EmissionError>().unwrap(), expected);
