@@ -1,11 +1,11 @@
-//! Maps of the nodes of a network.
+//! Maps whose places are the nodes of a network.
 
 use super::map::{Road, RoadMap};
 use crate::map::{Coordinates, Edge, MapError, RoadNetwork};
 
 impl<P: Coordinates> RoadNetwork<P> {
-    /// Map of the nodes as places, with the shortest of parallel edges and without loops. O((nodes
-    /// + edges) log).
+    /// Map with the nodes as places, with the shortest of parallel edges and without loops.
+    /// O((nodes + edges) log).
     ///
     /// # Errors
     ///

@@ -67,7 +67,7 @@ impl fmt::Display for TraceReport {
             let word = if lines.len() == 1 { "line" } else { "lines" };
             write!(f, " ({word} {}{more})", named.join(", "))?;
         }
-        ignored_columns.iter().try_for_each(|column| write!(f, "\ncolumn not known: {column}"))
+        ignored_columns.iter().try_for_each(|column| write!(f, "\nunknown column: {column}"))
     }
 }
 
@@ -116,7 +116,7 @@ pub fn read_traces(path: impl AsRef<Path>) -> Result<(Vec<Trace>, TraceReport), 
 /// assert_eq!(
 ///     report.to_string(),
 ///     "skipped 1 points of the same time and 0 that go back in time (line 3)\n\
-///      column not known: acuracy"
+///      unknown column: acuracy"
 /// );
 ///
 /// let text = "trace,time,longitude,latitude\nA,0,149.13,-35.28\nA,1,149.13,-95\n";
