@@ -203,6 +203,7 @@ impl<R> Tail<R> {
     /// Byte before a place in the file, if it is in what was read last. The one at the end of a
     /// record is, since more is read only for the next record.
     fn byte_before(&self, place: u64) -> Option<u8> {
+        // Bytes between the place and the end of what was read.
         let after = usize::try_from(self.end - place).ok()?;
         self.last.len().checked_sub(after + 1).map(|at| self.last[at])
     }
