@@ -232,8 +232,8 @@ pub enum MapError {
         /// The count.
         value: f64,
     },
-    /// The allowed turns at a node cannot turn the flows into it into those out of it, or balancing
-    /// did not converge there.
+    /// The allowed turns at a node cannot connect its inflows to its outflows, or balancing did not
+    /// converge there.
     #[error(
         "no flow through the turns of place {id} was found: a relative error of {error} remains",
         error = Number(*.error)

@@ -109,7 +109,7 @@ impl<P: Coordinates> Matcher<P> {
     /// let network = builder.build()?;
     /// let drive = [(0.0, 20.0), (10.0, 130.0)].map(|(time, x)| TracePoint::new(time, at(x, 0.0)));
     ///
-    /// // A driver went south, and the prior counts as much as a twentieth of that.
+    /// // A driver went south once, and the prior counts a twentieth of that.
     /// let counts = MoveCounts::of_path(&[start, south]);
     /// let turns = EdgeTurns::fit(&network, &counts, &TurnWeights::default(), 0.05)?;
     /// let matcher = Matcher::new(network);

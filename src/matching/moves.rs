@@ -93,7 +93,7 @@ pub(super) enum Move {
     OffRoad,
     /// Along roads.
     Along {
-        /// Probability that the vehicle stood.
+        /// Probability that the vehicle was stationary.
         stood: f64,
         /// Probability that the position after the move is an outlier.
         outlier: f64,
@@ -274,8 +274,8 @@ impl Interval {
         if way.u_turns > 0 {
             log += f64::from(way.u_turns) * model.u_turn.ln();
         }
-        // The M step for a mixture of exponentials with tied scales: a detour from the wide one
-        // counts a tenth.
+        // Expected detour for the M step of a mixture of exponentials with tied scales: one from
+        // the wide distribution counts a tenth.
         let share = (short + 0.1 * long) / (short + long);
         let detour = share * way.detour / self.seconds.max(LEAST_SECONDS);
         let [stood, outlier] = [stands, unseen].map(|part| part / (stands + moves));

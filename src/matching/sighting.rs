@@ -101,8 +101,7 @@ impl Sighting {
             let moved = self.along - error;
             let of_moved = (variance - with_error * with_error * each).max(0.0) + receiver.white[r];
             metres[r] = moved - (along[r] - starts + with_place * by);
-            // Variance of x + t · o given the distance across: var x + 2 c't + t'C t − (c'n + t'C
-            // n)² / v.
+            // Variance of x + t · o given the distance across, as at the head of this file.
             let with = with_error + with_place;
             let both = aa[r] + 2.0 * (c * ax[r] + d * ay[r]) + variance - with * with * each;
             variances[r] = both.max(0.0) + receiver.white[r];

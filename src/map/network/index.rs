@@ -155,8 +155,8 @@ impl EdgeIndex {
             let [x, y] = [point[0] + turn, point[1]];
             let mut visit = |number: usize| {
                 let near = self.pieces[number].nearest([x, y], scale);
-                // The scale at the position is a poor one for places far from it, as near a pole,
-                // so the distance is measured again with the scale there.
+                // The scale at the position is wrong for places far from it, as near a pole, so the
+                // distance is measured again with the scale there.
                 if near.metres_off <= metres {
                     let near = self.pieces[number].nearest([x, y], P::scale(near.point));
                     if near.metres_off <= metres {

@@ -1,4 +1,4 @@
-//! Merging of intersections, by clustering their nodes from the nearest pair on.
+//! Merging of intersections, by clustering their nodes, nearest pairs first.
 
 use super::cleaning_step::{Cleaning, CleaningStep};
 use super::road_network::{Edge, RoadNetwork};

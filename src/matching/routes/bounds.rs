@@ -2,9 +2,9 @@
 //!
 //! From a node, the routes whose next word is w have at most the probability B(w), the sum over
 //! arcs without words of p · B'(w) with B' of the arc's end, plus, over the arcs whose first word
-//! is w, the same sum with the best word that may follow. Both are bounds because a route has one
-//! next word: the paths that spell it are a part of those summed, and the best next word of all
-//! paths together is at least that of the route. Paths of one route leave an edge at different
+//! is w, the same sum with the best word that may follow. This bounds every route whose next word
+//! is w: each of its paths is in one of the two sums, and the best word that may follow is at least
+//! as probable as the one that the route has next. Paths of one route leave an edge at different
 //! points; they are added up before the best word is taken, which keeps the bound tight.
 
 use std::ops::Range;

@@ -25,7 +25,8 @@ impl Restriction {
     ) -> Result<Self, ImportNote> {
         let kinds = ["restriction:motorcar", "restriction:motor_vehicle", "restriction"];
         let Some(kind) = kinds.iter().find_map(|key| tags.get(key)) else {
-            // Without a restriction that applies to cars at all times, say which kind there is.
+            // No restriction applies to cars at all times: the note tells which kind there is
+            // instead.
             let by_hour = tags.keys().any(|key| key.ends_with(":conditional"));
             let others = tags.keys().any(|key| key.starts_with("restriction:"));
             return Err(match (by_hour, others) {
