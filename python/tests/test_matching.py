@@ -294,7 +294,7 @@ def test_traces_from_a_file(tmp_path, matcher):
         writer.writerow(["A", 0, 10, 50, "", 1])
     columns, report = read_traces(tmp_path / "drives.csv")
     np.testing.assert_array_equal(columns["lat"], points["lat"])
-    assert np.isnan(columns["heading"]).all() and "column not known: odd" in report
+    assert np.isnan(columns["heading"]).all() and "unknown column: odd" in report
     assert "1 that go back in time" in report
     matched = matcher.match_trips(columns, "trip")
     np.testing.assert_allclose(matched.probability, matcher.match_drive(points).smoothed().probability)

@@ -1,4 +1,4 @@
-//! Files as input: how they are opened, and how errors name what is wrong with them.
+//! Input files: opening them, reading their text, and quoting it in errors.
 
 #[cfg(feature = "csv")]
 mod rows;
@@ -11,8 +11,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-/// A file that cannot be read, or a line of it that is not valid. Modules make their own errors of
-/// it.
+/// A file that cannot be read, or an invalid line of it. Modules convert it to errors of their own.
 #[derive(Debug)]
 pub enum FileError {
     Read {
@@ -27,7 +26,7 @@ pub enum FileError {
     },
 }
 
-/// Opens a file. Returns its name for messages, too.
+/// Opens a file. Returns it with its name for messages.
 pub fn open(path: &Path) -> Result<(String, File), FileError> {
     let file = path.display().to_string();
     match File::open(path) {
@@ -36,7 +35,7 @@ pub fn open(path: &Path) -> Result<(String, File), FileError> {
     }
 }
 
-/// Reads all of a file that must be UTF-8, without the mark of its encoding.
+/// Reads a whole file, which must be UTF-8, and drops its byte order mark.
 pub fn text_of(file: &str, mut reader: impl Read) -> Result<String, FileError> {
     let mut text = String::new();
     if let Err(error) = reader.read_to_string(&mut text) {
@@ -48,17 +47,18 @@ pub fn text_of(file: &str, mut reader: impl Read) -> Result<String, FileError> {
     Ok(text)
 }
 
-/// Most characters of a field that an error message quotes.
+/// Largest number of characters of a field that an error message quotes.
 const LONGEST: usize = 60;
 
-/// Returns a field, cut to the length that error messages quote.
+/// Returns a field, shortened to the length that error messages quote.
 pub fn excerpt(field: &str) -> Cow<'_, str> {
     shortened(field, LONGEST)
 }
 
-/// Returns a text, cut to so many characters.
+/// Returns a text, shortened to at most `most` characters and an ellipsis.
 pub fn shortened(text: &str, most: usize) -> Cow<'_, str> {
     match text.char_indices().nth(most) {
+        // Indices of characters, so the cut is on a boundary.
         Some((end, _)) => Cow::Owned(format!("{}…", &text[..end])),
         None => Cow::Borrowed(text),
     }

@@ -1,4 +1,4 @@
-//! Rows of CSV files: a header, then fields by their columns, with the line of each in errors.
+//! Rows of CSV files: a header, then fields by column, with the line of each in errors.
 
 use std::io::{self, Read};
 use std::str::FromStr;
@@ -7,21 +7,21 @@ use csv::{ByteRecord, Position, Reader, ReaderBuilder, StringRecord};
 
 use super::{FileError, excerpt};
 
-/// Treatment of bytes that are no UTF-8.
+/// Treatment of bytes that are not UTF-8.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Text {
     /// An error.
     Strict,
-    /// Replaced, for files of which some columns are not read.
+    /// Replaced, for files with columns that are not read.
     Lossy,
 }
 
-/// A row, and where its columns are. Spaces around fields do not count.
+/// A row, and the places of its columns. Spaces around fields are ignored.
 #[derive(Debug)]
 pub struct Row<'a> {
     /// First line of the row in the file, from 1.
     pub line: u64,
-    /// Number of fields of the header.
+    /// Number of fields in the header.
     pub width: usize,
     record: &'a StringRecord,
     /// Place of each column in the row, if the file has it.
@@ -70,16 +70,16 @@ impl Row<'_> {
         self.text(column).parse().map_err(|_| self.unexpected(column, expected))
     }
 
-    /// Problem of a field that is not what is expected.
+    /// Describes an unexpected field.
     pub fn unexpected(&self, column: usize, expected: &str) -> String {
         let found = excerpt(self.text(column));
         format!("{} is {found:?}, expected {expected}", self.names[column])
     }
 }
 
-/// Reads the rows of a file. `find` gets the header, which is empty for an empty file, and finds
-/// the place of each column; `take` gets each row after it that is not empty. The problems that
-/// they report are returned with file and line. Returns the line after the last row.
+/// Reads the rows of a file. `find` gets the header, which is empty for an empty file, and returns
+/// the place of each column; `take` gets each row after it that is not empty. Problems that they
+/// report are returned with file and line. Returns the number of the line after the last row.
 pub fn each_row<C: AsRef<[Option<usize>]>>(
     (file, reader): (&str, impl Read),
     text: Text,
@@ -89,9 +89,10 @@ pub fn each_row<C: AsRef<[Option<usize>]>>(
 ) -> Result<u64, FileError> {
     let at = |line, problem| FileError::Line { file: file.to_owned(), line, problem };
     let tail = Tail { reader, last: Vec::new(), end: 0 };
+    // Flexible: rows of a wrong width reach `take`, which can report them by their line.
     let reader = ReaderBuilder::new().has_headers(false).flexible(true).from_reader(tail);
     let mut rows = Rows { reader, line: 1, end: 0 };
-    // The memory of each record serves for the next.
+    // Each record reuses the memory of the one before.
     let mut read = |record: StringRecord| match rows.read(record.into_byte_record()) {
         Ok((more, bytes)) => {
             let record = text_of(bytes, text, rows.line).map_err(|text| at(rows.line, text))?;
@@ -114,17 +115,17 @@ pub fn each_row<C: AsRef<[Option<usize>]>>(
     }
 }
 
-/// Names in a header that are none of the columns read.
+/// Names in a header that belong to none of the columns read.
 pub fn unknown(header: &StringRecord, places: &[Option<usize>]) -> impl Iterator<Item = String> {
     let unknown = header.iter().enumerate().filter(|(place, _)| !places.contains(&Some(*place)));
     unknown.map(|(_, name)| excerpt(name).into_owned())
 }
 
-/// A file, row by row, with their lines.
+/// Rows of a file with their lines.
 ///
-/// These are counted back from where a row ends. Where it starts, the `csv` crate has counted
-/// neither the empty lines before it, nor the line feed after a carriage return that ended the row
-/// before.
+/// Lines are counted back from the end of a row, where the count of the `csv` crate is right. At
+/// its start, the crate has counted neither the empty lines before it nor the line feed after a
+/// carriage return that ended the row before.
 struct Rows<R> {
     reader: Reader<Tail<R>>,
     /// First line of the last row.
@@ -134,17 +135,20 @@ struct Rows<R> {
 }
 
 impl<R: Read> Rows<R> {
-    /// Reads a row into the memory of another. Returns false after the last.
+    /// Reads a row into the memory of another. Returns false after the last row.
     #[expect(clippy::naive_bytecount, reason = "rows are short")]
     fn read(&mut self, mut record: ByteRecord) -> Result<(bool, ByteRecord), csv::Error> {
         let more = self.reader.read_byte_record(&mut record)?;
         if more {
             let end = self.reader.position();
+            // After a line feed the crate already counts the next line; at the end of a file
+            // without one it does not.
             let ended = self.reader.get_ref().byte_before(end.byte()) == Some(b'\n');
+            // Line feeds within quoted fields.
             let breaks = record.as_slice().iter().filter(|byte| **byte == b'\n').count() as u64;
             let last = end.line() - u64::from(ended);
-            // At least one after the last: a carriage return alone ends a line, too, and a quote
-            // that is left open ends with the file.
+            // At least one after the last row: a carriage return alone also ends a line, and an
+            // open quote ends with the file.
             self.line = last.saturating_sub(breaks).max(self.end + 1);
             self.end = last.max(self.line);
         }
@@ -152,7 +156,7 @@ impl<R: Read> Rows<R> {
     }
 }
 
-/// Text of a row; or the problem, in the words of the `csv` crate but with the right line.
+/// Text of a row, or the problem in the words of the `csv` crate but with the right line.
 fn text_of(bytes: ByteRecord, text: Text, line: u64) -> Result<StringRecord, String> {
     if text == Text::Lossy {
         return Ok(StringRecord::from_byte_record_lossy(bytes));
@@ -161,6 +165,7 @@ fn text_of(bytes: ByteRecord, text: Text, line: u64) -> Result<StringRecord, Str
         let (field, valid) = (error.utf8_error().field(), error.utf8_error().valid_up_to());
         let bytes = error.into_byte_record();
         let [record, byte] = place_of(bytes.position());
+        // The crate counts from the start of the trimmed field.
         let spaces = bytes[field].len() - bytes[field].trim_ascii_start().len();
         format!(
             "CSV parse error: record {record} (line {line}, field: {field}, byte: {byte}): invalid utf-8: invalid UTF-8 in field {field} near byte index {}",
@@ -169,12 +174,12 @@ fn text_of(bytes: ByteRecord, text: Text, line: u64) -> Result<StringRecord, Str
     })
 }
 
-/// Number and first byte of a record, as the `csv` crate counts them.
+/// Number and first byte of a record, as counted by the `csv` crate.
 fn place_of(position: Option<&Position>) -> [u64; 2] {
     position.map_or([0; 2], |at| [at.record(), at.byte()])
 }
 
-/// A reader that remembers what it read last.
+/// A reader that keeps a copy of what it read last.
 struct Tail<R> {
     reader: R,
     last: Vec<u8>,
@@ -183,9 +188,10 @@ struct Tail<R> {
 }
 
 impl<R> Tail<R> {
-    /// Byte before a place in the file, if it is in what was read last. That of the end of a record
-    /// is: more is read only for the next one.
+    /// Byte before a place in the file, if it is in what was read last. The one at the end of a
+    /// record is, since more is read only for the next record.
     fn byte_before(&self, place: u64) -> Option<u8> {
+        // Bytes between the place and the end of what was read.
         let after = usize::try_from(self.end - place).ok()?;
         self.last.len().checked_sub(after + 1).map(|at| self.last[at])
     }

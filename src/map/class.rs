@@ -1,4 +1,4 @@
-//! Classes of roads.
+//! Classes of roads, in the order of their traffic, with their names in files.
 
 use std::fmt;
 use std::str::FromStr;

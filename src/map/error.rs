@@ -1,11 +1,11 @@
-//! Errors of maps, flows and turning probabilities. Places are named by their ids; lines of files are
-//! counted from 1.
+//! Errors of maps, flows and turning probabilities. They name places by their ids, and count lines
+//! of files from 1.
 
 use crate::error::{Number, Parameter, TransitionError};
 use crate::files::FileError;
 
 /// Places and roads that do not form a map, turning probabilities or counts of traffic that do not
-/// fit them, or a file that cannot be read.
+/// match them, or a file that cannot be read.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum MapError {
@@ -57,7 +57,7 @@ pub enum MapError {
         to: u64,
     },
     /// A road leads from a place to itself.
-    #[error("the road from place {id} leads to itself; staying is the turning rule's matter")]
+    #[error("the road from place {id} leads to itself; stays are up to the turning rule")]
     Loop {
         /// Id of the place.
         id: u64,
@@ -196,7 +196,7 @@ pub enum MapError {
     /// The probabilities do not form a transition operator.
     #[error(transparent)]
     Transition(#[from] TransitionError),
-    /// There is not one count per road.
+    /// The number of counts differs from the number of roads.
     #[error("{found} counts for {expected} roads, expected one each")]
     RoadCounts {
         /// Number of counts.
@@ -217,7 +217,8 @@ pub enum MapError {
         /// Value found.
         value: f64,
     },
-    /// Vehicles were counted on a road from whose end no roads with counts lead back to its start.
+    /// Vehicles were counted on a road, but no roads with counts lead from its end back to its
+    /// start.
     #[error(
         "{value} vehicles were counted on the road from place {from} to place {to}, but no roads with counts lead back",
         value = Number(*.value)
@@ -230,10 +231,10 @@ pub enum MapError {
         /// The count.
         value: f64,
     },
-    /// The allowed turns at a node cannot make the flows out of it of those into it, or balancing
-    /// did not converge there.
+    /// The allowed turns at a node cannot connect its inflows to its outflows, or balancing did not
+    /// converge there.
     #[error(
-        "no flow through the turns of place {id} was found, a relative error of {error} is left",
+        "no flow through the turns of place {id} was found: a relative error of {error} remains",
         error = Number(*.error)
     )]
     Unbalanced {

@@ -2,14 +2,14 @@
 //!
 //! A [`RoadMap`] holds [`Place`]s and [`Road`]s, built in code or read from two CSV files, and
 //! answers the usual queries: neighbours, hops, metres, the nearest place, the shortest path.
-//! Places are on Earth (a [`Position`] in degrees) or in a plane (a [`PlanePosition`] in metres,
-//! for a warehouse). Raw data with duplicate roads or loops can be [cleaned](RoadMap::cleaned),
-//! with a report. A [`TurningRule`] (or your own frequencies) gives the [`TurningProbabilities`]
-//! Φ, and these give the transition operator A = Φ'. They are also learned: from moves of drives, or
+//! Places are on Earth (a [`Position`] in degrees) or in a plane (a [`PlanePosition`] in metres, as
+//! in a warehouse). Raw data with duplicate roads or loops can be [cleaned](RoadMap::cleaned), with
+//! a report. A [`TurningRule`] (or your own frequencies) gives the [`TurningProbabilities`] Φ, and
+//! these give the transition operator A = Φ'. They can also be learned: from moves of drives, or
 //! from counts of traffic ([`TurningProbabilities::fit`] and
 //! [`fit_traffic`](TurningProbabilities::fit_traffic)).
 //!
-//! Where the position along a road counts, a [`RoadNetwork`] of directed edges with their lines is
+//! Where the position along a road matters, a [`RoadNetwork`] of directed edges with their lines is
 //! cut into [`RoadCells`], and [`motion`](crate::motion) moves vehicles on them.
 //!
 //! ```

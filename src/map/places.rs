@@ -1,4 +1,4 @@
-//! Places by index and by id, the common ground of maps and networks.
+//! Places by index and by id, shared by maps and networks.
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
@@ -15,11 +15,11 @@ pub struct Place<P = Position> {
     pub id: u64,
     /// Position of the place.
     pub position: P,
-    /// Name for people; may be empty.
+    /// Name for display; may be empty.
     pub name: String,
 }
 
-/// Places with positions that were checked, and their indices by id.
+/// Places with checked positions, and their indices by id.
 #[derive(Debug, Clone)]
 pub struct Places<P> {
     pub list: Vec<Place<P>>,
@@ -33,7 +33,7 @@ impl<P> Default for Places<P> {
 }
 
 impl<P> Places<P> {
-    /// Lists places whose ids and positions were checked before.
+    /// Lists places whose ids and positions the caller has checked.
     pub fn of_checked(list: Vec<Place<P>>) -> Self {
         let indices = list.iter().zip(0..).map(|(place, index)| (place.id, index)).collect();
         Self { list, indices }
@@ -63,7 +63,7 @@ impl<P: Coordinates> Places<P> {
         Ok(index)
     }
 
-    /// Straight distance of two places.
+    /// Straight distance between two places.
     #[cfg(feature = "csv")]
     pub fn straight(&self, [from, to]: [usize; 2]) -> f64 {
         self.list[from].position.metres_to(self.list[to].position)
@@ -73,6 +73,7 @@ impl<P: Coordinates> Places<P> {
 /// Checks that a position is on Earth, or in the plane.
 pub fn check_position<P: Coordinates>(id: u64, position: P) -> Result<(), MapError> {
     for ((coordinate, limit), value) in P::AXES.into_iter().zip(position.values()) {
+        // NaN is in no range.
         if !(-limit..=limit).contains(&value) {
             return Err(MapError::Coordinate { id, coordinate, value, limit, unit: P::UNIT });
         }

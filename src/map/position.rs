@@ -1,4 +1,8 @@
-//! Positions of places.
+//! Positions of places, on Earth and in a plane, and the projection in which geometry is done.
+//!
+//! All geometry of lines runs in a conformal plane: Mercator's projection for the Earth, where
+//! lengths are the plane's times the scale at a latitude. Distances between places are great-circle
+//! distances.
 
 use std::fmt::Debug;
 
@@ -14,21 +18,21 @@ pub trait Coordinates: Copy + PartialEq + Debug + Send + Sync + Axes {
     fn metres_to(self, other: Self) -> f64;
 }
 
-/// Two named numbers with their valid ranges, and their projection to a plane.
+/// Two named numbers with valid ranges, and their projection to a plane.
 pub trait Axes: Sized {
     /// Name and largest magnitude of each number.
     const AXES: [(&'static str, f64); 2];
     /// Unit of both numbers.
     const UNIT: &'static str;
-    /// True if a road without a length in a file is as long as the straight line.
+    /// True if a road that has no length in a file gets that of the straight line.
     #[cfg(feature = "csv")]
     const MAY_BE_STRAIGHT: bool;
     /// Creates a position from the numbers, in the order of the axes.
     fn from_values(values: [f64; 2]) -> Self;
     /// Returns the numbers, in the order of the axes.
     fn values(self) -> [f64; 2];
-    /// Projects to a plane in which small shapes keep their form: x to the east, y to the
-    /// north. That of the Earth is a cylinder: lines go on beyond the antimeridian, where
+    /// Projects conformally to a plane, with x to the east and y to the north. For the Earth the
+    /// plane is an unrolled cylinder: lines continue beyond the antimeridian, where
     /// [`turned`](Self::turned) brings points together.
     fn to_plane(self) -> [f64; 2];
     /// Position of a point in the plane.
@@ -37,19 +41,21 @@ pub trait Axes: Sized {
     fn scale(point: [f64; 2]) -> f64;
     /// Point in space, in metres: straight distances there are at most those on the ground.
     fn in_space(self) -> [f64; 3];
-    /// Value of each number after which it is the same again, infinite if there is none.
+    /// Period of each number; infinite if it has none.
     const PERIODS: [f64; 2];
-    /// Distance along x after which the plane is the same again, infinite if it never is.
+    /// Period of the plane along x; infinite if it has none.
     const TURN: f64;
 
-    /// A point of the plane, turned around the Earth so that another is at most half a turn off.
-    /// One that is so already stays the same to the bit.
+    /// Returns a point of the plane, turned around the Earth to within half a turn of another. A
+    /// point that is near enough is returned unchanged, to the bit.
     fn turned(point: [f64; 2], near: [f64; 2]) -> [f64; 2] {
         [turned(point[0], near[0], Self::TURN), point[1]]
     }
 
-    /// Turns each point of a line to the side of the one before it.
+    /// Projects a line, turning each point to within half a turn of the one before it.
     fn unwrap(line: impl IntoIterator<Item = Self>) -> impl Iterator<Item = [f64; 2]> {
+        // The first point stays where it is; each next one is near the one before, so that no piece
+        // of a line spans the plane.
         let mut before = None;
         line.into_iter().map(move |position| {
             let point = position.to_plane();
@@ -58,10 +64,10 @@ pub trait Axes: Sized {
     }
 }
 
-/// A number whose values repeat, as that value which is within half a period of another number.
+/// Returns a periodic value, shifted to within half a period of another number.
 pub fn turned(value: f64, near: f64, period: f64) -> f64 {
     let off = value - near;
-    // False for no number, and without a period.
+    // False for NaN and for an infinite period.
     if off.abs() > 0.5 * period { value - period * (off / period).round() } else { value }
 }
 
@@ -90,6 +96,8 @@ impl Position {
         let (a, b) = (self.latitude.to_radians(), other.latitude.to_radians());
         let half_sine = |x: f64| (x / 2.0).sin().powi(2);
         let longitudes = (other.longitude - self.longitude).to_radians();
+        // Haversines keep their digits for near places, where a formula by the cosine of the
+        // distance loses them.
         let h = half_sine(b - a) + a.cos() * b.cos() * half_sine(longitudes);
         let h = if h > 1.0 { 1.0 } else { h }; // rounding; NaN stays
         2.0 * EARTH_RADIUS * h.sqrt().asin()
@@ -126,11 +134,12 @@ impl Axes for Position {
 
     fn from_plane([x, y]: [f64; 2]) -> Self {
         let latitude = (y / EARTH_RADIUS).sinh().atan().to_degrees();
-        // Beyond the antimeridian, longitudes go on from its other side.
+        // Beyond the antimeridian, longitudes continue from its other side.
         Self { latitude, longitude: turned((x / EARTH_RADIUS).to_degrees(), 0.0, 360.0) }
     }
 
     fn scale([_, y]: [f64; 2]) -> f64 {
+        // The cosine of the latitude, by the Gudermannian function: 1 / cosh(y / R).
         1.0 / (y / EARTH_RADIUS).cosh()
     }
 

@@ -1,21 +1,24 @@
-//! Labels of a search for shortest ways (Dijkstra, 1959): of places on a map, of edges in a
-//! network.
+//! Labels and queue of a search for shortest paths (Dijkstra, 1959), over the places of a map or
+//! the edges of a network.
+//!
+//! Costs are never negative, so a vertex that is taken from the queue has its final cost. Labels
+//! carry the number of their search, so that starting a new one takes O(1) rather than O(vertices).
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// Labels and queue of a search. They keep their memory from one search to the next.
+/// Labels and queue of a search, whose memory is reused by the next one.
 #[derive(Debug, Clone, Default)]
 pub struct Search<T> {
     labels: Vec<Label<T>>,
-    /// Number of the search; labels of another number are those of an earlier one.
+    /// Number of the current search; labels with another number belong to earlier ones.
     number: u32,
-    /// Vertices by the bits of their costs: those of non-negative doubles have the order of the
-    /// values. Of equal costs by a rank.
+    /// Vertices by the bits of their costs, which for non-negative doubles have the order of the
+    /// values, then by a rank.
     queue: BinaryHeap<Reverse<(u64, u32, u32)>>,
 }
 
-/// Best way to a vertex so far.
+/// Best path to a vertex so far.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Label<T> {
     search: u32,
@@ -23,14 +26,15 @@ pub struct Label<T> {
     pub before: u32,
     is_settled: bool,
     pub cost: f64,
-    /// Measures of the way.
+    /// Measures of the path.
     pub way: T,
 }
 
 impl<T: Copy + Default> Search<T> {
-    /// Starts a search among so many vertices, or more.
+    /// Starts a search among at least `vertices` vertices.
     pub fn start(&mut self, vertices: usize) {
         self.labels.resize(vertices.max(self.labels.len()), Label::default());
+        // Before numbers repeat, labels of old searches are erased.
         if self.number == u32::MAX {
             self.labels.fill(Label::default());
             self.number = 0;
@@ -39,9 +43,9 @@ impl<T: Copy + Default> Search<T> {
         self.queue.clear();
     }
 
-    /// Offers a way to a vertex, of which the rank is given, by another one. It replaces a longer
-    /// one; of equally long ones the first stays, or with `lowest` that by the vertex with the lowest
-    /// number.
+    /// Offers a path to a vertex, given its rank, by way of another vertex. It replaces a longer
+    /// path; of equally long ones the first is kept, or with `lowest` the one by the vertex with
+    /// the lowest number.
     #[inline]
     pub fn offer(
         &mut self,
@@ -60,16 +64,18 @@ impl<T: Copy + Default> Search<T> {
         if is_known && (label.is_settled || (label.cost <= cost && !is_tie_won)) {
             return;
         }
+        // The old entry stays in the queue and is skipped when its turn comes: cheaper than finding
+        // it.
         *label = Label { search: self.number, before, is_settled: false, cost, way };
         self.queue.push(Reverse((cost.to_bits(), rank, to as u32)));
     }
 
-    /// Settles the nearest vertex that is left, to which no shorter way can be found.
+    /// Settles the nearest vertex left, to which no shorter path can be found.
     #[inline]
     pub fn settle(&mut self) -> Option<(usize, Label<T>)> {
         while let Some(Reverse((.., vertex))) = self.queue.pop() {
             let label = &mut self.labels[vertex as usize];
-            // A vertex is in the queue once for each better way that was found.
+            // A vertex is in the queue once for each improvement; the first is the best.
             if !std::mem::replace(&mut label.is_settled, true) {
                 return Some((vertex as usize, *label));
             }
@@ -77,7 +83,7 @@ impl<T: Copy + Default> Search<T> {
         None
     }
 
-    /// Label of a vertex that was settled in the last search.
+    /// Label of a vertex that the last search settled.
     pub fn settled(&self, vertex: usize) -> Option<&Label<T>> {
         self.labels.get(vertex).filter(|label| label.search == self.number && label.is_settled)
     }

@@ -391,7 +391,7 @@ fn maps_by_code() {
     );
     says(
         RoadMap::new([place(1)], [road(1, 1)]),
-        "the road from place 1 leads to itself; staying is the turning rule's matter",
+        "the road from place 1 leads to itself; stays are up to the turning rule",
     );
     says(
         RoadMap::new([place(1), place(2)], [Road { metres: 0.0, ..road(1, 2) }]),
@@ -472,10 +472,7 @@ fn maps_from_files() {
             "the road from place 1 to place 2 is given twice (`RoadMap::cleaned` keeps the shorter one)",
         ),
         ("1,2,motorway,5", "class \"motorway\", expected main, arterial, collector or street"),
-        (
-            "2,2,main,5",
-            "the road from place 2 leads to itself; staying is the turning rule's matter",
-        ),
+        ("2,2,main,5", "the road from place 2 leads to itself; stays are up to the turning rule"),
         ("1,2,main", "3 columns, expected 4 (from,to,class,length_m)"),
         ("1,2,main,-5", "the road from place 1 to place 2 has length -5, expected metres above 0"),
         ("1,2,main,far", "length_m is \"far\", expected a number"),

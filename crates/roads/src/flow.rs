@@ -6,8 +6,8 @@ use wayfix::map::MapError;
 use crate::RoadNetwork;
 
 impl<P> RoadNetwork<P> {
-    /// Flow nearest to counts of traffic, one per edge: at each node, as much enters as leaves.
-    /// See [`RoadMap::consistent_flow`](wayfix::map::RoadMap::consistent_flow).
+    /// Flow nearest to counts of traffic, one per edge, such that inflow equals outflow at each
+    /// node. See [`RoadMap::consistent_flow`](wayfix::map::RoadMap::consistent_flow).
     ///
     /// # Errors
     ///

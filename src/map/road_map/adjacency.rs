@@ -1,4 +1,4 @@
-//! Compressed adjacency lists, by which all searches on a map run.
+//! Compressed adjacency lists, on which all searches on a map run.
 
 use std::ops::Range;
 
@@ -16,7 +16,7 @@ impl Adjacency {
         Self { starts: starts.collect(), ends: pairs.iter().map(|pair| pair[1]).collect() }
     }
 
-    /// Roads out of a place; none if it does not exist.
+    /// Range of the roads of a place; empty if it does not exist.
     pub(super) fn range(&self, place: usize) -> Range<usize> {
         match self.starts.get(place..place.saturating_add(2)) {
             Some(bounds) => bounds[0]..bounds[1],

@@ -1,4 +1,4 @@
-//! Step-by-step construction of a map.
+//! Step-by-step construction of a map, strict or cleaning.
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
@@ -11,20 +11,21 @@ use crate::map::RoadClass;
 use crate::map::places::{Place, Places};
 use crate::map::{Coordinates, MapError};
 
-/// Builder of a map from places, then roads. Each is checked as it is added, so that a reader of
-/// files can name the line.
+/// Builder of a map from places, then roads. Each is checked as it is added, so that a file reader
+/// can name its line.
 #[derive(Debug)]
 pub(super) struct Builder<P> {
     places: Places<P>,
-    /// The road kept between two places, with its index in the order given.
+    /// Road kept between two places, with its index in the order given.
     roads: HashMap<[u32; 2], (usize, Road)>,
     report: CleaningReport,
-    /// True if repeated places, parallel roads and loops are dropped and reported, not errors.
+    /// True if repeated places, parallel roads and loops are dropped and reported rather than
+    /// errors.
     cleans: bool,
 }
 
 impl<P: Coordinates> Builder<P> {
-    /// Returns a builder that drops nothing: all defects are errors.
+    /// Returns a builder for which all defects are errors.
     pub(super) fn strict() -> Self {
         let (places, roads) = (Places::default(), HashMap::new());
         Self { places, roads, report: CleaningReport::default(), cleans: false }
@@ -39,6 +40,7 @@ impl<P: Coordinates> Builder<P> {
         let index = self.report.places_given;
         self.report.places_given += 1;
         let known = self.places.index_of(place.id).map(|known| &self.places.list[known]);
+        // The same id at another position is a contradiction, and an error in any case.
         if self.cleans && known.is_some_and(|known| known.position == place.position) {
             self.report.repeated_places.push((index, place.id));
             return Ok(());
@@ -63,6 +65,7 @@ impl<P: Coordinates> Builder<P> {
         let ends = self.places.ends(from, to)?.map(|end| end as u32);
         let given = (self.report.roads_given, road);
         self.report.roads_given += 1;
+        // Before the length is checked: a loop is dropped whatever its length.
         if from == to {
             if !self.cleans {
                 return Err(MapError::Loop { id: from });
@@ -81,6 +84,7 @@ impl<P: Coordinates> Builder<P> {
                 return Err(MapError::DuplicateRoad { from, to });
             }
             Entry::Occupied(mut kept) => {
+                // Strictly: of equally short ones, the first stays.
                 let is_shorter = metres < kept.get().1.metres;
                 let longer = if is_shorter { kept.insert(given) } else { given };
                 self.report.parallel_roads.push(longer);
@@ -97,12 +101,14 @@ impl<P: Coordinates> Builder<P> {
         let mut sorted: Vec<_> = roads.into_iter().map(|(ends, (_, road))| (ends, road)).collect();
         sorted.sort_unstable_by_key(|road| road.0);
         let mut pairs: Vec<[u32; 2]> = sorted.iter().map(|road| road.0).collect();
+        // In the order of the roads themselves, so that a road has the same index in both.
         let outgoing = Adjacency::new(places.list.len(), &pairs);
         pairs.iter_mut().for_each(|ends| ends.reverse());
         pairs.sort_unstable();
         let incoming = Adjacency::new(places.list.len(), &pairs);
         let roads = sorted.into_iter().map(|road| road.1).collect();
-        // Parallel roads are found out of order when a later, shorter one replaces the kept road.
+        // Parallel roads are recorded out of order where a later, shorter one replaced the kept
+        // road.
         report.parallel_roads.sort_unstable_by_key(|dropped| dropped.0);
         Ok((RoadMap { places, roads, outgoing, incoming }, report))
     }
@@ -114,9 +120,9 @@ impl<P: Coordinates> RoadMap<P> {
     ///
     /// # Errors
     ///
-    /// [`MapError`] for no places, an id given twice, a position that is not
-    /// on Earth or in the plane, a road given twice or to itself, a road from or to a
-    /// place that does not exist, or a length that is not above 0.
+    /// [`MapError`] for no places, an id given twice, a position that is not on Earth or in the
+    /// plane, a road given twice or from a place to itself, a road from or to a place that does not
+    /// exist, or a length that is not above 0.
     pub fn new(
         places: impl IntoIterator<Item = Place<P>>,
         roads: impl IntoIterator<Item = Road>,
@@ -124,10 +130,10 @@ impl<P: Coordinates> RoadMap<P> {
         Self::built(Builder::strict(), places, roads).map(|built| built.0)
     }
 
-    /// Creates a map from raw data: as [`new`](Self::new), but duplicates and loops are dropped
-    /// and reported.
+    /// Creates a map from raw data, as [`new`](Self::new) does, but drops and reports duplicates
+    /// and loops.
     ///
-    /// - Of parallel roads, which lead from the same place to the same other one, the shortest is
+    /// - Of parallel roads, which lead from the same place to the same other place, the shortest is
     ///   kept; of equally short ones, the first.
     /// - Roads from a place to itself are dropped, whatever their length.
     /// - Places with the id and the position of an earlier one are dropped.

@@ -1,4 +1,4 @@
-//! Maps from CSV files.
+//! Maps from two CSV files, of places and of roads.
 
 use std::io::Read;
 use std::path::Path;
@@ -12,8 +12,8 @@ use crate::files::{Row, Text, each_row, excerpt, open};
 use crate::map::{Coordinates, MapError, Place};
 
 impl<P: Coordinates> RoadMap<P> {
-    /// Reads a map from two CSV files with headers. The type of the map tells whether it is on Earth
-    /// (`RoadMap`) or in a plane (`RoadMap<PlanePosition>`).
+    /// Reads a map from two CSV files with headers. The type of the map determines whether it is on
+    /// Earth (`RoadMap`) or in a plane (`RoadMap<PlanePosition>`).
     ///
     /// Places: `id,latitude,longitude,name`, with positions in degrees, or in a plane `id,x,y,name`,
     /// in metres; the name may be empty. Roads: `from,to,class,length_m`, where from and to are ids
@@ -22,8 +22,8 @@ impl<P: Coordinates> RoadMap<P> {
     ///
     /// # Errors
     ///
-    /// [`MapError::Line`] with file and line for everything that [`RoadMap::new`] refuses, and
-    /// for a missing or wrong header, a wrong number of columns, or a value that can't be parsed;
+    /// [`MapError::Line`] with file and line for everything that [`RoadMap::new`] refuses, for a
+    /// missing or wrong header, a wrong number of columns, or a value that can't be parsed;
     /// [`MapError::Read`] if a file can't be opened or read.
     pub fn from_csv_files(
         places: impl AsRef<Path>,
@@ -32,8 +32,8 @@ impl<P: Coordinates> RoadMap<P> {
         read_files(Builder::strict(), places.as_ref(), roads.as_ref()).map(|read| read.0)
     }
 
-    /// Reads a map from two readers, as [`from_csv_files`](Self::from_csv_files); errors call
-    /// them "places" and "roads".
+    /// Reads a map from two readers, as [`from_csv_files`](Self::from_csv_files) does from files;
+    /// errors call them "places" and "roads".
     ///
     /// ```
     /// use wayfix::map::{PlanePosition, RoadMap};
@@ -143,7 +143,7 @@ fn each_line(
         if header.is_empty() {
             return Err(format!("the file is empty, expected the header {expected:?}"));
         }
-        // One column more than expected shows that there are too many.
+        // One column more than expected is enough to show that there are too many.
         let first: Vec<_> = header.iter().take(columns.len() + 1).map(excerpt).collect();
         let more = header.len() - first.len();
         let more = if more > 0 { format!(" and {more} more") } else { String::new() };

@@ -1,4 +1,4 @@
-//! Queries of the graph: neighbours, hops, metres, connectivity.
+//! Queries on the graph: neighbours, hops, metres, connectivity.
 
 use std::collections::VecDeque;
 
@@ -6,8 +6,8 @@ use super::map::RoadMap;
 use crate::map::Coordinates;
 
 impl<P> RoadMap<P> {
-    /// Places that a road from this place leads to, in ascending order; none if the place does
-    /// not exist.
+    /// Places to which a road leads from this place, in ascending order; none if the place does not
+    /// exist.
     #[must_use]
     pub fn neighbors(&self, place: usize) -> impl ExactSizeIterator<Item = usize> {
         self.outgoing.of(place).iter().map(|&to| to as usize)
@@ -51,6 +51,8 @@ impl<P> RoadMap<P> {
     /// True if every place can be reached from every other. O(places + roads).
     #[must_use]
     pub fn is_strongly_connected(&self) -> bool {
+        // All places from the first and the first from all: then any from any, by way of it. A map
+        // has a first place.
         let forward = self.hops_from(0);
         let backward = self.hops(0, |i| self.incoming.of(i).iter());
         forward.iter().chain(&backward).all(Option::is_some)
@@ -65,6 +67,8 @@ impl<P> RoadMap<P> {
         let mut hops = vec![None; self.places().len()];
         let Some(start) = hops.get_mut(place) else { return hops };
         *start = Some(0);
+        // First in, first out: places are met in the order of their hops, so the first number
+        // stays.
         let mut queue = VecDeque::from([(place, 0)]);
         while let Some((i, so_far)) = queue.pop_front() {
             for &next in neighbors(i) {
@@ -92,6 +96,7 @@ impl<P: Coordinates> RoadMap<P> {
     #[must_use]
     pub fn nearest(&self, position: P) -> Option<usize> {
         let metres = self.places().iter().map(|place| place.position.metres_to(position));
+        // `min_by` returns the first minimum, which is the lowest index.
         let numbers = metres.enumerate().filter(|(_, metres)| !metres.is_nan());
         numbers.min_by(|a, b| a.1.total_cmp(&b.1)).map(|nearest| nearest.0)
     }

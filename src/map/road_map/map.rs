@@ -1,4 +1,4 @@
-//! Places, which are the states of a model, and the directed roads between them.
+//! Maps: places, which are the states of a model, and the directed roads between them.
 
 use super::adjacency::Adjacency;
 use crate::map::places::{Place, Places};
@@ -34,7 +34,7 @@ impl Road {
 #[derive(Debug, Clone)]
 pub struct RoadMap<P = Position> {
     pub(super) places: Places<P>,
-    /// Roads in the order of the indices of their ends.
+    /// Roads, sorted by the indices of their ends.
     pub(super) roads: Vec<Road>,
     pub(super) outgoing: Adjacency,
     pub(super) incoming: Adjacency,
@@ -47,7 +47,7 @@ impl<P> RoadMap<P> {
         &self.places.list
     }
 
-    /// Roads, in the order of the indices of their ends.
+    /// Roads, sorted by the indices of their ends.
     #[must_use]
     pub fn roads(&self) -> &[Road] {
         &self.roads

@@ -4,8 +4,8 @@ use std::fmt;
 
 use super::map::Road;
 
-/// Places and roads that [`RoadMap::cleaned`](super::RoadMap::cleaned) dropped, in the order in
-/// which they were given, each with its index among those given, from 0.
+/// Places and roads that [`RoadMap::cleaned`](super::RoadMap::cleaned) dropped, in the order given,
+/// each with its index among those given, from 0.
 #[derive(Debug, Clone, PartialEq, Default)]
 #[non_exhaustive]
 pub struct CleaningReport {
@@ -15,8 +15,8 @@ pub struct CleaningReport {
     pub roads_given: usize,
     /// Indices and ids of places dropped because an earlier place has the same id and position.
     pub repeated_places: Vec<(usize, u64)>,
-    /// Roads dropped because one between the same places in the same direction is shorter, or as
-    /// long and earlier.
+    /// Roads dropped because another one between the same places in the same direction is shorter,
+    /// or equally long and earlier.
     pub parallel_roads: Vec<(usize, Road)>,
     /// Roads dropped because they lead from a place to itself.
     pub loops: Vec<(usize, Road)>,

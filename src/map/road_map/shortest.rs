@@ -28,11 +28,11 @@ impl<P> RoadMap<P> {
     /// Shortest path from one place to another, by the lengths of the roads; `None` if there is
     /// none, or if a place does not exist. The path from a place to itself is that place alone.
     ///
-    /// Ties go to the path whose last place but one has the lowest index, then the place before
+    /// Ties go to the path whose second-to-last place has the lowest index, then the place before
     /// it, and so on, as in Viterbi.
     ///
     /// O((places + roads) log roads), and less if the end is near, since no place farther away is
-    /// visited. For the lengths of the shortest paths to all places use
+    /// settled. For the lengths of the shortest paths to all places use
     /// [`road_metres_from`](Self::road_metres_from).
     ///
     /// ```
@@ -57,14 +57,15 @@ impl<P> RoadMap<P> {
         let mut places = vec![to];
         while places[places.len() - 1] != from {
             places.push(label.before as usize);
+            // Every place on the way was settled before the end was.
             label = search.settled(label.before as usize)?;
         }
         places.reverse();
         Some(RoadPath { places, metres })
     }
 
-    /// Shortest paths from a place to all others, or to those no farther away than `end`; to none
-    /// if the place does not exist.
+    /// Searches for the shortest paths from a place to all others, or to those no farther away than
+    /// `end`; to none if the place does not exist.
     pub(super) fn search_from(&self, from: usize, end: Option<usize>) -> Search<()> {
         let mut search = Search::default();
         search.start(self.places().len());

@@ -1,4 +1,5 @@
-//! Turning probabilities learned from drives or from counts of traffic.
+//! Turning probabilities learned from drives, as a Dirichlet posterior around a rule, or from
+//! counts of traffic, as a consistent flow.
 
 use super::probabilities::{FittedTurn, TurningProbabilities};
 use super::rule::TurningRule;
@@ -8,18 +9,18 @@ use crate::transition::MoveCounts;
 
 impl TurningProbabilities {
     /// Learns from counted moves, with a prior by road class: a rule that counts as `prior_moves`
-    /// moves out of each place. With n moves out of a place, n_j of them to j, and φ_j by the rule
-    /// with a weight of w,
+    /// moves out of each place. With n moves out of a place, n_j of them to j, the rule's φ_j and a
+    /// prior weight of w,
     ///
     /// ```text
     /// Φ_j = (n_j + w φ_j) / (n + w)
     /// ```
     ///
-    /// the mean of the posterior under a Dirichlet distribution around the rule. This is for the
+    /// which is the posterior mean under a Dirichlet prior around the rule. This applies to the
     /// roads, given that the vehicle does not stay; the probability of staying is that of the rule,
     /// and stays are not counted, since routes of matched drives have none. Where stays were
     /// observed, use [`fit_with_stays`](Self::fit_with_stays). Places without data follow the rule,
-    /// also at a weight of 0; a weight of 5 is a good start. O(places + roads + moves log roads).
+    /// even at a weight of 0; a weight of 5 is a good start. O(places + roads + moves log roads).
     ///
     /// ```
     /// use wayfix::canberra;
@@ -52,15 +53,15 @@ impl TurningProbabilities {
         Self::of_moves(map, counts, rule, prior_moves, false)
     }
 
-    /// Learns from counted moves as [`fit`](Self::fit), with stays counted as moves from a place to
-    /// itself: the probability of staying is learned as those of the roads.
+    /// Learns from counted moves as [`fit`](Self::fit) does, with stays counted as moves from a
+    /// place to itself: the probability of staying is learned like those of the roads.
     ///
     /// # From drives without labels
     ///
     /// [`Hmm::learn`](crate::Hmm::learn) estimates a [tied](Self::tied) or free operator by
     /// expectation maximisation. The moves expected under a model, by
-    /// [`Hmm::expected_moves`](crate::Hmm::expected_moves), say how much data stands behind each
-    /// turn; given to this function, they make one iteration with this prior.
+    /// [`Hmm::expected_moves`](crate::Hmm::expected_moves), tell how much data is behind each turn;
+    /// passed to this function, they make one EM iteration with this prior.
     ///
     /// ```
     /// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
@@ -121,6 +122,8 @@ impl TurningProbabilities {
                 let count = if counted { counts.get(from, to) } else { 0.0 };
                 FittedTurn { from, to, probability: rule.get(from, to), count }
             }));
+            // Without stays, the first entry keeps the rule's probability, and the roads share the
+            // rest.
             let first = start + usize::from(!stays);
             let turns = &mut turns[first..];
             let whole: f64 = turns.iter().map(|turn| turn.probability).sum();
@@ -130,14 +133,13 @@ impl TurningProbabilities {
     }
 
     /// Learns from counts of traffic, one per road in the order of [`RoadMap::roads`], without any
-    /// turn observed: the vehicles that leave a place choose among its roads as the
-    /// [consistent flow](RoadMap::consistent_flow) does. Staying, and places without traffic,
-    /// follow the rule.
+    /// observed turn: the vehicles that leave a place choose among its roads as the [consistent
+    /// flow](RoadMap::consistent_flow) does. Staying, and places without traffic, follow the rule.
     ///
-    /// These are the only turning probabilities (but for staying) whose long-run flow is that
-    /// flow, as Φ asks for the place alone. They say nothing on who turns where by where they come
-    /// from; for that, see [`EdgeTurns`](crate::motion::EdgeTurns). A road with a count of 0 is
-    /// never taken: give what is expected for a road that was not counted.
+    /// These are the only turning probabilities (apart from staying) whose long-run flow is that
+    /// flow, since Φ depends on the place alone. They cannot tell turns apart by where vehicles
+    /// come from; for that, see [`EdgeTurns`](crate::motion::EdgeTurns). A road with a count of 0
+    /// is never taken: pass an expected number for a road that was not counted.
     ///
     /// # Errors
     ///
@@ -163,6 +165,7 @@ impl TurningProbabilities {
             let flow = &flow[road..road + roads.len()];
             roads.iter_mut().zip(flow).for_each(|(turn, flow)| turn.count = *flow);
             share(roads, |turn| turn.count);
+            // The flow determined the probabilities; what is reported is the count itself.
             roads.iter_mut().zip(&counts[road..]).for_each(|(turn, count)| turn.count = *count);
             road += roads.len();
         }
@@ -178,12 +181,13 @@ impl TurningProbabilities {
     }
 }
 
-/// Ends of the ways out of a place: itself, and those of its roads.
+/// Next places from a place: itself, then the ends of its roads.
 fn ways<P>(map: &RoadMap<P>, from: usize) -> impl Iterator<Item = usize> {
     std::iter::once(from).chain(map.roads_from(from).map(|road| road.0))
 }
 
-/// Shares the probability of turns anew in proportion to weights, unless all of these are 0.
+/// Redistributes the total probability of turns in proportion to weights, unless all of these are
+/// 0.
 fn share(turns: &mut [FittedTurn], weight: impl Fn(&FittedTurn) -> f64) {
     let whole: f64 = turns.iter().map(|turn| turn.probability).sum();
     let sum: f64 = turns.iter().map(&weight).sum();

@@ -1,4 +1,5 @@
-//! Turning probabilities Φ of a map.
+//! Turning probabilities Φ of a map: the transition operator's transpose (paper eqs. 1 and 6),
+//! stored as A = Φ'.
 
 use super::rule::TurningRule;
 use crate::belief::SUM_TOLERANCE;
@@ -17,7 +18,7 @@ pub struct TurningProbabilities {
 }
 
 impl TurningProbabilities {
-    /// Creates turning probabilities from entries (from, to, probability) by index, for instance
+    /// Creates turning probabilities from entries (from, to, probability) by index, such as
     /// relative frequencies. Missing entries are 0. O((places + entries) log).
     ///
     /// # Errors
@@ -47,6 +48,7 @@ impl TurningProbabilities {
         {
             return Err(MapError::TurningSum { id: map.places()[i].id, sum: sums[i] });
         }
+        // A = Φ' (paper eq. 6): the entry into row `to`, column `from`.
         let triplets = entries.into_iter().map(|(from, to, value)| (to, from, value));
         Ok(Self { transition: SparseTransition::from_triplets(n, triplets)?, turns: Vec::new() })
     }
@@ -66,6 +68,8 @@ impl TurningProbabilities {
                 continue;
             };
             let weight = |other: RoadClass| {
+                // The class of a place is that of its highest road: on a main road, going on along
+                // it is straight on.
                 let straight = class == RoadClass::Main && other == RoadClass::Main;
                 rule.weight.of(other) * if straight { rule.straight_on } else { 1.0 }
             };
@@ -80,7 +84,7 @@ impl TurningProbabilities {
         Self::new(map, entries)
     }
 
-    /// Returns Φ\[from, to\] by index, 0 where there is no such turn.
+    /// Returns Φ\[from, to\] by index; 0 if there is no such turn.
     #[must_use]
     pub fn get(&self, from: usize, to: usize) -> f64 {
         self.transition.get(to, from)
@@ -96,8 +100,8 @@ impl TurningProbabilities {
     }
 
     /// Turns with the data behind them, if the probabilities were learned by [`fit`](Self::fit) or
-    /// its kin; none otherwise. By the place that is left: staying first, then all roads, in
-    /// ascending order of their ends.
+    /// a similar function; none otherwise. They are sorted by the place they leave: staying first,
+    /// then all roads in ascending order of their ends.
     #[must_use]
     pub fn turns(&self) -> &[FittedTurn] {
         &self.turns
@@ -105,7 +109,7 @@ impl TurningProbabilities {
 
     /// Returns the transition operator with parameters tied by the classes of the roads of `map`,
     /// for learning from drives. Places with the same classes of outgoing roads share the same
-    /// turning probabilities; where these differed, their mean.
+    /// turning probabilities, the mean of those that they had.
     ///
     /// ```
     /// use wayfix::canberra;
@@ -116,6 +120,7 @@ impl TurningProbabilities {
     /// ```
     #[must_use]
     pub fn tied<P>(self, map: &RoadMap<P>) -> ConstrainedTransition {
+        // Label 0 is staying, and 1 to 4 the classes.
         ConstrainedTransition::new(self.transition).with_ties(|from, to| {
             let road = map.roads_from(from).find(|road| road.0 == to);
             road.map_or(0, |(_, road)| 1 + road.class as usize)
@@ -138,6 +143,6 @@ pub struct FittedTurn {
     pub to: usize,
     /// Probability of the turn.
     pub probability: f64,
-    /// Number of moves (or vehicles) that were counted on it; 0 for one known by the rule alone.
+    /// Number of moves (or vehicles) counted on it; 0 for a turn known by the rule alone.
     pub count: f64,
 }

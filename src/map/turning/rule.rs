@@ -1,4 +1,4 @@
-//! Rule by which a vehicle chooses among roads, by their classes.
+//! Rule by which a vehicle chooses among roads by their classes.
 
 use crate::error::Parameter;
 use crate::map::{MapError, RoadClass};
@@ -6,18 +6,18 @@ use crate::map::{MapError, RoadClass};
 /// One number per [`RoadClass`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ByClass {
-    /// Number of [`RoadClass::Main`].
+    /// Number for [`RoadClass::Main`].
     pub main: f64,
-    /// Number of [`RoadClass::Arterial`].
+    /// Number for [`RoadClass::Arterial`].
     pub arterial: f64,
-    /// Number of [`RoadClass::Collector`].
+    /// Number for [`RoadClass::Collector`].
     pub collector: f64,
-    /// Number of [`RoadClass::Street`].
+    /// Number for [`RoadClass::Street`].
     pub street: f64,
 }
 
 impl ByClass {
-    /// Creates the same number for every class.
+    /// Returns the same number for every class.
     ///
     /// ```
     /// use wayfix::map::{ByClass, RoadClass};
@@ -29,7 +29,7 @@ impl ByClass {
         Self { main: value, arterial: value, collector: value, street: value }
     }
 
-    /// Returns the number of a class.
+    /// Returns the number for a class.
     #[must_use]
     pub fn of(&self, class: RoadClass) -> f64 {
         match class {
@@ -43,11 +43,11 @@ impl ByClass {
 
 /// Rule by which a vehicle chooses among the roads out of a place.
 ///
-/// The class of a place is the highest class of the roads that leave it. With the probability
-/// that `stop` gives for this class, the vehicle **stops** (stays for one step). Otherwise it
-/// takes a road with probability proportional to the road's `weight`; at places on the main road,
-/// the weight of the main road itself is multiplied by `straight_on`. At a place that no road
-/// leaves, the vehicle stays.
+/// The class of a place is the highest class of the roads that leave it. With the probability that
+/// `stop` has for this class, the vehicle **stops** (stays for one step). Otherwise it takes a road
+/// with probability proportional to the road's `weight`; at places on the main road, the weight of
+/// the main road itself is multiplied by `straight_on`. At a place that no road leaves, the vehicle
+/// stays.
 ///
 /// By default, the weight doubles from class to class (1, 2, 4, 8), straight on doubles it again,
 /// and the probability of stopping is 0.05 on the main road and 0.05 more for each class below.

@@ -29,8 +29,8 @@ use roads::picture::{Canvas, Drawn, draw_drive};
 use roads::simulate::{self, Scenario};
 use track::Tracked;
 
-/// Imports a road network, shows what is in it, simulates drives with a GPS receiver, and tracks
-/// them, live and afterwards. Writes pictures of the network and of a drive.
+/// Imports a road network, summarises it, simulates drives with a GPS receiver, and tracks them,
+/// live and afterwards. Writes pictures of the network and of a drive.
 #[derive(Parser)]
 struct Arguments {
     /// Roads: a folder with nodes.csv and edges.csv, a GeoJSON file, or an OpenStreetMap extract
@@ -40,13 +40,13 @@ struct Arguments {
     /// Cut the network to a box, in degrees.
     #[arg(long = "box", value_name = "W,S,E,N", value_delimiter = ',', allow_hyphen_values = true)]
     corners: Vec<f64>,
-    /// Keep the largest part in which each node can be reached from each other.
+    /// Keep the largest part in which every node can be reached from every other.
     #[arg(long)]
     largest: bool,
     /// Remove nodes that roads only pass through.
     #[arg(long)]
     contract: bool,
-    /// Merge intersections within so many metres.
+    /// Merge intersections within a radius in metres.
     #[arg(long, value_name = "METRES", value_parser = roads::positive, allow_negative_numbers = true)]
     merge: Option<f64>,
     /// Number of drives to simulate.
@@ -61,7 +61,7 @@ struct Arguments {
     /// Seconds between two positions.
     #[arg(long, value_name = "SECONDS", default_value = "5", value_parser = roads::positive, allow_negative_numbers = true)]
     every: f64,
-    /// Number of points that late answers wait for.
+    /// Number of points by which late answers are late.
     #[arg(long, value_name = "POINTS", default_value_t = 3)]
     late: usize,
     /// Output folder.
@@ -99,6 +99,7 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
 
     let start = Instant::now();
     let matcher = Matcher::new(network);
+    // The simulated noise is known, so nothing is learned.
     let model = MatchModel { noise, ..*matcher.model() };
     let matcher = matcher.with_model(model)?;
     let seconds = start.elapsed().as_secs_f64();
@@ -109,6 +110,7 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     for (number, drive) in drives.iter().enumerate() {
         let (tracked, matched) = track::track(&matcher, drive, arguments.late)
             .map_err(|error| format!("drive {}: {error}", number + 1))?;
+        // One picture is enough: the first drive's.
         if number == 0 {
             let title = "A simulated drive, and the route that was found from its points";
             let file = out.join("drive.svg");
@@ -124,7 +126,7 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Reads and cleans the network, with a report.
+/// Reads and cleans the network, and prints a report.
 fn import(arguments: &Arguments) -> Result<RoadNetwork, Box<dyn Error>> {
     let mut cleaning = Vec::new();
     match arguments.corners[..] {
@@ -133,8 +135,10 @@ fn import(arguments: &Arguments) -> Result<RoadNetwork, Box<dyn Error>> {
             Position { latitude: south, longitude: west },
             Position { latitude: north, longitude: east },
         ])),
-        _ => return Err("--box has not four numbers, expected W,S,E,N in degrees".into()),
+        _ => return Err("--box needs four numbers, W,S,E,N in degrees".into()),
     }
+    // Contraction comes before merging, so that only intersections are merged, and again after it,
+    // since merged nodes may be passed through.
     cleaning.extend(arguments.largest.then_some(Cleaning::LargestComponent));
     cleaning.extend(arguments.contract.then_some(Cleaning::Contraction));
     if let Some(metres) = arguments.merge {
@@ -155,13 +159,14 @@ fn import(arguments: &Arguments) -> Result<RoadNetwork, Box<dyn Error>> {
         (roads::town::NAME.to_owned(), network, counts + &steps.collect::<String>())
     };
     let seconds = start.elapsed().as_secs_f64();
+    // Every step of cleaning prints its counts before → after.
     let is_clean = report.contains('→');
     let note =
         if is_clean { "" } else { "not cleaned (see --largest, --contract, --merge, --box)\n" };
     roads::print(&format!("{name}, in {seconds:.2} s\n{report}\n{note}"))?;
     for (class, name) in CLASSES {
         let of_class = network.edges().iter().filter(|edge| edge.class == class);
-        // The sum of nothing would be -0.
+        // `sum` of an empty iterator is -0.0.
         let metres = of_class.clone().fold(0.0, |sum, edge| sum + edge.metres);
         let count = of_class.count();
         roads::print(&format!("  {name:<10} {count:8} edges {:10.1} km\n", metres / 1000.0))?;

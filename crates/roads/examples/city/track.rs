@@ -1,4 +1,6 @@
 //! Tracking of a simulated drive, live and afterwards.
+//!
+//! Times cover the matcher alone, without the bookkeeping of the measures.
 
 use std::collections::VecDeque;
 use std::time::Instant;
@@ -9,15 +11,15 @@ use super::roads::measures::{Forecasts, Lengths, edges_of, is_among};
 use super::roads::off_road::OffRoad;
 use super::roads::simulate::Simulated;
 
-/// Measures of drives.
+/// Sums of the measures of drives.
 #[derive(Default)]
 pub(crate) struct Tracked {
     pub(crate) points: usize,
     pub(crate) live_seconds: f64,
     pub(crate) match_seconds: f64,
-    /// Largest size of a vehicle.
+    /// Largest size of a vehicle in bytes.
     pub(crate) bytes: usize,
-    /// Sum over points.
+    /// Sum of the numbers of candidates over all points.
     pub(crate) candidates: f64,
     pub(crate) lengths: Lengths,
     pub(crate) forecasts: Forecasts,
@@ -37,7 +39,7 @@ impl Tracked {
     }
 }
 
-/// Tracks a drive live, as a vehicle would, then matches the whole of it.
+/// Tracks a drive live, as a vehicle would, then matches it as a whole.
 pub(crate) fn track(
     matcher: &Matcher,
     drive: &Simulated,
@@ -54,7 +56,10 @@ pub(crate) fn track(
         matcher.step(&mut vehicle, point)?;
         live.push(vehicle.live());
         tracked.live_seconds += start.elapsed().as_secs_f64();
+        // Not part of the time.
         tracked.bytes = tracked.bytes.max(vehicle.bytes());
+        // From now on each step completes one late answer, for the point `lag` points ago: the
+        // first is for point 0.
         if vehicle.points_late() == lag {
             late.push_back(vehicle.late());
         }
@@ -62,10 +67,12 @@ pub(crate) fn track(
     let start = Instant::now();
     let matched = matcher.match_drive(points)?;
     tracked.match_seconds = start.elapsed().as_secs_f64();
+    // Back to a sum, which drives of different lengths can be added by.
     tracked.candidates = matched.candidates() * points.len() as f64;
     let network = matcher.network();
     for (point, &truth) in drive.truth.iter().enumerate() {
-        // At the end of the drive there are no later points to wait for.
+        // At the end of the drive there are no later points to wait for, and a late answer is a
+        // smoothed one.
         let late = late.pop_front().unwrap_or_else(|| matched.smoothed(point));
         let answers = [live[point], late, matched.smoothed(point)];
         tracked.off_road.push(truth.is_none(), answers);

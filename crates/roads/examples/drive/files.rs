@@ -10,7 +10,8 @@ use wayfix_roads::matching::{AnswerWriter, MatchedDrive, Matcher};
 use super::roads::certainty::probabilities;
 use super::roads::{cannot_write, line_between};
 
-/// Lines of a drive for each file, without headers.
+/// Lines of a drive for each file, without headers: made by the threads, so that only writing is in
+/// order.
 pub(crate) struct Lines([Vec<u8>; 3]);
 
 impl Lines {
@@ -29,10 +30,11 @@ impl Lines {
     }
 }
 
-/// GeoJSON features of the parts of a route, each on a line that ends with a comma.
+/// GeoJSON features of the parts of a route, one per line, each ending with a comma.
 fn features(name: &str, matcher: &Matcher, drive: &MatchedDrive) -> String {
     let network = matcher.network();
     let mut text = String::new();
+    // Seven decimals of a degree are a centimetre, one of a metre is a decimetre.
     let rounded = |value: f64, unit: f64| (value * unit).round() / unit;
     for (seq, (stretch, p)) in drive.route().iter().zip(probabilities(drive)).enumerate() {
         let line = match stretch.edge {
@@ -63,7 +65,7 @@ fn features(name: &str, matcher: &Matcher, drive: &MatchedDrive) -> String {
     text
 }
 
-/// The files, in the order of the lines.
+/// Output files, in the order of the lines.
 pub(crate) struct Output {
     files: [BufWriter<File>; 3],
     is_empty: bool,
@@ -79,6 +81,7 @@ impl Output {
         let [route, points, features] = &mut files;
         let failed = |error| cannot_write(out, error);
         AnswerWriter::routes(route).with_header().map_err(|error| cannot_write(out, error))?;
+        // The lag is of no matter to a header.
         AnswerWriter::points(points, 0).with_header().map_err(|error| cannot_write(out, error))?;
         features.write_all(b"{\"type\":\"FeatureCollection\",\"features\":[\n").map_err(failed)?;
         Ok(Self { files, is_empty: true })
@@ -88,7 +91,8 @@ impl Output {
         for (file, lines) in self.files[..2].iter_mut().zip(lines) {
             file.write_all(lines)?;
         }
-        // The last feature of the file has no comma.
+        // JSON has no comma after the last feature, so the comma is written before each drive but
+        // the first.
         if let Some(features) = lines[2].strip_suffix(b",\n") {
             let features_file = &mut self.files[2];
             if !self.is_empty {

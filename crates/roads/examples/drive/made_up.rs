@@ -1,4 +1,4 @@
-//! Drives in a made-up city, as files.
+//! Simulated drives in a made-up city, written to files as a user would have them.
 
 use std::error::Error;
 use std::path::Path;
@@ -12,10 +12,11 @@ use simulate::Scenario;
 
 const DRIVES: usize = 40;
 
-/// Writes the roads, the drives and the true routes.
+/// Writes the roads, the drives and the true routes to files.
 pub(crate) fn write(out: &Path) -> Result<(), Box<dyn Error>> {
     let network = town::network()?;
     let mut rng = ChaCha8Rng::seed_from_u64(1);
+    // Noisier than the model's default, so that learning has something to find.
     let scenario = Scenario { noise: 12.0, ..Scenario::default() };
     let drives: Result<Vec<_>, _> =
         (0..DRIVES).map(|_| simulate::drive(&network, &scenario, &mut rng)).collect();
@@ -32,6 +33,7 @@ fn write_all(
         [edge.from, edge.to].map(|node| network.nodes()[node].id.to_string())
     };
     let mut nodes = Writer::from_path(out.join("nodes.csv"))?;
+    // Files of roads have the columns that the import reads; six decimals of a degree are 0.1 m.
     nodes.write_record(["node", "lon", "lat"])?;
     for node in network.nodes() {
         let degrees = [node.position.longitude, node.position.latitude];
@@ -67,7 +69,8 @@ fn write_all(
                 }
                 None => part.edge.is_none(),
             };
-            // The first point there.
+            // Points and parts are both in order of time: the first point on this part, if any, is
+            // next. Further ones on it are skipped.
             let time = at.peek().filter(|(truth, _)| is_on(truth)).map(|(_, point)| point.time);
             while at.next_if(|(truth, _)| is_on(truth)).is_some() {}
             let [from, to] = part.edge.map_or_else(Default::default, ends);

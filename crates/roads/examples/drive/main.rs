@@ -5,7 +5,7 @@
 //! cargo run --release --features roads --example drive -- --roads city.osm.pbf --trace drives.csv
 //! ```
 //!
-//! Without files, drives are simulated in a small made-up city, and written as files beside the
+//! Without files, drives are simulated in a small made-up city, and written to files beside the
 //! results.
 
 #[path = "../roads/mod.rs"]
@@ -43,11 +43,11 @@ struct Arguments {
     /// seconds or dates with times (2024-05-01T12:00:00Z), degrees, metres and metres per second.
     #[arg(long, value_name = "FILE", requires = "roads")]
     trace: Option<PathBuf>,
-    /// True routes: trace,order,from,to[,enter_m,exit_m,time], with nodes as in the roads, none of
-    /// both off the road, and the time of the first point there.
+    /// True routes: trace,order,from,to[,enter_m,exit_m,time], with nodes as in the roads, both
+    /// empty off the road, and the time of the first point there.
     #[arg(long, value_name = "FILE", requires = "trace")]
     truth: Option<PathBuf>,
-    /// Keep the largest part of the roads in which each node can be reached from each other.
+    /// Keep the largest part of the roads in which every node can be reached from every other.
     #[arg(long)]
     largest: bool,
     /// Remove nodes that roads only pass through; a truth may name them.
@@ -56,7 +56,7 @@ struct Arguments {
     /// Take every K-th point of each drive.
     #[arg(long, value_name = "K", default_value_t = 1, value_parser = roads::whole, allow_negative_numbers = true)]
     every: usize,
-    /// Number of points that late answers wait for.
+    /// Number of points by which late answers are late.
     #[arg(long, value_name = "POINTS", default_value_t = 3)]
     late: usize,
     /// Standard deviation of a position in each direction [default: learned from the drives, with
@@ -69,7 +69,7 @@ struct Arguments {
     /// Number of threads [default: one for each core].
     #[arg(long, value_parser = roads::whole, allow_negative_numbers = true)]
     threads: Option<usize>,
-    /// Drive that is drawn [default: the first].
+    /// Drive to draw [default: the first].
     #[arg(long, value_name = "NAME")]
     picture: Option<String>,
     /// Output folder.
@@ -84,7 +84,7 @@ fn main() -> ExitCode {
 /// A drive with every K-th point, and its true route, if known.
 struct Drive {
     trace: Trace,
-    /// Points that were left out after the last one.
+    /// Points left out after the last one kept.
     tail: Vec<wayfix_roads::matching::TracePoint>,
     truth: Option<Truth>,
 }
@@ -96,6 +96,8 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
         if let (Some(roads), Some(trace)) = (&arguments.roads, &arguments.trace) {
             (roads.clone(), trace.clone(), arguments.truth.clone())
         } else {
+            // Files, too, so that the run without arguments takes the same path as one with a
+            // user's data.
             made_up::write(out)?;
             roads::print(&format!(
                 "{}: wrote nodes.csv, edges.csv, trace.csv and truth.csv into {}\n",
@@ -134,11 +136,13 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
         }
         None => fit::fit(matcher, &drives)?,
     };
+    // After learning, which it overrides.
     if let Some(leave_road) = arguments.leave_road {
         let model = MatchModel { leave_road, ..*matcher.model() };
         matcher = matcher.with_model(model)?;
     }
     let cores = thread::available_parallelism().map_or(1, NonZeroUsize::get);
+    // The matcher is shared; more threads than drives would be idle.
     let threads = arguments.threads.unwrap_or(cores).min(drives.len());
     let picture = arguments.picture.as_ref().unwrap_or(&drives[0].trace.name);
     let mut total = run::run(&matcher, &drives, [threads, arguments.late], picture, out)?;
@@ -147,7 +151,7 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Drives with the most points left out, in words; empty if there are none.
+/// Names the drives with the most points left out; empty if there are none.
 fn most_skipped(drives: &[Drive]) -> String {
     const NAMED: usize = 5;
     let skipped = |drive: &Drive| drive.trace.repeated + drive.trace.backwards;
@@ -159,7 +163,8 @@ fn most_skipped(drives: &[Drive]) -> String {
     if named.is_empty() { String::new() } else { format!("\nmost skipped: {}", named.join(", ")) }
 }
 
-/// Checks that drives are where the roads are.
+/// Checks that some point is near the roads: files of another region or with swapped axes fail here
+/// rather than off the road everywhere.
 fn check(traces: &[Trace], path: &Path, network: &RoadNetwork) -> Result<(), String> {
     let path = path.display();
     let [mut low, mut high] = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
@@ -170,6 +175,7 @@ fn check(traces: &[Trace], path: &Path, network: &RoadNetwork) -> Result<(), Str
         }
     }
     let is_in = |values: [f64; 2]| {
+        // A tenth of a degree, some 10 km, around the roads.
         (0..2).all(|axis| (low[axis] - 0.1..=high[axis] + 0.1).contains(&values[axis]))
     };
     let values = || {
@@ -179,6 +185,7 @@ fn check(traces: &[Trace], path: &Path, network: &RoadNetwork) -> Result<(), Str
     if values().any(is_in) {
         return Ok(());
     }
+    // The usual reason why no point is near.
     let swapped = values().any(|[longitude, latitude]| is_in([latitude, longitude]));
     let hint = if swapped { "; longitude and latitude seem to be swapped" } else { "" };
     Err(format!(
@@ -187,10 +194,11 @@ fn check(traces: &[Trace], path: &Path, network: &RoadNetwork) -> Result<(), Str
     ))
 }
 
-/// Takes every K-th point.
+/// Keeps every K-th point of each drive.
 fn thinned(traces: Vec<Trace>, mut truths: Truths, every: usize) -> Vec<Drive> {
     let thin = |trace: Trace| {
         let truth = truths.take(&trace.name);
+        // Index of the last point kept: the largest multiple of K in range.
         let last = (trace.points.len().max(1) - 1) / every * every;
         let tail = trace.points.get(last + 1..).unwrap_or_default().to_vec();
         let points = trace.points.into_iter().step_by(every).collect();

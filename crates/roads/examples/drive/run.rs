@@ -1,4 +1,7 @@
-//! Matching of all drives by several threads, with output in their order.
+//! Matching of all drives on several threads, with output in the order of the drives.
+//!
+//! Threads take the next drive from a counter and send results through a bounded channel, so memory
+//! holds a few drives per thread whatever their number.
 
 use std::collections::BTreeMap;
 use std::error::Error;
@@ -17,7 +20,7 @@ use super::roads::picture::draw_drive;
 use super::roads::{self, cannot_write};
 use super::{Drive, summary::Total};
 
-/// A drive that was matched.
+/// Results of a matched drive.
 struct Matched {
     lines: Lines,
     seconds: f64,
@@ -25,11 +28,11 @@ struct Matched {
     metres: f64,
     off_road: f64,
     truth: Option<(Lengths, Forecasts, OffRoad)>,
-    /// The drive itself, if it is to be drawn.
+    /// The matched drive itself, if it is to be drawn.
     picture: Option<MatchedDrive>,
 }
 
-/// Matches the drives, and writes the answers in their order.
+/// Matches the drives and writes the answers in order.
 pub(crate) fn run(
     matcher: &Matcher,
     drives: &[Drive],
@@ -40,6 +43,7 @@ pub(crate) fn run(
     let mut output = Output::create(out)?;
     let mut total = Total::default();
     let bar = roads::bar("matching drives", drives.len());
+    // Relaxed: the counter only hands out numbers, and the scope joins the threads.
     let next = AtomicUsize::new(0);
     let (sender, receiver) = mpsc::sync_channel::<(usize, Result<Matched, String>)>(4 * threads);
     let start = Instant::now();
@@ -52,18 +56,19 @@ pub(crate) fn run(
                     let Some(drive) = drives.get(number) else { return };
                     let wanted = drive.trace.name == picture;
                     let matched = matched(matcher, drive, late, wanted);
-                    // The receiver is gone after an error.
+                    // The receiver is dropped after an error of the output: no one waits for more.
                     if sender.send((number, matched)).is_err() {
                         return;
                     }
                 }
             });
         }
+        // The channel closes once the threads' senders are gone.
         drop(sender);
-        // Drives that were matched before one that comes first.
+        // Drives that are done while an earlier one is not.
         let mut waiting = BTreeMap::new();
         let mut number = 0;
-        // A loop that owns the receiver, so that threads end when it does.
+        // The loop owns the receiver, so returning early from it makes the threads end.
         for (done, matched) in receiver {
             bar.inc(1);
             waiting.insert(done, matched);
@@ -98,7 +103,7 @@ pub(crate) fn run(
     Ok(total)
 }
 
-/// Matches a drive, and measures it if its truth is known.
+/// Matches a drive and measures it if its truth is known.
 fn matched(
     matcher: &Matcher,
     drive: &Drive,
@@ -109,6 +114,7 @@ fn matched(
     let points = &drive.trace.points;
     let start = Instant::now();
     let found = matcher.match_drive(points).map_err(message)?;
+    // Matching alone, without output and measures.
     let seconds = start.elapsed().as_secs_f64();
     let lines = Lines::of(&drive.trace.name, matcher, &found, late).map_err(|e| e.to_string())?;
     let network = matcher.network();
@@ -122,6 +128,7 @@ fn matched(
             let is_off_road = truth.is_off_road(point);
             is_off_road.into_iter().for_each(|is| off_road.push(is, answers));
             forecasts.push(answers, |answer| {
+                // Where no time tells, the vehicle is taken to be on the road.
                 if is_off_road == Some(true) {
                     answer.edge.is_none()
                 } else {
@@ -143,7 +150,7 @@ fn matched(
     })
 }
 
-/// Adds the figures of a drive.
+/// Adds the results of a drive.
 fn take(total: &mut Total, drive: &Drive, matched: &Matched) {
     total.drives += 1;
     total.points += drive.trace.points.len();
@@ -157,6 +164,7 @@ fn take(total: &mut Total, drive: &Drive, matched: &Matched) {
         total.forecasts.extend(forecasts);
         total.points_off_road.add(*off_road);
         if lengths.truth > 0.0 {
+            // A mismatch is relative to the true length.
             total.worst.push((lengths.mismatch(), drive.trace.name.clone()));
         }
     }

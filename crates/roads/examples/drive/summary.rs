@@ -1,4 +1,4 @@
-//! Figures of all drives, printed and as a file.
+//! Figures over all drives, printed and as a file.
 
 use std::error::Error;
 use std::path::Path;
@@ -14,15 +14,15 @@ use super::roads::{self, cannot_write};
 pub(crate) struct Total {
     pub(crate) drives: usize,
     pub(crate) points: usize,
-    /// Points of the file that were left out.
+    /// Points of the file that were skipped.
     pub(crate) skipped: usize,
     /// Names of drives that could not be matched, with the reasons.
     pub(crate) failed: Vec<String>,
     pub(crate) candidates: f64,
-    /// Seconds of matching on all threads together.
+    /// Seconds of matching, summed over all threads.
     pub(crate) seconds: f64,
     pub(crate) threads: usize,
-    /// Seconds from start to end, with output.
+    /// Seconds from start to end, including output.
     pub(crate) elapsed: f64,
     pub(crate) metres: f64,
     /// Metres off the road.
@@ -44,12 +44,13 @@ const RIGHT: [&str; 3] = [
 const ERROR: [&str; 3] =
     ["stated against right, live", "stated against right, late", "stated against right, smoothed"];
 
-/// Number of drives that are named.
+/// Largest number of drives that are named.
 const NAMED: usize = 5;
 
 /// Prints and writes the figures.
 pub(crate) fn report(total: &Total, out: &Path) -> Result<(), Box<dyn Error>> {
     let Total { drives, points, lengths, .. } = total;
+    // No drives and no metres give 0, not NaN.
     let share_off = total.off_road / (total.off_road + total.metres).max(1e-9);
     let mut rows = vec![
         ("drives", drives.to_string()),
@@ -79,14 +80,15 @@ pub(crate) fn report(total: &Total, out: &Path) -> Result<(), Box<dyn Error>> {
         let error = |n: usize| format!("{:.4}", expected_calibration_error(&diagrams[n]));
         rows.extend((0..ESTIMATORS.len()).map(|n| (ERROR[n], error(n))));
         let mut worst: Vec<&(f64, String)> = total.worst.iter().collect();
+        // Report the worst cases beside the means.
         worst.sort_by(|a, b| b.0.total_cmp(&a.0));
         let named =
             worst.iter().take(NAMED).map(|(mismatch, name)| format!("{name} ({mismatch:.3})"));
         let named: Vec<String> = named.collect();
         table = format!(
             "\nlargest mismatch: drives {}\n{}\n\
-             The truth tells the roads, not which one at each point: right is an answer on any of them,\n\
-             so that more are right than the probability of the single road says.\n{}",
+             The truth tells the roads, not which one at each point. An answer on any of them is right,\n\
+             so more are right than the probability of the single road says.\n{}",
             named.join(", "),
             total.points_off_road,
             total.forecasts.table()?

@@ -13,8 +13,7 @@ use super::roads::measures::Driven;
 #[derive(Default)]
 pub(crate) struct Truth {
     driven: Vec<Driven>,
-    /// Times of the first points at places of which they are told, with whether these are off the
-    /// road.
+    /// Known times of the first points on parts of the route, and true for parts off the road.
     times: Vec<(f64, bool)>,
 }
 
@@ -23,15 +22,16 @@ pub(crate) struct Truth {
 pub(crate) struct Truths(HashMap<String, Truth>);
 
 const COLUMNS: [&str; 4] = ["trace", "order", "from", "to"];
-/// Metres along the edge where it was entered and left, and the time of the first point there.
+/// Optional columns: metres along the edge where it was entered and left, and the time of the first
+/// point on it.
 const MORE: [&str; 3] = ["enter_m", "exit_m", "time"];
 
-/// Line of a file: the edge, none off the road, and the numbers that are known.
+/// Line of a file: the edge (`None` off the road) and the optional numbers.
 type Line = (Option<usize>, [Option<f64>; 3]);
 
 impl Truths {
     /// Reads `trace,order,from,to[,enter_m,exit_m,time]`, with columns and lines in any order. Off
-    /// the road, there are no nodes.
+    /// the road both nodes are empty.
     pub(crate) fn read(
         path: &Path,
         network: &RoadNetwork,
@@ -57,6 +57,7 @@ impl Truths {
         let names: std::collections::HashSet<&str> =
             traces.iter().map(|trace| trace.name.as_str()).collect();
         let more = MORE.map(|name| header.iter().position(|found| found == name));
+        // Lines come in any order, so routes are collected first and sorted below.
         let mut routes: HashMap<String, Vec<(u64, Line)>> = HashMap::new();
         let mut record = StringRecord::new();
         while reader.read_record(&mut record).map_err(failed)? {
@@ -74,12 +75,15 @@ impl Truths {
             let mut known = [None; 3];
             for (value, (column, name)) in known.iter_mut().zip(more.into_iter().zip(MORE)) {
                 let text = column.map_or("", |column| &record[column]);
+                // `parse` accepts NaN and infinity, which are no metres and no times.
                 let parsed = text.parse().ok().filter(|number: &f64| number.is_finite());
                 if parsed.is_none() && !text.is_empty() {
                     return Err(at(format!("{name} is {text:?}, expected a number")));
                 }
                 *value = parsed;
             }
+            // Only both nodes empty mean off the road: one alone is a mistake, which `number`
+            // reports.
             let edge = if record[columns[2]].is_empty() && record[columns[3]].is_empty() {
                 None
             } else {
@@ -107,7 +111,9 @@ impl Truths {
             route.sort_by_key(|step| step.0);
             let mut truth = Truth::default();
             for (_, (edge, [enter, exit, time])) in route {
+                // In the order of the route: the last one up to a point tells where the point was.
                 truth.times.extend(time.map(|time| (time, edge.is_none())));
+                // Without metres, the whole edge was driven.
                 let whole = |edge: usize| network.edges()[edge].metres;
                 let part = |edge| (edge, [enter.unwrap_or(0.0), exit.unwrap_or(whole(edge))]);
                 truth.driven.extend(edge.map(part));
@@ -123,14 +129,14 @@ impl Truths {
 }
 
 impl Truth {
-    /// True if the vehicle was off the road at a point; `None` if no time tells.
+    /// True if the vehicle was off the road at a point; `None` before the first known time.
     pub(crate) fn is_off_road(&self, point: &TracePoint) -> Option<bool> {
         let last = self.times.iter().rev().find(|(time, _)| *time <= point.time);
         last.map(|(_, is_off_road)| *is_off_road)
     }
 
-    /// Edges that were driven by the points, of the first and the last one as much as the first and
-    /// the last point tell. `tail` has points after the last, which were left out.
+    /// Edges driven between the first and the last point, with the parts of the first and last edge
+    /// that these points tell. `tail` has the points after the last one, which were left out.
     pub(crate) fn driven(
         &self,
         network: &RoadNetwork,
@@ -141,13 +147,14 @@ impl Truth {
         let [first, last] = [&points[0], &points[points.len() - 1]];
         let mut count = self.driven.len();
         if !tail.is_empty() {
-            // The end is the nearest road to the last point, as far back as the vehicle may have
-            // come since.
+            // The true route ends later than the points. Its edge nearest to the last point is the
+            // end, searched backwards for as far as the vehicle may have driven since.
             let mut before = last.position;
             let moved = |point: &TracePoint| {
                 let before = std::mem::replace(&mut before, point.position);
                 before.metres_to(point.position)
             };
+            // Roads are longer than the straight lines between points.
             let most = 200.0 + 1.5 * tail.iter().map(moved).sum::<f64>();
             let (mut back, mut nearest) = (0.0, f64::INFINITY);
             for (number, &(edge, _)) in self.driven.iter().enumerate().rev() {
@@ -163,6 +170,7 @@ impl Truth {
         }
         let mut driven = self.driven[..count].to_vec();
         let along = |edge: usize, point| project(edge, point).metres_along;
+        // `read` ensures at least one edge.
         driven[0].1[0] = along(driven[0].0, first);
         driven[count - 1].1[1] = along(driven[count - 1].0, last);
         driven

@@ -6,7 +6,7 @@ use wayfix::evaluate::{EvaluationError, ReliabilityBin, reliability};
 use wayfix_roads::RoadNetwork;
 use wayfix_roads::matching::{RoadAnswer, Stretch};
 
-/// Names of the answers for points, in the order in which they are shown.
+/// Names of the answers for points, in the order of display.
 pub(crate) const ESTIMATORS: [&str; 3] = ["live", "late", "smoothed"];
 
 /// Nodes where an edge starts and ends: truths don't tell parallel edges apart.
@@ -29,9 +29,9 @@ pub(crate) struct Lengths {
 impl Lengths {
     /// Compares a matched route with the edges of the true one.
     ///
-    /// Routes that pass an edge several times count it so often. Where on its first and last edge
-    /// the drive started and ended, no truth says exactly: there, any part is right, and none
-    /// counts as missed what lies between the metres given.
+    /// An edge counts as often as a route passes it. No truth tells exactly where on its first and
+    /// last edge a drive started and ended: there, any part is right, and only an edge that is
+    /// missing altogether counts as missed, with the metres given.
     pub(crate) fn of(network: &RoadNetwork, truth: &[Driven], matched: &[Stretch]) -> Self {
         let ends = |edge: usize| (network.edges()[edge].from, network.edges()[edge].to);
         let mut driven: HashMap<Ends, f64> = HashMap::new();
@@ -40,7 +40,8 @@ impl Lengths {
                 *driven.entry(ends(edge)).or_default() += stretch.exit - stretch.enter;
             }
         }
-        // Length that was driven, and the least and the most that is right.
+        // For each edge the length driven, and the least and the most matched length that is right:
+        // less than the least is missed, more than the most is added.
         let mut right: HashMap<Ends, [f64; 3]> = HashMap::new();
         for (number, &(edge, [enter, exit])) in truth.iter().enumerate() {
             let metres = network.edges()[edge].metres;
@@ -86,13 +87,13 @@ pub(crate) fn edges_of(network: &RoadNetwork, truth: impl Iterator<Item = usize>
     truth.map(|edge| (network.edges()[edge].from, network.edges()[edge].to)).collect()
 }
 
-/// True if the edge of an answer is one of these.
+/// True if the edge of an answer is among these.
 pub(crate) fn is_among(network: &RoadNetwork, edges: &HashSet<Ends>, answer: &RoadAnswer) -> bool {
     let edge = answer.edge.map(|edge| &network.edges()[edge]);
     edge.is_some_and(|edge| edges.contains(&(edge.from, edge.to)))
 }
 
-/// Probabilities of answers, with whether they were right, for each estimator.
+/// Probabilities of answers and whether they were right, for each estimator.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Forecasts(pub(crate) [Vec<(f64, bool)>; 3]);
 
@@ -124,7 +125,7 @@ impl Forecasts {
         Ok([live?, late?, smoothed?])
     }
 
-    /// Table of the probabilities stated and of the shares that were right.
+    /// Table of the stated probabilities and the shares that were right, in ten bins.
     pub(crate) fn table(&self) -> Result<String, EvaluationError> {
         let diagrams = self.reliability()?;
         let mut text = String::from("probability ");
@@ -134,6 +135,7 @@ impl Forecasts {
             let low = f64::from(number) / 10.0;
             text += &format!("{low:.1} to {:.1}  ", low + 0.1);
             for diagram in &diagrams {
+                // Bins without forecasts are not listed, so bins are found by their lower edges.
                 let near = |lower: f64| (lower - low).abs() < 0.01;
                 text += &match diagram.iter().find(|bin| near(bin.lower)) {
                     Some(bin) => format!(

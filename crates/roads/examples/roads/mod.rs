@@ -1,4 +1,4 @@
-//! Code that both examples on road networks share: a made-up city, simulated drives, measures and
+//! Code shared by both examples on road networks: a made-up city, simulated drives, measures and
 //! pictures.
 
 pub(crate) mod certainty;
@@ -30,12 +30,12 @@ pub(crate) fn bar(what: &'static str, count: usize) -> ProgressBar {
 /// Reports an error, if any, and returns the exit code.
 pub(crate) fn exit_code(result: Result<(), Box<dyn Error>>) -> ExitCode {
     let Err(error) = result else { return ExitCode::SUCCESS };
-    // Standard error may be closed.
+    // Standard error may be closed, and there is nowhere else to report to.
     let _ = writeln!(io::stderr(), "error: {error}");
     ExitCode::FAILURE
 }
 
-/// Prints to standard output; a closed pipe is no error.
+/// Prints to standard output; a closed pipe is not an error.
 pub(crate) fn print(text: &str) -> Result<(), String> {
     let mut out = io::stdout().lock();
     match write!(out, "{text}").and_then(|()| out.flush()) {

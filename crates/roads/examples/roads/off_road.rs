@@ -1,4 +1,4 @@
-//! Points off the road: car parks that were found.
+//! Counts of points off the road: how many were recognised, and how many were not.
 
 use std::fmt;
 
@@ -10,7 +10,7 @@ use super::measures::ESTIMATORS;
 /// and wrong.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct OffRoad {
-    /// Points of which it is known.
+    /// Points for which the truth is known.
     all: usize,
     points: usize,
     found: [usize; 3],
@@ -49,6 +49,6 @@ impl fmt::Display for OffRoad {
             return Ok(());
         }
         writeln!(f, "points off the road: {points} of {all}, found: {}", of_each(found))?;
-        writeln!(f, "points on the road said to be off it: {}", of_each(wrong))
+        writeln!(f, "points on the road taken to be off it: {}", of_each(wrong))
     }
 }

@@ -29,8 +29,7 @@ const HEAD: f64 = 76.0;
 const MARGIN: f64 = 24.0;
 
 pub(crate) const GREY: RGBColor = RGBColor(214, 214, 214);
-/// Colours, of Okabe and Ito's palette, and widths of a route that has at least these
-/// probabilities.
+/// Colours (from Okabe and Ito's palette) and widths of a route with at least these probabilities.
 const CERTAINTY: [(f64, &str, RGBColor, u32); 3] = [
     (0.9, "probability 0.9 or more", RGBColor(0, 114, 178), 4),
     (0.5, "0.5 to 0.9", RGBColor(230, 159, 0), 7),
@@ -38,11 +37,11 @@ const CERTAINTY: [(f64, &str, RGBColor, u32); 3] = [
 ];
 const OFF_ROAD: RGBColor = RGBColor(204, 121, 167);
 
-/// Area in which a part of the Earth is drawn.
+/// Drawing area that shows a part of the Earth.
 pub(crate) struct Canvas<'a> {
     area: Area<'a>,
     title: String,
-    /// Pixel of a metre east and north of the corner.
+    /// Pixels per metre.
     scale: f64,
     corner: Position,
     cosine: f64,
@@ -57,13 +56,14 @@ fn font(size: i32, horizontal: HPos) -> TextStyle<'static> {
 
 const DEGREE: f64 = 111_195.0;
 
-/// The same longitude within 180° of another, so that a picture may cross the antimeridian.
+/// Returns a longitude, shifted to within 180° of another, so that a picture may cross the
+/// antimeridian.
 fn turned(longitude: f64, near: f64) -> f64 {
     longitude + 360.0 * ((near - longitude) / 360.0).round()
 }
 
 impl<'a> Canvas<'a> {
-    /// Creates a picture in which all positions are, with at least so many metres around them.
+    /// Creates a picture of all positions, with a border of at least `around` metres.
     pub(crate) fn new(
         file: &'a Path,
         title: &str,
@@ -79,10 +79,12 @@ impl<'a> Canvas<'a> {
                 high[axis] = high[axis].max(value);
             }
         }
+        // An equirectangular projection, true to scale at the middle latitude.
         let cosine = (0.5 * (low[1] + high[1])).to_radians().cos().max(0.01);
         let units = [DEGREE * cosine, DEGREE];
         let extent = [0, 1].map(|axis| (high[axis] - low[axis]) * units[axis] + 2.0 * around);
         let inner = WIDTH - 2.0 * MARGIN;
+        // The tighter of both axes.
         let scale = (inner / extent[0]).min((MOST_HEIGHT - 2.0 * MARGIN) / extent[1]);
         let height = (scale * extent[1] + 2.0 * MARGIN).clamp(LEAST_HEIGHT, MOST_HEIGHT);
         let corner = Position {
@@ -99,6 +101,8 @@ impl<'a> Canvas<'a> {
     }
 
     fn pixel(&self, Position { latitude, longitude }: Position) -> Pixel {
+        // Longitudes nearest to the middle of the picture, whatever side of the antimeridian they
+        // are on.
         let middle = self.corner.longitude + 0.5 * self.size[0] / self.scale / self.cosine / DEGREE;
         let east = (turned(longitude, middle) - self.corner.longitude) * DEGREE * self.cosine;
         let south = (self.corner.latitude - latitude) * DEGREE;
@@ -106,7 +110,7 @@ impl<'a> Canvas<'a> {
         (x.round() as i32, y.round() as i32)
     }
 
-    /// Draws a line of a few pixels; none where it would be outside, or a single point.
+    /// Draws a line, unless it is a single pixel or outside the picture.
     pub(crate) fn line(&self, line: &[Position], style: ShapeStyle) -> Drawn {
         if let Some(pixels) = self.visible(line) {
             self.area.draw(&PathElement::new(pixels, style))?;
@@ -120,6 +124,7 @@ impl<'a> Canvas<'a> {
         let [width, height] = self.size.map(|size| size as i32);
         let left_of = |x: i32| pixels.iter().all(|pixel| pixel.0 < x);
         let above = |y: i32| pixels.iter().all(|pixel| pixel.1 < y);
+        // All pixels beyond one border: an approximation that never drops a visible line.
         let outside = left_of(0)
             || above(HEAD as i32)
             || pixels.iter().all(|pixel| pixel.0 > width)
@@ -127,7 +132,7 @@ impl<'a> Canvas<'a> {
         (pixels.len() > 1 && !outside).then_some(pixels)
     }
 
-    /// Draws the roads of a network, each in both directions as one line, the minor ones first.
+    /// Draws the roads of a network, both directions of a road as one line, minor roads first.
     pub(crate) fn roads(
         &self,
         network: &RoadNetwork,
@@ -146,8 +151,8 @@ impl<'a> Canvas<'a> {
         Ok(())
     }
 
-    /// Draws title, scale and, in a row, a line of its style beside each text, over roads that
-    /// reach there. Returns where the row ends.
+    /// Draws the title, the scale, and a row of texts, each beside a line in its style, on a white
+    /// background. Returns the x at which the row ends.
     pub(crate) fn legend(&self, entries: &[(&str, ShapeStyle)]) -> Result<i32, Box<dyn Error>> {
         let head = [(0, 0), (WIDTH as i32, HEAD as i32 - 2)];
         self.area.draw(&Rectangle::new(head, WHITE.filled()))?;
@@ -162,7 +167,7 @@ impl<'a> Canvas<'a> {
         Ok(x)
     }
 
-    /// Draws positions, of many only those that are apart. Returns how many.
+    /// Draws positions; if there are many, only those that are apart. Returns the number drawn.
     fn points(
         &self,
         positions: impl ExactSizeIterator<Item = Position>,
@@ -172,9 +177,13 @@ impl<'a> Canvas<'a> {
         let (mut count, mut last) = (0, None);
         for (x, y) in positions.map(|position| self.pixel(position)) {
             let (column, row) = (x.div_euclid(APART), y.div_euclid(APART));
+            // Squares as wide as the distance: a point nearer than that is in one of the nine
+            // around.
             let squares = (-1..=1).flat_map(|i| [-1, 0, 1].map(|j| (column + i, row + j)));
             let mut around = squares.filter_map(|square| drawn.get(&square)).flatten();
             let within = |(u, v): Pixel, most: i32| (x - u).pow(2) + (y - v).pow(2) < most * most;
+            // Far from the last one drawn keeps points of one pass evenly spread; far from all
+            // keeps passes of the same road apart.
             let near = last.is_some_and(|last| within(last, ONWARD))
                 || around.any(|&other| within(other, APART));
             if !is_thinned || !near {
@@ -210,7 +219,8 @@ impl<'a> Canvas<'a> {
     }
 }
 
-/// Most points that are all drawn; and of more, pixels from one to the next, and between any two.
+/// Largest number of points that are all drawn; with more, least pixels from one drawn point to the
+/// next, and between any two.
 const MOST_POINTS: usize = 100;
 const ONWARD: i32 = 40;
 const APART: i32 = 14;
@@ -231,7 +241,7 @@ pub(crate) fn draw_drive(
         RoadClass::Arterial | RoadClass::Main => GREY.stroke_width(5),
     })?;
     let mut route: Vec<(&Stretch, f64)> = drive.route().iter().zip(probabilities(drive)).collect();
-    // The least certain on top, where a drive takes a road twice.
+    // Where a drive takes a road twice, the less certain pass is drawn on top.
     route.sort_by(|a, b| b.1.total_cmp(&a.1));
     for (stretch, probability) in route {
         let Some(edge) = stretch.edge else {
@@ -248,6 +258,7 @@ pub(crate) fn draw_drive(
     let count = canvas.points(drive.points().iter().map(|point| point.position))?;
     let route = drive.route();
     let ends = route.first().zip(route.last()).into_iter().flat_map(|(first, last)| {
+        // The direction of the route at its ends, over up to three stretches.
         let near = 2.min(route.len() - 1);
         let [after, before] = [route[near].ends[1], route[route.len() - 1 - near].ends[0]];
         [("start", first.ends[0], after), ("end", last.ends[1], before)]
@@ -256,7 +267,7 @@ pub(crate) fn draw_drive(
         let [(x, y), (to_x, to_y)] = [position, toward].map(|position| canvas.pixel(position));
         let style = if text == "start" { BLACK.stroke_width(2) } else { BLACK.filled() };
         canvas.area.draw(&Circle::new((x, y), 8, style))?;
-        // Away from the route.
+        // Labels are placed away from the route.
         let (x, side) = if to_x > x { (x - 10, HPos::Right) } else { (x + 10, HPos::Left) };
         let y = if to_y > y { y - 16 } else { y + 16 };
         canvas.area.draw(&Text::new(text, (x, y), font(18, side)))?;

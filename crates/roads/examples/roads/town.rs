@@ -12,19 +12,21 @@ const STREETS: [u64; 2] = [7, 9];
 const BLOCK: f64 = 160.0;
 /// Street in the middle in each direction, where the arterial roads and the roundabout are.
 const MIDDLE: [u64; 2] = [3, 4];
-/// First ids of the nodes of the roundabout, of the ring, and of dead ends; those of crossings
-/// are 100 · row + column.
+/// First ids of the nodes of the roundabout, the ring and the dead ends; ids of crossings are 100 ·
+/// row + column.
 const ROUNDABOUT: u64 = 1000;
 const RING: u64 = 2000;
 const DEAD_ENDS: u64 = 3000;
 const RING_NODES: u64 = 48;
 
 fn at(east: f64, north: f64) -> Position {
+    // Metres per degree of latitude, and the cosine of 50°.
     let degree = 111_195.0;
     Position { latitude: 50.0 + north / degree, longitude: 10.0 + east / (degree * 0.642_788) }
 }
 
-/// Metres east and north of the middle of a crossing; the grid is bent a little, as old towns are.
+/// Metres of a crossing to the east and north of the middle; the grid is slightly bent, as in old
+/// towns.
 fn crossing(row: u64, column: u64) -> [f64; 2] {
     let [y, x] = [row as f64 - MIDDLE[0] as f64, column as f64 - MIDDLE[1] as f64];
     [BLOCK * x + 9.0 * (1.7 * y).sin() * x, BLOCK * y + 14.0 * (0.9 * x).sin()]
@@ -57,6 +59,8 @@ pub(crate) fn network() -> Result<RoadNetwork, MapError> {
             for ((to, number, direction), is_last) in streets.into_iter().zip(is_last) {
                 let from = id(row, column);
                 let middle = id(MIDDLE[0], MIDDLE[1]);
+                // The crossing in the middle is the roundabout, which is joined to its neighbours
+                // below.
                 if !is_last && from != middle && to != middle {
                     street(&mut builder, [from, to], number, MIDDLE[direction])?;
                 }
@@ -106,6 +110,7 @@ fn roundabout(builder: &mut NetworkBuilder) -> Result<(), MapError> {
     let around =
         [id(row, column + 1), id(row + 1, column), id(row, column - 1), id(row - 1, column)];
     for (number, crossing) in (0..).zip(around) {
+        // Every other node of the roundabout has an arm.
         builder.both_ways(ROUNDABOUT + 2 * number, crossing, RoadClass::Arterial)?;
     }
     Ok(())

@@ -1,4 +1,4 @@
-//! Groups of cells: directed roads, roads, places.
+//! Groups of cells: directed edges, roads, places.
 
 use super::RoadCells;
 use wayfix::likelihood::Groups;
@@ -11,8 +11,8 @@ impl<P> RoadCells<P> {
         Groups::numbered(edges.collect(), self.layout.edge_count())
     }
 
-    /// Groups of the cells by road, in either direction: both edges of a pair are one group.
-    /// Numbered in the order of the lower edges.
+    /// Groups of the cells by road, whatever the direction: both edges of a pair are one group.
+    /// Groups are numbered in the order of the lower edges.
     #[must_use]
     pub fn by_road(&self) -> Groups {
         let (of, count) = self.roads();
@@ -20,12 +20,13 @@ impl<P> RoadCells<P> {
         Groups::numbered(roads.collect(), count)
     }
 
-    /// Groups of the cells by place, in either direction: a cell of the lower edge of a pair, and
-    /// the cells of the other whose middles are in it. Numbered in the order of the lower edges'
-    /// cells.
+    /// Groups of the cells by place, whatever the direction: a cell of the lower edge of a pair,
+    /// and the cells of the other edge whose middles lie in it. Groups are numbered in the order of
+    /// the lower edges' cells.
     ///
-    /// The pair of an edge is that of the network ([`RoadNetwork::reverse`](crate::RoadNetwork::reverse)).
-    /// If the edges of a pair differ in length, the positions are as parts of it.
+    /// The pair of an edge is that of the network
+    /// ([`RoadNetwork::reverse`](crate::RoadNetwork::reverse)). If the edges of a pair differ
+    /// in length, positions are compared as shares of the length.
     #[must_use]
     pub fn by_place(&self) -> Groups {
         let (mut of, mut count) = (vec![0; self.states()], 0);
@@ -34,10 +35,11 @@ impl<P> RoadCells<P> {
             match self.lower(edge) {
                 Some(lower) => {
                     let there = self.cells(lower);
-                    // The middle of cell i of m is at the part (2 i + 1) / 2 m of the way, and as
-                    // far from the end of the other edge, which has n cells; exact if m = n. A
-                    // middle between two cells is in the one farther along the other edge. Cells
-                    // of the lower edge that none falls into are groups of their own.
+                    // The middle of cell i of m is at the share (2 i + 1) / 2 m of its edge, and at
+                    // 1 minus this of the other edge, which has n cells: that is its cell ⌊(2 (m −
+                    // i) − 1) n / 2 m⌋, computed in integers, and m − 1 − i if m = n. A middle on
+                    // the border of two cells is in the one farther along the other edge. Cells of
+                    // the lower edge without any middle are groups of their own.
                     let (m, n) = (cells.len(), there.len());
                     for (i, cell) in cells.enumerate() {
                         let part = (2 * (m - i) - 1) * n / (2 * m);
@@ -63,6 +65,7 @@ impl<P> RoadCells<P> {
     fn roads(&self) -> (Vec<usize>, usize) {
         let (mut of, mut count) = (Vec::with_capacity(self.layout.edge_count()), 0);
         for edge in 0..self.layout.edge_count() {
+            // The lower edge of a pair comes first, so its road has a number.
             let road = self.lower(edge).map_or(count, |lower| of[lower]);
             of.push(road);
             count = count.max(road + 1);

@@ -1,4 +1,4 @@
-//! Numbering of cells: in the order of the edges, along each from its start.
+//! Numbering of cells: in the order of the edges, and along each from its start.
 
 use std::ops::Range;
 
@@ -7,14 +7,14 @@ use wayfix::map::MapError;
 /// Cells of directed edges.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Layout {
-    /// Cells of edge e are those from `starts[e]` to `starts[e + 1]`; each edge has at least one.
+    /// Cells of edge e are `starts[e]..starts[e + 1]`; each edge has at least one.
     starts: Vec<u32>,
     /// Edge of each cell.
     edges: Vec<u32>,
 }
 
 impl Layout {
-    /// Cuts edges of these lengths into the number of cells that is nearest to their length.
+    /// Cuts edges into cells, each into the number whose cells come closest to the spacing.
     #[expect(clippy::cast_sign_loss, reason = "lengths and the spacing are above 0")]
     pub(super) fn new(
         lengths: impl Iterator<Item = f64> + Clone,
@@ -25,6 +25,8 @@ impl Layout {
         if total == 0.0 {
             return Err(MapError::NoRoads);
         }
+        // Checked as a double before anything is allocated: lengths over a tiny spacing are huge or
+        // infinite.
         if !(1.0..=f64::from(u32::MAX)).contains(&total) {
             return Err(MapError::Cells { cells: total, spacing });
         }

@@ -1,4 +1,4 @@
-//! Positions along roads as states: directed edges, cut into cells.
+//! Positions along roads as states: directed edges, cut into cells of nearly equal length.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -9,25 +9,26 @@ use wayfix::map::{Coordinates, MapError, Position};
 use crate::{NearEdge, RoadNetwork};
 use wayfix::error::Parameter;
 
-/// Cells of a road network: each directed edge, cut into equal pieces of about the same length,
-/// the states of a vehicle whose position along its road counts.
+/// Cells of a road network: each directed edge is cut into equal pieces of about a given length,
+/// which are the states of a vehicle whose position along its road matters.
 ///
-/// Intersections as states cannot say how far a vehicle has come between two of them, nor, before
-/// it gets there, on which road and in which direction it is. Cells can, for ticks of centimetres
-/// and jumps of kilometres alike; [`CellTransition`](crate::cells::CellTransition) moves them.
+/// With intersections as states, a model cannot tell how far a vehicle has come between two of
+/// them, nor on which road and in which direction it is before it arrives. With cells it can, for
+/// ticks of centimetres and jumps of kilometres alike;
+/// [`CellTransition`](crate::cells::CellTransition) moves them.
 ///
 /// An edge of L metres has max(1, round(L / spacing)) cells, numbered from its start; cells are in
-/// the order of the edges. The belief is over cells: the vehicle is somewhere in its cell. Cells
-/// of different edges differ in length, by at most half if edges are at least as long as the
-/// spacing. Motion counts in cells of the [mean length](Self::mean_metres), and so takes an edge
-/// of L metres and c cells for c times that length: an error of at most about half a cell on each
-/// edge passed, or a whole one on an edge shorter than half the spacing. Its variance, for each
-/// metre driven, is [`rounding`](Self::rounding), which motion adds to that of the odometer. On a
-/// network whose edges are multiples of the spacing, such as the aisles of a warehouse, it is 0.
+/// the order of the edges. The belief is over cells: the vehicle is somewhere in its cell. Cells of
+/// different edges differ in length, by at most half if edges are at least as long as the spacing.
+/// Motion counts in cells of the [mean length](Self::mean_metres), and so takes an edge of c cells
+/// for c times that length: an error of at most about half a cell on each edge passed, or a whole
+/// one on an edge shorter than half the spacing. Its variance per metre driven is
+/// [`rounding`](Self::rounding), which motion adds to that of the odometer. On a network whose
+/// edges are multiples of the spacing, such as the aisles of a warehouse, it is 0.
 ///
-/// **Spacing**: about the standard deviation of the position sensor, or less than half of what is
-/// to be told apart. A metropolitan network at 20 m has some 370,000 cells. Memory: 4 bytes a
-/// cell and 4 bytes an edge, beside the network, which is shared.
+/// **Spacing**: about the standard deviation of the position sensor, or less than half the distance
+/// that is to be resolved. A metropolitan network at 20 m has some 370,000 cells. Memory: 4 bytes
+/// per cell and 4 bytes per edge, besides the network, which is shared.
 ///
 /// ```
 /// use wayfix_roads::NetworkBuilder;
@@ -66,8 +67,9 @@ impl<P> RoadCells<P> {
     ///
     /// # Errors
     ///
-    /// [`MapError::Parameter`] unless the spacing is above 0 and finite, as the length of all edges
-    /// together, [`MapError::NoRoads`] for a network without edges, and [`MapError::Cells`] for more cells than 32-bit indices address.
+    /// [`MapError::Parameter`] unless the spacing and the total length of all edges are above 0 and
+    /// finite, [`MapError::NoRoads`] for a network without edges, and [`MapError::Cells`] for more
+    /// cells than 32-bit indices address.
     pub fn new(network: impl Into<Arc<RoadNetwork<P>>>, spacing: f64) -> Result<Self, MapError> {
         let network = network.into();
         let wrong = || Parameter::new("the spacing of cells", spacing, "metres above 0");
@@ -81,21 +83,23 @@ impl<P> RoadCells<P> {
             return Err(wrong().into());
         }
         let mean_metres = total / layout.states() as f64;
+        // The error of an edge is made once per passage, so per metre driven its variance is Σ (L −
+        // c mean)² / Σ L.
         let error = |(edge, metres)| metres - layout.cells(edge).len() as f64 * mean_metres;
         let squares: f64 = lengths.enumerate().map(|edge| error(edge).powi(2)).sum();
-        // Rounding alone is no error.
+        // Exact multiples of the spacing leave only rounding, which must not count as noise.
         let rounding = squares / total;
         let rounding = if rounding > 1e-20 * mean_metres { rounding } else { 0.0 };
         Ok(Self { network, layout: Arc::new(layout), mean_metres, rounding })
     }
 
-    /// Number of cells, the states.
+    /// Number of cells, which are the states.
     #[must_use]
     pub fn states(&self) -> usize {
         self.layout.states()
     }
 
-    /// The network.
+    /// Network of the cells.
     #[must_use]
     pub fn network(&self) -> &Arc<RoadNetwork<P>> {
         &self.network
@@ -107,8 +111,8 @@ impl<P> RoadCells<P> {
         self.mean_metres
     }
 
-    /// Variance of the error, in square metres for each metre driven, of taking all cells to be as
-    /// long as the mean: Σ (L − c × mean)² / Σ L over edges of L metres and c cells.
+    /// Variance of the error of taking all cells to have the mean length, in square metres per
+    /// metre driven: Σ (L − c × mean)² / Σ L over edges of L metres and c cells.
     #[must_use]
     pub fn rounding(&self) -> f64 {
         self.rounding
@@ -147,7 +151,7 @@ impl<P> RoadCells<P> {
         at(cell - cells.start)..at(cell - cells.start + 1)
     }
 
-    /// Metres from the start of an edge to the middle of a cell of it.
+    /// Metres from the start of its edge to the middle of a cell.
     ///
     /// # Panics
     ///
@@ -158,8 +162,8 @@ impl<P> RoadCells<P> {
         f64::midpoint(stretch.start, stretch.end)
     }
 
-    /// Cell of an edge at a distance in metres from its start, which is taken to be on the edge:
-    /// the first cell below 0 (and for NaN), the last from its length on.
+    /// Cell of an edge at a distance in metres from its start. Distances off the edge are clamped:
+    /// the first cell below 0 (and for NaN), the last at its length and beyond.
     ///
     /// # Panics
     ///
@@ -168,6 +172,7 @@ impl<P> RoadCells<P> {
     #[expect(clippy::cast_sign_loss, reason = "below 0 is the first cell")]
     pub fn cell_at(&self, edge: usize, metres: f64) -> usize {
         let (cells, length) = (self.cells(edge), self.network.edges()[edge].metres);
+        // The cast saturates: negative numbers and NaN become 0.
         let number = (metres / length * cells.len() as f64) as usize;
         cells.start + number.min(cells.len() - 1)
     }
@@ -188,9 +193,9 @@ impl<P: Coordinates> RoadCells<P> {
         self.network.position_along(self.edge(cell), self.metres_along(cell))
     }
 
-    /// Position so many metres ahead of the middle of a cell, as an
-    /// [`Odometer`](crate::cells::Odometer::ahead) says, but not beyond the ends of its edge.
-    /// O(points of the edge).
+    /// Position `ahead` metres from the middle of a cell, as an
+    /// [`Odometer`](crate::cells::Odometer::ahead) reports it, but not beyond the ends of its
+    /// edge. O(points of the edge).
     ///
     /// # Panics
     ///
@@ -200,12 +205,12 @@ impl<P: Coordinates> RoadCells<P> {
         self.network.position_along(self.edge(cell), self.metres_along(cell) + ahead)
     }
 
-    /// Nearest point of any edge to a position: road, metres along and metres off. Where roads are
-    /// as near, as both directions of one are, the lowest edge. O(points of all edges): for many
-    /// positions on a large network, `EdgeIndex::nearest` (feature `matching`) finds the road
-    /// without a look at all others, and [`cell_at`](Self::cell_at) its cell.
+    /// Nearest point of any edge to a position: edge, metres along and metres off. Ties, such as
+    /// both directions of a road, go to the lowest edge. O(points of all edges): for many positions
+    /// on a large network, `EdgeIndex::nearest` (feature `matching`) finds the edge without
+    /// visiting all others, and [`cell_at`](Self::cell_at) its cell.
     ///
-    /// Without the past, the nearest road is often the wrong one; a filter with
+    /// A position alone often has the wrong road nearest; a filter with
     /// [`PositionLikelihood`](crate::cells::PositionLikelihood) takes all into account.
     #[must_use]
     pub fn project(&self, position: P) -> NearEdge {

@@ -1,4 +1,4 @@
-//! Networks from whatever a path leads to.
+//! Networks from a path, in the format that the path suggests.
 
 use std::path::Path;
 
@@ -24,8 +24,8 @@ impl RoadNetwork {
     ///
     /// # Errors
     ///
-    /// [`MapError::Read`] for another path, or a format whose feature (`csv`, `geojson`, `osm`) is
-    /// not enabled; otherwise as the function for the format.
+    /// [`MapError::Read`] for any other path and for a format whose feature (`csv`, `geojson`,
+    /// `osm`) is not enabled; otherwise those of the function for the format.
     pub fn from_path(
         path: impl AsRef<Path>,
         options: &ImportOptions,
@@ -63,7 +63,7 @@ impl RoadNetwork {
     }
 }
 
-/// Error for a format that was left out.
+/// Error for a format whose feature is not enabled.
 #[cfg(not(all(feature = "csv", feature = "geojson", feature = "osm")))]
 fn needs(feature: &str, path: &Path) -> Result<(RoadNetwork, ImportReport), MapError> {
     let reason = format!("this format needs the feature `{feature}`");

@@ -1,4 +1,7 @@
 //! Networks from two CSV files.
+//!
+//! Every number is checked on its own line, so that an error names it; what is unusual but usable
+//! is replaced and counted in the report.
 
 use std::io::Read;
 use std::path::Path;
@@ -13,7 +16,7 @@ use crate::{EdgeOptions, NetworkBuilder, RoadNetwork};
 use wayfix::internal::{Row, Text, each_row, excerpt, open, unknown};
 use wayfix::map::{MapError, Place, Position};
 
-/// Names of a column, and whether a file must have it.
+/// Names that a column may have, and whether it is required.
 type Column = (&'static [&'static str], bool);
 
 const NODES: [Column; 4] = [
@@ -35,22 +38,22 @@ const EDGES: [Column; 6] = [
 impl RoadNetwork {
     /// Reads a network from two CSV files with headers.
     ///
-    /// Nodes: `node,lat,lon` or `id,latitude,longitude`, in degrees, and if known `name`. Edges:
-    /// `from,to`, and if known `class` (main, arterial, collector, street, or 3 to 0; otherwise a
-    /// street), `length_m` or `metres` (otherwise straight), `speed_kmh`, and `oneway` (yes, no, -1). Without the
-    /// column `oneway` edges lead in one direction; with it, in both where it says no or nothing.
-    /// Columns stand in any order; the report names those that are not known. Parallel edges and loops
-    /// are kept. O((nodes + edges) log).
+    /// Nodes: `node,lat,lon` or `id,latitude,longitude`, in degrees, and optionally `name`. Edges:
+    /// `from,to`, and optionally `class` (main, arterial, collector, street, or 3 to 0; street by
+    /// default), `length_m` or `metres` (straight by default), `speed_kmh`, and `oneway` (yes, no,
+    /// -1). Without the column `oneway`, edges lead in one direction; with it, in both where it is
+    /// no or empty. Columns may be in any order; the report names unknown ones. Parallel edges and
+    /// loops are kept. O((nodes + edges) log).
     ///
-    /// A length of 0, as from rounding, is replaced by that of the straight line, and one below
-    /// 0.1 m by that; a loop without a length is skipped. All are counted.
+    /// A length of 0, as from rounding, is replaced by that of the straight line, and if this is
+    /// below 0.1 m, by 0.1 m; a loop without a length is skipped. All are counted.
     ///
     /// # Errors
     ///
     /// [`MapError::Line`] with file and line for a missing column, a value that can't be parsed, a
-    /// node given twice or not on Earth (which says so if latitude and longitude seem swapped), and
-    /// an edge of a node that is missing or with a negative length; [`MapError::Read`] if a file
-    /// can't be opened or read; and those of [`cleaned`](Self::cleaned).
+    /// node given twice or not on Earth (with a hint if latitude and longitude seem swapped), and
+    /// an edge with a missing node or a negative length; [`MapError::Read`] if a file can't be
+    /// opened or read; and those of [`cleaned`](Self::cleaned).
     pub fn from_csv_files(
         nodes: impl AsRef<Path>,
         edges: impl AsRef<Path>,
@@ -61,8 +64,8 @@ impl RoadNetwork {
         read((&nodes, nodes_reader), (&edges, edges_reader), options)
     }
 
-    /// Reads a network from two readers, as [`from_csv_files`](Self::from_csv_files); errors call
-    /// them "nodes" and "edges".
+    /// Reads a network from two readers, as [`from_csv_files`](Self::from_csv_files) does from
+    /// files; errors call them "nodes" and "edges".
     ///
     /// ```
     /// use wayfix_roads::{ImportNote, ImportOptions, RoadNetwork};
@@ -115,7 +118,7 @@ fn read(
     finish(builder, report, options)
 }
 
-/// Adds the edge of a row, or both.
+/// Adds the edge of a row, in each of its directions.
 fn edge(
     row: &Row<'_>,
     builder: &mut NetworkBuilder,
@@ -125,6 +128,7 @@ fn edge(
     let mut options = EdgeOptions::of(class_of(&excerpt(row.text(2)))?);
     if !row.text(3).is_empty() {
         options.metres = Some(row.number(3)?);
+        // Loops of length 0 are counted as such, further down.
         if options.metres == Some(0.0) {
             options.metres = None;
             if from != to {
@@ -135,6 +139,7 @@ fn edge(
     let [forward, backward] = if row.has(4) {
         directions(row.text(4)).ok_or_else(|| row.unexpected(4, "yes, no or -1"))?
     } else {
+        // Without the column, each direction has a row of its own.
         [true, false]
     };
     if !row.text(5).is_empty() {
@@ -144,6 +149,7 @@ fn edge(
         }
     }
     if options.metres.is_none() {
+        // A loop has no straight line to take its length from.
         let Some(metres) = builder.metres_between(from, to).map_err(|error| error.to_string())?
         else {
             report.note(ImportNote::LoopWithoutLength);
@@ -164,8 +170,8 @@ fn edge(
     Ok(())
 }
 
-/// Calls `take` with each line after the header, in which columns stand in any order. Returns those
-/// that are not known.
+/// Calls `take` with each line after the header, whose columns may be in any order. Returns the
+/// unknown ones.
 fn each_line<const N: usize>(
     (file, reader): (&str, impl Read),
     names: [Column; N],

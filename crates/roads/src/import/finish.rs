@@ -1,4 +1,4 @@
-//! The end of every import, and the checks that all formats share.
+//! The last steps of every import, and the checks that all formats share.
 
 use super::options::ImportOptions;
 use super::report::ImportReport;
@@ -6,7 +6,7 @@ use crate::{NetworkBuilder, RoadNetwork};
 use wayfix::internal::Number;
 use wayfix::map::{MapError, Position};
 
-/// Shortest length in metres that an edge gets instead of 0.
+/// Length in metres that replaces shorter straight lines.
 pub(super) const LEAST_METRES: f64 = 0.1;
 
 /// Builds and cleans a network, and completes the report.
@@ -24,18 +24,21 @@ pub(super) fn finish(
     Ok((network, report))
 }
 
-/// Problem of a position, or nothing for one on Earth.
+/// Describes what is wrong with a position; `None` for one on Earth.
 pub(super) fn position_problem(position: Position) -> Option<String> {
     let Position { latitude, longitude } = position;
     if latitude.abs() <= 90.0 && longitude.abs() <= 180.0 {
         return None;
     }
+    // Valid if exchanged. Swapped positions whose longitude is below 90° cannot be told from right
+    // ones.
     if latitude.abs() > 90.0 && latitude.abs() <= 180.0 && longitude.abs() <= 90.0 {
         let [latitude, longitude] = [latitude, longitude].map(Number);
         return Some(format!(
             "latitude {latitude} and longitude {longitude} seem to be swapped, expected degrees from -90 to 90 for the latitude"
         ));
     }
+    // NaN fails every comparison, and is reported as the latitude or longitude that it is.
     let (name, value, limit) = if latitude.abs() <= 90.0 {
         ("longitude", longitude, 180)
     } else {

@@ -1,4 +1,7 @@
 //! Networks from GeoJSON.
+//!
+//! GeoJSON has no node ids, so lines meet where they share coordinates, rounded to the seventh
+//! decimal of a degree (a centimetre).
 
 use std::collections::HashMap;
 use std::io::Read;
@@ -16,24 +19,24 @@ use crate::{LONGEST_ROAD, NetworkBuilder, RoadNetwork};
 use wayfix::internal::{excerpt, open, shortened, text_of};
 use wayfix::map::{MapError, Position};
 
-/// Most characters of what the parser says, which quotes the text.
+/// Largest number of characters of the parser's message, which quotes the text.
 const LONGEST_PROBLEM: usize = 300;
 
 impl RoadNetwork {
-    /// Reads a network from a GeoJSON file: lines (`LineString`, `MultiLineString`), alone, in
-    /// collections of geometries, or in features.
+    /// Reads a network from a GeoJSON file of lines (`LineString`, `MultiLineString`), alone, in
+    /// geometry collections, or in features.
     ///
-    /// Lines are joined where they share a point, to the seventh decimal of a degree, and split
-    /// there; nodes are numbered from 0 as they appear. Properties of a feature, all optional:
-    /// `class` (main, arterial, collector, street, or 3 to 0), or else `highway` and the other tags of
-    /// [`from_osm_file`](Self::from_osm_file); `oneway` (yes, no, -1, or a truth value; two-way
-    /// without), `length_m`, `speed_kmh` or `maxspeed`, `junction` (roundabout). Without class and
-    /// highway a line is a street. O(bytes + edges log).
+    /// Lines are joined and split where they share a point, to the seventh decimal of a degree;
+    /// nodes are numbered from 0 in the order of appearance. Properties of a feature, all optional:
+    /// `class` (main, arterial, collector, street, or 3 to 0), or else `highway` and the other tags
+    /// of [`from_osm_file`](Self::from_osm_file); `oneway` (yes, no, -1, or a boolean; two-way by
+    /// default), `length_m`, `speed_kmh` or `maxspeed`, `junction` (roundabout). A line without
+    /// class and highway is a street. O(bytes + edges log).
     ///
     /// # Errors
     ///
-    /// [`MapError::Line`] with the line where the text is no GeoJSON; [`MapError::Feature`] with the
-    /// feature for a point not on Earth (which says so if latitude and longitude seem swapped) and
+    /// [`MapError::Line`] with the line where the text is not GeoJSON; [`MapError::Feature`] with
+    /// the feature for a point not on Earth (with a hint if latitude and longitude seem swapped) or
     /// an invalid property; [`MapError::Read`] if the file can't be read; [`MapError::Empty`] if no
     /// road is left; and those of [`cleaned`](Self::cleaned).
     pub fn from_geojson_file(
@@ -44,8 +47,8 @@ impl RoadNetwork {
         read(&file, reader, options)
     }
 
-    /// Reads a network from a reader, as [`from_geojson_file`](Self::from_geojson_file); errors
-    /// call it "features".
+    /// Reads a network from a reader, as [`from_geojson_file`](Self::from_geojson_file) does from a
+    /// file; errors call it "features".
     ///
     /// ```
     /// use wayfix_roads::{ImportOptions, RoadNetwork};
@@ -112,7 +115,7 @@ fn read(
     finish(builder, report, options)
 }
 
-/// Parses a file, with the line of what is no GeoJSON in errors.
+/// Parses a file; errors name the line where it is not GeoJSON.
 pub(crate) fn parse_geojson(file: &str, reader: impl Read) -> Result<GeoJson, MapError> {
     let at = |line, problem| MapError::Line { file: file.to_owned(), line, problem };
     text_of(file, reader)?.parse().map_err(|error: Error| match &error {
@@ -124,7 +127,7 @@ pub(crate) fn parse_geojson(file: &str, reader: impl Read) -> Result<GeoJson, Ma
     })
 }
 
-/// Lines of a file.
+/// Lines read from a file.
 struct Roads {
     lines: Lines,
     /// Number of each point, by its rounded coordinates.
@@ -175,6 +178,7 @@ impl Roads {
         let metres = match tag("length_m") {
             None => None,
             Some(text) => match text.parse::<f64>() {
+                // As in CSV files, 0 comes from rounding and means unknown.
                 Ok(0.0) => {
                     self.report.note(ImportNote::ZeroLength);
                     None
@@ -194,7 +198,7 @@ impl Roads {
         Ok(())
     }
 
-    /// Number of a point.
+    /// Number of a point, by its rounded coordinates.
     fn point(&mut self, point: &[f64]) -> Result<u64, String> {
         let [longitude, latitude, ..] = *point else {
             return Err(format!("{} coordinates, expected longitude and latitude", point.len()));
@@ -203,22 +207,26 @@ impl Roads {
         if let Some(problem) = position_problem(position) {
             return Err(problem);
         }
+        // Numbers are given in the order of first use, so they are the keys' count.
         let next = self.keys.len() as u64;
-        // Lines that are cut at the antimeridian, as the format asks, meet there.
+        // RFC 7946 has lines cut at the antimeridian: both sides of the cut are one point.
         let east = if longitude == -180.0 { 180.0 } else { longitude };
         let rounded = [latitude, east].map(|degrees| (degrees * 1e7).round() as i64);
         let key = *self.keys.entry(rounded).or_insert(next);
+        // The first position of a rounded point stays its position.
         self.lines.points.entry(key).or_default().position.get_or_insert(position);
         Ok(key)
     }
 }
 
-/// Road of properties, or the reason why it is skipped.
+/// Road with these properties, or the reason why it is skipped. The outer error is an invalid
+/// property.
 fn road<'a>(
     tag: impl Fn(&str) -> Option<&'a str> + Copy,
     options: &ImportOptions,
     report: &mut ImportReport,
 ) -> Result<Result<RoadTags, ImportNote>, String> {
+    // Without a class of our own, the tags are OpenStreetMap's, except for a speed of our own.
     if let (None, Some(_)) = (tag("class"), tag("highway")) {
         let own_speed = tag("speed_kmh").and_then(speed_of);
         let road = road_of(tag, options, report);
@@ -240,7 +248,7 @@ fn road<'a>(
     Ok(Ok(RoadTags { class, forward, backward, speed, roundabout }))
 }
 
-/// Value of a property as a word; none for null, lists and objects.
+/// Value of a property as a string; `None` for null, lists and objects.
 fn word(value: &JsonValue) -> Option<String> {
     match value {
         JsonValue::String(text) => Some(text.clone()),

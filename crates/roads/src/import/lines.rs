@@ -1,4 +1,8 @@
-//! Edges from lines that share points: each line is split where others meet it.
+//! Edges from lines that share points: each line is split where another one, or the line itself,
+//! meets it.
+//!
+//! A point is a node if it is used more than once, where the ends of a line count twice; so ends
+//! are always nodes. All lines must be known before the first is split.
 
 use std::collections::HashMap;
 
@@ -8,23 +12,23 @@ use super::tags::RoadTags;
 use crate::{EdgeOptions, NetworkBuilder};
 use wayfix::map::{MapError, Position};
 
-/// A road through points, by their keys.
+/// A road through points, given by their keys.
 #[derive(Debug)]
 pub(super) struct Line {
-    /// Keys of at least two points, none the same as the one before unless there are two in all.
+    /// Keys of at least two points; consecutive ones differ, unless there are two in all.
     pub(super) points: Vec<u64>,
     pub(super) tags: RoadTags,
     /// Length, if known.
     pub(super) metres: Option<f64>,
 }
 
-/// A point of lines.
+/// A point on lines.
 #[derive(Debug, Default)]
 pub(super) struct Point {
-    /// Number of times that lines use it, ends twice.
+    /// Number of uses by lines; the ends of a line count twice.
     uses: u32,
     pub(super) position: Option<Position>,
-    /// Id of its node, once there is one.
+    /// Id of its node, once it has one.
     node: Option<u64>,
 }
 
@@ -33,7 +37,7 @@ pub(super) struct Point {
 pub(super) struct Lines {
     pub(super) all: Vec<Line>,
     pub(super) points: HashMap<u64, Point>,
-    /// True if nodes are numbered from 0 instead of having the keys of points.
+    /// True if nodes are numbered from 0 rather than by the keys of their points.
     pub(super) numbered: bool,
 }
 
@@ -58,7 +62,7 @@ impl Lines {
         }
         let last = points[points.len() - 1];
         points.dedup();
-        // All points at one place.
+        // All points are the same: a line of two equal points, whose pieces are loops.
         if points.len() == 1 {
             points.push(last);
         }
@@ -70,8 +74,8 @@ impl Lines {
         true
     }
 
-    /// Adds an edge for each direction of each piece. Returns the pieces, by the numbers of their
-    /// edges.
+    /// Adds an edge for each direction of each piece. Returns the pieces, indexed by the numbers of
+    /// their edges.
     pub(super) fn split(
         mut self,
         builder: &mut NetworkBuilder,
@@ -82,6 +86,7 @@ impl Lines {
             let known = |point: &u64| self.points[point].position;
             let positions = || line.points.iter().filter_map(known).collect::<Vec<Position>>();
             let extent = line.metres.map_or(0.0, |_| length(&positions()));
+            // Cut at points without a position: what is left on either side is a line of its own.
             let runs: Vec<&[u64]> =
                 line.points.split(|p| known(p).is_none()).filter(|run| !run.is_empty()).collect();
             if runs.iter().map(|run| run.len()).sum::<usize>() < line.points.len() {
@@ -89,6 +94,7 @@ impl Lines {
             }
             for run in runs {
                 let mut start = 0;
+                // A run of one point makes no piece.
                 for end in 1..run.len() {
                     if end == run.len() - 1 || self.points[&run[end]].uses > 1 {
                         let piece = &run[start..=end];
@@ -102,8 +108,8 @@ impl Lines {
         Ok(pieces)
     }
 
-    /// Adds a piece of a line, in its directions. A line whose length is given has an extent, too: the
-    /// metres between its points.
+    /// Adds a piece of a line in each of its directions. A line with a given length also has an
+    /// extent: the metres along its points.
     fn add_piece(
         &mut self,
         builder: &mut NetworkBuilder,
@@ -116,10 +122,12 @@ impl Lines {
             piece.iter().filter_map(|p| self.points[p].position).collect();
         let straight = length(&shape);
         let ends = [piece[0], piece[piece.len() - 1]];
-        // A length that is given holds, however short; that of a piece is in proportion.
+        // A given length is kept, however short; a piece gets its share of it, in proportion to the
+        // straight metres.
         let is_whole = piece.len() == line.points.len() || extent == 0.0;
         let share = if is_whole { 1.0 } else { (straight / extent).min(1.0) };
         let given = line.metres.map(|metres| share * metres).filter(|metres| *metres > 0.0);
+        // Without a length of its own, a piece needs one from its points.
         if given.is_none() && straight < LEAST_METRES {
             if ends[0] == ends[1] {
                 report.note(ImportNote::LoopWithoutLength);
@@ -136,6 +144,8 @@ impl Lines {
         let both = forward && backward;
         if forward {
             let edge = builder.edge(from, to, options.clone())?;
+            // Edges and pieces are pushed together, so an edge's number is the index of its piece;
+            // the edge back is the next.
             pieces.push(Piece { line: index, ends, back: both.then_some(edge + 1) });
         }
         if backward {

@@ -1,4 +1,4 @@
-//! Road networks from files: two CSV files, GeoJSON, OpenStreetMap extracts.
+//! Road networks from files: two CSV files, GeoJSON, or OpenStreetMap extracts.
 
 mod any;
 #[cfg(feature = "csv")]

@@ -1,11 +1,11 @@
-//! Choices of an import.
+//! Options of an import.
 
 use crate::Cleaning;
 
-/// Choice of the roads that an import takes, and of the cleaning after it.
+/// Options of an import: which roads are read, and how the network is cleaned.
 ///
-/// Services, tracks and private roads are known in OpenStreetMap extracts and in GeoJSON features
-/// with a `highway` property; CSV files hold the roads that are wanted.
+/// Service roads, tracks and private roads are recognised in OpenStreetMap extracts and in GeoJSON
+/// features with a `highway` property; all roads of CSV files are read.
 ///
 /// ```
 /// use wayfix_roads::{Cleaning, ImportOptions};
@@ -22,15 +22,14 @@ use crate::Cleaning;
 pub struct ImportOptions {
     /// Roads to and on private ground, car parks and depots (`highway=service`); true by default.
     pub service_roads: bool,
-    /// Aisles of car parks and driveways, if service roads are taken; true by default.
+    /// Aisles of car parks and driveways, if service roads are read; true by default.
     pub parking_aisles: bool,
     /// Farm and forest tracks (`highway=track`); false by default.
     pub tracks: bool,
-    /// Roads that are closed to the public (`access=private` or `no` and the like); false by
-    /// default.
+    /// Roads closed to the public (`access=private`, `no` and the like); false by default.
     pub private_roads: bool,
-    /// Operations that [clean](crate::RoadNetwork::cleaned) the network after it was read;
-    /// none by default.
+    /// Operations that [clean](crate::RoadNetwork::cleaned) the network after reading; none by
+    /// default.
     pub cleaning: Vec<Cleaning>,
 }
 

@@ -1,10 +1,10 @@
-//! Words and numbers of roads.
+//! Words and numbers that describe roads in files.
 
 use crate::FASTEST_ROAD;
 #[cfg(any(feature = "csv", feature = "geojson"))]
 use wayfix::map::RoadClass;
 
-/// Class of a road by its word or its number, from 0 for a street to 3 for a main road.
+/// Class of a road by its name or its number, from 0 for a street to 3 for a main road.
 #[cfg(any(feature = "csv", feature = "geojson"))]
 pub(super) fn class_of(text: &str) -> Result<RoadClass, String> {
     Ok(match text {
@@ -16,7 +16,7 @@ pub(super) fn class_of(text: &str) -> Result<RoadClass, String> {
     })
 }
 
-/// Directions of a road, forward and backward, or `None` for a word that is not known.
+/// Directions of a road, forward and backward; `None` for an unknown word.
 pub(super) fn directions(text: &str) -> Option<[bool; 2]> {
     Some(match text {
         "yes" | "true" | "1" => [true, false],
@@ -26,9 +26,11 @@ pub(super) fn directions(text: &str) -> Option<[bool; 2]> {
     })
 }
 
-/// Speed in metres per second, or `None` for words and for numbers not above 0 or beyond 1e9.
+/// Speed in metres per second from km/h or mph; `None` for words, and for results that are not
+/// above 0 and at most 1e9.
 pub(super) fn speed_of(text: &str) -> Option<f64> {
     let (number, unit) = match text.trim() {
+        // Walking pace. A number without a unit is in km/h.
         "walk" => ("5", 3.6),
         text => match text.strip_suffix("mph") {
             Some(miles) => (miles, 3.6 / 1.609_344),

@@ -13,13 +13,13 @@ pub(crate) fn line_string(points: impl IntoIterator<Item = Position>) -> String 
 }
 
 impl RoadNetwork {
-    /// The network as a GeoJSON text: a collection of a line for each edge, or for both directions
-    /// where they have the same line, with its `class`, `oneway`, `length_m`, and if known
+    /// Returns the network as GeoJSON text: a collection with one line per edge, or per two
+    /// directions that share a line, with its `class`, `oneway`, `length_m`, and, if known,
     /// `speed_kmh` and `junction`.
     ///
-    /// [`from_geojson`](Self::from_geojson) reads all its edges with their lengths, in parts where
-    /// others meet them. Ids of nodes and forbidden turns are not in it, and nodes at one place are
-    /// read as one.
+    /// [`from_geojson`](Self::from_geojson) reads back all edges with their lengths, split where
+    /// others meet them. The text has no node ids and no forbidden turns, and nodes at the same
+    /// place are read as one.
     ///
     /// ```
     /// use wayfix_roads::NetworkBuilder;
@@ -46,7 +46,7 @@ impl RoadNetwork {
             let oneway = if back.is_some() { "no" } else { "yes" };
             text += separator;
             separator = ",\n";
-            // Writing to a string does not fail.
+            // Writing to a string cannot fail.
             let _ = write!(
                 text,
                 r#"{{"type":"Feature","properties":{{"class":"{}","oneway":"{oneway}","length_m":{}"#,
@@ -64,7 +64,7 @@ impl RoadNetwork {
         text + "\n]}\n"
     }
 
-    /// True if two edges are a road in both directions, with the same line and the same numbers.
+    /// True if two edges are the directions of one road, with the same line and the same numbers.
     fn is_same_road(&self, edge: usize, back: usize) -> bool {
         let [a, b] = [edge, back].map(|e| self.edges()[e]);
         (a.class, a.metres, a.speed, a.roundabout) == (b.class, b.metres, b.speed, b.roundabout)

@@ -1,4 +1,7 @@
-//! Answers: the road at a point of a drive, and stretches of roads with a probability.
+//! Answers: the road at a point of a drive, and stretches of road with a probability.
+//!
+//! Several states may lie on one edge, such as those that continued unseen. Answers are about
+//! edges, so their probabilities are added up first.
 
 use super::MatchError;
 use super::candidates::{Candidate, OFF_ROAD};
@@ -21,11 +24,12 @@ pub struct RoadAnswer {
     pub off_road: f64,
 }
 
-/// Probabilities of edges, and off the road: (edge, probability, metres along at the most probable
-/// state, probability of that state).
+/// Probabilities of edges and of being off the road, as (edge, probability, metres along at the
+/// most probable state, probability of that state).
 pub(super) fn by_edge(states: &[Candidate], probabilities: &[f64]) -> Vec<(u32, f64, f64, f64)> {
     let mut edges: Vec<(u32, f64, f64, f64)> = Vec::with_capacity(states.len());
     for (state, &p) in states.iter().zip(probabilities) {
+        // Linear search: there are at most some eighty states.
         match edges.iter_mut().find(|entry| entry.0 == state.edge) {
             Some(entry) => {
                 entry.1 += p;
@@ -61,11 +65,11 @@ impl RoadAnswer {
     }
 }
 
-/// Part of a route: an edge or a part of it, or a stretch off the road.
+/// Part of a route: all or part of an edge, or a stretch off the road.
 ///
-/// The stretches of a route on roads are longer than 0 m, with two exceptions: the route of a
-/// vehicle that stood all the time, which is one edge, and an edge followed by its reverse in place
-/// of a turn that is forbidden.
+/// Stretches of a route on roads are longer than 0 m, with two exceptions: the route of a vehicle
+/// that was stationary throughout, which is one edge, and an edge followed by its reverse in place
+/// of a forbidden turn.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stretch<P = Position> {
     /// The edge; `None` off the road.
@@ -80,18 +84,18 @@ pub struct Stretch<P = Position> {
 }
 
 impl<P> Stretch<P> {
-    /// Length in metres; off the road, that of the straight line.
+    /// Length in metres; off the road, of the straight line.
     #[must_use]
     pub fn metres(&self) -> f64 {
         self.exit - self.enter
     }
 }
 
-/// Stretches of roads with a probability: a route, or where a vehicle is.
+/// Stretches of road with a probability: a route, or the stretches where a vehicle may be.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Stretches<P = Position> {
-    /// Stretches of a route, in order; or those that hold a vehicle, one for each edge, beginning
-    /// with that of the most probable state.
+    /// Stretches of a route, in order; or those that hold a vehicle, one per edge, starting with
+    /// that of the most probable state.
     pub stretches: Vec<Stretch<P>>,
     /// Probability of each stretch that holds a vehicle; empty for a route.
     pub probabilities: Vec<f64>,
@@ -99,9 +103,9 @@ pub struct Stretches<P = Position> {
     pub probability: f64,
 }
 
-/// Stretches of roads that hold the vehicle with a probability of at least `mass`: those of the
-/// most probable states, each as long as the noise along the road asks. Where the roads hold less,
-/// all of their edges.
+/// Stretches of road that hold the vehicle with a probability of at least `mass`: those of the most
+/// probable states, each as long as the noise along the road requires; all possible edges if the
+/// roads hold less.
 pub(super) fn credible<P: Coordinates>(
     network: &RoadNetwork<P>,
     states: &[Candidate],
@@ -119,12 +123,17 @@ pub(super) fn credible<P: Coordinates>(
         states.filter(is_possible).map(|(state, p)| (state, *p)).collect();
     possible.sort_by(|a, b| b.1.total_cmp(&a.1));
     let on_road = possible.iter().map(|state| state.1).sum::<f64>();
+    // The stretches hold share · mass_along = mass: √(mass · on_road) of the belief in roads, and
+    // √(mass / on_road) of each place along.
     let (share, mass_along) = if mass < on_road {
-        // Half of the doubt is about the road, half about the place along it.
+        // As a share of `on_road`, both factors are the same: half of the doubt is about the road,
+        // half about the place along it.
         ((mass * on_road).sqrt(), (mass / on_road).sqrt())
     } else {
         (f64::INFINITY, 1.0)
     };
+    // A logistic distribution of slope 1.702 / σ holds m within ±h if h = σ / 1.702 · ln ((1 + m) /
+    // (1 − m)); infinite for m = 1, which the ends of edges cut off.
     let half = sigma * ((1.0 + mass_along) / (1.0 - mass_along)).ln() / 1.702;
     let (mut stretches, mut probabilities): (Vec<Stretch<P>>, Vec<f64>) = Default::default();
     let mut sum = 0.0;
@@ -155,7 +164,7 @@ pub(super) fn credible<P: Coordinates>(
     Ok(Stretches { stretches, probabilities, probability })
 }
 
-/// Edges with their probabilities, the most probable first, without those off the road.
+/// Edges with their probabilities, most probable first, without the state off the road.
 pub(super) fn edges(states: &[Candidate], probabilities: &[f64]) -> Vec<(usize, f64)> {
     let edges = by_edge(states, probabilities);
     let on_road = edges.iter().filter(|entry| entry.0 != OFF_ROAD);

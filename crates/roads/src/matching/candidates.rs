@@ -1,5 +1,9 @@
-//! Candidates of a step, its states: points of roads near a position, those where vehicles would be
-//! that go on unseen, and one off the road. Each has the likelihood of the position.
+//! Candidates of a step, which are its states: points of roads near a position, points that
+//! vehicles would have reached unseen, and one off the road.
+//!
+//! Every candidate on a road comes with a [`Sighting`], by which moves compute the density of the
+//! position, and with the log-likelihood of the heading; both lists have the order of the
+//! candidates.
 
 use super::place::Place;
 use super::sighting::{SLOPE, Sighting, logistic};
@@ -7,18 +11,18 @@ use super::{MatchModel, TracePoint};
 use crate::{EdgeIndex, NearEdge, RoadNetwork};
 use wayfix::map::Coordinates;
 
-/// Most edges near a point, the nearest: moves grow with their square.
+/// Largest number of edges near a point: the nearest are kept, since moves grow with its square.
 const MOST_CANDIDATES: usize = 64;
-/// Share of the belief from which on a state goes on where its road leads, even if no position
-/// is near: e^-3.5.
+/// Logarithm of the share of the belief above which a state continues where its road leads, even if
+/// no position is near.
 const CARRIED: f64 = -3.5;
-/// Most ways of a state that goes on, and most states that are added for them.
+/// Largest number of ways of one state that continues, and of states added for all of them.
 const CARRIED_WAYS: usize = 8;
 const MOST_CARRIED: usize = 16;
-/// Most edges that are visited to find where the ways of a state lead.
+/// Largest number of edges visited to find where the ways of a state lead.
 const MOST_VISITED: usize = 200;
 
-/// A point of an edge where the vehicle may be, or off the road.
+/// A point of an edge where the vehicle may be, or the state off the road.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Candidate {
     /// Index of the edge; [`OFF_ROAD`] off the road.
@@ -27,15 +31,15 @@ pub(super) struct Candidate {
     pub(super) along: f64,
     /// The point, in the plane of the network.
     pub(super) point: [f64; 2],
-    /// Place along the edge and error of the receiver, as the drive so far tells them.
+    /// Place along the edge and error of the receiver, given the drive so far.
     pub(super) place: Place,
     /// Probability that the position belongs to the road.
     pub(super) inlier: f64,
 }
 
-/// Widths, in standard deviations of a position, over which positions that say nothing spread, and
-/// those off the road. With these, one bad position is an outlier, and several in a row are a
-/// stretch off the road.
+/// Widths, in standard deviations of a position, over which outliers and positions off the road are
+/// spread. With these, one bad position is an outlier, and several in a row are a stretch off the
+/// road.
 pub(super) const OUTLIER_SPREAD: f64 = 30.0;
 const OFF_ROAD_SPREAD: f64 = 450.0;
 
@@ -59,7 +63,7 @@ pub(super) fn log_density_off_road<P>(model: &MatchModel, point: &TracePoint<P>)
     -(OFF_ROAD_SPREAD * deviation(model, point)).ln()
 }
 
-/// Standard deviation of a point, over all receptions.
+/// Standard deviation of a point, averaged over usual and poor reception.
 pub(super) fn deviation<P>(model: &MatchModel, point: &TracePoint<P>) -> f64 {
     model.over_all_time(usual_deviation(model, point))
 }
@@ -69,12 +73,13 @@ pub(super) fn usual_deviation<P>(model: &MatchModel, point: &TracePoint<P>) -> f
     point.accuracy.unwrap_or(model.noise)
 }
 
-/// Sigmoid near the distribution function of a normal variable, with heavier tails.
+/// Sigmoid close to the normal distribution function, with heavier tails.
 pub(super) fn share_below(z: f64) -> f64 {
     logistic(SLOPE * z)
 }
 
-/// Search for the candidates of a point on roads. Adds their sightings to a list.
+/// Search for the candidates of a point on roads, which appends their sightings and headings to
+/// lists.
 pub(super) struct CandidateSearch<'a, P> {
     pub(super) network: &'a RoadNetwork<P>,
     pub(super) model: &'a MatchModel,
@@ -84,7 +89,7 @@ pub(super) struct CandidateSearch<'a, P> {
 }
 
 impl<P: Coordinates> CandidateSearch<'_, P> {
-    /// Candidates on the edges near the point, in ascending order of the edges.
+    /// Returns the candidates on the edges near the point, in ascending order of the edges.
     pub(super) fn near(&mut self, index: &EdgeIndex, near: &mut Vec<NearEdge>) -> Vec<Candidate> {
         let reach = 4.0 * deviation(self.model, self.point) + 10.0;
         index.near(self.network, self.point.position, reach, near);
@@ -92,6 +97,8 @@ impl<P: Coordinates> CandidateSearch<'_, P> {
             let nearer = |a: &NearEdge, b: &NearEdge| {
                 a.metres_off.total_cmp(&b.metres_off).then(a.edge.cmp(&b.edge))
             };
+            // Ties go to the lower edge, so that the choice does not depend on the order of the
+            // index.
             near.sort_unstable_by(nearer);
             near.truncate(MOST_CANDIDATES);
             near.sort_unstable_by_key(|near| near.edge);
@@ -100,8 +107,9 @@ impl<P: Coordinates> CandidateSearch<'_, P> {
         near.iter().map(on_edge).collect()
     }
 
-    /// Adds the places where vehicles would be that went on for so many metres from the states
-    /// before, whose probabilities are given, where no state is near: a position may be far off.
+    /// Adds the points that vehicles would have reached after `metres` from the previous states,
+    /// unless a state is near them already: the position may be far off. The previous states come
+    /// with the logarithms of their probabilities.
     pub(super) fn carry(
         &mut self,
         (before, log_filtered): (&[Candidate], &[f64]),
@@ -117,6 +125,8 @@ impl<P: Coordinates> CandidateSearch<'_, P> {
             let mut ends = [(0, 0.0); CARRIED_WAYS];
             let count = self.ends_of_ways(from.edge as usize, from.along + metres, &mut ends);
             for &(edge, along) in &ends[..count] {
+                // Three standard deviations: the state that is there already explains the same
+                // positions.
                 let is_near = |state: &Candidate| {
                     state.edge as usize == edge && (state.along - along).abs() < 3.0 * jitter
                 };
@@ -127,10 +137,12 @@ impl<P: Coordinates> CandidateSearch<'_, P> {
         }
     }
 
-    /// State at a place of an edge, whatever the position.
+    /// State at a point of an edge, wherever the position is.
     fn carried(&mut self, edge: usize, along: f64) -> Candidate {
         let place = self.network.position_along(edge, along).to_plane();
         let off = metres_between::<P>(place, self.point.position.to_plane());
+        // The point is not the nearest of its edge, so the whole offset counts as across. No
+        // direction is known: `piece` is zero.
         let near = NearEdge {
             edge,
             metres_along: along,
@@ -143,12 +155,14 @@ impl<P: Coordinates> CandidateSearch<'_, P> {
         self.on_edge(&near, 0.0)
     }
 
-    /// Finds the places so many metres from the start of an edge, along all ways without U-turns,
-    /// as long as there is room. Returns their number.
+    /// Finds the points `metres` from the start of an edge along all ways without U-turns, as far
+    /// as they fit into `ends`. Returns their number.
     fn ends_of_ways(&self, edge: usize, metres: f64, ends: &mut [(usize, f64)]) -> usize {
         let mut open = [(0, 0.0); CARRIED_WAYS];
         (open[0], ends[0]) = ((edge, metres), (edge, 0.0));
         let (mut waiting, mut found, mut visited) = (1, 0, 0);
+        // Depth first. Every way in `open` yields at least one end, so `found + waiting` never
+        // exceeds the room of either array, and no end that was begun is lost.
         while waiting > 0 {
             waiting -= 1;
             let (edge, metres) = open[waiting];
@@ -156,6 +170,8 @@ impl<P: Coordinates> CandidateSearch<'_, P> {
             visited += 1;
             let reverse = self.network.reverse(edge);
             let mut next = self.network.next(edge).filter(|next| Some(*next) != reverse).peekable();
+            // A way also ends in a dead end, and where too many edges were visited: on the edge it
+            // is on.
             if left <= 0.0 || next.peek().is_none() || visited > MOST_VISITED {
                 if found < ends.len() {
                     ends[found] = (edge, metres.min(self.network.edges()[edge].metres));
@@ -173,7 +189,7 @@ impl<P: Coordinates> CandidateSearch<'_, P> {
         found
     }
 
-    /// State on an edge near the position, and its sighting.
+    /// Returns the state on an edge near the position, and appends its sighting.
     fn on_edge(&mut self, near: &NearEdge, log_heading: f64) -> Candidate {
         let sigma = deviation(self.model, self.point);
         let metres = self.network.edges()[near.edge].metres;
@@ -183,16 +199,20 @@ impl<P: Coordinates> CandidateSearch<'_, P> {
         let length = off[0].hypot(off[1]);
         let tangent = near.direction();
         let is_beside = near.beyond == 0.0;
+        // Beside the edge, the offset itself is the unit vector across. Beyond an end it leans
+        // along, and on the line it is zero, so the normal of the piece is taken.
         let normal = if is_beside && length > 0.0 {
             off.map(|metres| metres / length)
         } else {
             [-tangent[1], tangent[0]]
         };
-        // The largest share that the edge could have: a short one holds few positions that say
-        // nothing.
+        // Share on the edge of a position whose place along is centred on it, which is the largest
+        // possible: a logistic distribution has 2 F(x) − 1 = tanh(x/2) within ±x, here x = SLOPE L
+        // / 2σ. Fewer outliers belong to a short edge, as fewer inliers do.
         let most = (0.25 * SLOPE * metres / sigma).tanh();
         let spread = OUTLIER_SPREAD * sigma;
-        // Nothing is impossible, however far: a density as Cauchy's in two dimensions.
+        // No position is impossible, however far: (1 + r²/s²)^(-3/2) has the tail of Cauchy's
+        // density in two dimensions.
         let far = 1.0 + (near.metres_off / spread).powi(2);
         let log_outlier = self.model.outliers.ln() + most.ln() - spread.ln() - 1.5 * far.ln();
         self.log_headings.push(log_heading);
@@ -216,18 +236,20 @@ impl<P: Coordinates> CandidateSearch<'_, P> {
     }
 }
 
-/// Log-likelihood of the direction of travel.
+/// Log-likelihood of the direction of travel on an edge, up to a constant; 0 if it is unknown.
 fn heading<P>(near: &NearEdge, point: &TracePoint<P>) -> f64 {
-    /// Concentration of directions: a standard deviation of 20°, and one in ten says nothing.
+    /// Concentration of directions (von Mises): a standard deviation of 20°. One in ten is
+    /// arbitrary.
     const CONCENTRATION: f64 = 8.2;
     const ANY: f64 = 0.1;
-    /// Slower than this, the direction of a receiver says nothing.
+    /// Speed below which a receiver's direction carries no information.
     const LEAST_SPEED: f64 = 2.0;
     match point.heading {
         Some(degrees) if point.speed.is_none_or(|speed| speed >= LEAST_SPEED) => {
             let (x, y) = degrees.to_radians().sin_cos();
             let [dx, dy] = near.direction();
             let cosine = x * dx + y * dy;
+            // Relative to the density along the road, so the largest value is 1 on every road.
             (ANY + (1.0 - ANY) * (CONCENTRATION * (cosine - 1.0)).exp()).ln()
         }
         _ => 0.0,

@@ -1,5 +1,8 @@
-//! Expected counts of drives, and the model under which they are most probable: the two steps of
-//! expectation maximisation.
+//! Expected counts of drives and the model that maximises their probability: the E and M steps of
+//! expectation maximisation (Baum et al. 1970), with a prior.
+//!
+//! Every parameter but the lasting share and its time is a mean of expected events over expected
+//! opportunities, so the M step is one quotient, and the prior adds pseudo-counts to both.
 
 use super::candidates::Candidate;
 use super::lasting::{Error, LastingErrors};
@@ -10,8 +13,8 @@ use super::step::{MatchStep, SmoothedDrive};
 use super::{MatchError, MatchModel, Matcher, TracePoint};
 use wayfix::map::Coordinates;
 
-/// Name of a parameter that is learned, its place in a model, and the limits within which learning
-/// keeps it.
+/// Name of a learned parameter, its field in a model, and the limits within which learning keeps
+/// it.
 pub(super) type Limits = (&'static str, fn(&mut MatchModel) -> &mut f64, [f64; 2]);
 
 pub(super) const LIMITS: [Limits; 7] = [
@@ -24,8 +27,8 @@ pub(super) const LIMITS: [Limits; 7] = [
     ("poor", |model| &mut model.poor, [1e-3, 0.5]),
 ];
 
-/// Expected counts of drives: for each parameter in the order of the [`LIMITS`], the sum that it is
-/// the mean of, and the number of terms.
+/// Expected counts of drives: for each parameter, in the order of [`LIMITS`], the sum and the
+/// weight of the terms that it is the mean of.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Counts {
     ratios: [Ratio; 7],
@@ -47,22 +50,22 @@ impl Ratio {
     }
 }
 
-/// Numbers of points, and of seconds, for which the values of the model before count.
+/// Numbers of points and of seconds that the prior values count for.
 const PRIOR_POINTS: f64 = 100.0;
 const PRIOR_SECONDS: f64 = 20_000.0;
-/// Number of returns to the road for which its value counts.
+/// Number of returns to the road that the prior rate of returns counts for.
 const PRIOR_RETURNS: f64 = 5.0;
-/// Number of draws of the reception for which its share counts.
+/// Number of draws of the reception that the prior share of poor reception counts for.
 const PRIOR_RECEPTIONS: f64 = 3.0;
-/// Deviations from a road up to which errors tell the noise.
+/// Standard deviations from a road up to which errors count towards the noise.
 const FARTHEST_OFF: f64 = 3.0;
-/// Weights of the share of errors that lasts of the model before, of receivers of which little is
-/// known and of those that are rough.
+/// Weights of the prior's lasting share, for receivers about which little is known and for rough
+/// ones.
 const PRIOR_LASTING: f64 = 80.0;
 const PRIOR_LASTING_IN_ROUGH: f64 = 10.0;
-/// Share of the errors of a fine receiver that lasts at least.
+/// Least lasting share of the errors of a fine receiver.
 const LASTING_IN_FINE: f64 = 0.9;
-/// Seconds between two points above which they hardly show what happened between them.
+/// Interval in seconds above which two points hardly show what happened between them.
 const SHOWN: f64 = 10.0;
 
 impl<P: Coordinates> Matcher<P> {
@@ -85,12 +88,15 @@ impl<P: Coordinates> Matcher<P> {
         let (mut moves, mut errors) = (moves.iter(), Vec::with_capacity(points.len()));
         for (number, (states_now, point)) in states.iter().zip(points).enumerate() {
             let step = number + 1;
-            // Points soon after each other are hardly two witnesses, and those of a vehicle that
-            // stands, which may be parked beside any road, none.
+            // Points in quick succession are hardly two witnesses: with a correlation of κ between
+            // neighbours, a point carries (1 − κ) / (1 + κ) of an independent one's information. A
+            // stationary vehicle, which may be parked beside any road, is not a witness at all.
             let (mut witness, mut elapsed) = (1.0, 0.0);
             if number > 0 {
                 let seconds = point.time - points[number - 1].time;
                 let kept = model.lasting * (-seconds / model.lasts).exp();
+                // After this long the reception is drawn anew, and a longer gap shows one draw all
+                // the same.
                 elapsed = seconds.min(REDRAWN_AFTER);
                 witness = (1.0 - stops_by_point[number]) * (1.0 - kept) / (1.0 + kept);
             }
@@ -104,6 +110,7 @@ impl<P: Coordinates> Matcher<P> {
             let most_probable =
                 |a: &usize, b: &usize| probabilities[*a].total_cmp(&probabilities[*b]);
             let best = (0..states_now.len()).max_by(most_probable);
+            // The state off the road is last and has no sighting: `get` gives none for it.
             errors.push(best.and_then(|best| {
                 let (state, sighting) = (&states_now[best], sightings[number].get(best)?);
                 error(state, sighting).filter(|_| state.inlier > 0.5)
@@ -111,15 +118,19 @@ impl<P: Coordinates> Matcher<P> {
             // The last state is the one off the road.
             let on_road = states_now.iter().zip(&sightings[number]);
             for ((state, sighting), &p) in on_road.zip(probabilities) {
+                // After the first point, outliers are counted move by move, below: a merged state
+                // no longer knows which moves led to an outlier.
                 outliers.add(if number == 0 { p * (1.0 - state.inlier) } else { 0.0 }, p);
                 poor.add(elapsed * p * state.place.shares[POOR_AT], elapsed * p);
                 let Some(across) = error(state, sighting).map(|error| error.metres) else {
                     continue;
                 };
-                // Farther off, the vehicle is rather beside the road.
+                // Farther off, the vehicle is more likely beside the road than badly received.
                 if across.abs() < FARTHEST_OFF * model.over_all_time(model.noise) {
                     let weight = witness * p * state.inlier;
                     let shares = state.place.shares.iter().zip(FACTORS);
+                    // E[1 / factor²] brings squared errors of all receptions to the scale of usual
+                    // reception.
                     let usual: f64 = shares.map(|(share, factor)| share / (factor * factor)).sum();
                     noise.add(weight * usual * across * across, weight);
                 }
@@ -131,10 +142,14 @@ impl<P: Coordinates> Matcher<P> {
             let shown = (SHOWN / seconds).min(1.0);
             for (to, state) in states_now.iter().enumerate() {
                 let into = smoothed.moves(&trellis, step, to);
+                // The trellis lists moves in the order in which the steps found them, so both
+                // iterators stay in step: every move is taken, even one of probability 0.
                 for ((from, p), moved) in into.zip(&mut moves) {
                     let off_road = [before[from].is_off_road(), state.is_off_road()];
                     let events = if off_road[0] == off_road[1] { 0.0 } else { p };
                     let left = if off_road[0] { &mut *returns } else { &mut *leaves };
+                    // Rates per second: expected changes over expected seconds spent on or off the
+                    // road.
                     left.add(shown * events, shown * p * seconds);
                     if off_road == [true, false] {
                         outliers.sum += p * (1.0 - state.inlier);
@@ -161,14 +176,14 @@ impl Counts {
         self.points += other.points;
     }
 
-    /// Model under which the counts are most probable, with the prior.
+    /// Model that maximises the probability of the counts and the prior.
     pub(super) fn maximize(&self, now: &MatchModel, prior: &MatchModel) -> MatchModel {
         let mean = |value: f64, of: f64| Ratio { sum: value * of, of };
         let points = |value: f64| mean(value, PRIOR_POINTS);
         let usual = MatchModel::default().noise;
         let priors = [
-            // As if so many points had that of the default: a vehicle that is mostly parked beside
-            // roads would else make it grow without end.
+            // The noise is drawn to the default's, whatever the prior's: a vehicle that is mostly
+            // parked beside roads would otherwise make it grow without end.
             points(usual * usual),
             points(prior.outliers),
             points(prior.deviation),
@@ -181,11 +196,12 @@ impl Counts {
         for ((ratio, prior), (_, value, _)) in self.ratios.iter().zip(priors).zip(LIMITS) {
             *value(&mut model) = (ratio.sum + prior.sum) / (ratio.of + prior.of);
         }
+        // Its ratio was a mean of squares.
         model.noise = model.noise.sqrt();
         [model.lasting, model.lasts] = self.lasting.fit(prior, PRIOR_LASTING);
         if model.lasting < LASTING_IN_FINE {
-            // A rough receiver: what counts as poor reception is white noise, and all errors are of
-            // one kind.
+            // A rough receiver: what looks like poor reception is white noise, and all errors are
+            // of one kind.
             [model.lasting, model.lasts] = self.lasting.fit(prior, PRIOR_LASTING_IN_ROUGH);
             (model.noise, model.poor) = (self.lasting.deviation(), ROUGH.min(prior.poor));
         }
@@ -198,7 +214,7 @@ impl Counts {
 }
 
 impl MatchModel {
-    /// True if no learned parameter differs by more than a hundredth.
+    /// True if no learned parameter differs by more than 1 %.
     pub(super) fn is_near(&self, other: &Self) -> bool {
         let (mut a, mut b) = (*self, *other);
         LIMITS.iter().all(|(_, value, _)| (*value(&mut a) / *value(&mut b) - 1.0).abs() <= 0.01)
@@ -210,7 +226,7 @@ mod tests {
     use super::*;
     use crate::matching::LearnedMatchModel;
 
-    /// Learning that leads to a limit ends there, and says so.
+    /// Learning that runs into a limit stops there and reports it.
     #[test]
     fn limits() {
         let prior = MatchModel::default();

@@ -1,4 +1,8 @@
-//! Whole drives: smoothed answers, and the route.
+//! Whole drives: smoothed answers, and the most probable route.
+//!
+//! A drive is filtered once (see [`step`](super::step)). Smoothing (section 3 of the guide's
+//! formulas) and the Viterbi path (section 7) then run on the stored trellis; the route joins the
+//! states of that path by the same ways that the moves were weighted with.
 
 use std::ops::ControlFlow;
 
@@ -45,11 +49,11 @@ impl<P: Coordinates> Matcher<P> {
         Ok(MatchedDrive { points, states, trellis, smoothed, route, network: self.fingerprint })
     }
 
-    /// Matches any number of drives, and passes each, with its index from 0, to a visitor, in
-    /// order, until the visitor breaks. An error in one drive does not affect the others.
+    /// Matches any number of drives and passes each to a visitor, in order and with its index from
+    /// 0, until the visitor breaks. An error in one drive does not affect the others.
     ///
-    /// Drives run in parallel with the feature `rayon`, with the same results; the iterator and the
-    /// visitor run on the caller's thread. Memory: four drives for each thread, with their results.
+    /// With the feature `rayon`, drives run in parallel, with the same results; the iterator and
+    /// the visitor run on the caller's thread. Memory: four drives per thread, with their results.
     ///
     /// ```
     /// # use wayfix_roads::NetworkBuilder;
@@ -87,14 +91,16 @@ impl<P: Coordinates> Matcher<P> {
         mut visit: impl FnMut(usize, Result<MatchedDrive<P>, MatchError>) -> ControlFlow<T>,
     ) -> ControlFlow<T> {
         let matched = |drive: D| self.match_drive(drive.as_ref());
+        // Results come in the order of the drives, so counting them gives their indices. An open
+        // range always has a next number.
         let mut indices = 0..;
         parallel::in_order(drives.into_iter(), DRIVES_AHEAD, matched, |drive| {
             indices.next().map_or(ControlFlow::Continue(()), |index| visit(index, drive))
         })
     }
 
-    /// Line of a stretch of a [route](MatchedDrive::route): its positions with both ends; off the
-    /// road, the ends alone. O(points of the edge).
+    /// Line of a stretch of a [route](MatchedDrive::route): its positions including both ends, or
+    /// the ends alone off the road. O(points of the edge).
     ///
     /// ```
     /// # use wayfix_roads::NetworkBuilder;
@@ -106,7 +112,7 @@ impl<P: Coordinates> Matcher<P> {
     /// # builder.both_ways(2, 3, RoadClass::Street)?;
     /// # let network = builder.build()?;
     /// # use wayfix_roads::matching::{Matcher, TracePoint};
-    /// // Along a street of 100 m to the east, and on to the north.
+    /// // Along a street of 100 m to the east, then to the north.
     /// let matcher = Matcher::new(network);
     /// let drive = [(0.0, 20.0, 1.0), (6.0, 80.0, -1.0), (12.0, 101.0, 40.0)]
     ///     .map(|(time, x, y)| TracePoint::new(time, PlanePosition { x, y }));
@@ -137,7 +143,7 @@ impl<P: Coordinates> MatchedDrive<P> {
         &self.points
     }
 
-    /// Answer for a point, by its index from 0, from the points up to it.
+    /// Answer for a point, by its index from 0, given the points up to it.
     ///
     /// # Panics
     ///
@@ -147,7 +153,7 @@ impl<P: Coordinates> MatchedDrive<P> {
         RoadAnswer::new(&self.states[point], self.smoothed.filtered(point + 1))
     }
 
-    /// Answer for a point, from the points up to it and `lag` more; equal to
+    /// Answer for a point, given the points up to it and `lag` more; equal to
     /// [`Vehicle::late`](super::Vehicle::late) up to rounding.
     #[must_use]
     pub fn late(&self, point: usize, lag: usize) -> RoadAnswer {
@@ -155,21 +161,21 @@ impl<P: Coordinates> MatchedDrive<P> {
         RoadAnswer::new(&self.states[point], &probabilities)
     }
 
-    /// Answer for a point, from all points of the drive.
+    /// Answer for a point, given all points of the drive.
     #[must_use]
     pub fn smoothed(&self, point: usize) -> RoadAnswer {
         RoadAnswer::new(&self.states[point], self.smoothed.smoothed(point + 1))
     }
 
-    /// Edges with their probabilities at a point, from all points of the drive, the most probable
-    /// first; the state off the road is not among them.
+    /// Edges with their probabilities at a point, given all points of the drive, most probable
+    /// first; without the state off the road.
     #[must_use]
     pub fn edges(&self, point: usize) -> Vec<(usize, f64)> {
         edges(&self.states[point], self.smoothed.smoothed(point + 1))
     }
 
     /// Stretches of roads that held the vehicle at a point with a probability of at least `mass`,
-    /// from all points of the drive, as [`Vehicle::credible`](super::Vehicle::credible) gives them.
+    /// given all points of the drive, as [`Vehicle::credible`](super::Vehicle::credible) does live.
     ///
     /// # Errors
     ///
@@ -193,13 +199,13 @@ impl<P: Coordinates> MatchedDrive<P> {
         self.smoothed.log_normalizer(point + 1)
     }
 
-    /// ln p(all points).
+    /// ln p(all points), as a density in metres.
     #[must_use]
     pub fn log_likelihood(&self) -> f64 {
         self.smoothed.log_likelihood()
     }
 
-    /// Most probable route: edges that follow each other, and stretches off the road.
+    /// Most probable route: consecutive edges, and stretches off the road.
     #[must_use]
     pub fn route(&self) -> &[Stretch<P>] {
         &self.route
@@ -209,11 +215,11 @@ impl<P: Coordinates> MatchedDrive<P> {
     #[must_use]
     pub fn metres(&self) -> f64 {
         let on_road = self.route.iter().filter(|stretch| stretch.edge.is_some());
-        // The sum of nothing would be -0.
+        // `sum` of an empty iterator is -0.0.
         on_road.fold(0.0, |sum, stretch| sum + (stretch.exit - stretch.enter))
     }
 
-    /// Mean number of states on roads at a point, including those that go on unseen.
+    /// Mean number of states on roads at a point, including those that continue unseen.
     #[must_use]
     pub fn candidates(&self) -> f64 {
         let states: usize = self.states.iter().map(|states| states.len() - 1).sum();

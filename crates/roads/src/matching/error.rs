@@ -45,7 +45,7 @@ pub enum MatchError {
     Drive(At<Box<MatchError>>),
     /// A vehicle or a drive comes from a matcher of another network.
     #[error(
-        "the network is another one: its fingerprint is {expected:016x}, that of the vehicle or drive {found:016x}"
+        "the vehicle or drive is from another network: expected fingerprint {expected:016x}, found {found:016x}"
     )]
     Network {
         /// Fingerprint of the network of the vehicle or drive.
@@ -67,7 +67,7 @@ pub enum MatchError {
 }
 
 impl MatchError {
-    /// An error of one of several drives.
+    /// Wraps the error of one of several drives.
     pub(super) fn of_drive(self, drive: usize) -> Self {
         Self::Drive(At::new(&["drive ", ""], drive, Box::new(self)))
     }

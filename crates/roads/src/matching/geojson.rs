@@ -6,8 +6,9 @@ use super::{Matcher, Stretch};
 use crate::line_string;
 
 impl Matcher {
-    /// Returns a route as GeoJSON text: a collection with a line for each stretch, in order. Its
-    /// properties are the ids of its nodes as `from` and `to`, `enter_m`, `exit_m` and `off_road`.
+    /// Returns a route as GeoJSON text: a collection with one line per stretch, in order. The
+    /// properties of a line are the ids of its nodes as `from` and `to`, `enter_m`, `exit_m` and
+    /// `off_road`.
     #[must_use]
     pub fn route_to_geojson(&self, route: &[Stretch]) -> String {
         let mut text = String::from(r#"{"type":"FeatureCollection","features":["#);
@@ -20,7 +21,7 @@ impl Matcher {
                 format!(r#""from":{from},"to":{to},"#)
             });
             let (line, off_road) = (line_string(self.line(stretch)), edge.is_none());
-            // Writing to a string does not fail.
+            // Writing to a string cannot fail.
             let _ = write!(
                 text,
                 r#"{separator}{{"type":"Feature","properties":{{{nodes}"enter_m":{enter:.1},"exit_m":{exit:.1},"off_road":{off_road}}},"geometry":{line}}}"#

@@ -1,30 +1,38 @@
-//! Share of the errors of a receiver that last, and their time: from the products of errors some
-//! time apart, across the most probable roads.
+//! Share ρ of a receiver's error variance that lasts, and its time constant τ, estimated from the
+//! errors across the most probable roads.
+//!
+//! The autocorrelation of a Gauss–Markov error plus white noise is ρ e^(−Δ/τ) at a lag of Δ
+//! seconds. An error is only seen across its road, along the unit vector n; of two errors with the
+//! covariance c in each direction, the product has the mean c (n·n'), so c is estimated by least
+//! squares as Σ products (n·n') / Σ (n·n')². The curve is then fitted to these correlations, with a
+//! prior.
 
 use super::MatchModel;
 use crate::matching::TracePoint;
 use wayfix::map::Coordinates;
 
-/// Lags in points, and ends of the bins of their times in seconds, at which errors are compared.
+/// Lags in points at which errors are compared, and upper ends of the bins of their times in
+/// seconds.
 const LAGS: [usize; 10] = [1, 2, 3, 5, 8, 13, 21, 34, 55, 89];
 const BINS: [f64; 7] = [1.5, 3.0, 6.0, 12.0, 24.0, 48.0, 96.0];
 
-/// Weight of the time before: one over the square of a standard deviation of half of its logarithm.
+/// Prior weight of the logarithm of the time constant: 1 / 0.5², for a standard deviation of 0.5.
 const PRIOR_LOG_LASTS: f64 = 4.0;
-/// Range of the seconds, in which so many values are tried, and the largest share.
+/// Range of the time constant in seconds, the number of steps in which it is searched, and the
+/// largest share.
 const LASTS: [f64; 2] = [8.0, 60.0];
 const STEPS: u32 = 40;
 const MOST_LASTING: f64 = 0.995;
 
-/// An error across a road: its metres, and the direction in which they count.
+/// An error across a road, in metres, and the unit vector across.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Error {
     pub(super) metres: f64,
     pub(super) normal: [f64; 2],
 }
 
-/// Sums over pairs of errors in a bin, weighted by the squares of the cosines between their
-/// directions.
+/// Sums over pairs of errors in a bin, with the squares of the cosines between their directions as
+/// weights.
 #[derive(Debug, Clone, Copy, Default)]
 struct Bin {
     products: f64,
@@ -36,14 +44,14 @@ struct Bin {
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct LastingErrors {
     bins: [Bin; BINS.len()],
-    /// Sum of the squares of all errors, and their number.
+    /// Sum of the squares of all errors, and their count.
     squares: [f64; 2],
     /// Seconds of all drives.
     seconds: f64,
 }
 
 impl LastingErrors {
-    /// Products of the errors of a drive, at the points where there are some.
+    /// Sums of a drive over the points whose error is known.
     pub(super) fn of<P: Coordinates>(points: &[TracePoint<P>], errors: &[Option<Error>]) -> Self {
         let seconds = points.last().map_or(0.0, |last| last.time - points[0].time);
         let known = errors.iter().flatten();
@@ -54,6 +62,8 @@ impl LastingErrors {
             for (number, pair) in errors.iter().zip(errors.iter().skip(lag)).enumerate() {
                 let (Some(a), Some(b)) = pair else { continue };
                 let seconds = points[number + lag].time - points[number].time;
+                // Lags above the last bin are longer than any time constant in range: they only add
+                // noise.
                 let Some(bin) = BINS.iter().position(|end| seconds < *end) else { continue };
                 let cosine = a.normal[0] * b.normal[0] + a.normal[1] * b.normal[1];
                 let bin = &mut sums.bins[bin];
@@ -83,11 +93,12 @@ impl LastingErrors {
         (squares / count.max(1.0)).sqrt()
     }
 
-    /// Share of the variance that lasts, and for how many seconds, by least squares with the prior,
-    /// whose share counts as so many independent pairs of errors.
+    /// Share of the variance that lasts, and its time constant in seconds, by least squares with
+    /// the prior, whose share counts as `prior_weight` independent pairs of errors.
     pub(super) fn fit(&self, prior: &MatchModel, prior_weight: f64) -> [f64; 2] {
         let variance = self.deviation().powi(2);
-        // A correlation is as certain as independent pairs of errors make it.
+        // Pairs within one time constant are one witness: however densely points are sampled, a
+        // drive of T seconds has some T / 2τ independent pairs.
         let independent = self.seconds / (2.0 * prior.lasts);
         let found = self.bins.iter().filter(|bin| bin.weight > 0.0 && variance > 0.0);
         let found = found.map(|bin| {
@@ -96,6 +107,8 @@ impl LastingErrors {
         });
         let mut best = (f64::INFINITY, [prior.lasting, prior.lasts]);
         for step in 0..=STEPS {
+            // For a fixed time constant the share is a linear least squares problem; the time
+            // constant is searched on a logarithmic grid.
             let lasts = LASTS[0] * (LASTS[1] / LASTS[0]).powf(f64::from(step) / f64::from(STEPS));
             let (mut xy, mut xx) = (prior_weight * prior.lasting, prior_weight);
             for (seconds, correlation, weight) in found.clone() {
@@ -107,6 +120,7 @@ impl LastingErrors {
             let error = |seconds: f64, correlation: f64, weight: f64| {
                 weight * (correlation - lasting * (-seconds / lasts).exp()).powi(2)
             };
+            // Both prior terms and the data are on one scale, so their sum compares time constants.
             let mut errors = prior_weight * (lasting - prior.lasting).powi(2);
             errors += PRIOR_LOG_LASTS * (lasts / prior.lasts).ln().powi(2);
             errors += found.clone().map(|(s, c, w)| error(s, c, w)).sum::<f64>();

@@ -1,4 +1,5 @@
-//! The matcher: a network, an index of its edges, and a model of drives.
+//! The matcher: a network, an index of its edges, and a model of drives, with spare memory for
+//! steps.
 
 use super::moves::Move;
 use super::place::{ByReception, Place};
@@ -9,14 +10,14 @@ use crate::{EdgeIndex, NearEdge, RoadNetwork, RouteMeasures, RouteSearch};
 use wayfix::internal::parallel::MemoryPool;
 use wayfix::map::{Coordinates, Position};
 
-/// Drives for each thread that are under way or whose results wait to be taken.
+/// Number of drives per thread that are being matched or whose results have not been taken yet.
 pub(super) const DRIVES_AHEAD: usize = 4;
 
-/// Matcher of the positions of vehicles to the roads of a network.
+/// Matcher of vehicle positions to the roads of a network.
 ///
 /// See the [module](super) for the model and an example. Threads can share a matcher. It keeps
-/// memory for the search of roads and routes: some 10 bytes for each edge of the network, times the
-/// largest number of threads that have used it at once.
+/// working memory for the search of roads and routes: some 10 bytes per edge of the network, times
+/// the largest number of threads that have used it at once.
 #[derive(Debug, Clone)]
 pub struct Matcher<P = Position> {
     pub(super) network: RoadNetwork<P>,
@@ -25,36 +26,37 @@ pub struct Matcher<P = Position> {
     pub(super) model: MatchModel,
     /// Fingerprint of the network.
     pub(super) fingerprint: u64,
-    /// Memory that no thread uses at the moment.
+    /// Memory that no thread is using.
     pub(super) spare: MemoryPool<Memory>,
 }
 
-/// Memory of a step for the search of roads and routes.
+/// Working memory of a step.
 #[derive(Debug, Default)]
 pub(super) struct Memory {
     pub(super) search: RouteSearch,
     pub(super) near: Vec<NearEdge>,
-    /// Sightings of the states on roads, and the log-likelihoods of the heading there.
+    /// Sightings of the states on roads, and the log-likelihoods of their headings.
     pub(super) sightings: Vec<Sighting>,
     pub(super) log_headings: Vec<f64>,
-    /// Places of the states before, as predicted.
+    /// Predicted places of the previous states.
     pub(super) places: Vec<Place>,
     /// Moves into each state.
     pub(super) entries: Vec<Vec<Entry>>,
-    /// Moves of the last step, in the order in which they are in the trellis.
+    /// Moves of the last step, in the order of the trellis.
     pub(super) moves: Vec<Move>,
 }
 
 /// A move into a state.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Entry {
-    /// Number of the state before.
+    /// Number of the previous state.
     pub(super) from: usize,
     pub(super) log: f64,
     pub(super) kind: Move,
     /// Probability that the position belongs to the road.
     pub(super) inlier: f64,
-    /// Metres along the edge before at which the edge of the state starts, if it is on the way.
+    /// Metres along the previous edge at which the edge of the state would start; `None` if it is
+    /// not reached over its start.
     pub(super) starts: Option<f64>,
     /// Probabilities of the kinds of reception after the position.
     pub(super) shares: ByReception,
@@ -83,8 +85,8 @@ impl<P: Coordinates> Matcher<P> {
         Ok(Self { model, ..self })
     }
 
-    /// Replaces the weights of turns at junctions, by default those of the classes of roads and the
-    /// angles, by weights learned from drives or from traffic.
+    /// Replaces the weights of turns at junctions by weights learned from drives or from traffic.
+    /// The defaults follow from the classes of the roads and the angles.
     ///
     /// ```
     /// use wayfix_roads::NetworkBuilder;
@@ -107,7 +109,7 @@ impl<P: Coordinates> Matcher<P> {
     /// let network = builder.build()?;
     /// let drive = [(0.0, 20.0), (10.0, 130.0)].map(|(time, x)| TracePoint::new(time, at(x, 0.0)));
     ///
-    /// // A driver went south, and the prior counts as much as a twentieth of that.
+    /// // A driver went south once, and the prior counts a twentieth of that.
     /// let counts = MoveCounts::of_path(&[start, south]);
     /// let turns = EdgeTurns::fit(&network, &counts, &TurnWeights::default(), 0.05)?;
     /// let matcher = Matcher::new(network);
@@ -131,19 +133,19 @@ impl<P: Coordinates> Matcher<P> {
         self
     }
 
-    /// The network.
+    /// Network of the matcher.
     #[must_use]
     pub fn network(&self) -> &RoadNetwork<P> {
         &self.network
     }
 
-    /// The model.
+    /// Model of drives.
     #[must_use]
     pub fn model(&self) -> &MatchModel {
         &self.model
     }
 
-    /// Checks the fingerprint of the network of a vehicle or drive.
+    /// Checks that a vehicle or drive comes from a network with this fingerprint.
     pub(super) fn check_network(&self, found: u64) -> Result<(), MatchError> {
         let expected = self.fingerprint;
         if found == expected { Ok(()) } else { Err(MatchError::Network { found, expected }) }
@@ -151,25 +153,27 @@ impl<P: Coordinates> Matcher<P> {
 }
 
 /// Hash of the counts of a network, the ids of its nodes, and the ends and lengths of its edges.
-/// O(nodes + edges). The same on all machines, since it is stored.
+/// O(nodes + edges). It is stored with vehicles, so it must be the same on all machines.
 fn fingerprint<P>(network: &RoadNetwork<P>) -> u64 {
     let counts = [network.nodes().len(), network.edges().len(), network.forbidden_turns().len()];
     let counts = counts.into_iter().map(|count| count as u64);
     let ids = network.nodes().iter().map(|node| node.id);
     let edges = network.edges().iter();
     let edges = edges.flat_map(|edge| [edge.from as u64, edge.to as u64, edge.metres.to_bits()]);
+    // The offset basis of FNV and the multiplier of Fibonacci hashing; a multiplication alone moves
+    // bits up only.
     counts.chain(ids).chain(edges).fold(0xcbf2_9ce4_8422_2325, |sum: u64, word| {
-        // The shift brings high bits, where lengths differ, down to all others.
+        // Lengths differ in their high bits as doubles, which the shift brings down.
         let mixed = (sum ^ word).wrapping_mul(0x9e37_79b9_7f4a_7c15);
         mixed ^ (mixed >> 32)
     })
 }
 
-/// Relative traffic of a turn by its angle: of 1,301 junctions on 19 recorded drives, the
-/// straightest way was taken at 93% where the next is 80° or more off, and at 58% where it is 5°
-/// off. The scale is the most probable there, with the traffic of the classes left out.
+/// Relative traffic of a turn by its angle. At 1,301 junctions on 19 recorded drives, the
+/// straightest way was taken 93% of the time where the next is 80° or more off, and 58% where it is
+/// 5° off. The scale is the most probable one there, ignoring the traffic of the classes.
 fn straight_on<P: Coordinates>(network: &RoadNetwork<P>, edge: usize, next: usize) -> f64 {
-    /// Degrees over which traffic falls to 1/e, and that of any turn.
+    /// Degrees over which traffic falls to 1/e, and the share of traffic at any angle.
     const SCALE: f64 = 25.0;
     const ANY: f64 = 0.05;
     let direction = |pair: [&P; 2]| {
@@ -178,8 +182,10 @@ fn straight_on<P: Coordinates>(network: &RoadNetwork<P>, edge: usize, next: usiz
         [b[0] - a[0], b[1] - a[1]]
     };
     let (line, next) = (network.shape(edge), network.shape(next));
+    // Last piece of the edge and first piece of the next: the angle at the junction itself.
     let ([.., a, b], [c, d, ..]) = (line, next) else { return 1.0 };
     let ([x, y], [u, v]) = (direction([a, b]), direction([c, d]));
+    // The angle between two directions by their cross and dot products, which needs no lengths.
     let degrees = (x * v - y * u).atan2(x * u + y * v).abs().to_degrees();
     (-degrees / SCALE).exp() + ANY
 }

@@ -1,14 +1,14 @@
 //! Map matching: positions of a vehicle on a road network, live and afterwards, with
 //! probabilities.
 //!
-//! A [`Matcher`] holds a [`RoadNetwork`](crate::RoadNetwork). For each point of a drive, the
-//! states are the roads near it, each at its nearest place, and one state off the road; between two
-//! points, routes connect them. This is the model of Newson and Krumm (2009) as a hidden Markov
-//! model with all its answers: the [road now](Vehicle::live), a few [points late](Vehicle::late),
+//! A [`Matcher`] holds a [`RoadNetwork`](crate::RoadNetwork). The states of a point are the
+//! roads near it, each at its nearest place, and one state off the road; routes connect the states
+//! of consecutive points. This is the model of Newson and Krumm (2009), with every answer that a
+//! hidden Markov model has: the [road now](Vehicle::live), a few [points late](Vehicle::late),
 //! [with all points](MatchedDrive::smoothed), the most probable [route](MatchedDrive::route), and
 //! [distinct routes](Matcher::routes), each with a probability. The chapter
-//! [`from_gps`](crate::guide::from_gps) leads from files to routes, and says when another model
-//! fits better.
+//! [`from_gps`](crate::guide::from_gps) leads from files to routes and says when another model fits
+//! better.
 //!
 //! ```
 //! use wayfix_roads::NetworkBuilder;
@@ -49,37 +49,38 @@
 //! ```
 //!
 //! **The model.** The error of a position is a slowly moving offset plus white noise. Each state
-//! carries the joint distribution of the offset and of its place along the road, so that an error
-//! that lasts counts once rather than at each point. Reception is usual, or
-//! [poor](MatchModel::poor) for a minute or so, with errors four times as large; or the receiver is
-//! a rough one, whose errors are twice as large, and more of them white. Each state has a
-//! probability of each, and a vehicle that stands keeps its error. The likelihood of a position is
-//! its density across the road, given the positions before, plus a share of
-//! [outliers](MatchModel::outliers), which spread over some 30 σ and, ever more thinly, beyond.
+//! carries the joint distribution of the offset and its place along the road, so a persistent error
+//! counts once rather than at each point. Reception is usual, or [poor](MatchModel::poor) for a
+//! minute or so, with errors four times as large; or the receiver is rough, with errors twice as
+//! large and a larger share of white noise. Each state carries the probability of each kind, and
+//! the error of a stationary vehicle hardly changes. The likelihood of a position is its density
+//! across the road, given the positions before, plus a share of [outliers](MatchModel::outliers),
+//! which are spread over some 30 σ and thin out beyond.
 //!
-//! Moves are weighted by what was measured on the way, and these weights are not normalised: by the
-//! density of the length, for a vehicle that stands or drives at up to some 1.3 times the speed of
-//! the road (one in ten at any speed, and one in ten in a queue); the detour against the straight
-//! line, exponential with a mean that grows with the time; the [turns](Matcher::with_turns) at
-//! junctions, by their angles and the classes of the roads; and U-turns. A way off the road pays
-//! for the area in which it may end, as much as a way on roads pays for its length, its junctions
-//! and the position across; only between points in short succession does it pay a constant, so that
-//! a stretch off the road shows where no road is near. Where positions are far off, states go on
-//! along their roads at the last speed, and no length counts as measured, so that neither a bad
-//! position nor a gap breaks a drive.
+//! Moves are weighted by what was measured between the two points, and these weights are not
+//! normalised: the density of the length, for a vehicle that is stationary or drives at up to some
+//! 1.3 times the speed of the road (one in ten at any speed, and one in ten in a queue); the detour
+//! relative to the straight line, exponential with a mean that grows with time; the
+//! [turns](Matcher::with_turns) at junctions, by their angles and the classes of the roads; and
+//! U-turns. A move off the road pays for the area in which it may end, just as a move on roads pays
+//! for its length, its junctions and the position across. Only between points in quick succession
+//! does it pay a constant, so that stretches off the road are found where no road is near. Where
+//! positions are far off, states continue along their roads at the last speed, and no length counts
+//! as measured, so neither a bad position nor a gap breaks a drive.
 //!
-//! **The parameters** of a [`MatchModel`] can be [learned](Matcher::learn) from drives without
-//! labels. All other numbers, such as the widths of outliers and the weight of choices, are
-//! constants that were chosen on 19 recorded drives and on simulated ones.
+//! **The parameters** of a [`MatchModel`] can be [learned](Matcher::learn) from unlabelled drives.
+//! All other numbers, such as the width of the outlier density and the weight of choices, are
+//! constants chosen on 19 recorded drives and on simulated ones.
 //!
-//! **Limits.** Candidates are the nearest 64 edges within four standard deviations of a position,
-//! taken over all receptions, and 10 m; routes are searched up to some 1.3 times the straight
-//! distance, and up to 1.2 times the way at 40 m/s. Moves into a state are merged by the first two
-//! moments of their errors. States with less than 6e-6 of the belief have no successors. The
-//! default model does not follow a receiver that is off by more than 40 m for minutes; a car park
-//! beside a road is told from the road only by points that are some five seconds apart or more.
+//! **Limits.** Candidates are the nearest 64 edges within 10 m plus four standard deviations of a
+//! position, averaged over all kinds of reception; routes are searched up to some 1.3 times the
+//! straight distance, and up to 1.2 times the distance covered at 40 m/s. Moves into a state are
+//! merged by the first two moments of their errors. States with less than 6e-6 of the belief have
+//! no successors. The default model does not follow a receiver that is off by more than 40 m for
+//! minutes. A car park is told from the road beside it only by points at least some five seconds
+//! apart.
 //!
-//! **The layers**, each built on those before: the model and the points; the receiver and its
+//! **The layers**, each built on the ones before it: the model and the points; the receiver and its
 //! errors; the candidates of a point, the ways between them, and the weights of moves; one step of
 //! a matcher, which adds its candidates and moves to a trellis; and on top of the step, vehicles,
 //! learning, and drives with their distinct routes.

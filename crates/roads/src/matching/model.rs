@@ -1,4 +1,5 @@
-//! Parameters of map matching.
+//! Parameters of map matching, with their ranges, defaults and the probabilities that follow from
+//! them.
 
 use super::MatchError;
 use super::receiver::POOR;
@@ -24,19 +25,19 @@ pub struct MatchModel {
     /// Share of time in which reception is poor, with errors four times as large as usual; above 0
     /// and below 1.
     pub poor: f64,
-    /// Share of positions that say nothing about the place; above 0 and below 1.
+    /// Share of positions that carry no information about the place; above 0 and below 1.
     pub outliers: f64,
-    /// Mean detour of a route against the straight line, in metres for each second between two
+    /// Mean detour of a route relative to the straight line, in metres per second between two
     /// positions; from 1e-6 to 1e9.
     pub deviation: f64,
-    /// Share of steps at which the vehicle stands; above 0 and below 1.
+    /// Share of steps at which the vehicle is stationary; above 0 and below 1.
     pub stop: f64,
     /// Probability of leaving the road within a second; above 0 and below 1.
     pub leave_road: f64,
-    /// Probability of coming back onto the road within a second; above 0 and below 1. Between two
+    /// Probability of returning to the road within a second; above 0 and below 1. Between two
     /// points it is at most one half.
     pub return_to_road: f64,
-    /// Probability of a U-turn where another way goes on; above 0 and below 1.
+    /// Probability of a U-turn where there is another way to continue; above 0 and below 1.
     pub u_turn: f64,
 }
 
@@ -82,6 +83,8 @@ impl MatchModel {
             ("return_to_road", self.return_to_road),
             ("u_turn", self.u_turn),
         ];
+        // Open intervals: logarithms are taken of these shares and of their complements. NaN fails
+        // every comparison, so it is an error too.
         for (what, value) in shares {
             if !(value > 0.0 && value < 1.0) {
                 let expected = "a value above 0 and below 1";
@@ -91,25 +94,28 @@ impl MatchModel {
         Ok(())
     }
 
-    /// Standard deviation over all time, by that in usual reception.
+    /// Standard deviation averaged over usual and poor reception, given the one in usual reception.
     pub(super) fn over_all_time(&self, usual: f64) -> f64 {
+        // Variances add: (1 − poor) σ² + poor (POOR σ)².
         usual * (1.0 + self.poor * (POOR * POOR - 1.0)).sqrt()
     }
 
-    /// Probability of leaving the road within a time.
+    /// Probability of leaving the road within some seconds.
     pub(super) fn leaves(&self, seconds: f64) -> f64 {
         within(self.leave_road, seconds)
     }
 
-    /// Probability of coming back within a time.
+    /// Probability of returning to the road within some seconds.
     pub(super) fn returns(&self, seconds: f64) -> f64 {
-        // Some stretches off the road last long.
+        // The cap keeps long stretches off the road possible: with a constant rate alone, a gap of
+        // some minutes would make the return almost certain.
         within(self.return_to_road, seconds).min(0.5)
     }
 }
 
-/// Probability within a time of an event that has this probability within a second.
+/// Probability within some seconds of an event that has this probability within one; at most 0.9.
 fn within(in_a_second: f64, seconds: f64) -> f64 {
+    // 1 − (1 − p)^t; `ln_1p` and `exp_m1` keep the digits of p down to the smallest rates.
     let never = seconds * (-in_a_second).ln_1p();
     (-never.exp_m1()).min(0.9)
 }

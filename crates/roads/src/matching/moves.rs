@@ -1,4 +1,10 @@
-//! Weights of moves between states of two steps, by the time and the metres between them.
+//! Weights of moves between the states of two steps, from the time and the distance between them.
+//!
+//! A weight is the likelihood of what was measured between the two points: evidence on moves in the
+//! sense of section 2 of the guide's formulas, so weights are not normalised over the moves out of
+//! a state. Densities of distances are relative to an even one over [`Interval::most`] metres. All
+//! hypotheses (stationary, moving, in a queue, off the road) are densities of the same
+//! displacement, so none of them wins merely by paying for less.
 
 use super::candidates::{deviation, share_below, usual_deviation};
 use super::place::ByReception;
@@ -11,56 +17,56 @@ use wayfix_kernels::exp_in_place;
 
 /// Fastest speed in metres per second that a density of distances spreads over.
 pub(super) const FASTEST: f64 = 40.0;
-/// Weight of the choices at junctions, where 1 would be drivers who choose by the traffic alone:
-/// those who want to get somewhere choose less.
+/// Weight of the choices at junctions; 1 would mean that drivers choose by traffic alone, but those
+/// with a destination choose less freely.
 pub(super) const CHOICES: f64 = 0.7;
-/// Most that the choices of one move weigh: a driver who wants to get somewhere makes few on the
-/// way.
+/// Largest total weight of the choices of one move: a driver with a destination makes few of them.
 const MOST_CHOICES: f64 = 3.0;
-/// Seconds for which a detour is possible at least, however short the time between two positions.
+/// Least time in seconds by which detours are scaled, however close two positions are in time.
 const LEAST_SECONDS: f64 = 0.2;
 /// Share of the fastest speed of a road up to which slower speeds are rarer.
 const SLOW: f64 = 0.3;
-/// Share of moves at a speed that the road does not tell.
+/// Share of moves at a speed unrelated to the road's.
 const ANY_SPEED: f64 = 0.1;
-/// Share of moves in slow traffic, and its speed in metres per second: without it a queue of some
-/// minutes would rather be a stretch off the road.
+/// Share of moves in slow traffic, and its speed in metres per second. Without it, a queue of some
+/// minutes would be taken for a stretch off the road.
 const IN_QUEUE: f64 = 0.1;
 const QUEUE_SPEED: f64 = 2.0;
-/// Relative density of distances that neither speed nor noise explains.
+/// Relative density of distances that neither speed nor noise explains: a floor, not a wall.
 const ANY_DISTANCE: f64 = 1e-9;
 /// Share of detours from a distribution ten times as wide.
 const LONG_DETOURS: f64 = 0.05;
-/// Seconds after which 1/e of what is known of a stop is left.
+/// Seconds after which 1/e of what is known about a stop is left.
 const STOP_LASTS: f64 = 20.0;
-/// Largest probability that the vehicle stood, as far as the next move counts.
+/// Largest probability of having been stationary that the next move starts from.
 const MOST_STOOD: f64 = 0.999;
-/// Speed in metres per second of the displacements that speak against a stop.
+/// Scale, as a speed in metres per second, of the displacements of moving vehicles in
+/// [`Interval::stood`].
 const MOVING: f64 = 8.0;
 /// Typical speed off the road in metres per second over a short time, and the seconds after which a
-/// way there bends.
+/// path there bends.
 const SPEED_OFF_ROAD: f64 = 16.0;
 const BENDS_AFTER: f64 = 5.0;
-/// Metres across for each metre that a way off the road leads astray within a moment, and those in
-/// the long run: in any direction, √(2π).
+/// Metres sideways for each metre of a path off the road, at first and, added to it, in the long
+/// run, when it may lead in any direction: √(2π).
 const ASTRAY: f64 = 0.3;
 const ASTRAY_AT_LAST: f64 = 2.5;
-/// Share of the usual change of an error that is left for a vehicle that stands, as a variance:
-/// receivers hold their position. On 19 recorded drives, displacements of less than 2 m changed the
-/// error by 0.1 m in the median, others by 0.4 m.
+/// Variance of the change of a stationary vehicle's error, as a share of the usual one: receivers
+/// hold their position. On 19 recorded drives, the error changed by a median of 0.1 m over
+/// displacements of less than 2 m, and by 0.4 m over others.
 const HELD: f64 = 0.1;
-/// Share of the steps of a vehicle that stands at which its error changes as in poor reception.
+/// Share of the steps of a stationary vehicle at which its error changes as in poor reception.
 const UNSTEADY: f64 = 0.02;
-/// Seconds after which positions off the road are independent of those before.
+/// Time constant in seconds with which positions off the road become independent of earlier ones.
 const FORGETS: f64 = 10.0;
-/// Widths, in standard deviations of a position, over which positions off the road spread within a
-/// moment.
+/// Width, in standard deviations of a position, over which positions off the road are spread in the
+/// short run.
 const THIN: f64 = 100.0;
 
 /// Time and distance between two points of a drive.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Interval {
-    /// Probability that the vehicle stands, by the displacements before.
+    /// Probability that the vehicle is stationary, from the displacements before.
     pub(super) stop: f64,
     pub(super) seconds: f64,
     /// Straight distance between the two positions in metres.
@@ -69,34 +75,34 @@ pub(super) struct Interval {
     pub(super) jitter: f64,
     /// The same if the errors were independent.
     pub(super) spread: f64,
-    /// Density of the displacement of a vehicle that stands.
+    /// Density of the displacement of a stationary vehicle, times 2π.
     stands: f64,
-    /// Density of the displacement of a vehicle that stands over that with errors that change as
-    /// much as those of one that moves, by reception.
+    /// Density of the displacement of a stationary vehicle, divided by its density if errors
+    /// changed as much as those of a moving one; by reception.
     steadier: ByReception,
-    /// Share of the error that lasts that is left.
+    /// Share of the lasting error that is left: κ.
     pub(super) kept: f64,
-    /// Mean of the speeds that the receiver tells at both ends.
+    /// Mean of the speeds that the receiver reports at both ends.
     pub(super) speed: Option<f64>,
 }
 
-/// Kind of a move, beside its weight.
+/// Kind of a move, with the posterior quantities that learning counts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Move {
     /// The vehicle comes onto the road, leaves it, or is off it.
     OffRoad,
     /// Along roads.
     Along {
-        /// Probability that the vehicle stood.
+        /// Probability that the vehicle was stationary.
         stood: f64,
-        /// Probability that the position after the move says nothing.
+        /// Probability that the position after the move is an outlier.
         outlier: f64,
-        /// Expected detour in metres a second, with long ones scaled down.
+        /// Expected detour in metres per second, with long ones counted a tenth.
         detour: f64,
     },
 }
 
-/// Distance that a vehicle went, with the standard deviation of what was measured of it, in metres.
+/// Distance that a vehicle covered, and the standard deviation of its measurement, in metres.
 #[derive(Debug, Clone, Copy)]
 struct Distance {
     metres: f64,
@@ -104,8 +110,8 @@ struct Distance {
 }
 
 impl Interval {
-    /// Interval between two points; `stood` is the probability that the vehicle stood before,
-    /// `rough` that the receiver is.
+    /// Interval between two points; `stood` is the probability that the vehicle was stationary
+    /// before, `rough` that its receiver is rough.
     pub(super) fn new<P: Coordinates>(
         model: &MatchModel,
         before: &TracePoint<P>,
@@ -115,61 +121,79 @@ impl Interval {
         let seconds = point.time - before.time;
         let spread = deviation(model, before).hypot(deviation(model, point));
         let kept = (-seconds / model.lasts).exp();
+        // Two errors Δ seconds apart have the covariance ρκσ², so their difference has the variance
+        // 2σ² (1 − ρκ), and `spread` is √2 σ if both have the deviation σ.
         let jitter = spread * (1.0 - model.lasting * kept).sqrt();
         let speed = before.speed.zip(point.speed).map(|(a, b)| 0.5 * (a + b));
         let metres = before.position.metres_to(point.position);
-        // A vehicle that stands may always go on.
+        // A stationary vehicle may always move off. What is known about the stop decays to the
+        // model's share.
         let stood = stood.min(MOST_STOOD);
         let stop = model.stop + (stood - model.stop) * (-seconds / STOP_LASTS).exp();
+        // With the variance of a difference, 2σ², `changes` gives the variance of the change of an
+        // error, 2ρσ² (1 − κ) of the lasting part and all of the white part.
         let usual = usual_deviation(model, before).hypot(usual_deviation(model, point));
         let receiver = Receiver::new(model, usual);
         let [held, moving] = [HELD, 1.0].map(|share| receiver.changes(share * (1.0 - kept)));
         let squared = metres * metres;
+        // Gaussian in two dimensions without its factor 1 / 2π, which `stood` leaves out of both
+        // hypotheses.
         let density = |variance: f64| (-0.5 * squared / variance).exp() / variance;
         let fine = (1.0 - UNSTEADY) * density(held[0]) + UNSTEADY * density(moving[1]);
         let stands = (1.0 - rough) * fine + rough * density(held[ROUGH_AT]);
+        // The quotient of two such densities in one exponential: each by itself may underflow.
         let ratio = |held: f64, moving: f64| {
             (-0.5 * squared * (1.0 / held - 1.0 / moving)).exp() * moving / held
         };
         let steadier = [
             ratio(held[0], moving[0]),
+            // In poor reception a stationary receiver holds its position as in usual reception,
+            // apart from the share of unsteady steps, whose ratio is 1.
             (1.0 - UNSTEADY) * ratio(held[0], moving[1]) + UNSTEADY,
             ratio(held[ROUGH_AT], moving[ROUGH_AT]),
         ];
         Self { stop, seconds, metres, jitter, spread, stands, steadier, kept, speed }
     }
 
-    /// Longest route worth looking for.
+    /// Longest route worth searching for.
     pub(super) fn longest(&self) -> f64 {
         let by_time = 1.2 * FASTEST * self.seconds + 100.0;
         let by_detour = 1.3 * self.metres + 10.0 * self.seconds.min(60.0) + 50.0;
+        // Both bounds hold for the true positions, which may be `spread` away at either end.
         by_time.min(by_detour) + 2.0 * self.spread
     }
 
-    /// Probability that the vehicle stood, by the displacements up to the end of the interval,
-    /// wherever it was.
+    /// Probability that the vehicle was stationary, from the displacements up to the end of the
+    /// interval, whatever its state.
     pub(super) fn stood(&self) -> f64 {
         let squared = self.metres * self.metres;
         let stands = self.stop * self.stands;
+        // Bayes' rule between the Gaussian of `new` and a Cauchy density in two dimensions, (1 +
+        // r²/R²)^(-3/2) / 2πR², both times 2π. Its tail keeps large displacements possible.
         let reach = (MOVING * self.seconds).powi(2) + self.jitter * self.jitter;
         let moves = (1.0 - self.stop) * (1.0 + squared / reach).powf(-1.5) / reach;
         stands / (stands + moves)
     }
 
-    /// Log weight of a way off the road, by the density of its end in the plane: that of the
-    /// distance, as on a road, and that across, which on a road is the density of the position.
-    /// For points in short succession it is a constant: their displacements are hardly independent.
+    /// Log weight of a move off the road, by the density of its end in the plane: the density of
+    /// the distance, as on a road, times one sideways, which on a road is the density of the
+    /// position. For points in quick succession it is a constant, since their displacements are
+    /// hardly independent.
     pub(super) fn off_road(&self, model: &MatchModel) -> f64 {
         let (metres, deviation) = (self.metres, self.jitter);
         let speed = SPEED_OFF_ROAD / (1.0 + self.seconds / BENDS_AFTER);
+        // A path that bends covers less straight distance than its speed and time suggest.
         let limit = 1.3 * speed * self.seconds + deviation;
         let rare = 1.0 / (1.0 + (metres / limit).powi(2));
         let moves = self.by_limit(Distance { metres, deviation }, limit, [0.0; 2]).0;
         let moves = (1.0 - ANY_SPEED) * moves + ANY_SPEED * rare;
+        // The mixture of `weight`, stationary or moving, without a road's queue and detours.
         let along = self.stop
             * self.most()
             * Ahead::of(metres, deviation * deviation).standing([1.0; RECEPTIONS])
             + (1.0 - self.stop) * moves;
+        // From 0 for points in quick succession to 1: the logarithm goes from the constant, a thin
+        // even density, to the density in the plane.
         let independent = -(-self.seconds / FORGETS).exp_m1();
         let across = deviation.hypot((ASTRAY + ASTRAY_AT_LAST * independent) * metres);
         let in_plane = (along / (std::f64::consts::TAU.sqrt() * across)).ln();
@@ -177,21 +201,21 @@ impl Interval {
             - (1.0 - independent) * (THIN * model.over_all_time(model.noise)).ln()
     }
 
-    /// Distance over which an even density spreads.
+    /// Width in metres of the even density that all densities of distances are relative to.
     fn most(&self) -> f64 {
         FASTEST * self.seconds + self.jitter
     }
 
-    /// Scale of detours.
+    /// Mean detour in metres.
     pub(super) fn detour_scale(&self, model: &MatchModel) -> f64 {
         model.deviation * self.seconds.max(LEAST_SECONDS)
     }
 
-    /// Log weight of a way to a state on a road with the density of its position, without the share
-    /// that leaves the road: density of the distance, relative to an even one up to the fastest
-    /// speed, the detour, the choices at junctions, and U-turns. Where the position does not belong
-    /// to the road, nothing was measured of the distance, and a move weighs at most its
-    /// probability. The logarithm may be −∞, and the rest is then unused.
+    /// Log weight of a way to a state on a road, including the density of its position but not the
+    /// probability of staying on the road: the density of the distance relative to an even one up
+    /// to the fastest speed, the detour, the choices at junctions, and U-turns. Where the position
+    /// is an outlier, the distance was not measured, and a move weighs at most its probability. The
+    /// logarithm may be −∞; the rest is then unused.
     pub(super) fn weight(
         &self,
         model: &MatchModel,
@@ -209,7 +233,8 @@ impl Interval {
                 self.by_limit(distance, limit, [detour, 0.1 * detour])
             }
             Some(speed) => {
-                // A receiver's speed is that of a moment.
+                // A receiver reports the speed at one moment, which says less about the mean over a
+                // longer interval.
                 let sigma = deviation.hypot(1.0 + 0.3 * speed * self.seconds);
                 let z = (metres - speed * self.seconds) / sigma;
                 let [density, short, long] = [-0.5 * z * z, -detour, -0.1 * detour].map(f64::exp);
@@ -217,15 +242,18 @@ impl Interval {
                 (self.most() * density, share_below(metres / deviation), [short, long])
             }
         };
+        // An even density is 1 relative to itself, and a vehicle does not move backwards.
         let moves = (1.0 - ANY_SPEED) * moves + ANY_SPEED * is_ahead;
+        // Half a Cauchy density, 2 / (π R (1 + d²/R²)) for d > 0.
         let reach = QUEUE_SPEED * self.seconds + deviation;
         let rare = reach * (1.0 + (metres / reach).powi(2));
         let queues = std::f64::consts::FRAC_2_PI * self.most() / rare * is_ahead;
         let moves = (1.0 - IN_QUEUE) * moves + IN_QUEUE * queues;
         let moves = moves.max(ANY_DISTANCE);
-        // Where the position belongs to the road, and where it says nothing.
+        // Shares of a weight for a position that belongs to the road and for an outlier. An outlier
+        // measures no distance, so a density above 1 must not count in its favour.
         let parts = |weight: f64| [inlier * weight, (1.0 - inlier) * weight.min(1.0)];
-        // A vehicle that stands is on the edge on which it was, at the same place.
+        // A stationary vehicle is still on its edge, at the same place.
         let stands = if way.is_same_edge() {
             let density = self.most() * ahead.standing(self.steadier);
             parts(density).map(|part| self.stop * part)
@@ -233,47 +261,59 @@ impl Interval {
             [0.0; 2]
         };
         let mut moves = parts(moves).map(|part| (1.0 - self.stop) * part);
+        // Only a moving vehicle is placed anew by its position, and has to come to lie on the edge.
+        // A stationary one already did.
         moves[0] *= share;
         let unseen = stands[1] + moves[1];
         let [stands, moves] = [stands, moves].map(|[seen, unseen]| seen + unseen);
+        // Two exponential distributions of detours; the density of the one ten times as wide is a
+        // tenth as high.
         let (short, long) = ((1.0 - LONG_DETOURS) * short, 0.1 * LONG_DETOURS * long);
         let total = density * (stands + moves) * (short + long);
         let mut log = total.ln() + log_factor - (CHOICES * way.log_choices).min(MOST_CHOICES);
         if way.u_turns > 0 {
             log += f64::from(way.u_turns) * model.u_turn.ln();
         }
+        // Expected detour for the M step of a mixture of exponentials with tied scales: one from
+        // the wide distribution counts a tenth.
         let share = (short + 0.1 * long) / (short + long);
         let detour = share * way.detour / self.seconds.max(LEAST_SECONDS);
         let [stood, outlier] = [stands, unseen].map(|part| part / (stands + moves));
         (log, Move::Along { stood, outlier, detour })
     }
 
-    /// Relative density of the distance of a vehicle that moves, up to a limit, the probability
-    /// that it is above 0, and the exponentials e^−z of two more numbers. Few go slowly: the
-    /// density grows up to a part of the limit, blurred by the noise of positions.
+    /// Relative density of the distance of a moving vehicle, up to a limit; the probability that
+    /// the distance is positive; and the exponentials e^−z of two more numbers. Few vehicles are
+    /// slow: the density rises linearly up to a share of the limit and is flat from there, blurred
+    /// by the noise of positions.
     fn by_limit(&self, distance: Distance, limit: f64, [z, w]: [f64; 2]) -> (f64, f64, [f64; 2]) {
         let (Distance { metres, deviation }, slow) = (distance, SLOW * limit);
         let ends = [metres / deviation, (metres - slow) / deviation];
         let left = (limit - metres) / deviation;
         let [normal, normal_slow] = ends.map(|z| -0.5 * z * z);
         let [below, below_slow, below_limit] = [ends[0], ends[1], left].map(|z| -SLOPE * z.abs());
+        // Eight exponentials at once fill whole vectors: this is the inner loop of matching.
         let mut powers = [normal, normal_slow, below, below_slow, below_limit, -z, -w, 0.0];
         exp_in_place(&mut powers);
         let [normal, normal_slow, below, below_slow, below_limit, z, w, _] = powers;
-        // A logistic function of z, of which e^−|z| is given.
+        // The logistic function of z, from e = e^−|z|: 1 / (1 + e) for z > 0, and e / (1 + e)
+        // otherwise.
         let share = |z: f64, e: f64| if z > 0.0 { 1.0 } else { e } / (1.0 + e);
         let is_ahead = share(ends[0], below);
-        // Means of what the distance exceeds 0 and the slow part by.
+        // E[max(d, 0)] = σ φ(d/σ) + d Φ(d/σ), with the logistic function for Φ. The blurred ramp is
+        // the difference of two of these, E[max(d, 0)] − E[max(d − slow, 0)], over `slow`.
         let root = deviation / std::f64::consts::TAU.sqrt();
         let over = root * normal + metres * is_ahead;
         let over_slow = root * normal_slow + (metres - slow) * share(ends[1], below_slow);
         let ramp = ((over - over_slow) / slow).max(0.0);
+        // The area below a ramp up to s times the limit and a plateau beyond is (1 − s/2) times the
+        // limit.
         let density = ramp * share(left, below_limit) * self.most() / ((1.0 - 0.5 * SLOW) * limit);
         (density, is_ahead, [z, w])
     }
 }
 
-/// Typical speed of a road in metres per second, where none is posted.
+/// Typical speed of a road in metres per second, for roads without a posted one.
 pub(super) fn speed_of(class: RoadClass) -> f64 {
     match class {
         RoadClass::Main => 30.0,

@@ -1,17 +1,17 @@
-//! What a state knows of its place along the road and of the error of the receiver.
+//! Joint Gaussian of a state's place along its road and of the receiver's error.
 //!
-//! For each kind of reception a Gaussian of three numbers: x, the metres along the edge, and o, the
-//! lasting error to the east and to the north. Measurements of linear functions of them update it
-//! (Kalman, 1960); several moves that lead to one state are merged by their first two moments.
-//! Numbers of the same kind stand side by side, one for each reception, so that the loops over
-//! receptions run in vector registers.
+//! There is one for each kind of reception, over three numbers: x, the metres along the edge, and
+//! o, the lasting error to the east and to the north. Measurements of linear functions of them
+//! update it (Kalman, 1960); several moves into one state are merged by their first two moments.
+//! Numbers of the same kind are side by side, one for each reception, so that loops over receptions
+//! run in vector registers.
 
 use super::receiver::RECEPTIONS;
 
 /// A number for each kind of reception.
 pub(super) type ByReception = [f64; RECEPTIONS];
 
-/// Place along an edge and error of the receiver, as the drive so far tells them.
+/// Place along an edge and error of the receiver, given the drive so far.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Place {
     /// Means of the metres along, and of the errors to the east and to the north.
@@ -32,13 +32,13 @@ impl Place {
         (total > 0.0).then_some(Self { mean, covariance, shares })
     }
 
-    /// The same with the metres counted from another point of the road.
+    /// Returns the place with its metres counted from another point of the road.
     pub(super) fn counted_from(&self, metres: f64) -> Self {
         let [along, x, y] = self.mean;
         Self { mean: [along.map(|along| along - metres), x, y], ..*self }
     }
 
-    /// The same error at a place of which the position says nothing.
+    /// Returns the same error at another place along, known only to within a standard deviation.
     pub(super) fn unseen(&self, along: f64, deviation: f64) -> Self {
         let ([_, x, y], [_, _, _, xx, xy, yy]) = (self.mean, self.covariance);
         let [variance, zero] = [deviation * deviation, 0.0].map(|value| [value; RECEPTIONS]);
@@ -64,10 +64,12 @@ impl Place {
         [a * xx + b * xy + c * xz, a * xy + b * yy + c * yz, a * xz + b * yz + c * zz]
     }
 
-    /// Updates a reception by a likelihood of a linear function, of whose logarithm the first two
-    /// derivatives at the mean are given.
+    /// Updates a reception by the likelihood of a linear function h, given the first two
+    /// derivatives of its logarithm at the mean.
     #[inline]
     pub(super) fn learn(&mut self, number: usize, h: [f64; 3], first: f64, second: f64) {
+        // Moments after a likelihood with a quadratic logarithm: μ + P h g' and P + (P h)(P h)'
+        // g''. Exact if it is Gaussian, where this is Kalman's update.
         let by = self.times(h, number);
         for (mean, by) in self.mean.iter_mut().zip(by) {
             mean[number] += by * first;
@@ -77,8 +79,8 @@ impl Place {
         }
     }
 
-    /// The same with variances of at least 0 and covariances within them: rounding may leave less
-    /// than a covariance matrix.
+    /// Returns the place with variances of at least 0 and covariances bounded by them, which
+    /// rounding may have violated.
     pub(super) fn rounded(mut self) -> Self {
         let [xx, xy, xz, yy, yz, zz] = &mut self.covariance;
         for r in 0..RECEPTIONS {
@@ -93,8 +95,8 @@ impl Place {
         self
     }
 
-    /// Replaces the probabilities of the kinds of reception, in proportion to weights; they stay
-    /// as they are if all are zero.
+    /// Sets the probabilities of the kinds of reception in proportion to weights; keeps them if all
+    /// weights are zero.
     #[inline]
     pub(super) fn reweight(&mut self, weights: ByReception) {
         let total = weights.iter().sum::<f64>();
@@ -104,7 +106,7 @@ impl Place {
     }
 }
 
-/// Mixtures of Gaussians side by side, each merged by its moments.
+/// Mixtures of Gaussians side by side, each merged by its first two moments.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Mixtures<const N: usize> {
     pub(super) weights: [f64; N],
@@ -119,7 +121,7 @@ impl<const N: usize> Default for Mixtures<N> {
 }
 
 impl<const N: usize> Mixtures<N> {
-    /// Adds a Gaussian to each, with a weight.
+    /// Adds a weighted Gaussian to each mixture.
     #[inline]
     pub(super) fn add(
         &mut self,
@@ -130,13 +132,13 @@ impl<const N: usize> Mixtures<N> {
         let [mut part, mut spread] = [[0.0; N]; 2];
         for n in 0..N {
             let sum = self.weights[n] + weights[n];
-            // One without weight keeps its moments.
+            // A mixture without weight keeps its moments, and 0 / 0 is avoided.
             part[n] = if sum > 0.0 { weights[n] / sum } else { 0.0 };
             spread[n] = part[n] * (1.0 - part[n]);
             self.weights[n] = sum;
         }
-        // Differences of means, and no sums of squares: places are hundreds of metres from the
-        // start of an edge, and may be known to a micrometre.
+        // Differences of means rather than sums of squares, which would cancel: places are hundreds
+        // of metres from the start of an edge and may be known to a micrometre.
         let mut off = [[0.0; N]; 3];
         for axis in 0..3 {
             for n in 0..N {
@@ -149,6 +151,8 @@ impl<const N: usize> Mixtures<N> {
         for (index, (a, b)) in pairs.into_iter().enumerate() {
             for n in 0..N {
                 let own = self.covariance[index][n];
+                // Variance within and between: (1 − p) C + p C' + p (1 − p) d d', with d the
+                // difference of the means.
                 let change = part[n] * (covariance[index][n] - own) + spread[n] * a[n] * b[n];
                 self.covariance[index][n] = own + change;
             }
@@ -156,7 +160,7 @@ impl<const N: usize> Mixtures<N> {
     }
 }
 
-/// Mixture of places, of which those of one reception are merged.
+/// Mixture of places, merged within each reception.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct PlaceMixture(Mixtures<RECEPTIONS>);
 

@@ -1,4 +1,4 @@
-//! Positions that a receiver reports.
+//! Positions that a receiver reports, and the ranges of their numbers.
 
 use std::fmt;
 
@@ -9,9 +9,9 @@ use wayfix::map::{Coordinates, Position};
 /// A position of a vehicle at a time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TracePoint<P = Position> {
-    /// Seconds since any moment, from −1e20 to 1e20.
+    /// Time in seconds since any fixed moment, from −1e20 to 1e20.
     pub time: f64,
-    /// Position that was measured.
+    /// Measured position.
     pub position: P,
     /// Standard deviation of this position in each direction in metres, from 1e-6 to 1e9, if the
     /// receiver reports it; otherwise that of the [model](super::MatchModel).
@@ -30,7 +30,7 @@ impl<P: Coordinates> TracePoint<P> {
         Self { time, position, accuracy: None, heading: None, speed: None }
     }
 
-    /// Checks a point that follows another, as that with an index in its drive.
+    /// Checks a point, given its index in the drive and the point before.
     pub(super) fn check(&self, point: usize, before: Option<&Self>) -> Result<(), MatchError> {
         self.numbers().map_err(|OutOfRange { what, value, expected }| MatchError::Point {
             point,
@@ -46,10 +46,12 @@ impl<P: Coordinates> TracePoint<P> {
         }
     }
 
-    /// Checks the numbers.
+    /// Checks the ranges of all numbers; NaN is in none.
     pub(super) fn numbers(&self) -> Result<(), OutOfRange> {
         let [a, b] = self.position.values();
         let [(_, limit_a), (_, limit_b)] = P::AXES;
+        // Out of range as given, but in range with latitude and longitude exchanged: the usual
+        // mistake.
         let swapped = a.abs() > limit_a && a.abs() <= limit_b && b.abs() <= limit_a;
         for ((what, limit), value) in P::AXES.into_iter().zip([a, b]) {
             if !(-limit..=limit).contains(&value) {
@@ -70,7 +72,7 @@ impl<P: Coordinates> TracePoint<P> {
             }
             _ => Ok(()),
         };
-        // Far beyond what is measured, sums and densities would overflow.
+        // Limits far beyond anything measured, within which no sum or density overflows.
         check("time", Some(self.time), [-1e20, 1e20], "seconds from -1e20 to 1e20")?;
         check("accuracy", self.accuracy, [1e-6, 1e9], "metres from 1e-6 to 1e9")?;
         check("heading", self.heading, [-180.0, 360.0], "degrees from -180 to 360")?;

@@ -1,54 +1,55 @@
-//! A position as it is seen from an edge, and what it says of a place there.
+//! A position as seen from an edge, and what it tells about a place there.
 //!
 //! A position is two measurements of the place along x and the error o: a distance across, n · o +
 //! w, and a place along, x + t · o + w, where n and t are the unit vectors across and along and w
-//! is white noise. That x is on the edge is a third, which is no Gaussian: the update takes the
-//! first two derivatives of its logarithm.
+//! is white noise. That x lies on the edge is a third, whose likelihood is not Gaussian: the update
+//! uses the first two derivatives of its logarithm.
 //!
-//! The first is a Kalman update (Kalman, 1960). Let C be the covariance of o, c that of x and o, and
-//! v = n'C n + w the variance of the distance across, which is z metres off. Then o moves by
-//! C n z / v and x by c'n z / v, a variance such as t'C t becomes t'C t − (t'C n)² / v, and that of
-//! x + t · o, var x + 2 c't + t'C t − (c'n + t'C n)² / v. [`Sighting::fit`] needs no more than these
-//! numbers, which spares a copy of the place for each of the moves into a state;
-//! [`Sighting::across`] updates all of it, for the moves that count.
+//! The first is a Kalman update (Kalman, 1960). Let C be the covariance of o, c that of x and o,
+//! and v = n'C n + var w the variance of the distance across, whose innovation is z metres. Then o
+//! moves by C n z / v and x by c'n z / v, a variance such as t'C t becomes t'C t − (t'C n)² / v,
+//! and that of x + t · o, var x + 2 c't + t'C t − (c'n + t'C n)² / v. [`Sighting::fit`] needs only
+//! these numbers, which saves copying the place for every move into a state; [`Sighting::across`]
+//! updates all of it, for the moves that count.
 
 use super::across::Across;
 use super::place::{ByReception, Place};
 use super::receiver::{RECEPTIONS, Receiver};
 use wayfix_kernels::exp_in_place;
 
-/// A position as it is seen from an edge.
+/// A position as seen from an edge.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Sighting {
     /// Unit vector across, from the road to the position.
     pub(super) normal: [f64; 2],
-    /// Unit vector along; zero if none is known.
+    /// Unit vector along; zero if unknown.
     pub(super) tangent: [f64; 2],
     /// Metres across, in the direction of `normal`.
     pub(super) across: f64,
-    /// Metres along, on the straight line that goes on beyond the ends.
+    /// Metres along, on the edge extended straight beyond its ends.
     pub(super) along: f64,
     /// Length of the edge in metres.
     pub(super) length: f64,
-    /// True if the position is beside the edge, and not beyond its ends.
+    /// True if the position is beside the edge rather than beyond its ends.
     pub(super) is_beside: bool,
-    /// Log density of a position that says nothing of the place, and its exponential.
+    /// Log density of the position as an outlier, weighted by the share of outliers, and its
+    /// exponential.
     pub(super) log_outlier: f64,
     pub(super) outlier: f64,
 }
 
-/// A position and a place: how well they fit, and what follows of the place.
+/// Fit of a position to a place, and what follows about the place.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Fit {
-    /// Density of the position, whether it belongs to the road or says nothing, without a factor of
-    /// which the logarithm is given.
+    /// Density of the position, whether it belongs to the road or is an outlier, divided by a
+    /// factor whose logarithm is given.
     pub(super) density: f64,
     pub(super) log_factor: f64,
     /// Probability that it belongs to the road.
     pub(super) inlier: f64,
-    /// Probabilities of the kinds of reception after it.
+    /// Probabilities of the kinds of reception given the position.
     pub(super) shares: ByReception,
-    /// Share on the edge of the places along of a vehicle that moved.
+    /// Probability that the place along of a vehicle that moved is on the edge.
     pub(super) share: f64,
     /// Metres that the position is ahead of the place.
     pub(super) ahead: Ahead,
@@ -63,43 +64,48 @@ pub(super) struct Ahead {
     variances: ByReception,
 }
 
-/// Density below which a position is taken in logarithms.
+/// Density below which a position is evaluated in logarithms.
 const TINY: f64 = 1e-280;
-/// Slope of the logistic function that is nearest to the normal distribution function.
+/// Slope of the logistic function that is closest to the normal distribution function.
 pub(super) const SLOPE: f64 = 1.702;
-/// Deviations, as arguments of the logistic function, beyond which nothing is cut off.
+/// Argument of the logistic function beyond which the end of an edge cuts nothing off.
 const FAR: f64 = 7.0;
-/// Least variance along, in square metres: below that of the finest receiver.
+/// Least variance along, in square metres; below that of any receiver.
 const LEAST_VARIANCE: f64 = 1e-15;
-/// Largest share of a variance that an update by the ends of an edge takes away: its second
-/// derivative is that of a logistic function, and no exact one.
+/// Largest share of a variance that an update by the ends of an edge removes: its second derivative
+/// comes from the logistic approximation.
 const MOST_LEARNED: f64 = 0.9;
 
 impl Sighting {
-    /// How well the position fits a place on an edge before, from whose start it is so many metres
-    /// to that of the edge.
+    /// Fit of the position to a place on an earlier edge, from whose start it is `starts` metres to
+    /// the start of this edge.
     #[inline]
     pub(super) fn fit(&self, place: &Place, starts: f64, receiver: &Receiver) -> Fit {
         let across = Across::new(place, self, receiver);
         let ([a, b], [c, d]) = (self.normal, self.tangent);
         let ([along, x, y], [aa, ax, ay, xx, xy, yy]) = (&place.mean, &place.covariance);
         let [mut metres, mut variances, mut low, mut high] = [[0.0; RECEPTIONS]; 4];
-        // Exponents: of the density across, and at both ends of the edge; as two whole vectors.
+        // Exponents of the density across and at both ends of the edge, three of each, padded to
+        // two whole vectors.
         let mut powers = [0.0; 16];
         for r in 0..RECEPTIONS {
-            // Covariances with the distance across: of the error along, and of the place along.
+            // Covariances with the distance across: t'C n of the error along, and c'n of the place
+            // along.
             let with_error = c * across.with[0][r] + d * across.with[1][r];
             let with_place = a * ax[r] + b * ay[r];
             let (each, by) = (across.each[r], across.off[r] * across.each[r]);
             let error = c * x[r] + d * y[r] + with_error * by;
             let variance = c * c * xx[r] + 2.0 * c * d * xy[r] + d * d * yy[r];
-            // Where a vehicle that moved would be, and how far that is from the place before.
+            // Where a vehicle that moved would be, x = along − t · o given the distance across, and
+            // how far that is from the place before.
             let moved = self.along - error;
             let of_moved = (variance - with_error * with_error * each).max(0.0) + receiver.white[r];
             metres[r] = moved - (along[r] - starts + with_place * by);
+            // Variance of x + t · o given the distance across, as at the head of this file.
             let with = with_error + with_place;
             let both = aa[r] + 2.0 * (c * ax[r] + d * ay[r]) + variance - with * with * each;
             variances[r] = both.max(0.0) + receiver.white[r];
+            // Arguments of the logistic function at both ends of the edge.
             let slope = SLOPE / of_moved.max(LEAST_VARIANCE).sqrt();
             (low[r], high[r]) = (-slope * moved, slope * (self.length - moved));
             powers[r] = -across.squares[r];
@@ -110,6 +116,8 @@ impl Sighting {
         let (mut shares, density) = across.shares(place, &powers[..RECEPTIONS]);
         let (mut belongs, mut log_factor) = (receiver.inlier * density, 0.0);
         let mut density = belongs + self.outlier;
+        // Near underflow `inlier` would lose its digits; the larger of both parts is taken out as
+        // the factor, so their sum is from 1 to 2.
         if density < TINY || belongs == 0.0 {
             let (of_position, log_across) = across.log_shares(place);
             let log_belongs = receiver.inlier.ln() + log_across;
@@ -119,7 +127,9 @@ impl Sighting {
         }
         let mut share = 0.0;
         for r in 0..RECEPTIONS {
-            // Difference of the logistic function 1 / (1 + e^−z) at both ends.
+            // F(high) − F(low) of the logistic function F(z) = 1 / (1 + e^−z), without
+            // cancellation, from e = e^−|low| and f = e^−|high|: (1 − e f) / ((1 + e)(1 + f)) if
+            // the ends are on either side of the mean, else |e − f| over the same.
             let (e, f) = (powers[RECEPTIONS + r], powers[2 * RECEPTIONS + r]);
             let is_inside = low[r] < 0.0 && high[r] > 0.0;
             let between = if is_inside { 1.0 - e * f } else { (e - f).abs() };
@@ -130,7 +140,8 @@ impl Sighting {
         Fit { density, log_factor, inlier, shares, share, ahead }
     }
 
-    /// Place after the distance across, which leaves these probabilities of the kinds of reception.
+    /// Place given the distance across, with the probabilities of the kinds of reception that
+    /// follow from it.
     #[inline]
     pub(super) fn across(&self, place: &Place, shares: ByReception, receiver: &Receiver) -> Place {
         let mut updated = Place { shares, ..*place };
@@ -138,7 +149,7 @@ impl Sighting {
         updated
     }
 
-    /// Place of a vehicle that stood, by its place along.
+    /// Place of a stationary vehicle, given the position along.
     #[inline]
     pub(super) fn stood(&self, place: &Place, receiver: &Receiver) -> Place {
         let h = [1.0, self.tangent[0], self.tangent[1]];
@@ -146,10 +157,13 @@ impl Sighting {
         let [mut squares, mut deviations] = [[0.0; RECEPTIONS]; 2];
         for r in 0..RECEPTIONS {
             let [mean, variance] = place.of(h, r);
+            // A Gaussian likelihood: the derivatives of its logarithm at the mean are z / v and −1
+            // / v.
             let (variance, off) = (variance + receiver.white[r], self.along - mean);
             (squares[r], deviations[r]) = (0.5 * off * off / variance, variance.sqrt());
             updated.learn(r, h, off / variance, -1.0 / variance);
         }
+        // Divided by the largest density, so that not all weights underflow.
         let possible = (0..RECEPTIONS).filter(|r| place.shares[*r] > 0.0);
         let least = possible.map(|r| squares[r]).fold(f64::INFINITY, f64::min);
         for r in 0..RECEPTIONS {
@@ -159,7 +173,7 @@ impl Sighting {
         updated
     }
 
-    /// Place of a vehicle that moved: the position alone tells its place along.
+    /// Place of a vehicle that moved: the position alone determines its place along.
     #[inline]
     pub(super) fn moved(&self, place: &Place, receiver: &Receiver) -> Place {
         let ([a, b], [_, x, y], [_, _, _, xx, xy, yy]) =
@@ -168,13 +182,15 @@ impl Sighting {
         for r in 0..RECEPTIONS {
             let (u, v) = (a * xx[r] + b * xy[r], a * xy[r] + b * yy[r]);
             moved.mean[0][r] = self.along - a * x[r] - b * y[r];
+            // x = along − t · o − w: its variance is t'C t + var w, and its covariance with o is −C
+            // t.
             moved.covariance[0][r] = a * u + b * v + receiver.white[r];
             (moved.covariance[1][r], moved.covariance[2][r]) = (-u, -v);
         }
         moved
     }
 
-    /// Shares of a distribution of places along that are before the start of the edge and before
+    /// Shares of a distribution of places along that lie before the start of the edge and before
     /// its end, the share between them, and the slope of the logistic function; `None` if nothing
     /// is cut off.
     #[inline]
@@ -185,7 +201,8 @@ impl Sighting {
             return None;
         }
         let [below, up_to] = [low, high].map(logistic);
-        // Their difference, without loss where both are near 0 or 1.
+        // Their difference without cancellation, also where both are near 0 or 1: F(h) − F(l) =
+        // F(h) (1 − F(l)) (1 − e^(l − h)).
         let share = -up_to * (1.0 - below) * (low - high).exp_m1();
         Some(([below, up_to], if share > 0.0 { share } else { 0.0 }, slope))
     }
@@ -202,6 +219,8 @@ impl Sighting {
             };
             *share *= on_edge;
             if on_edge > 0.0 {
+                // Derivatives of ln (F(h) − F(l)) by the mean, with F' = F (1 − F): both ends move
+                // against it, so the first is −s (1 − F(h) − F(l)).
                 let first = -slope * (1.0 - up_to - below);
                 let second = -slope * slope * (up_to * (1.0 - up_to) + below * (1.0 - below));
                 let second = second.max(-MOST_LEARNED / variance);
@@ -214,16 +233,17 @@ impl Sighting {
 }
 
 impl Ahead {
-    /// The same distance with any reception.
+    /// A distance that is the same with any reception.
     pub(super) fn of(metres: f64, variance: f64) -> Self {
         let [metres, variances] = [metres, variance].map(|value| [value; RECEPTIONS]);
         let mut shares = [0.0; RECEPTIONS];
+        // All numbers are equal, so any shares that sum to one will do.
         shares[0] = 1.0;
         Self { shares, metres, variances }
     }
 
-    /// Density of the distance of a vehicle that stood, whose displacement is so many times as
-    /// probable as each reception says.
+    /// Density of the distance of a stationary vehicle, whose displacement is `steadier` times as
+    /// probable as under each reception's own changes of the error.
     pub(super) fn standing(&self, steadier: ByReception) -> f64 {
         let mut squares = self.variances;
         for (square, metres) in squares.iter_mut().zip(self.metres) {
@@ -237,7 +257,7 @@ impl Ahead {
         sum / std::f64::consts::TAU.sqrt()
     }
 
-    /// Mean, and standard deviation.
+    /// Mean and standard deviation of the mixture over receptions.
     #[inline]
     pub(super) fn moments(&self) -> [f64; 2] {
         let (mut mean, mut variance) = (0.0, 0.0);

@@ -1,4 +1,8 @@
-//! Vehicles as bytes: their fields one after the other, in the order in which they are declared.
+//! Vehicles as bytes: the unit of their coordinates, then their fields in order of declaration.
+//!
+//! What is read may have been changed, so every number is checked before a vehicle exists: ranges
+//! of the state, means and covariances, probabilities that sum to one, and a trellis that can be
+//! smoothed. Only whether its edges exist is left to the matcher, which knows the network.
 
 use super::candidates::Candidate;
 use super::place::{ByReception, Place};
@@ -10,17 +14,17 @@ use wayfix::internal::LogSum;
 use wayfix::internal::bytes::{Kind, Reader, Writer, contents};
 use wayfix::map::Coordinates;
 
-/// Types of vehicles, by the units of their coordinates.
+/// Types of vehicles by the units of their coordinates.
 const UNITS: [(&str, &str); 2] =
     [("degrees", "Vehicle<Position>"), ("metres", "Vehicle<PlanePosition>")];
 
-/// A value with a form in bytes.
+/// A value that can be written as bytes.
 trait Stored: Sized {
     fn write(&self, writer: &mut Writer);
     fn read(reader: &mut Reader<'_>) -> Result<Self, SnapshotError>;
 }
 
-/// Stores numbers, in eight bytes each.
+/// Implements [`Stored`] for numbers of eight bytes each.
 macro_rules! stored_numbers {
     ($($type:ty: |$value:ident, $out:ident| $write:expr, |$from:ident| $read:expr;)*) => {$(
         impl Stored for $type {
@@ -36,7 +40,7 @@ macro_rules! stored_numbers {
     )*};
 }
 
-/// Stores structs by their fields.
+/// Implements [`Stored`] for structs, field by field.
 macro_rules! stored_fields {
     ($name:ident $(<$p:ident>)? { $($field:ident),* }) => {
         impl$(<$p: Coordinates>)? Stored for $name$(<$p>)? {
@@ -58,7 +62,7 @@ stored_numbers! {
     usize: |value, out| out.integer(*value), |from| from.integer();
     f64: |value, out| out.double(*value), |from| from.double();
     LogSum: |value, out| out.log_sum(*value), |from| from.log_sum();
-    // A number that is missing is NaN.
+    // A missing number is stored as NaN, which no valid point contains.
     Option<f64>: |value, out| out.double(value.unwrap_or(f64::NAN)),
         |from| from.double().map(|value| (!value.is_nan()).then_some(value));
     // Index of an edge.
@@ -136,6 +140,8 @@ impl Stored for Window {
     }
 
     fn read(reader: &mut Reader<'_>) -> Result<Self, SnapshotError> {
+        // Counts that were read never size an allocation: with a wrong one, the reader runs out of
+        // bytes first.
         let (mut trellis, mut window) = (Trellis::new(), Vec::new());
         for _ in 0..reader.integer()? {
             trellis.begin_step();
@@ -171,8 +177,8 @@ impl Stored for Window {
 impl<P: Coordinates> Vehicle<P> {
     /// Returns the state as bytes, in the format of
     /// [`FilterSnapshot`](wayfix::inference::FilterSnapshot::to_bytes): some 300 for each state of
-    /// the window, and 16 for each move. Read back, a vehicle goes on to the bit, on the network on
-    /// which it was started: its fingerprint is among the bytes.
+    /// the window, and 16 for each move. A vehicle that is read back continues exactly, to the bit,
+    /// on the network where it was started; the bytes contain its fingerprint.
     ///
     /// ```
     /// use wayfix_roads::NetworkBuilder;
@@ -202,12 +208,12 @@ impl<P: Coordinates> Vehicle<P> {
         writer.finish()
     }
 
-    /// Reads a state from bytes. O(length). [`Matcher::step`](super::Matcher::step) gives an error
-    /// for a vehicle of another network.
+    /// Reads a state from bytes. O(length). [`Matcher::step`](super::Matcher::step) returns an
+    /// error for a vehicle of another network.
     ///
     /// # Errors
     ///
-    /// [`SnapshotError`] if the bytes are damaged, or not those of a vehicle; one with other
+    /// [`SnapshotError`] if the bytes are damaged or not those of a vehicle; a vehicle with other
     /// coordinates is of another [kind](SnapshotError::Kind).
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, SnapshotError> {
         let mut reader = Reader::new(bytes, Kind::Vehicle)?;
@@ -241,27 +247,28 @@ impl<P: Coordinates> Vehicle<P> {
         if points < steps {
             return Err(contents(format!("{points} points, but {steps} in the window")));
         }
+        // The next step takes this for a distribution and does not normalise it.
         let sum: f64 = window.log_filtered.iter().map(|log| log.exp()).sum();
         if !(1.0 - 1e-9..=1.0 + 1e-9).contains(&sum) {
             return Err(contents(format!("probabilities sum to {sum}, expected 1")));
         }
         window.states.iter().flatten().try_for_each(check)?;
+        // Late answers smooth the window, and must not fail later on what was accepted here.
         window.trellis.smooth().map_err(|error| contents(error.to_string()))?;
         Ok(Self { progress, window })
     }
 }
 
-/// Unit of coordinates as a word: its first eight letters, which are no number of points that a
-/// window may have.
+/// Unit of coordinates as a word made of its first eight letters.
 fn unit(name: &str) -> u64 {
     name.bytes().take(8).fold(0, |word, letter| word << 8 | u64::from(letter))
 }
 
-/// Checks the numbers of a state. Which edges there are, the network says.
+/// Checks the numbers of a state. Whether its edge exists is up to the network.
 fn check(state: &Candidate) -> Result<(), SnapshotError> {
-    /// More than any coordinate of the plane, or any length of an edge.
+    /// Bound on all coordinates of the plane and lengths of edges.
     const LARGEST: f64 = 1e12;
-    /// Rounding of sums and of products.
+    /// Tolerance for rounding in sums and products.
     const ROUNDING: f64 = 1e-9;
     let Candidate { edge: _, along, point, place: Place { mean, covariance, shares }, inlier } =
         *state;
@@ -280,6 +287,7 @@ fn check(state: &Candidate) -> Result<(), SnapshotError> {
     }
     for (covariances, a, b) in [(xy, xx, yy), (xz, xx, zz), (yz, yy, zz)] {
         for ((covariance, a), b) in covariances.into_iter().zip(a).zip(b) {
+            // |cov(a, b)| ≤ √(var a · var b), as `Place::rounded` left it.
             let most = (a * b).max(0.0).sqrt() * (1.0 + ROUNDING);
             numbers.push(("covariance", covariance, range(most)));
         }

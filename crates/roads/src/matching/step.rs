@@ -1,9 +1,10 @@
-//! One step forward: the states near the next point, the moves to them from the states before, and
-//! the filtered distribution of the new states.
+//! One step of the filter: the states near the next point, the moves to them from the previous
+//! states, and the filtered distribution of the new states.
 //!
-//! Vehicles live, whole drives and learning all go forward by it. Candidates, likelihoods and
-//! weights of moves are of the layers below; a trellis holds them, for whatever is asked of it
-//! afterwards.
+//! Live vehicles, whole drives and learning all take this step. Candidates, likelihoods and weights
+//! come from the layers below; a trellis stores them for smoothing, decoding and distinct routes.
+//! The filter is that of section 2 of the guide's formulas, in logarithms, with evidence on moves:
+//! weights are not normalised, and their sum belongs to the normaliser.
 
 use super::candidates::{Candidate, CandidateSearch, log_density_off_road, metres_between};
 use super::matcher::Memory;
@@ -16,7 +17,7 @@ use wayfix::inference::{SmoothedTrellis, Trellis};
 use wayfix::internal::{Scale, TrellisForward};
 use wayfix::map::Coordinates;
 
-/// Steps of a matcher under a model, with memory that goes back to the matcher in the end.
+/// Steps of a matcher under a model, in memory that returns to the matcher when this is dropped.
 #[derive(Debug)]
 pub(super) struct MatchStep<'a, P> {
     pub(super) matcher: &'a Matcher<P>,
@@ -30,14 +31,14 @@ pub(super) struct PreviousStep<'a, P> {
     pub(super) point: &'a TracePoint<P>,
     pub(super) states: &'a [Candidate],
     pub(super) log_filtered: &'a [f64],
-    /// Speed in metres per second by which vehicles go on unseen.
+    /// Speed in metres per second at which vehicles continue unseen.
     pub(super) speed: f64,
-    /// Probability that the vehicle stood.
+    /// Probability that the vehicle was stationary.
     pub(super) stood: f64,
 }
 
 impl<P> PreviousStep<'_, P> {
-    /// Probability that the receiver is rough, as far as the vehicle is on a road.
+    /// Probability that the receiver is rough, given that the vehicle is on a road.
     fn rough(&self) -> f64 {
         let (mut rough, mut sum) = (0.0, 0.0);
         for (state, log) in self.states.iter().zip(self.log_filtered) {
@@ -50,7 +51,7 @@ impl<P> PreviousStep<'_, P> {
     }
 }
 
-/// States of a step that was taken, with their filtered distribution.
+/// States of a completed step, with their filtered distribution.
 #[derive(Debug)]
 pub(super) struct ForwardStep {
     pub(super) states: Vec<Candidate>,
@@ -58,7 +59,7 @@ pub(super) struct ForwardStep {
     /// ln p(point | all before), in parts.
     pub(super) scale: Scale,
     pub(super) speed: f64,
-    /// Probability that the vehicle stood.
+    /// Probability that the vehicle was stationary.
     pub(super) stood: f64,
 }
 
@@ -81,7 +82,7 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
         Self { matcher, model, memory: matcher.spare.pop().unwrap_or_default() }
     }
 
-    /// Takes the first step of a drive, and adds it to a trellis without steps.
+    /// Takes the first step of a drive and adds it to an empty trellis.
     pub(super) fn first(
         &mut self,
         point: &TracePoint<P>,
@@ -92,9 +93,11 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
         states.push(Candidate::off_road(point));
         trellis.begin_step();
         let [leaves, returns] = [self.model.leaves(1.0), self.model.returns(1.0)];
+        // All moves of the first step come from one start, number 0, with its weight.
         for (log, log_heading) in log_likelihoods.iter().zip(&self.memory.log_headings) {
             trellis.state(log + log_heading, [(0, 0.0)])?;
         }
+        // The stationary distribution of the chain that leaves the road and returns to it.
         let off_road = (leaves / (leaves + returns)).ln();
         trellis.state(log_density_off_road(self.model, point), [(0, off_road)])?;
         let mut log_filtered = Vec::new();
@@ -108,8 +111,8 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
         })
     }
 
-    /// Takes the next step, and adds it to the trellis whose last step is the one before. On an
-    /// error the trellis is as before.
+    /// Takes the next step and adds it to the trellis, whose last step must be `before`. After an
+    /// error the trellis is unchanged.
     pub(super) fn next(
         &mut self,
         before: &PreviousStep<'_, P>,
@@ -119,13 +122,16 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
         let known = [before.stood, before.rough()];
         let interval = Interval::new(self.model, before.point, point, known);
         let mut states = self.near(point);
+        // The state off the road comes after all others: sightings and headings have one entry for
+        // each state on a road, in this order.
         self.carry(before, point, &interval, &mut states);
         states.push(Candidate::off_road(point));
         self.weigh(before, point, &mut states, &interval);
         trellis.begin_step();
         let Memory { entries, moves, log_headings, .. } = &mut self.memory;
         moves.clear();
-        // Off the road, any heading is as likely.
+        // Off the road all headings are equally likely. The zero also lines up the last state,
+        // which has no sighting, with its entries.
         let log_headings = log_headings.iter().copied().chain([0.0]);
         let added = log_headings.zip(&*entries).try_for_each(|(log_heading, entries)| {
             moves.extend(entries.iter().map(|entry| entry.kind));
@@ -136,22 +142,24 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
             return Err(error.into());
         }
         let mut log_filtered = Vec::with_capacity(states.len());
+        // The window of a live vehicle drops old steps, so steps are numbered from its oldest.
         let scale = trellis.forward_step(trellis.steps(), before.log_filtered, &mut log_filtered);
         let shown = || {
             let from = &before.states[mode(before.log_filtered)?];
             let to = &states[mode(&log_filtered)?];
             speed_between::<P>(from, to, interval.seconds)
         };
-        // A position that says nothing of the speed leaves it as it was.
+        // A position without information on the speed leaves it unchanged; others are smoothed
+        // exponentially, since a single displacement is noisy.
         let speed = point
             .speed
             .unwrap_or_else(|| shown().map_or(before.speed, |shown| 0.5 * (before.speed + shown)));
         Ok(ForwardStep { states, log_filtered, scale, speed, stood: interval.stood() })
     }
 
-    /// Takes all steps of a drive forward and back. `visit` is given the sightings of the states of
-    /// each step, the moves of each but the first, in the order in which they are in the trellis,
-    /// and the probability that the vehicle stood.
+    /// Filters and smooths a whole drive. `visit` receives, for each step, the sightings of its
+    /// states, the moves into them in the order of the trellis (none for the first step), and the
+    /// probability that the vehicle was stationary.
     pub(super) fn smooth(
         &mut self,
         points: &[TracePoint<P>],
@@ -162,6 +170,8 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
         for (number, pair) in (1..).zip(points.windows(2)) {
             pair[1].check(number, Some(&pair[0]))?;
         }
+        // All points are checked first, so that a bad last point is reported before any work is
+        // done.
         let (mut trellis, mut forward) = (Trellis::new(), TrellisForward::default());
         let mut states = Vec::with_capacity(points.len());
         let mut last = self.first(first, &mut trellis)?;
@@ -182,13 +192,15 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
     }
 
     /// Searches for the ways from a state to those of the next point. Returns them with the
-    /// deviation of the difference of the two positions.
+    /// standard deviation of the difference of the two positions.
     pub(super) fn ways(
         &mut self,
         from: &Candidate,
         to: &[Candidate],
         points: [&TracePoint<P>; 2],
     ) -> (Ways<'_, P>, f64) {
+        // Ways depend on the times and positions alone, not on these probabilities, so the search
+        // finds the ways of the step itself.
         let unknown = [self.model.stop, 0.0];
         let interval = Interval::new(self.model, points[0], points[1], unknown);
         let Matcher { network, measures, .. } = self.matcher;
@@ -209,7 +221,7 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
         search.near(&self.matcher.index, near)
     }
 
-    /// Adds the states of vehicles that went on unseen.
+    /// Adds the states of vehicles that continued unseen.
     fn carry(
         &mut self,
         before: &PreviousStep<'_, P>,
@@ -226,8 +238,8 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
     }
 }
 
-/// Speed that the most probable states before and after a step show; `None` if the position says
-/// nothing of it.
+/// Speed between the most probable states before and after a step; `None` off the road, or if the
+/// position is rather an outlier.
 fn speed_between<P: Coordinates>(from: &Candidate, to: &Candidate, seconds: f64) -> Option<f64> {
     /// Largest speed in metres per second that two positions may show.
     const LARGEST: f64 = 50.0;
@@ -237,7 +249,8 @@ fn speed_between<P: Coordinates>(from: &Candidate, to: &Candidate, seconds: f64)
     Some((metres_between::<P>(from.point, to.point) / seconds).min(LARGEST))
 }
 
-/// Most probable state, the lowest of those as probable.
+/// Most probable state; the lowest index among ties.
 fn mode(logs: &[f64]) -> Option<usize> {
+    // `max_by` returns the last maximum, which in reverse order is the lowest index.
     (0..logs.len()).rev().max_by(|&a, &b| logs[a].total_cmp(&logs[b]))
 }

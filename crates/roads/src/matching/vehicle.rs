@@ -1,4 +1,9 @@
-//! Live matching: the state of a vehicle, point by point.
+//! Live matching: the state of a vehicle, updated point by point.
+//!
+//! A vehicle keeps the filtered distribution of its last point and a trellis of the last `lag` + 1
+//! points. When the oldest point leaves this window, the filtered distribution of the next becomes
+//! the prior of the trellis, so smoothing the window gives the fixed-lag answers (section 5 of the
+//! guide's formulas) exactly.
 
 use super::answer::{RoadAnswer, Stretches, credible, edges};
 use super::candidates::{Candidate, deviation};
@@ -8,20 +13,20 @@ use wayfix::inference::Trellis;
 use wayfix::internal::LogSum;
 use wayfix::map::{Coordinates, Position};
 
-/// A vehicle on the road: its belief after the last point, and the last few points for answers that
-/// may come late. Plain data, separate from the [`Matcher`] that moves it; a few kilobytes.
+/// A vehicle on the road: its belief after the last point, and the last few points for late
+/// answers. Plain data, separate from the [`Matcher`] that moves it; a few kilobytes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Vehicle<P = Position> {
     pub(super) progress: Progress<P>,
     pub(super) window: Window,
 }
 
-/// Progress of a vehicle: all of its state but the window.
+/// Progress of a vehicle: everything but the window.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Progress<P> {
     /// Fingerprint of the network.
     pub(super) network: u64,
-    /// Number of points that the window keeps beside the last.
+    /// Number of points that the window keeps besides the last.
     pub(super) lag: usize,
     pub(super) points: usize,
     /// The last point.
@@ -33,17 +38,17 @@ pub(super) struct Progress<P> {
     pub(super) last: f64,
 }
 
-/// Last steps of a vehicle, the oldest first, with the filtered distribution of the last.
+/// Last steps of a vehicle, oldest first, with the filtered distribution of the last.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Window {
-    /// The first step has its filtered distribution as prior.
+    /// The moves of the first step come from one start and carry its filtered distribution.
     pub(super) trellis: Trellis,
     pub(super) states: Vec<Vec<Candidate>>,
     pub(super) log_filtered: Vec<f64>,
 }
 
 impl<P: Coordinates> Matcher<P> {
-    /// Starts a vehicle at the first point of its drive. It keeps `lag` points beside the last for
+    /// Starts a vehicle at the first point of its drive. It keeps `lag` points besides the last for
     /// [late answers](Vehicle::late).
     ///
     /// # Errors
@@ -68,13 +73,15 @@ impl<P: Coordinates> Matcher<P> {
     ///
     /// # Errors
     ///
-    /// [`MatchError::Point`] for a number out of range, [`MatchError::Time`] for a point that is
-    /// not later than the last, each with the number of points so far as its index, and
-    /// [`MatchError::Network`] for a vehicle that a matcher of another network started.
+    /// [`MatchError::Point`] for a number out of range and [`MatchError::Time`] for a point that is
+    /// not later than the last, both with the number of points so far as the index, and
+    /// [`MatchError::Network`] for a vehicle started by a matcher of another network.
     pub fn step(&self, vehicle: &mut Vehicle<P>, point: &TracePoint<P>) -> Result<f64, MatchError> {
         let Vehicle { progress, window } = vehicle;
         self.check_network(progress.network)?;
         point.check(progress.points, Some(&progress.point))?;
+        // A vehicle read from damaged bytes may have the right fingerprint and edges that do not
+        // exist, which would panic in the search.
         self.check(window.last())?;
         let states = window.states.last().map_or(&[][..], |states| states);
         let (log_filtered, speed, stood) =
@@ -84,6 +91,8 @@ impl<P: Coordinates> Matcher<P> {
         let ForwardStep { mut states, log_filtered, scale, speed, stood } =
             step.next(&before, point, &mut window.trellis)?;
         states.shrink_to_fit();
+        // Nothing can fail from here on: until now the vehicle was only read, and `next` restored
+        // the trellis on an error.
         window.states.push(states);
         window.log_filtered = log_filtered;
         if window.states.len() - 1 > progress.lag {
@@ -98,7 +107,7 @@ impl<P: Coordinates> Matcher<P> {
 }
 
 impl<P> Matcher<P> {
-    /// Checks that states are on edges of the network, or off the road.
+    /// Checks that states are on edges of the network or off the road.
     fn check(&self, states: &[Candidate]) -> Result<(), MatchError> {
         let edges = self.network.edges().len();
         let unknown = |state: &&Candidate| !state.is_off_road() && state.edge as usize >= edges;
@@ -120,9 +129,11 @@ impl Window {
         self.log_filtered.iter().map(|log| log.exp()).collect()
     }
 
-    /// Removes the oldest step. The next has its filtered distribution as prior.
+    /// Removes the oldest step. The filtered distribution of the next becomes the prior.
     fn forget(&mut self) {
         let (mut before, mut filtered) = (Vec::new(), Vec::new());
+        // Two steps of the filter from the prior of the window, whose only start has the logarithm
+        // 0. O(moves), which saves storing the filtered distribution of every step.
         self.trellis.forward_step(1, &[0.0], &mut before);
         self.trellis.forward_step(2, &before, &mut filtered);
         self.trellis.remove_first(&filtered);
@@ -152,17 +163,19 @@ impl<P: Coordinates> Vehicle<P> {
     }
 
     /// Answer for the point `lag` points ago, from all points so far; for the first point until
-    /// there are more. Equal to [`MatchedDrive::late`](super::MatchedDrive::late) up to rounding.
+    /// that many have followed. Equal to [`MatchedDrive::late`](super::MatchedDrive::late) up to
+    /// rounding.
     #[must_use]
     pub fn late(&self) -> RoadAnswer {
         self.ago(self.points_late()).unwrap_or_else(|| self.live())
     }
 
-    /// Answer for an earlier point, so many points ago, from all points so far: for callers who
-    /// wait until an answer is probable enough. `None` if the point has left the window.
+    /// Answer for the point that is `points` points ago, from all points so far: for callers who
+    /// wait until an answer is probable enough. `None` if that point has left the window.
     #[must_use]
     pub fn ago(&self, points: usize) -> Option<RoadAnswer> {
         let index = self.points_late().checked_sub(points)?;
+        // The filtered distribution of the last point is its smoothed one.
         if points == 0 {
             return Some(self.live());
         }
@@ -170,9 +183,9 @@ impl<P: Coordinates> Vehicle<P> {
         Some(RoadAnswer::new(&self.window.states[index], smoothed.smoothed(index + 1)))
     }
 
-    /// Stretches of roads that hold the vehicle now with a probability of at least `mass`, above 0
-    /// and at most 1. If all roads together hold less, since the vehicle may be off the road, these
-    /// are all possible edges, and [`probability`](Stretches::probability) says how much they hold.
+    /// Stretches of roads that hold the vehicle with a probability of at least `mass`, above 0 and
+    /// at most 1. If all roads together hold less, since the vehicle may be off the road, these are
+    /// all possible edges, and [`probability`](Stretches::probability) is what they hold.
     ///
     /// ```
     /// # use wayfix_roads::NetworkBuilder;
@@ -194,7 +207,7 @@ impl<P: Coordinates> Vehicle<P> {
     /// let part = &around.stretches[0];
     /// assert!(150.0 < part.enter && part.enter < 200.0 && 200.0 < part.exit && part.exit < 250.0);
     ///
-    /// // It may be off the road: nothing holds it for sure.
+    /// // It may be off the road, so no stretch holds it for certain.
     /// let all = vehicle.credible(&matcher, 1.0)?;
     /// assert_eq!([all.stretches[0].enter, all.stretches[0].exit], [0.0, 500.0]);
     /// assert!(all.probability < 1.0);
@@ -232,8 +245,7 @@ impl<P: Coordinates> Vehicle<P> {
         self.progress.log_likelihood.value()
     }
 
-    /// Edges with their probabilities, the most probable first; the state off the road is not among
-    /// them.
+    /// Edges with their probabilities, most probable first, without the state off the road.
     #[must_use]
     pub fn edges(&self) -> Vec<(usize, f64)> {
         edges(self.window.last(), &self.window.filtered())

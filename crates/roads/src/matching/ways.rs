@@ -1,4 +1,8 @@
 //! Ways along roads from a state to those of the next step.
+//!
+//! Only the cheapest way between two states counts, with U-turns and choices at junctions priced as
+//! the detours that are as improbable. It has one of three shapes ([`WayKind`]): along one edge, by
+//! a U-turn between the ends of an edge, or over the end of the first edge.
 
 use super::MatchModel;
 use super::candidates::{Candidate, metres_between};
@@ -11,7 +15,7 @@ use wayfix::map::Coordinates;
 pub(super) struct Way {
     /// Length in metres; below 0 if the second point lies behind the first.
     pub(super) metres: f64,
-    /// Metres of the detour against the straight line between both points.
+    /// Detour in metres relative to the straight line between both points.
     pub(super) detour: f64,
     pub(super) u_turns: u32,
     /// Choices at junctions: the sum of −ln p(turn).
@@ -33,12 +37,12 @@ pub(super) enum WayKind {
     SameEdge,
     /// A U-turn from an edge onto its reverse, between their ends.
     Turn,
-    /// Over the end of the first edge, and others between as a rule.
+    /// Over the end of the first edge, usually with other edges in between.
     Edges(Reached),
 }
 
-/// True if a state is so far behind another on its edge that a vehicle drove around the block; less
-/// than that, positions jitter.
+/// True if a state is so far behind another on its edge that the vehicle must have driven around
+/// the block. Anything less is the jitter of positions.
 fn is_behind(from: &Candidate, to: &Candidate, jitter: f64) -> bool {
     to.along - from.along < -6.0 * jitter
 }
@@ -59,7 +63,8 @@ impl<P: Coordinates> Ways<'_, P> {
         interval: &Interval,
     ) {
         let edges = to.iter().filter(|to| !to.is_off_road()).map(|to| to.edge as usize);
-        // The most probable way: a U-turn and choices count as the detours that are as rare.
+        // The cheapest way is the most probable one: detours have density e^(−d / scale), so an
+        // event of probability p costs −ln p times the scale in metres.
         let detour = interval.detour_scale(model);
         let costs = RouteCosts { u_turn: -model.u_turn.ln() * detour, choice: CHOICES * detour };
         self.search.set_targets(self.network, self.measures, edges, costs);
@@ -69,6 +74,8 @@ impl<P: Coordinates> Ways<'_, P> {
     pub(super) fn search_from(&mut self, from: &Candidate, interval: &Interval) {
         let edge = from.edge as usize;
         let left = self.network.edges()[edge].metres - from.along;
+        // The search counts metres from the end of the edge, so what is left of it comes off the
+        // limit.
         self.search.run(self.network, self.measures, edge, interval.longest() - left);
     }
 
@@ -80,7 +87,7 @@ impl<P: Coordinates> Ways<'_, P> {
             return Some(WayKind::SameEdge);
         }
         let reached = self.search.reached(next);
-        // A U-turn on the way, unless the route by the ends of the edges has none.
+        // A U-turn between the ends, unless the route over the ends of the edges does without any.
         let is_turn = reached.is_none_or(|reached| reached.u_turns > 0);
         if is_turn && self.network.reverse(edge) == Some(next) {
             return Some(WayKind::Turn);
@@ -101,6 +108,7 @@ impl<P: Coordinates> Ways<'_, P> {
             WayKind::SameEdge => short(to.along - from.along, 0, Some(0.0)),
             WayKind::Turn => {
                 let here = self.network.edges()[from.edge as usize].metres - from.along;
+                // `here` is the start of the way as measured along the reverse edge.
                 short((to.along - here).abs(), 1, None)
             }
             WayKind::Edges(reached) => self.along(from, to, reached),
@@ -114,7 +122,8 @@ impl<P: Coordinates> Ways<'_, P> {
         let left = 1.0 - from.along / length(edge);
         let done = to.along / length(next);
         let metres = left * length(edge) + reached.metres + to.along;
-        // Bends of a road are no choice of the driver: a detour is one of straight pieces.
+        // The bends of a road are not a choice of the driver, so a detour is measured along the
+        // chords of the edges.
         let straight_of = |edge| self.measures.straight_metres(edge);
         let chords = left * straight_of(edge) + reached.chords + done * straight_of(next);
         Way {

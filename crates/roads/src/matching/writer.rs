@@ -1,4 +1,4 @@
-//! Answers to CSV files: routes, or the roads at points.
+//! CSV files of answers: routes, or the roads at each point.
 
 use std::io::Write;
 
@@ -6,7 +6,7 @@ use csv::Writer;
 
 use super::{MatchedDrive, Matcher};
 
-/// Writer of the answers for drives as CSV. Each drive is flushed once it is written.
+/// Writer of the answers for drives as CSV. Each drive is flushed as soon as it is written.
 #[derive(Debug)]
 pub struct AnswerWriter<W: Write> {
     writer: Writer<W>,
@@ -20,17 +20,17 @@ enum Rows {
 }
 
 impl<W: Write> AnswerWriter<W> {
-    /// Creates a writer of routes: `trace,seq,from,to,enter_m,exit_m,off_road`, a line for each
-    /// edge or stretch off the road, with the ids of nodes. A stretch off the road leads from the
-    /// node where the road was left to the one where it was reached again; either is empty where
-    /// there is none.
+    /// Creates a writer of routes: `trace,seq,from,to,enter_m,exit_m,off_road`, with one line per
+    /// edge or stretch off the road and the ids of its nodes. A stretch off the road leads from the
+    /// end node of the edge before to the start node of the edge after; either is empty where there
+    /// is no such edge.
     #[must_use]
     pub fn routes(writer: W) -> Self {
         Self { writer: Writer::from_writer(writer), rows: Rows::Routes }
     }
 
-    /// Creates a writer of the live answers for the points of drives, those `lag` points late, and
-    /// the smoothed ones:
+    /// Creates a writer of the live answers for the points of drives, the answers `lag` points
+    /// late, and the smoothed ones:
     /// `trace,point,time,estimator,from,to,metres_along,probability,entropy,log_likelihood,off_road`.
     ///
     /// Off the road, both nodes are empty. `log_likelihood` is ln p(point | all before), the same
@@ -41,7 +41,7 @@ impl<W: Write> AnswerWriter<W> {
         Self { writer: Writer::from_writer(writer), rows: Rows::Points { lag } }
     }
 
-    /// Writes the header; only the first of several parts of a file has one.
+    /// Writes the header. Of a file written in parts, only the first should have one.
     ///
     /// # Errors
     ///

@@ -1,4 +1,7 @@
-//! Step-by-step construction of a network.
+//! Step-by-step construction of a network, and its final order.
+//!
+//! Edges get numbers in the order of adding. [`NetworkBuilder::finish`] sorts them by their ends,
+//! so that the edges out of a node are a range, and renumbers pairs and forbidden turns.
 
 use super::road_network::{Edge, NONE, RoadNetwork};
 use wayfix::internal::{Places, check_position};
@@ -19,7 +22,7 @@ pub struct NetworkBuilder<P = Position> {
     forbidden: Vec<(usize, usize)>,
 }
 
-/// An edge with the points between its ends.
+/// An edge with the inner points of its line.
 #[derive(Debug, Clone)]
 struct NewEdge<P> {
     edge: Edge,
@@ -70,8 +73,8 @@ impl<P: Coordinates> NetworkBuilder<P> {
         self.edge(from, to, EdgeOptions::of(class))
     }
 
-    /// Adds a straight edge in each direction. Returns the number of the first; the other's is
-    /// the next.
+    /// Adds a straight edge in each direction. Returns the number of the first; the second has the
+    /// next one.
     ///
     /// # Errors
     ///
@@ -111,7 +114,7 @@ impl<P: Coordinates> NetworkBuilder<P> {
         Ok(self.checked_edge(ends, metres, options))
     }
 
-    /// Adds an edge between two nodes, by their indices, whose numbers were checked before.
+    /// Adds an edge between two nodes, by their indices. The caller has checked all numbers.
     pub(super) fn checked_edge(
         &mut self,
         ends: [usize; 2],
@@ -124,7 +127,7 @@ impl<P: Coordinates> NetworkBuilder<P> {
         self.edges.len() - 1
     }
 
-    /// Returns a builder of nodes whose ids and positions were checked before.
+    /// Returns a builder of nodes whose ids and positions the caller has checked.
     pub(super) fn of_checked(nodes: Vec<Place<P>>) -> Self {
         Self { nodes: Places::of_checked(nodes), ..Self::new() }
     }
@@ -134,8 +137,9 @@ impl<P: Coordinates> NetworkBuilder<P> {
         self.nodes.list[node].position
     }
 
-    /// Declares two edges to be the same road in either direction. Without it,
-    /// [`build`](Self::build) pairs edges of opposite ends whose lengths differ by at most 1%.
+    /// Declares two edges to be the two directions of one road. Otherwise [`build`](Self::build)
+    /// pairs edges between the same nodes in opposite directions whose lengths differ by at most
+    /// 1%.
     ///
     /// # Panics
     ///
@@ -145,6 +149,7 @@ impl<P: Coordinates> NetworkBuilder<P> {
         let [there, other] = [edge, back].map(|edge| self.edges[edge].edge);
         let opposite = (there.from, there.to) == (other.to, other.from);
         assert!(opposite, "edges {edge} and {back} are not opposite");
+        // Former partners of either edge lose it, so that pairs stay mutual.
         let before = [edge, back].map(|edge| self.edges[edge].reverse);
         before.into_iter().flatten().for_each(|old| self.edges[old].reverse = None);
         self.edges[edge].reverse = Some(back);
@@ -162,7 +167,7 @@ impl<P: Coordinates> NetworkBuilder<P> {
         self.forbidden.push((edge, next));
     }
 
-    /// Straight distance of two nodes, by their ids, or `None` for a node and itself.
+    /// Straight distance between two nodes, by their ids; `None` for a node and itself.
     #[cfg(feature = "csv")]
     pub(crate) fn metres_between(&self, from: u64, to: u64) -> Result<Option<f64>, MapError> {
         let ends = self.nodes.ends(from, to)?;
@@ -193,14 +198,16 @@ impl<P: Coordinates> NetworkBuilder<P> {
         Ok(self.finish())
     }
 
-    /// Builds the network of at least one node.
+    /// Builds the network, which has at least one node.
     pub(super) fn finish(self) -> RoadNetwork<P> {
         let Self { nodes, edges: added, forbidden } = self;
         let mut order: Vec<u32> = (0..added.len() as u32).collect();
+        // A stable sort: parallel edges stay in the order of adding.
         order.sort_by_key(|&e| (added[e as usize].edge.from, added[e as usize].edge.to));
         let mut number = vec![0; added.len()];
         order.iter().zip(0..).for_each(|(&e, index)| number[e as usize] = index);
         let edges: Vec<Edge> = order.iter().map(|&e| added[e as usize].edge).collect();
+        // Sorted by their starts, so the edges out of a node begin where earlier nodes end.
         let start = |node: usize| edges.partition_point(|edge| edge.from < node) as u32;
         let starts = (0..=nodes.list.len()).map(start).collect();
         let (mut points, mut shape_starts) = (Vec::new(), vec![0]);
@@ -225,7 +232,7 @@ impl<P: Coordinates> NetworkBuilder<P> {
 }
 
 impl<P> RoadNetwork<P> {
-    /// Pairs edges of opposite ends and about the same length.
+    /// Pairs edges in opposite directions with about the same length.
     fn find_reverses(&mut self) {
         for e in 0..self.edges.len() {
             let Edge { from, to, metres, .. } = self.edges[e];
@@ -233,9 +240,11 @@ impl<P> RoadNetwork<P> {
                 continue;
             }
             let difference = |&other: &usize| (self.edges[other].metres - metres).abs();
-            // Sorted, so that a node of many edges is no square of them.
+            // The edges out of a node are sorted by their ends: a binary search keeps a node with
+            // many edges from taking quadratic time.
             let all = self.edges_from(to);
             let start = all.start + self.edges[all.clone()].partition_point(|e| e.to < from);
+            // Of parallel edges back, the one whose length is nearest is the other direction.
             let nearest = (start..all.end)
                 .take_while(|&other| self.edges[other].to == from)
                 .filter(|&other| self.reverse[other] == NONE)
@@ -248,7 +257,7 @@ impl<P> RoadNetwork<P> {
     }
 }
 
-/// Everything of a new edge but its ends.
+/// Options of a new edge: everything but its ends.
 ///
 /// ```
 /// use wayfix_roads::EdgeOptions;

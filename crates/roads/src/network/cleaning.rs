@@ -5,9 +5,9 @@ use super::road_network::RoadNetwork;
 use wayfix::map::{Coordinates, MapError};
 
 impl<P: Coordinates> RoadNetwork<P> {
-    /// Cleans a network by operations, one after the other. Returns the counts of each.
+    /// Cleans a network by a sequence of operations. Returns the counts of each.
     ///
-    /// A good order: cut to a box, keep the largest part, drop dead ends, contract, merge, and
+    /// A good order is: cut to a box, keep the largest part, drop dead ends, contract, merge, and
     /// contract again, since merging may leave nodes that roads only pass through.
     ///
     /// ```

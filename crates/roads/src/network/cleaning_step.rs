@@ -11,8 +11,8 @@ use wayfix::map::Position;
 pub enum Cleaning<P = Position> {
     /// [Cut to the box](RoadNetwork::within) between two opposite corners.
     Within([P; 2]),
-    /// Only the [largest part](RoadNetwork::largest_component) in which each node can be reached
-    /// is left.
+    /// Only the [largest part](RoadNetwork::largest_component) in which every node can be reached
+    /// is kept.
     LargestComponent,
     /// [Dead ends](RoadNetwork::without_dead_ends) are dropped.
     DeadEnds,
@@ -36,7 +36,7 @@ pub struct CleaningStep<P = Position> {
     /// Numbers of edges before and after.
     pub edges: [usize; 2],
     /// Numbers of forbidden turns before and after. A turn is lost with one of its edges, or with a
-    /// node where the only forbidden turn was that back.
+    /// contracted node where only going back was forbidden.
     pub forbidden_turns: [usize; 2],
 }
 

@@ -1,4 +1,4 @@
-//! Largest strongly connected part of a network.
+//! Largest strongly connected component of a network.
 
 use super::cleaning_step::{Cleaning, CleaningStep};
 use super::road_network::RoadNetwork;
@@ -6,10 +6,10 @@ use wayfix::internal::components;
 use wayfix::map::Coordinates;
 
 impl<P: Coordinates> RoadNetwork<P> {
-    /// Largest part in which each node can be reached from each other one, with its edges and
-    /// their forbidden turns; of equally large ones, that with the first node.
+    /// Largest part in which every node can be reached from every other, with its edges and their
+    /// forbidden turns; among equally large ones, the one with the lowest node.
     ///
-    /// Forbidden turns don't count here: with them, some nodes may be out of reach still.
+    /// Forbidden turns don't count here; because of them, some nodes may still be out of reach.
     /// O(nodes + edges), by Tarjan (1972), without recursion.
     #[must_use]
     pub fn largest_component(&self) -> (Self, CleaningStep<P>) {
@@ -18,6 +18,7 @@ impl<P: Coordinates> RoadNetwork<P> {
         let mut sizes = vec![0_usize; self.nodes().len()];
         component.iter().for_each(|&c| sizes[c as usize] += 1);
         let mut largest = component[0];
+        // Strictly larger, in the order of the nodes: a tie goes to the part met first.
         for &c in &component {
             if sizes[c as usize] > sizes[largest as usize] {
                 largest = c;

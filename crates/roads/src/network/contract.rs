@@ -1,4 +1,8 @@
 //! Contraction of nodes that roads only pass through.
+//!
+//! Every edge lies on exactly one chain of edges that runs from a kept node through passed ones to
+//! a kept node; each chain becomes one edge. A ring of passed nodes alone has no kept node, so it
+//! keeps its first.
 
 use super::builder::NetworkBuilder;
 use super::cleaning_step::{Cleaning, CleaningStep};
@@ -6,14 +10,13 @@ use super::road_network::{Edge, NONE, RoadNetwork};
 use wayfix::map::Coordinates;
 
 impl<P: Coordinates> RoadNetwork<P> {
-    /// The same roads without the nodes that they only pass through. Lines are kept, lengths
-    /// added.
+    /// Network without the nodes that roads only pass through. Lines are kept, lengths added up.
     ///
-    /// A node is passed through if it has two neighbours, with one road from the one to the other
-    /// or one in [both directions](Self::reverse), and if class, speed and roundabout do not change
-    /// there and the turn is not forbidden. Dead ends stay. A ring that touches other roads at one
-    /// node becomes a loop there; one that touches none keeps one node. Lengths of shortest paths
-    /// between the remaining nodes do not change. O((nodes + edges) log).
+    /// A node is passed through if it has two neighbours, joined through it by a one-way road or by
+    /// one in [both directions](Self::reverse), if class, speed and roundabout do not change there,
+    /// and if the turn is not forbidden. Dead ends stay. A ring that touches other roads at one
+    /// node becomes a loop there; a ring that touches none keeps one node. The lengths of shortest
+    /// paths between the remaining nodes do not change. O((nodes + edges) log).
     ///
     /// ```
     /// use wayfix_roads::NetworkBuilder;
@@ -36,7 +39,8 @@ impl<P: Coordinates> RoadNetwork<P> {
     pub fn contracted(&self) -> (Self, CleaningStep<P>) {
         let mut passed = self.passed_through();
         let mut seen = vec![false; self.nodes().len()];
-        // A ring of passed nodes alone keeps its first one.
+        // Whatever no chain from a kept node visits lies on a ring of passed nodes alone, which
+        // keeps its first one.
         for start in (0..self.nodes().len()).filter(|&n| !passed[n]).collect::<Vec<_>>() {
             self.edges_from(start)
                 .for_each(|e| self.follow(e, &passed, |_, node| seen[node] = true));
@@ -67,6 +71,7 @@ impl<P: Coordinates> RoadNetwork<P> {
             });
             let ends = [from, self.edges[end].to].map(|node| target[node] as usize);
             let number = builder.checked_edge(ends, metres, self.options(e, between)) as u32;
+            // Forbidden turns and pairs refer to the first and last old edge of the chain.
             (first[e], last[end]) = (number, number);
         }
         let network = self.carry_over(builder, &first, &last);
@@ -74,13 +79,14 @@ impl<P: Coordinates> RoadNetwork<P> {
         (network, step)
     }
 
-    /// Visits an edge and those that continue it through passed nodes, each with the node where
-    /// it ends.
+    /// Visits an edge and those that continue it through passed nodes, each with its end node.
     fn follow(&self, edge: usize, passed: &[bool], mut visit: impl FnMut(usize, usize)) {
         let mut edge = edge;
         loop {
             let Edge { from, to, .. } = self.edges[edge];
             visit(edge, to);
+            // A passed node has two neighbours, so exactly one edge does not lead back to where
+            // this one came from.
             let mut onward = self.edges_from(to).filter(|&next| self.edges[next].to != from);
             match onward.next() {
                 Some(next) if passed[to] => edge = next,
@@ -91,7 +97,7 @@ impl<P: Coordinates> RoadNetwork<P> {
 
     /// True for each node that roads only pass through.
     fn passed_through(&self) -> Vec<bool> {
-        // Edges into each node, as far as there are at most two.
+        // The first two edges into each node; with more it is not passed through.
         let mut into = vec![[NONE; 2]; self.nodes().len()];
         let mut degree = vec![0_usize; self.nodes().len()];
         for (e, edge) in self.edges.iter().enumerate() {
@@ -109,6 +115,7 @@ impl<P: Coordinates> RoadNetwork<P> {
             let out = self.edges_from(n);
             let into: Vec<usize> =
                 into[n][..degree[n].min(2)].iter().map(|&e| e as usize).collect();
+            // One edge in and one out (a one-way road), or two of each (a two-way road).
             if degree[n] != out.len() || !matches!(degree[n], 1 | 2) {
                 return false;
             }
@@ -116,7 +123,8 @@ impl<P: Coordinates> RoadNetwork<P> {
             neighbors.extend(out.clone().map(|e| self.edges[e].to));
             neighbors.sort_unstable();
             neighbors.dedup();
-            // Two edges in come from different neighbours, and lead back there.
+            // Two edges into the node come from different neighbours, and the edges out are their
+            // reverses.
             let apart = into.len() == 1
                 || (self.edges[into[0]].from != self.edges[into[1]].from
                     && into

@@ -6,8 +6,8 @@ use wayfix::internal::Number;
 use wayfix::map::{Coordinates, MapError};
 
 impl<P: Coordinates> RoadNetwork<P> {
-    /// Nodes in the box between two opposite corners, edges included, and the edges between
-    /// them with their forbidden turns. A box does not cross the antimeridian. O(nodes + edges).
+    /// Nodes in the box between two opposite corners, borders included, and the edges between them
+    /// with their forbidden turns. A box cannot cross the antimeridian. O(nodes + edges).
     ///
     /// ```
     /// use wayfix_roads::NetworkBuilder;
@@ -34,7 +34,7 @@ impl<P: Coordinates> RoadNetwork<P> {
     pub fn within(&self, corners: [P; 2]) -> Result<(Self, CleaningStep<P>), MapError> {
         let [a, b] = corners.map(P::values);
         let (low, high) = ([a[0].min(b[0]), a[1].min(b[1])], [a[0].max(b[0]), a[1].max(b[1])]);
-        // min and max skip a NaN, which must hold nothing.
+        // `min` and `max` skip NaN, but a box with NaN must be empty.
         let numbers = a.iter().chain(&b).all(|value| !value.is_nan());
         let inside = |n: usize| {
             let values = self.nodes()[n].position.values();
@@ -42,6 +42,7 @@ impl<P: Coordinates> RoadNetwork<P> {
         };
         let (nodes, target) = self.selected(inside);
         if nodes.is_empty() {
+            // The error tells where the nodes are: swapped axes or another projection show at once.
             let mut extent = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
             for values in self.nodes().iter().map(|node| node.position.values()) {
                 for i in 0..2 {

@@ -1,4 +1,7 @@
-//! Edges near a position, by a tree of boxes.
+//! Edges near a position, by a tree of bounding boxes of the straight pieces of their lines.
+//!
+//! The boxes are in the plane of `to_plane`, whose scale depends on the latitude: a query uses the
+//! scale at the position, and each hit is measured again with the scale at its own nearest point.
 
 use static_aabb2d_index::{Control, StaticAABB2DIndex, StaticAABB2DIndexBuilder};
 
@@ -6,9 +9,9 @@ use super::near_edge::{NearEdge, direction};
 use super::road_network::RoadNetwork;
 use wayfix::map::Coordinates;
 
-/// Spatial index of the edges of a network, which finds those near a position without a look at
-/// the others; edges across the antimeridian from both sides. Building takes O(points log), 130
-/// bytes a piece of a line.
+/// Spatial index of the edges of a network, which finds those near a position without visiting the
+/// others; edges across the antimeridian are found from both sides. Building takes O(points log)
+/// time and 130 bytes per piece of a line.
 ///
 /// ```
 /// use wayfix_roads::{EdgeIndex, NetworkBuilder};
@@ -39,7 +42,7 @@ use wayfix::map::Coordinates;
 pub struct EdgeIndex {
     tree: StaticAABB2DIndex<f64>,
     pieces: Vec<Piece>,
-    /// True for edges without pieces: their points are those of the reverse, backwards.
+    /// True for edges without pieces: their line is that of their reverse, backwards.
     is_mirrored: Vec<bool>,
 }
 
@@ -64,8 +67,8 @@ impl EdgeIndex {
     #[must_use]
     pub fn new<P: Coordinates>(network: &RoadNetwork<P>) -> Self {
         let mut pieces = Vec::new();
-        // A reverse edge has the same points as a rule: found together with the first. Not so two
-        // carriageways between the same nodes.
+        // Usually a reverse edge has the same line and is found together with the first, at half
+        // the memory and time. Two carriageways between the same nodes differ.
         let mirrored = |edge: usize| {
             let reverse = network.reverse(edge).filter(|reverse| *reverse < edge);
             reverse.is_some_and(|other| {
@@ -81,7 +84,8 @@ impl EdgeIndex {
             let total: f64 = points.windows(2).map(length).sum();
             let (mut before, last) = (0.0, points.len().saturating_sub(2));
             for (number, pair) in points.windows(2).enumerate() {
-                // A share first: a line may be next to nothing, and the road have any length.
+                // The share first: a line may be minute while its road has any length, and their
+                // quotient would overflow.
                 let share = if total > 0.0 { length(pair) / total } else { 0.0 };
                 let after = (before + share * road.metres).min(road.metres);
                 let along = [before, after];
@@ -98,9 +102,9 @@ impl EdgeIndex {
         Self { tree, pieces, is_mirrored }
     }
 
-    /// Finds the edge that is nearest to a position, however far, and its nearest point; the lowest
-    /// of those as near, as both directions of a road are. `None` without edges, and for a position
-    /// that is not finite. O(log + pieces nearer than the edge) as a rule.
+    /// Finds the edge nearest to a position, however far, and its nearest point. Ties, such as both
+    /// directions of a road, go to the lowest edge. `None` without edges, and for a position that
+    /// is not finite. Usually O(log + pieces nearer than the edge).
     ///
     /// Distances on Earth are compared in Mercator's projection: hundreds of kilometres off,
     /// another edge may be somewhat nearer.
@@ -114,6 +118,8 @@ impl EdgeIndex {
         for turn in turns::<P>() {
             let point = [x + turn, y];
             let mut visit = |number: usize, box_squared: f64| {
+                // Boxes come in the order of their distance, a lower bound for what is in them:
+                // none of those that follow can be nearer. Equal ones may win a tie.
                 if best.is_some_and(|(least, ..)| box_squared > least * least) {
                     return Control::Break(());
                 }
@@ -127,13 +133,14 @@ impl EdgeIndex {
             let _ = self.tree.visit_neighbors(point[0], y, &mut visit);
         }
         let (_, number, turn) = best?;
+        // Measured again in metres, by the scale at the point that was found.
         let (piece, point) = (&self.pieces[number], [x + turn, y]);
         let near = piece.nearest(point, 1.0);
         Some(piece.nearest(point, P::scale(near.point)).turned_back(turn))
     }
 
-    /// Finds the edges within so many metres of a position, in ascending order; both directions of
-    /// a road. O(log + pieces found).
+    /// Finds the edges within some metres of a position, in ascending order and in both directions
+    /// of a road. O(log + pieces found).
     pub fn near<P: Coordinates>(
         &self,
         network: &RoadNetwork<P>,
@@ -149,7 +156,8 @@ impl EdgeIndex {
             let [x, y] = [point[0] + turn, point[1]];
             let mut visit = |number: usize| {
                 let near = self.pieces[number].nearest([x, y], scale);
-                // The scale at the position says nothing of places far from it, as from a pole.
+                // The scale at the position is wrong for places far from it, as near a pole, so the
+                // distance is measured again with the scale there.
                 if near.metres_off <= metres {
                     let near = self.pieces[number].nearest([x, y], P::scale(near.point));
                     if near.metres_off <= metres {
@@ -164,7 +172,9 @@ impl EdgeIndex {
                 .then(a.metres_off.total_cmp(&b.metres_off))
                 .then(a.metres_along.total_cmp(&b.metres_along))
         });
+        // An edge is found once for each of its pieces in reach: the nearest point stays.
         out.dedup_by_key(|near| near.edge);
+        // The range is fixed before the first push, so only edges with pieces are mirrored.
         for number in 0..out.len() {
             let near = out[number];
             let reverse = network.reverse(near.edge).filter(|reverse| self.is_mirrored[*reverse]);
@@ -177,8 +187,8 @@ impl EdgeIndex {
     }
 }
 
-/// Turns around the Earth after which a point of the plane is at the same place, in the units of
-/// the plane: lines across the antimeridian go on beyond it.
+/// Shifts along x under which a point of the plane stays at the same place on Earth: lines across
+/// the antimeridian continue beyond it, where a position on its other side must be looked for.
 fn turns<P: Coordinates>() -> impl Iterator<Item = f64> {
     [0.0, P::TURN, -P::TURN].into_iter().filter(|turn| turn.is_finite())
 }
@@ -193,6 +203,7 @@ impl Piece {
         let Self { a, b, along, ends, .. } = *self;
         let piece = [b[0] - a[0], b[1] - a[1]];
         let (direction, length) = direction(piece);
+        // Dot product with the unit vector of the piece, 0 for one without a length.
         let straight = (x - a[0]) * direction[0] + (y - a[1]) * direction[1];
         let inside = straight.clamp(0.0, length);
         let share = if length > 0.0 { inside / length } else { 0.0 };
@@ -200,7 +211,8 @@ impl Piece {
         let off = (x - point[0]).hypot(y - point[1]) * scale;
         let before_start = straight < 0.0 && ends[0];
         let after_end = straight > length && ends[1];
-        // At a bend within the edge, the nearest point is beside it.
+        // At a bend within the edge, the position counts as beside it: only its two ends have a
+        // beyond.
         let beyond = if before_start || after_end { (straight - inside) * scale } else { 0.0 };
         let across = (off * off - beyond * beyond).max(0.0).sqrt();
         NearEdge {
@@ -216,12 +228,12 @@ impl Piece {
 }
 
 impl NearEdge {
-    /// The same point, as seen from a point that is turned no more.
+    /// Returns the point shifted back by the turn of its query.
     fn turned_back(self, turn: f64) -> Self {
         Self { point: [self.point[0] - turn, self.point[1]], ..self }
     }
 
-    /// The same point of the reverse edge; with the lengths of both.
+    /// Returns the same point on the reverse edge, given the lengths of both edges.
     fn reversed(self, edge: usize, [metres, reverse]: [f64; 2]) -> Self {
         let metres_along = ((1.0 - self.metres_along / metres) * reverse).max(0.0);
         let piece = self.piece.map(|x| -x);

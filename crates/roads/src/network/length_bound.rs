@@ -1,36 +1,38 @@
-//! Lower bounds of the length of a route, from the straight distance between its ends.
+//! Lower bounds on the length of a route, from the straight distance between its ends.
 //!
 //! An edge may be shorter than the straight line between its ends: lengths in files are rounded,
-//! and some are wrong. Whatever the share r, an edge of l metres between ends s metres apart has at
-//! least r s metres, but for the max(0, r s − l) that it lacks. A shortest route passes each edge
-//! at most once, so that all its edges together lack at most D(r), the sum over the network, and
-//! the sum of their s is at least the distance d between its ends. So it has at least r d − D(r)
-//! metres.
+//! and some are wrong. For any share r, call max(0, r s − l) the deficit of an edge of l metres
+//! between ends s metres apart: the edge has at least r s metres less its deficit. A shortest route
+//! uses each edge at most once, so the deficits of its edges sum to at most D(r), that of the whole
+//! network; and the sum of their s is at least the distance d between its ends. So it has at least
+//! r d − D(r) metres.
 //!
-//! The best r for a distance d is the l / s up to which the edges of the network have d straight
-//! metres in all: the bound is then the length of a route that consists of the worst edges.
-//! Rounding spoils many edges of centimetres, which have few metres in all, so that r is near 1
-//! even for short distances. For d = 0, r is the least l / s, and D(r) is 0.
+//! The best r for a distance d is the largest l / s among the worst edges that add up to d straight
+//! metres: the bound is then the length of a route made of the worst edges. Rounding affects mostly
+//! edges of centimetres, which have few metres in all, so r is near 1 even for short distances. For
+//! d = 0, r is the least l / s, and D(r) is 0.
 
-/// Straight distances in metres for which a bound is best.
+/// Straight distances in metres for which the bound is tightest.
 const BEST_AT: [f64; 3] = [0.0, 100.0, 1000.0];
 
-/// Bounds of the lengths of the shortest routes in a network.
+/// Lower bounds on the lengths of the shortest routes in a network.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct LengthBound {
-    /// Least length for each straight metre, r, and what all edges lack of it, D(r).
+    /// Least length per straight metre, r, and the deficit of all edges, D(r).
     lines: [[f64; 2]; BEST_AT.len()],
 }
 
 impl LengthBound {
-    /// Bounds of a network, of whose edges the lengths and the straight distances are given.
-    /// O(n log n) for the n edges that are shorter than straight.
+    /// Bounds of a network, given the length and straight distance of each edge. O(n log n) for the
+    /// n edges that are shorter than straight.
     pub(super) fn new(edges: impl Iterator<Item = [f64; 2]>) -> Self {
         let mut short: Vec<_> = edges.filter(|[metres, straight]| metres < straight).collect();
         short.sort_unstable_by(|a, b| (a[0] / a[1]).total_cmp(&(b[0] / b[1])));
         let line = |distance: f64| {
             let (mut lengths, mut straights) = (0.0, 0.0);
             for [metres, straight] in &short {
+                // With r the share of this edge, exactly the worse edges before it have a deficit:
+                // r Σ s − Σ l.
                 if straights + straight > distance {
                     let share = metres / straight;
                     return [share, f64::max(share * straights - lengths, 0.0)];
@@ -38,15 +40,17 @@ impl LengthBound {
                 lengths += metres;
                 straights += straight;
             }
+            // All short edges together are less than the distance: r = 1.
             [1.0, straights - lengths]
         };
         Self { lines: BEST_AT.map(line) }
     }
 
-    /// Least length in metres of a route between places so many metres apart.
+    /// Least length in metres of a route between places `distance` metres apart.
     #[inline]
     pub(super) fn at(&self, distance: f64) -> f64 {
         let bounds = self.lines.map(|[share, lacking]| share * distance - lacking);
+        // Each line is a bound for every distance, so the largest is one.
         bounds.into_iter().fold(f64::NEG_INFINITY, f64::max)
     }
 }

@@ -1,4 +1,4 @@
-//! Merging of intersections.
+//! Merging of intersections, by clustering their nodes, nearest pairs first.
 
 use super::cleaning_step::{Cleaning, CleaningStep};
 use super::road_network::{Edge, RoadNetwork};
@@ -7,20 +7,19 @@ use wayfix::internal::turned;
 use wayfix::map::{Coordinates, MapError, Place};
 
 impl<P: Coordinates> RoadNetwork<P> {
-    /// The same roads with intersections merged within a radius: where two carriageways cross a
-    /// street, four nodes become one, at their mean position.
+    /// Network with intersections merged within a radius: where a dual carriageway crosses another,
+    /// four nodes become one, at their mean position.
     ///
-    /// Nodes that an edge joins are merged, the nearest first, if they are at most `metres` apart
-    /// and if all merged ones stay within `metres` of their mean: chains of short roads are not
-    /// drawn into one point, and a bridge is not merged with the road below. Edges inside are
-    /// dropped, except those longer than twice the radius, which become loops. The others keep
-    /// their lengths, but are at least as long as the straight line between their new ends. The
-    /// merged node has the id of the first of its nodes. Nodes that could be reached
-    /// stay so. O(edges log) if the radius holds few nodes.
+    /// Nodes joined by an edge are merged, nearest pair first, if they are at most `metres` apart
+    /// and all nodes merged so far stay within `metres` of their mean. So chains of short roads do
+    /// not collapse into one point, and a bridge is not merged with the road below. Edges inside a
+    /// merged node are dropped, except those longer than twice the radius, which become loops. The
+    /// others keep their lengths, but are at least as long as the straight line between their new
+    /// ends. A merged node has the id of the first of its nodes. Nodes that could be reached still
+    /// can. O(edges log) if the radius holds few nodes.
     ///
-    /// [Contract](Self::contracted) before: it leaves intersections where there were points of
-    /// lines. And after: where roads that met are merged, nodes may be left that one passes
-    /// through.
+    /// [Contract](Self::contracted) the network before, so that only intersections are left to
+    /// merge, and after, since merging may leave nodes that roads only pass through.
     ///
     /// # Errors
     ///
@@ -33,7 +32,7 @@ impl<P: Coordinates> RoadNetwork<P> {
         let apart =
             self.edges.iter().map(|edge| (position(edge.from).metres_to(position(edge.to)), edge));
         let mut near: Vec<_> = apart.filter(|pair| pair.0 <= metres).collect();
-        // Stable: equally near ones in the order of edges.
+        // A stable sort: equally near pairs stay in the order of the edges.
         near.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut clusters = Clusters::of(self.nodes().iter().map(|node| node.position));
         near.iter().for_each(|(_, edge)| clusters.join(edge.from, edge.to, metres));
@@ -41,12 +40,16 @@ impl<P: Coordinates> RoadNetwork<P> {
         let (mut nodes, mut target) = (Vec::new(), vec![0; self.nodes().len()]);
         for (n, node) in self.nodes().iter().enumerate() {
             let members = &clusters.members[clusters.cluster[n] as usize];
+            // Members ascend, so each cluster gets its node at its lowest member, and new nodes
+            // keep the order of the old ones.
             if members[0] as usize == n {
                 nodes.push(Place { position: clusters.mean(members), ..node.clone() });
                 let index = nodes.len() as u32 - 1;
                 members.iter().for_each(|&member| target[member as usize] = index);
             }
         }
+        // A longer edge inside a merged node is a real loop, such as a slip road, not a part of the
+        // junction.
         let outside = |e: usize| {
             let Edge { from, to, metres: length, .. } = self.edges[e];
             from == to || target[from] != target[to] || length > 2.0 * metres
@@ -67,7 +70,7 @@ struct Clusters<P> {
 }
 
 impl<P: Coordinates> Clusters<P> {
-    /// Returns a set of each node.
+    /// Returns one set per node.
     fn of(positions: impl Iterator<Item = P>) -> Self {
         let positions: Vec<P> = positions.collect();
         let cluster: Vec<u32> = (0..positions.len() as u32).collect();
@@ -75,7 +78,7 @@ impl<P: Coordinates> Clusters<P> {
         Self { positions, cluster, members }
     }
 
-    /// Unites the sets of two nodes if all stay within so many metres of the mean.
+    /// Unites the sets of two nodes if all members stay within some metres of the new mean.
     fn join(&mut self, a: usize, b: usize, metres: f64) {
         let [a, b] = [a, b].map(|node| self.cluster[node] as usize);
         if a == b {
@@ -91,11 +94,12 @@ impl<P: Coordinates> Clusters<P> {
         }
     }
 
-    /// Mean position of nodes; that of one node alone is its own, to the last digit.
+    /// Mean position of nodes; for a single node its own position, to the bit.
     fn mean(&self, nodes: &[u32]) -> P {
         let first = self.positions[nodes[0] as usize];
         let values = nodes.iter().map(|&node| self.positions[node as usize].values());
-        // Sums of differences: equal positions have themselves as their mean.
+        // A sum of differences to the first node: equal positions have themselves as their mean,
+        // and longitudes on both sides of the antimeridian are averaged there.
         let from = first.values();
         let off = |v: [f64; 2], i: usize| turned(v[i], from[i], P::PERIODS[i]) - from[i];
         let sum = values.fold([0.0; 2], |sum, v| [0, 1].map(|i| sum[i] + off(v, i)));

@@ -3,7 +3,7 @@
 use super::road_network::RoadNetwork;
 use wayfix::map::Coordinates;
 
-/// An edge near a position, at the point of its line that is nearest.
+/// An edge near a position, with the nearest point of its line.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NearEdge {
     /// Index of the edge.
@@ -12,16 +12,16 @@ pub struct NearEdge {
     pub metres_along: f64,
     /// Metres between the position and the nearest point.
     pub metres_off: f64,
-    /// Metres across, from the position to the line that goes on straight beyond the ends of the
-    /// edge.
+    /// Metres across: distance from the position to the edge, extended straight beyond its ends.
     pub across: f64,
-    /// Metres by which the position is beyond the end of the edge along that line; below 0 before
-    /// its start, 0 beside the edge.
+    /// Metres by which the position is beyond the end of the extended edge; negative before its
+    /// start, 0 beside the edge.
     pub beyond: f64,
-    /// The nearest point, in the plane of the network; near the antimeridian on the side of the
+    /// The nearest point in the plane of the network; near the antimeridian, on the side of the
     /// position.
     pub(crate) point: [f64; 2],
-    /// From the start to the end of the straight piece with that point, in the plane.
+    /// Vector from the start to the end of the straight piece that contains the point, in the
+    /// plane.
     pub(crate) piece: [f64; 2],
 }
 
@@ -40,13 +40,13 @@ impl NearEdge {
         dx.atan2(dy)
     }
 
-    /// Direction of the road there, in the plane; of length 1, or 0.
+    /// Unit vector of the road at the nearest point, in the plane; zero if the piece has no length.
     pub(crate) fn direction(&self) -> [f64; 2] {
         direction(self.piece).0
     }
 }
 
-/// Direction of a straight piece, of length 1, or 0 if the piece has none; and the piece's length.
+/// Unit vector of a straight piece, zero if it has no length, and its length.
 pub(super) fn direction([dx, dy]: [f64; 2]) -> ([f64; 2], f64) {
     let length = dx.hypot(dy);
     (if length > 0.0 { [dx / length, dy / length] } else { [0.0; 2] }, length)

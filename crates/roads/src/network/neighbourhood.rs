@@ -1,19 +1,20 @@
-//! The part of a network in which searches for the same targets run.
+//! The part of a network that searches for the same targets have met.
 //!
 //! All states of a point search for the states of the next one, over nearly the same edges. Each
-//! edge is looked up in the network once: its length, its turns with their costs, and how far it is
-//! from its end to the targets at least. Here edges have numbers of their own, in the order in
-//! which they are met, so that all that a search reads lies side by side.
+//! edge is looked up in the network once: its length, its turns with their costs, and a lower bound
+//! of the distance from its end to the targets. Edges have numbers of their own here, in the order
+//! in which they are met, so that everything that a search reads lies close together in memory.
 
 use std::ops::Range;
 
 use super::RoadNetwork;
 use super::route::{RouteCosts, RouteMeasures, distance};
 
-/// Edges that were met, by their numbers here.
+/// Edges that were met, by their numbers in the neighbourhood.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Neighbourhood {
-    /// The neighbourhood in which an edge of the network was met last, and its number there.
+    /// For each edge of the network, the neighbourhood in which it was last met, and its number
+    /// there.
     met: Vec<(u32, u32)>,
     number: u32,
     edges: Vec<MetEdge>,
@@ -31,7 +32,7 @@ pub(super) struct MetEdge {
     pub(super) chord: f64,
     /// Least metres from its end to a target.
     pub(super) left: f64,
-    /// Turns out of it, once it was left.
+    /// Turns out of it, once a search has left it.
     turns: Option<Range<u32>>,
 }
 
@@ -39,17 +40,17 @@ pub(super) struct MetEdge {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct MetTurn {
     pub(super) to: u32,
-    /// Index of that edge in the network, which decides between routes of equal cost: they must not
-    /// depend on the order in which edges were met.
+    /// Index of that edge in the network, which breaks ties between routes of equal cost, so that
+    /// these do not depend on the order in which edges were met.
     pub(super) edge: u32,
-    /// True for a U-turn where another way goes on.
+    /// True for a U-turn where there is another way to continue.
     pub(super) is_u_turn: bool,
     /// −ln p of the turn.
     pub(super) log_choice: f64,
     pub(super) cost: f64,
 }
 
-/// Ball around the starts of the targets, in space.
+/// Ball in space that contains the starts of all targets.
 #[derive(Debug, Clone, Copy, Default)]
 struct Targets {
     centre: [f64; 3],
@@ -57,7 +58,7 @@ struct Targets {
 }
 
 impl Neighbourhood {
-    /// Begins anew, around targets.
+    /// Starts a new neighbourhood around targets.
     pub(super) fn begin<P>(
         &mut self,
         network: &RoadNetwork<P>,
@@ -65,6 +66,7 @@ impl Neighbourhood {
         targets: impl Iterator<Item = usize> + Clone,
     ) {
         self.met.resize(network.edges().len(), (0, 0));
+        // A new number invalidates all edges at once; before numbers repeat, the table is erased.
         self.number = self.number.checked_add(1).unwrap_or_else(|| {
             self.met.fill((0, 0));
             1
@@ -72,6 +74,7 @@ impl Neighbourhood {
         self.edges.clear();
         self.turns.clear();
         let mut starts = targets.clone().map(|target| measures.nodes[network.edges()[target].from]);
+        // Any centre gives a valid ball; the start of the first target is as good as another.
         let centre = starts.next().unwrap_or_default();
         let radius = starts.map(|start| distance(centre, start)).fold(0.0, f64::max);
         self.targets = Targets { centre, radius };
@@ -81,7 +84,7 @@ impl Neighbourhood {
         }
     }
 
-    /// Number of an edge that was met.
+    /// Number of an edge, if it was met.
     pub(super) fn find(&self, edge: usize) -> Option<usize> {
         let &(number, found) = self.met.get(edge)?;
         (number == self.number).then_some(found as usize)
@@ -96,7 +99,7 @@ impl Neighbourhood {
         &self.edges[number]
     }
 
-    /// Number of an edge.
+    /// Number of an edge, which is met now if it was not before.
     pub(super) fn meet<P>(
         &mut self,
         network: &RoadNetwork<P>,
@@ -108,6 +111,9 @@ impl Neighbourhood {
         if met.0 != self.number {
             *met = (self.number, self.edges.len() as u32);
             let (found, chord) = (&network.edges()[edge], measures.straight_metres(edge));
+            // Every target's start is in the ball, so it is at least the distance to the centre
+            // less the radius away, and a route to it at least the network's bound for that
+            // distance.
             let left = measures.bound.at(distance(measures.nodes[found.to], centre) - radius);
             let (edge, metres) = (edge as u32, found.metres);
             self.edges.push(MetEdge { edge, is_target: false, metres, chord, left, turns: None });
@@ -115,7 +121,7 @@ impl Neighbourhood {
         met.1
     }
 
-    /// Turns out of an edge, which are looked up the first time.
+    /// Turns out of an edge, looked up the first time.
     pub(super) fn turns<P>(
         &mut self,
         network: &RoadNetwork<P>,
@@ -139,7 +145,7 @@ impl Neighbourhood {
     ) -> Range<u32> {
         let (edge, first) = (self.edges[number].edge as usize, self.turns.len() as u32);
         let (reverse, choices) = (network.reverse(edge), measures.choices_after(edge));
-        // At a dead end, the way back is no U-turn.
+        // At a dead end, going back is the only choice and does not count as a U-turn.
         let goes_on = choices.len() > 1;
         for (next, &choice) in network.next(edge).zip(choices) {
             let is_u_turn = goes_on && Some(next) == reverse;

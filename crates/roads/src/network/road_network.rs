@@ -26,11 +26,11 @@ pub struct Edge {
 /// A directed road network: nodes, edges with their geometry, and forbidden turns.
 ///
 /// Unlike a [`RoadMap`](wayfix::map::RoadMap), whose places are the states of a model, a network
-/// keeps all that a position along a road needs: the line of each edge, parallel edges and loops,
-/// one-way streets, turn restrictions. It is built in code by a
+/// keeps everything that a position along a road needs: the line of each edge, parallel edges and
+/// loops, one-way streets, turn restrictions. It is built in code by a
 /// [`NetworkBuilder`](crate::NetworkBuilder), or imported from files. Methods identify nodes
-/// and edges by their index, from 0; edges are in the order of the nodes where they start, then of
-/// those where they end.
+/// and edges by their index, from 0; edges are sorted by the node where they start, then by the one
+/// where they end.
 ///
 /// ```
 /// use wayfix_roads::NetworkBuilder;
@@ -57,9 +57,9 @@ pub struct Edge {
 pub struct RoadNetwork<P = Position> {
     pub(super) nodes: Places<P>,
     pub(super) edges: Vec<Edge>,
-    /// Edges out of node i are those from `starts[i]` to `starts[i + 1]`.
+    /// Edges out of node i are `starts[i]..starts[i + 1]`.
     pub(super) starts: Vec<u32>,
-    /// Points of edge e, with both ends, are those from `shape_starts[e]` to `shape_starts[e + 1]`.
+    /// Points of edge e, including both ends, are `shape_starts[e]..shape_starts[e + 1]`.
     pub(super) points: Vec<P>,
     pub(super) shape_starts: Vec<u32>,
     /// The same road in the other direction, or `NONE`.
@@ -68,7 +68,7 @@ pub struct RoadNetwork<P = Position> {
     pub(super) forbidden: Vec<(u32, u32)>,
 }
 
-/// Mark for an edge without a reverse.
+/// Marks an edge without a reverse, or a missing index.
 pub(super) const NONE: u32 = u32::MAX;
 
 impl<P> RoadNetwork<P> {
@@ -119,8 +119,8 @@ impl<P> RoadNetwork<P> {
         (reverse != NONE).then_some(reverse as usize)
     }
 
-    /// Edges that may follow an edge: those out of its end, without forbidden turns, the way back
-    /// included.
+    /// Edges that may follow an edge: those out of its end, including the way back, without
+    /// forbidden turns.
     ///
     /// # Panics
     ///
@@ -132,6 +132,7 @@ impl<P> RoadNetwork<P> {
     /// True unless the turn from one edge to the next is forbidden.
     #[must_use]
     pub fn may_turn(&self, edge: usize, next: usize) -> bool {
+        // The common case of a network without restrictions needs no search.
         self.forbidden.is_empty()
             || self.forbidden.binary_search(&(edge as u32, next as u32)).is_err()
     }
@@ -142,7 +143,7 @@ impl<P> RoadNetwork<P> {
         self.forbidden.iter().map(|&(edge, next)| (edge as usize, next as usize))
     }
 
-    /// Points of the line of an edge, with both ends.
+    /// Points of the line of an edge, including both ends.
     ///
     /// # Panics
     ///

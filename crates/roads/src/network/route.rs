@@ -1,4 +1,8 @@
-//! Shortest routes from a position to several edges, up to a length.
+//! Cheapest routes from one edge to several others, up to a largest cost.
+//!
+//! This is Dijkstra's algorithm with edges as vertices, so that turns have costs or are forbidden.
+//! It stops at the last target, and prunes, as A* does, where the cost so far plus a lower bound of
+//! the rest exceeds the largest cost.
 
 use super::length_bound::LengthBound;
 use super::neighbourhood::Neighbourhood;
@@ -9,7 +13,7 @@ use wayfix::map::Coordinates;
 /// Measures that a [`RouteSearch`] adds up along a route: straight lengths of edges, and choices
 /// at junctions.
 ///
-/// Memory: 16 bytes an edge, 24 a node, and 4 a turn.
+/// Memory: 16 bytes per edge, 24 per node, and 4 per turn.
 #[derive(Debug, Clone)]
 pub struct RouteMeasures {
     /// Straight distance between the ends of each edge, in metres; at most its length.
@@ -23,14 +27,15 @@ pub struct RouteMeasures {
 }
 
 impl RouteMeasures {
-    /// Measures of a network where vehicles take all ways on alike. O(turns + edges log).
+    /// Measures of a network where all ways to continue are equally likely. O(turns + edges log).
     #[must_use]
     pub fn new<P: Coordinates>(network: &RoadNetwork<P>) -> Self {
         Self::with_turns(network, |_, _| 1.0)
     }
 
-    /// Measures of a network where an edge is followed by another in proportion to a weight, at
-    /// least 0. U-turns are no choice: their cost is that of the search. O(turns + edges log).
+    /// Measures of a network where the edge that follows another is chosen in proportion to a
+    /// weight, at least 0. U-turns are not among the choices: the search has a cost for them.
+    /// O(turns + edges log).
     #[must_use]
     pub fn with_turns<P: Coordinates>(
         network: &RoadNetwork<P>,
@@ -48,11 +53,14 @@ impl RouteMeasures {
             let sum: f64 = ways.map(|next| weight(edge, next)).sum();
             choices.extend(network.next(edge).map(|next| {
                 let turns_back = Some(next) == reverse;
+                // −ln (w / Σ w), infinite for a weight of 0: that turn is never taken.
                 if turns_back || sum == 0.0 { 0.0 } else { (sum / weight(edge, next)).ln() as f32 }
             }));
             starts.push(choices.len());
         }
         let nodes: Vec<_> = network.nodes().iter().map(|node| node.position.in_space()).collect();
+        // Distances in space obey the triangle inequality exactly, which the bound needs; chords of
+        // the sphere are at most the distances on the ground.
         let lengths = |edge: &Edge| [edge.metres, distance(nodes[edge.from], nodes[edge.to])];
         let bound = LengthBound::new(network.edges().iter().map(lengths));
         Self { chords, choices, starts, nodes, bound }
@@ -79,25 +87,25 @@ pub(super) fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
     (x * x + y * y + z * z).sqrt()
 }
 
-/// Search for the shortest routes from edges to others by Dijkstra's algorithm (1959) over edges,
-/// so that forbidden turns and costs of U-turns are respected. Keeps its memory from one search to
-/// the next: 8 bytes an edge of the network, and some 150 an edge that was met.
+/// Search for the cheapest routes from edges to others, by Dijkstra's algorithm (1959) over edges,
+/// so that forbidden turns and costs of U-turns are respected. It reuses its memory from one search
+/// to the next: 8 bytes per edge of the network, and some 150 per edge that was met.
 #[derive(Debug, Clone, Default)]
 pub struct RouteSearch {
     neighbourhood: Neighbourhood,
     search: Search<Reached>,
     costs: RouteCosts,
-    /// Number of different targets.
+    /// Number of distinct targets.
     targets: usize,
 }
 
-/// Costs of a route beside its length, in metres.
+/// Costs of a route besides its length, in metres.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct RouteCosts {
-    /// Cost of a U-turn where another way goes on, at least 0.
+    /// Cost of a U-turn where there is another way to continue, at least 0.
     pub u_turn: f64,
-    /// Cost of a choice of probability 1/e at a junction, at least 0: a turn with the probability
-    /// p counts −ln p times as much.
+    /// Cost of a choice of probability 1/e at a junction, at least 0: a turn of probability p costs
+    /// −ln p times as much.
     pub choice: f64,
 }
 
@@ -106,7 +114,7 @@ pub struct RouteCosts {
 pub struct Reached {
     /// Length of the route, from the end of the first edge to the start of this one, in metres.
     pub metres: f64,
-    /// Number of U-turns where another way went on.
+    /// Number of U-turns where there was another way to continue.
     pub u_turns: u32,
     /// Choices at junctions: the sum of −ln p(turn), without U-turns.
     pub log_choices: f64,
@@ -115,12 +123,12 @@ pub struct Reached {
 }
 
 impl RouteSearch {
-    /// Sets the targets of the searches that follow: routes to the starts of these edges. What a
-    /// search looks up in the network serves the others. O(targets).
+    /// Sets the targets of the searches that follow: routes to the starts of these edges. The
+    /// searches share what they look up in the network. O(targets).
     ///
     /// # Panics
     ///
-    /// If an edge does not exist, or the measures are those of another network.
+    /// If an edge does not exist, or the measures belong to another network.
     pub fn set_targets<P>(
         &mut self,
         network: &RoadNetwork<P>,
@@ -133,11 +141,11 @@ impl RouteSearch {
         self.search.start(self.targets);
     }
 
-    /// Finds the routes of least cost from the end of an edge to the targets: their lengths, and
-    /// what [`RouteCosts`] adds, up to a largest cost (below 0, as 0). Stops when all are found,
-    /// and does not go where the straight distance to the targets is too long for the largest cost.
-    /// Edges may be shorter than the straight line between their ends: no route is missed. O(edges
-    /// within that, log).
+    /// Finds the routes of least cost from the end of an edge to the targets, where the cost is the
+    /// length plus the [`RouteCosts`], up to `most` (negative counts as 0). Stops when all are
+    /// found, and does not go where the straight distance to the targets is too long for `most`. No
+    /// route is missed, even if edges are shorter than the straight line between their ends.
+    /// O(edges within reach, log).
     ///
     /// # Panics
     ///
@@ -152,18 +160,23 @@ impl RouteSearch {
         let Self { neighbourhood, search, costs, targets } = self;
         search.start(neighbourhood.len());
         let (most, mut left) = (most.max(0.0), *targets);
-        // A metre and a billionth are more than the rounding of sums.
+        // A metre and a billionth exceed the rounding of the sums and of the bound: pruning never
+        // costs a route.
         let farthest = most * (1.0 + 1e-9) + 1.0;
         if left == 0 {
             return;
         }
         let start = neighbourhood.meet(network, measures, from) as usize;
+        // The start has no label: it is not reached by a turn, and may be settled later like any
+        // other edge.
         let mut next = Some((start, None::<Label<Reached>>));
         while let Some((number, label)) = next {
-            // A route begins at the end of its first edge.
+            // A route begins at the end of its first edge, so the first edge adds nothing.
             let (mut cost, mut after) = (0.0, Reached::default());
             let edge = neighbourhood.edge(number);
             if let Some(Label { cost: up_to, way: reached, .. }) = label {
+                // Each vertex is settled once, so each target is counted once. The first edge may
+                // be a target, too: it counts when a loop comes back to it.
                 left -= usize::from(edge.is_target);
                 if left == 0 {
                     return;
@@ -171,6 +184,8 @@ impl RouteSearch {
                 let (metres, chords) = (reached.metres + edge.metres, reached.chords + edge.chord);
                 (cost, after) = (up_to + edge.metres, Reached { metres, chords, ..reached });
             }
+            // All costs are at least the length, so what is left in metres is a lower bound of what
+            // is left in costs.
             if cost <= most && cost + edge.left <= farthest {
                 let turns = neighbourhood.turns(network, measures, number, *costs);
                 for turn in turns {
@@ -180,6 +195,8 @@ impl RouteSearch {
                         let u_turns = after.u_turns + u32::from(turn.is_u_turn);
                         let way = Reached { u_turns, log_choices, ..after };
                         let to = (turn.to as usize, turn.edge);
+                        // Among equal costs the rank, the index of the edge in the network,
+                        // decides, whatever the order in which edges were met.
                         search.offer(to, number, cost, way, false);
                     }
                 }
@@ -195,8 +212,8 @@ impl RouteSearch {
         self.search.settled(number).map(|label| label.way)
     }
 
-    /// Edges of the route of the last search from `from` to an edge, with both; empty if it was
-    /// not found.
+    /// Edges of the last search's route from `from` to an edge, including both; empty if none was
+    /// found.
     #[must_use]
     pub fn route(&self, from: usize, edge: usize) -> Vec<usize> {
         let number = self.neighbourhood.find(edge);
@@ -208,8 +225,8 @@ impl RouteSearch {
             let before = label.before as usize;
             let edge = self.neighbourhood.edge(before).edge as usize;
             route.push(edge);
-            // The first edge may itself be reached again, by a loop: the route starts before an
-            // edge that follows it directly.
+            // The first edge may itself be reached again by a loop, so the route starts not at its
+            // first occurrence but before an edge that follows it directly, at 0 metres.
             let follows = label.way.metres == 0.0 && label.way.chords == 0.0;
             match self.search.met(before) {
                 Some(met) if !(edge == from && follows) => label = met,

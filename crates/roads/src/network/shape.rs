@@ -1,4 +1,7 @@
-//! Positions along the line of an edge.
+//! Positions along the line of an edge: projection onto it, and points at a distance along it.
+//!
+//! Lines are measured in the plane, where their length may differ from that of the edge. Both are
+//! related by one factor per edge, so metres along an edge are shares of its length.
 
 use super::near_edge::{NearEdge, direction};
 use super::road_network::RoadNetwork;
@@ -14,6 +17,7 @@ impl<P: Coordinates> RoadNetwork<P> {
     #[must_use]
     pub fn project(&self, edge: usize, position: P) -> NearEdge {
         let position = position.to_plane();
+        // Squared distance, length of the line up to the point, the point, and its piece.
         let mut best = (f64::INFINITY, 0.0, [0.0; 2], [0.0; 2]);
         let mut before = 0.0;
         let mut points = P::unwrap(self.shape(edge).iter().copied());
@@ -23,11 +27,13 @@ impl<P: Coordinates> RoadNetwork<P> {
             let [dx, dy] = [b[0] - a[0], b[1] - a[1]];
             let squared = dx * dx + dy * dy;
             let share = ((px - a[0]) * dx + (py - a[1]) * dy) / squared;
-            // A piece without a length has no direction: its share is NaN.
+            // A piece without length has no direction: its share is NaN, which fails the
+            // comparison.
             let share = if share > 0.0 { share.min(1.0) } else { 0.0 };
             let at = [a[0] + share * dx, a[1] + share * dy];
             let off = (px - at[0]).powi(2) + (py - at[1]).powi(2);
             let length = squared.sqrt();
+            // Strictly nearer, so the first of equally near pieces stays.
             if off < best.0 {
                 best = (off, before + share * length, at, [dx, dy]);
             }
@@ -37,20 +43,23 @@ impl<P: Coordinates> RoadNetwork<P> {
         let (off, along, point, piece) = best;
         let scale = P::scale(point);
         let metres = self.edges()[edge].metres;
+        // `before` is now the length of the whole line. Rounding may put its end beyond it.
         let share = if before > 0.0 { (along / before).min(1.0) } else { 0.0 };
         let metres_off = off.sqrt() * scale;
-        // At a bend within the edge, the nearest point is beside it.
+        // At a bend within the edge, the position counts as beside it: only the two ends have a
+        // beyond.
         let is_end = share <= 0.0 || share >= 1.0;
         let (direction, _) = direction(piece);
         let [px, py] = P::turned(position, point);
         let straight = (px - point[0]) * direction[0] + (py - point[1]) * direction[1];
         let beyond = if is_end { straight * scale } else { 0.0 };
+        // The offset has a part along the last piece and one across: Pythagoras.
         let across = (metres_off * metres_off - beyond * beyond).max(0.0).sqrt();
         let metres_along = share * metres;
         NearEdge { edge, metres_along, metres_off, across, beyond, point, piece }
     }
 
-    /// Position so many metres along an edge, at most its length. O(points of the edge).
+    /// Position `metres` along an edge, clamped to its length. O(points of the edge).
     ///
     /// # Panics
     ///
@@ -63,13 +72,13 @@ impl<P: Coordinates> RoadNetwork<P> {
             P::from_plane([a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])])
         };
         let end = || self.nodes()[self.edges()[edge].to].position;
-        // Most lines have two points: no memory for these, and one length.
+        // Most lines have two points, which need no allocation.
         if let [a, b] = self.shape(edge) {
             let a = a.to_plane();
             let b = P::turned(b.to_plane(), a);
             let total = length(a, b);
             let left = share * total;
-            // False for metres that are no number.
+            // False for NaN.
             let is_on = total > 0.0 && left <= total;
             return if is_on { between(a, b, left / total) } else { end() };
         }
@@ -81,13 +90,14 @@ impl<P: Coordinates> RoadNetwork<P> {
             if left <= piece && piece > 0.0 {
                 return between(pair[0], pair[1], left / piece);
             }
+            // NaN is never on a piece either, and ends up at the end.
             left -= piece;
         }
         end()
     }
 
-    /// Points of the line of an edge from one distance along it to another, with both ends, in
-    /// metres; `to` is at least `from`. O(points of the edge).
+    /// Part of the line of an edge between two distances along it in metres, including both ends;
+    /// `to` is at least `from`. O(points of the edge).
     ///
     /// # Panics
     ///
@@ -101,9 +111,12 @@ impl<P: Coordinates> RoadNetwork<P> {
             (b[0] - a[0]).hypot(b[1] - a[1])
         };
         let total: f64 = points.windows(2).map(length).sum();
+        // Metres of the edge per unit of the plane along its line.
         let scale = if total > 0.0 { self.edges()[edge].metres / total } else { 0.0 };
         let mut line = vec![self.position_along(edge, from)];
         let mut along = 0.0;
+        // Inner points alone: the ends of the part are positions along the edge, which may be its
+        // own.
         for pair in points.windows(2).take(points.len().saturating_sub(2)) {
             along += length(pair) * scale;
             if from < along && along < to {

@@ -1,11 +1,11 @@
-//! Maps of the nodes of a network.
+//! Maps whose places are the nodes of a network.
 
 use crate::{Edge, RoadNetwork};
 use wayfix::map::{Coordinates, MapError, Road, RoadMap};
 
 impl<P: Coordinates> RoadNetwork<P> {
-    /// Map of the nodes as places, with the shortest of parallel edges and without loops. O((nodes
-    /// + edges) log).
+    /// Map with the nodes as places, with the shortest of parallel edges and without loops.
+    /// O((nodes + edges) log).
     ///
     /// # Errors
     ///

@@ -1,7 +1,7 @@
-//! Simulated drives: the fastest routes between random roads, with stops before junctions, U-turns
-//! and car parks, and the positions that a receiver would report, whose errors last.
+//! Simulated drives: fastest routes between random roads, with stops before junctions, U-turns and
+//! car parks, and the positions that a receiver with lasting errors would report.
 //!
-//! Examples draw them on the Earth, tests in the plane.
+//! Examples simulate them on the Earth, tests in the plane.
 
 mod plan;
 pub(crate) mod receiver;
@@ -21,9 +21,9 @@ pub(crate) struct Scenario {
     pub(crate) every: f64,
     /// Share of points up to 150 m off in each direction.
     pub(crate) outliers: f64,
-    /// Share of drives with 20 to 120 s of lost or poor reception.
+    /// Share of drives with a gap of 20 to 120 s of lost or poor reception.
     pub(crate) gaps: f64,
-    /// Share of drives that wait in a car park, where a place for one is found.
+    /// Share of drives that wait in a car park, if there is room for one.
     pub(crate) car_parks: f64,
     /// Share of drives with a U-turn, in the middle of a road or at a junction.
     pub(crate) u_turns: f64,
@@ -35,11 +35,12 @@ impl Default for Scenario {
     }
 }
 
-/// A drive, and what is true of it.
+/// A drive with its truth.
 #[derive(Debug, Clone)]
 pub(crate) struct Simulated<P = Position> {
     pub(crate) points: Vec<TracePoint<P>>,
-    /// Edge at each point and metres along it; `None` off the road, from the first metre beside it.
+    /// Edge at each point and metres along it; `None` off the road, starting with the first metre
+    /// beside it.
     pub(crate) truth: Vec<Option<(usize, f64)>>,
     /// Route from the first point to the last, with its stretches off the road.
     pub(crate) route: Vec<Stretch<P>>,
@@ -50,10 +51,10 @@ pub(crate) trait Movable: Coordinates {
     /// Metres to the east and to the north of another position.
     fn offset_from(self, other: Self) -> [f64; 2];
 
-    /// Position so many metres to the east and to the north.
+    /// Position moved by metres to the east and to the north.
     fn moved(self, metres: [f64; 2]) -> Self;
 
-    /// Position on the way to another.
+    /// Position at a share of the way to another.
     fn toward(self, other: Self, share: f64) -> Self {
         self.moved(other.offset_from(self).map(|metres| share * metres))
     }
@@ -71,7 +72,7 @@ impl Movable for PlanePosition {
 
 const DEGREE: f64 = 111_195.0;
 
-/// Metres of a degree of longitude.
+/// Metres per degree of longitude.
 fn degree_at(latitude: f64) -> f64 {
     DEGREE * latitude.to_radians().cos().max(0.01)
 }
@@ -101,6 +102,7 @@ pub(crate) fn drive<P: Movable>(
     for _ in 0..200 {
         if let Some(plan) = plan::plan(network, scenario, rng) {
             let drive = follow(network, &plan, scenario, rng);
+            // A plan may be too short for two points, or fail for lack of a destination.
             if drive.points.len() > 1 {
                 return Ok(drive);
             }
@@ -111,16 +113,17 @@ pub(crate) fn drive<P: Movable>(
     ))
 }
 
-/// Seconds of a step of the simulation, at most.
+/// Largest time step of the simulation in seconds.
 const TICK: f64 = 0.25;
 
-/// Drives as planned: speeds by road and driver, slower before turns, with stops at junctions.
+/// Drives a plan: at speeds by road and driver, slower at junctions, with stops before them.
 fn follow<P: Movable>(
     network: &RoadNetwork<P>,
     plan: &[Stretch<P>],
     scenario: &Scenario,
     rng: &mut ChaCha8Rng,
 ) -> Simulated<P> {
+    // One factor per drive: drivers are consistently slow or fast.
     let driver = rng.random_range(0.8..1.15);
     let tick = TICK.min(scenario.every);
     let [mut at, mut time, mut wait] = [0.0_f64; 3];
@@ -128,6 +131,7 @@ fn follow<P: Movable>(
     let mut stop = None;
     let (mut places, mut truth, mut route) = (Vec::new(), Vec::new(), Vec::new());
     while number < plan.len() {
+        // A point is due. The tolerance absorbs the rounding of summed ticks.
         if time >= places.len() as f64 * scenario.every - 1e-9 {
             let position = position(network, &plan[number], along);
             places.push(position);
@@ -146,8 +150,11 @@ fn follow<P: Movable>(
         }
         let free =
             driver * plan[number].edge.map_or(plan::OFF_ROAD, |edge| plan::speed(network, edge));
+        // Braking up to 3 m/s², accelerating up to 2. At least half a metre per second keeps a
+        // vehicle that has just stopped moving.
         at += (free - at).clamp(-3.0 * tick, 2.0 * tick);
         along += at.max(0.5) * tick;
+        // A tick may cross several short parts.
         while number < plan.len() && along >= plan[number].exit {
             let over = along - plan[number].exit;
             number += 1;
@@ -162,7 +169,7 @@ fn follow<P: Movable>(
                         at = at.min(9.0);
                     }
                 }
-                // A space in a car park.
+                // Parking in a car park, between two stretches off the road.
                 (None, None) => (at, wait) = (0.0, rng.random_range(30.0..120.0)),
                 _ => at = at.min(plan::OFF_ROAD),
             }
@@ -170,7 +177,7 @@ fn follow<P: Movable>(
         }
     }
     let points = receiver::receive(&places, scenario, rng);
-    // Nothing is known of a gap.
+    // Points that were not received have no truth.
     let received = points.iter().zip(truth).filter(|(point, _)| point.is_some());
     let truth = received.map(|(_, truth)| truth).collect();
     Simulated { points: points.into_iter().flatten().collect(), truth, route }
@@ -184,7 +191,7 @@ fn position<P: Movable>(network: &RoadNetwork<P>, part: &Stretch<P>, along: f64)
     }
 }
 
-/// Place on an edge where the vehicle stops before a junction, if it does.
+/// Metres along an edge at which the vehicle stops before a junction, if it does.
 fn stop_line<P: Movable>(
     network: &RoadNetwork<P>,
     part: &Stretch<P>,

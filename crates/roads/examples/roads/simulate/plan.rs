@@ -1,4 +1,4 @@
-//! Routes of simulated drives: the fastest to a random road, with U-turns and car parks.
+//! Routes of simulated drives: the fastest ones to random roads, with U-turns and car parks.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -11,10 +11,10 @@ use wayfix_roads::matching::Stretch;
 
 use super::{Movable, Scenario};
 
-/// Longest way to a destination, in seconds.
+/// Longest drive to a destination in seconds.
 const LONGEST: f64 = 900.0;
 
-/// Metres from its road to a car park, and along it there.
+/// Metres from a road to a car park, and metres driven there along the road's direction.
 const DEPTH: std::ops::Range<f64> = 30.0..60.0;
 const CRAWL: std::ops::Range<f64> = 5.0..30.0;
 
@@ -42,6 +42,7 @@ pub(super) fn plan<P: Movable>(
 ) -> Option<Vec<Stretch<P>>> {
     let count = network.edges().len();
     (count > 0).then_some(())?;
+    // A random edge, entered anywhere in its first four fifths.
     let from = rng.random_range(0..count);
     let enter = rng.random_range(0.0..0.8);
     let mut route = fastest(network, from, enter, rng)?;
@@ -60,7 +61,7 @@ fn part<P: Movable>(network: &RoadNetwork<P>, edge: usize, enter: f64, exit: f64
     Stretch { edge: Some(edge), enter, exit, ends }
 }
 
-/// Fastest route from a share of an edge to a random one, of at least a minute.
+/// Fastest route from a share of an edge to a random edge at least a minute away.
 fn fastest<P: Movable>(
     network: &RoadNetwork<P>,
     from: usize,
@@ -74,6 +75,8 @@ fn fastest<P: Movable>(
     best[from].0 = 0.0;
     while let Some(Reverse((bits, edge))) = queue.pop() {
         let seconds = f64::from_bits(bits);
+        // An outdated entry of the queue: Dijkstra (1959). Bits of non-negative doubles have their
+        // order.
         if seconds > best[edge].0 {
             continue;
         }
@@ -83,7 +86,7 @@ fn fastest<P: Movable>(
             continue;
         }
         let back = network.reverse(edge);
-        // Back only where no other way goes on.
+        // Back only at dead ends.
         let is_end = network.next(edge).all(|next| Some(next) == back);
         for next in network.next(edge).filter(|next| is_end || Some(*next) != back) {
             if after < best[next].0 {
@@ -93,6 +96,8 @@ fn fastest<P: Movable>(
         }
     }
     let longest = settled.last().map_or(0.0, |&edge| best[edge].0);
+    // Edges are settled in the order of their times, so the last is the farthest. Destinations are
+    // the farther ones, so that drives are not mostly short.
     let least = (0.4 * longest).max(60.0);
     let ends: Vec<usize> = settled.into_iter().filter(|&edge| best[edge].0 >= least).collect();
     (!ends.is_empty()).then_some(())?;
@@ -102,6 +107,7 @@ fn fastest<P: Movable>(
     {
         route.push(best[edge].1);
     }
+    // All edges are driven as a whole but the first.
     let whole = |edge: usize| part(network, edge, 0.0, edges[edge].metres);
     let mut route: Vec<_> = route.into_iter().rev().map(whole).collect();
     let metres = edges[from].metres;
@@ -109,7 +115,8 @@ fn fastest<P: Movable>(
     Some(route)
 }
 
-/// Turns back on the way, in the middle of a road or at its end, and drives to another place.
+/// Turns back on the way, in the middle of a road or at its end, and continues to another
+/// destination.
 fn turn_back<P: Movable>(
     network: &RoadNetwork<P>,
     route: &mut Vec<Stretch<P>>,
@@ -120,6 +127,7 @@ fn turn_back<P: Movable>(
     let Some(back) = network.reverse(edge) else { return };
     let mut share = 1.0;
     if number > 0 && rng.random_bool(0.5) {
+        // In the middle, where the network has no turn; at the end, it must allow one.
         share = rng.random_range(0.2..0.8);
     } else if network.next(edge).all(|next| next != back) {
         return;
@@ -132,8 +140,8 @@ fn turn_back<P: Movable>(
     }
 }
 
-/// Leaves the road for a car park with no road nearby, crawls there, and comes back to where the
-/// road was left.
+/// Leaves the road for a car park away from other roads, crawls there, and returns to where it left
+/// the road.
 fn park<P: Movable>(network: &RoadNetwork<P>, route: &mut Vec<Stretch<P>>, rng: &mut ChaCha8Rng) {
     for _ in 0..20 {
         let number = rng.random_range(0..route.len());
@@ -149,7 +157,8 @@ fn park<P: Movable>(network: &RoadNetwork<P>, route: &mut Vec<Stretch<P>>, rng: 
         let crawl = rng.random_range(CRAWL) / metres;
         let first = at.moved([-across * y, across * x]);
         let second = first.moved([crawl * x, crawl * y]);
-        // No other road is nearer, nor crossed on the way there.
+        // All roads are at least 0.8 of the depth away from both ends, so that off the road is the
+        // only right answer there.
         let is_clear = |place: P| {
             let mut edges = 0..network.edges().len();
             edges.all(|edge| network.project(edge, place).metres_off >= 0.8 * depth)

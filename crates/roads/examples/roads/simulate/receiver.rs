@@ -1,4 +1,5 @@
-//! Positions that a receiver reports.
+//! Positions that a simulated receiver reports: a Gauss–Markov offset, white noise, outliers and
+//! gaps.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -7,20 +8,20 @@ use wayfix_roads::matching::TracePoint;
 
 use super::{Movable, Scenario};
 
-/// Share of the variance of positions that lasts, and for how many seconds.
+/// Share of the variance of positions that lasts, and its time constant in seconds.
 const LASTING: f64 = 0.7;
 const LASTS: f64 = 25.0;
 
-/// Metres by which an outlier is off in each direction, at most.
+/// Largest error of an outlier in each direction, in metres.
 const OUTLIER: f64 = 150.0;
 
-/// Seconds of a gap, the share of gaps without points, and how many times as large the errors are
-/// in the others.
+/// Length of a gap in seconds, the share of gaps without points, and the factor of the errors in
+/// the others.
 const GAP: std::ops::Range<f64> = 20.0..120.0;
 const LOST: f64 = 0.5;
 const POOR: f64 = 4.0;
 
-/// Error of a receiver that lasts, in deviations to the east and to the north.
+/// Lasting error of a receiver, in standard deviations to the east and to the north.
 struct Offset([f64; 2]);
 
 impl Offset {
@@ -28,8 +29,9 @@ impl Offset {
         Self([StandardNormal.sample(rng), StandardNormal.sample(rng)])
     }
 
-    /// Goes on by a time.
+    /// Advances by a time.
     fn go_on(&mut self, seconds: f64, rng: &mut ChaCha8Rng) {
+        // A stationary Gauss–Markov step: κ² + (1 − κ²) keeps the variance at 1.
         let kept = (-seconds / LASTS).exp();
         for part in &mut self.0 {
             let new: f64 = StandardNormal.sample(rng);
@@ -38,7 +40,7 @@ impl Offset {
     }
 }
 
-/// Points reported from places, one an interval; `None` where reception is lost.
+/// Points reported from places, one per interval; `None` where reception is lost.
 pub(crate) fn receive<P: Movable>(
     places: &[P],
     scenario: &Scenario,
@@ -46,7 +48,7 @@ pub(crate) fn receive<P: Movable>(
 ) -> Vec<Option<TracePoint<P>>> {
     let seconds = (places.len() - 1) as f64 * scenario.every;
     let gap = rng.random_bool(scenario.gaps).then(|| rng.random_range(GAP));
-    // The first point and the last one are there.
+    // The gap lies strictly between the first point and the last one.
     let gap = gap.filter(|gap| *gap < seconds).map(|gap| {
         let start = rng.random_range(0.0..seconds - gap);
         (start, start + gap)

@@ -1,8 +1,8 @@
-//! Blocks of an OpenStreetMap extract, with the place of each in errors.
+//! Blocks of an OpenStreetMap extract, whose errors name the block and its first byte.
 //!
-//! A block is the length of a head, the head with the kind and length of the data, and the data, which are
-//! mostly compressed. All lengths are limited, and memory grows with what was read, not with what a
-//! length claims.
+//! A block consists of the length of its head, the head with the kind and length of the data, and
+//! the data, usually compressed. All lengths are limited, and memory grows with the bytes read, not
+//! with a claimed length.
 
 use std::io::{Error, Read, Seek, SeekFrom};
 
@@ -13,11 +13,11 @@ use super::wire::each_field;
 use wayfix::internal::excerpt;
 use wayfix::map::MapError;
 
-/// Most bytes of a head, and of data, by the format.
+/// Largest sizes of a head and of data in bytes, as the format defines them.
 const LONGEST_HEAD: u64 = 64 * 1024;
 const LONGEST_DATA: u64 = 32 * 1024 * 1024;
 
-/// A file of blocks.
+/// A reader of blocks.
 pub(super) struct Blocks<'a, R> {
     file: &'a str,
     reader: R,
@@ -30,7 +30,7 @@ pub(super) struct BlockPlace {
     byte: u64,
 }
 
-/// A block as it is in the file.
+/// A block with its message decompressed.
 struct Blob {
     kind: String,
     message: Vec<u8>,
@@ -38,9 +38,9 @@ struct Blob {
     length: u64,
 }
 
-/// A block that can't be read.
+/// Reason why a block can't be read.
 enum Failure {
-    /// The file fails.
+    /// The reader fails.
     Read(Error),
     /// The block is not valid.
     Invalid(String),
@@ -63,7 +63,7 @@ impl<'a, R: Read + Seek> Blocks<'a, R> {
         Self { file, reader }
     }
 
-    /// Visits all blocks of data. Returns the places of those for which `visit` says true.
+    /// Visits all blocks of data. Returns the places of those for which `visit` returned true.
     pub(super) fn each(
         &mut self,
         mut visit: impl FnMut(&Block<'_>) -> Result<bool, String>,
@@ -89,7 +89,7 @@ impl<'a, R: Read + Seek> Blocks<'a, R> {
         }
     }
 
-    /// Visits the blocks at some places.
+    /// Visits the blocks at the given places.
     pub(super) fn each_of(
         &mut self,
         places: &[BlockPlace],
@@ -98,7 +98,7 @@ impl<'a, R: Read + Seek> Blocks<'a, R> {
         for &place in places {
             let blob = self.seek(place.byte).and_then(|()| self.next());
             let blob = blob.map_err(|failure| self.error(place, failure))?;
-            // The file may have become shorter.
+            // The file may have been truncated since.
             if let Some(blob) = blob {
                 let visited = visited(&blob, place, &mut visit);
                 visited.map_err(|problem| self.error(place, Failure::Invalid(problem)))?;
@@ -112,7 +112,7 @@ impl<'a, R: Read + Seek> Blocks<'a, R> {
         Ok(())
     }
 
-    /// Reads the next block, or nothing at the end of the file.
+    /// Reads the next block; `None` at the end of the file.
     fn next(&mut self) -> Result<Option<Blob>, Failure> {
         let length = self.bytes(4)?;
         let Ok(length) = <[u8; 4]>::try_from(&length[..]) else {
@@ -144,14 +144,15 @@ impl<'a, R: Read + Seek> Blocks<'a, R> {
         Ok(Some(Blob { kind: kind.to_owned(), message, length }))
     }
 
-    /// Reads so many bytes, or those that are left.
+    /// Reads `length` bytes, or those that are left.
     fn bytes(&mut self, length: u64) -> Result<Vec<u8>, Failure> {
+        // Grown as bytes arrive: a false length in a short file allocates nothing.
         let mut bytes = Vec::new();
         self.reader.by_ref().take(length).read_to_end(&mut bytes)?;
         Ok(bytes)
     }
 
-    /// Reads so many bytes.
+    /// Reads exactly `length` bytes.
     fn whole(&mut self, length: u64, what: &str) -> Result<Vec<u8>, Failure> {
         let bytes = self.bytes(length)?;
         if bytes.len() as u64 == length {
@@ -167,13 +168,14 @@ impl<'a, R: Read + Seek> Blocks<'a, R> {
             Failure::Invalid(problem) => problem,
         };
         if block == 1 {
+            // Most likely a file of another format.
             problem += "; expected an OpenStreetMap extract (.osm.pbf)";
         }
         MapError::Block { file, block, byte, problem }
     }
 }
 
-/// Message of the data of a block.
+/// Message in the data of a block, decompressed.
 fn message(data: &[u8]) -> Result<Vec<u8>, String> {
     let (mut plain, mut compressed, mut unknown) = (None, None, false);
     each_field(data, |field, value| {
@@ -189,30 +191,31 @@ fn message(data: &[u8]) -> Result<Vec<u8>, String> {
         return Ok(plain.to_vec());
     }
     let Some(compressed) = compressed else {
-        let found = if unknown { "data compressed in another way" } else { "no data" };
+        let found = if unknown { "data in another compression" } else { "no data" };
         return Err(format!("{found}, expected them plain or compressed by zlib"));
     };
     decompress_to_vec_zlib_with_limit(compressed, LONGEST_DATA as usize).map_err(
         |error| match error.status {
             TINFLStatus::HasMoreOutput => format!("more than {LONGEST_DATA} bytes of data"),
-            _ => String::from("compressed data that are damaged"),
+            _ => String::from("damaged compressed data"),
         },
     )
 }
 
-/// Visits the data of a block, if it holds any.
+/// Visits a block if it has data. Checks the header.
 fn visited<T>(
     blob: &Blob,
     place: BlockPlace,
     visit: &mut impl FnMut(&Block<'_>) -> Result<T, String>,
 ) -> Result<Option<T>, String> {
     match &blob.kind[..] {
+        // Field 4 lists the features that a reader must support.
         "OSMHeader" => each_field(&blob.message, |field, value| {
             if field != 4 || matches!(value.bytes()?, b"OsmSchema-V0.6" | b"DenseNodes") {
                 return Ok(());
             }
             let feature = String::from_utf8_lossy(value.bytes()?);
-            Err(format!("{:?} is needed, which is not supported", excerpt(&feature)))
+            Err(format!("the file requires {:?}, which is not supported", excerpt(&feature)))
         })
         .map(|()| None),
         _ if place.block == 1 => Err(String::from("expected the header, found other data")),

@@ -1,15 +1,18 @@
-//! Nodes, ways and relations of a block.
+//! Nodes, ways and relations of a block, decoded from their messages.
+//!
+//! Elements refer to strings of their block by index, and store ids and coordinates as differences
+//! in integer units. All of these come from outside, so indices are looked up and sums checked.
 
 use super::wire::{OUT_OF_RANGE, Value, each_field, sums};
 
-/// A block of data, with what all of its elements share.
+/// A block of data: its groups of elements and what they share.
 #[derive(Debug)]
 pub(super) struct Block<'a> {
     strings: Vec<&'a [u8]>,
     groups: Vec<&'a [u8]>,
-    /// Nanodegrees for each unit of a coordinate.
+    /// Nanodegrees per unit of a coordinate.
     granularity: i64,
-    /// Nanodegrees of latitude and longitude at 0.
+    /// Offsets of latitude and longitude in nanodegrees.
     offsets: [i64; 2],
 }
 
@@ -17,7 +20,7 @@ pub(super) struct Block<'a> {
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Element<'a> {
     Node(&'a [u8]),
-    /// Many nodes, by columns.
+    /// Many nodes, column by column.
     Nodes(&'a [u8]),
     Way(&'a [u8]),
     Relation(&'a [u8]),
@@ -40,14 +43,14 @@ pub(super) struct Relation {
     kinds: Vec<u64>,
 }
 
-/// Keys and values, as indices of strings.
+/// Keys and values of tags, as indices of strings.
 #[derive(Debug, Default)]
 pub(super) struct Tags {
     keys: Vec<u64>,
     values: Vec<u64>,
 }
 
-/// Member of a relation.
+/// Kind of a member of a relation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Member {
     Node,
@@ -58,6 +61,7 @@ pub(super) enum Member {
 impl<'a> Block<'a> {
     pub(super) fn parse(message: &'a [u8]) -> Result<Self, String> {
         let (strings, groups) = (Vec::new(), Vec::new());
+        // Defaults of the format.
         let mut block = Self { strings, groups, granularity: 100, offsets: [0; 2] };
         each_field(message, |field, value| {
             match field {
@@ -68,6 +72,8 @@ impl<'a> Block<'a> {
                     Ok(())
                 })?,
                 2 => block.groups.push(value.bytes()?),
+                // These fields may follow the groups, so groups are only decoded once all of the
+                // block is read.
                 17 => block.granularity = value.number()?.cast_signed(),
                 19 => block.offsets[0] = value.number()?.cast_signed(),
                 20 => block.offsets[1] = value.number()?.cast_signed(),
@@ -93,7 +99,7 @@ impl<'a> Block<'a> {
         self.groups.iter().try_for_each(|group| each_field(group, &mut visit))
     }
 
-    /// Visits the nodes of a message of one, with their nanodegrees of latitude and longitude.
+    /// Visits the node of a message, with its latitude and longitude in nanodegrees.
     pub(super) fn node(
         &self,
         message: &[u8],
@@ -112,7 +118,7 @@ impl<'a> Block<'a> {
         visit(id, self.nanodegrees(place)?)
     }
 
-    /// Visits the nodes of a message of many.
+    /// Visits the nodes of a message of many, as [`node`](Self::node).
     pub(super) fn nodes(
         &self,
         message: &[u8],
@@ -132,6 +138,7 @@ impl<'a> Block<'a> {
                 "{count} nodes with {latitudes} latitudes and {longitudes} longitudes, expected one each"
             ));
         }
+        // Each column is delta coded, from 0 at its start.
         for ((id, latitude), longitude) in sums(&ids).zip(sums(&latitudes)).zip(sums(&longitudes)) {
             visit(id?, self.nanodegrees([latitude?, longitude?])?)?;
         }
@@ -146,7 +153,7 @@ impl<'a> Block<'a> {
         Ok([of(0)?, of(1)?])
     }
 
-    /// Keys and values of tags.
+    /// Keys and values of tags as text.
     pub(super) fn tags(&self, tags: &Tags) -> Result<Vec<(&'a str, &'a str)>, String> {
         let Tags { keys, values } = tags;
         if keys.len() != values.len() {
@@ -161,6 +168,7 @@ impl<'a> Block<'a> {
 
     /// True if a key is among tags.
     pub(super) fn has_key(&self, tags: &Tags, key: &str) -> bool {
+        // Compared as bytes, so that a block is not refused for the text of ways that are skipped.
         let is_key = |&index: &u64| self.string(index) == Some(key.as_bytes());
         tags.keys.iter().any(is_key)
     }
@@ -202,7 +210,7 @@ impl<'a> Block<'a> {
 }
 
 impl Tags {
-    /// Takes a field of an element, if it is one of tags.
+    /// Takes a field of an element if it holds keys or values.
     fn take(&mut self, field: u64, value: Value<'_>) -> Result<(), String> {
         match field {
             2 => value.add_to(&mut self.keys),

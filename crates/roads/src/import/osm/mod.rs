@@ -1,4 +1,8 @@
 //! Networks from OpenStreetMap extracts.
+//!
+//! The first pass takes ways and restrictions and remembers which blocks have nodes; the second
+//! looks up the positions of those nodes that roads use. So memory grows with the roads, and not
+//! with all nodes of the extract.
 
 mod blocks;
 mod elements;
@@ -30,27 +34,27 @@ impl RoadNetwork {
     /// - Class: motorway, trunk and primary are main roads, secondary ones arterial, tertiary ones
     ///   collectors, each with its links; unclassified, residential and service roads and living
     ///   streets are streets. [`ImportOptions`] choose service roads, tracks and private roads.
-    /// - Access: the most specific of `motorcar`, `motor_vehicle`, `vehicle` and `access` decides.
-    ///   Gates and bollards on nodes don't count.
-    /// - Direction: `oneway`; motorways and roundabouts are one-way unless it says no. Reversible
-    ///   roads are taken as two-way, since a vehicle may be on them in either direction.
-    /// - Speed: `maxspeed` in km/h or mph. Names of rules (`CH:urban`) are counted, not taken.
-    /// - Turn restrictions with a node between the roads, those with exceptions for cars left out.
-    ///   A road to which a vehicle must turn (`only_…`) forbids all others, back included.
+    /// - Access: the most specific tag of `motorcar`, `motor_vehicle`, `vehicle` and `access`
+    ///   decides. Gates and bollards on nodes don't count.
+    /// - Direction: `oneway`; motorways and roundabouts are one-way unless it is no. Reversible
+    ///   roads are read as two-way, since a vehicle may be on them in either direction.
+    /// - Speed: `maxspeed` in km/h or mph. Names of rules (`CH:urban`) are counted and ignored.
+    /// - Turn restrictions over a node between the roads, except those that exempt cars. A road to
+    ///   which a vehicle must turn (`only_…`) forbids all others, including the way back.
     ///
-    /// A road through nodes that the file does not hold is cut there; what is skipped or replaced
-    /// is counted in the report.
+    /// A road through nodes that the file does not contain is cut there; whatever is skipped or
+    /// replaced is counted in the report.
     ///
     /// The file is read twice, so that memory grows with the roads alone. A block is decoded as a
-    /// whole: up to 32 MB that may be compressed to a few kilobytes, and some twenty times as much in
-    /// memory in a file made to harm. O(bytes + edges log).
+    /// whole: up to 32 MB, which may be compressed to a few kilobytes, and some twenty times as
+    /// much in memory for a malicious file. O(bytes + edges log).
     ///
     /// # Errors
     ///
-    /// [`MapError::Block`] with file, block and byte for a file that is no extract, is truncated or
-    /// damaged, or needs what is not supported (history), and for a node not on Earth;
-    /// [`MapError::Read`] if the file can't be opened; [`MapError::Empty`] if no road is left; and
-    /// those of [`cleaned`](Self::cleaned).
+    /// [`MapError::Block`] with file, block and byte for a file that is not an extract, is
+    /// truncated or damaged, or requires unsupported features (history), and for a node not on
+    /// Earth; [`MapError::Read`] if the file can't be opened; [`MapError::Empty`] if no road is
+    /// left; and those of [`cleaned`](Self::cleaned).
     pub fn from_osm_file(
         path: impl AsRef<Path>,
         options: &ImportOptions,
@@ -59,8 +63,8 @@ impl RoadNetwork {
         read(&file, BufReader::new(reader), options)
     }
 
-    /// Reads a network from a reader, as [`from_osm_file`](Self::from_osm_file); errors call it
-    /// "extract". It is read from its start, twice.
+    /// Reads a network from a reader, as [`from_osm_file`](Self::from_osm_file) does from a file;
+    /// errors call it "extract". The reader is read twice from its start.
     ///
     /// # Errors
     ///
@@ -91,7 +95,7 @@ fn read(
     finish(builder, report, options)
 }
 
-/// Roads of an extract.
+/// Roads and turn restrictions of an extract.
 #[derive(Default)]
 struct Roads {
     lines: Lines,
@@ -101,7 +105,7 @@ struct Roads {
 }
 
 impl Roads {
-    /// Takes the roads and turn restrictions of a block. Returns true if it has nodes.
+    /// Takes the roads and turn restrictions of a block. Returns true if the block has nodes.
     fn take(
         &mut self,
         block: &Block<'_>,
@@ -138,7 +142,7 @@ impl Roads {
         options: &ImportOptions,
         report: &mut ImportReport,
     ) -> Result<Result<(), ImportNote>, String> {
-        // Most ways are none for vehicles.
+        // Most ways are buildings and the like: they cost no decoding of their tags.
         if !block.has_key(&way.tags, "highway") {
             return Ok(Ok(()));
         }
@@ -167,17 +171,19 @@ impl Roads {
             return Ok(Ok(()));
         }
         let members = block.members(relation)?.into_iter();
+        // A restriction never leads over a relation.
         let members = members.filter(|member| member.1 != Member::Relation);
         let members = members.map(|(role, kind, id)| (role, kind == Member::Node, id));
         let restriction = Restriction::of(&tags, &members.collect::<Vec<_>>());
         Ok(restriction.map(|restriction| self.restrictions.push(restriction)))
     }
 
-    /// Takes the positions of nodes that roads use.
+    /// Stores the positions of nodes that roads use.
     fn locate(&mut self, block: &Block<'_>) -> Result<(), String> {
         let mut place = |id: i64, nanodegrees: [i64; 2]| {
             let Some(point) = self.lines.points.get_mut(&id.cast_unsigned()) else { return Ok(()) };
-            // Divided so, a position is the number that its decimals mean.
+            // A single correctly rounded division: the position is the double nearest to its
+            // decimals.
             let [latitude, longitude] = nanodegrees.map(|degrees| degrees as f64 / 1e9);
             let position = Position { latitude, longitude };
             if let Some(problem) = position_problem(position) {

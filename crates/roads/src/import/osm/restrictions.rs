@@ -1,4 +1,4 @@
-//! Turn restrictions of OpenStreetMap.
+//! Turn restrictions of OpenStreetMap, translated to pairs of edges.
 
 use std::collections::{HashMap, HashSet};
 
@@ -6,10 +6,10 @@ use super::super::lines::Piece;
 use super::super::report::{ImportNote, ImportReport};
 use crate::NetworkBuilder;
 
-/// Turns from ways over a node to ways.
+/// Restriction of the turns from some ways over a node to others.
 #[derive(Debug)]
 pub(super) struct Restriction {
-    /// True if all turns but these are forbidden.
+    /// True if these are the only turns allowed, false if they are forbidden.
     only: bool,
     via: u64,
     from: Vec<i64>,
@@ -17,14 +17,16 @@ pub(super) struct Restriction {
 }
 
 impl Restriction {
-    /// Restriction of tags and members (role, true for a node, id), or the reason why it is not
-    /// used.
+    /// Restriction with these tags and members (role, true for a node, id), or the reason why it is
+    /// not used.
     pub(super) fn of(
         tags: &HashMap<&str, &str>,
         members: &[(&str, bool, i64)],
     ) -> Result<Self, ImportNote> {
         let kinds = ["restriction:motorcar", "restriction:motor_vehicle", "restriction"];
         let Some(kind) = kinds.iter().find_map(|key| tags.get(key)) else {
+            // No restriction applies to cars at all times: the note tells which kind there is
+            // instead.
             let by_hour = tags.keys().any(|key| key.ends_with(":conditional"));
             let others = tags.keys().any(|key| key.starts_with("restriction:"));
             return Err(match (by_hour, others) {
@@ -58,7 +60,7 @@ impl Restriction {
     }
 }
 
-/// Forbids the turns of restrictions. `ways` are the ids of lines.
+/// Forbids the turns of restrictions. `ways` are the way ids of the lines.
 pub(super) fn forbid(
     restrictions: &[Restriction],
     ways: &[i64],
@@ -66,6 +68,8 @@ pub(super) fn forbid(
     builder: &mut NetworkBuilder,
     report: &mut ImportReport,
 ) {
+    // Ends of pieces are indexed only at nodes and for ways that a restriction names: an extract
+    // has millions of pieces and thousands of restrictions.
     let named = restrictions.iter().flat_map(|r| r.from.iter().chain(&r.to)).copied();
     let named: HashSet<i64> = named.collect();
     let vias: HashSet<u64> = restrictions.iter().map(|restriction| restriction.via).collect();
@@ -87,11 +91,14 @@ pub(super) fn forbid(
         for &edge in arrive {
             let listed = |&&next: &&usize| {
                 let (way, back) = (ways[pieces[next].line], pieces[edge].back == Some(next));
-                // From a way to itself is back, not onward where it passes the node.
+                // From a way to itself means the U-turn, not straight on where the way passes the
+                // node.
                 to.contains(&way) && (back || way != ways[pieces[edge].line])
             };
+            // An `only_…` restriction whose road is not in the network must not forbid all others.
             if out.iter().any(|next| listed(&next)) {
                 used = true;
+                // `only_…` forbids the turns that are not listed, `no_…` those that are.
                 let forbidden = out.iter().filter(|next| listed(next) != *only);
                 forbidden.for_each(|&next| builder.forbid(edge, next));
             }

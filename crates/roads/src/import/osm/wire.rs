@@ -1,7 +1,7 @@
-//! Messages in the wire format of protocol buffers. Every length is checked against what is there,
-//! so that no bytes lead to a panic.
+//! Messages in the wire format of protocol buffers. Every length is checked against the bytes that
+//! are left, so no input can cause a panic.
 
-/// Problem of numbers that no extract has.
+/// Problem of a number out of the range of valid extracts.
 pub(super) const OUT_OF_RANGE: &str = "numbers out of their range";
 
 /// Value of a field.
@@ -28,7 +28,7 @@ impl<'a> Value<'a> {
         }
     }
 
-    /// Number that is written with its sign in its lowest bit.
+    /// Number stored with its sign in the lowest bit (zigzag).
     pub(super) fn signed(self) -> Result<i64, String> {
         self.number().map(signed)
     }
@@ -51,12 +51,13 @@ impl<'a> Value<'a> {
     }
 }
 
-/// Number whose sign is its lowest bit.
+/// Decodes a number whose sign is in its lowest bit: 0, −1, 1, −2, …
 fn signed(number: u64) -> i64 {
+    // The lowest bit as a mask of all bits: n / 2 if it is 0, else the complement, −(n + 1) / 2.
     (number >> 1).cast_signed() ^ -(number & 1).cast_signed()
 }
 
-/// Running sums of signed differences.
+/// Running sums of zigzag differences.
 pub(super) fn sums(differences: &[u64]) -> impl Iterator<Item = Result<i64, String>> {
     let mut sum = 0_i64;
     differences.iter().map(move |&difference| {
@@ -73,6 +74,7 @@ pub(super) fn each_field<'a>(
     let mut rest = message;
     while !rest.is_empty() {
         let key = varint(&mut rest)?;
+        // The lower three bits of a key are the wire type, the others the number of the field.
         let value = match key & 7 {
             0 => Value::Number(varint(&mut rest)?),
             2 => {
@@ -83,31 +85,31 @@ pub(super) fn each_field<'a>(
                 split(&mut rest, if kind == 1 { 8 } else { 4 })?;
                 Value::Fixed
             }
-            _ => return Err(String::from("a field of a kind that is not known")),
+            _ => return Err(String::from("a field of unknown type")),
         };
         take(key >> 3, value)?;
     }
     Ok(())
 }
 
-/// Takes so many bytes from the front.
+/// Takes `length` bytes from the front.
 fn split<'a>(rest: &mut &'a [u8], length: u64) -> Result<&'a [u8], String> {
     let parts = usize::try_from(length).ok().and_then(|length| rest.split_at_checked(length));
     let (bytes, after) = parts
-        .ok_or_else(|| format!("a field of {length} bytes, of which {} are left", rest.len()))?;
+        .ok_or_else(|| format!("a field of {length} bytes, but only {} are left", rest.len()))?;
     *rest = after;
     Ok(bytes)
 }
 
-/// Takes a number from the front: seven bits in each byte, the lowest first, the highest bit for
-/// more to come.
+/// Takes a number from the front: seven bits per byte, lowest first, with the highest bit set if
+/// more follow.
 fn varint(rest: &mut &[u8]) -> Result<u64, String> {
-    // The tenth byte has the 64th bit.
+    // Nine bytes hold 63 bits; the tenth may only hold the 64th.
     let length = rest.iter().take(10).position(|byte| byte & 0x80 == 0);
     let (bytes, after) = match length {
         Some(9) if rest[9] > 1 => return Err(String::from(OUT_OF_RANGE)),
         Some(last) => rest.split_at(last + 1),
-        None if rest.len() < 10 => return Err(String::from("a number without its end")),
+        None if rest.len() < 10 => return Err(String::from("a truncated number")),
         None => return Err(String::from(OUT_OF_RANGE)),
     };
     *rest = after;
@@ -167,7 +169,7 @@ mod tests {
         let huge = [18, 255, 255, 255, 255, 255, 255, 255, 255, 255, 1];
         assert_eq!(
             fields(&huge).unwrap_err(),
-            "a field of 18446744073709551615 bytes, of which 0 are left"
+            "a field of 18446744073709551615 bytes, but only 0 are left"
         );
         let mut numbers = Vec::new();
         for value in [Value::Bytes(&[1, 128, 1]), Value::Number(5), Value::Bytes(&[])] {

@@ -1,4 +1,8 @@
 //! Drives of a file, collected point by point.
+//!
+//! Readers of all formats feed it one point at a time. Times of the points it keeps strictly ascend
+//! within a drive, as matching requires; points that are repeated or go back are skipped and
+//! counted, and only a drive that mostly goes back is an error.
 
 use std::cmp::Ordering;
 use std::collections::HashMap;
@@ -7,10 +11,10 @@ use super::{Trace, TraceReport};
 use crate::matching::TracePoint;
 use wayfix::internal::excerpt;
 
-/// Most lines of skipped points that are kept.
+/// Largest number of lines of skipped points that are reported.
 const MOST_LINES: usize = 10;
 
-/// A problem, and where it is: in a line, or in a feature of GeoJSON.
+/// A problem and its place: a line, or a feature of GeoJSON.
 pub(super) type Problem = (u64, String);
 
 /// Drives that were read so far.
@@ -18,7 +22,7 @@ pub(super) type Problem = (u64, String);
 pub(super) struct Collector {
     pub(super) traces: Vec<Trace>,
     pub(super) report: TraceReport,
-    /// Number of drives that were to have each name.
+    /// Number of drives that asked for each name.
     names: HashMap<String, usize>,
     /// Place of the first point of the last drive that goes back in time.
     first_back: u64,
@@ -27,7 +31,7 @@ pub(super) struct Collector {
 }
 
 impl Collector {
-    /// Starts a drive, unless there is one with the name.
+    /// Starts a drive, unless the name is taken.
     #[cfg(any(feature = "csv", feature = "geojson"))]
     pub(super) fn start(&mut self, name: &str) -> Result<(), String> {
         if self.names.insert(name.to_owned(), 1).is_some() {
@@ -38,11 +42,12 @@ impl Collector {
         Ok(())
     }
 
-    /// Starts a drive with a name, or with a number behind it if there is one of that name.
+    /// Starts a drive with a name, with a number appended if the name is taken.
     #[cfg(any(feature = "gpx", feature = "geojson"))]
     pub(super) fn start_numbered(&mut self, name: &str) {
         let mut number = self.names.get(name).map_or(1, |count| count + 1);
         let mut numbered = name.to_owned();
+        // The numbered name may itself be the name of an earlier drive, such as "a (2)".
         while number > 1 {
             numbered = format!("{name} ({number})");
             if !self.names.contains_key(&numbered) {
@@ -62,13 +67,13 @@ impl Collector {
         self.traces.push(Trace { name, points: Vec::new(), repeated: 0, backwards: 0 });
     }
 
-    /// Adds a point of the last drive, unless it is not later than the one before.
+    /// Adds a point to the last drive if it is later than the one before.
     pub(super) fn add(&mut self, point: TracePoint, place: u64) {
         let Some(Trace { points, repeated, backwards, .. }) = self.traces.last_mut() else {
             return;
         };
         let report = &mut self.report;
-        // Not the total order, in which -0 is before 0.
+        // Not `total_cmp`, which puts -0 before 0. Times are finite: the point was checked.
         match points.last().and_then(|last| point.time.partial_cmp(&last.time)) {
             Some(Ordering::Equal) => {
                 (*repeated, report.repeated) = (*repeated + 1, report.repeated + 1);
@@ -89,7 +94,7 @@ impl Collector {
         }
     }
 
-    /// Checks the last drive, of which there are no more points.
+    /// Checks the last drive once it is complete.
     fn end(&mut self) {
         if let Some(Trace { name, points, backwards, .. }) = self.traces.last()
             && *backwards > points.len()

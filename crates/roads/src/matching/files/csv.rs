@@ -1,4 +1,6 @@
 //! Drives from CSV files.
+//!
+//! The points of a drive are on consecutive lines, so a file of any length is read line by line.
 
 use std::io::Read;
 
@@ -30,6 +32,7 @@ pub(super) fn read(file: &str, reader: impl Read) -> Result<(Vec<Trace>, TraceRe
         Ok(columns)
     };
     let mut drives = Collector::default();
+    // A change of name starts a drive; `start` refuses a name that came before.
     let end = each_row((file, reader), Text::Strict, &COLUMNS, find, |row| {
         let (point, trace) = (parse(&row)?, row.text(0));
         if drives.traces.last().is_none_or(|last| last.name != trace) {

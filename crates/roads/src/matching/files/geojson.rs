@@ -1,4 +1,4 @@
-//! Drives from GeoJSON: lines with the time of each point, or points with a time each.
+//! Drives from GeoJSON: lines with a list of times, or points with a time each.
 
 use std::io::Read;
 
@@ -45,7 +45,7 @@ pub(super) fn read(file: &str, reader: impl Read) -> Result<(Vec<Trace>, TraceRe
             return Err(at((1, problem.to_owned())));
         }
     };
-    // Features are no lines.
+    // Places here are numbers of features, not lines.
     drives.report.skipped_lines = Vec::new();
     drives.finish(count).map_err(at)
 }
@@ -101,12 +101,12 @@ impl Drives<'_> {
         }
     }
 
-    /// Name of a line, or the number of its feature.
+    /// Name of a drive: that of its line, or the number of its feature.
     fn name(&self, name: Option<String>) -> String {
         name.unwrap_or_else(|| self.number.to_string())
     }
 
-    /// Adds a drive of the points of a line.
+    /// Adds the points of a line as a drive.
     fn line(
         &mut self,
         name: &str,
@@ -134,7 +134,7 @@ fn line_times(properties: &JsonObject) -> Result<&[JsonValue], String> {
     let mut found = found.flat_map(|o| LINE_TIMES.iter().filter_map(|key| o.get(*key)));
     match found.next() {
         Some(JsonValue::Array(times)) => Ok(times),
-        Some(_) => Err(String::from("the times are no list, expected one for each point")),
+        Some(_) => Err(String::from("the times are not a list, expected one for each point")),
         None => Err(String::from("the line has no times, expected a property coordTimes or times")),
     }
 }
@@ -146,7 +146,7 @@ fn check_count(times: usize, expected: usize, what: &str) -> Result<(), String> 
     Err(format!("{times} times for {expected} {what}, expected one for each"))
 }
 
-/// A point with a position and a time.
+/// Point with a position and a time.
 fn point(coordinates: &[f64], time: &JsonValue) -> Result<TracePoint, String> {
     let [longitude, latitude, ..] = *coordinates else {
         let count = coordinates.len();
@@ -160,7 +160,7 @@ fn point(coordinates: &[f64], time: &JsonValue) -> Result<TracePoint, String> {
     Ok(point)
 }
 
-/// Number of a property that may be missing.
+/// Number in a property that may be missing.
 fn optional(what: &str, value: Option<&JsonValue>) -> Result<Option<f64>, String> {
     let Some(value) = value.filter(|value| !value.is_null()) else { return Ok(None) };
     let found = word(value).unwrap_or_else(|| value.to_string());
@@ -168,7 +168,7 @@ fn optional(what: &str, value: Option<&JsonValue>) -> Result<Option<f64>, String
     number.map(Some).map_err(|_| format!("{what} is {:?}, expected a number", excerpt(&found)))
 }
 
-/// Value of a property as a word; none for null, truth values, lists and objects.
+/// Value of a property as a string; `None` for null, booleans, lists and objects.
 fn word(value: &JsonValue) -> Option<String> {
     match value {
         JsonValue::String(text) => Some(text.clone()),

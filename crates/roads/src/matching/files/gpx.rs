@@ -1,4 +1,8 @@
-//! Drives from GPX files: each segment of a track is one.
+//! Drives from GPX files, one for each segment of a track.
+//!
+//! Elements are recognised by their depth and parents alone, whatever their prefix: a track is a
+//! child of the root, a segment a child of a track, a point a child of a segment. Everything else
+//! is skipped.
 
 use std::io::Read;
 
@@ -13,7 +17,7 @@ use crate::matching::TracePoint;
 use wayfix::internal::{excerpt, shortened, text_of};
 use wayfix::map::{MapError, Position};
 
-/// Most characters of what the parser says, which quotes the text.
+/// Largest number of characters of the parser's message, which quotes the text.
 const LONGEST_PROBLEM: usize = 300;
 
 pub(super) fn read(file: &str, reader: impl Read) -> Result<(Vec<Trace>, TraceReport), MapError> {
@@ -33,6 +37,7 @@ fn drives(text: &str) -> Result<(Vec<Trace>, TraceReport), Problem> {
         let line = lines.of(reader.buffer_position());
         match event {
             Event::Start(tag) => tracks.start(&tag, line)?,
+            // `<a/>` is `<a></a>`: both handlers see it, so the stack stays balanced.
             Event::Empty(tag) => {
                 tracks.start(&tag, line)?;
                 tracks.end(line)?;
@@ -50,7 +55,7 @@ fn drives(text: &str) -> Result<(Vec<Trace>, TraceReport), Problem> {
     }
 }
 
-/// Line of a byte.
+/// Line numbers of bytes, in one pass over the text.
 struct Lines<'a> {
     text: &'a str,
     /// A byte, and its line, from 1.
@@ -83,7 +88,7 @@ enum Element {
     Other,
 }
 
-/// Tracks of a file under way.
+/// State of reading a file.
 #[derive(Default)]
 struct Tracks {
     open: Vec<Element>,
@@ -98,7 +103,7 @@ struct Tracks {
     drives: Collector,
 }
 
-/// A point under way.
+/// A point being read.
 struct Point {
     line: u64,
     position: Position,
@@ -154,6 +159,8 @@ impl Tracks {
         };
         match (&self.open[..], &mut self.point) {
             ([_, Track], _) => {
+                // At the end of the track rather than of the segment: the name may come after the
+                // segments.
                 for segment in self.segments.drain(..).filter(|points| !points.is_empty()) {
                     self.drives.start_numbered(&self.name);
                     segment.into_iter().for_each(|(point, line)| self.drives.add(point, line));
@@ -166,12 +173,13 @@ impl Tracks {
                 self.segments.last_mut().into_iter().for_each(|points| points.push(point));
                 self.point = None;
             }
+            // Only the point's own time: extensions have times of other things.
             ([_, _, _, _, Time], Some(point)) => {
                 let problem = || (line, format!("time is {:?}, expected {TIMES}", excerpt(text)));
                 point.time = Some(seconds_of(text).ok_or_else(problem)?);
             }
-            // Elements of the point in GPX 1.0, of its extensions in 1.1. Phones write -1 for a
-            // number that they do not know.
+            // Children of the point in GPX 1.0, and of its extensions in 1.1. Phones write -1 for
+            // an unknown number.
             ([_, _, _, _, .., Speed], Some(point)) => {
                 point.speed = Some(number("speed")?).filter(|speed| *speed != -1.0);
             }
@@ -185,7 +193,7 @@ impl Tracks {
         Ok(())
     }
 
-    /// Adds the character of a reference, such as `&amp;`; one that is not known stays as it is.
+    /// Adds the character of a reference, such as `&amp;`; an unknown reference stays as it is.
     fn refer(&mut self, reference: &BytesRef<'_>) {
         let name = reference.xml10_content();
         match (reference.resolve_char_ref(), resolve_predefined_entity(&name)) {
@@ -206,7 +214,7 @@ impl Point {
     }
 }
 
-/// Position of a point by its attributes.
+/// Position of a point from its attributes.
 fn position(tag: &BytesStart<'_>) -> Result<Position, String> {
     let degrees = |name: &str| {
         let attribute = tag.try_get_attribute(name).map_err(|error| error.to_string())?;

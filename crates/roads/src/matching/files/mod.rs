@@ -1,4 +1,4 @@
-//! Drives from files.
+//! Drives from files: GPX, GeoJSON or CSV, by the extension of the name.
 
 mod collect;
 #[cfg(feature = "csv")]
@@ -17,7 +17,7 @@ use super::TracePoint;
 use wayfix::internal::open;
 use wayfix::map::MapError;
 
-/// A drive read from a file. [`Matcher::learn`](super::Matcher::learn) takes it as it is, and
+/// Drive read from a file. [`Matcher::learn`](super::Matcher::learn) takes it as it is, and
 /// [`Matcher::match_drive`](super::Matcher::match_drive) its `points`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trace {
@@ -41,18 +41,19 @@ impl AsRef<[TracePoint]> for Trace {
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub struct TraceReport {
-    /// Number of points left out because they have the same time as the last one taken, of all
-    /// drives; each [`Trace`] has its own count.
+    /// Number of points of all drives left out because they have the same time as the last one
+    /// kept; each [`Trace`] has its own count.
     pub repeated: usize,
     /// Number of points that were left out, earlier than the last one taken.
     pub backwards: usize,
-    /// Lines of the first ten points that were left out; empty for GeoJSON, where points have none.
+    /// Lines of the first ten points that were left out; empty for GeoJSON, where points have no
+    /// lines.
     pub skipped_lines: Vec<u64>,
-    /// Columns that are not known and were not read.
+    /// Unknown columns, which were not read.
     pub ignored_columns: Vec<String>,
 }
 
-/// Prints the counts, and a line for each column that is not known.
+/// Prints the counts, and one line for each unknown column.
 impl fmt::Display for TraceReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { repeated, backwards, skipped_lines: lines, ignored_columns } = self;
@@ -66,7 +67,7 @@ impl fmt::Display for TraceReport {
             let word = if lines.len() == 1 { "line" } else { "lines" };
             write!(f, " ({word} {}{more})", named.join(", "))?;
         }
-        ignored_columns.iter().try_for_each(|column| write!(f, "\ncolumn not known: {column}"))
+        ignored_columns.iter().try_for_each(|column| write!(f, "\nunknown column: {column}"))
     }
 }
 
@@ -85,26 +86,26 @@ impl fmt::Display for TraceReport {
 ///   each. Points belong to the drive that their `trace` names, or all to one; they have a `time`
 ///   or `timestamp`, and, if known, `accuracy`, `heading` or `course`, and `speed`.
 ///
-/// Times are seconds, or dates and times by ISO 8601 (`2024-05-01T12:00:00Z`,
-/// `2024-05-01 14:00:00.5+02:00`; UTC without an offset), read as seconds since 1970. Points that
-/// are not later than the last one taken are skipped, and counted for each drive and in total; the
-/// report names the lines of the first ten, and the columns that are not known. A GPX or GeoJSON
-/// file is read as a whole: O(bytes) memory.
+/// Times are seconds, or dates and times in ISO 8601 (`2024-05-01T12:00:00Z`, `2024-05-01
+/// 14:00:00.5+02:00`; UTC without an offset), read as seconds since 1970. Points that are not later
+/// than the last one kept are skipped, and counted per drive and in total; the report names the
+/// lines of the first ten, and unknown columns. A GPX or GeoJSON file is read into memory as a
+/// whole: O(bytes).
 ///
 /// # Errors
 ///
 /// [`MapError::Read`] if the file cannot be opened or read, or the feature for its format (`csv`,
 /// `gpx`, `geojson`) is not enabled; otherwise [`MapError::Line`] with file and line, or
 /// [`MapError::Feature`] with the feature of GeoJSON, for a missing column, attribute or property,
-/// a value that cannot be parsed or is out of range, a drive whose points are not together or
-/// mostly go back in time, text that is not of the format, and a file without points.
+/// a value that cannot be parsed or is out of range, a drive whose points are not contiguous or
+/// mostly go back in time, text not in the format, and a file without points.
 pub fn read_traces(path: impl AsRef<Path>) -> Result<(Vec<Trace>, TraceReport), MapError> {
     let (name, file) = open(path.as_ref())?;
     read_traces_from(&name, file)
 }
 
-/// Reads drives from a reader, as [`read_traces`] does from a file. The extension of the name tells
-/// the format, and errors quote the name.
+/// Reads drives from a reader, as [`read_traces`] does from a file. The extension of the name
+/// determines the format, and errors quote the name.
 ///
 /// ```
 /// use wayfix_roads::matching::read_traces_from;
@@ -115,7 +116,7 @@ pub fn read_traces(path: impl AsRef<Path>) -> Result<(Vec<Trace>, TraceReport), 
 /// assert_eq!(
 ///     report.to_string(),
 ///     "skipped 1 points of the same time and 0 that go back in time (line 3)\n\
-///      column not known: acuracy"
+///      unknown column: acuracy"
 /// );
 ///
 /// let text = "trace,time,longitude,latitude\nA,0,149.13,-35.28\nA,1,149.13,-95\n";
@@ -154,7 +155,7 @@ pub fn read_traces_from(
     return needs("csv", name);
 }
 
-/// Error for a format that was left out.
+/// Error for a format whose feature is not enabled.
 #[cfg(not(all(feature = "csv", feature = "geojson", feature = "gpx")))]
 fn needs(feature: &str, name: &str) -> Result<(Vec<Trace>, TraceReport), MapError> {
     let reason = format!("this format needs the feature `{feature}`");

@@ -1,15 +1,15 @@
-//! Times of points, as numbers or as dates.
+//! Times of points, as numbers or as dates and times.
 
 use std::ops::RangeInclusive;
 
 /// Valid times of files, in words.
 pub(super) const TIMES: &str = "seconds, or a date and time as 2024-05-01T12:00:00Z";
 
-/// Returns a time in seconds: a number, or those since 1970 of a date and time by RFC 3339.
+/// Parses a time in seconds: a number, or a date and time in RFC 3339 as seconds since 1970.
 ///
-/// As files in the wild have them, a space may stand for the T and a comma for the point, and
-/// seconds may be missing; without an offset, the time is UTC. A leap second is the first one of
-/// the next minute. Digits beyond the 18th of a fraction are left out, since they say nothing.
+/// As in files in the wild, a space may stand for the T and a comma for the point, and seconds may
+/// be missing; without an offset, the time is UTC. A leap second is read as the first second of the
+/// next minute. Digits beyond the 18th of a fraction are ignored: a double cannot hold them.
 pub(super) fn seconds_of(text: &str) -> Option<f64> {
     text.parse().ok().or_else(|| date_and_time(&mut Rest(text.as_bytes())))
 }
@@ -32,15 +32,16 @@ fn date_and_time(rest: &mut Rest<'_>) -> Option<f64> {
         }
     }
     let ahead = rest.offset()?;
+    // In integers, so only the fraction is rounded.
     let minutes = ((day_number(year, month, day) * 24 + hour) * 60) + minute - ahead;
     rest.0.is_empty().then(|| (minutes * 60 + second) as f64 + fraction)
 }
 
-/// Text that is left to read.
+/// Text left to read.
 struct Rest<'a>(&'a [u8]);
 
 impl Rest<'_> {
-    /// Reads one of some characters, if it is next.
+    /// Reads the next character if it is one of those given.
     fn one_of(&mut self, characters: &[u8]) -> Option<u8> {
         let (first, rest) = self.0.split_first()?;
         characters.contains(first).then(|| {
@@ -53,16 +54,17 @@ impl Rest<'_> {
         self.one_of(b"0123456789").map(|digit| i64::from(digit - b'0'))
     }
 
-    /// Reads a number of so many digits.
+    /// Reads a number of exactly `count` digits.
     fn digits(&mut self, count: usize, range: RangeInclusive<i64>) -> Option<i64> {
         let number = (0..count).try_fold(0, |number, _| Some(10 * number + self.digit()?))?;
         range.contains(&number).then_some(number)
     }
 
-    /// Reads the digits after a point.
+    /// Reads the digits after the decimal point.
     fn fraction(&mut self) -> Option<f64> {
         let (mut number, mut unit) = (self.digit()?, 10_i64);
         while let Some(digit) = self.digit() {
+            // Up to 10^18 neither integer overflows.
             if unit < 1_000_000_000_000_000_000 {
                 (number, unit) = (10 * number + digit, 10 * unit);
             }
@@ -92,10 +94,12 @@ fn days_of(year: i64, month: i64) -> i64 {
     }
 }
 
-/// Days since 1970-01-01 in the Gregorian calendar, with years that start in March: a leap day is
-/// then their last.
+/// Days since 1970-01-01 in the Gregorian calendar. Years are counted from March, so that a leap
+/// day is the last day of its year.
 fn day_number(year: i64, month: i64, day: i64) -> i64 {
     let year = if month < 3 { year - 1 } else { year };
+    // Months since March. (153 m + 2) / 5 is the number of days before the m-th: five months from
+    // March have 31 + 30 + 31 + 30 + 31 = 153 days, and the pattern repeats.
     let months = (month + 9) % 12;
     let leap_days = year.div_euclid(4) - year.div_euclid(100) + year.div_euclid(400);
     365 * year + leap_days + (153 * months + 2) / 5 + day - 719_469
@@ -165,7 +169,7 @@ mod tests {
         }
     }
 
-    /// Days follow each other over four centuries.
+    /// Day numbers are consecutive over four centuries.
     #[test]
     fn every_day() {
         let mut before = None;

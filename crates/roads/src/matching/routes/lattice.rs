@@ -1,4 +1,8 @@
-//! Posterior of a drive as a Markov chain whose moves spell out the route.
+//! Posterior of a drive as a Markov chain over states whose moves spell out the route.
+//!
+//! Given all points, the states of a drive are a Markov chain with p(j → i) = ξ(j, i) / γ(j), the
+//! pairwise posteriors of section 4 of the guide's formulas over their sums. The probability of a
+//! route is the sum over all paths that spell it, which needs no likelihoods any more.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -10,14 +14,14 @@ use crate::matching::candidates::{Candidate, OFF_ROAD};
 use crate::matching::step::MatchStep;
 use wayfix::map::Coordinates;
 
-/// Probability at and below which a move is left out.
+/// Probability up to which a move is left out.
 const LEAST_MOVE: f64 = 1e-30;
 /// Word after the last edge of a route.
 pub(super) const END: u32 = OFF_ROAD - 1;
 
-/// Nodes are states, each once for each [`Mode`], behind a start and before an end. Arcs carry
-/// p(state | state before, all points), and the words that they add to the route: edges, off the
-/// road, and the end. All paths with the same words are one route.
+/// Lattice of a drive: nodes are states, one for each [`Mode`] in which a state is reached, between
+/// a start and an end. Arcs carry p(state | previous state, all points) and the words that they add
+/// to the route: edges, off the road, and the end. All paths with the same words are one route.
 #[derive(Debug, Default)]
 pub(super) struct Lattice {
     /// State of each node in its step; 0 for the start and the end.
@@ -35,11 +39,11 @@ pub(super) struct Arc {
     pub(super) probability: f64,
 }
 
-/// Share of a route's probability that is on its way along an arc, after some of its words.
+/// Part of a route's probability that is under way along an arc, after some of its words.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Share {
     pub(super) to: u32,
-    /// Words to come.
+    /// Range of the words to come.
     pub(super) words: [u32; 2],
     pub(super) probability: f64,
 }
@@ -51,14 +55,14 @@ impl Share {
 }
 
 impl Arc {
-    /// Share on the way along the arc, of a share that was at its node.
+    /// Share under way along the arc, of a probability that was at its node.
     pub(super) fn share(&self, probability: f64) -> Share {
         let Self { to, words, .. } = *self;
         Share { to, words, probability: probability * self.probability }
     }
 }
 
-/// Nodes of a step, with their modes, by their states.
+/// Nodes of a step by state and mode.
 type Nodes = Vec<BTreeMap<Mode, u32>>;
 
 impl Lattice {
@@ -90,7 +94,8 @@ impl Lattice {
                 let (mut added, first) = (RouteExtension::default(), lattice.arcs.len());
                 RouteRules::<P>::finish(*mode, state, &mut added);
                 lattice.arc(end, 1.0, &added);
-                // The end is the last word of the last arc.
+                // END is a word of its own on every arc to the end, so that no route is a prefix of
+                // another.
                 lattice.words.push(END);
                 lattice.arcs[first].words[1] += 1;
                 lattice.close(*node, first);
@@ -99,7 +104,7 @@ impl Lattice {
         lattice
     }
 
-    /// Adds the arcs from the nodes of a step, from 1, to the next. Returns the nodes of the next.
+    /// Adds the arcs from the given nodes to those of `step`, an index from 1. Returns its nodes.
     fn step<P: Coordinates>(
         &mut self,
         network: &RoadNetwork<P>,
@@ -109,7 +114,8 @@ impl Lattice {
         search: &mut MatchStep<'_, P>,
     ) -> Nodes {
         let [before, states] = [&drive.states[step - 1], &drive.states[step]];
-        // Moves out of each state.
+        // The trellis lists moves by the state they lead to; arcs are stored by the state they
+        // leave.
         let mut moves: Vec<Vec<(usize, f64)>> = vec![Vec::new(); before.len()];
         for to in 0..states.len() {
             for (from, probability) in drive.smoothed.moves(&drive.trellis, step + 1, to) {
@@ -123,15 +129,19 @@ impl Lattice {
         let mut next: Nodes = vec![BTreeMap::new(); states.len()];
         let mut targets: Vec<Candidate> = Vec::new();
         for (number, (from, moves)) in before.iter().zip(&moves).enumerate() {
+            // Σ ξ(j, i) over the moves that are kept, so that the arcs of a node sum to one.
             let sum: f64 = moves.iter().map(|to| to.1).sum();
             targets.clear();
             targets.extend(moves.iter().map(|to| states[to.0]).filter(|to| !to.is_off_road()));
             let ways = links(from, &targets, points, search);
+            // The next state depends on the state alone, so all its modes share the moves and ways.
             for (mode, node) in &nodes[number] {
                 let first = self.arcs.len();
                 let mut links = ways.iter();
                 for &(state, probability) in moves {
                     let (to, mut added) = (&states[state], RouteExtension::default());
+                    // `ways` has one link for each target on a road, in the order of the moves, or
+                    // none at all if the vehicle is off the road; then no link is looked at.
                     let link = if to.is_off_road() { None } else { links.next() };
                     let link = link.unwrap_or(&Link::SameEdge);
                     let mode = rules.go(*mode, [from, to], link, &mut added);
@@ -160,7 +170,7 @@ impl Lattice {
         self.arcs.push(Arc { to, words: [first, self.words.len() as u32], probability });
     }
 
-    /// Ends the arcs of a node, of which the first is given.
+    /// Closes the arcs of a node, given the number of the first.
     fn close(&mut self, node: u32, first: usize) {
         self.arcs_of[node as usize] = first as u32..self.arcs.len() as u32;
     }

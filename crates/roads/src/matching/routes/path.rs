@@ -1,4 +1,4 @@
-//! The connected route through one state a point, by the rules of its moves.
+//! The connected route through one state per point, built by the rules of its moves.
 
 use super::rules::{LEAST, Link, Part, RouteExtension, RouteRules, links};
 use crate::RoadNetwork;
@@ -7,7 +7,7 @@ use crate::matching::step::MatchStep;
 use crate::matching::{Stretch, TracePoint};
 use wayfix::map::Coordinates;
 
-/// Connected route through one state a point.
+/// Connected route through one state per point.
 pub(in crate::matching) fn route<P: Coordinates>(
     network: &RoadNetwork<P>,
     points: &[TracePoint<P>],
@@ -33,13 +33,13 @@ pub(in crate::matching) fn route<P: Coordinates>(
 }
 
 impl<P: Coordinates> RouteRules<'_, P> {
-    /// Place on an edge; its end, if that is as near as makes no stretch.
+    /// Metres along an edge, snapped to its end if what is left would be no stretch.
     fn up_to_end(&self, edge: usize, along: f64) -> f64 {
         let length = self.length(edge);
         if along >= length - LEAST { length } else { along }
     }
 
-    /// Adds to a route what a move between two points adds.
+    /// Extends a route by what a move between two points adds.
     fn extend(
         &self,
         route: &mut Vec<Stretch<P>>,
@@ -53,6 +53,7 @@ impl<P: Coordinates> RouteRules<'_, P> {
                     last.exit = last.ends[0].metres_to(to.position);
                 }
                 (Some(edge), Some(exit)) => {
+                    // Positions jitter backwards; a route does not.
                     last.exit = last.exit.max(self.up_to_end(edge, exit));
                     last.ends[1] = self.0.position_along(edge, last.exit);
                 }
@@ -70,7 +71,8 @@ impl<P: Coordinates> RouteRules<'_, P> {
             if exit > enter {
                 exit = self.up_to_end(edge, exit);
             }
-            // Back from where the stretch before ends.
+            // After a U-turn, the reverse edge is entered where the stretch before ends. Both edges
+            // may differ in length, so at the end of one the other starts at 0.
             if let Some((before, end)) =
                 route.last().and_then(|last| last.edge.zip(Some(last.exit)))
                 && self.0.reverse(edge) == Some(before)

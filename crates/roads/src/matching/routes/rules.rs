@@ -1,7 +1,9 @@
-//! Rules by which moves add stretches to a route, so that none of them has no length.
+//! Rules by which moves add stretches to a route, such that no stretch has zero length.
 //!
-//! A state does not put its edge into the route; the first metre driven there does. A position at
-//! the very end of an edge, or at the place of a U-turn, thus leaves no stretch of 0 m.
+//! An edge enters the route with the first metre driven on it, not with the first state on it. So a
+//! position at the very end of an edge, or at the place of a U-turn, leaves no stretch of 0 m. What
+//! has been driven so far is kept in a [`Mode`], which depends on the previous mode and the move
+//! alone: so the lattice of all routes can carry it in its nodes.
 
 use crate::RoadNetwork;
 use crate::matching::TracePoint;
@@ -10,18 +12,18 @@ use crate::matching::step::MatchStep;
 use crate::matching::ways::WayKind;
 use wayfix::map::Coordinates;
 
-/// Metres below which a stretch has no length.
+/// Metres up to which a stretch counts as having no length.
 pub(super) const LEAST: f64 = 1e-3;
 
-/// Edge of a state in the route that leads to it.
+/// Relation of a state's edge to the end of the route that leads to it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Mode {
     /// The last stretch is on the edge, or off the road.
     Driven,
-    /// No metre was driven on a road yet, since the start or the last stretch off the road.
+    /// Nothing has been driven on a road since the start or the last stretch off the road.
     Fresh { after_off_road: bool },
-    /// The last stretch is on the edge `after`, and no metre was driven on that of the state. If
-    /// `turned`, the vehicle came onto the reverse edge and turned there at once.
+    /// The last stretch is on the edge `after`, and nothing has been driven on the state's edge. If
+    /// `turned`, the vehicle entered the reverse edge and turned there at once.
     Waiting { after: u32, turned: bool },
 }
 
@@ -31,7 +33,7 @@ pub(super) enum Link {
     SameEdge,
     /// A U-turn on the way.
     Turn,
-    /// Edges in order, those of both states included.
+    /// Edges in order, including those of both states.
     Edges(Vec<usize>),
 }
 
@@ -43,7 +45,7 @@ pub(super) struct Part {
     pub(super) exit: f64,
 }
 
-/// A move's parts, and the least exit from the stretch before them.
+/// Parts that a move adds, and where the stretch before them ends at least.
 #[derive(Debug, Clone, Default)]
 pub(super) struct RouteExtension {
     pub(super) extend: Option<f64>,
@@ -69,6 +71,7 @@ pub(super) fn links<P: Coordinates>(
     points: [&TracePoint<P>; 2],
     step: &mut MatchStep<'_, P>,
 ) -> Vec<Link> {
+    // Nothing to search for; callers read no link off the road.
     if from.is_off_road() || to.is_empty() {
         return Vec::new();
     }
@@ -81,7 +84,7 @@ pub(super) fn links<P: Coordinates>(
     to.iter().map(link).collect()
 }
 
-/// Rules by which moves add stretches.
+/// Rules by which moves add stretches, on a network.
 #[derive(Debug)]
 pub(super) struct RouteRules<'a, P>(pub(super) &'a RoadNetwork<P>);
 
@@ -95,14 +98,15 @@ impl<P: Coordinates> RouteRules<'_, P> {
         Mode::Driven
     }
 
-    /// Ends a route. That of a vehicle that stood all the time has a stretch without length.
+    /// Ends a route. The route of a vehicle that was stationary throughout has one stretch without
+    /// length.
     pub(super) fn finish(mode: Mode, state: &Candidate, added: &mut RouteExtension) {
         if mode == (Mode::Fresh { after_off_road: false }) {
             added.push(state.edge as usize, state.along, state.along);
         }
     }
 
-    /// Goes on from a state to the next. `link` is looked at between roads.
+    /// Moves from a state to the next. `link` is only read if both are on roads.
     pub(super) fn go(
         &self,
         mode: Mode,
@@ -115,7 +119,8 @@ impl<P: Coordinates> RouteRules<'_, P> {
             (true, true) => Mode::Driven,
             (true, false) => Mode::Fresh { after_off_road: true },
             (false, true) => {
-                // A point on a road between two off the road is no part of its own.
+                // A single point on a road between two off it does not interrupt the stretch off
+                // the road.
                 if mode == (Mode::Fresh { after_off_road: true }) {
                     added.from_off_road = true;
                 } else {
@@ -153,12 +158,16 @@ impl<P: Coordinates> RouteRules<'_, P> {
             Mode::Fresh { .. } | Mode::Waiting { turned: false, .. }
                 if to.along > from.along + LEAST =>
             {
+                // Over its start the edge is entered at 0; after a U-turn or fresh, where the state
+                // was.
                 let at_start =
                     matches!(mode, Mode::Waiting { after, .. } if !self.is_back(edge, after));
                 added.push(edge, if at_start { 0.0 } else { from.along }, to.along);
                 return Mode::Driven;
             }
             Mode::Waiting { after, turned: false } if self.is_back(edge, after) => {
+                // Further back on this edge means that the turn came later, further along the
+                // reverse one.
                 added.extend = Some(self.length(after as usize) - to.along);
             }
             Mode::Waiting { turned: true, .. } if to.along < self.length(edge) - LEAST => {
@@ -169,7 +178,7 @@ impl<P: Coordinates> RouteRules<'_, P> {
         mode
     }
 
-    /// The vehicle went some way into the reverse edge of a state, and turned.
+    /// The vehicle went some way into the reverse of a state's edge, and turned.
     fn turned_later(&self, to: &Candidate, added: &mut RouteExtension) -> Mode {
         let Some(reverse) = self.0.reverse(to.edge as usize) else { return Mode::Driven };
         added.push(reverse, 0.0, (self.length(reverse) - to.along).max(0.0));
@@ -184,6 +193,7 @@ impl<P: Coordinates> RouteRules<'_, P> {
         added: &mut RouteExtension,
     ) -> Mode {
         let [edge, next] = [from.edge as usize, to.edge as usize];
+        // The place of the state before, measured along the reverse edge.
         let here = (self.length(next) - from.along).max(0.0);
         let moves = to.along > here + LEAST;
         match mode {
@@ -216,10 +226,12 @@ impl<P: Coordinates> RouteRules<'_, P> {
         edges: &[usize],
         added: &mut RouteExtension,
     ) -> Mode {
+        // At least both states' edges, as the ways of the trellis were found by the same search.
         let [_, between @ .., next] = edges else { return mode };
         let (edge, first) = (from.edge as usize, *between.first().unwrap_or(next));
         let length = self.length(edge);
         let at_end = from.along >= length - LEAST;
+        // The edge of the last stretch, if there is one, for a state at the very start of its edge.
         let mut last = Some(from.edge);
         match mode {
             Mode::Driven => added.extend = Some(length),
@@ -232,7 +244,8 @@ impl<P: Coordinates> RouteRules<'_, P> {
             Mode::Waiting { after, .. } if self.connects(after as usize, first) => {
                 last = Some(after);
             }
-            // Without the way into an edge and back, the turn would be a forbidden one.
+            // Skipping the edge would make a forbidden turn of two allowed ones, so the way in and
+            // back stays, with no length.
             Mode::Waiting { turned, .. } => {
                 if let Some(reverse) = self.0.reverse(edge).filter(|_| turned) {
                     added.push(reverse, 0.0, 0.0);

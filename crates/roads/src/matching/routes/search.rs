@@ -1,4 +1,8 @@
-//! Best-first search for the most probable routes, by their first words.
+//! Best-first search for the most probable routes, over prefixes of their words.
+//!
+//! A prefix stands for all routes that begin with its words. Its bound is never below the
+//! probability of any of them, and exact for a whole route, so, as in A*, a whole route that is
+//! taken from the queue is the best of all routes that are left.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -6,20 +10,20 @@ use std::collections::BinaryHeap;
 use super::bounds::RouteBounds;
 use super::lattice::{END, Lattice, Share};
 
-/// Routes as their words, and their probabilities.
+/// Routes as sequences of words, with their probabilities.
 pub(super) struct Found {
     pub(super) routes: Vec<(Vec<u32>, f64)>,
-    /// True if no route that is not among them is more probable than one of them, and there are as
-    /// many as were asked for, or as there are.
+    /// True if no other route is more probable than any of these, and there are as many as
+    /// requested or all there are.
     pub(super) is_exact: bool,
 }
 
-/// First words of routes.
+/// First words of routes, as a link to the prefix that is one word shorter.
 struct Prefix {
     /// Number of the prefix without the last word.
     before: u32,
     word: u32,
-    /// Shares of the probability that have just come to the last word.
+    /// Parts of the probability that have just spelled the last word.
     shares: Vec<Share>,
 }
 
@@ -28,11 +32,11 @@ pub(super) struct RouteSearcher<'a> {
     lattice: &'a Lattice,
     bounds: RouteBounds,
     prefixes: Vec<Prefix>,
-    /// Prefixes with the bounds of their routes, which are not negative: their bits have the same
-    /// order.
+    /// Prefixes with the bits of their bounds, which have the order of the bounds, since these are
+    /// not negative.
     open: BinaryHeap<(u64, Reverse<u32>)>,
     arcs: usize,
-    /// Probability at each node, for the prefix that goes on.
+    /// Probability at each node for the prefix being expanded; all zero in between.
     at: Vec<f64>,
 }
 
@@ -46,9 +50,8 @@ impl<'a> RouteSearcher<'a> {
         Self { lattice, bounds, prefixes, open, arcs: 0, at }
     }
 
-    /// Finds the most probable routes, the best first: a prefix whose bound is the highest is the
-    /// best route if it is a whole one, for which the bound is exact. After so many arcs it goes
-    /// straight to likely routes.
+    /// Finds the most probable routes, best first. After `most_arcs` arcs it heads straight for
+    /// likely routes.
     pub(super) fn find(mut self, count: usize, most_arcs: usize) -> Found {
         let (mut routes, mut is_exact) = (Vec::new(), true);
         while routes.len() < count
@@ -60,9 +63,10 @@ impl<'a> RouteSearcher<'a> {
                     routes.push((self.words(prefix), f64::from_bits(bound)));
                     break;
                 }
+                // A prefix leaves the queue once, and its shares are moved on to its children.
                 let mut children = self.expand(prefix);
                 if self.arcs >= most_arcs {
-                    // Too many to prove an order: straight to the best route of this prefix.
+                    // Too many to prove an order: follow the best child down to a whole route.
                     is_exact = false;
                     let best = (0..children.len()).max_by_key(|child| children[*child]);
                     next = best.map(|best| children.swap_remove(best));
@@ -71,11 +75,12 @@ impl<'a> RouteSearcher<'a> {
                 self.open.extend(children.into_iter().map(open));
             }
         }
+        // Already in order if exact; routes found by diving are not.
         routes.sort_by(|a: &(Vec<u32>, f64), b| b.1.total_cmp(&a.1));
         Found { routes, is_exact }
     }
 
-    /// Goes on from a prefix by each word that may follow. Returns the longer prefixes, with their
+    /// Extends a prefix by each word that may follow. Returns the longer prefixes with their
     /// bounds.
     fn expand(&mut self, prefix: u32) -> Vec<(u64, u32)> {
         let mut next: Vec<(u32, Share)> = Vec::new();
@@ -84,6 +89,7 @@ impl<'a> RouteSearcher<'a> {
         let go = |at: &mut [f64], nodes: &mut BinaryHeap<_>, next: &mut Vec<_>, share: Share| {
             if share.has_arrived() {
                 let at = &mut at[share.to as usize];
+                // A node enters the heap with its first probability, so it is there once.
                 if *at == 0.0 && share.probability > 0.0 {
                     nodes.push(Reverse(share.to));
                 }
@@ -99,7 +105,8 @@ impl<'a> RouteSearcher<'a> {
         for share in std::mem::take(&mut self.prefixes[prefix as usize].shares) {
             go(&mut self.at, &mut nodes, &mut next, share);
         }
-        // Arcs lead to higher nodes: all that comes to a node is there when its turn comes.
+        // Arcs lead to higher nodes, so everything that reaches a node has arrived when its turn
+        // comes. Taking the probability leaves a zero for the next prefix.
         while let Some(Reverse(node)) = nodes.pop() {
             let probability = std::mem::take(&mut self.at[node as usize]);
             for arc in lattice.arcs(node) {
@@ -109,8 +116,11 @@ impl<'a> RouteSearcher<'a> {
         }
         next.sort_by_key(|next| next.0);
         let mut children = Vec::new();
+        // One child per word, with the shares of all paths that spell it: this is where paths of
+        // one route are added up.
         for same in next.chunk_by(|a, b| a.0 == b.0) {
             let shares: Vec<Share> = same.iter().map(|next| next.1).collect();
+            // The bound advances the shares that it is given.
             let bound = self.bounds.of(lattice, &mut shares.clone());
             if bound > 0.0 {
                 let child = self.prefixes.len() as u32;
@@ -121,7 +131,7 @@ impl<'a> RouteSearcher<'a> {
         children
     }
 
-    /// Words of a whole route, without the end.
+    /// Words of a whole route, without END.
     fn words(&self, route: u32) -> Vec<u32> {
         let mut words = Vec::new();
         let mut prefix = self.prefixes[route as usize].before;

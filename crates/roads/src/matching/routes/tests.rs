@@ -15,7 +15,8 @@ use wayfix::map::{PlanePosition, RoadClass};
 
 type Words = Vec<Option<usize>>;
 
-/// Up to 5 nodes with loops, parallel edges, dead ends, one-way streets and forbidden turns.
+/// Networks of up to 5 nodes, with loops, parallel edges, dead ends, one-way streets and forbidden
+/// turns.
 fn any_network() -> impl Strategy<Value = RoadNetwork<PlanePosition>> {
     let nodes = vec((0..4_u32, 0..4_u32), 2..=5);
     let edges = vec((0..5_usize, 0..5_usize, any::<bool>(), any::<bool>()), 1..6);
@@ -59,8 +60,8 @@ fn words(route: &[Stretch<PlanePosition>]) -> Words {
     route.iter().map(|stretch| stretch.edge).collect()
 }
 
-/// Edges follow each other, and each stretch has a length, but for an edge and its reverse instead
-/// of a forbidden turn.
+/// Checks that edges are consecutive and stretches have a length, except for an edge and its
+/// reverse in place of a forbidden turn.
 fn is_connected(network: &RoadNetwork<PlanePosition>, route: &[Stretch<PlanePosition>]) {
     let is_short = |at: usize| {
         route.get(at).is_some_and(|part| part.edge.is_some() && part.exit - part.enter == 0.0)
@@ -80,7 +81,7 @@ fn is_connected(network: &RoadNetwork<PlanePosition>, route: &[Stretch<PlanePosi
         let length = network.edges()[edge].metres;
         let follows = network.next(edge).any(|other| other == next);
         let at_end = pair[0].exit == length && pair[1].enter == 0.0;
-        // A U-turn at the same place; at the end of an edge, whose reverse may be shorter.
+        // A U-turn at the same place, or at the end of an edge whose reverse may be shorter.
         let apart = network.edges()[next].metres - pair[0].exit - pair[1].enter;
         let turned = network.reverse(edge) == Some(next) && (apart.abs() < 1e-6 || at_end);
         assert!(follows && at_end || turned, "{route:?}");
@@ -170,7 +171,7 @@ proptest! {
         prop_assert_eq!(distinct.len(), found.routes.len());
         prop_assert!(found.routes.is_sorted_by(|a, b| a.probability >= b.probability));
 
-        // Few are the first of all, but for the order of equal ones.
+        // A few routes are the first of all routes, up to the order of ties.
         let few = matcher.routes(&drive, count).unwrap();
         prop_assert!(few.is_exact);
         prop_assert_eq!(few.routes.len(), count.min(found.routes.len()));
@@ -180,7 +181,8 @@ proptest! {
         let sum: f64 = few.routes.iter().map(|route| route.probability).sum();
         prop_assert!((sum + few.remaining - 1.0).abs() < 1e-9);
 
-        // Cut at once: as many, with their probabilities, and said to be cut.
+        // A search cut off at once finds as many, with exact probabilities, and reports that it is
+        // not exact.
         let lattice = Lattice::new(&matcher.network, &drive, &mut step);
         let cut = RouteSearcher::new(&lattice).find(count, 0);
         prop_assert!(!cut.is_exact);

@@ -90,7 +90,7 @@ fn columns_that_are_not_known_are_named() {
     let point = traces[0].points[0];
     assert_eq!((point.accuracy, point.heading), (None, Some(-90.0)));
     assert_eq!(report.ignored_columns, ["acuracy", "time"]);
-    assert!(report.to_string().ends_with("\ncolumn not known: acuracy\ncolumn not known: time"));
+    assert!(report.to_string().ends_with("\nunknown column: acuracy\nunknown column: time"));
     let text = format!("{HEADER},speed,accuracy\nA,0,149,-35,,\n");
     let (_, report) = read_traces_from("drives", text.as_bytes()).unwrap();
     assert!(report.ignored_columns.is_empty() && report.skipped_lines.is_empty());

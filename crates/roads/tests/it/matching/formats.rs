@@ -235,7 +235,12 @@ fn errors_of_geojson_name_the_feature() {
     for (properties, kind, coordinates, expected) in [
         ("", "LineString", LINE, "the line has no times, expected a property coordTimes or times"),
         (r#""times":[1,2,3]"#, "LineString", LINE, "3 times for 2 points, expected one for each"),
-        (r#""times":5"#, "LineString", LINE, "the times are no list, expected one for each point"),
+        (
+            r#""times":5"#,
+            "LineString",
+            LINE,
+            "the times are not a list, expected one for each point",
+        ),
         (
             r#""times":[1,"noon"]"#,
             "LineString",

@@ -217,17 +217,14 @@ fn blocks_with_wrong_contents() {
     let ids = [&[10, 11][..], &most, &[1, 66, 2, 0, 0, 74, 2, 0, 0]].concat();
     let (ids, latitude) = (group(18, &ids), [&[64][..], &most].concat());
     for (found, expected) in [
-        (data(1, &[8]), "a number without its end"),
+        (data(1, &[8]), "a truncated number"),
         (data(1, &[18, 5, 1]), "a field of 5 bytes, of which 1 are left"),
         (data(1, &[10, 2, 8, 1]), "a number, expected bytes"),
         (data(1, &[16, 1]), "a number, expected bytes"),
-        (data(1, &[11]), "a field of a kind that is not known"),
+        (data(1, &[11]), "a field of unknown type"),
         (data(2, &[]), "no data, expected them plain or compressed by zlib"),
-        (
-            data(7, &[1]),
-            "data compressed in another way, expected them plain or compressed by zlib",
-        ),
-        (data(3, &[1, 2, 3]), "compressed data that are damaged"),
+        (data(7, &[1]), "data in another compression, expected them plain or compressed by zlib"),
+        (data(3, &[1, 2, 3]), "damaged compressed data"),
         (data(3, &stored(&[18, 5, 1])), "a field of 5 bytes, of which 1 are left"),
         (way(&[18, 1, 0, 26, 1, 5]), "string 5, of 1"),
         (way(&[18, 1, 0]), "1 keys of tags and 0 values, expected one each"),
@@ -299,7 +296,10 @@ fn other_files_are_no_extracts() {
     assert!(matches!(osm(b""), Err(MapError::Block { block: 1, .. })));
     let history = [header(&["HistoricalInformation"]), extract().bytes()].concat();
     let text = osm(&history).unwrap_err().to_string();
-    assert!(text.contains("\"HistoricalInformation\" is needed, which is not supported"), "{text}");
+    assert!(
+        text.contains("the file requires \"HistoricalInformation\", which is not supported"),
+        "{text}"
+    );
     let mut swapped = extract();
     swapped.nodes[1] = (2, 1_491_300_000, -352_800_000);
     let text = osm(&swapped.bytes()).unwrap_err().to_string();
