@@ -1,8 +1,8 @@
 //! GPS, a camera that recognises some places, and an odometer: how often each of them names the
-//! right road, and how often all together do, on simulated drives of ten minutes that start
-//! anywhere within a kilometre.
+//! right road, and how often all of them together do. The drives are simulated, take ten minutes
+//! and start anywhere within a kilometre.
 //!
-//! `cargo run --release --example sensors`, for a made-up town, or with `-- --roads FOLDER`
+//! Run `cargo run --release --example sensors` for a made-up town, or add `-- --roads FOLDER`.
 
 use std::collections::BTreeMap;
 use std::error::Error;
@@ -20,7 +20,7 @@ use wayfix::{Belief, FusedLikelihood, Hmm, OptionalLikelihood, Prior, PrunedFilt
 
 #[derive(Parser)]
 struct Arguments {
-    /// Folder with `nodes.csv` and `edges.csv`; a made-up town without it.
+    /// Folder with `nodes.csv` and `edges.csv` [default: a made-up town].
     #[arg(long)]
     roads: Option<PathBuf>,
     #[arg(long, default_value_t = 8)]
@@ -31,7 +31,7 @@ struct Arguments {
 const STEPS: usize = 600;
 /// Metres from a recognised place within which the camera sees it.
 const SEEN: f64 = 25.0;
-/// Deviation of fixes, as the filter takes it: larger than their error of 10 m, as that lasts.
+/// Deviation of fixes in the model: larger than their error of 10 m, since that persists.
 const DEVIATION: f64 = 20.0;
 /// Share of places that the camera recognises.
 const KNOWN: f64 = 0.4;
@@ -46,7 +46,7 @@ const CHOICES: [(&str, [bool; 3]); 5] = [
     ("all", [true, true, true]),
 ];
 
-/// One second of a drive: its edge, metres to the nearer end of that, and what is measured.
+/// One second of a drive: its edge, the metres to the edge's nearer end, and the measurements.
 struct Second {
     edge: usize,
     to_end: f64,
@@ -58,7 +58,7 @@ struct Second {
 type Sensor =
     FusedLikelihood<OptionalLikelihood<PositionLikelihood>, OptionalLikelihood<TagLikelihood>>;
 
-/// Town of 12 × 10 crossings, some 120 m apart; every fourth road is a main one.
+/// Builds a town of 12 × 10 crossings, some 120 m apart; every fourth road is a main road.
 fn town(rng: &mut ChaCha8Rng) -> Result<RoadNetwork, Box<dyn Error>> {
     let mut builder = NetworkBuilder::new();
     for id in 0..120 {
@@ -103,7 +103,7 @@ fn drive(
             edge = turns.next().unwrap_or(edge);
         }
         let road = network.edges()[edge];
-        // Errors of 10 m that last for some ten seconds, outliers, gaps of half a minute.
+        // Errors of 10 m that persist for some ten seconds, outliers, gaps of half a minute.
         error = error.map(|error: f64| 0.9 * error + 4.4 * normal(rng));
         gap = if gap == 0 && rng.random_bool(0.01) { 30 } else { gap.saturating_sub(1) };
         let degrees = if rng.random_bool(0.04) { 8.0 } else { 1.0 } / 111_195.0;
@@ -127,7 +127,7 @@ fn drive(
     (0..STEPS).map(&mut second).collect()
 }
 
-/// Follows a drive, and counts steps: judged, right, sure, sure and right.
+/// Follows a drive, and counts steps: all that are judged, right, sure, and sure and right.
 fn judge(
     filter: &mut PrunedFilter<&Hmm<&CellTransition, &Sensor>>,
     cells: &RoadCells,
@@ -135,7 +135,7 @@ fn judge(
     [gps, camera, odometer]: [bool; 3],
 ) -> Result<[usize; 4], Box<dyn Error>> {
     let mut meter = filter.model().transition().odometer();
-    // Without an odometer, any distance up to 20 m is as likely.
+    // Without an odometer, all distances up to 20 m are equally likely.
     let most = (0..1000).take_while(|&k| f64::from(k) * cells.mean_metres() < 20.0).count();
     let any = Travel::of_cells(0, &vec![1.0 / most as f64; most])?;
     let mut counts = [0; 4];
@@ -178,6 +178,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!("{} cells, {} of {nodes} places known to the camera", cells.states(), known.len());
     println!("sensors            right road     p >= 0.9   right where p >= 0.9");
     for (name, choice) in CHOICES {
+        // Each choice of sensors sees the same drives.
         let (mut sums, mut rng) = ([0; 4], ChaCha8Rng::seed_from_u64(2));
         for _ in 0..arguments.drives {
             let seconds = drive(&cells, &motion, &known, &mut rng);

@@ -22,8 +22,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         match position.step(&place_seen.map(|place| place - 1)) {
             Ok(_) => {}
             Err(error @ InferenceError::Impossible { .. }) => {
-                // The observation is impossible here and the filter unchanged: predict without
-                // it.
+                // The observation is impossible here, and the filter unchanged: predict without it.
                 println!("{error}; without it:");
                 position.predict()?;
             }

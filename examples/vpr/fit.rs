@@ -1,4 +1,4 @@
-//! Recogniser of a recording: the defaults, a fit to its labelled part, or a saved fit.
+//! The recogniser of a recording: the defaults, a fit to its labelled part, or a saved fit.
 
 use std::{ops::Range, path::Path};
 
@@ -45,7 +45,7 @@ pub(crate) fn recognizer(Task { recording, split, common }: Task<'_>) -> Fallibl
     Ok(recognizer)
 }
 
-/// Summarises a fit: temperature, speeds in use, and reasons to doubt it.
+/// Summary of a fit: temperature, speeds in use, and reasons to doubt it.
 pub(crate) fn notes(fit: &Parameters) -> Vec<String> {
     let Options { odds, speeds, .. } = fit.options();
     let used = speeds.values().iter().zip(speeds.shares()).filter(|(_, share)| **share >= 0.01);
