@@ -20,8 +20,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         let share = 1.0 / ways.len() as f64;
         ways.into_iter().map(move |to| (from, to, share))
     });
+    // Tied by road class: moves of one kind share a parameter, so 200 drives are enough.
     let unknown = TurningProbabilities::new(&map, any_road)?.tied(&map);
     let anywhere = Prior::AtFirstObservation(Belief::uniform(canberra::PLACES)?);
+    // `Fixed` keeps the sensor out of learning.
     let camera = Fixed(canberra::sensor(2.0)?);
     let guess = Hmm::new(anywhere.clone(), unknown, camera.clone())?.with_rounded_tails();
 

@@ -95,6 +95,8 @@ fn drive(
         along += speed;
         while along >= network.edges()[edge].metres {
             along -= network.edges()[edge].metres;
+            // Inverse transform: the first turn at which the cumulative probability exceeds a
+            // uniform number.
             let mut left: f64 = rng.random();
             let mut turns = network.next(edge).skip_while(|&next| {
                 left -= motion.turn(edge, next);
@@ -108,6 +110,7 @@ fn drive(
         gap = if gap == 0 && rng.random_bool(0.01) { 30 } else { gap.saturating_sub(1) };
         let degrees = if rng.random_bool(0.04) { 8.0 } else { 1.0 } / 111_195.0;
         let Position { latitude, longitude } = network.position_along(edge, along);
+        // A degree of longitude is shorter than one of latitude.
         let east = degrees / latitude.to_radians().cos();
         let fix = (gap == 0).then(|| Position {
             latitude: latitude + degrees * error[0],
@@ -148,6 +151,7 @@ fn judge(
         if second.to_end < 10.0 {
             continue; // at a junction, the road is a matter of metres
         }
+        // An answer is a road, not a cell: cells of an edge count together.
         let mut roads = BTreeMap::new();
         for (&cell, p) in filter.active().iter().zip(filter.probabilities()) {
             *roads.entry(cells.edge(cell)).or_insert(0.0_f64) += p;

@@ -30,6 +30,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         }
         let belief = position.belief();
         let (place, probability) = belief.peak();
+        // States count from 0, the places of the paper from 1.
         let around: Vec<usize> = belief.credible_set(0.9)?.iter().map(|i| i + 1).collect();
         println!(
             "step {}: saw {place_seen:?}, at {} with {probability:.2}, 90% in {around:?}",

@@ -114,6 +114,7 @@ fn run(arguments: &Arguments) -> Fallible {
     };
     let drive = drive.with_detours(&arguments.detour, frames)?;
     let mut recording = pass.recording(&pass.queries.select(&drive.frames), &drive)?;
+    // Frames are numbered alike by default, which gives a truth; it is dropped if that is not so.
     recording.truth = recording.truth.filter(|_| !arguments.unknown);
     let out = vpr::run(&recording, common, "vpr_frames")?;
     if arguments.hard {

@@ -70,6 +70,7 @@ fn drive(
         };
         metres += if slipping > 0 { 0.1 * fault.slips.2 } else { 0.1 };
         if metres >= AISLE {
+            // Inverse transform over the turns of the model: the robot drives as the model assumes.
             let mut left = rng.random::<f64>();
             let mut next = network.next(edge).filter(|&next| {
                 left -= turns.turn(edge, next);
@@ -159,6 +160,7 @@ fn run(seed: u64, fault: Fault, counts: &mut [Counts; 2]) -> Result<(), Box<dyn 
     let anywhere = Belief::uniform(cells.states())?;
     let nodes = cells.network().nodes().len();
     let tags: Vec<usize> = (0..nodes).filter(|_| rng.random_bool(0.6)).collect();
+    // Close to the rates at which `drive` reads.
     let rates = ReadRates { read: 0.2, misread: 0.002 };
     let reader = TagLikelihood::at_nodes(&cells, &tags, RANGE, rates)?;
     let weights = TurnWeights { weight: ByClass::all(1.0), straight_on: 1.0, u_turn: 0.1 };
@@ -184,6 +186,7 @@ fn run(seed: u64, fault: Fault, counts: &mut [Counts; 2]) -> Result<(), Box<dyn 
     // Wheels of unknown size, which may slip.
     let motion = WheelTransition::new(motion, Wheels::default())?;
     let mut odometer = motion.odometer();
+    // Tags depend on the cell, not on the scale: each cell's states share its likelihood.
     let groups = motion.cell_groups();
     let reader = GroupedLikelihood::new(reader, groups.clone())?;
     let anywhere = motion.spread(&anywhere)?;
@@ -193,6 +196,8 @@ fn run(seed: u64, fault: Fault, counts: &mut [Counts; 2]) -> Result<(), Box<dyn 
     for (number, tick) in ticks.iter().enumerate() {
         filter.step_with(&odometer.add(tick.reading, 2e-4)?, &tick.tag)?;
         if counted(number) {
+            // Each scale is ahead of its cells by a different distance; together they average to
+            // the middle.
             counts[1].add(&cells, &groups.marginal(&filter.belief())?, 0.0, tick)?;
         }
     }

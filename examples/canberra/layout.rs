@@ -86,6 +86,7 @@ impl Layout {
                     .max_by(|&a, &b| clear(a).total_cmp(&clear(b)))
                     .unwrap_or((0.0, -length))
             };
+            // Near the place if it is legible there; otherwise farther out, legible or not.
             let nearest = Some(best(1.0)).filter(|&near| clear(near) > ROOM);
             let best = nearest.unwrap_or_else(|| best(FARTHER));
             numbers.push(at(best));

@@ -20,6 +20,8 @@ pub(crate) fn recognizer(Task { recording, split, common }: Task<'_>) -> Fallibl
     let mut recognizer = Recognizer::from_distances(recording.references, options)?;
     if let Some(file) = &common.fit {
         let fit = saved(file)?;
+        // Whether the route is closed, and whether it may be left, depends on this recording, not
+        // on the saved fit.
         let mut options = fit.options().clone();
         options.closed = recording.closed;
         options.off_map = common.off_map.then(|| options.off_map.unwrap_or_default());

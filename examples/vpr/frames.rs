@@ -48,11 +48,13 @@ impl Pass {
             bar.inc(1);
         }
         bar.finish_and_clear();
+        // Frames outside of the map's range show places off the map.
         let place = |frame: &usize| map.contains(frame).then(|| frame.abs_diff(map.start));
         let truth = drive.frames.iter().map(|frame| place(frame).map(|place| place..=place));
         let (mut rng, mut odometry) = (generator(self.seed, 1), Vec::new());
         if let Some(noise) = self.noise {
             let readings = drive.distances[1..].iter().map(|d| Some(d + noise.sample(&mut rng)));
+            // Nothing was driven before the first step.
             odometry = std::iter::once(None).chain(readings).collect();
         }
         let (name, references, truth) = (self.name.clone(), map.len(), Some(truth.collect()));

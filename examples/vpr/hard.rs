@@ -105,6 +105,7 @@ pub(crate) fn run(pass: &Pass, drive: &Drive, common: &Common, out: &Path) -> Fa
         let (shown, drive, sources) = disturbed(pass, drive, &stretches, &kinds);
         let recording = &pass.recording(&shown, &drive)?;
         // The same steps are learned from and reported on as without disturbances.
+        // Sources ascend, since frames are dropped or repeated but never reordered.
         let now = |step: usize| sources.partition_point(|source| *source < step);
         let of = |steps: &[usize]| -> Vec<usize> {
             (0..sources.len()).filter(|at| steps.binary_search(&sources[*at]).is_ok()).collect()

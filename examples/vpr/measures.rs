@@ -27,11 +27,14 @@ pub(crate) fn measure(task: Task<'_>, method: &Method) -> Fallible<Vec<Measured>
     let on_map = steps.iter().filter(|step| truth[**step].is_some()).count();
     let mut roc_area = None;
     if let Some(off) = method.off_map.as_ref().filter(|_| (1..steps.len()).contains(&on_map)) {
+        // Positives are the steps on the map, so their score is minus the probability of being off
+        // it.
         let samples: Vec<_> = steps.iter().map(|&at| (-off[at], truth[at].is_some())).collect();
         roc_area = Some(ThresholdCurve::roc(&samples)?.area());
     }
     let scores = task.common.tolerance.iter().enumerate().map(|(at, &tolerance)| {
         let right = |step: usize| recording.is_right(&truth[step], method.places[step], tolerance);
+        // An answer "off the map" is not given: it is neither right nor wrong for precision.
         let given = steps.iter().filter(|step| method.places[**step].is_some());
         let given: Vec<_> = given.map(|&step| (method.confidence[step], right(step))).collect();
         let reliability = method.probability.get(at).map(|p| {

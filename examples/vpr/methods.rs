@@ -58,6 +58,7 @@ pub(crate) fn estimate(task: Task<'_>) -> Fallible<Estimates> {
     }
     methods.push(task.of_beliefs("filter", &filtered));
     let live = filtered.answers();
+    // Beliefs of all steps are T × n numbers: each set is dropped before the next is made.
     drop(filtered);
     let mut lagged = Vec::new();
     for beliefs in waiting("fixed lag", || seen.lagged(&[common.lag]))? {
@@ -66,6 +67,7 @@ pub(crate) fn estimate(task: Task<'_>) -> Fallible<Estimates> {
     }
     let beliefs = waiting("smoother", || seen.smoothed())?;
     methods.push(task.of_beliefs("smoother", &beliefs));
+    // Without a truth there is nothing to measure; the answers themselves are kept above.
     methods.retain(|_| recording.truth.is_some());
     let (rows, n) = (beliefs.iter().map(BeliefView::as_slice), recording.references);
     let belief = rows.flat_map(|row| row[..n].iter().map(|p| *p as f32)).collect();
@@ -125,6 +127,8 @@ impl Task<'_> {
         for ((belief, place), label) in beliefs.zip(&places).zip(recording.truth.iter().flatten()) {
             let place = place.map(|place| place..=place);
             for (at, tolerance) in common.tolerance.iter().enumerate() {
+                // An answer is one place, a label a range: half its usual length widens the answer
+                // to match.
                 let reach = tolerance.saturating_add(split.width);
                 probability[at].push(recording.mass(belief, &place, reach));
                 truth_mass[at].push(recording.mass(belief, label, *tolerance));

@@ -74,6 +74,7 @@ fn draw(file: &Path, titles: [&str; 3], axes: [&str; 2], curves: &[Curve]) -> Fa
     let area = SVGBackend::new(file, (700, 520)).into_drawing_area();
     head(&area, titles[0], titles[1])?;
     let all = curves.iter().flat_map(|curve| &curve.1);
+    // The axis starts at the tenth below the lowest point, but shows at least the top tenth.
     let bottom = (all.map(|point| point.1).fold(1.0, f64::min) * 10.0).floor().min(9.0) / 10.0;
     let part = area.clone().shrink((8, 72), (440, 440));
     let mut chart = ChartBuilder::on(&part)

@@ -50,6 +50,7 @@ pub(crate) fn temperature(Task { recording, split, .. }: Task<'_>) -> Fallible<f
             for (label, logs) in truth[start..end].iter().zip(&logs[start..end]) {
                 filter.step(logs)?;
                 let mass = recording.mass(filter.belief().as_slice(), label, 1);
+                // Bounded below, so that one lost step does not rule a temperature out.
                 score += label.as_ref().map_or(0.0, |_| mass.max(f64::MIN_POSITIVE).ln());
             }
         }

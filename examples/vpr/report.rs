@@ -36,6 +36,7 @@ fn beaten(measured: &[Measured]) -> String {
     let gains =
         live.chain(AFTERWARDS.map(|name| (name, "smoother"))).filter_map(|(name, model)| {
             let gain = recall(name)? - recall(model)?;
+            // Smaller differences are noise.
             (gain > 0.005).then(|| format!("{name} than the {model} by {}", number(gain)))
         });
     let better = gains.collect::<Vec<_>>().join(", ");

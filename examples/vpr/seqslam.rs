@@ -65,6 +65,8 @@ fn answers(
             line.fill(0.0);
             for other in on.clone() {
                 let row = &of.distances[other * n..][..n];
+                // Where a line that passes place i at `step` is at the other step: i + ahead. All
+                // places at once are a shift of the row.
                 let ahead = (slope * (other as f64 - step as f64) + 0.5).floor() as isize;
                 add_shifted(row, ahead, of.closed, &mut line);
             }

@@ -85,6 +85,7 @@ fn parse(text: &str, queries: usize, references: usize) -> Result<Vec<Label>, St
         };
         let nowhere = [first, last].iter().all(|cell| matches!(*cell, "" | "-1"));
         let end = if nowhere { 0 } else { number(3, last, references)? };
+        // `first` may be at most `last`: the range must not be empty.
         let label = if nowhere { None } else { Some(number(2, first, end + 1)?..=end) };
         let query = number(1, query, queries)?;
         if truth[query].replace(label).is_some() {

@@ -64,6 +64,8 @@ pub fn reliability(
         let bin = bin_of(lowest, bins);
         let (lower, upper) = (edge(bin, bins), edge(bin + 1, bins));
         let last = bin + 1 == bins;
+        // The edge that the bin is named by also cuts it: a probability that equals it goes to the
+        // next bin, unless this is the last.
         let (inside, above) =
             rest.split_at(rest.partition_point(|forecast| last || forecast.0 < upper));
         rest = above;

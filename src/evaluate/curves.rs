@@ -108,12 +108,15 @@ impl ThresholdCurve {
             let recall = right as f64 / positives as f64;
             let false_positive_rate = wrong as f64 / negatives.max(1) as f64;
             points.push(ThresholdPoint { threshold, precision, recall, false_positive_rate });
-            // 2 · before + (right − before) = right + before: pairs above twice, tied pairs once.
+            // Each negative at this cut gains 2 · before + (right − before) = right + before: the
+            // positives above it twice, those tied with it once.
             twice += (wrong - before[1]) as u128 * (right + before[0]) as u128;
             sum += (right - before[0]) as f64 * precision;
             before = [right, wrong];
         }
         let pairs = positives as u128 * negatives as u128;
+        // Both counts fit 64 bits, so their product and twice the sum fit 128: only the quotient
+        // rounds.
         let area = if pairs == 0 { 1.0 } else { twice as f64 / (2 * pairs) as f64 };
         Self { points, area, average_precision: sum / positives as f64 }
     }

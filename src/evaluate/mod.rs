@@ -75,6 +75,7 @@ fn check_probabilities(
     what: &'static str,
     values: impl IntoIterator<Item = f64>,
 ) -> Result<(), EvaluationError> {
+    // NaN is in no range.
     let valid = 0.0..=1.0 + SUM_TOLERANCE;
     match values.into_iter().enumerate().find(|(_, p)| !valid.contains(p)) {
         Some((index, value)) => {

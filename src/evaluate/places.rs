@@ -27,6 +27,7 @@ pub fn is_within(
     if truth.is_empty() {
         return Err(EvaluationError::EmptyRange { index: None, range: truth.clone() });
     }
+    // Saturating: any tolerance is valid, up to one that accepts every place.
     let first = truth.start().saturating_sub(tolerance);
     let last = truth.end().saturating_add(tolerance);
     Ok((first..=last).contains(&estimate))
@@ -134,6 +135,7 @@ pub fn steps_to_localize_correctly(
     // Backwards, to count how long it stays right; the last assignment is the first such step.
     let (mut right_for, mut first) = (0, None);
     for (index, &(mass, right)) in steps.iter().enumerate().rev() {
+        // Number of steps in a row from this one onwards that are right.
         right_for = if right { right_for + 1 } else { 0 };
         if mass >= level && right_for >= hold {
             first = Some(index + 1);

@@ -85,6 +85,7 @@ pub fn illegal_moves_with<A: TransitionEntries>(
 ) -> Result<usize, EvaluationError> {
     check_lengths(path, controls)?;
     let states = transition.states();
+    // All states are checked first: operators may panic for a state that they do not have.
     if let Some(index) = path.iter().position(|&state| state >= states) {
         return Err(EvaluationError::State { index, state: path[index], states });
     }

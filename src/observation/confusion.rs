@@ -62,6 +62,7 @@ impl Confusion {
         let mut entries = Vec::with_capacity(n + pairs);
         for (i, joined) in joined.iter().enumerate() {
             let correct = 1.0 - share * joined.len() as f64;
+            // A junction with 1 / q neighbours or more would have nothing left for itself.
             if correct <= 0.0 {
                 let (id, neighbors) = (map.places()[i].id, joined.len());
                 return Err(ObservationError::TooManyNeighbors { id, neighbors, correct });

@@ -71,6 +71,7 @@ impl LearnLikelihood for Confusion {
     }
 
     fn add(&self, statistics: &mut Vec<Vec<f64>>, &seen: &usize, posterior: &[f64]) {
+        // S(i, y) of section 9 of the guide: γ of each place that may be seen as this one.
         let places = self.by_seen.symbol(seen).into_iter().flat_map(SparseObservation::listed);
         let sums = statistics[seen].iter_mut();
         sums.zip(places).for_each(|(sum, &(place, _))| *sum += posterior[place]);
@@ -104,6 +105,7 @@ impl LearnLikelihood for Confusion {
         if pseudo_count == 0.0 {
             return 0.0;
         }
+        // c Σ ln b over the entries above 0 (guide, section 9, Pseudo-counts).
         let entries = self.symbols().flat_map(|(_, places)| places);
         pseudo_count * entries.map(|entry| entry.1.ln()).sum::<f64>()
     }

@@ -110,6 +110,8 @@ impl TagLikelihood {
             let before = part(tags[edge.to], edge.metres - range, edge.metres);
             let behind = part(tags[edge.from], 0.0, range);
             let found = [before, behind].into_iter().flatten().filter(|(_, part)| *part > 0.0);
+            // Of equal parts the lower tag must win, and `max_by` keeps the last: tags compare in
+            // reverse.
             found.max_by(|a, b| a.1.total_cmp(&b.1).then(Reverse(a.0).cmp(&Reverse(b.0))))
         };
         let in_range: Vec<InRange> = (0..cells.states()).map(in_range).collect();
@@ -140,6 +142,7 @@ impl TagLikelihood {
             return parameter("the sum of read and misread rate", read + misread, "at most 1");
         }
         let by_mistake = misread / tags as f64;
+        // 1 − r q − m; rounding may take it below 0 if the rates sum to one.
         let nothing = |part: f32| (1.0 - read * f64::from(part) - misread).max(0.0);
         // The likelihood of reading nothing elsewhere: that of the cells with the smallest part in
         // range, of 0 if any cell is out of range. Cells with more are listed.
@@ -149,6 +152,7 @@ impl TagLikelihood {
         for (cell, &in_range) in in_range.iter().enumerate() {
             let Some((tag, part)) = in_range else { continue };
             read_at[tag].push((cell, read * f64::from(part) + by_mistake));
+            // Cells with the smallest part are "elsewhere".
             if part > least {
                 missed_at.push((cell, nothing(part)));
             }

@@ -105,6 +105,7 @@ impl ViewComparison {
             let (found, expected) = (distances.len(), last.len());
             return Err(ObservationError::Distances { found, expected });
         }
+        // A row that is not valid returns here, before the last new view changes.
         row_scores(distances, now, scratch)?;
         match last_new {
             // The last new view stays, so that many small changes add up to a new one.

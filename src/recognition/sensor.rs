@@ -140,7 +140,7 @@ impl Sensor {
             let odds = if off_map { options.off_map_odds } else { options.lost_odds };
             off.fill(odds.powf(weight));
         } else {
-            // A repeated view is no new evidence on the place.
+            // A repeated view is not new evidence on the place.
             likelihoods.fill(1.0);
         }
         // A lost frame sets `self.run` to `None`, so a gap always starts a new run.

@@ -87,7 +87,7 @@ mod tests {
         let found = slips.lost(driven, cell);
         let q: f64 = 0.7 / 1.2;
         let events = slips.rate * driven;
-        // Poisson number of slips, each with a geometric loss from 0 on.
+        // Poisson number of slips, each with a geometric loss, which may be 0.
         let first = Some(1.0 - q);
         let geometric = std::iter::successors(first, |p| Some(p * q)).take(found.len());
         let geometric: Vec<f64> = geometric.collect();

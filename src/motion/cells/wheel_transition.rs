@@ -27,7 +27,7 @@ use crate::transition::{Transition, TransitionEntries, buffers, check_count, che
 ///
 /// # Costs
 ///
-/// The time of a [`CellTransition`] for each of the nine scales, and O(81 n) more in steps in which
+/// The time of a [`CellTransition`] for each of the nine scales, and O(81 n) more in steps where
 /// the scale may change, at most one for each cell driven. Memory: the belief has nine times as
 /// many states.
 ///
@@ -157,7 +157,7 @@ impl WheelTransition {
         Ok(Belief::known(pairs.collect()))
     }
 
-    /// Moves the cells of each scale by its distance, for a step in which no scale changes.
+    /// Moves the cells of each scale by its distance, in a step where no scale changes.
     fn each_scale(
         &self,
         control: &WheelTravel,

@@ -92,6 +92,7 @@ impl ReferenceDescriptors {
             let scale = scale(distance, row, "reference", index)?;
             row.iter_mut().for_each(|x| *x = scaled(*x, scale));
         }
+        // Compared after scaling: for the cosine, multiples of one direction are equal.
         let first = &values[..dimension];
         if count > 1 && values.chunks_exact(dimension).all(|row| row == first) {
             return Err(ObservationError::AllEqual { references: count });
@@ -250,6 +251,7 @@ impl ReferenceDescriptors {
         queries: &[f32],
         out: &mut [f32],
     ) -> Result<(), ObservationError> {
+        // Scaling checks the queries, so all errors but that of a distance come before the loop.
         let mut scales = [1.0; BLOCK];
         let each = queries.chunks_exact(self.dimension);
         for ((query, x), out) in (first..).zip(each).zip(&mut scales) {
