@@ -139,8 +139,8 @@ impl Line {
             let (mut sums, mut next) = (sums, next);
             let (mut done, mut size) = (0, 1);
             // Invariant: sums[p] is the sum of `size` padded values from p, and out[j] that of the
-            // `done` lowest values of the window of j, whose width is `done` plus the digits from
-            // `size` up.
+            // first `done` values of the window of j; the rest of its width are the binary digits
+            // from `size` up.
             while done < width {
                 if width & size != 0 {
                     add_combined(out, &[(1.0, &sums[done..done + n])]);
