@@ -1,5 +1,5 @@
 //! Learns turning probabilities by road class from drives with uncertain observations only, and
-//! tracks better with them.
+//! shows that they improve tracking.
 //!
 //! ```text
 //! cargo run --release --example learning
@@ -13,19 +13,21 @@ use wayfix::map::{TurningProbabilities, TurningRule};
 use wayfix::{Belief, Fixed, Hmm, Prior, canberra, evaluate};
 
 fn main() -> Result<(), Box<dyn Error>> {
-    // Without any knowledge, staying and each road are equally probable.
+    // With no prior knowledge, staying and each road are equally probable.
     let map = canberra::map();
     let any_road = (0..canberra::PLACES).flat_map(|from| {
         let ways: Vec<usize> = map.neighbors(from).chain([from]).collect();
         let share = 1.0 / ways.len() as f64;
         ways.into_iter().map(move |to| (from, to, share))
     });
+    // Tied by road class: moves of one kind share a parameter, so 200 drives are enough.
     let unknown = TurningProbabilities::new(&map, any_road)?.tied(&map);
     let anywhere = Prior::AtFirstObservation(Belief::uniform(canberra::PLACES)?);
+    // `Fixed` keeps the sensor out of learning.
     let camera = Fixed(canberra::sensor(2.0)?);
     let guess = Hmm::new(anywhere.clone(), unknown, camera.clone())?.with_rounded_tails();
 
-    // The true behaviour: 200 recorded drives, and 200 to be tracked.
+    // The true behaviour: 200 recorded drives to learn from, and 200 to track.
     let truth = TurningProbabilities::by_rule(&map, &TurningRule::default())?.into_transition();
     let truth = Hmm::new(anywhere, truth, camera)?.with_rounded_tails();
     let mut rng = ChaCha8Rng::seed_from_u64(1);
@@ -33,6 +35,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let (recorded, new) = (drives(200), drives(200));
 
     let sightings: Vec<&[usize]> = recorded.iter().map(Simulation::observations).collect();
+    // The prior is kept: 200 drives say little about where a drive starts. A pseudo-count keeps
+    // moves possible that were never seen.
     let learning = LearningOptions {
         keep_prior: true,
         transition_pseudo_count: 1.0,
@@ -61,7 +65,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         score(learned.model().log_likelihood_all(&sightings))?
     );
     println!(
-        "ln p of new drives, as they are: {:.3}",
+        "ln p of new drives, true model:  {:.3}",
         score(truth.log_likelihood_all(&sightings))?
     );
 

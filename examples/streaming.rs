@@ -22,8 +22,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         match position.step(&place_seen.map(|place| place - 1)) {
             Ok(_) => {}
             Err(error @ InferenceError::Impossible { .. }) => {
-                // The observation is impossible here and the filter unchanged: predict without
-                // it.
+                // The observation is impossible here, and the filter unchanged: predict without it.
                 println!("{error}; without it:");
                 position.predict()?;
             }
@@ -31,6 +30,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         }
         let belief = position.belief();
         let (place, probability) = belief.peak();
+        // States count from 0, the places of the paper from 1.
         let around: Vec<usize> = belief.credible_set(0.9)?.iter().map(|i| i + 1).collect();
         println!(
             "step {}: saw {place_seen:?}, at {} with {probability:.2}, 90% in {around:?}",

@@ -1,4 +1,4 @@
-//! Simulated drives, estimated and scored.
+//! Simulated drives, estimated by each method and scored.
 
 use std::error::Error;
 use std::num::NonZeroUsize;
@@ -26,7 +26,7 @@ pub(crate) const SETTINGS: [Setting; 3] = [
     Setting { initial: 90, sigma: 1.0, paper_filter: 0.76, paper_smoother: 0.82 },
 ];
 
-/// Methods that estimate the place.
+/// Methods to estimate the place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Estimator {
     /// The sensor alone.
@@ -64,7 +64,7 @@ pub(crate) struct Row {
     /// Mean distance from the true to the estimated place.
     pub(crate) hops: f64,
     pub(crate) metres: f64,
-    /// Fraction of estimated paths in which every move is possible.
+    /// Fraction of estimated paths with possible moves only.
     pub(crate) legal: f64,
 }
 
@@ -81,13 +81,13 @@ impl Row {
 
 impl Setting {
     /// Simulates drive number `run` with its own stream of the generator, so that it does not
-    /// depend on the number of drives.
+    /// depend on how many drives there are.
     pub(crate) fn drive(&self, seed: u64, run: u64) -> Result<Drive, Box<dyn Error>> {
         let hmm = canberra::hmm(self.initial, self.sigma)?;
         drive(&hmm, self, seed, run)
     }
 
-    /// Beliefs of filter and smoother at each observation of a drive.
+    /// Returns the beliefs of filter and smoother at each observation of a drive.
     pub(crate) fn beliefs(&self, drive: &Drive) -> Result<[Vec<Vec<f64>>; 2], Box<dyn Error>> {
         let hmm = canberra::hmm(self.initial, self.sigma)?;
         let seen = &drive.estimates[Estimator::Raw as usize];
@@ -126,6 +126,8 @@ impl Setting {
                 accuracies[i].push(evaluate::accuracy(&drive.truth, estimate)?);
                 sums[i].0 += evaluate::mean_error(&drive.truth, estimate, |a, b| hops[a][b])?;
                 sums[i].1 += evaluate::mean_error(&drive.truth, estimate, |a, b| metres[a][b])?;
+                // The move from X_0 counts too: a path that starts with an impossible move is not
+                // legal.
                 let path: Vec<usize> =
                     std::iter::once(drive.initial).chain(estimate.iter().copied()).collect();
                 let illegal = evaluate::illegal_moves(hmm.transition(), &path)?;
@@ -146,6 +148,7 @@ impl Setting {
                     estimator,
                     accuracies,
                     mean,
+                    // Standard error of the mean, from the sample variance with n − 1.
                     std_error: (squares / (count - 1.0).max(1.0) / count).sqrt(),
                     lo95: quantile(&sorted, 0.025),
                     hi95: quantile(&sorted, 0.975),
@@ -164,6 +167,7 @@ fn drive(
     seed: u64,
     run: u64,
 ) -> Result<Drive, Box<dyn Error>> {
+    // Streams are numbered by setting and drive, so no two drives share random numbers.
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let number =
         SETTINGS.iter().position(|s| s.initial == setting.initial && s.sigma == setting.sigma);

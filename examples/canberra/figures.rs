@@ -25,7 +25,7 @@ pub(crate) struct Figure {
 pub(crate) type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 pub(crate) type Drawn = Result<(), Box<dyn Error>>;
 
-// Okabe and Ito's palette, which is safe for the colour-blind.
+// Okabe and Ito's palette, which colour-blind readers can tell apart.
 pub(crate) const BLUE: RGBColor = RGBColor(0, 114, 178);
 pub(crate) const VERMILLION: RGBColor = RGBColor(213, 94, 0);
 const GREEN: RGBColor = RGBColor(0, 158, 115);
@@ -82,7 +82,7 @@ pub(crate) fn draw_all(
         road_map(area, map)
     })?;
 
-    // The paper's figures 2 to 10: filter, smoother, both, for each setting.
+    // The paper's figures 2 to 10: filter, smoother and both, for each setting.
     let mut number = 2;
     for setting in &SETTINGS {
         let drive = setting.drive(seed, 0)?;
@@ -129,6 +129,8 @@ pub(crate) fn draw_all(
         diagonal / canberra::PLACES as f64
     );
     draw("figB_observation.svg", (970, 860), caption, &|area| {
+        // Transposed beside the table of the sensor, whose rows are places: a column is a true
+        // place.
         let places = 0..canberra::PLACES;
         let pairs = places.clone().flat_map(|y| places.clone().map(move |x| (y, x)));
         let values = pairs.filter_map(|(y, x)| Some((y, x, sensor.probability(x, y)?)));

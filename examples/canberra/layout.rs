@@ -5,7 +5,7 @@ use wayfix::map::{RoadClass, RoadMap};
 pub(crate) const WIDTH: u32 = 1500;
 pub(crate) const HEIGHT: u32 = 1240;
 
-/// Distance from the middle of a number to roads and other numbers at which it is legible.
+/// Distance from the middle of a number to roads and other numbers from which it is legible.
 const ROOM: f64 = 14.0;
 const FARTHER: f64 = 1.6;
 
@@ -34,6 +34,7 @@ impl Layout {
         };
         let (south, north) = bounds(&|i| positions[i].latitude);
         let (west, east) = bounds(&|i| positions[i].longitude);
+        // Degrees of longitude are shorter than those of latitude by the cosine of the latitude.
         let shrink = (0.5 * (south + north)).to_radians().cos();
         let scale = ((f64::from(WIDTH) - 80.0) / ((east - west) * shrink))
             .min((f64::from(HEIGHT) - 110.0) / (north - south));
@@ -49,6 +50,7 @@ impl Layout {
         let mut roads = Vec::new();
         for from in 0..places.len() {
             for (to, road) in map.roads_from(from) {
+                // Both directions share a line: it is listed from the lower place.
                 let two_way = map.neighbors(to).any(|back| back == from);
                 if two_way && from > to {
                     continue;
@@ -61,7 +63,8 @@ impl Layout {
     }
 
     /// Direction from each place in which its number, `away` from it, is farthest from roads and
-    /// from the numbers before it. The length is 1, or [`FARTHER`] where there is no room nearer.
+    /// from the numbers placed before it. The length is 1, or [`FARTHER`] where there is no room
+    /// nearer.
     pub(crate) fn directions(&self, away: f64) -> Vec<(f64, f64)> {
         let mut numbers: Vec<(f64, f64)> = Vec::new();
         let mut directions = Vec::new();
@@ -83,6 +86,7 @@ impl Layout {
                     .max_by(|&a, &b| clear(a).total_cmp(&clear(b)))
                     .unwrap_or((0.0, -length))
             };
+            // Near the place if it is legible there; otherwise farther out, legible or not.
             let nearest = Some(best(1.0)).filter(|&near| clear(near) > ROOM);
             let best = nearest.unwrap_or_else(|| best(FARTHER));
             numbers.push(at(best));

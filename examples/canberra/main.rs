@@ -6,7 +6,7 @@
 //! ```
 //!
 //! Prints Table 1 beside the paper's values, and writes tables (CSV), pictures (SVG), a page that
-//! shows them (index.html), and one that replays the first drives (replay.html) to the output
+//! shows them (index.html), and a page that replays the first drives (replay.html) to the output
 //! folder.
 
 mod experiment;
@@ -83,14 +83,15 @@ fn run(Arguments { runs, seed, out }: Arguments) -> Result<(), Box<dyn Error>> {
     let replay = replay::html(&map, runs, seed)?;
     fs::write(out.join("replay.html"), replay).map_err(|e| in_folder(&e))?;
     println!("\nWrote tables, {} pictures and {}", figures.len(), out.join("index.html").display());
-    println!("A drive that can be played: {}", out.join("replay.html").display());
+    println!("Replay of the first drives: {}", out.join("replay.html").display());
     Ok(())
 }
 
 fn print_tables(rows: &[Row], runs: NonZeroUsize, seed: u64) {
     println!(
-        "A reconstruction of Table 1: accuracy over {STEPS} steps, {runs} drives a setting, seed {seed}.\n\
-         The central 95% are of single drives, as each figure of the paper is one.\n"
+        "A reconstruction of Table 1: accuracy over {STEPS} steps, {runs} drives for each setting, \
+         seed {seed}.\n\
+         The central 95% are those of single drives, like each of the paper's figures.\n"
     );
     println!("start  sigma  estimator        mean  std.err.  central 95%    paper");
     for row in rows {
@@ -101,7 +102,7 @@ fn print_tables(rows: &[Row], runs: NonZeroUsize, seed: u64) {
             row.estimator, row.mean, row.std_error, row.lo95, row.hi95
         );
     }
-    println!("\nstart  sigma  estimator     error: hops  metres  drives that are legal");
+    println!("\nstart  sigma  estimator     error: hops  metres           legal drives");
     for row in rows {
         let Setting { initial, sigma, .. } = row.setting;
         println!(
@@ -152,6 +153,7 @@ fn write_drives(path: &Path, rows: &[Row]) -> Result<(), csv::Error> {
     file.write_record(
         ["initial", "sigma", "drive"].into_iter().map(String::from).chain(estimators),
     )?;
+    // Rows come setting by setting, with the estimators in their fixed order.
     for rows in rows.chunks(ESTIMATORS.len()) {
         let Setting { initial, sigma, .. } = rows[0].setting;
         for run in 0..rows[0].accuracies.len() {
@@ -193,7 +195,7 @@ impl std::fmt::Display for Setting {
 }
 
 impl Estimator {
-    /// Name in CSV files.
+    /// Name of the estimator in CSV files.
     fn column(self) -> String {
         self.to_string().to_lowercase().replace(' ', "_")
     }

@@ -25,10 +25,12 @@ pub(crate) fn draw(
     const CELL: i32 = 7;
     let (left, top) = (80, 60);
     let side = CELL * canberra::PLACES as i32;
+    // The scale ends at the largest entry, so that small matrices are as readable as large ones.
     let largest = entries.iter().map(|entry| entry.2).fold(0.0, f64::max);
     let colour = |p: f64| ViridisRGB.get_color(p / largest);
     area.draw(&Text::new(title.to_owned(), (left, 18), font(20)))?;
     area.draw(&Rectangle::new([(left, top), (left + side, top + side)], colour(0.0).filled()))?;
+    // Smaller entries would be as dark as the ground, which is drawn once.
     for &(i, j, p) in entries.iter().filter(|entry| entry.2 > 1e-3) {
         let (x, y) = (left + CELL * j as i32, top + CELL * i as i32);
         area.draw(&Rectangle::new([(x, y), (x + CELL, y + CELL)], colour(p).filled()))?;

@@ -34,7 +34,7 @@ pub(crate) struct Moment {
     smoother: Vec<f64>,
 }
 
-/// Most probable place with its probability; the first of several.
+/// Most probable place with its probability; the first one on ties.
 fn mode(belief: &[f64]) -> (usize, f64) {
     let most =
         |best: (usize, f64), p: (usize, &f64)| if *p.1 > best.1 { (p.0, *p.1) } else { best };
@@ -123,7 +123,7 @@ impl Moment {
         Ok(area.draw(&Text::new(credit, corner, style))?)
     }
 
-    /// Draws the greatest probability of each belief at its place, outside of what is drawn there.
+    /// Labels the largest probability of each belief at its place, outside of what is drawn there.
     fn probabilities(&self, area: &Area<'_>, layout: &Layout) -> Drawn {
         let directions = layout.directions(40.0);
         let [filter, smoother] = [&self.filter, &self.smoother].map(|belief| mode(belief));
@@ -136,6 +136,7 @@ impl Moment {
         for (place, label) in labels {
             let p = self.filter[place].max(self.smoother[place]);
             let clear: f64 = if place == self.seen { 21.0 } else { 8.0 };
+            // In the direction with most room, far enough that neither circle nor mark is covered.
             let away = 26.0 + clear.max(SCALE * FULL * p.sqrt());
             let ((x, y), (dx, dy)) = (scaled(layout.places[place]), directions[place]);
             let away = away / dx.hypot(dy);
@@ -150,7 +151,7 @@ impl Moment {
         Ok(())
     }
 
-    /// Says in words what the marks are, so that the picture stands without a caption.
+    /// Explains the marks in words, so that the picture needs no caption.
     fn legend(&self, area: &Area<'_>) -> Drawn {
         let place = |place| if place == self.truth { "the right place" } else { "a wrong place" };
         let believed = |belief: &[f64]| {
@@ -182,7 +183,7 @@ fn disc(area: &Area<'_>, at: Pixel, radius: f64) -> Drawn {
     Ok(area.draw(&Circle::new(at, radius, VERMILLION.mix(0.7).filled()))?)
 }
 
-/// Draws a circle of the smoother: a ring, so that the filter's is visible within.
+/// Draws a circle of the smoother as a ring, so that the filter's stays visible inside.
 fn ring(area: &Area<'_>, at: Pixel, radius: f64) -> Drawn {
     let radius = (radius.round() as i32).max(1);
     let width = radius.min(5);

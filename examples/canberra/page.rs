@@ -27,7 +27,7 @@ th:first-child, td:first-child { text-align: left; }
 td { white-space: nowrap; }
 tbody th { background: var(--head); color: var(--ink); font-weight: bold; }
 figure { margin: 2.5rem 0; }
-/* Pictures have a white ground, on which they are readable in the dark, too. */
+/* Pictures keep a white ground, so that they are readable in dark mode, too. */
 img { max-width: 100%; height: auto; border: 1px solid var(--rule); background: #fff; }
 figcaption { color: var(--soft); }
 @media (max-width: 40rem) {
@@ -47,14 +47,15 @@ pub(crate) fn html(rows: &[Row], figures: &[Figure], runs: NonZeroUsize, seed: u
         page.write_fmt(text).expect("a String takes all that is written");
     };
     put(format_args!(
-        "<p>Guo, Zhao and Zhou compare an HMM filter with an HMM smoother that tell which of 105 \
-         intersections a vehicle is at. This is a <strong>reconstruction</strong>: the paper's \
+        "<p>Guo, Zhao and Zhou compare an HMM filter with an HMM smoother that estimate at which of \
+         105 intersections a vehicle is. This is a <strong>reconstruction</strong>: the paper's \
          matrices are lost, so the map is taken from the real streets, and the probabilities \
-         follow from stated rules. Neither model nor seed was chosen by the accuracies. The paper \
-         gives one drive of {STEPS} steps for each figure; here are {runs} drives for each (seed \
+         follow from stated rules. Neither model nor seed was chosen by the accuracies. Each figure \
+         of the paper is one drive of {STEPS} steps; here it is {runs} drives (seed \
          {seed}).</p>\n<h2>Table 1</h2>\n<p>A drive starts at place 5 or 90. At each step the \
          sensor names a place, often a wrong one; σ is the standard deviation of the Gaussian part \
-         of its errors, in numbers of places. The sensor alone is what it names.</p>\n<table>\n<thead><tr>\
+         of its errors, in numbers of places. “Sensor alone” takes the place that it names.</p>\n\
+         <table>\n<thead><tr>\
          <th></th><th>mean accuracy ± standard error</th><th>95% of drives</th><th>paper</th></tr></thead>\n"
     ));
     for rows in rows.chunks(ESTIMATORS.len()) {
@@ -69,9 +70,10 @@ pub(crate) fn html(rows: &[Row], figures: &[Figure], runs: NonZeroUsize, seed: u
     }
     put(format_args!(
         "</tbody>\n</table>\n<h2>Errors, and drives that a car could drive</h2>\n<p>Hops count roads \
-         between the true and the estimated place, metres are straight. A drive is legal if every \
-         move of it, from the known start on, has a probability above 0. The smoother names the best \
-         place for each step, and its sequence need not be legal; Viterbi's is by construction.</p>\n\
+         between the true and the estimated place, metres are straight. A drive is legal if each of \
+         its moves, starting from the known place, has a probability above 0. The smoother names \
+         the best place for each step, and its sequence need not be legal; Viterbi's is by \
+         construction.</p>\n\
          <table>\n<thead><tr><th></th><th>hops</th><th>metres</th><th>legal drives</th></tr></thead>\n"
     ));
     for rows in rows.chunks(ESTIMATORS.len()) {
@@ -88,7 +90,7 @@ pub(crate) fn html(rows: &[Row], figures: &[Figure], runs: NonZeroUsize, seed: u
     }
     put(format_args!(
         "</tbody>\n</table>\n<p>Both tables as CSV: <a href=\"table1.csv\">table1.csv</a>, \
-         <a href=\"errors.csv\">errors.csv</a>; the accuracy over each drive: \
+         <a href=\"errors.csv\">errors.csv</a>; the accuracy of each drive: \
          <a href=\"drives.csv\">drives.csv</a>.</p>\n<h2>Pictures</h2>\n\
          <p><a href=\"replay.html\">Replay of the first drives</a>: on the map, step by step, where \
          the vehicle is, what it sees, and what filter and smoother believe.</p>\n"

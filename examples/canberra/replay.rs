@@ -13,8 +13,7 @@ use crate::layout::{Layout, RoadLine};
 
 /// Number of drives of each setting that can be replayed.
 const DRIVES: usize = 10;
-/// Least probability that the page includes, except that the most probable places that it lists
-/// are always included.
+/// Least probability that the page includes; the `LISTED` most probable places are always included.
 pub(crate) const LEAST: f64 = 0.001;
 const LISTED: usize = 5;
 /// Radius of the circle of probability 1, in pixels of the layout.
@@ -68,7 +67,7 @@ fn drive(setting: &Setting, seed: u64, run: u64) -> Result<Value, Box<dyn Error>
 }
 
 /// Encodes a belief as place, probability, place, probability …, most probable first; ties go to
-/// the lowest place, so that the first is the mode.
+/// the lowest place, so the first entry is the mode.
 #[expect(clippy::cast_sign_loss, reason = "probabilities are not negative")]
 fn told(belief: &[f64]) -> Vec<u32> {
     let mut places: Vec<(usize, f64)> = belief.iter().copied().enumerate().collect();
@@ -80,8 +79,7 @@ fn told(belief: &[f64]) -> Vec<u32> {
     told.flat_map(|(_, &(place, p))| [place as u32, (p * UNITS).round() as u32]).collect()
 }
 
-/// Draws the map and, for each place, the circles of filter and smoother, which the script
-/// resizes.
+/// Draws the map and, for each place, the circles of filter and smoother, which the script resizes.
 fn svg(layout: &Layout) -> String {
     let mut svg = String::new();
     let mut put = |text: std::fmt::Arguments<'_>| {
@@ -113,7 +111,7 @@ fn svg(layout: &Layout) -> String {
     svg
 }
 
-/// Draws the number of each place, in the direction with most room.
+/// Draws the number of each place, in the direction with the most room.
 fn numbers(map: &RoadMap, layout: &Layout) -> String {
     let directions = layout.directions(24.0);
     let places = map.places().iter().zip(&layout.places).zip(directions);

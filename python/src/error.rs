@@ -111,7 +111,7 @@ pub(crate) fn recognition(py: Python<'_>, error: &RecognitionError) -> PyErr {
             let (step, last) = (step + 1, references.saturating_sub(1));
             let message = format!(
                 "step {step} of labelled part {part} shows references up to {place}, expected a \
-                 range that is not empty, within 0 to {last}"
+                 non-empty range within 0 to {last}"
             );
             of_step(py, *part, step, message)
         }

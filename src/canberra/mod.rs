@@ -1,12 +1,10 @@
 //! The paper's instance: 105 intersections of central Canberra.
 //!
-//! A reconstruction. The figures that hold the paper's two matrices are lost,
-//! so places and roads are taken from the real street network, numbered to
-//! agree with the text (1 to 9 run along the main road, 1 leads to 2
-//! and 70, 66 is off it), and probabilities follow from stated rules: the
-//! defaults of [`TurningRule`], and [`Confusion`] with the paper's mean of 0.7
-//! and its Gaussian over the place index. No number was fitted to the paper's
-//! accuracies.
+//! This is a reconstruction. The figures that hold the paper's two matrices are lost, so places and
+//! roads are taken from the real street network, numbered to agree with the text (1 to 9 run along
+//! the main road, 1 leads to 2 and 70, 66 is off it), and probabilities follow from stated rules:
+//! the defaults of [`TurningRule`], and [`Confusion`] with the paper's mean of 0.7 and its Gaussian
+//! over the place index. No number was fitted to the paper's accuracies.
 //!
 //! Places have the paper's numbers, 1 to 105; states are counted from 0, so place 5 is
 //! state 4.
@@ -33,27 +31,27 @@ use crate::map::{Place, Position, Road, RoadMap, TurningProbabilities, TurningRu
 use crate::observation::{Confusion, Metric, ObservationError};
 use crate::transition::SparseTransition;
 
-/// The mean probability of a correct observation, before Gaussian noise (paper
-/// section II-B).
+/// Mean probability of a correct observation, before Gaussian noise (paper section II-B).
 pub const MEAN_CORRECT: f64 = 0.7;
 
-/// The number of places.
+/// Number of places.
 pub const PLACES: usize = 105;
 
 /// Places and roads in the format of `RoadMap::from_csv_files`.
 const PLACES_CSV: &str = include_str!("places.csv");
 const ROADS_CSV: &str = include_str!("roads.csv");
 
-/// The model of the paper's experiments, with [rounded tails](Hmm::with_rounded_tails).
+/// Model of the paper's experiments, with [rounded tails](Hmm::with_rounded_tails).
 pub type Model = Hmm<SparseTransition, TableLikelihood>;
 
-/// The 105 places and 315 directed roads.
+/// Returns the 105 places and 315 directed roads.
 ///
 /// Road geometry © OpenStreetMap contributors, ODbL 1.0.
 #[must_use]
 #[expect(clippy::missing_panics_doc, reason = "the table is constant, and tested")]
 pub fn map() -> RoadMap {
-    // Parsed without the feature `csv`; the table has no quotes.
+    // Parsed by hand, without the feature `csv`: the table has no quotes. A line that does not
+    // parse would be dropped here, so tests count places and roads.
     let lines = |text: &'static str| {
         let lines = text.lines().skip(1).map(|line| line.splitn(4, ','));
         lines.filter_map(|mut line| Some([line.next()?, line.next()?, line.next()?, line.next()?]))
@@ -70,15 +68,15 @@ pub fn map() -> RoadMap {
     RoadMap::new(places, roads).expect("the table is a valid map")
 }
 
-/// The turning probabilities Φ of [`map`], by the default rule.
+/// Returns the turning probabilities Φ of [`map`], by the default rule.
 #[must_use]
 #[expect(clippy::missing_panics_doc, reason = "the table is constant, and tested")]
 pub fn turning() -> TurningProbabilities {
     TurningProbabilities::by_rule(&map(), &TurningRule::default()).expect("the rule is valid")
 }
 
-/// The sensor: the discrete part with mean 0.7, and a Gaussian over the place
-/// index with standard deviation `sigma` (paper eqs. 2 to 4; it tries 1 and 2).
+/// Returns the sensor: the discrete part with mean 0.7, and a Gaussian over the place index with
+/// standard deviation `sigma` (paper eqs. 2 to 4; it tries 1 and 2).
 ///
 /// # Errors
 ///
@@ -88,16 +86,16 @@ pub fn sensor(sigma: f64) -> Result<TableLikelihood, ObservationError> {
     Confusion::new(&map, MEAN_CORRECT)?.with_gaussian(&map, Metric::Index, sigma)
 }
 
-/// The model of the paper's experiments: the vehicle starts at the place with
-/// the number `initial` (the paper tries 5 and 90), one transition before the
-/// first observation, and the sensor has Gaussian noise of `sigma`, whose tails are
-/// [rounded](Hmm::with_rounded_tails).
+/// Returns the model of the paper's experiments: the vehicle starts at the place with the number
+/// `initial` (the paper tries 5 and 90), one transition before the first observation; the sensor
+/// has Gaussian noise of `sigma`, with tails [rounded](Hmm::with_rounded_tails).
 ///
 /// # Errors
 ///
 /// [`ObservationError::Parameter`] if there is no such place, or `sigma` is not above 0.
 #[expect(clippy::missing_panics_doc, reason = "the parts are all of the same map")]
 pub fn hmm(initial: u64, sigma: f64) -> Result<Model, ObservationError> {
+    // A number is an id; `index_of_id` turns it into a state.
     let certain = map().index_of_id(initial).and_then(|i| Belief::certain(PLACES, i).ok());
     let place = || Parameter::new("the initial place", initial as f64, "1 to 105");
     let prior = Prior::BeforeFirstTransition(certain.ok_or_else(place)?);

@@ -1,15 +1,15 @@
-//! Calibration of probabilities.
+//! Calibration of probabilities: predicted against observed frequencies, in bins of equal width.
 
 use super::{EvaluationError, check_probabilities};
 
-/// A bin of predicted probabilities with the observed frequency of their events: equal, if the
-/// probabilities are calibrated. Made by [`reliability`].
+/// Bin of predicted probabilities with the observed frequency of their events; the two are equal if
+/// the probabilities are calibrated. Made by [`reliability`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct ReliabilityBin {
     /// Lower edge of the bin.
     pub lower: f64,
-    /// Upper edge of the bin, which belongs to it only if it is the last one.
+    /// Upper edge of the bin, which belongs to the bin only if it is the last one.
     pub upper: f64,
     /// Number of probabilities in the bin, at least one.
     pub count: usize,
@@ -20,12 +20,12 @@ pub struct ReliabilityBin {
 }
 
 /// Sorts probabilities, each with whether its event happened, into `bins` bins of equal width, and
-/// returns those that are not empty, the lowest first: a reliability diagram. O(N log N), with any
-/// number of bins.
+/// returns the non-empty ones, the lowest first: a reliability diagram. O(N log N), for any number
+/// of bins.
 ///
-/// Bin m of M holds probabilities of at least m / M and below (m + 1) / M, as doubles;
-/// the last one holds 1, too. (Guo et al. close bins at the upper end.) A probability may lie above
-/// 1 by 1e-9, as the sum of a belief may.
+/// Bin m of M holds probabilities of at least m / M and below (m + 1) / M, as doubles; the last one
+/// also holds 1. (Guo et al. close bins at the upper end.) A probability may exceed 1 by 1e-9, as
+/// the sum of a belief may.
 ///
 /// ```
 /// use wayfix::evaluate;
@@ -58,10 +58,14 @@ pub fn reliability(
     let mut sorted = forecasts.to_vec();
     sorted.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
     let (mut rest, mut filled) = (sorted.as_slice(), Vec::new());
+    // Each turn takes the bin of the lowest probability left: empty bins cost nothing, so their
+    // number may be any.
     while let Some(&(lowest, _)) = rest.first() {
         let bin = bin_of(lowest, bins);
         let (lower, upper) = (edge(bin, bins), edge(bin + 1, bins));
         let last = bin + 1 == bins;
+        // The edge that the bin is named by also cuts it: a probability that equals it goes to the
+        // next bin, unless this is the last.
         let (inside, above) =
             rest.split_at(rest.partition_point(|forecast| last || forecast.0 < upper));
         rest = above;
@@ -75,7 +79,7 @@ pub fn reliability(
     Ok(filled)
 }
 
-/// The expected calibration error (ECE) of the bins of [`reliability`]: their mean gap, weighted by
+/// Expected calibration error (ECE) of the bins of [`reliability`]: their mean gap, weighted by
 /// their counts, Σ (count / N) |fraction − mean probability|. From 0 to 1, lower is better. It
 /// depends on the number of bins (Naeini et al., 2015; Guo et al., 2017). O(bins).
 #[doc(alias = "ece")]
@@ -86,7 +90,7 @@ pub fn expected_calibration_error(bins: &[ReliabilityBin]) -> f64 {
     sum / count.max(1) as f64
 }
 
-/// The maximum calibration error (MCE) of the bins of [`reliability`]: the largest gap of a bin,
+/// Maximum calibration error (MCE) of the bins of [`reliability`]: the largest gap of a bin,
 /// however small its count (Naeini et al., 2015). O(bins).
 #[doc(alias = "mce")]
 #[must_use]
@@ -104,10 +108,11 @@ fn edge(bin: usize, bins: usize) -> f64 {
     bin as f64 / bins as f64
 }
 
-/// The last bin whose lower edge is at most p, by bisection: the product of p and the number of
-/// bins may round into the next one.
+/// Last bin whose lower edge is at most p, by bisection on the edges: p times the number of bins
+/// could round into the next bin.
 fn bin_of(p: f64, bins: usize) -> usize {
     let (mut bin, mut beyond) = (0, bins);
+    // Invariant: edge(bin) ≤ p, and `beyond` is past the last bin or edge(beyond) > p.
     while beyond - bin > 1 {
         let middle = bin + (beyond - bin) / 2;
         if edge(middle, bins) <= p {

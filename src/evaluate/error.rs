@@ -1,4 +1,4 @@
-//! Errors of scores.
+//! Errors of scores: estimates and truths that cannot be compared.
 
 use std::ops::RangeInclusive;
 
@@ -51,7 +51,7 @@ pub enum EvaluationError {
         expected: &'static str,
     },
     /// A range of true places is empty; off the map is `None`.
-    #[error("the true places {range:?}{} are none, expected at least one", at(*.index))]
+    #[error("the range of true places {range:?}{} is empty, expected at least one place", at(*.index))]
     EmptyRange {
         /// Its index in the slice, from 0, or `None` for a single range.
         index: Option<usize>,

@@ -1,14 +1,14 @@
-//! Scores of estimates.
+//! Scores of estimates: states, places and probabilities against the truth.
 //!
-//! Scores take plain slices, such as pairs of a number and whether it was right, and
-//! know nothing of models: they score answers from anywhere. Indices are from
-//! 0; anything unknown or absent is `None`.
+//! Scores take plain slices, such as pairs of a number and whether it was right, and know nothing
+//! of models, so they can score answers from anywhere. Indices start at 0; anything unknown or
+//! absent is `None`.
 //!
 //! - **States** against true ones: [`accuracy`], [`mean_error`], and
 //!   [`illegal_moves`] of a path.
-//! - **Places** recognised: [`recall_within`] a tolerance. With a confidence for each
-//!   answer, a [`ThresholdCurve`] shows the recall at each precision, or how well a score
-//!   tells places on the map from others.
+//! - **Places** recognised: [`recall_within`] a tolerance. With a confidence for each answer, a
+//!   [`ThresholdCurve`] shows the recall at each precision, or how well a score tells places on the
+//!   map from others.
 //! - **Probabilities** against outcomes: [`reliability`] by bins, with the
 //!   calibration errors, [`brier_score`], [`binary_log_score`], and
 //!   [`log_score`] for beliefs over places.
@@ -17,7 +17,7 @@
 //! ```
 //! use wayfix::evaluate::{ThresholdCurve, self};
 //!
-//! // The true places of four pictures, of which the third shows a new place; and a
+//! // The true places of four pictures (the third shows a new place), and a
 //! // recogniser's answers, each with its confidence.
 //! let truth = [Some(3..=5), Some(9..=9), None, Some(20..=22)];
 //! let answers = [(4, 0.9), (30, 0.2), (7, 0.4), (23, 0.8)];
@@ -68,11 +68,12 @@ pub fn check_level(level: f64) -> Result<(), EvaluationError> {
     }
 }
 
-/// Checks probabilities. As in beliefs, a sum may lie above one by rounding.
+/// Checks probabilities. As in beliefs, a sum may exceed one by rounding.
 fn check_probabilities(
     what: &'static str,
     values: impl IntoIterator<Item = f64>,
 ) -> Result<(), EvaluationError> {
+    // NaN is in no range.
     let valid = 0.0..=1.0 + SUM_TOLERANCE;
     match values.into_iter().enumerate().find(|(_, p)| !valid.contains(p)) {
         Some((index, value)) => {

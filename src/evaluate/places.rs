@@ -1,4 +1,5 @@
-//! Places: their recall within a tolerance, and the steps until a belief is in one of them.
+//! Places: their recall within a tolerance, and the number of steps until a belief is in one of
+//! them.
 
 use std::ops::RangeInclusive;
 
@@ -26,6 +27,7 @@ pub fn is_within(
     if truth.is_empty() {
         return Err(EvaluationError::EmptyRange { index: None, range: truth.clone() });
     }
+    // Saturating: any tolerance is valid, up to one that accepts every place.
     let first = truth.start().saturating_sub(tolerance);
     let last = truth.end().saturating_add(tolerance);
     Ok((first..=last).contains(&estimate))
@@ -34,7 +36,7 @@ pub fn is_within(
 /// Recall at rank 1: the fraction of the queries taken on the map whose estimate is
 /// [within](is_within) `tolerance` places of the truth. O(N).
 ///
-/// `truth[i]` is the range of places that query i shows, or `None` if it shows none of the map.
+/// `truth[i]` is the range of places that query i shows, or `None` if it shows no place of the map.
 /// `estimates[i]` is the estimated place, or `None` for "not on the map", which is a miss for a
 /// query on the map. Queries off the map do not count, whatever the answer.
 ///
@@ -76,13 +78,12 @@ pub fn recall_within(
     Ok(found as f64 / on_map as f64)
 }
 
-/// Number of steps until the belief is in one place: the first step at
-/// which its mass there is at least `level`, or `None` if there is none. O(T).
+/// Number of steps until the belief is in one place: the first step at which its mass there is at
+/// least `level`, or `None` if there is no such step. O(T).
 ///
-/// `masses[k - 1]` is the mass of the belief around its mode after step k, as
-/// steps are numbered from 1. It may lie above 1 by 1e-9, as the sum of a
-/// belief may. A belief in one place may be in the wrong one:
-/// [`steps_to_localize_correctly`] checks that, too.
+/// `masses[k - 1]` is the mass of the belief around its mode after step k, since steps are numbered
+/// from 1. It may exceed 1 by 1e-9, as the sum of a belief may. A belief in one place may be in the
+/// wrong one: [`steps_to_localize_correctly`] also checks that.
 ///
 /// ```
 /// use wayfix::evaluate;
@@ -103,14 +104,13 @@ pub fn steps_to_localize(masses: &[f64], level: f64) -> Result<Option<usize>, Ev
     Ok(masses.iter().position(|&mass| mass >= level).map(|index| index + 1))
 }
 
-/// Number of steps until the belief is in the right place and stays
-/// there: the first step at which its mass is at least `level` and from which
-/// on it is right for `hold` steps, including this one. O(T).
+/// Number of steps until the belief is in the right place and stays there: the first step at which
+/// its mass is at least `level` and, counting this step, it is right for `hold` steps in a row.
+/// O(T).
 ///
-/// `steps[k - 1]` is, after step k, the mass of the belief around its mode and
-/// whether the mode is right. The mass need not stay at `level`. A sequence that
-/// ends before `hold` steps are over is not localised. With a `hold` of 0
-/// nothing need be right, as for [`steps_to_localize`].
+/// `steps[k - 1]` is, after step k, the mass of the belief around its mode and whether the mode is
+/// right. The mass need not stay at `level`. A sequence that ends before `hold` steps are over is
+/// not localised. With a `hold` of 0 nothing need be right, as in [`steps_to_localize`].
 ///
 /// ```
 /// use wayfix::evaluate;
@@ -132,9 +132,10 @@ pub fn steps_to_localize_correctly(
 ) -> Result<Option<usize>, EvaluationError> {
     check_level(level)?;
     check_probabilities("mass", steps.iter().map(|step| step.0))?;
-    // Backwards, to count for how long it stays right.
+    // Backwards, to count how long it stays right; the last assignment is the first such step.
     let (mut right_for, mut first) = (0, None);
     for (index, &(mass, right)) in steps.iter().enumerate().rev() {
+        // Number of steps in a row from this one onwards that are right.
         right_for = if right { right_for + 1 } else { 0 };
         if mass >= level && right_for >= hold {
             first = Some(index + 1);

@@ -1,13 +1,12 @@
-//! Proper scores of probabilities: best, in the long run, for the true probabilities.
+//! Proper scores of probabilities: in the long run, the true probabilities score best.
 
 use super::{EvaluationError, check_probabilities};
 
-/// The Brier score: the mean of (p − o)², where p is the probability of an event and o is 1
-/// if it happened, else 0. From 0 to 1, lower is better. O(N).
+/// Brier score: the mean of (p − o)², where p is the probability of an event and o is 1 if it
+/// happened, else 0. From 0 to 1, lower is better. O(N).
 ///
-/// This is the usual form for two outcomes, half of Brier's own (1950), which
-/// sums over both. A probability may lie above 1 by 1e-9, as the sum of a
-/// belief may.
+/// This is the usual form for two outcomes, half of Brier's own (1950), which sums over both. A
+/// probability may exceed 1 by 1e-9, as the sum of a belief may.
 ///
 /// ```
 /// use wayfix::evaluate;
@@ -24,12 +23,12 @@ pub fn brier_score(forecasts: &[(f64, bool)]) -> Result<f64, EvaluationError> {
     mean(forecasts, |forecast| forecast.0, |(p, happened)| (p - f64::from(happened)).powi(2))
 }
 
-/// The log score of probabilities for two outcomes: the mean of ln p for events that happened and
-/// ln(1 − p) for others. At most 0, up to rounding; higher is better (Good, 1952). O(N).
+/// Log score of probabilities for two outcomes: the mean of ln p for events that happened and ln(1
+/// − p) for others. At most 0, up to rounding; higher is better (Good, 1952). O(N).
 ///
-/// It is −∞ if an outcome was ruled out even once: a probability of 0 for an event that
-/// happened, or of 1 for one that did not. That is its right value, no error. A
-/// probability may lie above 1 by 1e-9, as the sum of a belief may.
+/// It is −∞ if an outcome was ruled out even once: a probability of 0 for an event that happened,
+/// or of 1 for one that did not. That is the correct value, not an error. A probability may exceed
+/// 1 by 1e-9, as the sum of a belief may.
 ///
 /// ```
 /// use wayfix::evaluate;
@@ -50,19 +49,18 @@ pub fn binary_log_score(forecasts: &[(f64, bool)]) -> Result<f64, EvaluationErro
         |forecast| forecast.0,
         |(p, happened)| match happened {
             true => p.ln(),
+            // Only below 1: a p that rounding took above 1 has no logarithm of 1 − p.
             false if p < 1.0 => (-p).ln_1p(),
             false => f64::NEG_INFINITY,
         },
     )
 }
 
-/// The log score of beliefs: the mean logarithm of the mass that each gave to
-/// the true places. At most 0, up to rounding; higher is better (Good, 1952).
-/// O(N).
+/// Log score of beliefs: the mean logarithm of the mass that each gave to the true places. At most
+/// 0, up to rounding; higher is better (Good, 1952). O(N).
 ///
-/// It is −∞ if a mass is 0, that of a belief which ruled out the truth. That is its
-/// right value, no error. A mass may lie above 1 by 1e-9, as the sum of a
-/// belief may.
+/// It is −∞ if a mass is 0, from a belief that ruled out the truth. That is the correct value, not
+/// an error. A mass may exceed 1 by 1e-9, as the sum of a belief may.
 ///
 /// ```
 /// use wayfix::{Belief, evaluate};
@@ -92,7 +90,7 @@ fn mean<T: Copy>(
         return Err(EvaluationError::Missing { what: "probabilities" });
     }
     check_probabilities("probability", samples.iter().copied().map(probability))?;
-    // From 0, so that a perfect score is 0, not −0.
+    // The sum starts at 0, since an empty sum is −0: a perfect score is then 0.
     let sum = samples.iter().fold(0.0, |sum, &sample| sum + score(sample));
     Ok(sum / samples.len() as f64)
 }

@@ -3,7 +3,7 @@
 use super::{EvaluationError, check_lengths};
 use crate::transition::TransitionEntries;
 
-/// The fraction of states that were estimated correctly (paper eq. 15). O(N).
+/// Fraction of states that were estimated correctly (paper eq. 15). O(N).
 ///
 /// ```
 /// use wayfix::evaluate;
@@ -19,8 +19,8 @@ pub fn accuracy(truth: &[usize], estimate: &[usize]) -> Result<f64, EvaluationEr
     mean_error(truth, estimate, |i, j| f64::from(u8::from(i == j)))
 }
 
-/// The mean distance from the true to the estimated state, by any measure:
-/// hops or metres of a map, for instance, looked up in a table. O(N).
+/// Mean distance from the true to the estimated state, by any measure: hops or metres of a map, for
+/// instance, looked up in a table. O(N).
 ///
 /// ```
 /// use wayfix::evaluate;
@@ -47,10 +47,9 @@ pub fn mean_error(
     Ok(sum / truth.len() as f64)
 }
 
-/// Counts the moves of a path that the operator does not allow; 0 for a legal drive.
-/// The sequence of posterior modes may have some,
-/// [`Hmm::viterbi`](crate::Hmm::viterbi) has none.
-/// O(path × ways out of a state).
+/// Counts the moves of a path that the operator does not allow; 0 for a legal drive. The sequence
+/// of posterior modes may have some, [`Hmm::viterbi`](crate::Hmm::viterbi) has none. O(path × ways
+/// out of a state).
 ///
 /// To check the move into the first state as well, put the state before it in front.
 ///
@@ -72,12 +71,12 @@ pub fn illegal_moves<A: TransitionEntries<Control = ()>>(
     illegal_moves_with(transition, &vec![(); path.len()], path)
 }
 
-/// Counts [`illegal_moves`] under controls: `controls[i]` drives the move to `path[i]`, and the
+/// Counts [`illegal_moves`] under controls: `controls[i]` belongs to the move to `path[i]`, and the
 /// first one is ignored.
 ///
 /// # Errors
 ///
-/// As [`illegal_moves`], [`EvaluationError::Length`] unless there is a control
+/// As [`illegal_moves`]; [`EvaluationError::Length`] unless there is a control
 /// for each state, or [`EvaluationError::Control`] for one that is not valid.
 pub fn illegal_moves_with<A: TransitionEntries>(
     transition: &A,
@@ -86,10 +85,12 @@ pub fn illegal_moves_with<A: TransitionEntries>(
 ) -> Result<usize, EvaluationError> {
     check_lengths(path, controls)?;
     let states = transition.states();
+    // All states are checked first: operators may panic for a state that they do not have.
     if let Some(index) = path.iter().position(|&state| state >= states) {
         return Err(EvaluationError::State { index, state: path[index], states });
     }
     let mut illegal = 0;
+    // The move to `path[index]` from the state before it, hence controls from 1.
     for (index, moved) in (1..).zip(path.windows(2)) {
         let control = &controls[index];
         transition

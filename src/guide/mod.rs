@@ -1,5 +1,5 @@
-//! Guides: which routine to take, the formulas of each and the limits of its speed, the ways from
-//! image descriptors to a position and from GPS points to a route, a lost robot on a grid, labels,
+//! Guides: which routine to take, the formulas of each routine and the limits of its speed, from
+//! image descriptors to a position, from GPS points to a route, a lost robot on a grid, labels,
 //! silent states, and the names of other libraries.
 
 #[doc = include_str!("routines.md")]

@@ -1,6 +1,6 @@
 //! Motion on any map, with odometry as evidence on moves: the likelihood of a distance, given the
-//! length of a move (guide, section 10, By distance). Densities are relative to the largest of all,
-//! so that entries are at most those of the base.
+//! length of a move (guide, section 10, By distance). Densities are relative to that of the length
+//! nearest to the distance, so that no entry exceeds that of the base.
 
 use std::f64::consts::PI;
 
@@ -16,25 +16,24 @@ use wayfix_kernels::log2;
 /// junction, a vehicle that has driven 200 m took the road of that length.
 ///
 /// **Not for steps that are short against the roads.** A step starts and ends at places. If a
-/// vehicle is sampled several times between two places, as by a GPS tick each second on roads
-/// of 200 m, a state cannot remember the metres since the last place: each tick is taken for a
-/// stay, or for a whole road, without an error, and the belief becomes sure of wrong places (in
-/// 6,000 such ticks, above 0.9 in 5,841 and right in 2,645). A log-likelihood far below 0 at
-/// each step is the sign. Take a [`CellTransition`](super::CellTransition), whose states are
-/// positions along roads; or add up readings and their variances until a place is reached or seen,
-/// and step then; for places in a row take a [`RouteTransition`](super::RouteTransition).
+/// vehicle is sampled several times between two places, as by a GPS tick each second on roads of
+/// 200 m, a state cannot remember the metres since the last place: each tick is taken for a stay or
+/// for a whole road, without an error, and the belief becomes sure of wrong places (in 6,000 such
+/// ticks, above 0.9 in 5,841 and right in 2,645). A log-likelihood far below 0 at each step is the
+/// sign. Take a [`CellTransition`](super::CellTransition), whose states are positions along roads;
+/// or add up readings and their variances until a place is reached or seen, and step then. For
+/// places in a row take a [`RouteTransition`](super::RouteTransition).
 ///
-/// The control of a step is an `Option<OdometryReading>`: a distance d with its
-/// variance s², in the unit of the lengths (metres, on a map), which is
-/// [evidence on the move](Transition::evidence). With B for the
-/// operator that is given as a base, and L for the lengths,
+/// The control of a step is an `Option<OdometryReading>`: a distance d with its variance s², in the
+/// unit of the lengths (metres, on a map), which is [evidence on the move](Transition::evidence).
+/// With the operator B given as a base, and the lengths L,
 ///
 /// ```text
 /// A[i, j] = B[i, j] p(d | L[i, j])     p(d | L) = exp(−(d − L)² / 2 s²) / √(2π s²)
 /// ```
 ///
-/// and A = B where it is `None`. Columns do not sum to one: a distance also speaks against
-/// a place none of whose ways is as long. Only the moves of B are possible: if a step may pass
+/// and A = B where it is `None`. Columns do not sum to one: a distance is also evidence against a
+/// place that no way of that length leaves. Only the moves of B are possible: if a step may pass
 /// several places, B needs entries for all places that it may reach. A stay has the length 0.
 ///
 /// **The variance** is that of d − L for the right move, and above 0. Beside the odometer's
@@ -43,10 +42,10 @@ use wayfix_kernels::log2;
 /// heavier tails, as of an odometer that is sometimes wrong altogether, take an
 /// [`EvidenceTransition`](crate::transition::EvidenceTransition).
 ///
-/// Densities are relative to that at the length, of all moves, nearest to the distance.
-/// Products and a step of Viterbi cost O(E), with an exponential for each of E
-/// entries in products. If a length is some 38 deviations farther from the distance than
-/// the nearest, entries are below 2.2e-308, the smallest normal double: inference takes the step in
+/// Densities are relative to the density at the length, among all moves, that is nearest to the
+/// distance. Products and a step of Viterbi cost O(E) for E entries; products take an exponential
+/// for each. If a length is some 38 deviations farther from the distance than the nearest one,
+/// entries fall below 2.2e-308, the smallest normal double: inference then takes the step in
 /// logarithms, which costs about four times as much. Memory: that of the base, 32 bytes an entry,
 /// and 8 for each distinct length.
 ///
@@ -98,8 +97,8 @@ impl DistanceTransition {
     ///
     /// # Errors
     ///
-    /// [`TransitionError::PartStates`] if the map has another number of places,
-    /// or [`TransitionError::Parameter`] for a move without a road.
+    /// [`TransitionError::PartStates`] if the map has a different number of places, or
+    /// [`TransitionError::Parameter`] for a move without a road.
     pub fn on_map<P>(map: &RoadMap<P>, base: SparseTransition) -> Result<Self, TransitionError> {
         let (found, expected) = (map.places().len(), base.states());
         if found != expected {
@@ -118,14 +117,13 @@ impl DistanceTransition {
         })
     }
 
-    /// The operator of steps without a distance.
+    /// Operator of the steps without a distance: the base.
     #[must_use]
     pub fn base(&self) -> &SparseTransition {
         &self.0.base
     }
 
-    /// The length of a move, or `None` if the base has no such entry.
-    /// O(log entries of the column).
+    /// Length of a move, or `None` if the base has no such entry. O(log entries of the column).
     #[must_use]
     pub fn length(&self, to: usize, from: usize) -> Option<f64> {
         let length = || self.0.likelihood.length(self.base(), to, from);
@@ -137,6 +135,8 @@ impl DistanceTransition {
         base: SparseTransition,
         mut length: impl FnMut(usize, usize) -> Result<f64, TransitionError>,
     ) -> Result<Self, TransitionError> {
+        // `of_moves` grows in the order of the base's entries, column by column: `lengths` relies
+        // on it when it cuts out a column by the positions of the base.
         let (mut of_moves, mut least) = (Vec::with_capacity(base.entries()), 1.0_f64);
         for from in 0..base.states() {
             for (to, p) in base.outgoing(&(), from) {
@@ -175,9 +175,9 @@ impl TransitionEntries for DistanceTransition {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct OdometryReading {
-    /// The distance driven; finite.
+    /// Distance driven; finite.
     pub distance: f64,
-    /// The variance of the distance, in squared units; finite and above 0.
+    /// Variance of the distance, in squared units; finite and above 0.
     pub variance: f64,
 }
 
@@ -187,12 +187,12 @@ pub(crate) struct Lengths {
     pub(crate) of_moves: Vec<Length>,
     /// The distinct lengths, in ascending order.
     distinct: Vec<f64>,
-    /// The smallest entry of the base.
+    /// Smallest entry of the base.
     least: f64,
 }
 
-/// Length of a move, with its entry of the base and log2 of that: side by side, since products and
-/// decoding read all of it for each entry.
+/// Length of a move, with the base's entry for it and log2 of that: side by side, since products
+/// and decoding read all three for each entry.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Length {
     to: u32,
@@ -215,6 +215,10 @@ impl Lengths {
 
     /// The length nearest to a distance.
     fn nearest(&self, distance: f64) -> f64 {
+        // The nearest is the last length below the distance or the first one at or above it. Before
+        // the first, the slice starts at 0 and one of the two is merely farther. On a tie the lower
+        // length wins, since `far` must be less. Halves keep the difference of two large values
+        // finite.
         let above = self.distinct.partition_point(|length| *length < distance);
         let near = self.distinct[above.saturating_sub(1)..].iter().take(2).copied();
         let far = |length: f64| (0.5 * length - 0.5 * distance).abs();
@@ -226,10 +230,11 @@ impl MoveLikelihood<SparseTransition> for Lengths {
     type Measurement = Option<OdometryReading>;
     type Move = f64;
 
-    /// The logarithm of the density at the nearest length.
+    /// Logarithm of the density at the nearest length.
     fn log_factor(&self, read: &Option<OdometryReading>) -> Option<f64> {
         read.map(|OdometryReading { distance, variance }| {
-            // Halves, whose difference does not overflow.
+            // Half of the difference of two finite values is finite, which the difference may not
+            // be; so the square below is that of 2 `off`.
             let off = (0.5 * distance - 0.5 * self.nearest(distance)) / variance.sqrt();
             -0.5 * ((2.0 * PI).ln() + variance.ln()) - 2.0 * off * off
         })
@@ -243,7 +248,7 @@ impl MoveLikelihood<SparseTransition> for Lengths {
         let read = (*read)?;
         let nearest = self.nearest(read.distance);
         Some(move |to, from, metres: Option<f64>| {
-            // Only entries of the base are asked for, so that there is a length.
+            // Only entries of the base are asked for, so there always is a length.
             let length = metres.or_else(|| self.length(base, to, from));
             length.map_or(f64::NEG_INFINITY, |length| relative(read, length, nearest))
         })
@@ -265,9 +270,12 @@ impl MoveLikelihood<SparseTransition> for Lengths {
         Err(TransitionError::Control(text))
     }
 
-    /// The shortest and the longest length have the least density.
+    /// True if the least entry, the smallest of the base times the least density, is not a normal
+    /// double.
     fn needs_logs(&self, _: &SparseTransition, read: &Option<OdometryReading>) -> bool {
         read.is_some_and(|read| {
+            // The density falls with the distance from the reading, so it is least at one of the
+            // ends of the sorted lengths.
             let nearest = self.nearest(read.distance);
             let ends = [self.distinct.first(), self.distinct.last()];
             let least = ends.into_iter().flatten().map(|length| relative(read, *length, nearest));
@@ -294,16 +302,18 @@ impl MoveLikelihood<SparseTransition> for Lengths {
     }
 }
 
-/// Logarithm of the density at a length relative to that at the nearest of all, at most 0; −∞ below
+/// Logarithm of the density at a length relative to that at the nearest one, at most 0; −∞ below
 /// the range of valid logarithms.
 ///
-/// It is [(d − L)² − (d − N)²] / 2 s², from the factors L − N and (L + N) / 2 − d: a difference of
-/// large squares keeps its digits.
+/// It is −[(d − L)² − (d − N)²] / 2 s², computed as the product of L − N and (L + N) / 2 − d: a
+/// difference of large squares would lose its digits.
 fn relative(read: OdometryReading, length: f64, nearest: f64) -> f64 {
     let gap = length - nearest;
-    // Half of the factor, which does not overflow.
+    // Half of the second factor, (L + N) / 2 − d, which cannot overflow.
     let off = 0.25 * length + 0.25 * nearest - 0.5 * read.distance;
+    // Zero times infinity would be NaN: gap / variance may overflow where off is 0.
     let excess = if gap == 0.0 || off == 0.0 { 0.0 } else { 2.0 * (gap / read.variance) * off };
+    // Above 0 only by rounding: no length is nearer than the nearest.
     let log = (-excess).min(0.0);
     if log >= -LARGEST_LOG { log } else { f64::NEG_INFINITY }
 }

@@ -1,4 +1,5 @@
-//! Confusion of places, the discrete part P_c of the sensor.
+//! Confusion of places, the discrete part P_c of the sensor: a column-stochastic matrix of p(seen |
+//! place), stored once by what is seen, which is how a filter reads it.
 
 use super::ObservationError;
 use crate::error::{Parameter, TableError, TransitionError};
@@ -10,26 +11,25 @@ use crate::transition::{Compressed, SparseTransition};
 ///
 /// [From a map](Self::new), a place is mistaken for the places joined to it by a road (in either
 /// direction), and for no other (paper section II-B). Each neighbour takes the same share q of a
-/// place's probability, so that a busy junction is harder to tell from its neighbours than a
-/// quiet corner: P_c(i | i) = 1 − q dᵢ for a place with dᵢ neighbours. The share is chosen so
-/// that the mean of P_c(i | i) over all places is the one asked for, 0.7 in the paper. Measured
-/// confusions are given to [`from_entries`](Self::from_entries) or
-/// [`from_weights`](Self::from_weights).
+/// place's probability, so a busy junction is harder to tell from its neighbours than a quiet
+/// corner: P_c(i | i) = 1 − q dᵢ for a place with dᵢ neighbours. The share is chosen so that the
+/// mean of P_c(i | i) over all places is the given one, 0.7 in the paper. For measured confusions
+/// there are [`from_entries`](Self::from_entries) and [`from_weights`](Self::from_weights).
 ///
-/// Only entries above 0 are stored, in 20 bytes an entry and 28 a place: 100,000 places with a
-/// few confusions each take some megabytes. A confusion is itself a sensor, a
-/// [sparse table](crate::likelihood::SparseTableLikelihood) whose observation is the index of the
-/// place that is seen, and a step costs what the table says. A sensor
-/// with [Gaussian noise](Self::with_gaussian), as a [table](Self::into_table), holds n² numbers:
-/// for up to some thousands of places. See the [module](super) for an example.
+/// Only entries above 0 are stored, in 20 bytes an entry and 28 a place: 100,000 places with a few
+/// confusions each take some megabytes. A confusion is itself a sensor, a [sparse
+/// table](crate::likelihood::SparseTableLikelihood) whose observation is the index of the place
+/// that is seen, at the costs of the table. A sensor with [Gaussian noise](Self::with_gaussian), as
+/// a [table](Self::into_table), holds n² numbers: it is for up to some thousands of places. See the
+/// [module](super) for an example.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Confusion {
     /// P_c(j | i) of each place i that may be seen as j, by j.
     pub(super) by_seen: SparseTableLikelihood,
-    /// The places that each one may be seen as, ascending, one place after the other; their
-    /// probabilities stand in `by_seen` alone.
+    /// For each place, the places that it may be seen as, ascending; their probabilities are stored
+    /// in `by_seen` alone.
     seen: Vec<u32>,
-    /// Start of each place in `seen`, and its end.
+    /// Start of each place in `seen`, and the end of the last.
     starts: Vec<u32>,
 }
 
@@ -57,10 +57,12 @@ impl Confusion {
         if pairs == 0 && mean_correct < 1.0 {
             return Err(ObservationError::NoNeighbors { mean: mean_correct });
         }
+        // From n m = Σ (1 − q dᵢ) = n − q Σ dᵢ for the mean m.
         let share = if pairs == 0 { 0.0 } else { (1.0 - mean_correct) * n as f64 / pairs as f64 };
         let mut entries = Vec::with_capacity(n + pairs);
         for (i, joined) in joined.iter().enumerate() {
             let correct = 1.0 - share * joined.len() as f64;
+            // A junction with 1 / q neighbours or more would have nothing left for itself.
             if correct <= 0.0 {
                 let (id, neighbors) = (map.places()[i].id, joined.len());
                 return Err(ObservationError::TooManyNeighbors { id, neighbors, correct });
@@ -100,8 +102,8 @@ impl Confusion {
     }
 
     /// Creates a confusion from weights (place, seen as, weight) of any scale, such as counts of
-    /// how often a place was seen as another. Weights of the same pair are added, and those of a
-    /// place are divided by their sum. O(places + weights).
+    /// how often a place was seen as another. Weights of the same pair are added, and the weights
+    /// of a place are divided by their sum. O(places + weights).
     ///
     /// ```
     /// use wayfix::observation::Confusion;
@@ -126,7 +128,7 @@ impl Confusion {
     }
 
     /// Creates a confusion from the rows and columns of a matrix of p(to: seen | from: place),
-    /// whose columns sum to one, as those of a transition matrix.
+    /// whose columns sum to one, like those of a transition matrix.
     fn of(
         lines: Result<(Compressed, Compressed), TransitionError>,
     ) -> Result<Self, ObservationError> {
@@ -151,8 +153,8 @@ impl Confusion {
         self.seen.len()
     }
 
-    /// Returns P_c(seen | place), by index, or `None` if a place does not exist.
-    /// O(log places seen as that one).
+    /// Returns P_c(seen | place), by index, or `None` if a place does not exist. O(log (places seen
+    /// as that one)).
     #[must_use]
     pub fn probability(&self, place: usize, seen: usize) -> Option<f64> {
         self.by_seen.likelihood(place, seen)
@@ -187,8 +189,8 @@ impl Confusion {
             }
         }
         if place.len() < places {
-            // Checked before anything is allocated per place, so that a wrong number cannot
-            // exhaust memory.
+            // Each place has an entry at least, since its probabilities sum to one. This is checked
+            // before anything is allocated per place, so that a wrong number cannot exhaust memory.
             let (what, value) = ("the number of places", places as f64);
             let expected = "at most as many as entries";
             return Err(Parameter::new(what, value, expected).into());
@@ -198,7 +200,7 @@ impl Confusion {
         Self::from_entries(places, entries)
     }
 
-    /// Places that one may be seen as, with their probabilities.
+    /// Places that a place may be seen as, with their probabilities.
     pub(super) fn line(&self, place: usize) -> impl Iterator<Item = (usize, f64)> + Clone {
         let seen = &self.seen[self.starts[place] as usize..self.starts[place + 1] as usize];
         let entry = move |&seen: &u32| {
@@ -208,7 +210,7 @@ impl Confusion {
         seen.iter().map(entry)
     }
 
-    /// Places that may be seen as another, with their probabilities, by that other one.
+    /// For each place, the places that may be seen as it, with their probabilities.
     pub(super) fn symbols(&self) -> impl Iterator<Item = (usize, &[(usize, f64)])> + Clone {
         let symbol = |seen| self.by_seen.symbol(seen).map_or(&[][..], SparseObservation::listed);
         (0..self.places()).map(move |seen| (seen, symbol(seen)))
@@ -221,12 +223,12 @@ impl Confusion {
         row
     }
 
-    /// Converts to a table without Gaussian noise, from which each step borrows its diagonal
-    /// instead of writing it. O(n²) time and memory.
+    /// Converts to a table without Gaussian noise; each step then borrows its diagonal from the
+    /// table instead of writing it. O(n²) time and memory.
     ///
     /// # Errors
     ///
-    /// None in practice: the rows sum to one.
+    /// None in practice, since the rows sum to one.
     pub fn into_table(self) -> Result<TableLikelihood, ObservationError> {
         let rows: Vec<_> = (0..self.places()).map(|place| self.row(place)).collect();
         Ok(TableLikelihood::from_rows(&rows)?)
@@ -257,7 +259,7 @@ fn of_pairs(error: &TransitionError) -> ObservationError {
         TransitionError::TooMany { what: "states", count } => ObservationError::Parameter(
             Parameter::new("the number of places", count as f64, "at most 2147483647"),
         ),
-        // Only the error of too many entries is left.
+        // The only error left is that of too many entries.
         _ => ObservationError::Parameter(Parameter::new(
             "the number of entries",
             f64::INFINITY,

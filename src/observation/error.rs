@@ -98,7 +98,7 @@ pub enum ObservationError {
     #[error("there are no references, expected at least one")]
     NoReferences,
     /// The last descriptor is incomplete.
-    #[error("{values} values are no whole number of descriptors of dimension {dimension}")]
+    #[error("{values} values do not make a whole number of descriptors of dimension {dimension}")]
     Values {
         /// Numbers given.
         values: usize,
@@ -129,7 +129,7 @@ pub enum ObservationError {
         /// Its value.
         value: f32,
     },
-    /// A descriptor is 0 in every element, so that it has no direction to compare.
+    /// A descriptor is 0 in every element, so it has no direction to compare.
     #[error("{which} {index} is 0 in every element, so it has no cosine with another")]
     Zero {
         /// `"reference"` or `"query"`.
@@ -137,7 +137,7 @@ pub enum ObservationError {
         /// The reference, or the query of a call, from 0.
         index: usize,
     },
-    /// Two or more references are all equal, so that they cannot tell places apart.
+    /// Two or more references are all equal, so they cannot tell places apart.
     #[error("all {references} references are equal, so they cannot tell places apart")]
     AllEqual {
         /// The number of references.

@@ -1,4 +1,5 @@
-//! The Gaussian that is superimposed on the discrete part (paper eqs. 2 to 4).
+//! The Gaussian superimposed on the discrete part (paper eqs. 2 to 4). Each row of the sum is
+//! divided by its own sum, whatever the numbering does to the Gaussian at the ends.
 
 use std::f64::consts::TAU;
 
@@ -11,17 +12,17 @@ use wayfix_kernels as kernels;
 /// Distance between two places, for the Gaussian part of a sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Metric {
-    /// The difference of the places' indices, as in the paper (eq. 3). Accuracy then depends on
-    /// the numbering of the places.
+    /// Difference of the places' indices, as in the paper (eq. 3). Accuracy then depends on how
+    /// places are numbered.
     Index,
-    /// The number of roads between the places, in whichever direction.
+    /// Number of roads between the places, in either direction.
     Hops,
-    /// The straight distance in metres.
+    /// Straight distance in metres.
     Metres,
 }
 
 impl Metric {
-    /// The distances from place i to all places, infinite to unreachable ones.
+    /// Distances from place i to all places, infinite to those that cannot be reached.
     fn distances<P: Coordinates>(self, map: &RoadMap<P>, i: usize) -> Vec<f64> {
         let n = map.places().len();
         match self {
@@ -39,24 +40,24 @@ impl Metric {
 }
 
 impl Confusion {
-    /// Returns the whole sensor: P(j | i) = (P_c(j | i) + G(j; i)) / (1 + Σ_j G(j; i)),
-    /// with a Gaussian G of the distance between places i and j and the
-    /// standard deviation `sigma`, in the unit of the metric.
+    /// Returns the whole sensor: P(j | i) = (P_c(j | i) + G(j; i)) / (1 + Σ_j G(j; i)), with a
+    /// Gaussian G of the distance between places i and j and the standard deviation `sigma`, in the
+    /// unit of the metric.
     ///
-    /// By [`Metric::Index`] G is the density of eq. 3 with this σ, and this is
-    /// the paper's sensor: eq. 4's δ is read as the normalising sum, and divides.
-    /// Places have no unit distance in hops and metres, so there G is scaled to
-    /// sum to one over all places: it weighs as much as P_c, whatever the unit.
+    /// With [`Metric::Index`] G is the density of eq. 3 with this σ, and this is the paper's
+    /// sensor: eq. 4's δ is read as the normalising sum, which divides. In hops and metres places
+    /// are not one unit apart, so there G is scaled to sum to one over all places: it weighs as
+    /// much as P_c, whatever the unit.
     ///
-    /// Its tails reach down to 1e-320: a model that need not keep them is faster
+    /// Its tails reach down to 1e-320. A model that need not keep them is faster
     /// [`with_rounded_tails`](crate::Hmm::with_rounded_tails).
     ///
     /// O(n²), and for hops O(n (places + roads)).
     ///
     /// # Errors
     ///
-    /// [`ObservationError::Parameter`] unless `sigma` is finite and above 0, or
-    /// if the map has another number of places.
+    /// [`ObservationError::Parameter`] unless `sigma` is finite and above 0, or if the map has a
+    /// different number of places.
     pub fn with_gaussian<P: Coordinates>(
         &self,
         map: &RoadMap<P>,
@@ -79,10 +80,11 @@ impl Confusion {
                 distances.iter().map(|d| (-0.5 * (d / sigma).powi(2)).exp()).collect();
             let height = match metric {
                 Metric::Index => 1.0 / (TAU.sqrt() * sigma),
-                // Place i itself counts 1, so the sum is not 0.
+                // Place i itself adds 1, so the sum is not 0.
                 Metric::Hops | Metric::Metres => 1.0 / kernels::sum(&gaussian),
             };
             gaussian.iter_mut().for_each(|g| *g *= height);
+            // The row of P_c sums to one.
             let normalizer = 1.0 + kernels::sum(&gaussian);
             row.iter_mut().zip(&gaussian).for_each(|(p, g)| *p = (*p + g) / normalizer);
             rows.push(row);

@@ -1,8 +1,7 @@
 //! Observation models for places: the likelihood of a sensor's output, given the place.
 //!
-//! The paper's sensor names a place. It is right most of the time, takes a
-//! place for one of its neighbours sometimes (the discrete part P_c), and has
-//! Gaussian noise on top (eqs. 2 to 4).
+//! The paper's sensor names a place. Most of the time it is right, sometimes it takes a place for
+//! one of its neighbours (the discrete part P_c), and it has Gaussian noise on top (eqs. 2 to 4).
 //!
 //! ```
 //! use wayfix::canberra;
@@ -18,10 +17,10 @@
 //! # Ok::<(), wayfix::observation::ObservationError>(())
 //! ```
 //!
-//! A confusion alone is a sensor, too, for any number of places: from a map, or from
+//! A confusion alone is also a sensor, for any number of places: from a map, or from
 //! [counts](Confusion::from_weights) of places seen as others.
 //!
-//! A camera that gives a descriptor of its view is matched with those of the map:
+//! A camera that gives a descriptor of its view is matched with the descriptors of the map:
 //! [`ReferenceDescriptors`] computes the distance to each, [`Standardizer`] their scores, and
 //! [`MatchOdds`] the odds of each reference.
 //!

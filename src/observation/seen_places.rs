@@ -1,4 +1,4 @@
-//! Confusion as a sensor: a sparse table, whose entries are learned.
+//! Confusion as a sensor: a sparse table with entries that can be learned.
 
 use std::error::Error;
 
@@ -13,8 +13,8 @@ use crate::likelihood::{
 };
 use crate::random::index;
 
-// `is_precomputed` stays false, though the table within answers true: the smoother would go another
-// way back, and posteriors differ in their last bits.
+// `is_precomputed` stays false although the table inside answers true: the smoother would take
+// another way back, and posteriors would differ in their last bits.
 impl Likelihood for Confusion {
     type Observation = usize;
 
@@ -34,7 +34,7 @@ impl Likelihood for Confusion {
     }
 }
 
-/// O(states asked + places that may be seen as this one).
+/// O(states asked for + places that may be seen as this one).
 impl LocalLikelihood for Confusion {
     /// # Errors
     ///
@@ -71,6 +71,7 @@ impl LearnLikelihood for Confusion {
     }
 
     fn add(&self, statistics: &mut Vec<Vec<f64>>, &seen: &usize, posterior: &[f64]) {
+        // S(i, y) of section 9 of the guide: γ of each place that may be seen as this one.
         let places = self.by_seen.symbol(seen).into_iter().flat_map(SparseObservation::listed);
         let sums = statistics[seen].iter_mut();
         sums.zip(places).for_each(|(sum, &(place, _))| *sum += posterior[place]);
@@ -93,7 +94,7 @@ impl LearnLikelihood for Confusion {
         let mut sums = vec![0.0; self.places()];
         counted.clone().for_each(|((place, ..), count)| sums[place] += count);
         let learned = counted.map(|((place, seen, p), count)| {
-            // `from_entries` refuses a NaN.
+            // A place that no posterior visited keeps its row; `from_entries` refuses a NaN.
             let sum = sums[place];
             (place, seen, if sum < f64::MIN_POSITIVE { p } else { count / sum })
         });
@@ -104,16 +105,18 @@ impl LearnLikelihood for Confusion {
         if pseudo_count == 0.0 {
             return 0.0;
         }
+        // c Σ ln b over the entries above 0 (guide, section 9, Pseudo-counts).
         let entries = self.symbols().flat_map(|(_, places)| places);
         pseudo_count * entries.map(|entry| entry.1.ln()).sum::<f64>()
     }
 
+    // Each row sums to one, which fixes one of its entries.
     fn free_parameters(&self) -> usize {
         self.entries() - self.places()
     }
 }
 
-/// Log-odds of the entries above 0, place by place, to the largest of the place.
+/// Log-odds of the entries above 0, place by place, relative to the largest of the place.
 impl FreeParameters for Confusion {
     fn displaced(&self, by: &mut Displacement<'_>) -> Result<Self, Box<dyn Error + Send + Sync>> {
         let mut entries = Vec::with_capacity(self.entries());

@@ -49,10 +49,13 @@ fn a_place_within_a_tolerance() {
 #[test]
 #[expect(clippy::reversed_empty_ranges, reason = "that is what is tested")]
 fn a_range_without_places_is_an_error() {
-    says(is_within(&(3..=2), 3, 9), "the true places 3..=2 are none, expected at least one");
+    says(
+        is_within(&(3..=2), 3, 9),
+        "the range of true places 3..=2 is empty, expected at least one place",
+    );
     says(
         recall_within(&[None, Some(4..=4), Some(3..=2)], &[None; 3], 0),
-        "the true places 3..=2 at index 2 are none, expected at least one",
+        "the range of true places 3..=2 at index 2 is empty, expected at least one place",
     );
     let mut used = 3..=3;
     assert_eq!(used.next(), Some(3));

@@ -33,11 +33,11 @@ struct Arguments {
     /// Frames of the map: grey, unsigned 8-bit, as .npy of frames × rows × columns, or raw bytes.
     #[arg(long, value_name = "FILE", requires = "query")]
     reference: Option<PathBuf>,
-    /// Frames to be located. Unless --unknown is given, frame i is taken to show the place of frame i
-    /// of the map, if that has so many.
+    /// Frames to locate. Unless --unknown is given, frame i is taken to show the place of frame i
+    /// of the map, if there is one.
     #[arg(long, value_name = "FILE", requires = "reference")]
     query: Option<PathBuf>,
-    /// The places of the frames are unknown: nothing is learned or scored.
+    /// The places of the frames are unknown: learn and score nothing.
     #[arg(long)]
     unknown: bool,
     /// Height of a frame of raw bytes.
@@ -65,7 +65,7 @@ struct Arguments {
     /// Measure the distance before each step, in frames, with normal noise of this deviation.
     #[arg(long, value_name = "SD")]
     odometry: Option<f64>,
-    /// Then disturb the reported steps, by tunnels, fog, look-alike places, lost frames and others.
+    /// Also disturb the reported steps, by tunnels, fog, look-alike places, lost frames and others.
     #[arg(long, conflicts_with = "unknown")]
     hard: bool,
     #[command(flatten)]
@@ -114,6 +114,7 @@ fn run(arguments: &Arguments) -> Fallible {
     };
     let drive = drive.with_detours(&arguments.detour, frames)?;
     let mut recording = pass.recording(&pass.queries.select(&drive.frames), &drive)?;
+    // Frames are numbered alike by default, which gives a truth; it is dropped if that is not so.
     recording.truth = recording.truth.filter(|_| !arguments.unknown);
     let out = vpr::run(&recording, common, "vpr_frames")?;
     if arguments.hard {

@@ -27,7 +27,7 @@ struct Arguments {
     /// Similarity of each query image (line) to each reference image (column).
     #[arg(long, value_name = "FILE")]
     similarity: Option<PathBuf>,
-    /// The matrix holds distances: smaller = more alike, inf = surely not there.
+    /// The matrix holds distances: smaller is more alike, inf is surely not there.
     #[arg(long, requires = "similarity")]
     distances: bool,
     /// Descriptors of the references.
@@ -39,8 +39,9 @@ struct Arguments {
     /// Distance of two descriptors, cosine (for networks) or euclidean (for pixels).
     #[arg(long, requires = "reference", default_value = "cosine", value_parser = ["cosine", "euclidean"])]
     distance: String,
-    /// CSV file of `query,first,last`, from 0: the references, including the last, that show the
-    /// place of the query; both empty or -1 if none does. Without it, nothing is learned or scored.
+    /// CSV file of `query,first,last`, from 0: the first and the last of the references that show
+    /// the place of the query; both empty or -1 if none does. Without it, nothing is learned or
+    /// scored.
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
     #[command(flatten)]
@@ -71,6 +72,7 @@ fn run(arguments: &Arguments) -> Fallible {
 fn similarities(file: &Path, distances: bool) -> Result<Recording, String> {
     let (references, mut values) = tables::matrix(file, distances)?;
     if !distances {
+        // Everything downstream takes distances: smaller is more alike.
         values.iter_mut().for_each(|value| *value = -*value);
     }
     let (name, distances) = (vpr::name(&[file]), values);

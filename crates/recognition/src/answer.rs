@@ -1,4 +1,4 @@
-//! From beliefs to answers.
+//! From beliefs to answers: the middle of the most probable window, and the mass around it.
 
 use std::ops::RangeInclusive;
 
@@ -8,14 +8,14 @@ use wayfix_kernels as kernels;
 /// Estimated position of the vehicle at one step.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Answer {
-    /// The place, or `None` if the vehicle is more probably off the map than on it.
+    /// Place of the vehicle, or `None` if it is more probably off the map than on it.
     pub place: Option<usize>,
     /// Probability that the vehicle is within the [window](super::Options::window) of
     /// `place`, or that it is off the map if `place` is `None`. For another distance, or another
     /// place, see [`Recognizer::mass_near`].
     pub probability: f64,
-    /// The places around `place` that hold 90% of the belief on the map; on a loop, the first
-    /// may be above the last.
+    /// Places around `place` that hold 90% of the belief on the map; on a loop, the first may be
+    /// above the last.
     pub around: RangeInclusive<usize>,
     /// Probability of being off the map.
     pub off_map: f64,
@@ -25,7 +25,7 @@ pub struct Answer {
 
 /// Share of the belief that [`Answer::around`] holds.
 const CREDIBLE: f64 = 0.9;
-/// Tolerance for sums taken in another order.
+/// Tolerance for sums taken in a different order.
 const ROUNDING: f64 = 1e-12;
 /// Number of windows compared at a time.
 const WINDOWS: usize = 8;
@@ -50,25 +50,32 @@ impl Recognizer {
         }
     }
 
-    /// Returns the centre of the most probable window; of equal ones, the most probable centre.
+    /// Returns the centre of the most probable window; among equal windows, the most probable
+    /// centre.
     fn best_place(&self, places: &[f64]) -> usize {
         let (n, window) = (places.len(), self.options().window);
         let mut best = (0, f64::NEG_INFINITY, f64::NEG_INFINITY);
+        // Windows within rounding of each other are equal. `best.1` may creep down by rounding at
+        // each such exchange, which only a chain of ever more probable centres can repeat.
         let offer = |best: &mut (usize, f64, f64), place: usize, mass: f64| {
             let more_probable = mass > best.1 - ROUNDING && places[place] > best.2;
             if mass > best.1 + ROUNDING || more_probable {
                 *best = (place, mass, places[place]);
             }
         };
+        // Windows cut by an end, or wrapped around a loop, are summed on their own.
         let edge = window.min(n);
         let ends = (0..edge).chain(n.saturating_sub(window).max(edge)..n);
         ends.for_each(|place| offer(&mut best, place, self.mass_near(places, place, window)));
         let width = window.saturating_mul(2).saturating_add(1);
         let count = (n + 1).saturating_sub(width);
-        // Eight windows at a time; one by one only if one of them is better than the best so far.
+        // Eight windows at a time; one by one only if one of them may be better than the best so
+        // far.
         let mut first = 0;
         while first + WINDOWS <= count {
             let mut masses = [0.0; WINDOWS];
+            // Entry k of eight successive places belongs to window first + k: `width` such slices
+            // make the eight sums, in vectors.
             for eight in places[first..].windows(WINDOWS).take(width) {
                 masses.iter_mut().zip(eight).for_each(|(mass, place)| *mass += place);
             }
@@ -86,12 +93,12 @@ impl Recognizer {
         best.0
     }
 
-    /// Returns the probability of all places at most `within` from `place`; NaN if one of
-    /// theirs is.
+    /// Returns the probability of all places at most `within` from `place`; NaN if any of their
+    /// entries is.
     ///
-    /// `places` is a belief over places as a slice: that of [`Track::places`](super::Track::places)
-    /// or of a step of [`PlaceBeliefs`](super::PlaceBeliefs::get). An entry for off the map is
-    /// left out.
+    /// `places` is a belief over places as a slice, from [`Track::places`](super::Track::places) or
+    /// from a step of [`PlaceBeliefs`](super::PlaceBeliefs::get). An entry for off the map is left
+    /// out.
     ///
     /// ```
     /// use wayfix_recognition::{Options, Recognizer};
@@ -108,6 +115,7 @@ impl Recognizer {
         let n = self.references().min(places.len());
         let places = &places[..n];
         let sum: f64 = if self.options().closed && within < n {
+            // A window as long as the loop would count places twice.
             if 2 * within + 1 >= n {
                 places.iter().sum()
             } else {
@@ -121,12 +129,13 @@ impl Recognizer {
         at_most_one(sum)
     }
 
-    /// Grows a range from a place to the more probable side until it holds enough.
+    /// Grows a range from a place towards the more probable side until it holds enough.
     fn around(&self, places: &[f64], place: usize) -> RangeInclusive<usize> {
         let n = places.len();
         let wanted = CREDIBLE * kernels::sum(places);
         let (mut first, mut last, mut mass) = (place, place, places[place]);
         let mut count = 1;
+        // Each turn adds a place that is not in the range: at most n turns.
         while mass < wanted && count < n {
             let (below, above) = if self.options().closed {
                 (Some((first + n - 1) % n), Some((last + 1) % n))

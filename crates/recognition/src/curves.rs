@@ -1,13 +1,13 @@
-//! Answers by falling score, for each threshold: precision and recall, and the receiver operating
+//! Answers by falling score, at each threshold: precision and recall, and the receiver operating
 //! characteristic.
 
 use wayfix::evaluate::EvaluationError;
 use wayfix::internal::check_level;
 
-/// Precision, recall and false positive rate of answers, for each threshold of their score.
+/// Precision, recall and false positive rate of answers, at each threshold of their score.
 ///
 /// Answers below a threshold are withheld. Only the order of the scores matters: probabilities,
-/// their logarithms and scores of any scale, also infinite ones, will do.
+/// their logarithms and scores of any scale, even infinite ones, will do.
 ///
 /// ```
 /// use wayfix_recognition::ThresholdCurve;
@@ -41,12 +41,12 @@ pub struct ThresholdCurve {
 pub struct ThresholdPoint {
     /// Lowest score of the answers given.
     pub threshold: f64,
-    /// Fraction of the answers given that is right.
+    /// Fraction of the answers given that are right.
     pub precision: f64,
-    /// Fraction of the positives, or of all queries with a right answer, that is found: the true
+    /// Fraction of the positives, or of all queries with a right answer, that are found: the true
     /// positive rate.
     pub recall: f64,
-    /// Fraction of the negatives, or of the wrong answers, that is given; 0 if there are none.
+    /// Fraction of the negatives, or of the wrong answers, that are given; 0 if there are none.
     pub false_positive_rate: f64,
 }
 
@@ -55,9 +55,9 @@ impl ThresholdCurve {
     /// right; `positives` is the number of queries that have a right answer, found or
     /// not. O(N log N).
     ///
-    /// An answer to a query that has no right one is wrong. A query without an
-    /// answer is left out of `answers`, but counts in `positives` if it has a
-    /// right one. With no answers at all the curve has no points.
+    /// An answer to a query that has no right answer is wrong. A query without an answer is left
+    /// out of `answers`, but counts in `positives` if it has a right answer. With no answers at all
+    /// the curve has no points.
     ///
     /// # Errors
     ///
@@ -78,9 +78,9 @@ impl ThresholdCurve {
         Ok(Self::new(&cuts, [positives, wrong]))
     }
 
-    /// Computes the receiver operating characteristic (ROC) of scores, each with whether it
-    /// belongs to a positive: with queries that show a place of the map as positives and others as
-    /// negatives, how well the score tells them apart. O(N log N).
+    /// Computes the receiver operating characteristic (ROC) of scores, each with whether it belongs
+    /// to a positive. With queries that show a place of the map as positives and others as
+    /// negatives, it shows how well the score tells them apart. O(N log N).
     ///
     /// Both rates end at 1; the corner (0, 0) before the first point is not listed.
     ///
@@ -101,47 +101,50 @@ impl ThresholdCurve {
 
     fn new(cuts: &[Cut], [positives, negatives]: [usize; 2]) -> Self {
         let mut points = Vec::with_capacity(cuts.len());
-        // Twice the number of pairs in order, so that ties are whole numbers: each negative with
-        // the positives above it, and the tied ones as half.
+        // Twice the number of ordered pairs, so that ties are whole numbers: each negative counts
+        // the positives above it, and those tied with it as half.
         let (mut twice, mut sum, mut before) = (0, 0.0, [0, 0]);
         for &Cut { threshold, counts: [right, wrong] } in cuts {
             let precision = right as f64 / (right + wrong) as f64;
             let recall = right as f64 / positives as f64;
             let false_positive_rate = wrong as f64 / negatives.max(1) as f64;
             points.push(ThresholdPoint { threshold, precision, recall, false_positive_rate });
+            // Each negative at this cut gains 2 · before + (right − before) = right + before: the
+            // positives above it twice, those tied with it once.
             twice += (wrong - before[1]) as u128 * (right + before[0]) as u128;
             sum += (right - before[0]) as f64 * precision;
             before = [right, wrong];
         }
         let pairs = positives as u128 * negatives as u128;
+        // Both counts fit 64 bits, so their product and twice the sum fit 128: only the quotient
+        // rounds.
         let area = if pairs == 0 { 1.0 } else { twice as f64 / (2 * pairs) as f64 };
         Self { points, area, average_precision: sum / positives as f64 }
     }
 
-    /// The points, one for each score, highest first: answers of equal score enter together.
-    /// Neither the recall nor the false positive rate falls along them.
+    /// Points of the curve, one for each score, highest first: answers of equal score enter
+    /// together. Neither the recall nor the false positive rate falls along them.
     #[must_use]
     pub fn points(&self) -> &[ThresholdPoint] {
         &self.points
     }
 
-    /// The area under the receiver operating characteristic, by straight lines from the corner
-    /// (0, 0) on.
+    /// Area under the receiver operating characteristic, by straight lines that start from the
+    /// corner (0, 0).
     ///
-    /// It is the probability that a positive scores higher than a negative,
-    /// where ties count half: the U statistic of Mann and Whitney (1947) over
-    /// the number of pairs (Hanley and McNeil, 1982). 1 for perfect separation, 0.5 for chance,
-    /// 0 for perfect separation the wrong way round. Pairs are counted in whole numbers, and
-    /// only their ratio is rounded. Queries without an answer lose all their pairs, and without
-    /// negatives it is 1.
+    /// It is the probability that a positive scores higher than a negative, where ties count half:
+    /// the U statistic of Mann and Whitney (1947) divided by the number of pairs (Hanley and
+    /// McNeil, 1982). 1 for perfect separation, 0.5 for chance, 0 for perfect separation the wrong
+    /// way round. Pairs are counted in whole numbers, and only their ratio is rounded. Queries
+    /// without an answer lose all their pairs; without negatives the area is 1.
     #[doc(alias = "auc")]
     #[must_use]
     pub fn area(&self) -> f64 {
         self.area
     }
 
-    /// The area under precision and recall, as average precision: Σ (R_n − R_{n−1}) P_n
-    /// over the points, with R_0 = 0. From 0 to 1.
+    /// Area under precision and recall, as average precision: Σ (R_n − R_{n−1}) P_n over the
+    /// points, with R_0 = 0. From 0 to 1.
     ///
     /// The curve is taken as steps. Straight lines between the points would promise
     /// precisions that no threshold has (Davis and Goadrich, 2006).
@@ -151,8 +154,7 @@ impl ThresholdCurve {
         self.average_precision
     }
 
-    /// The largest recall at which the precision is at least `level`; 0 if it
-    /// never is. O(points).
+    /// Largest recall at which the precision is at least `level`; 0 if it never is. O(points).
     ///
     /// Customary levels are 1 and 0.99, as a false match may spoil a map for good
     /// (Lowry et al., *Visual Place Recognition: A Survey*, 2016; Schubert et
@@ -163,7 +165,7 @@ impl ThresholdCurve {
     /// [`EvaluationError::Parameter`] if `level` is not from 0 to 1.
     pub fn recall_at_precision(&self, level: f64) -> Result<f64, EvaluationError> {
         check_level(level)?;
-        // The recall never falls, so the last is the largest.
+        // The recall never falls, so the last such point has the largest.
         let last = self.points.iter().rev().find(|point| point.precision >= level);
         Ok(last.map_or(0.0, |point| point.recall))
     }
@@ -175,7 +177,7 @@ struct Cut {
     counts: [usize; 2],
 }
 
-/// Cuts at each score, highest first, ties together. O(N log N).
+/// Cuts at each score, highest first, with ties together. O(N log N).
 fn cuts(what: &'static str, samples: &[(f64, bool)]) -> Result<Vec<Cut>, EvaluationError> {
     if let Some(index) = samples.iter().position(|(score, _)| score.is_nan()) {
         let (value, expected) = (f64::NAN, "a number");
@@ -184,7 +186,7 @@ fn cuts(what: &'static str, samples: &[(f64, bool)]) -> Result<Vec<Cut>, Evaluat
     let mut sorted = samples.to_vec();
     sorted.sort_unstable_by(|a, b| b.0.total_cmp(&a.0));
     let mut counts = [0, 0];
-    // Equality of numbers, not the total order, in which 0 is above -0.
+    // Ties are equal as numbers, not in the total order, where 0 is above -0.
     let cut = |ties: &[(f64, bool)]| {
         ties.iter().for_each(|(_, label)| counts[usize::from(!label)] += 1);
         Cut { threshold: ties[0].0, counts }

@@ -1,4 +1,5 @@
-//! The path of a drive.
+//! The path of a drive: the legal path with the largest expected number of right steps, by Viterbi
+//! on the smoothed beliefs.
 
 use super::recognizer::{Model, model};
 use super::{RecognitionError, Recording};
@@ -9,21 +10,21 @@ use wayfix::LikelihoodVector;
 const STEP_GAIN: f64 = 1000.0;
 
 impl Recording {
-    /// The path with the most steps expected to be right, among those that the model allows: the
-    /// place of each step, or `None` off the map.
+    /// Path with the most steps expected to be right, among those that the model allows: the place
+    /// of each step, or `None` off the map.
     ///
     /// A step is right if the vehicle is within the [window](super::Options::window) of its place,
-    /// or off the map with it, by the smoothed beliefs; so the path maximises the sum of these
-    /// probabilities over all sequences of states that have a probability above 0, and the
-    /// logarithm of its moves breaks near ties: a nat counts as much as a thousandth of a step.
+    /// or if both are off the map, by the smoothed beliefs. The path maximises the sum of these
+    /// probabilities over all sequences of states with a probability above 0, and the logarithm of
+    /// its moves breaks near ties: a nat counts as much as a thousandth of a step.
     ///
-    /// The single most probable path, that of Viterbi, is worse where one of many ways is taken: a
-    /// vehicle that comes back on the map may do so anywhere, and speeds are lumped off it. On 29
-    /// drives of railways and cars without detours, 98.6% of places were right, as of smoothed
-    /// answers, and 97.0% by Viterbi (at worst 87% and 84%); on six with detours, 98.9% and 98.5% of
-    /// steps, and 99.0% smoothed.
+    /// The single most probable path, that of Viterbi, does worse where the vehicle takes one of
+    /// many ways: when it comes back on the map it may do so anywhere, and off it speeds are
+    /// lumped. On 29 drives of railways and cars without detours, 98.6% of places were right, as
+    /// with smoothed answers, and 97.0% by Viterbi (at worst 87% and 84%); on six with detours,
+    /// 98.9% and 98.5% of steps, and 99.0% smoothed.
     ///
-    /// Takes a smoother's time and that of Viterbi; 4 n k bytes a step for back-pointers, and 16 n.
+    /// Takes the time of a smoother and of Viterbi; 4 n k bytes a step for back-pointers, and 16 n.
     ///
     /// # Errors
     ///
@@ -32,6 +33,8 @@ impl Recording {
         let gains = self.gains()?;
         let path = self.decoder()?.viterbi(&Controlled::new(&self.controls, &gains)?)?;
         let off_map = self.recognizer.options().off_map.is_some();
+        // Without a model of leaving the map, a lost vehicle is still somewhere: where it was last
+        // seen.
         let motion = self.recognizer.motion();
         let place = |state: &usize| {
             let is_place = !off_map || motion.speed_of(*state).is_some();
@@ -40,13 +43,13 @@ impl Recording {
         Ok(path.states().iter().map(place).collect())
     }
 
-    /// The model of motion, with logarithms in place of likelihoods.
+    /// Model of motion, with logarithms in place of likelihoods.
     fn decoder(&self) -> Result<Model, RecognitionError> {
         let sensor = LikelihoodVector::log(self.recognizer.references() + 1);
         model(self.recognizer.motion().clone(), sensor)
     }
 
-    /// The probability that an answer is right, times [`STEP_GAIN`], for each place and for off the
+    /// Probability that an answer is right, times [`STEP_GAIN`], for each place and for off the
     /// map; −∞ where the query rules it out.
     fn gains(&self) -> Result<Vec<Vec<f64>>, RecognitionError> {
         let (beliefs, recognizer) = (self.smoothed()?, &self.recognizer);
@@ -55,9 +58,11 @@ impl Recording {
             let belief = belief.as_slice();
             let right = |place: usize| match belief.get(n) {
                 _ if place < n => recognizer.mass_near(belief, place, window),
-                // A vehicle that is lost has no place.
+                // Without a model of leaving the map the belief has no such entry: to be lost is
+                // never right.
                 off => off.copied().unwrap_or(0.0),
             };
+            // Only exact zeros are forbidden; a small likelihood has done its work in the smoother.
             let gain = |(place, likelihood): (usize, &f64)| match *likelihood {
                 0.0 => f64::NEG_INFINITY,
                 _ => STEP_GAIN * right(place),
@@ -77,7 +82,7 @@ mod tests {
     use crate::{Options, Recognizer};
     use wayfix::TransitionEntries;
 
-    /// The best value of all paths from a state on, by enumeration.
+    /// Best value of all paths that go on from a state, by enumeration.
     fn best_from(
         recording: &Recording,
         gain: &dyn Fn(usize, usize) -> f64,

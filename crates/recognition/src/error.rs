@@ -1,4 +1,4 @@
-//! Errors of recognition.
+//! Errors of recognition, each with the query, step or labelled part that it is about.
 
 use wayfix::error::{At, Count, Failed, Parameter};
 use wayfix::observation::ObservationError;
@@ -24,7 +24,7 @@ pub enum RecognitionError {
     #[error(transparent)]
     Query(At<ObservationError>),
     /// A label is empty, or names references that do not exist.
-    #[error("step {step} of labelled part {part} shows references up to {place}, expected a range that is not empty, within 0 to {}", .references.saturating_sub(1))]
+    #[error("step {step} of labelled part {part} shows references up to {place}, expected a non-empty range within 0 to {}", .references.saturating_sub(1))]
     Label {
         /// The labelled part, from 0.
         part: usize,

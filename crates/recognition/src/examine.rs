@@ -1,4 +1,5 @@
-//! Comparing a fit with labels and recordings, to find reasons to doubt it.
+//! Comparing a fit with labels and recordings, to find reasons to doubt it. Thresholds are between
+//! genuine drives and mistakes that were provoked.
 
 use std::ops::RangeInclusive;
 
@@ -10,25 +11,25 @@ use crate::motion::{OdometryModel, RouteControl};
 use crate::observation::{RowScratch, row_scores};
 use wayfix::observation::ObservationError;
 
-/// Mean rank above which matches are near to chance.
+/// Mean rank above which matches are close to chance.
 const CHANCE: f64 = 0.4;
-/// Share of labelled queries, and deviations, by which the nearest image is right more often than
-/// the best score if scores are wrong.
+/// By how much the nearest image must be right more often than the best score for scores to be
+/// wrong: as a share of labelled queries, and in deviations.
 const BETTER: f64 = 0.1;
 const SURELY: f64 = 3.0;
-/// Range of the scale and largest deviation of odometry that is in references.
+/// Range of the scale, and largest deviation, of an odometry that is in references.
 const SCALES: RangeInclusive<f64> = 0.8..=1.25;
 const DEVIATION: f64 = 1.0;
-/// Share of the log-likelihood of a vehicle that is surely lost, below which a recording is
-/// suspect. On eleven recordings of genuine drives the share was below 0, and on drives elsewhere,
-/// shuffled references and noise at least 0.6.
+/// Share of the log-likelihood of a vehicle that is surely lost above which a recording is suspect.
+/// On eleven recordings of genuine drives the share was below 0; on drives elsewhere, shuffled
+/// references and noise it was at least 0.6.
 const SUSPECT: f64 = 0.3;
-/// Number of new frames below which they are too few to say that they match nothing.
+/// Number of new frames below which there are too few to say that they match nothing.
 const FEWEST: usize = 50;
-/// Number of moves below which they are too few to say how fast the vehicle is.
+/// Number of moves below which there are too few to say how fast the vehicle is.
 const FEWEST_MOVES: usize = 20;
-/// Difference of two means of best scores, in deviations, above which they are unlike. Between
-/// thirds of a drive it was 1.6 at most, and between queries of the references' own season and
+/// Difference between two means of best scores, in deviations, above which they are unlike. Between
+/// thirds of a drive it was 1.6 at most, and between queries of the references' own season and of
 /// others at least 2.
 const UNLIKE: f64 = 1.8;
 /// Least probability of answers that odometry is compared with, and the difference over a stretch
@@ -37,7 +38,7 @@ const SURE: f64 = 0.9;
 const DIFFERENCE: f64 = 6.0;
 const DIFFERENCE_SHARE: f64 = 0.25;
 
-/// Numbers of queries for which the nearest image, or the best score, is right.
+/// Numbers of queries for which the nearest image, the best score, or both are right.
 #[derive(Default)]
 struct Rivals {
     queries: f64,
@@ -55,10 +56,12 @@ impl Rivals {
         add(&mut self.both, nearest && single);
     }
 
-    /// Warns if the nearest image is right far more often, and not by chance: by McNemar's test.
+    /// Warns if the nearest image is right far more often, and not by chance (McNemar's test).
     fn warning(&self) -> Option<Warning> {
         let Self { queries, nearest, single, both } = *self;
         let least = BETTER * queries;
+        // Only queries where the rivals disagree count; by chance either is right in half of them,
+        // so the difference has the variance of their number.
         let chance = SURELY * f64::sqrt(nearest + single - 2.0 * both);
         (nearest - single > chance.max(least))
             .then(|| Warning::Nearest { nearest: nearest / queries, single: single / queries })
@@ -66,7 +69,7 @@ impl Rivals {
 }
 
 impl Recognizer {
-    /// Returns warnings from the scores of labelled queries, and the mean and deviation of the
+    /// Returns warnings from the scores of labelled queries, and the mean and deviation of their
     /// best scores.
     pub(super) fn examine<Q>(
         &self,
@@ -85,7 +88,7 @@ impl Recognizer {
                 ranks.push(mean_rank(&scores, places));
                 row_scores(row, &mut within, &mut scratch)?;
                 best.extend(Some(f64::from(least(&within))).filter(|best| best.is_finite()));
-                // A vehicle that stands is one witness.
+                // A vehicle that stands is a single witness.
                 if before != *row {
                     let window = self.options().window;
                     let right =
@@ -128,8 +131,7 @@ impl Recognizer {
     }
 }
 
-/// Mean rank of some places: the share of other references that score less, ties counted
-/// half.
+/// Mean rank of some places: the share of other references that score less, with ties counted half.
 fn mean_rank(scores: &[f64], places: &RangeInclusive<usize>) -> f64 {
     let mut sorted = scores.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -138,20 +140,21 @@ fn mean_rank(scores: &[f64], places: &RangeInclusive<usize>) -> f64 {
     let rank = |score: &f64| {
         let less = sorted.partition_point(|other| other < score);
         let equal = sorted.partition_point(|other| other <= score) - less;
+        // The score itself is among the equal ones and does not count.
         (less as f64 + 0.5 * (equal as f64 - 1.0)) / others
     };
     right.iter().map(rank).sum::<f64>() / right.len() as f64
 }
 
 impl Recording {
-    /// Returns all reasons to doubt the recording: most views are
-    /// [unchanged](Warning::Unchanged) although the vehicle moves, odometry is
-    /// [stuck](Warning::Stuck), the view is [still](Warning::Still) though it reads that the
-    /// vehicle moves, the queries are [unlike](Warning::Unlike) those of the fit, they match
-    /// [nothing](Warning::Nothing) for a while though the map is never left, or the vehicle is
-    /// [faster](Warning::Fast) than the options let it be. Needs no labels. Costs
-    /// as much as [`filtered`](Self::filtered), twice that if odometry reads the same for long, and as
-    /// [`smoothed`](Self::smoothed) if queries are unlike and the map may be left.
+    /// Returns all reasons to doubt the recording: most views are [unchanged](Warning::Unchanged)
+    /// although the vehicle moves, odometry is [stuck](Warning::Stuck), the view is
+    /// [still](Warning::Still) while odometry reads that the vehicle moves, the queries are
+    /// [unlike](Warning::Unlike) those of the fit, they match [nothing](Warning::Nothing) for a
+    /// while although the map is never left, or the vehicle is [faster](Warning::Fast) than the
+    /// options let it be. Needs no labels. Costs as much as [`filtered`](Self::filtered), twice
+    /// that if odometry reads the same for long, plus [`smoothed`](Self::smoothed) if queries are
+    /// unlike and the map may be left.
     #[must_use]
     pub fn doubts(&self) -> Vec<Warning> {
         let own = self.own_doubts.iter().cloned();
@@ -170,6 +173,8 @@ impl Recording {
             (0..n).max_by(|a, b| odds[*a].total_cmp(&odds[*b]).then(b.cmp(a))).unwrap_or(0)
         };
         let places: Vec<usize> = self.single_odds.iter().map(nearest).collect();
+        // Odometry would hold the answers to its own speed; only steps without it tell the images'
+        // speed.
         let steps = places.windows(2).zip(&self.controls[1.min(self.steps())..]);
         let free = steps.filter(|(_, control)| control.odometry.is_none());
         let moved = free.map(|(pair, _)| {
@@ -179,7 +184,7 @@ impl Recording {
         let mut moved: Vec<f64> = moved.collect();
         moved.sort_unstable_by(f64::total_cmp);
         let median = *moved.get(moved.len() / 2)?;
-        // Frames that match nothing jump anywhere.
+        // Frames that match nothing jump anywhere; they must not make up most of the moves.
         let alike = |way: &&f64| (**way - median).abs() <= 1.0 + 0.25 * median;
         let agreed = 2 * moved.iter().filter(alike).count() > moved.len();
         (moved.len() >= FEWEST_MOVES && agreed && median > fastest + 0.5)
@@ -199,8 +204,8 @@ impl Recording {
         if self.recognizer.options().off_map.is_none() {
             return Some(warning);
         }
-        // Queries off the map match nothing, unlike labelled ones; but if most are, the camera may
-        // be another.
+        // Queries off the map match nothing, unlike labelled ones, so only those on the map count.
+        // But if most are off it, the camera may be a different one.
         let beliefs = self.smoothed().ok()?;
         let scores = self.best_scores.iter().enumerate();
         let on_map = scores.filter(|(step, _)| beliefs.mass(*step, None) < 0.5);
@@ -208,11 +213,13 @@ impl Recording {
         if on_map.len() < all.len() / 2 { Some(warning) } else { unlike(&on_map) }
     }
 
-    /// Warns if odometry reads again and again that the vehicle moves at one speed, and the images
-    /// alone say that it moves at another.
+    /// Warns if odometry reads again and again that the vehicle moves at one speed, while the
+    /// images alone say that it moves at another.
     fn stuck(&self) -> Option<Warning> {
         let mut answers = Vec::new();
         let mut start = 0;
+        // Each turn takes one maximal run of equal readings; `max(1)` skips a NaN, which equals
+        // nothing.
         while start < self.steps() {
             let reading = self.controls[start].odometry;
             let equal = self.controls[start..].iter().take_while(|next| next.odometry == reading);
@@ -232,7 +239,7 @@ impl Recording {
         None
     }
 
-    /// True if answers are often further on, or less far, than by a reading that stays.
+    /// True if answers often move on farther than a reading that stays the same says, or less far.
     fn contradicted(&self, reading: f64, answers: &[Answer]) -> bool {
         let OdometryModel { scale, bias, .. } = self.recognizer.options().odometry;
         let driven = f64::from(EQUAL) * (reading - bias) / scale;
@@ -252,7 +259,7 @@ impl Recording {
         against > 1 && 4 * against > judged
     }
 
-    /// The filter's answers by images alone.
+    /// Answers of the filter by images alone.
     fn without_odometry(&self) -> Result<Vec<Answer>, RecognitionError> {
         let mut filter = self.recognizer.model.filter();
         let mut places = vec![0.0; self.recognizer.places()];
@@ -266,20 +273,20 @@ impl Recording {
     }
 
     /// Warns if the filter predicts the images hardly better than for a vehicle that is surely
-    /// lost, whose log-likelihood a step is ln `lost_odds` for an independent view.
+    /// lost, whose log-likelihood is ln `lost_odds` for each independent view.
     fn nothing(&self) -> Option<Warning> {
         let options = self.recognizer.options();
         if options.off_map.is_some() || options.lost_odds == 1.0 {
             return None;
         }
         let mut filter = self.recognizer.model.filter();
-        // Sums of log-likelihoods, of the filter's and of those of a lost vehicle.
+        // Running sums of log-likelihoods: of the filter, and of a lost vehicle.
         let (mut sums, mut steps) = (vec![[0.0; 2]], Vec::new());
         for (step, (control, likelihoods)) in (1..).zip(self.controls.iter().zip(&self.likelihoods))
         {
             filter.predict_with(control).ok()?;
             let log = filter.update(likelihoods).ok()?;
-            // Unchanged frames carry no evidence.
+            // Unchanged frames have likelihood 1 everywhere: no evidence.
             if likelihoods.iter().any(|likelihood| *likelihood != 1.0) {
                 let [sum, lost] = sums[steps.len()];
                 sums.push([sum + log, lost + likelihoods[self.recognizer.references()].ln()]);
@@ -290,6 +297,7 @@ impl Recording {
         if frames < FEWEST {
             return None;
         }
+        // The mean over each span of `frames` new frames is a difference of running sums.
         let spans = sums.iter().zip(&sums[frames..]).zip(&steps[frames - 1..]);
         let means = spans.map(|((from, to), step)| {
             let [sum, lost] = [0, 1].map(|of| (to[of] - from[of]) / frames as f64);

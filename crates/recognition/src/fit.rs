@@ -1,4 +1,5 @@
-//! Learning from labelled parts of drives.
+//! Learning from labelled parts of drives: the camera first, then speeds, odometry and rates from
+//! the labels alone. The temperature is chosen last, on steps that were not learned from.
 
 use std::ops::RangeInclusive;
 
@@ -14,11 +15,11 @@ use wayfix::observation::ObservationError;
 /// Consecutive steps of a drive whose places are known.
 #[derive(Debug)]
 pub struct LabelledPart<'a, Q> {
-    /// The queries, as [`Recognizer::recording`] takes them.
+    /// Queries, as [`Recognizer::recording`] takes them.
     pub queries: &'a [Q],
-    /// For each query, the references that show its place, or `None` if it is off the map.
+    /// References that show the place of each query, or `None` if it is off the map.
     pub places: &'a [Option<RangeInclusive<usize>>],
-    /// For each query, the odometry reading of the way before it; empty if there are none.
+    /// Odometry reading of the way before each query; empty if there are none.
     pub odometry: &'a [Option<f64>],
 }
 
@@ -32,7 +33,7 @@ impl<Q> Clone for LabelledPart<'_, Q> {
 impl<Q> Copy for LabelledPart<'_, Q> {}
 
 impl<Q> LabelledPart<'_, Q> {
-    /// Steps from `first` to before `end`.
+    /// Cuts out the steps from `first` to before `end`.
     pub(super) fn cut(&self, first: usize, end: usize) -> Self {
         let odometry = self.odometry.get(first..end).unwrap_or(&[]);
         Self { queries: &self.queries[first..end], places: &self.places[first..end], odometry }
@@ -47,21 +48,21 @@ const BACK_COUNT: f64 = 67.0;
 pub(super) struct Labels {
     /// Places moved at each step between two steps labelled on the map.
     pub(super) moves: Vec<f64>,
-    /// Moves of which odometry has a reading, each with the reading.
+    /// Moves for which odometry has a reading, each with the reading.
     pub(super) read: Vec<(f64, f64)>,
 }
 
 impl Recognizer {
     /// Learns from labelled parts of drives.
     ///
-    /// Learned are the use, the changes and the slack of speeds, odometry, the rates of leaving the
-    /// map, the usual scores of each reference, and
-    /// the [temperature](crate::observation::MatchOdds), by its log score on each half of the parts
+    /// Learns the shares, the changes and the slack of speeds, odometry, the rates of leaving the
+    /// map, the usual scores of each reference, and the
+    /// [temperature](crate::observation::MatchOdds), by its log score on each half of the parts
     /// with what was learned from the other. Learning starts from the present options; everything
     /// else learned before is replaced.
     ///
-    /// [`Parameters::doubts`] lists reasons to doubt the result. O(steps n k) time, and ten times that
-    /// for the temperature; O(steps n) memory.
+    /// [`Parameters::doubts`] lists reasons to doubt the result. O(steps n k) time, and ten times
+    /// that for the temperature; O(steps n) memory.
     ///
     /// # Errors
     ///
@@ -87,6 +88,7 @@ impl Recognizer {
             let invalid = |error: RecognitionError| error.of_part(number);
             rows.push(self.compare(*part).map_err(invalid)?);
         }
+        // Usual scores come first, since the doubts below examine scores with them.
         let mut fit = Parameters::new(self.options().clone());
         self.fit_camera(&rows, &mut fit)?;
         let labels: Vec<Labels> = parts.iter().map(|part| self.read(part)).collect();
@@ -118,6 +120,8 @@ impl Recognizer {
             for row in part {
                 sensor.learn_row(&fit.options, row, &mut scratch).map_err(wrong)?;
             }
+            // Parts are separate drives: the first view of one does not continue the last of
+            // another.
             sensor.forget();
         }
         fit.standardizer = fit.options.standardize.then_some(sensor.standardizer);
@@ -156,7 +160,7 @@ impl Recognizer {
     }
 
     /// Returns the distances of each query to each reference. Checks all queries and readings,
-    /// of which learning uses only some.
+    /// since learning uses only some of them.
     pub(super) fn compare<Q: AsRef<[f32]>>(
         &self,
         part: LabelledPart<'_, Q>,
@@ -181,6 +185,7 @@ impl Recognizer {
     }
 
     pub(super) fn read<Q>(&self, part: &LabelledPart<'_, Q>) -> Labels {
+        // A label of several references stands for their middle, so moves may be halves.
         let middle = |at: usize| {
             let places = part.places[at].as_ref()?;
             Some(0.5 * (*places.start() as f64 + *places.end() as f64))
@@ -198,7 +203,8 @@ impl Recognizer {
     }
 }
 
-/// Rates of leaving the map and coming back, learned if a label is off the map.
+/// Rates of leaving the map and coming back, learned if a label is off the map: posterior means
+/// with the present rates as prior counts.
 pub(super) fn rates<Q>(before: OffMap, parts: &[LabelledPart<'_, Q>]) -> OffMap {
     let (mut left, mut on) = (before.leave * LEAVE_COUNT, LEAVE_COUNT);
     let (mut returned, mut off) = (before.back * BACK_COUNT, BACK_COUNT);
@@ -216,7 +222,8 @@ pub(super) fn rates<Q>(before: OffMap, parts: &[LabelledPart<'_, Q>]) -> OffMap 
             }
         }
     }
-    // A drive that never left the map does not show that the vehicle never does.
+    // Without a label off the map the rates stay: one drive does not show that the vehicle never
+    // leaves.
     let off_map = parts.iter().any(|part| part.places.iter().any(Option::is_none));
     if off_map { OffMap { leave: left / on, back: returned / off, ..before } } else { before }
 }

@@ -1,22 +1,22 @@
-//! Learning how a vehicle drives without labels.
+//! Learning how a vehicle drives without labels: the smoother's sure answers stand in for them.
 
 use super::{RecognitionError, Recognizer, Recording};
 use crate::motion::OdometryModel;
 use wayfix::error::Count;
 
-/// Smoothed answers at least this probable are taken for true.
+/// Smoothed answers with at least this probability are taken to be true.
 const SURE: f64 = 0.9;
 
 impl Recognizer {
-    /// Learns the use, the changes and the slack of speeds, odometry, and the usual scores of each
-    /// reference from an unlabelled drive.
+    /// Learns the shares, the changes and the slack of speeds, odometry, and the usual scores of
+    /// each reference from an unlabelled drive.
     ///
-    /// Steps of which the smoother is sure (0.9 or more within the
-    /// [window](super::Options::window), not off the map) count as labelled: one round of hard
-    /// expectation and maximisation (Celeux and Govaert 1992). It starts from the present fit,
-    /// which counts as much as at the [first time](crate::motion::Speeds::fit). The usual
-    /// scores are those at the end of the recording, which need no places. The temperature stays: a
-    /// model that is its own teacher would only become more sure.
+    /// Steps where the smoother is sure (0.9 or more within the [window](super::Options::window),
+    /// not off the map) count as labelled: one round of hard expectation and maximisation (Celeux
+    /// and Govaert 1992). It starts from the present fit, which counts as much as it does in
+    /// [`Speeds::fit`](crate::motion::Speeds::fit). The usual scores are those at the end of the
+    /// recording, which need no places. The temperature stays: a model that is its own teacher
+    /// would only become more sure.
     ///
     /// Costs as much as [`smoothed`](Recording::smoothed).
     ///
@@ -37,7 +37,7 @@ impl Recognizer {
     ///
     /// # Errors
     ///
-    /// [`RecognitionError::Count`] for a recording with another number of references, or
+    /// [`RecognitionError::Count`] for a recording with a different number of references, or
     /// [`RecognitionError::Inference`] with the step that is impossible.
     pub fn learn(&self, recording: &Recording) -> Result<Self, RecognitionError> {
         let (found, expected) = (recording.recognizer.references(), self.references());
@@ -49,6 +49,8 @@ impl Recognizer {
         let mut drives: Vec<Vec<f64>> = vec![Vec::new()];
         let mut read = (Vec::new(), Vec::new());
         for at in 1..answers.len() {
+            // A move needs two sure ends. A gap starts a new drive: nothing is known of the change
+            // of speed across it.
             let (Some(before), Some(after)) = (sure(at - 1), sure(at)) else {
                 drives.push(Vec::new());
                 continue;
@@ -74,7 +76,7 @@ impl Recognizer {
         self.with_parameters(fit)
     }
 
-    /// Signed number of places from one to another; around a loop, the shorter way.
+    /// Signed number of places from one to another; around a loop, by the shorter way.
     pub(super) fn places_between(&self, before: f64, after: f64) -> f64 {
         let (n, ahead) = (self.references() as f64, after - before);
         let around = (ahead + 0.5 * n).rem_euclid(n) - 0.5 * n;

@@ -1,5 +1,5 @@
-//! Place recognition by images, from references and queries to answers: the place of a route
-//! that the vehicle is at, with its probability, or that it is at none of them.
+//! Place recognition by images, from references and queries to answers: the place of the route
+//! where the vehicle is, with its probability, or that it is off the map.
 //!
 //! ```
 //! use wayfix_recognition::{LabelledPart, Options, Recognizer};
@@ -11,7 +11,7 @@
 //! let queries: Vec<Vec<f32>> = (5..55).map(row).collect();
 //! let recognizer = Recognizer::from_distances(60, Options::default())?;
 //!
-//! // Where the first of them were taken, if that is known.
+//! // Where the first queries were taken, if that is known.
 //! let places: Vec<_> = (5..25).map(|place| Some(place..=place)).collect();
 //! let part = LabelledPart { queries: &queries[..20], places: &places, odometry: &[] };
 //! let recognizer = recognizer.fit(&[part])?;

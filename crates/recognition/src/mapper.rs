@@ -1,4 +1,5 @@
-//! Mapping while driving.
+//! Mapping while driving: new views become references, in groups, and a track on the references so
+//! far tells whether a place was seen before.
 
 use std::collections::VecDeque;
 
@@ -10,25 +11,26 @@ use crate::observation::{Distance, check_descriptor, view_change};
 use wayfix::error::{At, Parameter};
 use wayfix::observation::ObservationError;
 
-/// Builds the references while the vehicle drives: is this a new place, or one that it has
-/// seen before?
+/// Builds the references while the vehicle drives, and decides whether it is at a new place or at
+/// one that it has seen before.
 ///
-/// Each view becomes a reference unless its place was seen before, or it equals the last one;
-/// views of the last [`gap`](Self::with_gap) steps do not count as seen before. Where odometry says
-/// that the vehicle stands, views that hardly change are no references either. A place is seen
-/// again once the track has passed some references without a jump and is sure to within a few of
-/// them. References join the model in groups. A step costs as much as a [`Track`] step, and every
-/// sixteenth reference 96 comparisons of O(n d) more, for n references of d numbers each.
+/// Each view becomes a reference unless its place was seen before or it equals the last one; views
+/// of the last [`gap`](Self::with_gap) steps do not count as seen before. Where odometry says that
+/// the vehicle stands, views that hardly change do not become references either. A place counts as
+/// seen again once the track has passed some references without a jump and is sure to within a few
+/// of them. References join the model in groups. A step costs as much as a [`Track`] step, and
+/// every sixteenth reference costs 96 more comparisons of O(n d), for n references of d numbers
+/// each.
 ///
-/// On pairs of passes in two seasons or drives, one after the other, of the second pass were
-/// recognised within two references: on a railway by pixels (16 × 32, normalised in patches), 94%
-/// from summer to winter and 92% back, and 83% to 97% on parts of 600 places; by a network's
-/// descriptors, 86% and 53% on 357 places from winter to spring and back; of cars, 93% to 95% of
-/// three pairs and 46% of a fourth, and 78% and 81% of one by an event camera. Of all steps of both
-/// passes, at most 0.7% were taken for another place, but for 1.6% on one part of the railway and
-/// 2.4% and 4.1% with the event camera. What is missed is mostly the start of the second pass: a
-/// new season is recognised after some tens of views. A [`Recognizer`] of the first pass, which
-/// knows that each place is on the map, finds 84% to 100%.
+/// Measured on pairs of passes in two seasons or drives, one after the other, as the share of the
+/// second pass recognised within two references: on a railway by pixels (16 × 32, normalised in
+/// patches), 94% from summer to winter and 92% back, and 83% to 97% on parts of 600 places; by a
+/// network's descriptors, 86% and 53% on 357 places from winter to spring and back; with cars, 93%
+/// to 95% on three pairs and 46% on a fourth, and 78% and 81% on one by an event camera. Of all
+/// steps of both passes, at most 0.7% were taken for another place, except 1.6% on one part of the
+/// railway and 2.4% and 4.1% with the event camera. Most misses are at the start of the second
+/// pass: a new season is recognised after some tens of views. A [`Recognizer`] of the first pass,
+/// which knows that each place is on the map, finds 84% to 100%.
 ///
 /// ```
 /// use wayfix_recognition::observation::Distance;
@@ -56,15 +58,15 @@ pub struct Mapper {
     motion: RouteTransition,
     gap: usize,
     references: Vec<Vec<f32>>,
-    /// The step at which each reference was added.
+    /// Step at which each reference was added.
     added: Vec<usize>,
     steps: usize,
-    /// Mean change from a view to the next, and the number of changes.
+    /// Mean change from one view to the next, and the number of changes.
     usual_change: (f64, u32),
     /// Distance driven since the last reference, by odometry; `None` if a reading is missing.
     driven: Option<f64>,
     track: Option<Track>,
-    /// The last views, and the reference that each became.
+    /// Last views, and the reference that each became, if it did.
     recent: VecDeque<(Vec<f32>, Option<usize>)>,
     /// References along which the track has found itself, without a jump.
     run: Option<Run>,
@@ -80,13 +82,13 @@ struct Run {
 
 /// Number of references added to the model at once.
 const BATCH: usize = 16;
-/// Number of references of the first model: the best of a few says little, as even wrong ones
-/// differ.
+/// Number of references of the first model: the best match among a few says little, as even wrong
+/// ones differ.
 const FIRST: usize = 48;
 /// Largest Euclidean length of a descriptor.
 const LONGEST: f64 = 1.7e38;
-/// Default rates: rare ones, so that a vehicle is taken for one that is back on the map, or has
-/// left it, by its views.
+/// Default rates: rare, so that the views decide whether the vehicle is back on the map or has left
+/// it.
 const MAPPING: OffMap = OffMap { leave: 1e-4, back: 1e-4, near: 0.3, within: 10 };
 /// Factor of the temperature: views of places that are not on the map err together for longer.
 const WARMER: f64 = 1.25;
@@ -97,9 +99,10 @@ const RECENT_WEIGHT: f64 = 0.5;
 /// Number of references that a run of answers must pass before it is believed: a dark stretch
 /// looks like another, but does not lead anywhere.
 const PASSED: usize = 5;
-/// Greatest distance between successive answers of a run, in references.
+/// Largest distance between successive answers of a run, in references.
 const JUMP: usize = 5;
-/// Probability that the vehicle is within so many references of an answer that is believed.
+/// Least probability that the vehicle is within `AROUND` references of an answer, for the answer to
+/// be believed.
 const SURE: f64 = 0.8;
 const AROUND: usize = 5;
 /// Change up to which a view repeats another without odometry, in units of the usual change: in a
@@ -109,8 +112,9 @@ const EQUAL: f64 = 1e-4;
 const STOOD: f64 = 0.5;
 
 impl Mapper {
-    /// Creates a mapper without references. Unless the options model leaving the map, the vehicle
-    /// leaves it and comes back every hundred steps, and the odds of being off it are 1.
+    /// Creates a mapper without references. If the options do not model leaving the map, the
+    /// vehicle leaves it and comes back every ten thousand steps, and the odds of being off it are
+    /// 1.
     ///
     /// # Errors
     ///
@@ -142,14 +146,14 @@ impl Mapper {
         })
     }
 
-    /// Sets the least number of steps between two views of the same place, 30 by default. Views a
+    /// Sets the least number of steps between two views of the same place, 30 by default: views a
     /// few steps apart always look alike.
     #[must_use]
     pub fn with_gap(self, gap: usize) -> Self {
         Self { gap, ..self }
     }
 
-    /// The references so far.
+    /// References so far.
     #[must_use]
     pub fn references(&self) -> &[Vec<f32>] {
         &self.references
@@ -169,6 +173,8 @@ impl Mapper {
         odometry: Option<f64>,
     ) -> Result<Option<Answer>, RecognitionError> {
         self.check(query, odometry)?;
+        // The track grows before it takes the view, so the view is compared with all references
+        // that are old enough.
         self.grow()?;
         let answer = match &mut self.track {
             Some(track) => Some(track.step(query, odometry)?),
@@ -183,6 +189,8 @@ impl Mapper {
             self.added.push(self.steps);
             self.driven = Some(0.0);
         }
+        // Views that merely repeat the last reference would outweigh all others while the vehicle
+        // stands.
         if is_new || seen.is_some() {
             if self.recent.len() == RECENT {
                 self.recent.pop_front();
@@ -201,8 +209,8 @@ impl Mapper {
         Recognizer::from_descriptors(&self.references, self.distance, options)
     }
 
-    /// True if an answer is that of a place seen before: several before it lead there, and the
-    /// track is sure.
+    /// True if an answer is that of a place seen before: several answers before it lead there, and
+    /// the track is sure.
     fn is_believed(&mut self, answer: &Answer) -> bool {
         let (Some(track), Some(place)) = (&self.track, answer.place) else {
             self.run = None;
@@ -228,7 +236,7 @@ impl Mapper {
         let stood = self.driven.is_some_and(|driven| driven < STOOD);
         let part = if stood { self.options.view_threshold.max(EQUAL) } else { EQUAL };
         let is_new = *count == 0 && change > 0.0 || change > part * *usual;
-        // Changes since an older reference are no change from view to view.
+        // A change since an older reference is not one from view to view.
         if is_new && self.added.last() == Some(&(self.steps - 1)) {
             *count = count.saturating_add(1);
             *usual += (change - *usual) / f64::from(*count);
@@ -249,7 +257,7 @@ impl Mapper {
         }
         check_descriptor(query, self.distance).map_err(failed)?;
         let squares: f64 = query.iter().map(|x| f64::from(*x).powi(2)).sum();
-        // The distance of any two such descriptors then fits 32 bits.
+        // The distance between any two such descriptors then fits 32 bits.
         if self.distance == Distance::Euclidean && squares.sqrt() > LONGEST {
             let (what, value) = ("the length of a descriptor", squares.sqrt());
             return Err(Parameter::new(what, value, "at most 1.7e38").into());
@@ -262,6 +270,8 @@ impl Mapper {
     fn grow(&mut self) -> Result<(), RecognitionError> {
         let known = self.track.as_ref().map_or(0, |track| track.recognizer().references());
         let old = |added: &usize| added.saturating_add(self.gap) <= self.steps;
+        // References were added in the order of steps, so the old enough ones are a prefix: the
+        // model's references stay the first of all.
         let count = self.added.iter().take_while(|added| old(added)).count();
         if count < (known + BATCH).max(FIRST) {
             return Ok(());
@@ -270,7 +280,7 @@ impl Mapper {
         let made = Recognizer::from_descriptors(references, self.distance, self.options.clone());
         let recognizer = match made {
             Ok(recognizer) => recognizer,
-            // A vehicle that stands may give equal descriptors for a while.
+            // A vehicle that stands may give equal descriptors for a while: the model waits.
             Err(RecognitionError::References(At {
                 cause: ObservationError::AllEqual { .. },
                 ..
@@ -283,6 +293,7 @@ impl Mapper {
             weight: RECENT_WEIGHT,
         });
         let recognizer = recognizer.after_views(views)?;
+        // A new track has the steps of the mapper, so that errors name them.
         self.track = Some(match &self.track {
             Some(track) => track.extended(&recognizer)?,
             None => recognizer.track().after(self.steps)?,

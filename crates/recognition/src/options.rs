@@ -7,9 +7,9 @@ use wayfix::error::Parameter;
 
 /// Options of a [`Recognizer`](super::Recognizer).
 ///
-/// The defaults were chosen on some recordings, descriptors and drives, and reported on
-/// others; the docs' chapter [from descriptors to a
-/// position](crate::guide::from_descriptors) has each, with what changes if it is halved or doubled.
+/// The defaults were chosen on some recordings, descriptors and drives, and reported on others. The
+/// chapter [from descriptors to a position](crate::guide::from_descriptors) lists each, with the
+/// effect of halving or doubling it.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
@@ -17,29 +17,29 @@ use wayfix::error::Parameter;
 pub struct Options {
     /// True if the references form a loop; false by default.
     pub closed: bool,
-    /// The speeds of the vehicle, in references a step, how they change, and the noise of a step. From
+    /// Speeds of the vehicle, in references a step, how they change, and the noise of a step. From
     /// −2 to 3 by default; [fitting](super::Recognizer::fit) learns all but the grid.
     pub speeds: Speeds,
     /// Model of odometry. Fitting learns it.
     pub odometry: OdometryModel,
-    /// Rates of leaving the map, or `None`, by default, if it is never left. Where the
-    /// labelled part leaves it, fitting learns the rates.
+    /// Rates of leaving the map, or `None`, the default, if it is never left. If the labelled part
+    /// leaves it, fitting learns the rates.
     pub off_map: Option<OffMap>,
-    /// Rates of losing the vehicle and finding it again, where [`off_map`](Self::off_map) is
+    /// Rates of losing the vehicle and finding it again, used if [`off_map`](Self::off_map) is
     /// `None`: a lost vehicle turns up at any place. Answers are conditional on a vehicle that is
-    /// not lost. Once in 100,000 steps by default, for ten steps: a place that was ruled out by a
-    /// tunnel or a look-alike street then comes back after some twenty good frames.
+    /// not lost. By default it is lost once in 100,000 steps, for ten steps: a place that was ruled
+    /// out by a tunnel or a look-alike street then comes back after some twenty good frames.
     pub lost: OffMap,
-    /// The odds of being lost at each step, against those of a wrong place, where
+    /// Odds of being lost at each step, against those of a wrong place, if
     /// [`off_map`](Self::off_map) is `None`. 0.6 by default, the odds that an uninformative frame
-    /// gives to the right place on average: so the vehicle is not taken for lost in a tunnel.
+    /// gives to the right place on average, so that the vehicle is not taken for lost in a tunnel.
     pub lost_odds: f64,
-    /// The odds of being off the map at each step, against those of a wrong place, where
+    /// Odds of being off the map at each step, against those of a wrong place, if
     /// [`off_map`](Self::off_map) is given. 0.85 by default: at 1, stretches of uninformative
     /// frames, such as dark ones, are taken for off the map, and at 0.75 detours are found late.
     pub off_map_odds: f64,
     /// Odds of a score. Their temperature, 1.8 by default, is for frames in sequence; fitting
-    /// chooses another where labels are in favour of it.
+    /// chooses another if the labels favour it.
     pub odds: MatchOdds,
     /// True if the usual scores of each reference are learned from the queries, so that
     /// references that look like everything do not win; true by default.
@@ -49,14 +49,14 @@ pub struct Options {
     /// True if changes of the view count as evidence of moving or standing; true by default.
     pub use_views: bool,
     /// Rate f at which a run of changed, or of unchanged, views loses weight as evidence of moving or
-    /// standing: the k-th counts 1 / (1 + (k − 1) f). 0.1 by default: all of them together grow as
-    /// 10 ln k, since traffic may pass a vehicle that stands for minutes, and a wall one that moves.
+    /// standing: the k-th counts 1 / (1 + (k − 1) f). 0.1 by default: their sum grows as 10 ln k,
+    /// since traffic may pass a standing vehicle for minutes, and a moving one may pass a long wall.
     pub view_fades: f64,
-    /// Least change of a view that counts as a new view, in units of the change from a reference to
-    /// the next. 0.1 by default: smaller ones carry no evidence on the place.
+    /// Smallest change with which a view counts as new, in units of the change from reference to
+    /// reference. 0.1 by default: smaller changes carry no evidence on the place.
     pub view_threshold: f64,
-    /// Number of places on either side of an answer that count as the same: the answer is
-    /// the middle of the most probable such window. 1 by default.
+    /// Number of places on either side of an answer that count as the same place: the answer is the
+    /// middle of the most probable such window. 1 by default.
     pub window: usize,
 }
 
@@ -81,7 +81,7 @@ impl Default for Options {
     }
 }
 
-/// Largest share of time for which a vehicle may be lost: answers are of the rest.
+/// Largest share of time that a vehicle may be lost: answers are conditional on the rest.
 const MOST_LOST: f64 = 0.99;
 
 impl Options {
@@ -99,7 +99,7 @@ impl Options {
         Ok(())
     }
 
-    /// Motion along so many places.
+    /// Motion along a route of this many places.
     pub(super) fn motion(&self, places: usize) -> Result<RouteTransition, RecognitionError> {
         let motion = RouteTransition::new(places, self.closed, self.speeds.clone())?
             .with_odometry(self.odometry)?

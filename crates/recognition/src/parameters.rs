@@ -1,4 +1,5 @@
-//! Result of learning.
+//! Result of learning: options, usual scores and best scores. Warnings and the temperatures tried
+//! are neither stored nor compared.
 
 use super::warning::Warning;
 use super::{Options, RecognitionError};
@@ -41,7 +42,7 @@ impl Parameters {
         }
     }
 
-    /// A fit read from storage, checked.
+    /// Creates a fit from parts read from storage, which it checks.
     #[cfg(feature = "serde")]
     pub(crate) fn from_parts(
         options: Options,
@@ -59,7 +60,7 @@ impl Parameters {
         Ok(Self { standardizer, best_scores, ..Self::new(options) })
     }
 
-    /// The options, including the learned ones.
+    /// Options, including the learned ones.
     #[must_use]
     pub fn options(&self) -> &Options {
         &self.options
@@ -71,7 +72,7 @@ impl Parameters {
         Self { options, ..self }
     }
 
-    /// Drops everything learned of single references: for another map.
+    /// Drops everything learned about single references, for use with another map.
     #[must_use]
     pub fn without_references(self) -> Self {
         Self { standardizer: None, best_scores: None, ..self }
@@ -83,8 +84,8 @@ impl Parameters {
         &self.warnings
     }
 
-    /// The temperatures that were tried, hottest first, each with its score: the filter's log score
-    /// over labelled steps that the fit had not learned from, in independent steps, and the
+    /// Temperatures that were tried, hottest first, each with its score: the filter's log score
+    /// over labelled steps that the fit had not learned from, in independent steps, plus the
     /// logarithm of the prior. The highest score decides. Empty if there was no choice, and for a
     /// fit read from storage.
     #[must_use]

@@ -1,4 +1,5 @@
-//! The model: references, motion and camera.
+//! The model: references, motion and camera. The prior is that of a vehicle that may be anywhere,
+//! at the first observation; a fit replaces parameters, never the references.
 
 use std::sync::Arc;
 
@@ -16,7 +17,7 @@ use wayfix::likelihood::GroupedLikelihood;
 use wayfix::{Hmm, Prior};
 use wayfix_kernels as kernels;
 
-/// Number of queries that usual scores learned before a drive count as at most: they come from
+/// Largest number of queries that usual scores learned before a drive count as: they come from
 /// other places, or from the same drive again.
 pub(super) const KNOWN_COUNT: f64 = 10.0;
 
@@ -37,7 +38,7 @@ pub(super) fn model(
     Hmm::new(prior, motion, camera).map_err(wrong)
 }
 
-/// Checks the control of a step, from 1.
+/// Checks the control of a step, numbered from 1.
 pub(super) fn check_control(
     motion: &RouteTransition,
     step: usize,
@@ -98,13 +99,13 @@ impl Recognizer {
     }
 
     /// Creates a recogniser from several passes along the route, in other seasons or weather:
-    /// reference i of each shows place i. The distance of a query from a place is the least over
+    /// reference i of each shows place i. The distance of a query from a place is the smallest over
     /// the passes.
     ///
     /// # Errors
     ///
-    /// [`RecognitionError`] for references or options that are not valid, for no traverse,
-    /// or traverses of different lengths.
+    /// [`RecognitionError`] for references or options that are not valid, if there are no
+    /// traverses, or if their lengths differ.
     pub fn from_traverses<R: AsRef<[f32]>>(
         traverses: &[&[R]],
         distance: Distance,
@@ -114,8 +115,8 @@ impl Recognizer {
         Self::make(Arc::new(references), Parameters::new(options))
     }
 
-    /// Creates a recogniser for queries that are rows of distances to so many references, smaller
-    /// for more alike, by any comparison. For similarities take their negatives.
+    /// Creates a recogniser for queries that are rows of distances to this many references, smaller
+    /// for more alike, by any comparison. For similarities, give their negatives.
     ///
     /// # Errors
     ///
@@ -124,8 +125,8 @@ impl Recognizer {
         Self::make(Arc::new(References::Compared(references)), Parameters::new(options))
     }
 
-    /// Returns a recogniser of the same references with another fit, such as a stored one.
-    /// Everything learned of single references is dropped if their number differs.
+    /// Returns a recogniser of the same references with another fit, such as a stored one. What was
+    /// learned of single references is dropped if their number differs.
     ///
     /// # Errors
     ///
@@ -136,6 +137,7 @@ impl Recognizer {
 
     fn make(references: Arc<References>, fit: Parameters) -> Result<Self, RecognitionError> {
         let parameters = fit.checked(references.count())?;
+        // Motion always has states off the map: without `off_map` they stand for a lost vehicle.
         let motion = parameters.options.motion(references.count())?;
         let sensor = LikelihoodVector::linear(references.count() + 1);
         let model = Arc::new(model(motion, sensor)?);
@@ -162,31 +164,31 @@ impl Recognizer {
         Ok(self)
     }
 
-    /// The number of references, n.
+    /// Number of references, n.
     #[must_use]
     pub fn references(&self) -> usize {
         self.references.count()
     }
 
-    /// The options, as given or learned.
+    /// Options, as given or learned.
     #[must_use]
     pub fn options(&self) -> &Options {
         &self.parameters.options
     }
 
-    /// The result of learning, or the given options if nothing was learned.
+    /// Result of learning, or the given options if nothing was learned.
     #[must_use]
     pub fn parameters(&self) -> &Parameters {
         &self.parameters
     }
 
-    /// The model of motion.
+    /// Model of motion.
     #[must_use]
     pub fn motion(&self) -> &RouteTransition {
         self.model.transition()
     }
 
-    /// Length of a belief over places: one entry for each, and one for off the map if that is
+    /// Length of a belief over places: one entry for each place, and one for off the map if that is
     /// modelled.
     pub(super) fn places(&self) -> usize {
         self.references() + usize::from(self.options().off_map.is_some())
@@ -199,13 +201,14 @@ impl Recognizer {
         if let [off] = off {
             *off = lost;
         } else {
-            // Conditional on a vehicle that is not lost.
+            // Without a model of leaving the map, answers are conditional on a vehicle that is not
+            // lost.
             let found = kernels::sum(places);
             if found >= f64::MIN_POSITIVE {
                 let scale = 1.0 / found;
                 places.iter_mut().for_each(|place| *place *= scale);
             } else {
-                // Surely lost, or beyond the range of doubles.
+                // Surely lost, or beyond the range of doubles: nothing is known of the place.
                 places.fill(1.0 / places.len() as f64);
             }
         }

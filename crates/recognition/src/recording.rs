@@ -1,4 +1,5 @@
-//! A whole drive, and its beliefs.
+//! A whole drive, and its beliefs. The sensor runs once, causally; filter, smoother and decoder
+//! then share its likelihoods.
 
 use std::borrow::Borrow;
 use std::f64::consts::LN_2;
@@ -19,8 +20,8 @@ use wayfix::{Belief, BeliefView};
 
 /// A drive compared with the references, to be filtered, smoothed or decoded.
 ///
-/// Step k, from 1, is that of query k − 1. Likelihoods are those of the time: the sensor
-/// learns of the references as the vehicle drives, and the smoother takes the likelihoods that
+/// Step k, counted from 1, is that of query k − 1. Likelihoods are those of their time: the sensor
+/// learns about the references as the vehicle drives, and the smoother uses the likelihoods that
 /// the filter had.
 #[derive(Debug, Clone)]
 pub struct Recording {
@@ -45,14 +46,14 @@ pub struct PlaceBeliefs {
 }
 
 impl Recognizer {
-    /// Compares a whole drive with the references: a query for each step, and the odometry
-    /// reading of the way before it, in references, or none at all. O(steps × n) memory, of
-    /// 8 bytes each.
+    /// Compares a whole drive with the references: a query for each step, and the odometry reading
+    /// of the way before it, in references, or none at all. Memory: 8 bytes for each of O(steps ×
+    /// n) numbers.
     ///
     /// # Errors
     ///
-    /// [`RecognitionError`] for a query that is not valid, with its step, or another
-    /// number of odometry readings than of queries.
+    /// [`RecognitionError`] for a query that is not valid, with its step, or if the numbers of
+    /// odometry readings and queries differ.
     pub fn recording<Q: AsRef<[f32]>>(
         &self,
         queries: &[Q],
@@ -91,13 +92,13 @@ impl Recognizer {
 }
 
 impl Recording {
-    /// The number of steps.
+    /// Number of steps.
     #[must_use]
     pub fn steps(&self) -> usize {
         self.controls.len()
     }
 
-    /// Filtered beliefs: of each step, given the queries up to it. O(n k) a step.
+    /// Filtered beliefs: that of each step, given the queries up to it. O(n k) a step.
     ///
     /// # Errors
     ///
@@ -113,7 +114,7 @@ impl Recording {
         Ok(beliefs)
     }
 
-    /// Smoothed beliefs: of each step, given all queries. O(n k √steps) memory beside the
+    /// Smoothed beliefs: that of each step, given all queries. O(n k √steps) memory beside the
     /// result.
     ///
     /// # Errors
@@ -129,8 +130,8 @@ impl Recording {
         Ok(beliefs)
     }
 
-    /// Fixed-lag beliefs: of each step, given the queries up to `lag` steps later, one result for
-    /// each lag. O(n k longest lag) a step, and as much memory.
+    /// Fixed-lag beliefs: that of each step, given the queries up to `lag` steps later; one result
+    /// for each lag. O(n k longest lag) a step, and as much memory.
     ///
     /// # Errors
     ///
@@ -145,7 +146,8 @@ impl Recording {
         {
             logs.push(stream.step_with(control, likelihoods)?);
             for (lag, beliefs) in lags.iter().zip(&mut all) {
-                // At the end, the remaining steps are answered with all queries.
+                // A step is due `lag` steps later; at the end all remaining ones are, given all
+                // queries.
                 let oldest = now.saturating_sub(*lag);
                 let due = if now + 1 == count { oldest..count } else { oldest..oldest + 1 };
                 for at in due.filter(|at| now + 1 == count || at + *lag == now) {
@@ -158,12 +160,12 @@ impl Recording {
         Ok(all)
     }
 
-    /// Single-image beliefs: of each step, given its query alone and a uniform prior, at the
+    /// Single-image beliefs: that of each step, given its query alone and a uniform prior, at the
     /// temperature of single images. O(n) a step.
     ///
-    /// A baseline: how much more often the answers of [`filtered`](Self::filtered) are right is what
-    /// motion adds. Its odds are those of the sensor, with
-    /// standardized references and all that a fit has learned of them.
+    /// A baseline: motion adds the difference by which [`filtered`](Self::filtered) is right more
+    /// often. The odds are those of the sensor, with standardized references and all that a fit has
+    /// learned about them.
     #[must_use]
     pub fn single(&self) -> PlaceBeliefs {
         let mut beliefs = PlaceBeliefs::new(&self.recognizer, self.steps());
@@ -172,8 +174,9 @@ impl Recording {
         let n = self.recognizer.references();
         for (at, odds) in self.single_odds.iter().enumerate() {
             let prior = |i: usize| if i < n { (1.0 - off) / n as f64 } else { off };
+            // The odds are tempered for frames in sequence: a power of τ undoes the power 1/τ.
             let log2 = odds.iter().map(|log2| f64::from(*log2) * temperature);
-            // Off the map, the odds are 1.
+            // Off the map, the odds are 1. The largest is taken out, so that exp2 cannot overflow.
             let most = log2.clone().fold(if off > 0.0 { 0.0 } else { f64::NEG_INFINITY }, f64::max);
             let own = beliefs.row_mut(at);
             let row = own.iter_mut().zip(log2.chain(std::iter::once(0.0))).enumerate();
@@ -192,7 +195,7 @@ impl Recording {
     }
 }
 
-/// The drive for models of one's own: the motion before each step, and the likelihoods of places.
+/// The drive for other models: the motion before each step, and the likelihoods of places.
 impl<Y: ?Sized> Sequence<RouteControl, Y> for Recording
 where
     Vec<f64>: Borrow<Y>,
@@ -229,7 +232,7 @@ impl PlaceBeliefs {
         log_likelihoods[at] = log_likelihood;
     }
 
-    /// The number of steps.
+    /// Number of steps.
     #[must_use]
     pub fn steps(&self) -> usize {
         self.log_likelihoods.len()

@@ -1,4 +1,5 @@
-//! References, and their comparison with queries.
+//! References, and their comparison with queries: from several traverses, the smallest distance to
+//! each place.
 
 use std::ops::Range;
 
@@ -7,11 +8,11 @@ use crate::observation::{Distance, ReferenceDescriptors, RowScratch, Standardize
 use wayfix::error::Count;
 use wayfix::observation::ObservationError;
 
-/// Number of evenly spaced references that are compared with all, to learn the usual scores of
-/// each.
+/// Number of evenly spaced references that are compared with all others, to learn the usual scores
+/// of each.
 const SAMPLE: usize = 64;
-/// Least distance along the route within which references count as looking alike because they are
-/// near, and the score from which on farther ones no longer do.
+/// Distance along the route within which references always count as alike because they are near,
+/// and the score at or above which farther ones are no longer alike.
 const NEAR: usize = 10;
 const UNLIKE: f32 = -1.0;
 
@@ -19,8 +20,8 @@ const UNLIKE: f32 = -1.0;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Exemplar<'a> {
     pub(super) descriptor: &'a [f32],
-    /// The reference that shows the same view, if one does: those around it say nothing of usual
-    /// scores.
+    /// The reference that shows the same view, if there is one: those around it say nothing about
+    /// usual scores.
     pub(super) reference: Option<usize>,
     /// Weight, in queries.
     pub(super) weight: f64,
@@ -35,7 +36,7 @@ pub(super) struct Scratch {
     rows: RowScratch,
 }
 
-/// References around one that look like it because they are near.
+/// References around a given one that look like it because they are near.
 fn alike_around(
     row: &[f32],
     at: usize,
@@ -49,13 +50,13 @@ fn alike_around(
     Ok(at.saturating_sub(before)..(at + after + 1).min(row.len()))
 }
 
-/// The references of a route: descriptors of one traverse or of several, or only their number
-/// where queries come as distances.
+/// References of a route: descriptors of one traverse or of several, or only their number if
+/// queries come as distances.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum References {
-    /// Number of references; queries are rows of as many distances.
+    /// Number of references; a query is a row of that many distances.
     Compared(usize),
-    /// Descriptors of each traverse, as queries are; reference i of each shows place i.
+    /// Descriptors of each traverse, in the form of queries; reference i of each shows place i.
     Descriptors(Vec<ReferenceDescriptors>),
 }
 
@@ -110,6 +111,7 @@ impl References {
         scratch: &mut Scratch,
     ) -> Result<(), ObservationError> {
         let Scratch { row, more, scores, rows } = scratch;
+        // A view that cannot be compared, such as a zero descriptor, teaches nothing.
         if self.distances(0, view.descriptor, row, more).is_err() {
             return Ok(());
         }
@@ -130,7 +132,7 @@ impl References {
         }
     }
 
-    /// Computes the distance of a query to each place: of several traverses, the least, since a
+    /// Computes the distance of a query to each place: the smallest over the traverses, since a
     /// place that looks right in one season is right. `more` is scratch memory.
     pub(super) fn distances(
         &self,

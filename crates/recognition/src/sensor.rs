@@ -1,5 +1,5 @@
-//! The camera: from a query to likelihoods and evidence on the move, and what queries teach of the
-//! references.
+//! The camera: from a query to likelihoods and evidence on the move, and to what the query teaches
+//! about the references (guide, section 11).
 //!
 //! A step takes two calls, so that an error between them leaves no trace: [`Sensor::observe`]
 //! changes scratch memory alone, and [`Sensor::learn`] follows once the filter has taken the step.
@@ -11,28 +11,28 @@ use crate::motion::{Driven, RouteControl, ViewChange, ViewEvidence};
 use crate::observation::{RowScratch, Spread, Standardizer, row_scores, within};
 use wayfix::observation::ObservationError;
 
-/// Share of a view that is new from which on it counts as a whole witness: along a densely sampled
+/// Share of a view that must be new for it to count as a whole witness: along a densely sampled
 /// route, successive frames are partly one witness.
 const WITNESS: f64 = 0.03;
-/// A view is unchanged up to this part of this quantile of the changes from a reference to the next:
-/// nearly all steps along the route change it more, those in dark stretches, too.
+/// A view is unchanged up to this part of this quantile of the changes from reference to reference:
+/// nearly all steps along the route change it more, even those in dark stretches.
 const STILL_SHARE: f64 = 0.02;
 const STILL_PART: f64 = 0.2;
 
-/// Share of the least score from which on a reference is among the nearest.
+/// Share of the least score up to which a reference is among the nearest.
 const AMONG: f32 = 0.8;
 /// Share of its score in a row above which the usual score of a reference explains that it is near.
 const USUALLY: f32 = 0.3;
-/// Number of queries from which on usual scores are known well enough for that: those known before
-/// the drive may be of another season, and ten of the drive.
+/// Number of queries after which usual scores are known well enough for that: those known before
+/// the drive may be of another season, so ten of the drive are required.
 const ACQUAINTED: f64 = 2.0 * KNOWN_COUNT;
 /// Largest share of lingering views that counts, so that a reference that becomes near to every
-/// query is learned at last.
+/// query is learned in the end.
 const MOST_LINGERING: f64 = 0.8;
-/// Number of new views over which the share of lingering ones fades, by e.
+/// Number of new views over which the share of lingering ones fades to 1/e.
 const LINGERING: f64 = 20.0;
 
-/// Largest change of an unchanged view.
+/// Largest change with which a view still counts as unchanged.
 fn still(standardizer: &Standardizer, scratch: &mut Vec<f64>) -> f64 {
     STILL_PART * standardizer.step_quantile(STILL_SHARE, scratch)
 }
@@ -43,14 +43,14 @@ pub(super) struct Sighting {
     /// Odometry, the view, and the motion before the step.
     pub(super) control: RouteControl,
     view: View,
-    /// Length of the run of views like this one, with it.
+    /// Length of the run of views like this one, including it.
     run: u32,
     /// Variances of usual scores, if the view is evidence on the place.
     spread: Option<Spread>,
 }
 
-/// Scratch memory of a sensor: no result depends on what an earlier step left in it, but for
-/// `single_odds`.
+/// Scratch memory of a sensor. Except for `single_odds`, no result depends on what an earlier step
+/// left in it.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Scratch {
     distances: Vec<f32>,
@@ -58,23 +58,23 @@ pub(super) struct Scratch {
     /// Scores within the row of the last query.
     scores: Vec<f32>,
     rows: RowScratch,
-    /// Changes from a reference to the next.
+    /// Changes from reference to reference.
     changes: Vec<f64>,
-    /// The likelihood of each place, then that of off the map.
+    /// Likelihood of each place, then that of off the map.
     pub(super) likelihoods: Vec<f64>,
-    /// log2 of the odds of each place by the last new frame alone; empty where nobody asks for them.
+    /// log2 of the odds of each place by the last new frame alone; empty if they are not wanted.
     pub(super) single_odds: Vec<f32>,
 }
 
 impl Scratch {
-    /// The least score within the row of the last query.
+    /// Least score within the row of the last query.
     pub(super) fn best_score(&self) -> f64 {
         f64::from(least(&self.scores))
     }
 }
 
-/// State of the camera, with all that it has learned of the references so far: plain data, and its
-/// own snapshot. It is causal: live and in recordings, a step depends on no later query.
+/// State of the camera, with all that it has learned about the references so far: plain data, and
+/// its own snapshot. It is causal: live and in recordings, a step depends on no later query.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Sensor {
     pub(crate) standardizer: Standardizer,
@@ -82,7 +82,7 @@ pub(crate) struct Sensor {
     pub(crate) last_view: Option<Vec<f32>>,
     /// Length of the run of views like the last one, changed or not.
     pub(crate) run: Option<(Option<ViewChange>, u32)>,
-    /// Largest change of an unchanged view.
+    /// Largest change with which a view still counts as unchanged.
     pub(crate) still: f64,
     /// Share of recent new views in which the reference that was nearest before is still among the
     /// nearest.
@@ -126,27 +126,33 @@ impl Sensor {
             return Err(failed(ObservationError::NoMatch));
         }
         likelihoods.resize(n + 1, 1.0);
+        // A view that matches nothing at all is evidence of being off the map, even if it is
+        // repeated.
         let spread = (view.fresh > 0.0 || nowhere).then(|| self.standardizer.spread());
         if let Some(spread) = spread {
             let (places, off) = likelihoods.split_at_mut(n);
             self.standardizer.standardize(spread, scores, places);
             options.odds.log2_odds_of(&places[..single_odds.len()], single_odds);
+            // The same power for all places and for off the map: one witness, or a part of one, for
+            // all.
             let weight = (view.fresh / WITNESS).min(1.0);
             options.odds.odds_of(weight, places);
             let off_map = options.off_map.is_some();
             let odds = if off_map { options.off_map_odds } else { options.lost_odds };
             off.fill(odds.powf(weight));
         } else {
-            // A repeated view adds no evidence on the place.
+            // A repeated view is not new evidence on the place.
             likelihoods.fill(1.0);
         }
+        // A lost frame sets `self.run` to `None`, so a gap always starts a new run.
         let run = match self.run {
             Some((before, count)) if before == view.change => count.saturating_add(1),
             _ => 1,
         };
+        // The k-th view of a run counts 1 / (1 + (k − 1) f): together they grow like ln k / f.
         let weight = 1.0 / (1.0 + f64::from(run - 1) * options.view_fades);
         let evidence = view.change.map(|view| ViewEvidence { view, weight });
-        // The first view has no view before it.
+        // The first view has no view to be compared with.
         let evidence = evidence.filter(|_| options.use_views && self.run.is_some());
         let control = RouteControl { view: evidence, ..self.control(odometry) };
         Ok(Sighting { control, view, run, spread })
@@ -169,8 +175,8 @@ impl Sensor {
         self.drive(recognizer, control);
     }
 
-    /// Takes a step without a query. The next view then counts as the first after a gap: it may
-    /// have changed or not for any reason.
+    /// Takes a step without a query. The next view then counts as the first after a gap: whether it
+    /// has changed may have any reason.
     pub(super) fn skip(&mut self, recognizer: &Recognizer, control: &RouteControl) {
         self.run = None;
         self.drive(recognizer, control);
@@ -181,8 +187,8 @@ impl Sensor {
         RouteControl { odometry, view: None, before: self.driven }
     }
 
-    /// Estimates the motion of a step. It matters off the map only: a lost vehicle need not go on
-    /// as it did.
+    /// Estimates the motion of a step. It is used off the map only, and only if that is modelled: a
+    /// lost vehicle need not go on as it did.
     fn drive(&mut self, recognizer: &Recognizer, control: &RouteControl) {
         let measured = control.view.is_some() || control.odometry.is_some();
         if measured && recognizer.options().off_map.is_some() {
@@ -190,7 +196,7 @@ impl Sensor {
         }
     }
 
-    /// Compares the last row of distances with that of the last new view.
+    /// Compares the row of distances in the scratch memory with that of the last new view.
     fn compare(&self, options: &Options, scratch: &mut Scratch) -> Result<View, ObservationError> {
         let Scratch { distances, scores, rows, .. } = scratch;
         self.standardizer.check(distances)?;
@@ -201,7 +207,7 @@ impl Sensor {
         })
     }
 
-    /// Learns usual scores from the last row, that of a view with a new part.
+    /// Learns usual scores from the last row, which is that of a view with a new part.
     #[expect(clippy::cast_sign_loss, reason = "ln(1 + count) is at least 0")]
     fn learn_scores(
         &mut self,
@@ -215,22 +221,24 @@ impl Sensor {
         if options.standardize {
             if let Some(last) = last_view {
                 let at = nearest(last);
-                // A reference that is near to every query stays nearest, too, but its usual score
-                // says so.
+                // A reference that is near to every query also stays nearest, but then its usual
+                // score explains it.
                 let lingers = scores[at] <= AMONG * least(scores)
                     && standardizer.count() >= ACQUAINTED
                     && standardizer.usual(spread, at) > USUALLY * within(scores[at]);
                 *lingering += (f64::from(u8::from(lingers)) - *lingering) / LINGERING;
             }
             // A vehicle that moves on slowly has views with new noise and little else: its place
-            // must not become usual. The share of lingering views stands for the correlation of
-            // views.
+            // must not become usual. The share l of lingering views stands for the correlation of
+            // views, and the weight (1 − l) / (1 + l) for the independent part (guide, section 11,
+            // Views).
             let lingering = lingering.min(MOST_LINGERING);
             let fresh = fresh * (1.0 - lingering) / (1.0 + lingering);
             let level = |count: f64| (30.0 * count.ln_1p()) as u32;
             let before = level(standardizer.count());
             standardizer.count_in(spread, scores, fresh);
-            // The threshold follows at some steps only, since it takes as long as all else.
+            // The threshold takes as long as all else, so it follows at some counts only: about 30
+            // times for each factor e of the count.
             if level(standardizer.count()) != before {
                 self.still = still(standardizer, changes);
             }
@@ -241,7 +249,7 @@ impl Sensor {
         }
     }
 
-    /// Learns usual scores from a row of distances alone.
+    /// Learns usual scores from a row of distances, without a step.
     pub(super) fn learn_row(
         &mut self,
         options: &Options,
@@ -257,23 +265,24 @@ impl Sensor {
         Ok(())
     }
 
-    /// Forgets the last view, but nothing learned of the references.
+    /// Forgets the last view, but nothing learned about the references.
     pub(super) fn forget(&mut self) {
         (self.run, self.lingering, self.driven) = (None, 0.0, None);
         self.tally = Tally::default();
-        // Infinite distances are not compared; the memory is kept.
+        // Infinite distances are left out of comparisons, so the next view is new; the memory is
+        // kept.
         self.last_view.iter_mut().for_each(|row| row.fill(f32::INFINITY));
     }
 
-    /// Extends the sensor to more references, the first of which are the present ones.
+    /// Extends the sensor to more references, which start with the present ones.
     ///
-    /// Usual scores are those of `fresh`, which treats all references alike. If old references
-    /// had learned from many queries and new ones from few, old places would win (on a railway by
+    /// Usual scores are those of `fresh`, which treats all references alike. If old references had
+    /// learned from many queries and new ones from few, old places would win (on a railway by
     /// pixels, up to 27 times as many wrong matches).
     pub(super) fn extended(&self, fresh: &Self) -> Self {
         let mut sensor = Self { standardizer: fresh.standardizer.clone(), ..self.clone() };
         let count = fresh.standardizer.references();
-        // Infinite distances are not compared.
+        // Infinite distances are left out of comparisons.
         sensor.last_view.iter_mut().for_each(|row| row.resize(count, f32::INFINITY));
         sensor
     }

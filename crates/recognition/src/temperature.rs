@@ -1,36 +1,37 @@
-//! Choice of the temperature by the filter's log score on steps that were not learned from.
+//! Choice of the temperature by the filter's log score on steps that were not learned from (guide,
+//! section 11, Match odds): likelihood alone would prefer temperatures that make answers too sure.
 
 use super::fit::LabelledPart;
 use super::parameters::Parameters;
 use super::warning::Warning;
 use super::{Options, RecognitionError, Recognizer};
 
-/// Candidate factors of the temperature.
+/// Factors of the temperature to try.
 const FACTORS: [f64; 5] = [2.0, 1.4, 1.0, 0.7, 0.5];
-/// Standard deviation of the logarithm of the factor, by the prior.
+/// Standard deviation of the logarithm of the factor in the prior.
 const DEVIATION: f64 = 0.25;
-/// Number of steps that count as one in the log score, since they err together.
+/// Number of steps that count as one in the log score, since steps err together.
 const TOGETHER: f64 = 10.0;
-/// Least probability that counts for a step: no step decides alone.
+/// Smallest probability that counts for a step, so that no step decides alone.
 const LEAST: f64 = 1e-3;
 /// Fewest labelled steps of a half.
 const HALF: usize = 30;
-/// Steps left out at the beginning of a part, in which the vehicle is still being localised.
+/// Steps left out at the beginning of a part, while the vehicle is still being localised.
 const FINDING: usize = 10;
-/// Probability of a label below which the filter contradicts it, and the share of such labels above
-/// which the fit is doubtful: 0.42 at most on drives with right labels.
+/// Probability of a label below which the filter contradicts it, and share of such labels above
+/// which the fit is doubtful. On drives with right labels the share was 0.42 at most.
 const UNLIKELY: f64 = 0.1;
 const MOST: f64 = 0.6;
-/// Places on either side of a label that count as right, too.
+/// Places on either side of a label that also count as right.
 const BESIDE: usize = 1;
 
 impl Recognizer {
-    /// Chooses the temperature with the highest summed log score and prior, for what was learned
-    /// from all labels: each half of the labelled part is scored with what was learned from the
-    /// other one. `self` is the recogniser before learning.
+    /// Chooses the temperature with the highest sum of log score and log-prior, given what was
+    /// learned from all labels: each half of the labelled part is scored with what was learned from
+    /// the other. `self` is the recogniser before learning.
     ///
-    /// A sum is decided by the steps at which temperatures differ; easy ones score alike at all of
-    /// them, and one that is lost at all of them is bounded.
+    /// The steps at which temperatures differ decide the sum: easy steps score alike at all of
+    /// them, and a step that is lost at all of them is bounded.
     pub(super) fn fit_temperature<Q: AsRef<[f32]>>(
         &self,
         mut fit: Parameters,
@@ -47,6 +48,7 @@ impl Recognizer {
             let steps = half.iter().map(|part| part.places.len().saturating_sub(FINDING));
             steps.sum::<usize>() >= HALF && self.check_labels(half).is_ok()
         };
+        // Too few labels to hold out a half: the temperature stays.
         if !halves.iter().all(long) {
             return Ok(fit);
         }
@@ -61,6 +63,7 @@ impl Recognizer {
         let learned = [self.fit_at_temperature(&halves[1])?, self.fit_at_temperature(&halves[0])?];
         let (mut scores, mut shares) = (Vec::new(), Vec::new());
         for (options, factor) in options.iter().zip(FACTORS) {
+            // Log-density of a normal prior of ln factor, centred at the present temperature.
             let mut score = -0.5 * (factor.ln() / DEVIATION).powi(2);
             let (mut steps, mut unlikely) = (0_u32, 0_u32);
             for (learned, half) in learned.iter().zip(&halves) {
@@ -76,6 +79,8 @@ impl Recognizer {
             scores.push(score);
             shares.push(f64::from(unlikely) / f64::from(steps));
         }
+        // Hottest first, and a later one must be strictly better: a tie goes to the hotter, less
+        // sure one.
         let better = |best: usize, at: usize| if scores[at] > scores[best] { at } else { best };
         let chosen = (0..FACTORS.len()).fold(0, better);
         let temperatures: Vec<f64> =
@@ -90,7 +95,7 @@ impl Recognizer {
         Ok(fit)
     }
 
-    /// The probabilities that the filter gives to labels, without the first steps of each part.
+    /// Probabilities that the filter gives to labels, without the first steps of each part.
     fn label_masses<Q: AsRef<[f32]>>(
         &self,
         parts: &[LabelledPart<'_, Q>],

@@ -1,4 +1,5 @@
-//! Live tracking.
+//! Live tracking: a filter, the sensor's state, and the belief over places after the last step. A
+//! step that fails changes none of them.
 
 use std::sync::Arc;
 
@@ -16,8 +17,8 @@ use wayfix::{Belief, BeliefView};
 
 /// A vehicle tracked step by step.
 ///
-/// A step costs O(n k) for n references and k speeds, and the comparison with the
-/// references; it allocates nothing after the first two. `Send` and `Clone`.
+/// A step costs O(n k) for n references and k speeds, plus the comparison with the references; it
+/// allocates nothing after the first two steps. `Send` and `Clone`.
 #[derive(Debug, Clone)]
 pub struct Track {
     recognizer: Recognizer,
@@ -27,7 +28,7 @@ pub struct Track {
     places: Vec<f64>,
 }
 
-/// State of a [`Track`], as plain data to be restored. With the feature `serde` it can be
+/// State of a [`Track`], as plain data to restore it from. With the feature `serde` it can be
 /// stored, so that a position survives a restart.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrackSnapshot {
@@ -52,13 +53,13 @@ impl Recognizer {
 }
 
 impl TrackSnapshot {
-    /// The number of steps taken.
+    /// Number of steps taken.
     #[must_use]
     pub fn steps(&self) -> usize {
         self.filter.steps()
     }
 
-    /// The number of references of its track.
+    /// Number of references of the track.
     #[must_use]
     pub fn references(&self) -> usize {
         self.sensor.standardizer.references()
@@ -66,9 +67,9 @@ impl TrackSnapshot {
 }
 
 impl Track {
-    /// Takes the next query, a descriptor or a row of distances as the recogniser was made for,
-    /// and the distance driven by odometry since the last one, in references, if that is known.
-    /// For a lost frame, call [`predict`](Self::predict).
+    /// Takes the next query, a descriptor or a row of distances as the recogniser was made for, and
+    /// the distance driven by odometry since the last one, in references, if that is known. For a
+    /// lost frame, call [`predict`](Self::predict).
     ///
     /// A wheel slip does little harm, but a lasting fault (wheels that are stuck, a unit that
     /// stopped counting) is not a slip: give `None`. [`doubts`](Self::doubts) shows some of them.
@@ -84,6 +85,8 @@ impl Track {
     ) -> Result<Answer, RecognitionError> {
         let Self { recognizer, sensor, scratch, .. } = self;
         let step = self.filter.steps().saturating_add(1);
+        // The sensor learns only after the filter took the step, so an error leaves both as they
+        // were.
         let sighting = sensor.observe(recognizer, step, query, odometry, scratch)?;
         let log_likelihood = self.advance(&sighting.control)?;
         self.sensor.learn(&self.recognizer, &sighting, &mut self.scratch);
@@ -91,7 +94,7 @@ impl Track {
     }
 
     /// Takes a step without a query, for a lost frame: the motion alone, with the odometry reading
-    /// if there is one. The next view then counts as the first after a gap: a change of it is no
+    /// if there is one. The next view then counts as the first after a gap: its change is not
     /// evidence of moving or standing.
     ///
     /// # Errors
@@ -99,6 +102,7 @@ impl Track {
     /// [`RecognitionError`] if the reading is not valid; the track is then as before.
     pub fn predict(&mut self, odometry: Option<f64>) -> Result<Answer, RecognitionError> {
         let control = self.sensor.control(odometry);
+        // A likelihood of 1 everywhere: an update that changes nothing.
         self.scratch.likelihoods.resize(self.recognizer.references() + 1, 1.0);
         self.scratch.likelihoods.fill(1.0);
         let log_likelihood = self.advance(&control)?;
@@ -108,8 +112,8 @@ impl Track {
 
     /// Takes a step of the filter with the likelihoods in the scratch memory.
     fn advance(&mut self, control: &RouteControl) -> Result<f64, RecognitionError> {
-        // The filter checks all controls but the first, since no move leads to the first step; the
-        // sensor keeps its reading.
+        // The filter checks all controls but the first, since no move leads to the first step; but
+        // the sensor keeps the reading of the first.
         if self.filter.steps() == 0 {
             check_control(self.recognizer.motion(), 1, control)?;
         }
@@ -118,13 +122,13 @@ impl Track {
         Ok(log_likelihood)
     }
 
-    /// The belief over places, with a last entry for off the map if that is modelled.
+    /// Belief over places, with a last entry for off the map if that is modelled.
     #[must_use]
     pub fn places(&self) -> BeliefView<'_> {
         Belief::view(&self.places)
     }
 
-    /// The number of steps taken.
+    /// Number of steps taken.
     #[must_use]
     pub fn steps(&self) -> usize {
         self.filter.steps()
@@ -136,7 +140,7 @@ impl Track {
         self.filter.log_likelihood()
     }
 
-    /// The recogniser.
+    /// Recogniser of the track.
     #[must_use]
     pub fn recognizer(&self) -> &Recognizer {
         &self.recognizer
@@ -144,10 +148,10 @@ impl Track {
 
     /// Returns reasons to doubt the recent views and readings: most views are
     /// [unchanged](Warning::Unchanged) although the vehicle moves, odometry is
-    /// [stuck](Warning::Stuck), or the view is [still](Warning::Still) though it reads that the
-    /// vehicle moves. A reading that stays is compared with changes of the view alone; whether it is
-    /// the speed at which the images move on, [`Recording::doubts`](super::Recording::doubts) tells.
-    /// Cheap enough for each step.
+    /// [stuck](Warning::Stuck), or the view is [still](Warning::Still) while odometry reads that
+    /// the vehicle moves. A reading that stays the same is compared with changes of the view alone;
+    /// [`Recording::doubts`](super::Recording::doubts) also compares it with the speed at which the
+    /// images move on. Cheap enough for each step.
     #[must_use]
     pub fn doubts(&self) -> Vec<Warning> {
         self.sensor.tally.doubts()
@@ -164,9 +168,9 @@ impl Track {
     ///
     /// # Errors
     ///
-    /// [`RecognitionError`] for a state with another number of references or speeds, at the
-    /// largest number of steps, or of a vehicle that is surely lost although the map is never
-    /// left; the track is then as before.
+    /// [`RecognitionError`] for a state with a different number of references or speeds, at the
+    /// largest number of steps, or of a vehicle that is surely lost although the map is never left;
+    /// the track is then as before.
     pub fn restore(&mut self, state: &TrackSnapshot) -> Result<(), RecognitionError> {
         let TrackSnapshot { filter, sensor } = state;
         let expected = self.recognizer.references();
@@ -177,6 +181,7 @@ impl Track {
                 return Err(Count { what, found, expected }.into());
             }
         }
+        // The last step that may be taken is `MOST_STEPS`: a restored track must be able to go on.
         if filter.steps() >= MOST_STEPS {
             return Err(InferenceError::TooMany { steps: filter.steps() }.into());
         }
@@ -187,13 +192,15 @@ impl Track {
         Ok(())
     }
 
-    /// Checks that there is mass on the map if that is never left: answers are conditional on it.
+    /// Checks that there is mass on the map if the map is never left, since answers are conditional
+    /// on it.
     fn check_belief(&self, filter: &FilterSnapshot) -> Result<(), RecognitionError> {
         let states =
             self.recognizer.motion().speeds().values().len() * self.recognizer.references();
         let belief = filter.belief();
+        // States off the map come last.
         let on_map = (0..states.min(belief.as_slice().len())).any(|i| filter.is_possible(i));
-        // The filter reports another number of states.
+        // A wrong number of states is left to the filter to report.
         if on_map
             || self.recognizer.options().off_map.is_some()
             || belief.as_slice().len() <= states
@@ -204,15 +211,17 @@ impl Track {
         Err(Parameter::new(what, 0.0, expected).into())
     }
 
-    /// Extends the track to more references, the first of which are the present ones.
+    /// Extends the track to more references, which start with the present ones.
     pub(super) fn extended(&self, recognizer: &Recognizer) -> Result<Self, RecognitionError> {
         let (before, after) = (self.recognizer.references(), recognizer.references());
         let extended = |values: &[f64], nothing: f64| -> Vec<f64> {
             let new = std::iter::repeat_n(nothing, after - before);
+            // A layer for each speed, and one for off the map: each grows at its end. New places
+            // have no mass until the motion leads there.
             let layers = values.chunks(before);
             layers.flat_map(|layer| layer.iter().copied().chain(new.clone())).collect()
         };
-        // Without logarithms, an empty list stays one.
+        // Without logarithms the list is empty, and stays empty.
         let filter = self.filter.snapshot();
         let filter = filter.remade(filter.steps(), extended);
         let sensor = self.sensor.extended(&recognizer.sensor);
@@ -221,7 +230,7 @@ impl Track {
         Ok(track)
     }
 
-    /// Sets the number of steps taken, without evidence.
+    /// Sets the number of steps taken, without evidence on them.
     pub(super) fn after(mut self, steps: usize) -> Result<Self, RecognitionError> {
         let mut state = self.snapshot();
         state.filter = state.filter.remade(steps, |values, _| values.to_vec());

@@ -1,43 +1,43 @@
-//! Views compared with the last new one, and counts of them and of odometry readings, to find that
-//! one of them is stuck.
+//! Views compared with the last new one, and counts of views and of odometry readings, to find out
+//! whether the camera or the odometry is stuck.
 
 use super::Options;
 use super::warning::Warning;
 use crate::motion::ViewChange;
 use crate::observation::change;
 
-/// Number of views over which counts fade, by e.
+/// Number of views over which counts fade to 1/e.
 const RECENT: f64 = 1000.0;
-/// Number of recent views, but for exact repetitions, below which they are too few to judge by.
+/// Number of recent views, exact repetitions aside, below which they are too few to judge by.
 const ENOUGH_VIEWS: f64 = 100.0;
-/// Share of views, but for exact repetitions, above which unchanged ones are most. On drives along
-/// a railway, a corridor and streets it was 0.49 at most.
+/// Share of unchanged views, exact repetitions aside, above which they count as most. On drives
+/// along a railway, a corridor and streets it was 0.49 at most.
 const MOST: f64 = 0.6;
-/// Share of unchanged views with another nearest reference above which the vehicle moves, and share
-/// of unchanged views among all above which it moves at least at times.
+/// Share of unchanged views with another nearest reference above which the vehicle moves; and share
+/// of unchanged views among all above which it must move at least at times.
 const MOVED: f64 = 0.25;
 const ALL: f64 = 0.9;
-/// Number of readings in a row that are equal if odometry is stuck.
+/// Number of equal readings in a row after which odometry may be stuck.
 pub(super) const EQUAL: u32 = 30;
 /// Largest reading of a vehicle that stands, in places.
 pub(super) const STANDS: f64 = 0.05;
-/// Excess of changed views over unchanged ones of a vehicle that moves: one that stands in traffic
+/// Excess of changed views over unchanged ones that shows motion: a vehicle that stands in traffic
 /// sees both.
 const CHANGED: u32 = 20;
-/// Number of views in a row that do not change if the camera is stuck, or, with equal readings,
-/// odometry; and the least distance meanwhile, in places and in deviations of a vehicle that
-/// stands. A railway's tunnel took 58 views.
+/// Number of unchanged views in a row after which the camera may be stuck or, with equal readings,
+/// odometry; and the least distance read meanwhile, in places, and in deviations of the readings of
+/// a vehicle that stands. A railway's tunnel took 58 views.
 const STILL: u32 = 100;
 const STILL_EQUAL: u32 = 60;
 const DRIVEN: f64 = 10.0;
 const SURE: f64 = 4.0;
 
-/// Largest distance in places at which one nearest reference is beside another.
+/// Largest distance, in places, at which one nearest reference counts as beside another.
 const BESIDE: usize = 2;
 
-/// The least of the scores of a row, without NaN.
+/// Least score of a row without NaN.
 pub(super) fn least(rows: &[f32]) -> f32 {
-    // Lanes of their own, which a compiler brings into vectors.
+    // Sixteen independent minima, which the compiler turns into vectors.
     let mut lanes = [f32::INFINITY; 16];
     let (whole, rest) = rows.as_chunks::<16>();
     let take = |least: &mut f32, score: f32| *least = if score < *least { score } else { *least };
@@ -48,23 +48,23 @@ pub(super) fn least(rows: &[f32]) -> f32 {
     lanes.into_iter().fold(f32::INFINITY, f32::min)
 }
 
-/// Index of the least score of a row that is not empty; the first of equal ones.
+/// Index of the least score of a row that is not empty; the first if several are equal.
 pub(super) fn nearest(rows: &[f32]) -> usize {
     let least = least(rows);
     rows.iter().position(|score| *score == least).unwrap_or(0)
 }
 
-/// A view compared with the last new one.
+/// Comparison of a view with the last new one.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct View {
     /// Changed or not, if that is clear.
     pub(super) change: Option<ViewChange>,
-    /// Share of it that is new, in an autoregression of the first order.
+    /// Share of the view that is new, in an autoregression of the first order.
     pub(super) fresh: f64,
-    /// True if it equals the last new view.
+    /// True if the view equals the last new one.
     repeated: bool,
-    /// True if the nearest reference of an unchanged or unclear view is another, and not beside the
-    /// last one: the vehicle has moved although the view is hardly another. `None` for other views.
+    /// True if the nearest reference of an unchanged or unclear view is not the last one nor beside
+    /// it: the vehicle has moved although the view has hardly changed. `None` for other views.
     moved: Option<bool>,
 }
 
@@ -73,14 +73,17 @@ impl View {
     pub(super) const FIRST: Self =
         Self { change: Some(ViewChange::Changed), fresh: 1.0, repeated: false, moved: None };
 
-    /// Compares the scores within a row with those of the last new view; `still` is the largest
-    /// change of an unchanged view.
+    /// Compares the scores within a row with those of the last new view; a view that changes by at
+    /// most `still` counts as unchanged.
     pub(super) fn beside(last: &[f32], still: f64, scores: &[f32], options: &Options) -> Self {
         let changed = change(last, scores);
-        // A change has the unit of one from a reference to the next.
+        // The unit is the change from reference to reference in the same row, so that neither scale
+        // nor density of the references matters.
         let unit = change(&scores[1..], &scores[..scores.len() - 1]);
         let repeated = changed == 0.0;
         let unchanged = changed <= still;
+        // Below the threshold but above `still`, the view carries evidence neither on the place nor
+        // of standing.
         if unchanged || changed < options.view_threshold * unit {
             let moved = (!repeated).then(|| {
                 let steps = nearest(last).abs_diff(nearest(scores));
@@ -102,26 +105,27 @@ impl View {
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub(crate) struct Tally {
     /// Numbers of views compared with another, of those that equal it, of other views that are
-    /// unchanged or unclear, and of those with another nearest reference, all fading.
+    /// unchanged or unclear, and of those of them with another nearest reference; all fade.
     pub(crate) views: f64,
     pub(crate) repeated: f64,
     pub(crate) unchanged: f64,
     pub(crate) moved: f64,
-    /// The last reading, the number of times in a row that it was read, and the excess of changed
-    /// views over unchanged ones of late.
+    /// The last reading, the number of times in a row that it was read, and the recent excess of
+    /// changed views over unchanged ones.
     pub(crate) reading: Option<f64>,
     pub(crate) equal: u32,
     pub(crate) changed: u32,
-    /// The number of views since the last changed one, and the sum of readings and of their
-    /// squares.
+    /// The number of views since the last changed one, and the sums of the readings and of their
+    /// squares meanwhile.
     pub(crate) still: u32,
     pub(crate) driven: f64,
     pub(crate) squares: f64,
 }
 
 impl Tally {
-    /// Takes a step: its view, if it has one before it, and its reading.
+    /// Takes a step: its view, if there is one before it to compare with, and its reading.
     pub(super) fn take(&mut self, view: Option<&View>, odometry: Option<f64>) {
+        // A run of equal readings ends with any other reading, and with a missing one.
         if odometry.is_none() || odometry != self.reading {
             (self.reading, self.equal, self.changed) = (odometry, 0, 0);
         }
@@ -139,6 +143,8 @@ impl Tally {
         add(&mut self.repeated, repeated);
         add(&mut self.unchanged, moved.is_some());
         add(&mut self.moved, moved == Some(true));
+        // Saturating at 0 gives the excess since its last minimum, as in a CUSUM test: long
+        // standing before does not hide that the vehicle moves now.
         if change == Some(ViewChange::Unchanged) {
             self.changed = self.changed.saturating_sub(1);
         }
@@ -179,8 +185,8 @@ impl Tally {
         })
     }
 
-    /// Warns if odometry reads the same again and again: that the vehicle stands, and the views
-    /// change, or that it moves, and they do not.
+    /// Warns if odometry reads the same again and again: either that the vehicle stands while the
+    /// views change, or that it moves while they do not.
     fn stuck(&self) -> Option<Warning> {
         let Self { reading, equal: steps, changed, still, driven, .. } = *self;
         let reading = reading?;
@@ -192,9 +198,10 @@ impl Tally {
         stuck.then_some(Warning::Stuck { reading, steps })
     }
 
-    /// Warns if the views do not change, and odometry reads that the vehicle moves.
+    /// Warns if the views do not change while odometry reads that the vehicle moves.
     fn still(&self) -> Option<Warning> {
         let Self { still: steps, driven, squares, .. } = *self;
+        // Readings that are noise around 0 have a sum with the deviation √Σ r².
         let sure = driven.abs() >= DRIVEN.max(SURE * squares.sqrt());
         (steps >= STILL && sure).then_some(Warning::Still { steps, driven })
     }
@@ -215,7 +222,7 @@ pub(super) struct Doubts {
 
 impl Doubts {
     pub(super) fn take(&mut self, tally: &Tally) {
-        // The last tally covers the whole drive; the weight of old views has faded.
+        // The last tally covers the whole drive, with fading weights for old views.
         self.unchanged = tally.unchanged();
         let longest = |kept: &mut Option<(u32, Warning)>, found: Option<Warning>, steps: u32| {
             if kept.as_ref().is_none_or(|kept| kept.0 < steps) {

@@ -1,20 +1,19 @@
-//! Reasons to doubt a fit.
+//! Reasons to doubt a fit or a recording, as texts that name a likely cause.
 
-/// Number of labelled steps below which they are few.
+/// Number of labelled steps below which there are too few.
 pub(super) const ENOUGH: usize = 30;
 /// Number of new frames whose mean log-likelihood shows that they match nothing. On a railway in
 /// two seasons, by pixels and by a network, means of genuine drives were above 0, and those of
-/// drives elsewhere and of noise below −0.33, where −0.51 is that of a vehicle surely lost.
+/// drives elsewhere and of noise below −0.33, where a vehicle that is surely lost has −0.51.
 pub(super) const SPAN: usize = 200;
 
 /// A reason to doubt a fit, or that it suits a recording.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Warning {
-    /// The right reference is hardly nearer to a labelled query than others: perhaps the
-    /// matrix is transposed, similarities were taken for distances, or labels are of other
-    /// steps.
-    #[error("{:.0}% of references are nearer to a labelled query than a right one is, and 50% would be by chance: is the matrix transposed, are similarities and distances mixed up, or labels of other steps?", 100.0 * .rank)]
+    /// The right reference is hardly nearer to a labelled query than others: perhaps the matrix is
+    /// transposed, similarities were taken for distances, or labels belong to other steps.
+    #[error("{:.0}% of references are nearer to a labelled query than a right one, where chance would give 50%: is the matrix transposed, are similarities mixed up with distances, or do the labels belong to other steps?", 100.0 * .rank)]
     Chance {
         /// Mean share of the other references that are nearer than a right one, ties counted
         /// half; 0.5 by chance.
@@ -28,20 +27,20 @@ pub enum Warning {
         share: f64,
     },
     /// Few steps are labelled.
-    #[error("{steps} steps are labelled, and {} or more tell how it drives", ENOUGH)]
+    #[error("only {steps} steps are labelled; at least {} are needed", ENOUGH)]
     Short {
         /// Number of labelled steps.
         steps: usize,
     },
     /// The best temperature is the hottest or the coldest of those tried.
-    #[error("the best temperature, {temperature}, is the last of those that were tried")]
+    #[error("the best temperature, {temperature}, is at the end of the range that was tried")]
     Edge {
         /// The best temperature.
         temperature: f64,
     },
-    /// Odometry disagrees with the labels: perhaps it is not in references, or of other steps.
+    /// Odometry disagrees with the labels: perhaps it is not in references, or from other steps.
     #[error(
-        "odometry reads {scale:.3} for each reference driven, give or take {deviation:.2}: is it in references, and of the same steps?"
+        "odometry reads {scale:.3} for each reference driven, give or take {deviation:.2}: is it in references, and from the same steps?"
     )]
     Odometry {
         /// The learned scale, 1 if readings are in references.
@@ -49,8 +48,8 @@ pub enum Warning {
         /// The learned deviation, in places.
         deviation: f64,
     },
-    /// Steps labelled as off the map were not learned from, since the options do not model it:
-    /// set [`Options::off_map`](super::Options::off_map).
+    /// Steps labelled as off the map were not learned from, since the options do not model leaving
+    /// it: set [`Options::off_map`](super::Options::off_map).
     #[error(
         "{steps} labelled steps are off the map and were not learned from: Options::off_map is None"
     )]
@@ -58,10 +57,11 @@ pub enum Warning {
         /// Number of steps labelled as off the map.
         steps: usize,
     },
-    /// The best scores of a recording differ from those of the labelled part, on average by more than
-    /// 1.8 of their deviations there: another camera or season, or much of the drive is off the map.
+    /// The best scores of a recording differ from those of the labelled part, on average by more
+    /// than 1.8 of their deviations there: the camera or season is another, or much of the drive is
+    /// off the map.
     #[error(
-        "the best match of a query scores {recording:.2} on average, and {labelled:.2} in the labelled part: they are unlike"
+        "the best match of a query scores {recording:.2} on average, but {labelled:.2} in the labelled part"
     )]
     Unlike {
         /// The mean best score of the labelled part.
@@ -72,7 +72,7 @@ pub enum Warning {
     /// Most recent views hardly differ from the last new one, but their nearest references do: the
     /// vehicle moves, and its images carry no evidence. Perhaps the threshold for changes of the
     /// view is wrong for these images, or a few references outweigh all others.
-    #[error("{:.0}% of recent views are hardly changed though other references are nearest: they carry no evidence; is Options::view_threshold right for these images, or are a few references broken?{}", 100.0 * .unchanged, also_repeated(*.repeated))]
+    #[error("{:.0}% of recent views have hardly changed although other references are nearest, so they carry no evidence: is Options::view_threshold right for these images, or are a few references broken?{}", 100.0 * .unchanged, also_repeated(*.repeated))]
     Unchanged {
         /// Share of recent views that are unchanged, or not clearly changed, without being equal.
         unchanged: f64,
@@ -89,9 +89,9 @@ pub enum Warning {
         /// Share of labelled queries whose best score is right.
         single: f64,
     },
-    /// Odometry reads the same again and again, and the images contradict it: the views change and
-    /// it reads that the vehicle stands, or the vehicle moves otherwise. Perhaps odometry is stuck:
-    /// give `None`.
+    /// Odometry reads the same again and again, and the images contradict it: the views change
+    /// while it reads that the vehicle stands, or the vehicle moves at another speed. Perhaps
+    /// odometry is stuck: give `None`.
     #[error(
         "odometry reads {reading} in {steps} steps in a row, and the images contradict it: is it stuck?"
     )]
@@ -101,10 +101,10 @@ pub enum Warning {
         /// The number of times in a row that it was read.
         steps: u32,
     },
-    /// The views do not change for long, and odometry reads that the vehicle moves. Perhaps the
-    /// camera is stuck, wheels spin, or it is a tunnel.
+    /// The views do not change for long while odometry reads that the vehicle moves. Perhaps the
+    /// camera is stuck, wheels spin, or the vehicle is in a tunnel.
     #[error(
-        "the view has not changed for {steps} steps, and odometry reads {driven:.1} references meanwhile: is it a tunnel, or is the camera stuck, or the odometry?"
+        "the view has not changed for {steps} steps, and odometry reads {driven:.1} references meanwhile: is this a tunnel, or is the camera or the odometry stuck?"
     )]
     Still {
         /// The number of views without a change.
@@ -113,9 +113,9 @@ pub enum Warning {
         driven: f64,
     },
     /// The nearest references move by more in a step than the vehicle may: give
-    /// [`Options::speeds`](super::Options::speeds) that reach so far, or more frames.
+    /// [`Options::speeds`](super::Options::speeds) that reach that far, or more frames.
     #[error(
-        "the nearest reference moves by {moved} a step, and the fastest of the speeds of the options is {fastest}: beliefs cannot follow"
+        "the nearest reference moves by {moved} a step, but the fastest speed in the options is {fastest}: beliefs cannot follow"
     )]
     Fast {
         /// Median distance of the nearest references of two steps, in references.
@@ -123,10 +123,11 @@ pub enum Warning {
         /// The fastest speed that is modelled.
         fastest: f64,
     },
-    /// For 200 new frames, or all of fewer, the best explanation is that the vehicle is lost: the images match
-    /// nothing, or only here and there. Perhaps it is on another route, or leaves this one.
+    /// For 200 new frames, or for all if there are fewer, the best explanation is that the vehicle
+    /// is lost: the images match nothing, or only here and there. Perhaps it is on another route,
+    /// or leaves this one.
     #[error(
-        "the {frames} new images until step {step} match nothing: their mean log-likelihood is {mean:.2}; is it this route, and is Options::off_map None on purpose?"
+        "the {frames} new images up to step {step} match nothing: their mean log-likelihood is {mean:.2}; is it this route, and is Options::off_map None on purpose?"
     )]
     Nothing {
         /// The mean log-likelihood of the worst such frames, given those before; 0 if they say

@@ -1,5 +1,5 @@
-//! The bundled 105 intersections beside those that the import makes of files of the whole city: a
-//! table, and both in `target/rebuild.svg`. Run with `-- --roads FOLDER`.
+//! Compares the bundled 105 intersections with those that the import makes from files of the whole
+//! city: prints a table, and draws both in `target/rebuild.svg`. Run with `-- --roads FOLDER`.
 
 use std::error::Error;
 use std::fmt::Write as _;
@@ -17,7 +17,7 @@ struct Arguments {
     roads: Option<PathBuf>,
 }
 
-/// Corners of the centre.
+/// Corners of the city centre.
 const CORNERS: [Position; 2] = [
     Position { latitude: -35.292, longitude: 149.116 },
     Position { latitude: -35.274, longitude: 149.145 },
@@ -31,7 +31,8 @@ const CLASSES: [(RoadClass, &str); 4] = [
     (RoadClass::Main, "#c0392b"),
 ];
 
-/// Drops loops, and all but the shortest of parallel roads: more nodes are only passed through then.
+/// Drops loops, and all but the shortest of parallel roads, so that more nodes are merely passed
+/// through and can be contracted.
 fn simple(network: &RoadNetwork) -> Result<RoadNetwork, Box<dyn Error>> {
     let mut builder = NetworkBuilder::new();
     network.nodes().iter().try_for_each(|node| builder.node(node.id, node.position).map(drop))?;
@@ -46,6 +47,9 @@ fn simple(network: &RoadNetwork) -> Result<RoadNetwork, Box<dyn Error>> {
 fn rebuild(city: &RoadNetwork) -> Result<RoadMap, Box<dyn Error>> {
     let mut network = city.within(CORNERS)?.0.largest_component().0;
     loop {
+        // Merging joins nodes, which makes parallel roads; dropping those opens dead ends and
+        // passages, whose removal brings nodes near each other: each round can enable the next.
+        // None adds a node, so rounds end.
         let before = (network.nodes().len(), network.edges().len());
         let open = simple(&network.merged(MERGE)?.0)?.without_dead_ends().0;
         network = open.contracted().0;
@@ -55,7 +59,7 @@ fn rebuild(city: &RoadNetwork) -> Result<RoadMap, Box<dyn Error>> {
     }
 }
 
-/// Draws a map, so many pixels to the right.
+/// Draws a map, shifted to the right by some pixels.
 fn draw(svg: &mut String, map: &RoadMap, right: f64) -> Result<(), std::fmt::Error> {
     let [low, high] = CORNERS;
     let at = |p: Position| {
@@ -77,7 +81,7 @@ fn draw(svg: &mut String, map: &RoadMap, right: f64) -> Result<(), std::fmt::Err
 const ROWS: &str =
     "places,roads,street,collector,arterial,main,mean length,within 60 m of the other";
 
-/// Numbers of a map beside another one, for each row.
+/// Numbers of a map compared with another one, for each row.
 fn figures(map: &RoadMap, other: &RoadMap) -> Vec<String> {
     let roads = map.roads();
     let metres: f64 = roads.iter().map(|road| road.metres).sum();
@@ -95,9 +99,7 @@ fn figures(map: &RoadMap, other: &RoadMap) -> Vec<String> {
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments = Arguments::parse();
     let Some(roads) = arguments.roads else {
-        println!(
-            "--roads FOLDER is needed, with nodes.csv and edges.csv of a city around Canberra"
-        );
+        println!("--roads FOLDER is required: a folder with nodes.csv and edges.csv of Canberra");
         return Ok(());
     };
     let (city, _) = RoadNetwork::from_path(roads, &ImportOptions::default())?;

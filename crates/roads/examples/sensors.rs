@@ -1,8 +1,8 @@
 //! GPS, a camera that recognises some places, and an odometer: how often each of them names the
-//! right road, and how often all together do, on simulated drives of ten minutes that start
-//! anywhere within a kilometre.
+//! right road, and how often all of them together do. The drives are simulated, take ten minutes
+//! and start anywhere within a kilometre.
 //!
-//! `cargo run --release --example sensors`, for a made-up town, or with `-- --roads FOLDER`
+//! Run `cargo run --release --example sensors` for a made-up town, or add `-- --roads FOLDER`.
 
 use std::collections::BTreeMap;
 use std::error::Error;
@@ -22,7 +22,7 @@ use wayfix_roads::{ImportOptions, NetworkBuilder, RoadNetwork};
 
 #[derive(Parser)]
 struct Arguments {
-    /// Folder with `nodes.csv` and `edges.csv`; a made-up town without it.
+    /// Folder with `nodes.csv` and `edges.csv` [default: a made-up town].
     #[arg(long)]
     roads: Option<PathBuf>,
     #[arg(long, default_value_t = 8)]
@@ -33,7 +33,7 @@ struct Arguments {
 const STEPS: usize = 600;
 /// Metres from a recognised place within which the camera sees it.
 const SEEN: f64 = 25.0;
-/// Deviation of fixes, as the filter takes it: larger than their error of 10 m, as that lasts.
+/// Deviation of fixes in the model: larger than their error of 10 m, since that persists.
 const DEVIATION: f64 = 20.0;
 /// Share of places that the camera recognises.
 const KNOWN: f64 = 0.4;
@@ -48,7 +48,7 @@ const CHOICES: [(&str, [bool; 3]); 5] = [
     ("all", [true, true, true]),
 ];
 
-/// One second of a drive: its edge, metres to the nearer end of that, and what is measured.
+/// One second of a drive: its edge, the metres to the edge's nearer end, and the measurements.
 struct Second {
     edge: usize,
     to_end: f64,
@@ -60,7 +60,7 @@ struct Second {
 type Sensor =
     FusedLikelihood<OptionalLikelihood<PositionLikelihood>, OptionalLikelihood<TagLikelihood>>;
 
-/// Town of 12 × 10 crossings, some 120 m apart; every fourth road is a main one.
+/// Builds a town of 12 × 10 crossings, some 120 m apart; every fourth road is a main road.
 fn town(rng: &mut ChaCha8Rng) -> Result<RoadNetwork, Box<dyn Error>> {
     let mut builder = NetworkBuilder::new();
     for id in 0..120 {
@@ -97,6 +97,8 @@ fn drive(
         along += speed;
         while along >= network.edges()[edge].metres {
             along -= network.edges()[edge].metres;
+            // Inverse transform: the first turn at which the cumulative probability exceeds a
+            // uniform number.
             let mut left: f64 = rng.random();
             let mut turns = network.next(edge).skip_while(|&next| {
                 left -= motion.turn(edge, next);
@@ -105,11 +107,12 @@ fn drive(
             edge = turns.next().unwrap_or(edge);
         }
         let road = network.edges()[edge];
-        // Errors of 10 m that last for some ten seconds, outliers, gaps of half a minute.
+        // Errors of 10 m that persist for some ten seconds, outliers, gaps of half a minute.
         error = error.map(|error: f64| 0.9 * error + 4.4 * normal(rng));
         gap = if gap == 0 && rng.random_bool(0.01) { 30 } else { gap.saturating_sub(1) };
         let degrees = if rng.random_bool(0.04) { 8.0 } else { 1.0 } / 111_195.0;
         let Position { latitude, longitude } = network.position_along(edge, along);
+        // A degree of longitude is shorter than one of latitude.
         let east = degrees / latitude.to_radians().cos();
         let fix = (gap == 0).then(|| Position {
             latitude: latitude + degrees * error[0],
@@ -129,7 +132,7 @@ fn drive(
     (0..STEPS).map(&mut second).collect()
 }
 
-/// Follows a drive, and counts steps: judged, right, sure, sure and right.
+/// Follows a drive, and counts steps: all that are judged, right, sure, and sure and right.
 fn judge(
     filter: &mut PrunedFilter<&Hmm<&CellTransition, &Sensor>>,
     cells: &RoadCells,
@@ -137,7 +140,7 @@ fn judge(
     [gps, camera, odometer]: [bool; 3],
 ) -> Result<[usize; 4], Box<dyn Error>> {
     let mut meter = filter.model().transition().odometer();
-    // Without an odometer, any distance up to 20 m is as likely.
+    // Without an odometer, all distances up to 20 m are equally likely.
     let most = (0..1000).take_while(|&k| f64::from(k) * cells.mean_metres() < 20.0).count();
     let any = Travel::of_cells(0, &vec![1.0 / most as f64; most])?;
     let mut counts = [0; 4];
@@ -150,6 +153,7 @@ fn judge(
         if second.to_end < 10.0 {
             continue; // at a junction, the road is a matter of metres
         }
+        // An answer is a road, not a cell: cells of an edge count together.
         let mut roads = BTreeMap::new();
         for (&cell, p) in filter.active().iter().zip(filter.probabilities()) {
             *roads.entry(cells.edge(cell)).or_insert(0.0_f64) += p;
@@ -180,6 +184,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!("{} cells, {} of {nodes} places known to the camera", cells.states(), known.len());
     println!("sensors            right road     p >= 0.9   right where p >= 0.9");
     for (name, choice) in CHOICES {
+        // Each choice of sensors sees the same drives.
         let (mut sums, mut rng) = ([0; 4], ChaCha8Rng::seed_from_u64(2));
         for _ in 0..arguments.drives {
             let seconds = drive(&cells, &motion, &known, &mut rng);

@@ -1,12 +1,12 @@
-//! A robot in a warehouse of 144 waypoints, with wheel odometry at 10 Hz and a reader of tags,
-//! located live, and once carried elsewhere. Its wheels have errors that the odometer knows
-//! nothing of: their size, and slips.
+//! A robot in a warehouse of 144 waypoints, with wheel odometry at 10 Hz and a tag reader, located
+//! live, and once carried elsewhere. Its wheels have errors that the odometer does not know: their
+//! size, and slips.
 //!
 //! `cargo run --release --example warehouse`
 //!
-//! Each line compares a model of independent errors with one of wheels. After a crossing nobody
-//! knows which aisle was taken until the next tag is read, and four of ten waypoints have none: so a
-//! robot that is right about its probabilities is sure of its place in a sixth of the ticks.
+//! Each line compares a model of independent errors with a model of the wheels. After a crossing
+//! nobody knows which aisle was taken until the next tag is read, and four out of ten waypoints
+//! have none: so a robot with correct probabilities is sure of its place in a sixth of the ticks.
 
 use std::error::Error;
 
@@ -28,7 +28,7 @@ const AISLE: f64 = 2.0;
 const RANGE: f64 = 0.4;
 /// Ticks of a run, and the tick at which the robot is carried.
 const TICKS: (usize, usize) = (3000, 1500);
-/// Ticks after the start and after it was carried without an answer that counts.
+/// Ticks after the start, and after it was carried, whose answers do not count.
 const LOST: usize = 300;
 /// Metres within which an answer is right.
 const RIGHT: f64 = 1.5;
@@ -39,7 +39,8 @@ struct Fault {
     name: &'static str,
     /// Metres read for each metre driven, less 1; of either sign.
     scale: f64,
-    /// Probability that a slip begins in a tick, its ticks, and the part of the way driven in it.
+    /// Probability that a slip begins in a tick, its length in ticks, and the part of the way
+    /// driven in it.
     slips: (f64, usize, f64),
 }
 
@@ -71,6 +72,7 @@ fn drive(
         };
         metres += if slipping > 0 { 0.1 * fault.slips.2 } else { 0.1 };
         if metres >= AISLE {
+            // Inverse transform over the turns of the model: the robot drives as the model assumes.
             let mut left = rng.random::<f64>();
             let mut next = network.next(edge).filter(|&next| {
                 left -= turns.turn(edge, next);
@@ -96,7 +98,7 @@ fn drive(
     Ok(ticks)
 }
 
-/// Answers: all, those within `RIGHT` with a probability of 0.95, and of these the right ones; and
+/// Answers: all, those within `RIGHT` with a probability of 0.95, the right ones among these, and
 /// those whose set of 95% holds the cell of the robot.
 #[derive(Default)]
 struct Counts {
@@ -115,7 +117,8 @@ impl Counts {
         tick: &Tick,
     ) -> Result<(), Box<dyn Error>> {
         let answer = cells.position_ahead(belief.mode(), ahead);
-        // Near enough for all positions within the cell.
+        // The cell's own length is taken off, so that all positions within the cell are near
+        // enough.
         let within = RIGHT - cells.mean_metres() / 2.0;
         let near = (0..cells.states())
             .filter(|&cell| cells.position_ahead(cell, ahead).metres_to(answer) <= within);
@@ -159,16 +162,17 @@ fn run(seed: u64, fault: Fault, counts: &mut [Counts; 2]) -> Result<(), Box<dyn 
     let anywhere = Belief::uniform(cells.states())?;
     let nodes = cells.network().nodes().len();
     let tags: Vec<usize> = (0..nodes).filter(|_| rng.random_bool(0.6)).collect();
+    // Close to the rates at which `drive` reads.
     let rates = ReadRates { read: 0.2, misread: 0.002 };
     let reader = TagLikelihood::at_nodes(&cells, &tags, RANGE, rates)?;
     let weights = TurnWeights { weight: ByClass::all(1.0), straight_on: 1.0, u_turn: 0.1 };
     let motion = CellTransition::new(&cells, &weights)?;
     let ticks = drive(cells.network(), &motion, &tags, fault, &mut rng)?;
     let counted = |tick: usize| tick % TICKS.1 >= LOST;
-    // Carried about once in three hours.
+    // It is carried about once in three hours.
     let rate = 1e-5;
 
-    // Each reading with an error of its own.
+    // Each reading has an error of its own.
     let mut odometer = motion.odometer();
     let independent = RestartTransition::new(motion.clone(), rate, anywhere.clone())?;
     let hmm = Hmm::new(Prior::AtFirstObservation(anywhere.clone()), independent, &reader)?;
@@ -184,6 +188,7 @@ fn run(seed: u64, fault: Fault, counts: &mut [Counts; 2]) -> Result<(), Box<dyn 
     // Wheels of unknown size, which may slip.
     let motion = WheelTransition::new(motion, Wheels::default())?;
     let mut odometer = motion.odometer();
+    // Tags depend on the cell, not on the scale: each cell's states share its likelihood.
     let groups = motion.cell_groups();
     let reader = GroupedLikelihood::new(reader, groups.clone())?;
     let anywhere = motion.spread(&anywhere)?;
@@ -193,6 +198,8 @@ fn run(seed: u64, fault: Fault, counts: &mut [Counts; 2]) -> Result<(), Box<dyn 
     for (number, tick) in ticks.iter().enumerate() {
         filter.step_with(&odometer.add(tick.reading, 2e-4)?, &tick.tag)?;
         if counted(number) {
+            // Each scale is ahead of its cells by a different distance; together they average to
+            // the middle.
             counts[1].add(&cells, &groups.marginal(&filter.belief())?, 0.0, tick)?;
         }
     }

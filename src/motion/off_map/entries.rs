@@ -1,4 +1,4 @@
-//! Entries to and from the state off the map: the last of each row and column, and so in order.
+//! Entries to and from the state off the map: the last of each row and column, so order is kept.
 
 use std::iter::once;
 
@@ -7,8 +7,8 @@ use crate::transition::{Transition, TransitionEntries, best_of, check_slices};
 use wayfix_kernels::log2;
 
 impl<A: Transition> OffMapTransition<A> {
-    /// Lists a row, given its moves on the map: `entry` makes entries of probabilities, and those
-    /// up to `zero` are none.
+    /// Lists a row, given its moves on the map: `entry` turns probabilities into entries, and those
+    /// up to `zero` are left out.
     fn row(
         &self,
         to: usize,
@@ -17,13 +17,14 @@ impl<A: Transition> OffMapTransition<A> {
         zero: f64,
     ) -> impl Iterator<Item = (usize, f64)> {
         let n = self.off_map_state();
+        // Into the state off the map lead all others at the same rate, and no move of A.
         let (leavers, back) = if to == n { (0..n, self.stay) } else { (0..0, self.jumps.to[to]) };
         let (leave, back) = (entry(self.leave), entry(back));
         let entries = moves.chain(leavers.map(move |j| (j, leave))).chain(once((n, back)));
         entries.filter(move |entry| entry.1 > zero)
     }
 
-    /// Lists a column, given its moves on the map: `returns` are the entries of coming back.
+    /// Lists a column, given its moves on the map; `returns` gives the entries of coming back.
     fn column(
         &self,
         from: usize,
@@ -83,9 +84,9 @@ impl<A: TransitionEntries> TransitionEntries for OffMapTransition<A> {
     fn max_product(&self, control: &A::Control, x: &[f64], out: &mut [f64], from: &mut [u32]) {
         check_slices(self.states(), x, out);
         let n = self.off_map_state();
-        // Every entry of A has the same factor, so that the best ways on the map stay the best; off
-        // the map, the best predecessor is the first of all best states. Ways back come from the
-        // last state, so that they must be strictly better.
+        // Every entry of A has the same factor, so the best moves on the map stay the best; off the
+        // map, the best predecessor is the first of the best states. Ways back come from the last
+        // state, so on a tie they lose: they must be strictly better.
         self.jumps.inner.max_product(control, &x[..n], &mut out[..n], &mut from[..n]);
         let keep = log2(self.jumps.keep);
         out[..n].iter_mut().for_each(|out| *out += keep);

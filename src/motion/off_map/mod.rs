@@ -1,5 +1,5 @@
-//! A vehicle that may leave the map (guide, section 10, Off the map): [`Jumps`] out of a state of its
-//! own. Columns sum to one, since λ and ρ are taken from the other moves.
+//! A vehicle that may leave the map (guide, section 10, Off the map): [`Jumps`] out of a state of
+//! its own. Columns sum to one, since λ and ρ are taken from the other moves.
 
 mod entries;
 
@@ -23,17 +23,15 @@ use wayfix_kernels as kernels;
 ///   λ 1'      1 − ρ
 /// ```
 ///
-/// The control is that of A, and drives moves on the map only. If it is
-/// [evidence on moves](Transition::evidence), it has a likelihood off the map too, the
-/// same for moves that leave, stay off or come back:
-/// [`with_evidence`](Self::with_evidence).
+/// The control is that of A, and chooses moves on the map only. If it is [evidence on
+/// moves](Transition::evidence), it has a likelihood off the map too, the same for moves that
+/// leave, stay off or come back: [`with_evidence`](Self::with_evidence).
 ///
-/// The sensor needs a likelihood for the state off the map too, such as that of
-/// a sighting which resembles no place; [`groups`](Self::groups) helps if it
-/// sees only parts of the states.
+/// The sensor needs a likelihood for the state off the map too, such as that of a sighting that
+/// resembles no place; [`groups`](Self::groups) helps if it sees only parts of the states.
 ///
-/// Products and a step of Viterbi cost O(n) more than those of A. All states
-/// lead off the map, so that its predecessors take O(n) to list.
+/// Products and a step of Viterbi cost O(n) more than those of A. All states lead off the map, so
+/// listing its predecessors takes O(n).
 ///
 /// ```
 /// use wayfix::motion::OffMapTransition;
@@ -69,9 +67,8 @@ impl<A: Transition> OffMapTransition<A> {
     ///
     /// [`TransitionError::Parameter`] unless both rates are from 0 to 1, or if
     /// the product of `return_rate` and a probability of `back` underflows,
-    /// [`TransitionError::PartStates`] if the belief differs from the operator
-    /// in its number of states, or [`TransitionError::TooMany`] if there are
-    /// more than 2^32 − 2.
+    /// [`TransitionError::PartStates`] if the belief differs from the operator in its number of
+    /// states, or [`TransitionError::TooMany`] for more than 2^32 − 2 states.
     pub fn new(
         inner: A,
         leave: f64,
@@ -89,7 +86,8 @@ impl<A: Transition> OffMapTransition<A> {
     /// to 500 m.
     ///
     /// By default it is the log factor that the operator on the map takes out of its likelihoods.
-    /// If that is the largest, any measurement is as likely off the map as for the best move on it.
+    /// If that is the largest likelihood, any measurement is as likely off the map as for the best
+    /// move on it.
     ///
     /// # Errors
     ///
@@ -143,8 +141,8 @@ impl<A: Transition> OffMapTransition<A> {
     ///
     /// # Errors
     ///
-    /// [`TransitionError::PartStates`] if the grouping has another number of states than the
-    /// operator on the map.
+    /// [`TransitionError::PartStates`] if the grouping differs from the operator on the map in its
+    /// number of states.
     pub fn groups(&self, inner: &Groups) -> Result<Groups, TransitionError> {
         let (found, expected) = (inner.as_slice().len(), self.off_map_state());
         if found != expected {
@@ -184,9 +182,12 @@ impl<A: Transition> Transition for OffMapTransition<A> {
         check_slices(self.states(), x, out);
         let n = self.off_map_state();
         let (out, off) = out.split_at_mut(n);
+        // Likelihood of the evidence off the map, relative to the factor that A takes out: both
+        // parts of the product are then on one scale.
         let weight = self.jumps.log_factor(control).exp();
         let returning = times(weight, x[n]);
         self.jumps.apply(control, &x[..n], returning, out);
+        // `times` keeps 0 · ∞ at 0, as a factor of 0 rules a move out whatever its evidence.
         let left = times(self.leave, times(weight, kernels::sum(&x[..n])));
         off[0] = left + times(self.stay, returning);
     }
@@ -208,6 +209,7 @@ impl<A: Transition> Transition for OffMapTransition<A> {
         let log_off = self.jumps.log_factor(control);
         let returning = log_off + x[n];
         self.jumps.apply_log(control, &x[..n], returning, out);
+        // All states on the map lead off it at the same rate, so one sum serves them all.
         let total = log_off + log::sum((0..n).map(|j| (j, 1.0)), x);
         off[0] = log::add(self.leave.ln() + total, self.stay.ln() + returning);
     }

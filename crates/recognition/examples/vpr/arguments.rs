@@ -1,4 +1,4 @@
-//! Command-line options that both examples share.
+//! Command-line options shared by both examples.
 
 use std::{num::NonZeroUsize, ops::Range, path::PathBuf};
 
@@ -13,13 +13,13 @@ pub(crate) struct Common {
     /// Steps to report results on [default: all that are not learned from].
     #[arg(long, value_name = "RANGES", value_delimiter = ',', value_parser = span, allow_hyphen_values = true)]
     pub(crate) report_on: Vec<Range<usize>>,
-    /// Learn nothing: take the defaults, and report on all steps.
+    /// Learn nothing: use the defaults, and report on all steps.
     #[arg(long, conflicts_with_all = ["fit_on", "fit", "save"])]
     pub(crate) no_fit: bool,
     /// Delay of fixed-lag answers, in steps.
     #[arg(long, value_name = "STEPS", default_value_t = 20)]
     pub(crate) lag: usize,
-    /// Model places that are not on the map.
+    /// Model that the vehicle may leave the map.
     #[arg(long)]
     pub(crate) off_map: bool,
     /// Number of references beside the right ones that still count as right.
@@ -28,7 +28,8 @@ pub(crate) struct Common {
     /// The references form a closed route.
     #[arg(long = "loop")]
     pub(crate) closed: bool,
-    /// SeqSLAM: steps of a line [default: best of 10, 20, 50 and 100 by recall, to its advantage].
+    /// SeqSLAM: number of steps of a line [default: the best of 10, 20, 50 and 100 by recall, to
+    /// its advantage].
     #[arg(long, value_name = "STEPS")]
     pub(crate) sequence: Option<NonZeroUsize>,
     /// SeqSLAM: the slopes of a line, in references per step.
@@ -40,7 +41,7 @@ pub(crate) struct Common {
         allow_hyphen_values = true
     )]
     pub(crate) velocities: Vec<f64>,
-    /// SeqSLAM: the number of references on either side that contrast is relative to.
+    /// SeqSLAM: number of references on either side for local contrast.
     #[arg(long, value_name = "REFERENCES", default_value_t = 10)]
     pub(crate) contrast: usize,
     /// Write what was learned to a file, as JSON (with the feature serde).
@@ -63,13 +64,14 @@ pub(crate) struct Common {
     pub(crate) out: Option<PathBuf>,
 }
 
-/// Steps whose truth is learned from, as sorted and separate ranges, and others to report on;
-/// none where the truth is unknown.
+/// Steps to learn from, as sorted and separate ranges of labelled steps, and other steps to report
+/// on; both empty if the truth is unknown.
 #[derive(Debug, Default)]
 pub(crate) struct Split {
     pub(crate) fit_on: Vec<Range<usize>>,
     pub(crate) report_on: Vec<usize>,
-    /// Half the usual length of labels: references on either side of their middle are right, too.
+    /// Half the usual length of labels: references on either side of their middle also count as
+    /// right.
     pub(crate) width: usize,
 }
 
@@ -96,6 +98,7 @@ impl Common {
             ranges => ranges.to_vec(),
         };
         fit_on.sort_by_key(|range| range.start);
+        // Steps that were learned from must not be reported on: their answers would flatter.
         let learned = |step: &usize| fit_on.iter().any(|range| range.contains(step));
         let mut report_on: Vec<usize> = match &self.report_on[..] {
             [] => (0..steps).filter(|step| !learned(step)).collect(),

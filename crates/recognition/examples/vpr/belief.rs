@@ -1,5 +1,5 @@
-//! Picture of the belief over time: darker for more probable, on a pale band that is the truth;
-//! below, the probability of being off the map.
+//! Picture of the belief over time: the more probable, the darker, with the truth as a pale band;
+//! below it, the probability of being off the map.
 
 #![expect(clippy::cast_possible_wrap, clippy::cast_sign_loss, reason = "small numbers")]
 
@@ -10,7 +10,7 @@ use plotters::prelude::*;
 use super::pictures::{Area, GREY, font, head, label, legend, path};
 use super::{Estimates, Fallible, Task};
 
-/// Pale orange, in which all shades of blue are visible.
+/// Pale orange: all shades of blue are visible on it.
 const TRUTH: RGBColor = RGBColor(255, 200, 110);
 const BELIEF: RGBColor = RGBColor(0, 40, 100);
 /// Number of shades: two for each factor of ten, down to 0.0001.
@@ -62,7 +62,7 @@ pub(crate) fn draw(file: &Path, task: Task<'_>, estimates: &Estimates) -> Fallib
     }
     area.present()?;
     drop(area);
-    // Thousands of cells are small as paths, one for each shade, above what was drawn.
+    // Thousands of cells are small as paths, one for each shade; they go above what was drawn.
     let end = svg.rfind("</svg>").ok_or("the picture has no end")?;
     svg.insert_str(end, &image(task, &estimates.belief, &plot));
     Ok(std::fs::write(file, svg)?)
@@ -131,7 +131,7 @@ fn image(Task { recording, split, .. }: Task<'_>, belief: &[f32], plot: &Plot) -
     for Range { start, end } in &split.fit_on {
         fill(2, (*start as f64, *end as f64), (top - 9, top - 3));
     }
-    // The largest probability of each cell.
+    // Each cell shows its largest probability: a mean would hide a narrow belief.
     let (columns, rows) = (recording.steps().min(600), n.min(400));
     let mut cells = vec![0.0_f32; rows * columns];
     for (at, p) in belief.iter().enumerate() {

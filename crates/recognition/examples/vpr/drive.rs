@@ -1,4 +1,4 @@
-//! Simulated drives through a recording: with stops, reverse, other speeds, and detours.
+//! Simulated drives through a recording, with stops, reversing, other speeds, and detours.
 
 use std::ops::Range;
 
@@ -16,7 +16,7 @@ pub(crate) struct Drive {
 }
 
 impl Drive {
-    /// Shows frame `start`, then at each step that nearest to the position, halves rounded up.
+    /// Shows frame `start`, then at each step the frame nearest to the position, halves rounded up.
     pub(crate) fn new(legs: &[Leg], start: usize, frames: usize) -> Result<Self, String> {
         if start >= frames {
             return Err(format!("--start {start}: expected a frame below {frames}"));
@@ -39,7 +39,7 @@ impl Drive {
         Ok(drive)
     }
 
-    /// Inserts detours at speed 1; the step after one has the same distance as without it.
+    /// Inserts detours at speed 1; the step after a detour has the same distance as without it.
     pub(crate) fn with_detours(self, detours: &[Detour], frames: usize) -> Result<Self, String> {
         let steps = self.frames.len();
         for (Range { start, end }, at) in detours {

@@ -1,4 +1,4 @@
-//! Recogniser of a recording: the defaults, a fit to its labelled part, or a saved fit.
+//! The recogniser of a recording: the defaults, a fit to its labelled part, or a saved fit.
 
 use std::{ops::Range, path::Path};
 
@@ -20,6 +20,8 @@ pub(crate) fn recognizer(Task { recording, split, common }: Task<'_>) -> Fallibl
     let mut recognizer = Recognizer::from_distances(recording.references, options)?;
     if let Some(file) = &common.fit {
         let fit = saved(file)?;
+        // Whether the route is closed, and whether it may be left, depends on this recording, not
+        // on the saved fit.
         let mut options = fit.options().clone();
         options.closed = recording.closed;
         options.off_map = common.off_map.then(|| options.off_map.unwrap_or_default());
@@ -45,7 +47,7 @@ pub(crate) fn recognizer(Task { recording, split, common }: Task<'_>) -> Fallibl
     Ok(recognizer)
 }
 
-/// Summarises a fit: temperature, speeds in use, and reasons to doubt it.
+/// Summary of a fit: temperature, speeds in use, and reasons to doubt it.
 pub(crate) fn notes(fit: &Parameters) -> Vec<String> {
     let Options { odds, speeds, .. } = fit.options();
     let used = speeds.values().iter().zip(speeds.shares()).filter(|(_, share)| **share >= 0.01);

@@ -7,7 +7,7 @@ use rand_distr::{Distribution, Normal};
 
 use super::{Drive, Recording};
 
-/// Frames of one size, one after the other, row by row; at least one.
+/// Frames of one size, one after the other, row by row; at least one frame.
 #[derive(Debug, Clone)]
 pub(crate) struct Frames {
     pub(crate) rows: usize,
@@ -15,7 +15,7 @@ pub(crate) struct Frames {
     pub(crate) pixels: Vec<u8>,
 }
 
-/// Frames of a map, and those of a later pass: frame i of both shows the same place.
+/// Frames of a map and of a later pass: frame i of both shows the same place.
 pub(crate) struct Pass {
     pub(crate) name: String,
     pub(crate) references: Frames,
@@ -24,7 +24,7 @@ pub(crate) struct Pass {
     /// Side of the patches that are normalised, in pixels.
     pub(crate) patch: usize,
     pub(crate) closed: bool,
-    /// That of odometry.
+    /// Noise of the odometry.
     pub(crate) noise: Option<Normal<f64>>,
     pub(crate) seed: u64,
 }
@@ -48,11 +48,13 @@ impl Pass {
             bar.inc(1);
         }
         bar.finish_and_clear();
+        // Frames outside of the map's range show places off the map.
         let place = |frame: &usize| map.contains(frame).then(|| frame.abs_diff(map.start));
         let truth = drive.frames.iter().map(|frame| place(frame).map(|place| place..=place));
         let (mut rng, mut odometry) = (generator(self.seed, 1), Vec::new());
         if let Some(noise) = self.noise {
             let readings = drive.distances[1..].iter().map(|d| Some(d + noise.sample(&mut rng)));
+            // Nothing was driven before the first step.
             odometry = std::iter::once(None).chain(readings).collect();
         }
         let (name, references, truth) = (self.name.clone(), map.len(), Some(truth.collect()));
@@ -83,7 +85,7 @@ impl Frames {
     }
 
     /// Normalises each square patch to mean 0 and deviation 1, or to 0 if it is flat. The pixels of
-    /// a patch are stored one after another: only differences of the same pixels are taken.
+    /// a patch are stored one after another, as only differences between the same pixels are taken.
     fn descriptors(&self, patch: usize) -> Result<Vec<f32>, String> {
         let Self { rows, cols, .. } = *self;
         if patch < 2 || !rows.is_multiple_of(patch) || !cols.is_multiple_of(patch) {
@@ -106,13 +108,13 @@ impl Frames {
 fn normalize(pixels: impl Iterator<Item = f64> + Clone, count: f64, into: &mut Vec<f32>) {
     let mean = pixels.clone().sum::<f64>() / count;
     let deviation = (pixels.clone().map(|x| (x - mean).powi(2)).sum::<f64>() / count).sqrt();
-    // The mean of equal whole numbers is exact.
+    // The mean of equal whole numbers is exact, so a flat patch has a deviation of exactly 0.
     into.extend(
         pixels.map(|x| if deviation > 0.0 { ((x - mean) / deviation) as f32 } else { 0.0 }),
     );
 }
 
-/// Mean absolute difference in sixteen parallel sums, which the compiler can keep in registers.
+/// Mean absolute difference in sixteen independent sums, which the compiler can keep in registers.
 fn mean_difference(a: &[f32], b: &[f32]) -> f32 {
     let mut sums = [0.0_f32; 16];
     let ((a_blocks, a_rest), (b_blocks, b_rest)) = (a.as_chunks::<16>(), b.as_chunks::<16>());

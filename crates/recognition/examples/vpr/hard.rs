@@ -1,4 +1,4 @@
-//! Disturbances of real cameras and drives: pixels are altered, and frames lost or repeated.
+//! Disturbances of real cameras and drives: altered pixels, and lost or repeated frames.
 
 use std::{ops::Range, path::Path};
 
@@ -9,7 +9,7 @@ use crate::vpr::synthetic::grey;
 use crate::vpr::{Common, Drive, Fallible, Frames, Pass, Split, Task};
 use crate::vpr::{estimate, generator, number, print, recall, report};
 
-/// Lengths of disturbances, in steps, and number of clear steps before each.
+/// Lengths of disturbances, in steps, and number of clear steps before each disturbance.
 const LENGTHS: [usize; 5] = [30, 10, 60, 20, 45];
 const CLEAR: usize = 25;
 const KINDS: [&str; 8] =
@@ -17,7 +17,7 @@ const KINDS: [&str; 8] =
 const TABLE: &str = "disturbance,method,tolerance,recall,recall_in_stretches,calibration_error,\
     log_score,worst_minute";
 
-/// Frames shown, true positions, and for each step that of the undisturbed drive.
+/// Frames shown, true positions, and for each step the step of the undisturbed drive.
 type Disturbed = (Frames, Drive, Vec<usize>);
 
 /// Disturbs stretches of a drive in order, cycling through the kinds.
@@ -69,7 +69,8 @@ fn disturbed(pass: &Pass, drive: &Drive, stretches: &[Range<usize>], kinds: &[&s
         sources.extend(std::iter::repeat_n(step, times));
         pixels.extend(frame.repeat(times));
     }
-    // The vehicle also passes the places of lost frames.
+    // The vehicle also passes the places of lost frames, so their distances are added to the next
+    // step.
     let before = std::iter::once(&0).chain(&sources);
     let driven = before.zip(&sources).map(|(from, to)| &drive.distances[from + 1..=*to.max(from)]);
     let distances = driven.map(|driven| driven.iter().sum()).collect();
@@ -90,8 +91,8 @@ fn stretches(steps: &[usize]) -> Vec<Range<usize>> {
     stretches
 }
 
-/// Disturbs the reported steps of a drive by each kind and by all in turn; writes and prints the
-/// measures of all methods.
+/// Disturbs the reported steps of a drive by each kind, and by all kinds in turn; writes and prints
+/// the measures of all methods.
 pub(crate) fn run(pass: &Pass, drive: &Drive, common: &Common, out: &Path) -> Fallible {
     let undisturbed = pass.recording(&pass.queries.select(&drive.frames), drive)?;
     let split = common.split(&undisturbed)?;
@@ -103,7 +104,8 @@ pub(crate) fn run(pass: &Pass, drive: &Drive, common: &Common, out: &Path) -> Fa
     for (name, kinds) in kinds {
         let (shown, drive, sources) = disturbed(pass, drive, &stretches, &kinds);
         let recording = &pass.recording(&shown, &drive)?;
-        // The same steps are learned from and reported on.
+        // The same steps are learned from and reported on as without disturbances.
+        // Sources ascend, since frames are dropped or repeated but never reordered.
         let now = |step: usize| sources.partition_point(|source| *source < step);
         let of = |steps: &[usize]| -> Vec<usize> {
             (0..sources.len()).filter(|at| steps.binary_search(&sources[*at]).is_ok()).collect()

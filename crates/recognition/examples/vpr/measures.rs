@@ -9,30 +9,33 @@ use super::{Fallible, Method, Recording, Task};
 pub(crate) struct Measured {
     pub(crate) name: &'static str,
     pub(crate) tolerance: usize,
-    /// Fraction of right answers, of the steps on the map.
+    /// Fraction of right answers among the steps on the map.
     pub(crate) recall: f64,
-    /// Lowest recall of 60 consecutive reported steps; of all, if there are fewer.
+    /// Lowest recall over 60 consecutive reported steps; over all of them, if there are fewer.
     pub(crate) worst_minute: f64,
     pub(crate) curve: ThresholdCurve,
     pub(crate) reliability: Option<Vec<ReliabilityBin>>,
-    /// Mean log score of the true places, that of the worst step, and that step.
+    /// Mean log score of the true places, the score of the worst step, and that step.
     pub(crate) log_score: Option<(f64, f64, usize)>,
     /// Area under the ROC curve for being on the map.
     pub(crate) roc_area: Option<f64>,
 }
 
-/// Measures a method at each tolerance; not at all without a truth.
+/// Measures a method at each tolerance; returns nothing without a truth.
 pub(crate) fn measure(task: Task<'_>, method: &Method) -> Fallible<Vec<Measured>> {
     let (recording, steps) = (task.recording, &task.split.report_on);
     let Some(truth) = &recording.truth else { return Ok(Vec::new()) };
     let on_map = steps.iter().filter(|step| truth[**step].is_some()).count();
     let mut roc_area = None;
     if let Some(off) = method.off_map.as_ref().filter(|_| (1..steps.len()).contains(&on_map)) {
+        // Positives are the steps on the map, so their score is minus the probability of being off
+        // it.
         let samples: Vec<_> = steps.iter().map(|&at| (-off[at], truth[at].is_some())).collect();
         roc_area = Some(ThresholdCurve::roc(&samples)?.area());
     }
     let scores = task.common.tolerance.iter().enumerate().map(|(at, &tolerance)| {
         let right = |step: usize| recording.is_right(&truth[step], method.places[step], tolerance);
+        // An answer "off the map" is not given: it is neither right nor wrong for precision.
         let given = steps.iter().filter(|step| method.places[**step].is_some());
         let given: Vec<_> = given.map(|&step| (method.confidence[step], right(step))).collect();
         let reliability = method.probability.get(at).map(|p| {
@@ -51,7 +54,7 @@ pub(crate) fn measure(task: Task<'_>, method: &Method) -> Fallible<Vec<Measured>
             name: method.name,
             tolerance,
             recall: recall(steps),
-            // A minute off the map has a recall of NaN, which `min` ignores.
+            // A minute that is off the map throughout has a recall of NaN, which `min` ignores.
             worst_minute: minutes.fold(f64::NAN, f64::min),
             curve: ThresholdCurve::precision_recall(&given, on_map)?,
             reliability: reliability.transpose()?,
@@ -62,7 +65,7 @@ pub(crate) fn measure(task: Task<'_>, method: &Method) -> Fallible<Vec<Measured>
     scores.collect()
 }
 
-/// Fraction of right answers to a tolerance at some steps, of those on the map; NaN without any.
+/// Fraction of right answers within a tolerance among the steps on the map; NaN if there are none.
 pub(crate) fn recall(
     of: &Recording,
     places: &[Option<usize>],

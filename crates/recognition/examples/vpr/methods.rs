@@ -1,4 +1,4 @@
-//! All methods on a recording: the library's, and the baselines that it is compared with.
+//! All methods on a recording: the library's, and the baselines to compare them with.
 
 use std::time::Instant;
 
@@ -13,7 +13,7 @@ pub(crate) struct Method {
     pub(crate) name: &'static str,
     /// Places; `None` means "not on the map".
     pub(crate) places: Vec<Option<usize>>,
-    /// On any scale.
+    /// Confidence on any scale.
     pub(crate) confidence: Vec<f64>,
     /// Probability that the answer is right, for each tolerance; empty if the method has none.
     pub(crate) probability: Vec<Vec<f64>>,
@@ -29,7 +29,7 @@ pub(crate) struct Estimates {
     pub(crate) answers: [(&'static str, Vec<Answer>); 3],
     /// Smoothed beliefs over the references, T × n.
     pub(crate) belief: Vec<f32>,
-    /// None where the truth is unknown.
+    /// Empty if the truth is unknown.
     pub(crate) methods: Vec<Method>,
     pub(crate) notes: Vec<String>,
 }
@@ -58,6 +58,7 @@ pub(crate) fn estimate(task: Task<'_>) -> Fallible<Estimates> {
     }
     methods.push(task.of_beliefs("filter", &filtered));
     let live = filtered.answers();
+    // Beliefs of all steps are T × n numbers: each set is dropped before the next is made.
     drop(filtered);
     let mut lagged = Vec::new();
     for beliefs in waiting("fixed lag", || seen.lagged(&[common.lag]))? {
@@ -66,6 +67,7 @@ pub(crate) fn estimate(task: Task<'_>) -> Fallible<Estimates> {
     }
     let beliefs = waiting("smoother", || seen.smoothed())?;
     methods.push(task.of_beliefs("smoother", &beliefs));
+    // Without a truth there is nothing to measure; the answers themselves are kept above.
     methods.retain(|_| recording.truth.is_some());
     let (rows, n) = (beliefs.iter().map(BeliefView::as_slice), recording.references);
     let belief = rows.flat_map(|row| row[..n].iter().map(|p| *p as f32)).collect();
@@ -73,7 +75,7 @@ pub(crate) fn estimate(task: Task<'_>) -> Fallible<Estimates> {
     Ok(Estimates { fit: recognizer.parameters().clone(), answers, belief, methods, notes })
 }
 
-/// The reference at the least distance, as given.
+/// Returns the reference at the smallest distance, as given.
 fn nearest(recording: &Recording) -> Method {
     let rows = recording.distances.chunks_exact(recording.references);
     let nearest = rows.map(|row| {
@@ -111,7 +113,8 @@ impl Task<'_> {
         Method { off_map, ..self.method(name, places, beliefs.iter().map(BeliefView::as_slice)) }
     }
 
-    /// Answers with the probabilities that beliefs give to them and to the truth.
+    /// Builds a method from answers, with the probabilities that beliefs give to them and to the
+    /// truth.
     fn method<'b>(
         self,
         name: &'static str,
@@ -124,6 +127,8 @@ impl Task<'_> {
         for ((belief, place), label) in beliefs.zip(&places).zip(recording.truth.iter().flatten()) {
             let place = place.map(|place| place..=place);
             for (at, tolerance) in common.tolerance.iter().enumerate() {
+                // An answer is one place, a label a range: half its usual length widens the answer
+                // to match.
                 let reach = tolerance.saturating_add(split.width);
                 probability[at].push(recording.mass(belief, &place, reach));
                 truth_mass[at].push(recording.mass(belief, label, *tolerance));

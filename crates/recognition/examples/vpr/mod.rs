@@ -1,4 +1,4 @@
-//! Code that both examples on visual place recognition share, from a recording to the answers of
+//! Code shared by the two examples on visual place recognition: from a recording to the answers of
 //! several methods, with tables and pictures.
 
 pub(crate) mod arguments;
@@ -46,7 +46,7 @@ pub(crate) fn bar(what: &'static str, count: usize) -> ProgressBar {
     ProgressBar::new(count as u64).with_message(what).with_style(style)
 }
 
-/// Runs something with a spinner.
+/// Runs a function behind a spinner.
 fn waiting<T>(what: &'static str, run: impl FnOnce() -> T) -> T {
     let spinner = ProgressBar::new_spinner().with_message(what);
     spinner.enable_steady_tick(Duration::from_millis(100));
@@ -72,7 +72,7 @@ pub(crate) fn number(value: f64) -> String {
     format!("{value:.4}").replace("-0.0000", "0.0000")
 }
 
-/// Name of a recording: the last parts of paths.
+/// Name of a recording: the last parts of its paths.
 pub(crate) fn name(paths: &[&Path]) -> String {
     let last = paths.iter().map(|path| path.file_name().unwrap_or(path.as_os_str()).display());
     last.map(|name| name.to_string()).collect::<Vec<_>>().join(" on ")
@@ -112,7 +112,7 @@ fn write(task: Task<'_>, estimates: &Estimates, measured: &[Measured], out: &Pat
     belief::draw(&out.join("belief.svg"), task, estimates)?;
     let scored = ["table.csv", "precision_recall.svg", "reliability.svg"].map(|of| out.join(of));
     let [Measured { tolerance, .. }, ..] = measured else {
-        // Files of an earlier run would not match the others.
+        // Files of an earlier run would not match the others, so they are removed.
         return Ok(scored.iter().filter(|file| file.exists()).try_for_each(fs::remove_file)?);
     };
     let first: Vec<_> = measured.iter().filter(|score| score.tolerance == *tolerance).collect();

@@ -4,7 +4,7 @@ use std::{fs::File, io::BufReader, path::Path};
 
 use npyz::{NpyFile, Order};
 
-/// An array in C order, of which the type of the elements is still to be chosen.
+/// An array in C order; the type of its elements is still to be chosen.
 pub(crate) struct Array<const AXES: usize> {
     pub(crate) shape: [usize; AXES],
     pub(crate) npy: NpyFile<BufReader<File>>,

@@ -14,7 +14,7 @@ pub(crate) type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Curve = (&'static str, Vec<(f64, f64)>);
 
 pub(crate) const GREY: RGBColor = RGBColor(110, 110, 110);
-/// Methods with their colours, of Okabe and Ito's palette for the colour-blind, and lengths of
+/// Methods with their colours, from Okabe and Ito's palette for the colour-blind, and lengths of
 /// dashes, 0 for a solid line.
 const METHODS: [(&str, RGBColor, u32); 9] = [
     ("nearest", GREY, 3),
@@ -74,6 +74,7 @@ fn draw(file: &Path, titles: [&str; 3], axes: [&str; 2], curves: &[Curve]) -> Fa
     let area = SVGBackend::new(file, (700, 520)).into_drawing_area();
     head(&area, titles[0], titles[1])?;
     let all = curves.iter().flat_map(|curve| &curve.1);
+    // The axis starts at the tenth below the lowest point, but shows at least the top tenth.
     let bottom = (all.map(|point| point.1).fold(1.0, f64::min) * 10.0).floor().min(9.0) / 10.0;
     let part = area.clone().shrink((8, 72), (440, 440));
     let mut chart = ChartBuilder::on(&part)
@@ -99,7 +100,7 @@ fn draw(file: &Path, titles: [&str; 3], axes: [&str; 2], curves: &[Curve]) -> Fa
     Ok(area.present()?)
 }
 
-/// Draws precision and recall of each method, in steps, as the area is computed.
+/// Draws precision and recall of each method as steps, which is how the area is computed.
 pub(crate) fn precision_recall(file: &Path, name: &str, first: &[&Measured]) -> Fallible {
     let mut curves: Vec<Curve> = Vec::new();
     for score in first {

@@ -8,12 +8,13 @@ use wayfix::{Belief, Hmm, LikelihoodVector, Prior};
 use super::{Fallible, Recording, Task};
 
 /// Probabilities of moving by −1 to +3 references a step: one is usual if both passes were filmed
-/// alike, others keep the model from losing a vehicle that drives slower, faster or back.
+/// alike; the others keep the model from losing a vehicle that drives slower, faster or backwards.
 const MOVES: (isize, [f64; 5]) = (-1, [0.05, 0.15, 0.5, 0.2, 0.1]);
-/// Temperature without a labelled part, and those tried with one.
+/// Temperature without a labelled part, and those to try with one.
 const TEMPERATURE: f64 = 0.5;
 const TEMPERATURES: [f64; 11] = [4.0, 2.8, 2.0, 1.4, 1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12];
-/// Log-likelihood of an infinite distance: a random walk that is ruled out everywhere cannot go on.
+/// Log-likelihood of an infinite distance: finite, since a random walk that is ruled out everywhere
+/// could not go on.
 const NEVER: f64 = -700.0;
 
 pub(crate) fn model(recording: &Recording) -> Fallible<Hmm<WindowTransition, LikelihoodVector>> {
@@ -37,7 +38,7 @@ pub(crate) fn log_likelihoods(recording: &Recording, temperature: f64) -> Vec<Ve
     recording.distances.chunks_exact(recording.references).map(of_row).collect()
 }
 
-/// Chooses the temperature with the best log score of the filter on the labelled part, of the
+/// Chooses the temperature with the best log score of the filter on the labelled part, over the
 /// right places and those next to them; steps off the map do not count.
 pub(crate) fn temperature(Task { recording, split, .. }: Task<'_>) -> Fallible<f64> {
     let (hmm, mut best) = (model(recording)?, (f64::NEG_INFINITY, TEMPERATURE));
@@ -49,6 +50,7 @@ pub(crate) fn temperature(Task { recording, split, .. }: Task<'_>) -> Fallible<f
             for (label, logs) in truth[start..end].iter().zip(&logs[start..end]) {
                 filter.step(logs)?;
                 let mass = recording.mass(filter.belief().as_slice(), label, 1);
+                // Bounded below, so that one lost step does not rule a temperature out.
                 score += label.as_ref().map_or(0.0, |_| mass.max(f64::MIN_POSITIVE).ln());
             }
         }

@@ -1,4 +1,4 @@
-//! Recordings to be located.
+//! Recordings to locate.
 
 use std::ops::RangeInclusive;
 
@@ -11,13 +11,14 @@ pub(crate) struct Recording {
     pub(crate) name: String,
     /// Number of places of the map, n.
     pub(crate) references: usize,
-    /// Distances, T × n, one row per step; smaller = more alike.
+    /// Distances, T × n, one row per step; smaller is more alike.
     pub(crate) distances: Vec<f32>,
     /// Right places at each step, if they are known.
     pub(crate) truth: Option<Vec<Label>>,
-    /// Measured number of references that the vehicle advanced before each step; empty if none.
+    /// Measured number of references that the vehicle advanced before each step; empty if not
+    /// measured.
     pub(crate) odometry: Vec<Option<f64>>,
-    /// True if the last reference is followed by the first one.
+    /// True if the first reference follows the last one.
     pub(crate) closed: bool,
 }
 
@@ -30,7 +31,8 @@ impl Recording {
         self.distances.chunks_exact(self.references).collect()
     }
 
-    /// Number of references between a place and a range, the shorter way around a loop; 0 inside.
+    /// Number of references between a place and a range, by the shorter way around a loop; 0
+    /// inside.
     pub(crate) fn gap(&self, place: usize, range: &RangeInclusive<usize>) -> usize {
         let (n, start, end) = (self.references, *range.start(), *range.end());
         let beside = start.saturating_sub(place).max(place.saturating_sub(end));
@@ -38,7 +40,7 @@ impl Recording {
         if self.closed { beside.min(around) } else { beside }
     }
 
-    /// True if an answer is right to a tolerance in references.
+    /// True if an answer is right within a tolerance, in references.
     pub(crate) fn is_right(&self, label: &Label, answer: Option<usize>, tolerance: usize) -> bool {
         match (label, answer) {
             (Some(range), Some(place)) => self.gap(place, range) <= tolerance,
@@ -46,7 +48,7 @@ impl Recording {
         }
     }
 
-    /// Probability within a reach of a label, by a belief that may end in an entry for off the map.
+    /// Probability within `reach` of a label, by a belief that may end in an entry for off the map.
     pub(crate) fn mass(&self, belief: &[f64], label: &Label, reach: usize) -> f64 {
         let n = self.references;
         let Some(range) = label else { return belief.get(n).map_or(0.0, |off| off.min(1.0)) };

@@ -7,13 +7,13 @@ use wayfix_recognition::Answer;
 
 use super::{Measured, Recording, Task, number};
 
-/// Baselines that are live, as the filter is, and those that know all images, as the smoother.
+/// Baselines that are live, like the filter, and those that know all images, like the smoother.
 const LIVE: [&str; 4] = ["nearest", "single", "seqslam_trailing", "plain_hmm"];
 const AFTERWARDS: [&str; 2] = ["seqslam_centred", "plain_hmm_smoothed"];
 pub(crate) const TABLE: &str = "method,tolerance,recall,worst_minute,calibration_error,log_score,\
     worst_log_score,worst_step,recall_at_precision_1,average_precision,off_map_roc_area";
 
-/// Report of what was located, and how well. If a baseline is better, the first line says so.
+/// Reports what was located, and how well. If a baseline is better, the first line says so.
 pub(crate) fn report(task: Task<'_>, notes: &[String], measured: &[Measured]) -> String {
     let Task { recording: Recording { name, references, truth, .. }, split, .. } = task;
     let steps = task.recording.steps();
@@ -36,6 +36,7 @@ fn beaten(measured: &[Measured]) -> String {
     let gains =
         live.chain(AFTERWARDS.map(|name| (name, "smoother"))).filter_map(|(name, model)| {
             let gain = recall(name)? - recall(model)?;
+            // Smaller differences are noise.
             (gain > 0.005).then(|| format!("{name} than the {model} by {}", number(gain)))
         });
     let better = gains.collect::<Vec<_>>().join(", ");
@@ -60,7 +61,7 @@ pub(crate) fn cells(score: &Measured) -> Vec<String> {
     ]
 }
 
-/// Aligns the cells of a table; each word of a header has a line of its own.
+/// Aligns the cells of a table; each word of a header has its own line.
 pub(crate) fn aligned(header: &str, rows: &[Vec<String>]) -> String {
     let names: Vec<Vec<&str>> = header.split(',').map(|name| name.split('_').collect()).collect();
     let depth = names.iter().map(Vec::len).max().unwrap_or(0);

@@ -1,11 +1,11 @@
-//! `SeqSLAM`: the straight line of least difference through the matrix of a query and a map
+//! `SeqSLAM`: the straight line with the least difference through the matrix of a query and a map
 //! (Milford and Wyeth, 2012). At the ends of the query a line has only the steps that exist. Beyond
 //! an open map its difference is 0, the mean of a contrast window, which favours no length.
 
 use super::{Common, Method, Recording, Task, recall};
 
-/// Answers of lines that end at the answered step, as live, and of those centred on it, each with
-/// the length that has the best recall on the steps reported on, or the shortest.
+/// Answers of lines that end at the answered step, as live, and of lines centred on it, each with
+/// the length that has the best recall on the reported steps, the shortest one on ties.
 pub(crate) fn run(Task { recording, split, common }: Task<'_>) -> Vec<(usize, Method)> {
     let Common { sequence, velocities, contrast, tolerance, .. } = common;
     let lengths = sequence.map_or(vec![10, 20, 50, 100], |steps| vec![steps.get()]);
@@ -26,11 +26,11 @@ pub(crate) fn run(Task { recording, split, common }: Task<'_>) -> Vec<(usize, Me
 }
 
 /// Normalises each difference by those at the references around it: subtracts their mean and
-/// divides by their sample standard deviation; flat windows become 0. Infinite differences stay so
-/// and do not count. O(T × n × window).
+/// divides by their sample standard deviation; flat windows become 0. Infinite differences stay
+/// infinite and do not count. O(T × n × window).
 fn enhance(recording: &Recording, contrast: usize) -> Vec<f32> {
     let (n, closed) = (recording.references, recording.closed);
-    // Around a loop, each reference is in a window at most once.
+    // Around a loop, a window contains each reference at most once.
     let reach = contrast.min(if closed { (n - 1) / 2 } else { n });
     let enhanced = |row: &[f32], i: usize| {
         let window = (i + n - reach..=i + n + reach).filter(|j| closed || j / n == 1);
@@ -46,7 +46,7 @@ fn enhance(recording: &Recording, contrast: usize) -> Vec<f32> {
 }
 
 /// Returns, for each step, the place at the end or in the middle of the best line of a length, with
-/// the margin to the best one elsewhere as confidence. O(T × n × slopes × length).
+/// the margin to the best line elsewhere as confidence. O(T × n × slopes × length).
 fn answers(
     of: &Recording,
     slopes: &[f64],
@@ -65,6 +65,8 @@ fn answers(
             line.fill(0.0);
             for other in on.clone() {
                 let row = &of.distances[other * n..][..n];
+                // Where a line that passes place i at `step` is at the other step: i + ahead. All
+                // places at once are a shift of the row.
                 let ahead = (slope * (other as f64 - step as f64) + 0.5).floor() as isize;
                 add_shifted(row, ahead, of.closed, &mut line);
             }
@@ -72,6 +74,8 @@ fn answers(
         }
         let lowest = |best: (usize, f32), (i, &sum)| if sum < best.1 { (i, sum) } else { best };
         let (place, best) = scores.iter().enumerate().fold((0, f32::INFINITY), lowest);
+        // The runner-up must be outside the contrast window: the neighbours of the best place are
+        // as good.
         let apart = |(i, _): &(usize, &f32)| of.gap(*i, &(place..=place)) > contrast;
         let (_, second) = scores.iter().enumerate().filter(apart).fold((0, f32::MAX), lowest);
         (Some(place), f64::from(second - best.min(f32::MAX)) / on.len() as f64)
@@ -80,7 +84,7 @@ fn answers(
     Method { name, places, confidence, ..Method::default() }
 }
 
-/// Adds to each place the value of the row at `by` places further on.
+/// Adds to each place the value of the row `by` places further on.
 fn add_shifted(row: &[f32], by: isize, closed: bool, to: &mut [f32]) {
     let add = |to: &mut [f32], row: &[f32]| to.iter_mut().zip(row).for_each(|(to, x)| *to += x);
     let n = row.len();

@@ -1,5 +1,6 @@
 //! A small synthetic recording, for a first run without data. Its places resemble their neighbours;
-//! the query has less contrast, the texture of another season, and noise. It imitates no camera.
+//! the query has less contrast, the texture of another season, and noise. It does not imitate any
+//! camera.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -7,7 +8,7 @@ use rand_distr::{Distribution, StandardNormal};
 
 use super::{Common, Drive, Frames, Pass, generator};
 
-/// Number of frames of each pass, and of those that form the map, from the first on.
+/// Number of frames of each pass, and of those that form the map, counted from the first.
 const PLACES: usize = 360;
 const MAPPED: usize = 300;
 const ROWS: usize = 16;
@@ -34,14 +35,14 @@ pub(crate) fn pass(common: &Common) -> Pass {
     Pass { name, references, map, queries, patch: 8, closed, noise: None, seed }
 }
 
-/// A drive with a stop and a reverse and, if asked for, detours to places that are not on the map.
+/// Returns a drive with a stop and a reversal and, if asked for, detours to places off the map.
 pub(crate) fn drive(off_map: bool) -> Result<Drive, String> {
     let legs = [(120, 1.0), (30, 0.0), (60, 1.0), (50, -1.0), (50, 2.0), (40, 0.5), (30, 1.0)];
     let detours = [(MAPPED + 5..MAPPED + 30, 60), (MAPPED + 30..MAPPED + 60, 240)];
     Drive::new(&legs, 10, PLACES)?.with_detours(if off_map { &detours } else { &[] }, PLACES)
 }
 
-/// Nearest value that a pixel can have.
+/// The nearest value that a pixel can have.
 #[expect(clippy::cast_sign_loss, reason = "it is clamped, as a camera's is")]
 pub(crate) fn grey(value: f64) -> u8 {
     value.round().clamp(0.0, 255.0) as u8
@@ -51,6 +52,7 @@ pub(crate) fn grey(value: f64) -> u8 {
 fn texture(along: usize, closed: bool, rng: &mut ChaCha8Rng) -> Vec<Vec<f64>> {
     let mut white = || StandardNormal.sample_iter(&mut *rng).take(ROWS * COLS).collect();
     let noise: Vec<Vec<f64>> = (0..PLACES + along).map(|_| white()).collect();
+    // The map's window wraps around a loop, so its first and last places are neighbours, too.
     let around = |i: usize| if closed && i < MAPPED + along { i % MAPPED } else { i };
     let value = |place: usize, pixel: usize| {
         let near = (place..place + along).map(|i| noise[around(i)][pixel]);

@@ -8,7 +8,7 @@ use crate::vpr::Array;
 use crate::vpr::recording::Label;
 
 /// Reads a matrix from a `.npy` or CSV file: its number of columns, and the values row by row.
-/// Infinite ones may be allowed.
+/// Infinite values may be allowed.
 pub(crate) fn matrix(file: &Path, infinite: bool) -> Result<(usize, Vec<f32>), String> {
     let name = file.display();
     let values = match Array::open(file, "(rows, columns)")? {
@@ -64,7 +64,8 @@ fn csv(text: &str) -> Result<(usize, Vec<f32>), String> {
     Ok((columns, values))
 }
 
-/// Reads lines of query, first and last, the latter two empty or -1 if it is not on the map.
+/// Reads lines of query, first and last; the latter two are empty or -1 if the query is not on the
+/// map.
 pub(crate) fn truth(file: &Path, queries: usize, references: usize) -> Result<Vec<Label>, String> {
     let truth = parse(&read(file)?, queries, references);
     truth.map_err(|error| format!("{}: {error}", file.display()))
@@ -84,6 +85,7 @@ fn parse(text: &str, queries: usize, references: usize) -> Result<Vec<Label>, St
         };
         let nowhere = [first, last].iter().all(|cell| matches!(*cell, "" | "-1"));
         let end = if nowhere { 0 } else { number(3, last, references)? };
+        // `first` may be at most `last`: the range must not be empty.
         let label = if nowhere { None } else { Some(number(2, first, end + 1)?..=end) };
         let query = number(1, query, queries)?;
         if truth[query].replace(label).is_some() {

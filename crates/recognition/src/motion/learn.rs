@@ -1,4 +1,4 @@
-//! Learning the use and the changes of speeds from labelled moves: Baum-Welch in a model whose
+//! Learning the shares and the changes of speeds from labelled moves: Baum-Welch in a model whose
 //! states are speeds alone, with Σ_v q(v) w(m, v) as the likelihood of a move m (guide, section 10,
 //! Route). Priors keep every speed and every change possible.
 
@@ -11,15 +11,15 @@ use wayfix::TransitionError;
 use wayfix::error::Parameter;
 use wayfix::{Hmm, Prior};
 
-/// Prior count, in steps, of the present probabilities of a change: a part that was driven
-/// steadily does not show that the vehicle never stops. (With 30, filters of drives with stops
-/// lost 0.3 nats a step more after such a part; after parts with stops it matters little.)
+/// Prior count, in steps, of the present probabilities of a change: a stretch that was driven
+/// steadily does not show that the vehicle never stops. (With 30, filters of drives with stops lost
+/// 0.3 nats a step more after such a stretch; after stretches with stops it matters little.)
 const CHANGE_COUNT: f64 = 200.0;
 /// Prior count of the present shares, in steps.
 const SHARE_COUNT: f64 = 40.0;
 /// Rounds of expectation and maximisation.
 const ROUNDS: usize = 10;
-/// Slacks that are tried, and the prior count of the present one, in steps.
+/// Slacks to try, and the prior count of the present slack, in steps.
 const SLACKS: [f64; 8] = [0.005, 0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.18];
 const SLACK_COUNT: f64 = 100.0;
 
@@ -27,8 +27,8 @@ impl Speeds {
     /// Learns the shares, the changes and the slack of speeds from drives, given as the number of
     /// places that each step moved on (halves, say, where a label is a range).
     ///
-    /// By expectation and maximisation (Baum and others 1970) in a model of speeds alone, for each
-    /// of eight slacks from 0.005 to 0.18, of which the most probable one is taken; a slack of 0
+    /// Runs expectation and maximisation (Baum and others 1970) in a model of speeds alone, for
+    /// each of eight slacks from 0.005 to 0.18, and takes the most probable of them; a slack of 0
     /// stays. Present values count as 200 steps of changes, 40 of shares and 100 of slack: a speed
     /// that was never seen stays possible, and so does a change. A move that no speed makes carries
     /// no evidence. O(steps k²) for k speeds.
@@ -43,12 +43,16 @@ impl Speeds {
                 return Err(Parameter::new(what, value, expected).into());
             }
         }
+        // A slack of 0 is a statement about the vehicle (a train), not an estimate.
         if self.slack() == 0.0 {
             return Ok(self.fit_changes(drives).0);
         }
         let mut best = (f64::NEG_INFINITY, self.clone());
         for slack in SLACKS {
             let (learned, log) = self.clone().with_slack(slack)?.fit_changes(drives);
+            // Log-density of the slack under a beta prior, up to a constant: `SLACK_COUNT` steps of
+            // which a fraction 2 s leads one place off, as at the present slack. The present one is
+            // kept below 1, or no other slack could win.
             let (now, before) = (2.0 * slack, (2.0 * self.slack()).min(0.99));
             let prior = SLACK_COUNT * (before * now.ln() + (1.0 - before) * (1.0 - now).ln());
             if log + prior > best.0 {
@@ -65,7 +69,8 @@ impl Speeds {
         let seen: Vec<Vec<Vec<f64>>> = drives.iter().map(moves).collect();
         let (mut learned, mut log) = (self.clone(), 0.0);
         for _ in 0..ROUNDS {
-            // No error is possible: the model is valid, and no step's likelihoods are all 0.
+            // No error is expected: the model is valid, and no step's likelihoods are all 0. Should
+            // one arise after all, the last valid estimate stands.
             match learned.relearned(self, &seen) {
                 Ok(next) => (learned, log) = next,
                 Err(_) => break,
@@ -74,7 +79,8 @@ impl Speeds {
         (learned, log)
     }
 
-    /// Likelihood of each speed, given the number of places that a step moved on.
+    /// Likelihood of each speed, given the number of places that a step moved on. Between two whole
+    /// numbers it is interpolated.
     fn likelihoods(&self, places: f64) -> Vec<f64> {
         let share = places - places.floor();
         let of = |window: &super::speeds::Window| {
@@ -87,6 +93,7 @@ impl Speeds {
             (1.0 - share) * weight(places.floor()) + share * weight(places.floor() + 1.0)
         };
         let likelihoods: Vec<f64> = self.windows.iter().map(of).collect();
+        // A move that no speed makes: no evidence, rather than an impossible step.
         if likelihoods.iter().all(|p| *p == 0.0) {
             vec![1.0; likelihoods.len()]
         } else {
@@ -94,7 +101,8 @@ impl Speeds {
         }
     }
 
-    /// A round of expectation and maximisation, and the log-likelihood before it.
+    /// A round of expectation and maximisation from `self`, with the prior counts of `before`; also
+    /// returns the log-likelihood of `self`.
     fn relearned(
         &self,
         before: &Self,
@@ -112,6 +120,8 @@ impl Speeds {
         );
         let Ok(hmm) = hmm else { return Ok((self.clone(), 0.0)) };
         let mut log = 0.0;
+        // The counts start at those of the priors, so that each ratio below is the posterior mean
+        // of a Dirichlet prior centred at `before`.
         let ((mut nearby, mut anywhere), mut steps) = (before.changes(), CHANGE_COUNT);
         (nearby, anywhere) = (nearby * steps, anywhere * steps);
         let mut used: Vec<f64> = before.shares().iter().map(|p| p * SHARE_COUNT).collect();
@@ -122,6 +132,9 @@ impl Speeds {
                 used.iter_mut().zip(belief.as_slice()).for_each(|(used, p)| *used += p);
             }
             for moved in hmm.expected_moves(drive)?.moves() {
+                // The weights of a step's moves sum to one, so `steps` counts steps. A change to
+                // the same speed by "anywhere" cannot be told from staying, and one to a neighbour
+                // is counted as nearby: both are rare beside the others.
                 steps += moved.weight;
                 match moved.to.abs_diff(moved.from) {
                     0 => {}

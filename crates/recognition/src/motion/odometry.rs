@@ -31,44 +31,44 @@ pub struct OdometryModel {
     pub scale: f64,
     /// Places read while standing.
     pub bias: f64,
-    /// The scale of the error, in places: two thirds of errors are within about 1.1 times this. For
-    /// a speed that stands for a cell of speeds, the variance of an eighth of the cell is added
+    /// Scale of the error, in places: two thirds of errors are within about 1.1 times this. For
+    /// a grid speed that stands for a cell of speeds, the variance of an eighth of the cell is added
     /// to its square: (scale × width / 8)² / 12.
     pub deviation: f64,
 }
 
 impl Default for OdometryModel {
-    /// Unbiased, with an error of 0.5 places: drives whose true error was 0.3 lost nothing by it, and
-    /// with 0.3 those whose error was 1 went wrong.
+    /// Unbiased, with an error of 0.5 places: drives whose true error was 0.3 lost nothing by it,
+    /// and with 0.3 the drives whose error was 1 went wrong.
     fn default() -> Self {
         Self { scale: 1.0, bias: 0.0, deviation: 0.5 }
     }
 }
 
-/// Density of Student's t with four degrees of freedom at 0.
+/// Density at 0 of Student's t with four degrees of freedom.
 const PEAK: f64 = 0.375;
-/// Largest valid reading.
+/// Largest absolute value of a valid reading.
 const FARTHEST: f64 = 1e6;
 
-/// Prior deviations of scale and bias: readings of one speed alone could not tell them apart.
+/// Prior deviations of scale and bias: readings at a single speed could not tell them apart.
 const SCALE_OFF: f64 = 0.05;
 const BIAS_OFF: f64 = 0.005;
-/// Least deviation that is learned.
+/// Smallest deviation that is learned.
 const LEAST_DEVIATION: f64 = 0.05;
-/// Steps of a span over which readings are compared with places: over fewer, counting in whole
-/// references dominates.
+/// Steps of a span over which readings are compared with places: over fewer, the error of counting
+/// in whole references dominates.
 const SPAN: usize = 10;
 
 impl OdometryModel {
-    /// Learns the model from drives, given as the number of places that each step moved on, and
-    /// the readings. Scale and bias are found by least squares over spans of ten steps, held near 1
-    /// and 0 by priors (deviations 0.05 and 0.005); the deviation from the errors, less the effect
-    /// of counting in whole places. O(steps).
+    /// Learns the model from drives, given as the number of places that each step moved on, and the
+    /// readings. Scale and bias are found by least squares over spans of ten steps, held near 1 and
+    /// 0 by priors (deviations 0.05 and 0.005); the deviation comes from the errors, less the
+    /// effect of counting in whole places. O(steps).
     ///
     /// # Errors
     ///
     /// [`TransitionError::PartStates`] for a drive whose moves and readings differ in number,
-    /// or [`TransitionError::Parameter`] for a number that is not finite, or beyond 1e6.
+    /// or [`TransitionError::Parameter`] for a number that is NaN or beyond ±1e6.
     pub fn fit<M, R>(drives: &[(M, R)]) -> Result<Self, TransitionError>
     where
         M: AsRef<[f64]>,
@@ -93,8 +93,12 @@ impl OdometryModel {
             spans.extend(pairs.map(|(m, r)| (m.len() as f64, sum(m), sum(r))));
         }
         let mut model = Self::default();
-        // The weight of the priors depends on the deviation, and that on scale and bias.
+        // Iterated, since the weight of the priors depends on the deviation, and the deviation on
+        // scale and bias.
         for _ in 0..4 {
+            // Ridge regression: the priors enter the normal equations of r ≈ scale m + bias n as
+            // pseudo- observations with the mean (1, 0), in units of the errors' variance. The sums
+            // over a span have a variance in proportion to its length n, hence the weight 1 / n.
             let prior = [SCALE_OFF, BIAS_OFF].map(|off| (model.deviation / off).powi(2));
             let (mut mm, mut mn, mut nn) = (prior[0], 0.0, prior[1]);
             let (mut mr, mut nr) = (prior[0], 0.0);
@@ -103,6 +107,8 @@ impl OdometryModel {
                 (mm, mn, nn) = (mm + weight * m * m, mn + weight * m * n, nn + weight * n * n);
                 (mr, nr) = (mr + weight * m * r, nr + weight * n * r);
             }
+            // Above 0, as the prior terms are on the diagonal of a matrix that is positive
+            // semidefinite.
             let determinant = mm * nn - mn * mn;
             model.scale = (mr * nn - nr * mn) / determinant;
             model.bias = (nr * mm - mr * mn) / determinant;
@@ -111,15 +117,15 @@ impl OdometryModel {
         Ok(model)
     }
 
-    /// Deviation by the moments of the errors: counting in whole places makes errors of successive
-    /// steps negatively correlated, and adds to the variance twice as much as it takes from the
-    /// covariance.
+    /// Deviation by the moments of the errors. Counting in whole places makes the errors of
+    /// successive steps negatively correlated, and adds twice as much to the variance as it takes
+    /// from the covariance; so variance + 2 covariance is free of it.
     fn deviation_of<M: AsRef<[f64]>, R: AsRef<[f64]>>(&self, drives: &[(M, R)]) -> f64 {
         let (mut squares, mut products, mut count) = (0.0, 0.0, 0.0);
         for (moves, read) in drives {
             let pairs = moves.as_ref().iter().zip(read.as_ref());
             let errors: Vec<f64> = pairs.map(|(m, r)| r - self.scale * m - self.bias).collect();
-            // Clipped, so that a slip counts little, as in the density.
+            // Winsorised, so that a slip counts little, as in the density.
             let bound = 4.0 * median(errors.iter().map(|e| e.abs()).collect()).max(0.05);
             let errors: Vec<f64> = errors.iter().map(|e| e.clamp(-bound, bound)).collect();
             squares += errors.iter().map(|e| e * e).sum::<f64>();
@@ -131,8 +137,8 @@ impl OdometryModel {
         }
         let (variance, covariance) = (squares / count, products / count);
         let own = (variance + 2.0 * covariance).clamp(0.25 * variance, variance);
-        // A t with four degrees of freedom has twice the variance of its scale squared,
-        // a Gaussian once: between them.
+        // Errors are between a Gaussian, whose variance is the scale squared, and a t with four
+        // degrees of freedom, whose variance is twice that.
         (own / 1.4).sqrt().max(LEAST_DEVIATION)
     }
 
@@ -163,11 +169,15 @@ impl OdometryModel {
         Err(TransitionError::Control(text))
     }
 
-    /// Density of a reading at a speed known to `spacing`, relative to the largest density.
+    /// Density of a reading at a speed known up to a cell of width `spacing`, relative to the
+    /// largest density.
     pub(super) fn relative(&self, reading: f64, speed: f64, spacing: f64) -> f64 {
         let width = self.scale * spacing;
+        // The variance of a uniform distribution over the cell is added.
         let s = (self.deviation * self.deviation + width * width / 12.0).sqrt();
         let r = (reading - self.scale * speed - self.bias) / s;
+        // (1 + r² / 4)^(−5/2), the kernel of a t with four degrees of freedom; the ratio of the
+        // scales is that of the peaks.
         let x = 1.0 + 0.25 * r * r;
         self.deviation / s / (x * x * x.sqrt())
     }
@@ -175,6 +185,7 @@ impl OdometryModel {
     /// Density of a reading given the mean of earlier readings at the same speed, relative to the
     /// largest density.
     pub(super) fn again(&self, reading: f64, mean: f64, count: u32) -> f64 {
+        // Predictive density: the variance of the mean, 1 / count, adds to that of the reading.
         let width = (1.0 + 1.0 / f64::from(count)).sqrt();
         let r = (reading - mean) / (width * self.deviation);
         let x = 1.0 + 0.25 * r * r;

@@ -1,16 +1,16 @@
-//! The speeds of a vehicle along a route, and their changes: the grid, the shares r and the matrix G
-//! of section 10 of the guide, Route. Columns of G sum to one.
+//! Speeds of a vehicle along a route, and their changes: the grid, the shares r and the matrix G of
+//! section 10 of the guide, Route. Columns of G sum to one.
 
 pub(super) use super::window::Window;
 use wayfix::TransitionError;
 use wayfix::error::Parameter;
 use wayfix::internal::{check_probability, check_sum};
 
-/// Largest number of speeds: changes take memory and time for each pair.
+/// Largest number of speeds: changes take memory and time for each pair of them.
 const MOST_SPEEDS: usize = 1024;
 /// Default slack.
 const SLACK: f64 = 0.04;
-/// The largest speed, in places a step.
+/// Largest speed, in places a step.
 const FASTEST: f64 = 64.0;
 
 /// A grid of speeds, in places a step, and the probabilities of their changes.
@@ -20,15 +20,15 @@ const FASTEST: f64 = 64.0;
 /// reverse.
 ///
 /// A speed of the grid stands for itself with probability ½, else for its cell: all speeds nearer
-/// to it than to its neighbours. 0 is standing still. So a vehicle at 1.1 places a step, which
-/// passes one reference in most steps and two in one of ten, is tracked with speeds of 1 and
+/// to it than to its neighbours. Speed 0 is standing still. So a vehicle at 1.1 places a step,
+/// which passes one reference in most steps and two in one of ten, is tracked with speeds of 1 and
 /// 1⅛.
 ///
 /// The default grid, −2, −1, 0, ¼, eighths from ½ to 1½, 2 and 3, was chosen on some recordings,
-/// with drives of constant and changing speeds, stops and reversals. In a long dark stretch a
-/// vehicle between two speeds of the grid drifts: with quarters instead of eighths, filters at
-/// constant speeds from 0.7 to 1.6 were right in 0.90 to 0.95 of the steps instead of 0.96 to 0.98;
-/// with twentieths in 0.98.
+/// with drives at constant and changing speeds, stops and reversals. In a long dark stretch a
+/// vehicle between two speeds of the grid drifts: at constant speeds from 0.7 to 1.6, filters with
+/// quarters instead of eighths were right in 0.90 to 0.95 of the steps instead of 0.96 to 0.98;
+/// with twentieths, in 0.98.
 ///
 /// ```
 /// use wayfix_recognition::motion::Speeds;
@@ -49,7 +49,7 @@ pub struct Speeds {
     nearby: f64,
     anywhere: f64,
     slack: f64,
-    /// The distribution of moves of each speed.
+    /// Distribution of the moves of each speed.
     pub(super) windows: Vec<Window>,
 }
 
@@ -63,8 +63,8 @@ impl Default for Speeds {
     }
 }
 
-/// Default shares: slow rather than fast, and above all standing and one place a step, the speed
-/// of the recorded route.
+/// Default shares: slow rather than fast, and above all standing and one place a step, which is the
+/// speed of the recorded route.
 fn usual_shares(values: &[f64]) -> Vec<f64> {
     let usual = |v: &f64| if *v == 0.0 || *v == 1.0 { 3.0 } else { 1.0 };
     let weights: Vec<f64> = values.iter().map(|v| usual(v) * (-0.4 * v.abs()).exp()).collect();
@@ -79,7 +79,7 @@ impl Speeds {
     /// # Errors
     ///
     /// [`TransitionError::Empty`] for no speeds, or [`TransitionError::Parameter`] for more than
-    /// 1,024, or unless they ascend and are from −64 to 64.
+    /// 1,024 speeds, or if they do not ascend or are not from −64 to 64.
     pub fn new(values: &[f64]) -> Result<Self, TransitionError> {
         if values.is_empty() {
             return Err(TransitionError::Empty);
@@ -99,8 +99,8 @@ impl Speeds {
         Ok(Self::build(values.to_vec(), usual_shares(values), [0.01, 0.005, SLACK]))
     }
 
-    /// Sets the probabilities of a change in a step: to one of the neighbouring speeds,
-    /// and to any, by their [shares](Self::shares).
+    /// Sets the probabilities of a change in a step: to one of the neighbouring speeds, and to any
+    /// speed, by their [shares](Self::shares).
     ///
     /// # Errors
     ///
@@ -117,7 +117,7 @@ impl Speeds {
     ///
     /// # Errors
     ///
-    /// [`TransitionError::PartStates`] for another number of shares than of speeds, or
+    /// [`TransitionError::PartStates`] if there are not as many shares as speeds, or
     /// [`TransitionError::Parameter`] unless they are probabilities that sum to one.
     pub fn with_shares(self, shares: &[f64]) -> Result<Self, TransitionError> {
         let (found, expected) = (shares.len(), self.values.len());
@@ -130,10 +130,10 @@ impl Speeds {
         Ok(Self { shares: shares.to_vec(), ..self })
     }
 
-    /// Sets the slack: the probability that a step leads one place farther than its speed, and the
-    /// same for one place less: the noise of a step. 0.04 by default, and always 0 for standing. A
-    /// train has none; on a road, where speeds waver and references are unevenly spaced, it is
-    /// 0.1 or so.
+    /// Sets the slack, which is the noise of a step: the probability that a step leads one place
+    /// farther than its speed, and also that of one place less. 0.04 by default, and always 0 for
+    /// standing. A train has none; on a road, where speeds waver and references are unevenly
+    /// spaced, it is 0.1 or so.
     ///
     /// # Errors
     ///
@@ -157,27 +157,30 @@ impl Speeds {
         &self.values
     }
 
-    /// The share of time at each speed.
+    /// Share of time at each speed.
     #[must_use]
     pub fn shares(&self) -> &[f64] {
         &self.shares
     }
 
-    /// The probabilities of a change in a step: to a neighbouring speed, and to any.
+    /// Probabilities of a change in a step: to a neighbouring speed, and to any.
     #[must_use]
     pub fn changes(&self) -> (f64, f64) {
         (self.nearby, self.anywhere)
     }
 
-    /// The probability that a step leads one place farther than its speed, and of one place less.
+    /// Probability that a step leads one place farther than its speed, and also that of one place
+    /// less.
     #[must_use]
     pub fn slack(&self) -> f64 {
         self.slack
     }
 
-    /// The index of the speed of the grid nearest to a speed, the lower of two; 0 for NaN.
+    /// Index of the grid speed nearest to a speed, the lower of two; 0 for NaN.
     #[must_use]
     pub fn nearest(&self, speed: f64) -> usize {
+        // A fold from 0 that moves on only for a smaller distance: ties keep the lower index, and
+        // NaN, for which no comparison holds, keeps 0.
         let closer = |best: usize, at: usize| {
             let off = |at: usize| (self.values[at] - speed).abs();
             if off(at) < off(best) { at } else { best }
@@ -191,6 +194,8 @@ impl Speeds {
         let mut matrix = Vec::with_capacity(k * k);
         for to in 0..k {
             for from in 0..k {
+                // At an end of the grid the single neighbour takes all of `nearby`, and on a grid
+                // of one speed nothing changes: columns sum to one in every case.
                 let neighbors = usize::from(from > 0) + usize::from(from + 1 < k);
                 let near = if neighbors == 0 { 0.0 } else { self.nearby / neighbors as f64 };
                 let lost = if neighbors == 0 { 0.0 } else { self.nearby };

@@ -1,24 +1,24 @@
-//! Distribution of the moves of a speed: w(m, v) of section 10 of the guide, Route, for the speeds v
-//! of its cell. The weights of each v sum to one.
+//! Distribution of the moves of a speed: w(m, v) of section 10 of the guide, Route, for the speeds
+//! v of its cell. The weights of each v sum to one.
 
-/// Number of nodes: speeds, evenly over its cell, that stand for a speed of the grid.
+/// Number of nodes: speeds, evenly spaced over the cell, that stand for a speed of the grid.
 const NODES: usize = 8;
-/// Probability that a vehicle at a speed of the grid drives it exactly: many do, above
-/// all at the speed at which the route was recorded.
+/// Probability that a vehicle at a speed of the grid drives it exactly. Many do, above all at the
+/// speed at which the route was recorded.
 const EXACT: f64 = 0.5;
 
 /// Distribution of the number of places that a step moves on, at a speed.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Window {
-    /// The move of the first weight.
+    /// Move of the first weight.
     pub(super) first: isize,
     pub(super) weights: Vec<f64>,
-    /// Nodes of the cell, each with the weights of its moves, row by row.
+    /// Nodes of the cell; `by_node` has the weights of the moves of each, row by row.
     pub(super) nodes: Vec<f64>,
     by_node: Vec<f64>,
-    /// The probability of each node.
+    /// Probability of each node.
     pub(super) shares: Vec<f64>,
-    /// The width of the cell that a node stands for.
+    /// Width of the part of the cell that a node stands for.
     pub(super) spacing: f64,
 }
 
@@ -32,6 +32,8 @@ impl Window {
             low -= if g == 0 { half(0, 1) } else { half(g - 1, g) };
             high += if g == last { half(last - 1, last) } else { half(g, g + 1) };
         }
+        // A cell without width (standing, or the only speed) is one node. Otherwise nodes are the
+        // midpoints of eight equal parts, and the speed itself is a ninth.
         let count = if low == high { 1 } else { NODES };
         let spacing = (high - low) / count as f64;
         let mut nodes: Vec<f64> = (0..count).map(|q| low + spacing * (q as f64 + 0.5)).collect();
@@ -50,12 +52,16 @@ impl Window {
         let first = low.floor() as isize - margin;
         let last = high.ceil() as isize + margin;
         let width = (last - first + 1).unsigned_abs();
+        // tri(m − v): a vehicle somewhere between two references, at speed v, passes m of them with
+        // this probability. It sums to one over whole m, with the mean v.
         let triangle = |m: isize, v: f64| (1.0 - (m as f64 - v).abs()).max(0.0);
         let mut by_node = Vec::with_capacity(nodes.len() * width);
         for &v in &nodes {
             by_node.extend((first..=last).map(|m| {
                 let beside = triangle(m - 1, v) + triangle(m + 1, v);
                 let slack = if moves { slack } else { 0.0 };
+                // w(m, v): the slack moves a part of the triangle to either side, which keeps its
+                // mean.
                 (1.0 - 2.0 * slack) * triangle(m, v) + slack * beside
             }));
         }
@@ -70,8 +76,8 @@ impl Window {
         self.first + self.weights.len().cast_signed() - 1
     }
 
-    /// Computes the weights of moves, given a likelihood of the speeds of the cell; returns
-    /// their sum.
+    /// Computes the weights of moves, given a likelihood of the speeds in the cell; returns the
+    /// likelihood of the whole cell.
     pub(super) fn weigh(&self, likelihood: impl Fn(f64) -> f64, out: &mut [f64]) -> f64 {
         out.fill(0.0);
         let mut total = 0.0;

@@ -1,4 +1,5 @@
-//! Odds of a place, given a score.
+//! Odds of a place, given a score (guide, section 11, Match odds), in loops that vectorise:
+//! exponential and logarithm are polynomials.
 
 use std::f32::consts::{LN_2, LOG2_E};
 
@@ -6,18 +7,17 @@ use wayfix::error::Parameter;
 use wayfix::observation::ObservationError;
 use wayfix_kernels::{Simd, WithSimd, run};
 
-/// The odds that a reference with a given [score](super::Standardizer) is the right one,
-/// against a wrong one:
+/// Odds that a reference with a given [score](super::Standardizer) is the right one, against a
+/// wrong one:
 ///
 /// o(z) = ((1 − e) exp(−s (z − z₀)) + e)^(1/τ).
 ///
-/// Scores in standard deviations of each reference have much the same odds whatever the
-/// descriptor and the season: on eleven recordings and descriptors, from 16 × 32 pixels to
-/// networks, they fell by two nats for each unit from −3 to 0, and were even near −1.15. So they
-/// need no labels. Beyond three deviations scores are logarithms of distances, so that the odds of
-/// a very near reference grow as a power of its distance. With probability e a frame says nothing
-/// (it shows the inside of a tunnel, or a lorry), so that no frame speaks against a place by more
-/// than ln e.
+/// Scores in standard deviations of each reference have much the same odds whatever the descriptor
+/// and the season: on eleven recordings and descriptors, from 16 × 32 pixels to networks, they fell
+/// by two nats for each unit from −3 to 0, and were even near −1.15. So they need no labels. Beyond
+/// three deviations scores are logarithms of distances, so the odds of a very near reference grow
+/// as a power of its distance. With probability e a frame says nothing (it shows the inside of a
+/// tunnel, or a lorry), so no frame counts against a place by more than ln e.
 ///
 /// The **temperature** τ is for frames in sequence, which err together.
 ///
@@ -75,20 +75,20 @@ impl MatchOdds {
         self.with_nothing(nothing)?.with_temperature(temperature)
     }
 
-    /// The temperature.
+    /// Temperature.
     #[must_use]
     pub fn temperature(&self) -> f64 {
         self.temperature
     }
 
-    /// The probability that a frame says nothing.
+    /// Probability that a frame says nothing.
     #[must_use]
     pub fn nothing(&self) -> f64 {
         self.nothing
     }
 
-    /// Log-odds of a score, divided by the temperature; −∞ for an infinite score, that of a surely
-    /// wrong reference.
+    /// Log-odds of a score, divided by the temperature; −∞ for an infinite score, which belongs to
+    /// a reference that is surely wrong.
     #[must_use]
     pub fn log_odds(&self, score: f64) -> f64 {
         if score == f64::INFINITY {
@@ -121,8 +121,8 @@ impl MatchOdds {
     }
 }
 
-/// The logarithm of the highest odds of a single frame, within the range of singles: for any score
-/// that a real row gives, none.
+/// Logarithm of the highest odds of a single frame, within the range of 32-bit floats: no score
+/// that a real row gives reaches it.
 const MOST: f64 = 80.0;
 
 /// Parameters of [`MatchOdds`], for logarithms to base 2.
@@ -139,6 +139,8 @@ impl Log2Odds {
     #[inline(always)]
     fn of(self, score: f64) -> f32 {
         let says = (self.even - self.slope * score as f32).min(MOST as f32 * LOG2_E);
+        // Below −126, 2^x would not be a normal number; the sum with `nothing`, at least 1e-12,
+        // does not show it.
         let says = single_exp2(says.max(-126.0));
         let log2 = single_log2((1.0 - self.nothing) * says + self.nothing) * self.cooling;
         if score == f64::INFINITY { f32::NEG_INFINITY } else { log2 }
@@ -159,6 +161,7 @@ impl WithSimd for Odds<'_> {
         let Self { of_one, weight, scores } = self;
         let (whole, rest) = scores.as_chunks_mut::<WIDTH>();
         whole.iter_mut().for_each(|scores| odds(of_one, weight, scores));
+        // The rest, padded to a full width, goes through the same operations.
         let mut last = [0.0; WIDTH];
         last[..rest.len()].copy_from_slice(rest);
         odds(of_one, weight, &mut last);
@@ -169,7 +172,7 @@ impl WithSimd for Odds<'_> {
 /// Number of scores handled side by side.
 const WIDTH: usize = 16;
 
-/// Turns scores into odds, in loops over numbers of one type each, which vectorise.
+/// Turns scores into odds, in loops that each work on numbers of one type, so that they vectorise.
 #[inline(always)]
 fn odds(log2_odds: Log2Odds, weight: f32, scores: &mut [f64; WIDTH]) {
     let (mut log2, mut power, mut exponent) = ([0.0; WIDTH], [0.0; WIDTH], [0; WIDTH]);
@@ -177,6 +180,7 @@ fn odds(log2_odds: Log2Odds, weight: f32, scores: &mut [f64; WIDTH]) {
         log2[l] = log2_odds.of(scores[l]);
     }
     for l in 0..WIDTH {
+        // Within the range of normal doubles: the exponent below is put together from bits.
         (power[l], exponent[l]) = exp2_in_parts((weight * log2[l]).clamp(-1020.0, 1000.0));
     }
     for l in 0..WIDTH {
@@ -186,15 +190,16 @@ fn odds(log2_odds: Log2Odds, weight: f32, scores: &mut [f64; WIDTH]) {
     }
 }
 
-/// 1.5 × 2^23: singles around it are whole numbers, given by their low bits.
+/// 1.5 × 2^23: 32-bit floats around it are whole numbers, given by their low bits.
 const WHOLE: f32 = 12_582_912.0;
 
-/// 2^x as a factor from 0.7 to 1.42 and an exponent, for |x| < 2^21: to 2e-7.
+/// 2^x as a factor from 0.7 to 1.42 and an exponent, for |x| < 2^21, to 2e-7.
 #[inline(always)]
 fn exp2_in_parts(x: f32) -> (f32, i32) {
+    // Adding `WHOLE` rounds x to a whole number, which the low bits then hold.
     let shifted = x + WHOLE;
     let exponent = shifted.to_bits().cast_signed() - WHOLE.to_bits().cast_signed();
-    // Taylor's series at (x − exponent) ln 2.
+    // Taylor's series at (x − exponent) ln 2, which is at most ln 2 / 2.
     let y = (x - (shifted - WHOLE)) * LN_2;
     let tail = 1.0 / 24.0 + y * (1.0 / 120.0 + y * (1.0 / 720.0));
     (1.0 + y * (1.0 + y * (0.5 + y * (1.0 / 6.0 + y * tail))), exponent)
@@ -207,7 +212,7 @@ fn single_exp2(x: f32) -> f32 {
     power * f32::from_bits(((exponent + 127) << 23).cast_unsigned())
 }
 
-/// ln(1 + x) of a number of at least 0.
+/// ln(1 + x), for x of at least 0.
 #[inline(always)]
 pub(super) fn ln_1p(x: f32) -> f32 {
     single_log2((1.0 + x).min(f32::MAX)) * LN_2
@@ -216,7 +221,8 @@ pub(super) fn ln_1p(x: f32) -> f32 {
 /// log2 of a normal number above 0, to an absolute or relative error of 2e-7.
 #[inline(always)]
 fn single_log2(x: f32) -> f32 {
-    // The bits of √½, the least mantissa.
+    // The bits of √½, the smallest mantissa: with mantissas from √½ to √2, the logarithm near 1
+    // does not cancel with an exponent.
     const ROOT: i32 = 0x3f35_04f3;
     let bits = x.to_bits().cast_signed();
     let exponent = (bits - ROOT) >> 23;

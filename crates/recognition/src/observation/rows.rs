@@ -1,19 +1,22 @@
-//! Scores within a row of distances, which a few references cannot move.
+//! Scores within a row of distances, which a few references cannot move (guide, section 11, Scores
+//! within a row).
 
 use super::odds::ln_1p;
 use wayfix::observation::ObservationError;
 use wayfix_kernels::{Simd, WithSimd, run};
 
-/// The ratio of the standard deviation of a normal distribution to its median deviation.
+/// Ratio of the standard deviation of a normal distribution to its median deviation.
 const NORMAL: f64 = 1.4826;
 /// Deviations beyond which scores grow as a logarithm.
 const LINEAR: f32 = 3.0;
 /// Deviations beyond which they no longer grow: such a distance is broken, not near or far.
 const MOST: f32 = 1000.0;
-/// Scores count as at most so many in a [`change`]: less, and the matches of a dense route with clear
-/// images no longer change; more, and a few broken references hide the change of all others.
+/// Scores count as at most this in a [`change`]. With less, the matches of a dense route with clear
+/// images would no longer change; with more, a few broken references would hide the change of all
+/// others.
 const MOST_CHANGED: f32 = 5.0;
-/// Number of values above which a sample narrows the search for their median, and its size.
+/// Number of values above which a sample narrows the search for their median, and the sample's
+/// size.
 const MANY: usize = 512;
 const SAMPLE: usize = 128;
 /// Number of scores handled side by side.
@@ -29,14 +32,14 @@ pub(crate) struct RowScratch {
 /// Computes the score of each distance of a row: its difference from the median, in median
 /// deviations scaled to a standard deviation of 1 for normal ones, and beyond three of them as a
 /// logarithm, up to 1000. So no reference moves another's score by more than its rank does, nor
-/// wins for ever by one broken value, and order is kept.
-/// Infinite distances stay infinite. Returns the number of finite distances.
+/// wins for ever by one broken value, and order is kept. Infinite distances stay infinite. Returns
+/// the number of finite distances.
 pub(crate) fn row_scores(
     distances: &[f32],
     out: &mut Vec<f32>,
     scratch: &mut RowScratch,
 ) -> Result<usize, ObservationError> {
-    // Without a way out, so that it is done in vectors.
+    // Without an early exit, so that it is done in vectors.
     let all_finite = distances.iter().fold(true, |all, d| all & d.is_finite());
     let invalid = |d: &f32| d.is_nan() || *d == f32::NEG_INFINITY;
     if !all_finite && let Some(reference) = distances.iter().position(invalid) {
@@ -45,7 +48,7 @@ pub(crate) fn row_scores(
     let RowScratch { finite, middle } = scratch;
     finite.clear();
     middle.clear();
-    // At once, so that a later row with fewer infinite distances needs no more memory.
+    // Reserved in full, so that a later row with fewer infinite distances needs no more memory.
     finite.reserve(distances.len());
     middle.reserve(distances.len());
     if all_finite {
@@ -60,10 +63,12 @@ pub(crate) fn row_scores(
         return Ok(0);
     }
     let centre = median(finite, middle);
+    // A difference of two finite floats may overflow: bounded, since only its rank matters.
     finite.iter_mut().for_each(|d| *d = (*d - centre).abs().min(f32::MAX));
     let mut deviation = NORMAL * f64::from(median(finite, middle));
     if deviation == 0.0 {
-        // More than half of the distances are equal: the median of the others.
+        // More than half of the distances are equal: take the median deviation of the others. If
+        // all are equal, an infinite deviation makes all scores 0.
         finite.retain(|d| *d > 0.0);
         let others = !finite.is_empty();
         deviation = if others { f64::from(median(finite, middle)) } else { f64::INFINITY };
@@ -73,7 +78,7 @@ pub(crate) fn row_scores(
     Ok(count)
 }
 
-/// The upper median of at least one value.
+/// Upper median of at least one value.
 fn median(values: &[f32], middle: &mut Vec<f32>) -> f32 {
     let rank = values.len() / 2;
     let select = |of: &mut [f32], rank: usize| *of.select_nth_unstable_by(rank, f32::total_cmp).1;
@@ -83,8 +88,10 @@ fn median(values: &[f32], middle: &mut Vec<f32>) -> f32 {
             *sampled = values[at * values.len() / SAMPLE];
         }
         sample.sort_unstable_by(f32::total_cmp);
-        // Three deviations of the rank of the median of all in the sample.
+        // The median's rank in a sample of n has the deviation √n / 2, here 5.7: three are 17.
         let (low, high) = (sample[SAMPLE / 2 - 17], sample[SAMPLE / 2 + 17]);
+        // `middle` only grows: with one slot for each value, the loop below writes without a
+        // branch, and an entry that is not kept is overwritten by the next.
         if middle.len() < values.len() {
             middle.resize(values.len(), 0.0);
         }
@@ -94,6 +101,8 @@ fn median(values: &[f32], middle: &mut Vec<f32>) -> f32 {
             middle[count] = *value;
             count += usize::from((low..=high).contains(value));
         }
+        // The value of this rank is among those kept: the search is exact, and the sample saved
+        // time. Otherwise, as for sorted or periodic rows, all values are searched.
         if (below..below + count).contains(&rank) {
             return select(&mut middle[..count], rank - below);
         }
@@ -126,7 +135,7 @@ impl WithSimd for Score<'_> {
     }
 }
 
-/// A score as it counts in a change.
+/// Score clipped to the range in which it counts for a change.
 #[inline(always)]
 pub(crate) fn within(score: f32) -> f32 {
     score.clamp(-MOST_CHANGED, MOST_CHANGED)
@@ -134,12 +143,12 @@ pub(crate) fn within(score: f32) -> f32 {
 
 /// Change between two rows of scores: Σ (a − b)² / Σ (a² + b²), over references with finite scores
 /// in both, each within ±5, so that a few references at extreme distances do not hide the change of
-/// all others. 0 for equal rows, about 1 for two that have nothing in common, and if nothing can be
-/// compared.
+/// all others. 0 for equal rows, about 1 for two that have nothing in common, and 1 if nothing can
+/// be compared.
 pub(crate) fn change(a: &[f32], b: &[f32]) -> f64 {
     match run(Compare { a, b }) {
         None => 1.0,
-        // The size is 0, too, if all scores are.
+        // If all scores are 0, so is the size.
         Some([0.0, _]) => 0.0,
         Some([difference, size]) => difference / size,
     }
@@ -159,6 +168,8 @@ impl WithSimd for Compare<'_> {
         let (mut difference, mut size) = ([0.0_f64; WIDTH], [0.0_f64; WIDTH]);
         let mut counts = [0_u32; WIDTH];
         let mut take = |l: usize, a: f32, b: f32| {
+            // Selections instead of branches; each lane has sums of its own, so that they
+            // vectorise.
             let both = a.is_finite() & b.is_finite();
             let (a, b) = (f64::from(within(a)), f64::from(within(b)));
             counts[l] |= u32::from(both);

@@ -1,4 +1,5 @@
-//! Standardised scores, in units of each reference's scores for other queries.
+//! Standardised scores, in units of each reference's scores for other queries (guide, section 11,
+//! Usual scores).
 
 use super::rows::{RowScratch, row_scores};
 use super::standardize::{CountIn, Spread, Standardize, Usual};
@@ -8,18 +9,17 @@ use wayfix_kernels::run;
 
 /// Brings the distances of a query to one scale for all references.
 ///
-/// A distance is first scored within its row: its difference from the median, in median
-/// deviations, and beyond three of them as a logarithm, up to 1000, so that a few references that are
-/// saturated or broken move no other score. Then it is compared with the usual scores of its
-/// reference for other queries, as in the test-normalisation of speaker recognition (Auckenthaler,
-/// Carey and Lloyd-Thomas 2000). A reference that looks like everything (a dark tunnel, a plain
-/// wall) is near to most queries, and one whose distances hardly vary is never very near to any.
+/// A distance is first scored within its row: its difference from the median, in median deviations,
+/// and beyond three of them as a logarithm, up to 1000, so that a few references that are saturated
+/// or broken move no other score. Then it is compared with the usual scores of its reference for
+/// other queries, as in the test-normalisation of speaker recognition (Auckenthaler, Carey and
+/// Lloyd-Thomas 2000). A reference that looks like everything (a dark tunnel, a plain wall) is near
+/// to most queries; one with nearly constant distances is never very near to any.
 ///
-/// The places of the queries need not be known, so that it learns as the vehicle drives. How far
-/// the mean of a few queries can be trusted is learned, too: with a variance B between references,
-/// and W of one reference over queries, n queries move the usual score by the share
-/// n B / (n B + W) of their mean (empirical Bayes; Efron and Morris 1975), and the rest counts as
-/// uncertainty.
+/// The places of the queries need not be known, so it learns as the vehicle drives. It also learns
+/// how far the mean of a few queries can be trusted: with a variance B between references, and W of
+/// one reference over queries, n queries move the usual score by the share n B / (n B + W) of their
+/// mean (empirical Bayes; Efron and Morris 1975), and the rest counts as uncertainty.
 ///
 /// ```
 /// use wayfix_recognition::observation::Standardizer;
@@ -42,7 +42,7 @@ pub struct Standardizer {
     /// For each reference, the sum of its scores for these queries, and of their squares.
     pub(crate) sums: Vec<f64>,
     pub(crate) squares: Vec<f64>,
-    /// For each reference, the sum of squared differences from the next one's scores.
+    /// For each reference, the sum of squared differences between its scores and those of the next.
     pub(crate) steps: Vec<f64>,
 }
 
@@ -77,7 +77,7 @@ impl Standardizer {
         if let Some(&(what, found)) = lengths.iter().find(|(_, found)| *found != sums.len()) {
             return Err(Parameter::new(what, found as f64, "as many as sums of scores").into());
         }
-        // Far above any real count, and such that no variance overflows 32 bits.
+        // Far above any real count, and low enough that no variance overflows 32 bits.
         let ranges: [(_, &[f64], _, _); 4] = [
             ("the number of queries", &[*count], 0.0..=1e15, "from 0 to 1e15"),
             ("a sum of scores", sums, -1e17..=1e17, "from -1e17 to 1e17"),
@@ -92,24 +92,24 @@ impl Standardizer {
         Ok(self)
     }
 
-    /// The number of references.
+    /// Number of references.
     #[must_use]
     pub fn references(&self) -> usize {
         self.sums.len()
     }
 
-    /// The number of queries observed.
+    /// Number of queries observed.
     #[must_use]
     pub fn count(&self) -> f64 {
         self.count
     }
 
-    /// Learns from a query, whose place need not be known. Leave out the queries of a vehicle that
+    /// Learns from a query; its place need not be known. Leave out the queries of a vehicle that
     /// stands still, which show one place again and again. O(n) time and memory.
     ///
     /// # Errors
     ///
-    /// [`ObservationError`] for a row of another length, or with NaN or −∞.
+    /// [`ObservationError`] for a row of a different length, or with NaN or −∞.
     pub fn observe(&mut self, distances: &[f32]) -> Result<(), ObservationError> {
         let rows = self.row_scores(distances)?;
         self.count_in(self.spread(), &rows, 1.0);
@@ -123,6 +123,7 @@ impl Standardizer {
         if !(count >= 0.0 && count < self.count) {
             return self;
         }
+        // Sums and counts shrink alike, so means and variances stay; only their weight falls.
         let part = count / self.count;
         let scaled = |values: Vec<f64>| values.into_iter().map(|value| value * part).collect();
         Self {
@@ -167,25 +168,25 @@ impl Standardizer {
         }
     }
 
-    /// Learns from [row scores](row_scores), as from a query of this weight; `spread` is that
-    /// [before](Self::spread).
+    /// Learns from [row scores](row_scores), with the weight of this many queries; `spread` is the
+    /// one from [before](Self::spread).
     pub(crate) fn count_in(&mut self, spread: Spread, rows: &[f32], weight: f64) {
         self.count += weight;
         run(CountIn { spread, rows, weight, known: self });
     }
 
-    /// The usual score of a reference within its row.
+    /// Usual score of a reference within its row.
     pub(crate) fn usual(&self, spread: Spread, reference: usize) -> f32 {
         (self.sums[reference] * spread.mean_share) as f32
     }
 
-    /// Usual scores, and how sure they are.
+    /// Variances of usual scores.
     pub(crate) fn spread(&self) -> Spread {
         run(Usual(self))
     }
 
-    /// A quantile of the changes from a reference to the next, as of a change from view to view;
-    /// 0 before any query. O(n). `scratch` is overwritten.
+    /// Quantile of the changes from reference to reference, on the scale of a change from view to
+    /// view; 0 before any query. O(n). `scratch` is overwritten.
     #[expect(clippy::cast_sign_loss, reason = "a count times a share")]
     pub(crate) fn step_quantile(&self, share: f64, scratch: &mut Vec<f64>) -> f64 {
         let pairs = self.squares.windows(2).zip(&self.steps);
@@ -201,7 +202,7 @@ impl Standardizer {
         *scratch.select_nth_unstable_by(at, f64::total_cmp).1
     }
 
-    /// [`scores`](Self::scores) of [row scores](row_scores).
+    /// Computes [`scores`](Self::scores) from [row scores](row_scores).
     pub(crate) fn standardize(&self, spread: Spread, rows: &[f32], out: &mut [f64]) {
         assert_eq!(out.len(), rows.len(), "out must have one value per reference");
         run(Standardize { known: self, spread, rows, out });

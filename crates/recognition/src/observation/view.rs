@@ -1,4 +1,4 @@
-//! Changes of the camera's view.
+//! Changes of the camera's view, measured between rows of distances rather than images.
 
 use super::rows::{RowScratch, change, row_scores};
 use crate::motion::ViewChange;
@@ -6,12 +6,12 @@ use wayfix::error::Parameter;
 use wayfix::observation::ObservationError;
 
 /// Change between two views: Σ (a − b)² / Σ (a² + b²) over the scores a and b within their rows of
-/// distances (see [`Standardizer`](super::Standardizer)), each within ±5. 0 for rows that are equal but for scale
-/// and offset; about 1 for two places that have nothing in common, and at most 2. Distances that
-/// are infinite in either row take no part; if none is left, the change is 1. O(n).
+/// distances (see [`Standardizer`](super::Standardizer)), each within ±5. 0 for rows that are equal
+/// up to scale and offset; about 1 for two places that have nothing in common, and at most 2.
+/// Distances that are infinite in either row are left out; if none remains, the change is 1. O(n).
 ///
-/// Rows of distances stand for the images, so it works for descriptors and
-/// similarities of any kind.
+/// Rows of distances stand for the images, so this works for descriptors and similarities of any
+/// kind.
 ///
 /// # Errors
 ///
@@ -27,13 +27,13 @@ pub fn view_change(before: &[f32], now: &[f32]) -> Result<f64, ObservationError>
     Ok(change(&a, &b))
 }
 
-/// Detects changes of the view frame by frame, against the last new view, so that slow creeping
-/// is noticed.
+/// Detects changes of the view frame by frame, compared with the last new view, so that slow
+/// creeping is noticed.
 ///
-/// A frame that repeats the one before is no fresh evidence on the place: give the filter
-/// `None` for it ([`OptionalLikelihood`](wayfix::OptionalLikelihood)). It is evidence on the
-/// motion: give it to [`RouteControl`](crate::motion::RouteControl). Otherwise a stop at a light
-/// makes the filter as sure as can be of whatever that one image happens to resemble.
+/// A frame that repeats the one before is not fresh evidence on the place: give the filter `None`
+/// for it ([`OptionalLikelihood`](wayfix::OptionalLikelihood)). It is evidence on the motion: give
+/// it to [`RouteControl`](crate::motion::RouteControl). Otherwise, during a stop at a light, the
+/// filter becomes certain of whatever that one image happens to resemble.
 ///
 /// ```
 /// use wayfix_recognition::motion::ViewChange;
@@ -62,7 +62,7 @@ impl PartialEq for ViewComparison {
 }
 
 impl ViewComparison {
-    /// Creates a comparison with a threshold, below which a [`view_change`] does not count.
+    /// Creates a comparison with a threshold: a [`view_change`] below it does not count.
     ///
     /// # Errors
     ///
@@ -90,13 +90,13 @@ impl ViewComparison {
     }
 
     /// Takes the next row of distances, and returns whether the view has changed. The first row
-    /// counts as changed, and so does one that cannot be compared. O(n); no allocation after the
-    /// first.
+    /// counts as changed, and so does one that cannot be compared. O(n); allocates nothing after
+    /// the first.
     ///
     /// # Errors
     ///
-    /// [`ObservationError`] for a row of another length than before, or with NaN or −∞; the state
-    /// is then unchanged.
+    /// [`ObservationError`] for a row of a different length than before, or with NaN or −∞; the
+    /// state is then unchanged.
     pub fn next(&mut self, distances: &[f32]) -> Result<ViewChange, ObservationError> {
         let Self { threshold, last_new, now, scratch } = self;
         if let Some(last) = last_new
@@ -105,8 +105,10 @@ impl ViewComparison {
             let (found, expected) = (distances.len(), last.len());
             return Err(ObservationError::Distances { found, expected });
         }
+        // A row that is not valid returns here, before the last new view changes.
         row_scores(distances, now, scratch)?;
         match last_new {
+            // The last new view stays, so that many small changes add up to a new one.
             Some(last) if change(last, now) < *threshold => return Ok(ViewChange::Unchanged),
             Some(last) => last.copy_from_slice(now),
             None => *last_new = Some(now.clone()),

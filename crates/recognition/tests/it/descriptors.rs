@@ -317,7 +317,7 @@ fn what_is_wrong_is_said_with_its_place() {
     assert_eq!(new(2, &[]), "there are no references, expected at least one");
     assert_eq!(
         new(2, &[1.0, 2.0, 3.0]),
-        "3 values are no whole number of descriptors of dimension 2"
+        "3 values do not make a whole number of descriptors of dimension 2"
     );
 
     let rows = [[1.0, 0.0], [f32::MAX, 0.0]];
@@ -338,11 +338,11 @@ fn what_is_wrong_is_said_with_its_place() {
     );
     assert_eq!(
         text(references.distances_all_into(&[1.0; 3], &mut out)),
-        "3 values are no whole number of descriptors of dimension 2"
+        "3 values do not make a whole number of descriptors of dimension 2"
     );
     assert_eq!(
         text(references.distances_each(&[1.0; 3], |_, _| {})),
-        "3 values are no whole number of descriptors of dimension 2"
+        "3 values do not make a whole number of descriptors of dimension 2"
     );
     assert_eq!(references.distances(&[0.0, 0.0]).unwrap(), [1.0, f32::MAX]);
     // Beyond the first block of either.

@@ -1,6 +1,6 @@
-//! Readers of tags at nodes, and of the names of roads. With the part q of a cell that is in range
-//! of tag t, of T tags, the probability of reading t is r q + m / T, of another tag m / T, and of
-//! none 1 − r q − m.
+//! Readers of tags at nodes, and of the names of roads. If the part q of a cell is in range of tag
+//! t, of T tags, the probability of reading t is r q + m / T, that of another tag m / T, and that
+//! of none 1 − r q − m.
 
 use std::cmp::Reverse;
 
@@ -11,29 +11,28 @@ use wayfix::likelihood::{Groups, LocalLikelihood, SparseObservation};
 use wayfix::observation::ObservationError;
 use wayfix::{Diagonal, Likelihood, Scratch, SparseLikelihood};
 
-/// A tag and the part of a cell that is in range of it, if any is.
+/// Tag that a cell is in range of, with the part of the cell that is; `None` out of range.
 type InRange = Option<(usize, f32)>;
 
-/// A sensor that reads at most one tag in a step: of tags at nodes, read from the cells nearby
-/// (an RFID tag, a toll gate, a stop that is announced), or of groups of cells (the name of a
-/// road).
+/// A sensor that reads at most one tag in a step: tags at nodes, read from the cells nearby (an
+/// RFID tag, a toll gate, a stop that is announced), or groups of cells (the name of a road).
 ///
-/// The observation is the number of a tag, or `None` if nothing was read, which speaks against the
-/// places where something should have been. In a step,
+/// The observation is the number of a tag, or `None` if nothing was read, which counts against the
+/// places where something should have been read. In a step,
 ///
-/// - in range of a tag, it is read with probability `read`, in a cell of which only a part is in
-///   range with that part of it;
-/// - with probability `misread`, in all cells, any tag is read, each as likely.
+/// - in range of a tag, it is read with probability `read`; in a cell that is partly in range, with
+///   that part of the probability;
+/// - with probability `misread`, in all cells, any tag is read, all equally likely.
 ///
 /// **Both are per step.** Readings of successive steps depend on each other: at ten steps a second
-/// a vehicle beside a damaged tag misses it ten times. So `read` is best given low, or steps with
-/// `None` left out: a tag that is read then counts, and one that is missed hardly.
+/// a vehicle beside a damaged tag misses it ten times. So keep `read` low, or leave out steps with
+/// `None`: a tag that is read then counts, and one that is missed hardly does.
 ///
 /// With a `misread` of 0, a wrong reading is an
 /// [error](wayfix::InferenceError::Impossible) if the belief excludes the tag.
 ///
-/// A step costs what a [`SparseLikelihood`] does, with the cells in range of the tag, or of any if
-/// nothing was read. Memory: 32 bytes for each cell in range, and 24 for each tag.
+/// A step costs what a [`SparseLikelihood`] does, with the cells in range of the tag, or of any tag
+/// if nothing was read. Memory: 32 bytes for each cell in range, and 24 for each tag.
 ///
 /// ```
 /// use wayfix_roads::NetworkBuilder;
@@ -72,14 +71,14 @@ pub struct TagLikelihood {
 pub struct ReadRates {
     /// Probability that a tag in range is read.
     pub read: f64,
-    /// Probability that a tag is read by mistake, any of them.
+    /// Probability that any tag is read by mistake.
     pub misread: f64,
 }
 
 impl TagLikelihood {
-    /// Creates a reader of tags at nodes, tag t at `nodes[t]`, from so many metres along the road
-    /// before a node and behind it. Where a cell is in range of several, that of the largest part
-    /// counts, of equal ones the first. O(cells + tags).
+    /// Creates a reader of tags at nodes, tag t at `nodes[t]`, read within `range` metres along the
+    /// road before and behind the node. If a cell is in range of several tags, the one with the
+    /// largest part counts, and the first of equal ones. O(cells + tags).
     ///
     /// # Errors
     ///
@@ -113,14 +112,16 @@ impl TagLikelihood {
             let before = part(tags[edge.to], edge.metres - range, edge.metres);
             let behind = part(tags[edge.from], 0.0, range);
             let found = [before, behind].into_iter().flatten().filter(|(_, part)| *part > 0.0);
+            // Of equal parts the lower tag must win, and `max_by` keeps the last: tags compare in
+            // reverse.
             found.max_by(|a, b| a.1.total_cmp(&b.1).then(Reverse(a.0).cmp(&Reverse(b.0))))
         };
         let in_range: Vec<InRange> = (0..cells.states()).map(in_range).collect();
         Self::new(&in_range, nodes.len(), rates)
     }
 
-    /// Creates a reader of groups, such as [roads](RoadCells::by_road): the number of the group is
-    /// the tag. O(cells).
+    /// Creates a reader of groups, such as [roads](RoadCells::by_road): the tag is the number of
+    /// the group. O(cells).
     ///
     /// # Errors
     ///
@@ -143,14 +144,17 @@ impl TagLikelihood {
             return parameter("the sum of read and misread rate", read + misread, "at most 1");
         }
         let by_mistake = misread / tags as f64;
+        // 1 − r q − m; rounding may take it below 0 if the rates sum to one.
         let nothing = |part: f32| (1.0 - read * f64::from(part) - misread).max(0.0);
-        // The likelihood of reading nothing that most cells have: out of range, if any is.
+        // The likelihood of reading nothing elsewhere: that of the cells with the smallest part in
+        // range, of 0 if any cell is out of range. Cells with more are listed.
         let part = |in_range: &InRange| in_range.map_or(0.0, |(_, part)| part);
         let least = in_range.iter().map(part).fold(1.0, f32::min);
         let (mut read_at, mut missed_at) = (vec![Vec::new(); tags], Vec::new());
         for (cell, &in_range) in in_range.iter().enumerate() {
             let Some((tag, part)) = in_range else { continue };
             read_at[tag].push((cell, read * f64::from(part) + by_mistake));
+            // Cells with the smallest part are "elsewhere".
             if part > least {
                 missed_at.push((cell, nothing(part)));
             }
@@ -170,7 +174,7 @@ impl TagLikelihood {
         self.tags.len()
     }
 
-    /// Cells from which a tag is read, in ascending order.
+    /// Cells where a tag is read, in ascending order.
     ///
     /// # Panics
     ///
@@ -226,13 +230,13 @@ impl LocalLikelihood for TagLikelihood {
     ) -> Result<(Diagonal<'a>, f64), LikelihoodError> {
         let seen = self.seen(tag)?;
         let (found, others) = self.cells.local(seen, states, scratch)?;
-        // As large as out of range, whether or not such a cell was asked for.
+        // Others are bounded by a cell out of range, whether or not such a cell was asked for.
         let out_of_range = if tag.is_some() { seen.elsewhere() } else { self.out_of_range };
         Ok((found, others.max(out_of_range)))
     }
 
-    /// Appends the cells in range of a tag; none if nothing was read, since most cells are then as
-    /// likely.
+    /// Appends the cells in range of a tag; none if nothing was read, since most cells are then
+    /// equally likely.
     fn listed_states(&self, &tag: &Option<usize>, states: &mut Vec<usize>) {
         if let Some(tag) = tag.filter(|tag| *tag < self.tags()) {
             states.extend(self.cells(tag));

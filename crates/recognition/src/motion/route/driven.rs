@@ -1,6 +1,6 @@
 //! Motion of a vehicle off the map, where states have no speed: p̄, the likelihood of measurements
-//! there (guide, section 10, Route), as the sum of three cases. Off the map must pay for a reading
-//! what the map pays, or the belief drifts there.
+//! there (guide, section 10, Route), as the sum of three cases. Off the map must pay as much for a
+//! reading as the map does, or the belief drifts there.
 
 use super::step::Step;
 use super::views::Factors;
@@ -8,27 +8,27 @@ use super::{RouteControl, RouteTransition};
 use crate::motion::OdometryModel;
 use wayfix::TransitionError;
 
-/// Motion of a vehicle up to a step, by the measurements alone.
+/// Motion of a vehicle up to a step, known from the measurements alone.
 ///
-/// Speeds last: on the map the speed is part of the state, and a reading like the ones before is
-/// no surprise. Off the map states have no speed, so that this predicts readings there; without
-/// it each step would be taken for a speed drawn anew, which is evidence against being off the
-/// map. Updated step by step by [`RouteTransition::driven`].
+/// Speeds last: on the map the speed is part of the state, and a reading like the ones before is no
+/// surprise. States off the map have no speed, so this predicts the readings there; without it each
+/// step would be taken for a speed drawn anew, which is evidence against being off the map. Updated
+/// step by step by [`RouteTransition::driven`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct Driven {
-    /// The probability that the vehicle stood.
+    /// Probability that the vehicle stood.
     pub standing: f64,
-    /// The mean odometry reading since the vehicle set off or changed its speed, and the number
-    /// of readings; `None` if there were none.
+    /// Mean odometry reading since the vehicle set off or changed its speed, and the number of
+    /// readings; `None` if there were none.
     pub odometry: Option<(f64, u32)>,
 }
 
-/// Largest number of readings averaged: later ones show the present speed.
+/// Largest number of readings averaged, so that the mean follows the present speed.
 const READINGS: u32 = 10;
 
-/// Relative density below which a reading is some three deviations off.
+/// Relative density below which a reading counts as unlike the mean: some three deviations off.
 const UNLIKE: f64 = 0.05;
 
 /// Share of steps in motion below which a vehicle is taken for one that never moves.
@@ -59,8 +59,10 @@ impl Driven {
 }
 
 impl Step<'_> {
-    /// Likelihood of the measurements off the map; `means` are those of the reading at each speed.
+    /// Likelihood of the measurements off the map; `means` has the likelihood of the reading at
+    /// each speed.
     pub(super) fn off_map_likelihood(&self, control: &RouteControl, means: &[f64]) -> f64 {
+        // Without measurements the cases sum to one but for rounding.
         if control.odometry.is_none() && self.factors == Factors::NONE {
             return 1.0;
         }
@@ -70,6 +72,8 @@ impl Step<'_> {
 
     fn cases(&self, control: &RouteControl, means: &[f64]) -> Cases {
         let speeds = &self.route.speeds;
+        // `share` is that of standing; the sums are over speeds by their shares: of standing, and
+        // of all others.
         let (mut share, mut at_rest, mut moving) = (0.0, 0.0, 0.0);
         for ((v, p), mean) in speeds.values().iter().zip(speeds.shares()).zip(means) {
             if *v == 0.0 {
@@ -80,6 +84,8 @@ impl Step<'_> {
         }
         let (nearby, anywhere) = speeds.changes();
         let factors = self.factors;
+        // Without a motion before, the step is like the first: a speed by its share, so that
+        // `changes` and the second term of `stands` are all.
         let (change, stood) = match control.before {
             None => (1.0, 0.0),
             Some(before) => {
@@ -89,8 +95,11 @@ impl Step<'_> {
                 ((nearby + anywhere).min(1.0), if share > 0.0 { stood } else { 0.0 })
             }
         };
+        // Given that the vehicle stands.
         let at_rest = if share > 0.0 { at_rest / share } else { 0.0 };
         let mean = control.before.and_then(|before| before.odometry);
+        // The likelihood at a speed that goes on: the predictive density of the readings so far, or
+        // without any the mean over the moving speeds.
         let like = control
             .odometry
             .zip(mean)
@@ -116,6 +125,7 @@ impl RouteTransition {
         // If no case explains the measurements, standing and moving are equally probable.
         let standing = if sum > 0.0 { (stands / sum).min(1.0) } else { 0.5 };
         let before = control.before.and_then(|before| before.odometry);
+        // The mean starts anew when the vehicle stands or when a change explains the step better.
         let odometry = match (before.filter(|_| goes_on >= changes), control.odometry) {
             _ if standing > 0.5 => None,
             (Some((mean, count)), Some(reading)) => {

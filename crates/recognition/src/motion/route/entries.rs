@@ -1,5 +1,5 @@
-//! Single entries of A_u, and the step of Viterbi: G has rank one but for neighbours on the grid of
-//! speeds, yet maxima do not factor as sums do, so that it takes k² passes over the places.
+//! Single entries of A_u, and the step of Viterbi. G has rank one but for neighbours on the grid of
+//! speeds; yet maxima do not factor as sums do, so Viterbi takes k² passes over the places.
 
 use super::step::{Off, Step};
 use super::{RouteControl, RouteTransition};
@@ -69,6 +69,9 @@ impl Step<'_> {
             }
             buffers::with_two(n, |mixed, origin| {
                 let mut mixed = Best { scores: mixed, from: origin };
+                // For each new speed: first the best old speed at each place, then the best move
+                // from there. The factor of G depends on the speeds alone and that of the move on
+                // the places, so the two maxima separate.
                 buffers::with(n, |states| {
                     for new in 0..k {
                         let mut best = Best { scores: &mut out[new * n..][..n], from: states };
@@ -81,6 +84,8 @@ impl Step<'_> {
                         }
                         self.go(new, &mixed, &mut best);
                         let share = log2(self.route.speeds.shares()[new]);
+                        // A way back arrives at this speed with its share. It may tie with a move on
+                        // the map: `offer` then takes the lower state.
                         let moves = returned.scores.iter().map(|x| x + share);
                         best.offer(0, moves.zip(returned.from.iter().copied()));
                         for (from, state) in from[new * n..].iter_mut().zip(&*best.from) {
@@ -94,6 +99,7 @@ impl Step<'_> {
         buffers::with(n, |states| {
             let mut best = Best { scores: &mut out[k * n..], from: states };
             best.clear();
+            // From any speed at the same place, or from off the map (g = k) at the same place.
             for g in 0..=k {
                 let into = log2(if g < k { off.enter } else { off.stay });
                 let scores = x[g * n..][..n].iter().map(|x| x + into);
@@ -105,10 +111,12 @@ impl Step<'_> {
         });
     }
 
-    /// Offers to the places of a speed the ways by its window from places with these scores.
+    /// Offers to the places of a speed the moves of its window from places with these scores.
     fn go(&self, new: usize, mixed: &Best<'_>, best: &mut Best<'_>) {
         let (route, window) = (self.route, self.window(new));
-        // Around a short loop, several moves join the same two places.
+        // Around a short loop, several moves join the same two places: their weights add up to one
+        // entry, which the taps, a move each, would offer in parts. All places then go entry by
+        // entry.
         let laps = route.line.closed && window.len() > route.line.places;
         let alone = if laps { 0..0 } else { 0..route.line.places };
         for (places, taps) in route.stencils[new][0].runs(alone) {
@@ -130,12 +138,12 @@ impl Step<'_> {
         }
     }
 
-    /// Finds the best way back to each place, at any speed.
+    /// Finds the best way back to each place, before the share of the speed.
     fn best_return(&self, off: &Off, x: &[f64], best: &mut Best<'_>) {
         let (line, first) = (self.route.line, self.route.k() * x.len());
         let back = log2(off.back);
-        // The best of all, the lowest on ties. Places near where the vehicle left get a second,
-        // larger offer of the same move below.
+        // The best place to have left, the lowest on ties. Places near it get a second, larger
+        // offer of the same move below, which includes its uniform part.
         let mut top = 0;
         for (i, score) in x.iter().enumerate() {
             if *score > x[top] {
@@ -153,22 +161,23 @@ impl Step<'_> {
     }
 }
 
-/// Scores of places, and the states that they come from, encoded as doubles: vector registers
-/// hold as many of both.
+/// Scores of places, and the states they come from. States are encoded as doubles, so that a vector
+/// register holds as many of them as of scores.
 struct Best<'a> {
     scores: &'a mut [f64],
     from: &'a mut [f64],
 }
 
-/// 2^52: added to a state, it gives a double whose low bits are the state.
+/// 2^52: a state added to it gives a double whose low bits are the state, as the spacing of doubles
+/// from 2^52 to 2^53 is 1.
 const ZERO: f64 = (1_u64 << 52) as f64;
 
-/// Encodes a state as a double.
+/// Encodes a state, below 2^32, as a double.
 fn encoded(state: usize) -> f64 {
     ZERO + state as f64
 }
 
-/// Decodes a state.
+/// Decodes a state: the low 32 bits.
 fn decoded(state: f64) -> u32 {
     state.to_bits() as u32
 }
@@ -179,10 +188,12 @@ impl Best<'_> {
         self.from.fill(ZERO);
     }
 
-    /// Offers moves with these scores to consecutive places. The lowest state wins ties, in any
-    /// order.
+    /// Offers moves with these scores to consecutive places. The lowest state wins ties, whatever
+    /// the order of offers.
     fn offer(&mut self, to: usize, moves: impl Iterator<Item = (f64, f64)>) {
         let best = self.scores[to..].iter_mut().zip(&mut self.from[to..]);
+        // Selections instead of branches, which vectorise. A place without a way keeps state 0,
+        // as −∞ ties with −∞; its score says that there is none.
         for ((score, from), (value, state)) in best.zip(moves) {
             let lower = if state < *from { state } else { *from };
             let tied = if value == *score { lower } else { *from };

@@ -1,5 +1,5 @@
-//! Places reached by windows along a route. On an open one, moves beyond an end stop there; around a
-//! loop, several moves of a long window may join the same two places, and their weights add up.
+//! Places that windows reach along a route. On an open one, moves beyond an end stop there; around
+//! a loop, several moves of a long window may join the same two places, and their weights add up.
 
 use std::iter::Chain;
 use std::ops::Range;
@@ -9,7 +9,7 @@ use super::moves::{add_combined, combine};
 use wayfix::internal::buffers;
 use wayfix_kernels as kernels;
 
-/// Places in ascending order, in up to two ranges: windows on a closed route may wrap around.
+/// Places in up to two ranges, ascending: a window on a closed route may wrap around.
 pub(super) type Places = Chain<Range<usize>, Range<usize>>;
 
 /// The shape of a route.
@@ -31,7 +31,7 @@ impl Line {
         between(first.clamp(0, most), last.clamp(0, most))
     }
 
-    /// Places from which a range of moves reaches one.
+    /// Places from which a range of moves reaches a given one.
     pub(super) fn sources(self, moves: (isize, isize), to: usize) -> Places {
         let to = to.cast_signed();
         let (first, last) = (to - moves.1, to - moves.0);
@@ -39,13 +39,15 @@ impl Line {
             return self.around(first, last);
         }
         let most = self.places.cast_signed() - 1;
+        // The inverse of the clamp in `targets`: an end is reached from every place whose move
+        // would lead to it or beyond it, so its range of sources is open on that side.
         between(
             if to == 0 { 0 } else { first.max(0) },
             if to == most { most } else { last.min(most) },
         )
     }
 
-    /// Places within a distance of one.
+    /// Places within a distance of a given one.
     pub(super) fn near(self, place: usize, within: usize) -> Places {
         let (place, within) = (place.cast_signed(), within.min(self.places).cast_signed());
         if self.closed {
@@ -54,8 +56,9 @@ impl Line {
         between((place - within).max(0), (place + within).min(self.places.cast_signed() - 1))
     }
 
-    /// Number of places within a distance of one.
+    /// Number of places within a distance of a given one.
     pub(super) fn count_near(self, place: usize, within: usize) -> usize {
+        // Of two ranges, the size hint is exact.
         let (a, b) = {
             let places = self.near(place, within);
             places.size_hint()
@@ -63,12 +66,15 @@ impl Line {
         b.unwrap_or(a)
     }
 
-    /// Places of a closed route between two indices, modulo its length.
+    /// Places of a closed route from one index to another, modulo its length; each place once, also
+    /// if the range is longer than the loop.
     fn around(self, first: isize, last: isize) -> Places {
         let n = self.places;
         let start = first.rem_euclid(n.cast_signed()).cast_unsigned();
         let count = (last.abs_diff(first) + 1).min(n);
         let end = start + count;
+        // The part that wrapped around comes first, so that places ascend. Both parts together are
+        // `count` ≤ n places.
         (0..end.saturating_sub(n)).chain(start..end.min(n))
     }
 
@@ -88,14 +94,15 @@ impl Line {
         usize::try_from(to).ok().filter(|to| *to < self.places)
     }
 
-    /// Runs of places of the route in a range that may go beyond its ends, each with the number of
-    /// positions of the range before it.
+    /// Runs of places in a range that may extend beyond the ends of the route, each with its offset
+    /// in the range. Around a loop, positions beyond an end are those from the other end.
     pub(super) fn spans(
         self,
         first: isize,
         count: usize,
     ) -> impl Iterator<Item = (Range<usize>, usize)> {
         let n = self.places;
+        // On an open route, positions before the first place are skipped.
         let mut at = if self.closed { 0 } else { (-first).max(0).cast_unsigned() };
         std::iter::from_fn(move || {
             let place = first + at.cast_signed();
@@ -110,8 +117,9 @@ impl Line {
         })
     }
 
-    /// `out[j] = Σ` of x over the places within a distance of j, by sums over 1, 2, 4, …
-    /// places: O(n log within), without subtractions.
+    /// `out[j] = Σ` of x over the places within a distance of j. Sums over 1, 2, 4, … places are
+    /// doubled and those at the binary digits of the width added: O(n log within), without
+    /// subtractions, so nothing cancels.
     pub(super) fn sum_near(self, x: &[f64], within: usize, out: &mut [f64]) {
         let n = self.places;
         out.fill(0.0);
@@ -130,6 +138,9 @@ impl Line {
             }
             let (mut sums, mut next) = (sums, next);
             let (mut done, mut size) = (0, 1);
+            // Invariant: sums[p] is the sum of `size` padded values from p, and out[j] that of the
+            // first `done` values of the window of j; the rest of its width are the binary digits
+            // from `size` up.
             while done < width {
                 if width & size != 0 {
                     add_combined(out, &[(1.0, &sums[done..done + n])]);
@@ -137,6 +148,9 @@ impl Line {
                 }
                 if done < width {
                     let count = sums.len() - size;
+                    // Two neighbouring sums make one of twice the size. Near the end, sums that
+                    // would reach beyond the padding are cut; no window reads them, since
+                    // done + size ≤ width.
                     combine(&mut next[..count], &[(1.0, &sums[..count]), (1.0, &sums[size..])]);
                     next[count..].fill(0.0);
                     std::mem::swap(&mut sums, &mut next);
@@ -154,37 +168,40 @@ impl RouteTransition {
         (window.first, window.last())
     }
 
-    /// Bound on the moves of all speeds; a multiple of eight, so that blocks padded with as many
-    /// places stay aligned to vectors.
+    /// Bound on the moves of all speeds, rounded up to a multiple of eight, so that blocks padded
+    /// by as many places stay aligned to vectors.
     pub(super) fn reach(&self) -> usize {
         let windows = self.speeds.windows.iter();
         let reach = windows.map(|window| window.last().max(-window.first));
         reach.max().unwrap_or(0).max(0).cast_unsigned().next_multiple_of(8)
     }
 
-    /// Weight of the way between two places at a speed with the weights `window`, summed over all
-    /// moves that join them.
+    /// Weight, at a speed with the weights `window`, of going from one place to another, summed
+    /// over all moves that join them.
     pub(super) fn move_weight(&self, speed: usize, window: &[f64], from: usize, to: usize) -> f64 {
         let Line { places, closed } = self.line;
         let at = to.cast_signed() - from.cast_signed() - self.speeds.windows[speed].first;
         if closed {
+            // Moves that differ by whole laps lead to the same place.
             let at = at.rem_euclid(places.cast_signed()).cast_unsigned();
             return window.iter().skip(at).step_by(places).sum();
         }
         let cut = |at: isize| at.max(0).cast_unsigned().min(window.len());
+        // An end also takes the weights of all moves beyond it.
         let start = if to == 0 { 0 } else { cut(at) };
         let end = if to + 1 == places { window.len() } else { cut(at + 1) };
         window[start..end].iter().sum()
     }
 }
 
-/// Places of an open route from `first` to `last`, which may be below 0.
+/// Places of an open route from `first` to `last`, which is −1 or less for none.
 fn between(first: isize, last: isize) -> Places {
+    // `first` is at least 0 for all callers. With a `last` below it the range is empty.
     (first.cast_unsigned()..(last.max(-1) + 1).cast_unsigned()).chain(0..0)
 }
 
-/// Terms of the sums at runs of places, without the ends of an open route, where several moves
-/// stop.
+/// Terms of the sums at runs of places, without the ends of an open route: several moves stop
+/// there.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Stencil(Vec<Run>);
 
@@ -215,7 +232,7 @@ pub(super) enum Direction {
 }
 
 impl Stencil {
-    /// Builds the stencil of moves from `first` on.
+    /// Builds the stencil of `count` moves, the first of which is `first`.
     pub(super) fn new(line: Line, first: isize, count: usize, direction: Direction) -> Self {
         let mut runs: Vec<Run> = Vec::new();
         for place in 0..line.places {
@@ -229,6 +246,8 @@ impl Stencil {
                 }
                 taps.push(Tap { offset: shift, weight, stays: other == place });
             }
+            // Away from the ends all places have the same taps, so that they merge into one long
+            // run.
             match runs.last_mut() {
                 Some(run) if run.taps == taps => run.places.end = place + 1,
                 _ => runs.push(Run { places: place..place + 1, taps }),
@@ -244,6 +263,8 @@ impl Stencil {
         places: Range<usize>,
     ) -> impl Iterator<Item = (Range<usize>, impl Iterator<Item = (isize, usize, bool)> + Clone)>
     {
+        // Runs are ascending and cover the route without gaps: the first one that ends after the
+        // start of the places is the first that meets them.
         let first = self.0.partition_point(|run| run.places.end <= places.start);
         let runs = self.0[first..].iter().take_while(move |run| run.places.start < places.end);
         runs.map(move |run| {

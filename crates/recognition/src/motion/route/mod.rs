@@ -1,5 +1,5 @@
-//! A vehicle at hidden speeds along a route, with measurements as evidence on moves: the operator A_u
-//! of section 10 of the guide, Route. Its columns are not normalised.
+//! A vehicle at hidden speeds along a route, with measurements as evidence on moves: the operator
+//! A_u of section 10 of the guide, Route. Its columns are not normalised.
 
 mod driven;
 mod entries;
@@ -39,22 +39,22 @@ pub struct RouteControl {
 /// hidden [speeds](Speeds), with odometry and changes of the view as
 /// [evidence on moves](wayfix::Transition::evidence).
 ///
-/// State g n + i is the speed g at place i, of n places; [off the map](Self::with_off_map),
-/// there are n more states, one for each place where the vehicle may have left. In a step, the
-/// speed changes to g' with probability G\[g', g\], and the place by a move m, with the weights w
-/// of the **new** speed. This is multiplied by the likelihood of the measurements u:
+/// State g n + i is the speed g at place i, of n places; [off the map](Self::with_off_map), there
+/// are n more states, one for each place where the vehicle may have left. In a step, the speed
+/// changes to g' with probability G\[g', g\], and the place by a move m, with the weights w of the
+/// **new** speed. The likelihood of the measurements u multiplies this:
 ///
 /// A_u\[(g', i + m), (g, i)\] = G\[g', g\] Σ_v w_g'(m, v) p(odometry | v) p(view | i, i + m),
 ///
-/// where v goes through the speeds that g' stands for. The columns are not normalised:
-/// a measurement that contradicts all moves from a place is evidence against the place. On a
-/// closed route, a loop, the first place follows the last. On an open one, moves beyond an end
-/// stop there, with the lesser p(view) of standing and moving on.
+/// where v goes through the speeds that g' stands for. The columns are not normalised: a
+/// measurement that contradicts all moves from a place is evidence against the place. On a closed
+/// route, a loop, the first place follows the last. On an open one, moves beyond an end stop there;
+/// the view is then as likely as in the less likely case of standing and moving on.
 ///
-/// Products and steps of Viterbi cost O(n k (k + w)) for k speeds with windows of
-/// w weights, in contiguous loops, and n r more for r places near where the vehicle left.
-/// Memory is O(k (k + w)). Listing the entries into or out of a state costs
-/// O(k w); to or from off the map O(n k).
+/// Products cost O(n k w), and steps of Viterbi O(n k (k + w)), for k speeds with windows of w
+/// weights, in contiguous loops; steps of Viterbi cost n r more for r places near where the vehicle
+/// left. Memory is O(k (k + w)). Listing the entries into or out of a state costs O(k w); to or
+/// from off the map O(n k).
 ///
 /// ```
 /// use wayfix_recognition::motion::{RouteControl, RouteTransition, Speeds};
@@ -85,11 +85,11 @@ pub struct RouteTransition {
     off_map: Option<OffMap>,
     /// G, row by row: `switching[to * k + from]`.
     switching: Vec<f64>,
-    /// Start of each speed's weights among those of all, and the end.
+    /// Start of each speed's weights among the weights of all speeds, and their end.
     starts: Vec<usize>,
-    /// For each place where the vehicle may leave, the probability of each place near it.
+    /// Probability of each place near a given one, for each place where the vehicle may leave.
     near_shares: Vec<f64>,
-    /// The stencils of each speed, into places and out of them.
+    /// Stencils of each speed: into places, and out of them.
     stencils: Vec<[Stencil; 2]>,
 }
 
@@ -105,6 +105,7 @@ impl RouteTransition {
         if places == 0 {
             return Err(TransitionError::Empty);
         }
+        // With one more layer for off the map, whether it is added later or not.
         check_count("states", places.saturating_mul(k + 1))?;
         let mut starts = vec![0];
         starts.extend(speeds.windows.iter().scan(0, |end, window| {
@@ -148,8 +149,8 @@ impl RouteTransition {
 
     /// Adds states off the map.
     ///
-    /// A measurement there is as likely as at the speed [before](RouteControl::before) the step,
-    /// or at another speed with the probability that speeds change; if no motion before is given,
+    /// A measurement there is as likely as at the speed [before](RouteControl::before) the step, or
+    /// at another speed with the probability that speeds change; if the motion before is not given,
     /// as at speeds by their shares.
     ///
     /// # Errors
@@ -162,7 +163,7 @@ impl RouteTransition {
         Ok(Self { off_map: Some(off_map), near_shares, ..self })
     }
 
-    /// The number of places, n.
+    /// Number of places, n.
     #[must_use]
     pub fn places(&self) -> usize {
         self.line.places
@@ -174,7 +175,7 @@ impl RouteTransition {
         self.line.closed
     }
 
-    /// The speeds.
+    /// Speeds of the vehicle.
     #[must_use]
     pub fn speeds(&self) -> &Speeds {
         &self.speeds
@@ -186,13 +187,13 @@ impl RouteTransition {
         &self.odometry
     }
 
-    /// Rates of leaving the map, if it may be left.
+    /// Rates of leaving the map, or `None` if the vehicle cannot leave it.
     #[must_use]
     pub fn off_map(&self) -> Option<&OffMap> {
         self.off_map.as_ref()
     }
 
-    /// The state of a speed at a place, or `None` if there is none.
+    /// State of a speed at a place, or `None` if there is no such state.
     #[must_use]
     pub fn index(&self, speed: usize, place: usize) -> Option<usize> {
         let n = self.line.places;
@@ -205,15 +206,15 @@ impl RouteTransition {
         Some(state / self.line.places).filter(|speed| *speed < self.k())
     }
 
-    /// Place of a state, off the map the one where the vehicle left; `None` if there is no such
+    /// Place of a state; off the map, the place where the vehicle left. `None` if there is no such
     /// state.
     #[must_use]
     pub fn place_of(&self, state: usize) -> Option<usize> {
         (state < self.count()).then(|| state % self.line.places)
     }
 
-    /// The states grouped by place, with a last group for off the map, if it is modelled:
-    /// for a sensor that sees only places, and for their probabilities.
+    /// States grouped by place, with a last group for off the map if that is modelled: for a sensor
+    /// that sees only places, and for the probabilities of places.
     #[must_use]
     pub fn place_groups(&self) -> Groups {
         let n = self.line.places;
@@ -222,20 +223,21 @@ impl RouteTransition {
         Groups::numbered((0..self.count()).map(group).collect(), groups)
     }
 
-    /// The states grouped by speed, with a last group for off the map, if it is modelled.
+    /// States grouped by speed, with a last group for off the map if that is modelled.
     #[must_use]
     pub fn speed_groups(&self) -> Groups {
         let groups = self.k() + usize::from(self.off_map.is_some());
         Groups::numbered((0..self.count()).map(|state| state / self.line.places).collect(), groups)
     }
 
-    /// The belief of a vehicle that may be anywhere: uniform over places, at speeds by their
-    /// shares, and off the map by [its share](OffMap::share).
+    /// Belief of a vehicle that may be anywhere: uniform over places, at speeds by their shares,
+    /// and off the map by [its share](OffMap::share).
     #[must_use]
     pub fn anywhere(&self) -> Belief {
         let (n, off) = (self.line.places, self.off_map.map_or(0.0, |off_map| off_map.share()));
         let on = self.speeds.shares().iter().map(|share| share * (1.0 - off) / n as f64);
         let layers = on.chain(self.off_map.map(|_| off / n as f64));
+        // The shares sum to one, so on- and off-map mass sum to one without a division.
         Belief::known(layers.flat_map(|p| std::iter::repeat_n(p, n)).collect())
     }
 
@@ -247,6 +249,8 @@ impl RouteTransition {
         };
         let (into, out_of) = (stencil(Direction::Into), stencil(Direction::OutOf));
         let windows = self.speeds.windows.iter();
+        // The stencils do not depend on a step's evidence, which changes the weights only: they are
+        // built once, and a step looks up its weights by index.
         let stencils = windows.map(|window| [into(window, &self), out_of(window, &self)]).collect();
         Self { stencils, ..self }
     }

@@ -1,6 +1,6 @@
 //! Products with the moves of one speed, in loops along the places: the window w(m, v) times the
-//! likelihood of the view. A stencil lists shifted vectors, of which four are added in a pass; only
-//! the ends of an open route, where several moves stop, go entry by entry.
+//! likelihood of the view. A stencil lists shifted vectors, and a pass adds four of them; only the
+//! ends of an open route, where several moves stop, go entry by entry.
 
 use std::ops::Range;
 
@@ -27,7 +27,7 @@ impl<'a> Stretch<'a> {
 }
 
 impl Step<'_> {
-    /// `out =` the sums of a stencil over x at some places, and a factor times further values.
+    /// `out =` the sums of a stencil over x at some places, plus a factor times further values.
     fn take(
         &self,
         (speed, stencil): (usize, &Stencil),
@@ -46,6 +46,8 @@ impl Step<'_> {
                 count = 1;
             }
             let out = &mut out[inner];
+            // Up to TERMS vectors are collected and then written in one pass; the first pass sets
+            // `out`, later ones add to it.
             for (first, weight, stays) in taps {
                 if count == TERMS {
                     if some {
@@ -59,12 +61,13 @@ impl Step<'_> {
                 terms[count] = (factor, &x.from(first)[..out.len()]);
                 count += 1;
             }
+            // Without any term, as at the ends of an open route, `combine` writes zeros.
             let terms = &terms[..count];
             if some { add_combined(out, terms) } else { combine(out, terms) }
         }
     }
 
-    /// `out[j] = Σ` over i of window(i → j) e(i, j) `x[i]` at some places, and a factor times
+    /// `out[j] = Σ` over i of window(i → j) e(i, j) `x[i]` at some places, plus a factor times
     /// further values.
     pub(super) fn push(
         &self,
@@ -90,6 +93,7 @@ impl Step<'_> {
         let stencil = (speed, &route.stencils[speed][1]);
         let places = 0..route.line.places;
         if route.line.closed {
+            // Around a loop, taps lead beyond the ends: x is padded with its other end.
             let reach = route.reach();
             buffers::with(x.len() + 2 * reach, |values| {
                 let first = -reach.cast_signed();
@@ -122,7 +126,7 @@ pub(crate) fn add_combined(out: &mut [f64], terms: &[(f64, &[f64])]) {
 struct Combine<'a> {
     out: &'a mut [f64],
     terms: &'a [(f64, &'a [f64])],
-    /// True to add to what is there.
+    /// True to add to what is in `out`.
     keep: bool,
 }
 
@@ -134,6 +138,7 @@ impl WithSimd for Combine<'_> {
         let Self { out, terms, mut keep } = self;
         let (fours, rest) = terms.as_chunks::<TERMS>();
         for terms in fours {
+            // Only the first four may overwrite `out`.
             add(s, out, terms, keep);
             keep = true;
         }
@@ -152,6 +157,7 @@ fn add<S: Simd, const C: usize>(s: S, out: &mut [f64], terms: &[(f64, &[f64]); C
     let count = out.len();
     let factors: [S::V; C] = std::array::from_fn(|c| s.splat(terms[c].0));
     let (outs, out_rest) = out.as_chunks_mut::<LANES>();
+    // Cutting every vector to `outs.len()` lets the compiler drop the bounds checks of the loop.
     let whole: [&[Eight]; C] =
         std::array::from_fn(|c| &terms[c].1[..count].as_chunks::<LANES>().0[..outs.len()]);
     for (number, out) in outs.iter_mut().enumerate() {
@@ -161,6 +167,8 @@ fn add<S: Simd, const C: usize>(s: S, out: &mut [f64], terms: &[(f64, &[f64]); C
         }
         s.store(sum, out);
     }
+    // The same operations in the same order as in the lanes, so that a place's value does not
+    // depend on where its block ends.
     for (at, out) in (count - out_rest.len()..).zip(out_rest) {
         *out = if keep { *out } else { 0.0 };
         for (factor, x) in terms {

@@ -1,5 +1,6 @@
-//! Leaving the route and coming back: the rates ℓ, ρ and κ of section 10 of the guide, Route. None
-//! may be 0, or a vehicle could never be found again.
+//! Leaving the route and coming back: the rates ℓ, ρ and κ of section 10 of the guide, Route.
+//! Neither ℓ nor ρ may be 0, or the filter could never follow a vehicle off the map or find it
+//! again.
 
 use wayfix::TransitionError;
 use wayfix::error::Parameter;
@@ -7,19 +8,19 @@ use wayfix::internal::check_probability;
 
 /// Rates of leaving a route and coming back.
 ///
-/// States off the map remember where the vehicle left, as a detour often ends near there. In a
+/// States off the map remember where the vehicle left, since a detour often ends near there. In a
 /// step the vehicle leaves with probability `leave`; once off, it comes back with probability
-/// `back`, to a place within `within` of where it left with probability `near`, else
-/// to any place, at a speed by its share.
+/// `back`: with probability `near` to a place within `within` of where it left, else to any place,
+/// at a speed by its share.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct OffMap {
-    /// The probability of leaving the map in a step.
+    /// Probability of leaving the map in a step.
     pub leave: f64,
-    /// The probability of coming back in a step.
+    /// Probability of coming back in a step.
     pub back: f64,
-    /// The probability of coming back near where it left.
+    /// Probability of coming back near where the vehicle left.
     pub near: f64,
     /// Number of places on either side that count as near.
     pub within: usize,
@@ -34,13 +35,14 @@ impl Default for OffMap {
     }
 }
 
-/// Least rate: 0 would rule out possible moves, and below this, products underflow.
+/// Smallest rate: 0 would rule out possible moves, and below this value products underflow.
 const LEAST_RATE: f64 = 1e-30;
 
 impl OffMap {
-    /// Share of the time for which a vehicle is off the map.
+    /// Share of the time that a vehicle is off the map.
     #[must_use]
     pub fn share(&self) -> f64 {
+        // Stationary probability of the chain of on and off.
         self.leave / (self.leave + self.back)
     }
 

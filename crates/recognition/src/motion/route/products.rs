@@ -1,5 +1,5 @@
 //! Products with vectors, in loops along the places: first G mixes the speeds, then the window of
-//! each new speed moves its places (guide, section 10, Route). Both factors are at least 0, so that
+//! each new speed moves its places (guide, section 10, Route). Both factors are at least 0, so
 //! nothing cancels.
 
 use std::ops::Range;
@@ -18,7 +18,8 @@ use wayfix_kernels as kernels;
 const BLOCK: usize = 512;
 
 impl Step<'_> {
-    /// `out[j] =` the probability of coming back at j, for x over places where vehicles left.
+    /// `out[j] =` the probability of coming back at j, for probabilities x of the places where
+    /// vehicles left.
     fn come_back(&self, off: &Off, x: &[f64], out: &mut [f64]) {
         let total = kernels::sum(x);
         let anywhere = off.back * off.each * total;
@@ -50,20 +51,23 @@ impl Step<'_> {
     }
 
     /// Calls `work` with `new` and its neighbours, each with the probability of the change to
-    /// `new`; returns the probability of that change from any speed.
+    /// `new`; returns the probability of changing to `new` from any speed.
     fn changes(&self, new: usize, mut work: impl FnMut(usize, f64)) -> f64 {
         let (k, switching) = (self.route.k(), &self.route.switching);
         let anywhere = self.route.speeds.changes().1 * self.route.speeds.shares()[new];
         for g in new.saturating_sub(1)..(new + 2).min(k) {
+            // G less its term of rank one is tridiagonal. The difference may round below 0.
             work(g, self.keep * (switching[new * k + g] - anywhere).max(0.0));
         }
         self.keep * anywhere
     }
 
-    /// `out =` the belief at a speed after a change of speeds, at some places; `all` is the sum
-    /// over speeds before it.
+    /// `out =` the belief at speed `new` after the change of speeds, at some places; `all` is the
+    /// sum over the speeds before it.
     fn change(&self, new: usize, x: &[f64], all: &[f64], places: Range<usize>, out: &mut [f64]) {
         let n = self.route.line.places;
+        // One term for all speeds together and at most three for the speed and its neighbours:
+        // TERMS in all, so that one pass does.
         let mut terms = [(0.0, &all[places.clone()]); TERMS];
         let mut count = 1;
         terms[0].0 = self.changes(new, |g, share| {
@@ -73,7 +77,7 @@ impl Step<'_> {
         combine(out, &terms[..count]);
     }
 
-    /// Computes the product with x, and hands over each block: its first state, and its values.
+    /// Computes the product with x, and hands over each block with its first state.
     fn apply_in_blocks(&self, x: &[f64], take: &mut dyn FnMut(usize, &[f64])) {
         let (n, k) = (self.route.line.places, self.route.k());
         let (on, left) = x.split_at(k * n);
@@ -83,9 +87,14 @@ impl Step<'_> {
             if let Some(off) = &self.off {
                 self.come_back(off, left, returned);
             }
+            // A block of places is finished for all speeds before the next one starts. A move leads
+            // at most `reach` places away, so its mixed beliefs are needed with as much padding on
+            // either side.
             buffers::with_two(BLOCK.min(n) + 2 * reach, |mixed, out| {
                 for start in (0..n).step_by(BLOCK) {
                     let places = start..(start + BLOCK).min(n);
+                    // What lies beyond the ends of an open route is left as it is: stencils never
+                    // read it.
                     let (mixed, out) = (&mut *mixed, &mut out[..places.len()]);
                     let first = start.cast_signed() - reach.cast_signed();
                     for new in 0..k {
@@ -101,6 +110,8 @@ impl Step<'_> {
                         self.push(new, places.clone(), Stretch { first, values: mixed }, more, out);
                         take(new * n + start, out);
                     }
+                    // To off the map at the place itself: from any speed, and from off the map
+                    // there.
                     if let Some(off) = &self.off {
                         let (left, all) = (&left[places.clone()], &all[places]);
                         combine(out, &[(off.stay, left), (off.enter, all)]);
@@ -126,6 +137,8 @@ impl Step<'_> {
         }
         let Factors { standing, moved } = self.factors;
         let seen = least(&mut [standing, moved].into_iter());
+        // Entries are products of one factor of each kind, so the product of the least of each is a
+        // lower bound.
         let on = changes * seen * least(&mut self.windows.iter().copied());
         let Some(off) = &self.off else { return on };
         let most = 2 * off.within.min(self.route.line.places) + 1;
@@ -140,6 +153,8 @@ impl Step<'_> {
         out.fill(0.0);
         buffers::with_two(n, |pulled, all| {
             all.fill(0.0);
+            // A' = Σ over new speeds of G'(new, ·) after the transposed window. The rank-one part
+            // of G is the same for all old speeds: it is collected in `all` and added to each once.
             for (new, x) in on.chunks_exact(n).enumerate() {
                 self.pull(new, x, pulled);
                 let anywhere = self.changes(new, |g, share| {
@@ -154,6 +169,8 @@ impl Step<'_> {
                 }
             }
             if let Some(off) = &self.off {
+                // `all` is free again: from off the map, a vehicle comes back at speeds by their
+                // shares.
                 add_layers(on, n, |g| self.route.speeds.shares()[g], all);
                 let out = &mut out[k * n..];
                 combine(out, &[(off.stay, left)]);

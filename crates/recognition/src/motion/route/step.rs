@@ -1,5 +1,5 @@
-//! The operator of one step, entry by entry: A_u of section 10 of the guide, Route, as four factors,
-//! which products multiply and decoders add up as logarithms.
+//! The operator of one step, entry by entry: A_u of section 10 of the guide, Route, as four
+//! factors. Products multiply them, decoders add them up as logarithms.
 
 use super::views::Factors;
 use super::{RouteControl, RouteTransition};
@@ -9,10 +9,10 @@ use wayfix::internal::buffers;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Step<'a> {
     pub(super) route: &'a RouteTransition,
-    /// The weights of the moves of all speeds, with the likelihood of the odometry.
+    /// Weights of the moves of all speeds, with the likelihood of the odometry.
     pub(super) windows: &'a [f64],
     pub(super) factors: Factors,
-    /// The probability of not leaving the map.
+    /// Probability of not leaving the map.
     pub(super) keep: f64,
     pub(super) off: Option<Off>,
 }
@@ -23,7 +23,7 @@ pub(super) struct Off {
     pub(super) enter: f64,
     pub(super) stay: f64,
     pub(super) back: f64,
-    /// The probability of coming back at a given place by the uniform part.
+    /// Probability of coming back at a given place by the uniform part.
     pub(super) each: f64,
     /// True if the vehicle comes back anywhere, with no preference for near places.
     pub(super) is_anywhere: bool,
@@ -42,6 +42,8 @@ impl RouteTransition {
     ) -> R {
         let width = self.starts[self.k()];
         buffers::with_two(width.max(self.k()), |windows, means| {
+            // Odometry depends on the speeds v that a grid speed stands for, so that it weights the
+            // nodes of its window. The mean over the nodes is the likelihood of the grid speed.
             let (windows, means) = (&mut windows[..width], &mut means[..self.k()]);
             for (g, window) in self.speeds.windows.iter().enumerate() {
                 let out = &mut windows[self.starts[g]..self.starts[g + 1]];
@@ -60,6 +62,8 @@ impl RouteTransition {
             let seen = self.views.zip(control.view);
             let factors = seen.map_or(Factors::NONE, |(rates, view)| rates.factors(view).0);
             let keep = self.off_map.map_or(1.0, |off| 1.0 - off.leave);
+            // `off_map_likelihood` reads the view's factors but not `off`, so the step can be made
+            // without it first.
             let mut step = Step { route: self, windows, factors, keep, off: None };
             let driven = step.off_map_likelihood(control, means);
             step.off = self.off_map.map(|off| Off {
@@ -97,7 +101,8 @@ impl Step<'_> {
         if from != to || route.line.closed || !route.line.ends().any(|end| end == to) {
             return [weight, self.factors.of(from == to)];
         }
-        // Moves beyond an end stop there, with the lesser likelihood of standing and moving on.
+        // Moves beyond an end stop there. The vehicle may stand or have moved on, so such a move
+        // takes the lesser of the two likelihoods; the move of 0 is standing.
         let stay = usize::try_from(-route.span_of(speed).0).ok().and_then(|at| window.get(at));
         let stay = stay.copied().unwrap_or(0.0);
         let Factors { standing, moved } = self.factors;
@@ -129,6 +134,7 @@ impl Step<'_> {
                     let [weight, seen] = self.move_factors(new, i, j);
                     work(new * n + j, [self.keep, mix, weight, seen]);
                 }
+            // Back to any place, so the column is dense.
             } else if let Some(off) = &self.off {
                 for j in 0..n {
                     let share = route.speeds.shares()[new];

@@ -1,10 +1,10 @@
-//! Changes of the view as evidence on moves: p(view | i, i + m)^ω, of which only standing and moving
-//! on are distinguished. The larger of both is taken out, so that factors are at most 1.
+//! Changes of the view as evidence on moves: p(view | i, i + m)^ω, which distinguishes only
+//! standing and moving on. The larger of the two is taken out, so factors are at most 1.
 
 use wayfix::TransitionError;
 use wayfix::error::Parameter;
 
-/// A view compared with the last new one.
+/// Comparison of a view with the last new one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
@@ -15,9 +15,9 @@ pub enum ViewChange {
     Unchanged,
 }
 
-/// A change of the view as evidence on a move, with a weight: the likelihood is raised to the
-/// power of `weight`, from 0 (no evidence) to 1. Successive views are not independent:
-/// a tunnel looks the same for minutes, though the vehicle moves.
+/// Change of the view as evidence on a move, with a weight: the likelihood is raised to the power
+/// of `weight`, from 0 (no evidence) to 1. Successive views are not independent: a tunnel looks the
+/// same for minutes, though the vehicle moves.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
@@ -41,8 +41,8 @@ pub struct ViewChangeRates {
 }
 
 impl Default for ViewChangeRates {
-    /// 0.9 and 0.05, for views compared with a threshold that noise rarely
-    /// reaches: traffic may pass a vehicle that stands, and walls a vehicle that moves.
+    /// 0.9 and 0.05, for views compared with a threshold that noise rarely reaches: traffic may
+    /// pass a vehicle that stands, and a vehicle that moves may pass along a wall.
     fn default() -> Self {
         Self { standing: 0.9, moved: 0.05 }
     }
@@ -50,13 +50,13 @@ impl Default for ViewChangeRates {
 
 #[cfg(feature = "serde")]
 impl super::RouteTransition {
-    /// The rates of unchanged views.
+    /// Rates of unchanged views.
     pub(crate) fn views(&self) -> Option<ViewChangeRates> {
         self.views
     }
 }
 
-/// Likelihoods of a view for standing and for moving, relative to the larger.
+/// Likelihoods of a view for standing and for moving, relative to the larger of the two.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Factors {
     pub(super) standing: f64,
@@ -94,6 +94,7 @@ impl ViewChangeRates {
             ViewChange::Changed => 1.0 - unchanged,
             ViewChange::Unchanged => unchanged,
         });
+        // Above 0, since `check` keeps rates away from 0 and 1; so no step is ruled out by a view.
         let largest = p.into_iter().fold(0.0, f64::max);
         let [standing, moved] = p.map(|p| (p / largest).powf(evidence.weight));
         (Factors { standing, moved }, evidence.weight * largest.ln())

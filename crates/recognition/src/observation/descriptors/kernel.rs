@@ -1,9 +1,10 @@
-//! The one loop that computes all distances.
+//! The one loop that computes all distances. Every reference has a sum of its own and a fixed order
+//! of terms, so results are the same to the bit on all machines.
 
 use super::{Distance, ObservationError, ReferenceDescriptors};
 
-/// Number of references stored side by side. Each has a sum of its own, so that the
-/// compiler can use registers of any width, with the same result to the bit.
+/// Number of references stored side by side. Each has a sum of its own, so the compiler can use
+/// registers of any width, with the same result to the bit.
 pub(super) const GROUP: usize = 32;
 
 /// Number of terms of a partial sum: the error grows with PART + d / PART, not with d.
@@ -42,10 +43,10 @@ pub(super) fn scaled(x: f32, scale: f64) -> f32 {
 /// A block of queries against all references, which are read once.
 pub(super) struct Pass<'a> {
     pub(super) references: &'a ReferenceDescriptors,
-    /// The index of the first query, for errors.
+    /// Index of the first query, for errors.
     pub(super) first: usize,
     pub(super) queries: &'a [f32],
-    /// The scale factor of each query.
+    /// Scale factor of each query.
     pub(super) scales: &'a [f64],
     /// A row of distances for each query.
     pub(super) out: &'a mut [f32],
@@ -54,7 +55,7 @@ pub(super) struct Pass<'a> {
 impl Pass<'_> {
     /// Runs the loop with the widest registers. faer compiles a closure anew for each width, picks
     /// the one for this machine, and leaves the registers clean. A closure that did not consume its
-    /// captures would be called, not compiled anew.
+    /// captures would be called instead, not compiled anew.
     #[cfg(feature = "faer")]
     pub(super) fn run(self) -> Result<(), ObservationError> {
         use faer::traits::ComplexField;
@@ -73,7 +74,8 @@ impl Pass<'_> {
     #[inline(always)]
     fn distances(self) -> Result<(), ObservationError> {
         let &ReferenceDescriptors { dimension, count, distance, ref groups } = self.references;
-        // Above this, a sum has lost less to terms that underflowed than to rounding.
+        // Terms that underflow lose up to `MIN_POSITIVE` each; from this sum upwards, that is less
+        // than what rounding loses.
         let least = dimension as f32 * f32::MIN_POSITIVE;
         for (start, rows) in (0..count).step_by(GROUP).zip(groups.chunks_exact(dimension)) {
             let members = GROUP.min(count - start);
@@ -85,6 +87,8 @@ impl Pass<'_> {
                     Distance::Cosine => squares.map(|square| 0.5 * square),
                     Distance::Euclidean => squares.map(f32::sqrt),
                 };
+                // Padding and infinities are out of range too; a fold without an early exit
+                // vectorises.
                 let in_range = |square: f32| (least..=f32::MAX).contains(&square);
                 if distance == Distance::Euclidean
                     && !squares.iter().fold(true, |all, &square| all & in_range(square))
@@ -108,6 +112,7 @@ impl Pass<'_> {
 #[inline(always)]
 fn squares(x: &[f32], scale: f64, rows: &[[f32; GROUP]]) -> [f32; GROUP] {
     let mut total = [0.0; GROUP];
+    // Pairwise in two levels: short partial sums of PART terms, then the sum of these.
     for (x, rows) in x.chunks(PART).zip(rows.chunks(PART)) {
         let mut part = [0.0; PART];
         part.iter_mut().zip(x).for_each(|(part, &x)| *part = scaled(x, scale));
@@ -125,8 +130,8 @@ fn squares(x: &[f32], scale: f64, rows: &[[f32; GROUP]]) -> [f32; GROUP] {
     total
 }
 
-/// |x − r| in doubles, where its square is too large or too small for 32 bits. The distance is
-/// the error if it is too large itself.
+/// x − r| in doubles, where its square is too large or too small for 32 bits. The error is the
+/// distance itself, if that is too large.
 #[cold]
 #[inline(never)]
 fn in_doubles(x: &[f32], rows: &[[f32; GROUP]], member: usize) -> Result<f32, f64> {

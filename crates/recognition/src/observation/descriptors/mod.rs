@@ -1,4 +1,5 @@
-//! Descriptors of the reference images, and their distances to a query.
+//! Descriptors of the reference images, and their distances to a query. Distances are sums of
+//! squared differences, so none is negative and a copy of a reference has 0.
 
 mod kernel;
 
@@ -8,17 +9,16 @@ use wayfix::observation::ObservationError;
 
 /// Distance of two descriptors; smaller is more alike.
 ///
-/// Both come from the differences of the elements, not from products, so that
-/// like descriptors lose no digits to cancellation: no distance is ever
-/// negative, and a copy of a reference has distance 0.
+/// Both come from the differences of the elements, not from products, so similar descriptors lose
+/// no digits to cancellation: no distance is ever negative, and a copy of a reference has distance
+/// 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Distance {
     /// 1 − cos of the angle between them, from 0 (the same direction) to 2
     /// (opposite), as ½ |x / |x| − r / |r||².
     ///
-    /// Its error is below 2^-23 √(2c) + (36 + d/32) 2^-24 c + 2^-46 for a true
-    /// value c and dimension d: 2.6e-6 for c = 1 and d = 128. Rounding may
-    /// take it as little above 2.
+    /// Its error is below 2^-23 √(2c) + (36 + d/32) 2^-24 c + 2^-46 for a true value c and
+    /// dimension d: 2.6e-6 for c = 1 and d = 128. Rounding may take it slightly above 2.
     Cosine,
     /// |x − r|, in the unit of the elements.
     ///
@@ -28,8 +28,8 @@ pub enum Distance {
     Euclidean,
 }
 
-/// The descriptors of N reference images, each of d numbers of 32 bits, to be
-/// matched with those of queries.
+/// Descriptors of N reference images, each of d numbers of 32 bits, to be matched with those of
+/// queries.
 ///
 /// Descriptors may come from anywhere: a network, or the pixels of a small image.
 ///
@@ -45,10 +45,10 @@ pub enum Distance {
 ///
 /// # Cost
 ///
-/// A distance takes 3 d operations. Memory is that of the N d numbers, with N
-/// rounded up to a multiple of 32. One query reads all of it: 51.2 MB at
-/// N = 100,000 and d = 128, in 2 ms on a core of 2023, which is the bandwidth of its
-/// memory (25 GB/s). Many queries at once read it once for 16 of them.
+/// A distance takes 3 d operations. Memory is that of the N d numbers, with N rounded up to a
+/// multiple of 32. One query reads all of it: 51.2 MB at N = 100,000 and d = 128, in 2 ms on a core
+/// of 2023, at the bandwidth of its memory (25 GB/s). Of many queries at once, 16 share each
+/// reading.
 ///
 /// With the feature `faer`, the loop uses the widest registers of the machine (AVX2): many
 /// queries then take little more than half the time. Distances are the same to the bit on
@@ -72,11 +72,10 @@ impl ReferenceDescriptors {
     ///
     /// # Errors
     ///
-    /// [`ObservationError`] if the dimension is 0, if there are no values or not
-    /// a multiple of it, if an element is NaN or infinite, if a reference is 0
-    /// in every element and the distance is [`Distance::Cosine`], and if there
-    /// are two or more references which are all equal (with the cosine: have
-    /// one direction, to 32 bits).
+    /// [`ObservationError`] if the dimension is 0, if there are no values or not a multiple of it,
+    /// if an element is NaN or infinite, if a reference is 0 in every element and the distance is
+    /// [`Distance::Cosine`], and if there are two or more references and all are equal (with the
+    /// cosine: have one direction, to 32 bits).
     pub fn new(
         dimension: usize,
         mut values: Vec<f32>,
@@ -93,10 +92,13 @@ impl ReferenceDescriptors {
             let scale = scale(distance, row, "reference", index)?;
             row.iter_mut().for_each(|x| *x = scaled(*x, scale));
         }
+        // Compared after scaling: for the cosine, multiples of one direction are equal.
         let first = &values[..dimension];
         if count > 1 && values.chunks_exact(dimension).all(|row| row == first) {
             return Err(ObservationError::AllEqual { references: count });
         }
+        // Transposed within groups: element k of 32 references side by side, which the loop
+        // compares with one element of the query.
         let mut groups = vec![[0.0; GROUP]; count.div_ceil(GROUP) * dimension];
         for (reference, row) in values.chunks_exact(dimension).enumerate() {
             let group = &mut groups[reference / GROUP * dimension..];
@@ -129,7 +131,7 @@ impl ReferenceDescriptors {
         Self::new(expected, values, distance)
     }
 
-    /// The number of references, N.
+    /// Number of references, N.
     #[must_use]
     pub fn count(&self) -> usize {
         self.count
@@ -145,13 +147,13 @@ impl ReferenceDescriptors {
         (reference < self.count).then(|| values.collect())
     }
 
-    /// The number of elements of a descriptor, d.
+    /// Number of elements of a descriptor, d.
     #[must_use]
     pub fn dimension(&self) -> usize {
         self.dimension
     }
 
-    /// The distance that is computed.
+    /// Distance that is computed.
     #[must_use]
     pub fn distance(&self) -> Distance {
         self.distance
@@ -225,8 +227,8 @@ impl ReferenceDescriptors {
     ///
     /// # Errors
     ///
-    /// As [`distances_all_into`](Self::distances_all_into). Some of the queries
-    /// before the invalid one may have been visited.
+    /// As [`distances_all_into`](Self::distances_all_into). Some of the queries before the invalid
+    /// one may have been visited.
     pub fn distances_each(
         &self,
         queries: &[f32],
@@ -242,13 +244,14 @@ impl ReferenceDescriptors {
         Ok(())
     }
 
-    /// Computes the distances of at most [`BLOCK`] queries, from index `first` on.
+    /// Computes the distances of at most [`BLOCK`] queries; the first has the index `first`.
     fn block(
         &self,
         first: usize,
         queries: &[f32],
         out: &mut [f32],
     ) -> Result<(), ObservationError> {
+        // Scaling checks the queries, so all errors but that of a distance come before the loop.
         let mut scales = [1.0; BLOCK];
         let each = queries.chunks_exact(self.dimension);
         for ((query, x), out) in (first..).zip(each).zip(&mut scales) {

@@ -79,8 +79,8 @@ fn labels_that_do_not_fit_are_errors() {
     wrong[3] = Some(118..=PLACES);
     assert_eq!(
         fit(&wrong, &[]),
-        "step 3 of labelled part 0 shows references up to 120, expected a range that is not empty, \
-         within 0 to 119"
+        "step 3 of labelled part 0 shows references up to 120, expected a non-empty range within \
+         0 to 119"
     );
     #[expect(clippy::reversed_empty_ranges, reason = "that is the error")]
     let empty = Some(5..=4);

@@ -16,11 +16,11 @@ const TOLERANCE: f64 = 1e-9;
 const ROUNDS: usize = 100_000;
 
 /// Turning probabilities from edge to edge of a network, learned from data, with the data behind
-/// each turn. Unlike those of [places](wayfix::map::TurningProbabilities), they know where a
+/// each turn. Unlike those of [places](wayfix::map::TurningProbabilities), they depend on where a
 /// vehicle comes from.
 ///
-/// For [`CellTransition::with_turns`]. Memory: 20 bytes a turn, of those with a probability above
-/// 0, and 4 bytes an edge.
+/// For [`CellTransition::with_turns`]. Memory: 20 bytes for each turn with a probability above 0,
+/// and 4 bytes an edge.
 #[derive(Debug, Clone)]
 pub struct EdgeTurns {
     turns: Turns,
@@ -31,9 +31,9 @@ impl EdgeTurns {
     /// Learns from counted moves from edge to edge, such as those of the routes of matched drives,
     /// with a prior by road class: weights that count as `prior_moves` moves out of each edge.
     ///
-    /// The mean of the posterior, (n_j + w φ_j) / (n + w), as in
-    /// [`TurningProbabilities::fit`](wayfix::map::TurningProbabilities::fit). Moves
-    /// from an edge to itself are no turns, unless it is a loop. O(turns log moves).
+    /// The result is the mean of the posterior, (n_j + w φ_j) / (n + w), as in
+    /// [`TurningProbabilities::fit`](wayfix::map::TurningProbabilities::fit). Moves from an edge to
+    /// itself do not count as turns, unless it is a loop. O(turns log moves).
     ///
     /// ```
     /// use wayfix_roads::NetworkBuilder;
@@ -95,6 +95,7 @@ impl EdgeTurns {
             }
             let sum: f64 = turns[start..].iter().map(|turn| turn.1).sum();
             turns[start..].iter_mut().for_each(|turn| turn.1 /= sum);
+            // Neither counts nor a prior: the turns are those of the weights, and count as 0 moves.
             if turns.len() == start {
                 turns.extend_from_slice(prior.of(edge));
                 behind.resize(turns.len(), 0.0);
@@ -104,23 +105,23 @@ impl EdgeTurns {
         Ok(Self { turns: Turns { starts, turns }, counts: behind })
     }
 
-    /// Learns from counts of traffic, one per edge, without any turn observed: the
-    /// [consistent flow](RoadNetwork::consistent_flow) nearest to them, and at each node the turns
-    /// nearest to the weights that make the flows out of it of those into it, by iterative
-    /// proportional fitting (Deming and Stephan, 1940).
+    /// Learns from counts of traffic, one per edge, without observing any turn: takes the
+    /// [consistent flow](RoadNetwork::consistent_flow) nearest to the counts and, at each node, the
+    /// turns nearest to the weights that turn the flows into the node into the flows out of it, by
+    /// iterative proportional fitting (Deming and Stephan, 1940).
     ///
-    /// **What counts say, and what they don't**: at a junction of a edges in and b out, they give
-    /// a + b − 1 numbers of the a b that turns have. The weights give the others: fitting scales
-    /// the turns of each edge in and of each edge out by a factor, and so keeps all ratios
-    /// (p_ij p_kl) / (p_il p_kj) of the weights, U-turns included. Edges without traffic follow
-    /// the weights.
+    /// **What counts say, and what they don't**: at a junction of a edges in and b out, they
+    /// determine a + b − 1 of the a b numbers that turns have. The weights give the others: fitting
+    /// scales the turns of each edge in and of each edge out by a factor, and so keeps all ratios
+    /// (p_ij p_kl) / (p_il p_kj) of the weights, U-turns included. Edges without traffic follow the
+    /// weights.
     ///
     /// O(rounds × turns).
     ///
     /// # Errors
     ///
-    /// [`MapError`] for counts that are none, if there is no consistent flow, or if it cannot pass
-    /// the turns with weights above 0 at some node.
+    /// [`MapError`] for invalid counts, if there is no consistent flow, or if it cannot pass the
+    /// turns with weights above 0 at some node.
     pub fn fit_traffic<P>(
         network: &RoadNetwork<P>,
         counts: &[f64],
@@ -165,7 +166,7 @@ impl EdgeTurns {
     }
 
     /// Turns of edges with the data behind them, by the edge that is left. From counts of traffic,
-    /// `count` is the number of turns that is expected.
+    /// `count` is the expected number of turns.
     pub fn turns(&self) -> impl Iterator<Item = FittedTurn> {
         let edges = self.turns.starts.windows(2).enumerate().flat_map(|(edge, range)| {
             (range[0] as usize..range[1] as usize).map(move |at| (edge, at))
@@ -177,8 +178,8 @@ impl EdgeTurns {
     }
 }
 
-/// Scales the turns of edges into a node, given with their flows, until they make the flows out of
-/// it, whose edges are numbered from `first`; returns the error left if they don't.
+/// Scales the turns of edges into a node, given with their flows, until they yield the flows out of
+/// it, whose edges are numbered from `first`; returns the remaining error if they don't.
 fn fit(
     turns: &mut [(u32, f64)],
     into: &[(f64, std::ops::Range<usize>)],
@@ -186,6 +187,8 @@ fn fit(
     out: &[f64],
 ) -> Result<(), f64> {
     let mut error = 0.0;
+    // Each round scales columns (edges out) to their flows and rows (edges in) to one. Rows hold
+    // exactly after it, so the error of the columns alone tells how far the fit has come.
     for _ in 0..ROUNDS {
         let mut sums = vec![0.0; out.len()];
         for (flow, range) in into {
@@ -195,6 +198,7 @@ fn fit(
         }
         error = 0.0;
         for (sum, out) in sums.iter().zip(out) {
+            // Two zeros agree; otherwise the larger one is above 0.
             if sum != out {
                 error = f64::max(error, (sum - out).abs() / out.max(*sum));
             }
@@ -223,8 +227,8 @@ impl CellTransition {
     ///
     /// # Errors
     ///
-    /// [`TransitionError::PartStates`] for turns of another number of edges, and
-    /// [`TransitionError::Forbidden`] for one of another network.
+    /// [`TransitionError::PartStates`] if the number of edges differs, and
+    /// [`TransitionError::Forbidden`] for a turn that this network does not have.
     pub fn with_turns<P>(cells: &RoadCells<P>, turns: &EdgeTurns) -> Result<Self, TransitionError> {
         let (found, expected) = (turns.turns.starts.len() - 1, cells.network().edges().len());
         if found != expected {

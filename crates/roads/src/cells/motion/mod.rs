@@ -1,5 +1,5 @@
 //! Motion on the cells of roads, by metres driven: A = Σ w_k M^k, with M one cell ahead. All such
-//! operators commute, so that the rate of readings does not matter.
+//! operators commute, so the rate of readings does not matter.
 
 mod edge_turns;
 mod odometer;
@@ -44,47 +44,48 @@ use wayfix::{Transition, TransitionEntries};
 ///
 /// # Metres
 ///
-/// [`travel`](Self::travel) gives the w of metres with a variance, of which both are kept exactly:
-/// around a whole number of cells a symmetric Skellam distribution (close to a Gaussian, defined
-/// on whole numbers, and closed under sums), and between two whole numbers in proportion. The
-/// variance is that of the metres, the [rounding](RoadCells::rounding) of the map, and at least
-/// that of lying between whole numbers. Tails below 1e-20 are cut. A vehicle that would have
-/// driven less than nothing stays.
+/// [`travel`](Self::travel) turns metres with a variance into w, and keeps both exactly: around a
+/// whole number of cells a symmetric Skellam distribution (close to a Gaussian, defined on whole
+/// numbers, and closed under sums), and between two whole numbers in proportion. The variance is
+/// that of the metres and of the [rounding](RoadCells::rounding) of the map, and at least that of
+/// lying between whole numbers. Tails below 1e-20 are cut. A vehicle that would have driven less
+/// than nothing stays.
 ///
 /// **Readings shorter than some ten cells go through an [`Odometer`]**, which keeps what does not
-/// make up a whole cell. Given directly, each of them adds up to a quarter of the square of a
-/// cell to the variance.
+/// make up a whole cell. Given directly, each of them adds up to a quarter of a squared cell to the
+/// variance.
 ///
-/// **Errors of readings are taken for independent**, and average out. Wheels that are 2% too large
-/// do not: where they are the odometer, take a [`WheelTransition`], which finds out their scale.
+/// **Errors of readings are taken to be independent**, so they average out. Wheels that are 2% too
+/// large do not: if they are the odometer, take a [`WheelTransition`], which learns their scale.
 ///
 /// # Control or evidence
 ///
 /// A distance chooses the operator, and its columns sum to one. That loses nothing here: with all
 /// distances equally likely beforehand, the probability of a reading is the same wherever the
-/// vehicle is, and where it ends up says nothing about it. This is unlike a
-/// [`DistanceTransition`](super::DistanceTransition), whose roads have lengths to compare with.
+/// vehicle is, so the reading says nothing about where it is. A
+/// [`DistanceTransition`](super::DistanceTransition) differs: its roads have lengths to compare
+/// with.
 ///
-/// The exception is the end of the network: an edge that nothing may follow, such as a one-way
-/// road that leaves the map. By default, a vehicle there stays. Its odometer speaks against that,
-/// and a wrong position that comes to such an end survives there longer than it should.
-/// [`with_evidence_at_ends`](Self::with_evidence_at_ends) counts it: what would drive on from an
-/// end is impossible. Columns then sum to less than one, which is
-/// [evidence on the move](Transition::evidence) with the costs that this has in a
-/// [`PrunedFilter`](wayfix::PrunedFilter). Better is a map without such [ends](Self::ends). A dead
-/// end with a way back is none.
+/// The exception is the end of the network: an edge that nothing may follow, such as a one-way road
+/// that leaves the map. By default, a vehicle there stays. Its odometer speaks against that, and a
+/// wrong position that comes to such an end survives there longer than it should.
+/// [`with_evidence_at_ends`](Self::with_evidence_at_ends) counts this: to drive on from an end is
+/// then impossible. Columns sum to less than one, which is [evidence on the
+/// move](Transition::evidence), with the costs that this has in a
+/// [`PrunedFilter`](wayfix::PrunedFilter). A map without such [ends](Self::ends) is better. A dead
+/// end with a way back is not one of them.
 ///
-/// A vehicle turns around at nodes only, and not between them. For one that may be carried
-/// elsewhere, put it into a [`RestartTransition`](wayfix::transition::RestartTransition).
+/// A vehicle turns around at nodes only, not between them. If it may be carried elsewhere, put this
+/// into a [`RestartTransition`](wayfix::transition::RestartTransition).
 ///
 /// # Costs
 ///
 /// Products take k passes over all cells and turns for a step of at most k cells: 50 for a
-/// kilometre on cells of 20 m. Entries are listed by walking over edges, without regard to the
-/// number of all cells: those of a step within an edge cost its weights, those across junctions
-/// O(r log r) with r for the edges (each at each distance) and cells reached. A
-/// [`PrunedFilter`](wayfix::PrunedFilter) needs no more than them. Memory: 12 bytes an edge and 32
-/// bytes a turn beside the cells, which are shared.
+/// kilometre on cells of 20 m. Entries are listed by walking over edges, at a cost independent of
+/// the number of all cells: O(number of weights) for a step within an edge, and for steps across
+/// junctions O(r log r), where r counts the edges (at each distance) and cells reached. A
+/// [`PrunedFilter`](wayfix::PrunedFilter) needs no more than these. Memory: 12 bytes an edge and 32
+/// bytes a turn, beside the cells, which are shared.
 ///
 /// ```
 /// use wayfix_roads::NetworkBuilder;
@@ -134,8 +135,8 @@ pub struct CellTransition {
 }
 
 impl CellTransition {
-    /// Creates the motion on cells, with the turns of their network. O(turns), of which there are
-    /// as many as pairs of an edge and one that follows.
+    /// Creates the motion on cells, with the turns of their network. O(turns): the pairs of an edge
+    /// and one that may follow it.
     ///
     /// # Errors
     ///
@@ -154,7 +155,7 @@ impl CellTransition {
         Self { layout, next, before, ends, stay: true, mean_metres, rounding }
     }
 
-    /// Makes it impossible to stay at an end of the network when metres are driven.
+    /// Rules out staying at an end of the network when metres are driven.
     #[must_use]
     pub fn with_evidence_at_ends(self) -> Self {
         Self { stay: false, ..self }
@@ -190,11 +191,12 @@ impl CellTransition {
             let text = format!("{metres} metres driven, expected 0 or more");
             return Err(TransitionError::Control(text));
         }
+        // The map's rounding of lengths grows with the distance, like a variance.
         let all = variance + metres * self.rounding;
         Travel::measured(metres / self.mean_metres, all / self.mean_metres.powi(2), &[1.0])
     }
 
-    /// Returns an odometer at 0, which makes controls of short readings.
+    /// Returns an odometer at 0, which turns short readings into controls.
     #[must_use]
     pub fn odometer(&self) -> Odometer {
         Odometer::new(self.mean_metres, self.rounding)

@@ -1,5 +1,5 @@
 //! Products with A = Σ w_k M^k, by Horner's rule: one product with M for each cell of the distance.
-//! All terms are at least 0, so that nothing cancels.
+//! All terms are at least 0, so nothing cancels.
 
 use super::{CellTransition, Travel};
 use wayfix::Transition;
@@ -8,12 +8,15 @@ use wayfix::internal::{buffers, check_slices};
 impl CellTransition {
     /// Computes `out = M x`, one cell ahead.
     fn one_ahead(&self, x: &[f64], out: &mut [f64]) {
+        // Cells are numbered along the edges. The shift is right but for the first cell of each
+        // edge, which gets that of another edge and is overwritten by the turns.
         out[1..].copy_from_slice(&x[..x.len() - 1]);
         for edge in 0..self.layout.edge_count() {
             let arrivals = self.before.of(edge).iter();
             out[self.layout.first(edge)] =
                 arrivals.map(|&(before, p)| p * x[self.layout.last(before as usize)]).sum();
         }
+        // What would drive on from an end stays; nothing else arrives there but by the shift.
         if self.stay {
             for &edge in &self.ends {
                 let last = self.layout.last(edge as usize);
@@ -24,6 +27,7 @@ impl CellTransition {
 
     /// Computes `out = M' x`.
     fn one_behind(&self, x: &[f64], out: &mut [f64]) {
+        // As above, with the last cell of each edge overwritten.
         out[..x.len() - 1].copy_from_slice(&x[1..]);
         for edge in 0..self.layout.edge_count() {
             let turns = self.next.of(edge).iter();
@@ -55,10 +59,11 @@ impl CellTransition {
             return set(travel.exactly(0), out);
         }
         buffers::with(x.len(), |other| {
-            // Products alternate between both, so that the last one goes to `out`.
+            // Products alternate between the two buffers; `last` of them end in `out`.
             let (mut from, mut to) =
                 if last.is_multiple_of(2) { (out, &mut *other) } else { (&mut *other, out) };
             set(travel.exactly(last), from);
+            // Invariant: `from` is Σ over k > cells of w_k M^(k − cells − 1) x.
             for cells in (0..last).rev() {
                 one(self, from, to);
                 let weight = travel.exactly(cells);

@@ -3,7 +3,7 @@
 
 /// Probability, relative to the largest, at which the tail ends.
 const TAIL: f64 = 1e-20;
-/// Values are scaled down beyond this.
+/// Limit beyond which values are scaled down.
 const LARGE: f64 = 1e200;
 
 /// Slips of wheels, in metres.
@@ -11,7 +11,7 @@ const LARGE: f64 = 1e200;
 pub(super) struct Slips {
     /// Slips in each metre.
     pub(super) rate: f64,
-    /// Mean metres lost in each.
+    /// Mean metres lost in each slip.
     pub(super) metres: f64,
 }
 
@@ -19,8 +19,8 @@ impl Slips {
     /// Probabilities of the number of whole cells lost over a distance; they sum to one, up to
     /// the tail. O(largest number).
     pub(super) fn lost(&self, driven: f64, cell: f64) -> Vec<f64> {
-        // A slip loses j cells with probability (1 − q) q^j, so that those that lose any
-        // come q times as often, and lose 1 + j.
+        // A slip loses j cells with probability (1 − q) q^j. So slips that lose any cells come q
+        // times as often, and lose 1 + j.
         let q = self.metres / (self.metres + cell);
         let events = self.rate * driven * q;
         if events == 0.0 {
@@ -36,12 +36,15 @@ impl Slips {
             u = lost[cells - 1] + q * u;
             w = u + q * w;
             let p = events * (1.0 - q) * w / cells as f64;
+            // The tail ends below a share of the largest value, but not while values rise.
             past |= p < lost[cells - 1];
             largest = largest.max(p);
             if past && p < TAIL * largest {
                 break;
             }
             lost.push(p);
+            // Starting at 1 instead of e^−events, which may underflow, values can grow; the
+            // recursion is linear, so scaling all of its state changes nothing.
             if p > LARGE {
                 (u, w, largest) = (u / LARGE, w / LARGE, largest / LARGE);
                 lost.iter_mut().for_each(|p| *p /= LARGE);
@@ -53,19 +56,21 @@ impl Slips {
     }
 }
 
-/// Variance of the whole cells by which a vehicle comes out of the cell that it should be in, by
-/// an error of this variance (in squares of cells), if it is equally likely anywhere in its cell.
+/// Variance of the number of cells between the cell where a vehicle is and the one where it should
+/// be, for an error of this variance (in squared cells), if it is equally likely anywhere in its
+/// cell.
 ///
-/// An error of x cells is one of ⌊x⌋ with probability 1 − f and of ⌊x⌋ + 1 with f, the fraction of
-/// x, so that f (1 − f) adds to the variance. On average over a Gaussian this makes E|x| in all if
-/// the error is small, and 1/6 more than its variance if it is large.
+/// An error of x cells becomes ⌊x⌋ with probability 1 − f and ⌊x⌋ + 1 with f, the fraction of x, so
+/// f (1 − f) adds to the variance. On average over a Gaussian the total is E|x| if the error is
+/// small, and 1/6 more than its variance if it is large.
 pub(super) fn rounded(variance: f64) -> f64 {
     let deviation = variance.sqrt();
-    // |x| − x² is f (1 − f) up to 1, which is seven deviations.
+    // f (1 − f) = |x| − x² for |x| ≤ 1, which is seven deviations here: the total is E|x| = σ √(2 /
+    // π).
     if deviation < 1.0 / 7.0 {
         return deviation * std::f64::consts::FRAC_2_PI.sqrt();
     }
-    // Fourier series of f (1 − f).
+    // Fourier series of f (1 − f), averaged term by term: E cos(2 π n x) = exp(−2 π² n² σ²).
     let square = std::f64::consts::PI.powi(2);
     let term = |n: f64| (-2.0 * square * n * n * variance).exp() / (square * n * n);
     variance + 1.0 / 6.0 - (1..=9).map(|n| term(f64::from(n))).sum::<f64>()
@@ -82,7 +87,7 @@ mod tests {
         let found = slips.lost(driven, cell);
         let q: f64 = 0.7 / 1.2;
         let events = slips.rate * driven;
-        // Poisson number of slips, each with a geometric loss from 0 on.
+        // Poisson number of slips, each with a geometric loss, which may be 0.
         let first = Some(1.0 - q);
         let geometric = std::iter::successors(first, |p| Some(p * q)).take(found.len());
         let geometric: Vec<f64> = geometric.collect();

@@ -36,7 +36,7 @@ pub struct Travel {
 struct Table {
     /// Number of cells of the first weight.
     first: usize,
-    /// Probability of each number of cells; none is empty.
+    /// Probability of each number of cells; never empty.
     weights: Vec<f64>,
     /// Probability of at least each number of cells.
     tails: Vec<f64>,
@@ -49,8 +49,8 @@ impl Travel {
         Self::from_weights(0, vec![1.0])
     }
 
-    /// Creates a distance from probabilities of `first` cells, one more, and so on, such as those
-    /// of a vehicle of which only a range of speeds is known.
+    /// Creates a distance from the probabilities of `first` cells, one more, and so on, such as
+    /// those of a vehicle whose speed is known only to be in a range.
     ///
     /// # Errors
     ///
@@ -69,9 +69,9 @@ impl Travel {
         Ok(Self::from_weights(first + first_above, weights[first_above..end].to_vec()))
     }
 
-    /// Creates a distance with this mean and variance, in cells: the variance at least that of
-    /// lying between two whole numbers. Both are at least 0 (or NaN). From it, whole cells are lost
-    /// with the given probabilities.
+    /// Creates a distance with this mean and variance, in cells; the variance is at least that of
+    /// lying between two whole numbers. Both are at least 0 (or NaN). Cells are then lost with the
+    /// probabilities `lost` of each whole number.
     #[expect(clippy::cast_sign_loss, reason = "both were just compared with 0")]
     pub(super) fn measured(
         mean: f64,
@@ -87,10 +87,13 @@ impl Travel {
             let expected = "at most 100,000";
             return Err(Parameter::new(what, deviation, expected).into());
         }
-        // A whole number of cells up to rounding is meant to be one.
+        // A mean that is whole up to rounding is meant to be whole.
         let whole = mean.round();
         let mean = if (mean - whole).abs() <= 1e-9 { whole } else { mean };
         let (below, part) = (mean.floor() as usize, mean.fract());
+        // The distance is a mixture of the two whole numbers beside the mean, which keeps the mean
+        // and has the variance part (1 − part); the Skellam around each adds what is left of the
+        // variance.
         let side = skellam((variance - part * (1.0 - part)).max(0.0));
         let reach = side.len() - 1;
         let first = below.saturating_sub(reach + lost.len() - 1);
@@ -113,10 +116,11 @@ impl Travel {
         Ok(Self::from_weights(first, weights))
     }
 
-    /// Weights with the first above 0; scaled to sum to one.
+    /// Scales weights, the first of which is above 0, to sum to one.
     fn from_weights(first: usize, mut weights: Vec<f64>) -> Self {
         let sum: f64 = weights.iter().sum();
         weights.iter_mut().for_each(|weight| *weight /= sum);
+        // Summed from the far end, so that small tails keep their digits.
         let mut tails = weights.clone();
         for at in (1..tails.len()).rev() {
             tails[at - 1] += tails[at];
@@ -136,7 +140,7 @@ impl Travel {
         self.table.first + self.table.weights.len() - 1
     }
 
-    /// Probabilities of the numbers of cells from [`first`](Self::first) on; they sum to one.
+    /// Probabilities of the numbers of cells from [`first`](Self::first) onwards; they sum to one.
     #[must_use]
     pub fn weights(&self) -> &[f64] {
         &self.table.weights
@@ -190,6 +194,8 @@ fn too_far(what: &str, value: f64) -> TransitionError {
 /// from far out, where any ratio will do, inwards.
 #[expect(clippy::cast_sign_loss, reason = "a variance is at least 0")]
 fn skellam(variance: f64) -> Vec<f64> {
+    // Twelve deviations out, the distribution is far below 1e-20 of its peak. The recursion
+    // contracts errors of the ratio it starts from, here 0.
     let far = (12.0 * variance.sqrt()) as usize + 20;
     let mut ratios = vec![0.0; far + 1];
     for k in (1..far).rev() {
@@ -203,6 +209,7 @@ fn skellam(variance: f64) -> Vec<f64> {
         }
         values.push(value);
     }
+    // e^v = I_0 + 2 Σ I_k: dividing by this sum makes the first value e^−v I_0(v).
     let sum = 2.0 * values.iter().rev().sum::<f64>() - 1.0;
     values.iter_mut().for_each(|value| *value /= sum);
     values

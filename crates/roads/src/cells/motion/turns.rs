@@ -1,5 +1,5 @@
-//! Turns from edge to edge, with their probabilities: those out of an edge sum to one, or there are
-//! none. They are the entries of M between the last cell of an edge and the first of the next.
+//! Turns from edge to edge, with their probabilities: those out of an edge sum to one, unless there
+//! are none. They are the entries of M between the last cell of an edge and the first of the next.
 
 use crate::RoadNetwork;
 use wayfix::TransitionError;
@@ -9,11 +9,11 @@ use wayfix::map::{ByClass, TurningRule};
 /// Relative traffic of the roads out of a junction, by which a vehicle on cells turns.
 ///
 /// Edges out of the end of an edge, except by forbidden turns, are taken in proportion to their
-/// weights: that of their class, times `straight_on` from a main road on to a main road, times
-/// `u_turn` for the way back. Where nothing has a weight, as at a dead end without U-turns, all
-/// that are allowed are equally likely.
+/// weights: that of their class, times `straight_on` from a main road to a main road, times
+/// `u_turn` for the way back. If all weights are 0, as at a dead end without U-turns, all allowed
+/// turns are equally likely.
 ///
-/// By default, weights are those of a [`TurningRule`], and a way back has 0.02 of its weight.
+/// By default, weights are those of a [`TurningRule`], and the way back has 0.02 of its weight.
 ///
 /// ```
 /// use wayfix::map::ByClass;
@@ -61,7 +61,7 @@ impl TurnWeights {
         Ok(())
     }
 
-    /// Weight of the turn from an edge to one that follows it.
+    /// Weight of a turn from an edge to one that follows it.
     pub(crate) fn weight_of<P>(&self, network: &RoadNetwork<P>, edge: usize, next: usize) -> f64 {
         let edges = network.edges();
         let main = |edge: usize| edges[edge].class == wayfix::map::RoadClass::Main;
@@ -83,6 +83,7 @@ impl TurnWeights {
             if sum == 0.0 { 1.0 / count } else { weight / sum }
         };
         turns.iter_mut().for_each(|turn| turn.1 = share(turn.1));
+        // Turns of probability 0 are not stored: entries of M are above 0.
         let mut kept = start;
         for at in start..out.len() {
             if out[at].1 > 0.0 {
@@ -120,6 +121,7 @@ impl Turns {
 
     /// Lists the same turns by the edge after.
     pub(super) fn reversed(&self) -> Self {
+        // Counting sort by the edge after; within one, edges before stay in ascending order.
         let edges = self.starts.len() - 1;
         let mut starts = vec![0; edges + 1];
         self.turns.iter().for_each(|turn| starts[turn.0 as usize + 1] += 1);

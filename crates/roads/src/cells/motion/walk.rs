@@ -1,16 +1,16 @@
-//! Entries of A = Σ w_k M^k, by walks over the edges: arrivals leave the heap by their distance, so
-//! that all that reach an edge after the same number of cells are added up before it is left.
+//! Entries of A = Σ w_k M^k, by walks over the edges. Arrivals leave a heap by their distance, so
+//! that all arrivals at an edge after the same number of cells are added up before it is left.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
 use super::{CellTransition, Travel};
 
-/// Arrival of a walk at an edge: cells of the walk before its nearest cell, and the probability.
-/// Ordered for a heap: fewer cells come first.
+/// Arrival of a walk at an edge: the cells of the walk before the nearest cell of the edge, and the
+/// probability. Ordered for a heap: fewer cells come first.
 #[derive(Debug, Clone, Copy)]
 struct Arrival {
-    /// From the nearest cell of the edge where the walk starts.
+    /// Counted from the nearest cell of the edge where the walk starts.
     distance: usize,
     edge: u32,
     p: f64,
@@ -52,7 +52,8 @@ impl CellTransition {
         let edge = self.layout.edge(from);
         let is_end = usize::from(self.stays_at_end(edge));
         let travel = travel.clone();
-        // Most steps end on the same edge.
+        // Most steps end on the same edge. The last cell of an end edge collects tails, so it is
+        // left to the walk.
         let near = from + travel.last() + is_end <= self.layout.last(edge);
         let cells = if near { travel.first()..travel.last() + 1 } else { 0..0 };
         let far = if near { Vec::new() } else { self.walk(&travel, from, true) };
@@ -76,13 +77,16 @@ impl CellTransition {
         near.chain(far).filter(|entry| entry.1 > 0.0)
     }
 
-    /// Walks over the edges in order of distance, so that all arrivals at an edge after as many
-    /// cells are one. Lists the cells reached, each once, in ascending order.
+    /// Walks over the edges in order of distance, so that all arrivals at an edge after the same
+    /// number of cells become one. Lists the cells reached, each once, in ascending order.
     fn walk(&self, travel: &Travel, start: usize, ahead: bool) -> Vec<(usize, f64)> {
         let edge = self.layout.edge(start);
+        // The walk counts from the nearest cell of its first edge; the start is `before` cells
+        // farther.
         let before =
             if ahead { start - self.layout.first(edge) } else { self.layout.last(edge) - start };
-        // A vehicle that stays at an end of the network has driven at least so far.
+        // A vehicle that stays at an end may have driven any number of cells from there on, so the
+        // weights of an end are tails, and those of no cells count too.
         let into_end = !ahead && before == 0 && self.stays_at_end(edge);
         let first = before + if into_end { 0 } else { travel.first() };
         let last = before + travel.last();
@@ -90,6 +94,8 @@ impl CellTransition {
         heap.push(Arrival { distance: 0, edge: edge as u32, p: 1.0 });
         let mut found = Vec::new();
         while let Some(Arrival { distance, edge, mut p }) = heap.pop() {
+            // Lengths are at least one cell, so no later arrival has this key: merging here is
+            // final.
             while let Some(same) = heap.peek().filter(|other| other.key() == (distance, edge)) {
                 p += same.p;
                 heap.pop();
@@ -108,6 +114,7 @@ impl CellTransition {
                     found.push((cell, p * weight));
                 }
             }
+            // A vehicle that would drive on from an end is in its last cell: a tail of the weights.
             if out_of_end && farthest == cells.len() {
                 let driven = (distance + cells.len() - 1).saturating_sub(before);
                 found.push((cells.end - 1, p * travel.at_least(driven)));
@@ -119,6 +126,7 @@ impl CellTransition {
                 heap.extend(arrivals.map(|(edge, p)| Arrival { distance, edge, p }));
             }
         }
+        // A walk may pass a cell several times, around a block, at several distances.
         found.sort_unstable_by_key(|entry| entry.0);
         found.dedup_by(|next, kept| {
             let same = next.0 == kept.0;

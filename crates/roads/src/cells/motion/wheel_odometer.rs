@@ -1,4 +1,5 @@
-//! An odometer for each scale: readings divided by the scale, released in whole cells.
+//! An odometer for each scale: readings divided by the scale, released in whole cells. Each starts
+//! at another place in the cell, so that they do not release at the same time.
 
 use std::sync::Arc;
 
@@ -16,7 +17,7 @@ pub struct WheelTravel {
 #[derive(Debug, PartialEq)]
 struct Steps {
     travels: Vec<Travel>,
-    /// Probabilities of a scale given one before, `[to * count + from]`; empty if none changes.
+    /// Probabilities of a scale given the one before, `[to * count + from]`; empty if scales stay.
     changes: Vec<f64>,
 }
 
@@ -31,7 +32,7 @@ impl WheelTravel {
         &self.steps.travels
     }
 
-    /// Probability of a scale after the step given one before; 0 if there is no such scale.
+    /// Probability of a scale after the step, given the one before; 0 if there is no such scale.
     #[must_use]
     pub fn change(&self, to: usize, from: usize) -> f64 {
         let count = self.steps.travels.len();
@@ -53,17 +54,16 @@ impl WheelTravel {
 /// Odometer of a vehicle on cells whose wheels have errors that last: an [`Odometer`] for each
 /// scale of the [wheels](Wheels), which adds up the readings divided by its scale.
 ///
-/// Each scale releases whole cells at times of its own, and starts from another place in the cell,
-/// so that together they know more finely than to a cell where the vehicle is: the belief in a cell
-/// rises and falls gradually while the vehicle drives through it.
+/// Each scale releases whole cells at times of its own and starts from another place in the cell,
+/// so together they know the position more finely than to a cell: the belief in a cell rises and
+/// falls gradually while the vehicle drives through it.
 ///
-/// A vehicle may be anywhere in its cell, so that even noise far smaller than a cell takes some
-/// vehicles into the next: each cell driven adds more variance than its noise has, the same at any
-/// rate of readings. The smaller the cells, the less this costs. On simulated aisles of 2 m with
-/// tags read within 40 cm and cells of 25 cm, at scale errors from 0 to 5%, an edge with a
-/// probability of 0.95 or more was right in 98% of ticks or more; with cells of 1 m, in 76 to 86%,
-/// though sets of 95% hold the vehicle's cell in 97% there, too. Give position fixes with 0 m
-/// ahead.
+/// A vehicle may be anywhere in its cell, so even noise far smaller than a cell takes some vehicles
+/// into the next: each cell driven adds more variance than its noise has, the same at any rate of
+/// readings. The smaller the cells, the less this costs. On simulated aisles of 2 m with tags read
+/// within 40 cm and cells of 25 cm, at scale errors from 0 to 5%, an edge with a probability of
+/// 0.95 or more was right in 98% of ticks or more; with cells of 1 m, in 76 to 86%, though sets of
+/// 95% hold the vehicle's cell in 97% there, too. Give position fixes with 0 m ahead.
 ///
 /// Made by [`WheelTransition::odometer`](super::WheelTransition::odometer). A reading costs O(k)
 /// for k scales, and where cells are released, O(k³) for the changes of the scale.
@@ -72,10 +72,10 @@ pub struct WheelOdometer {
     wheels: Wheels,
     scales: Vec<f64>,
     odometers: Vec<Odometer>,
-    /// Memory for the odometers before a reading.
+    /// Buffer for the odometers before a reading.
     before: Vec<Odometer>,
     cell: f64,
-    /// Metres since the scale has changed.
+    /// Metres since the scale last changed.
     metres: f64,
     still: WheelTravel,
 }
@@ -92,8 +92,8 @@ impl WheelOdometer {
     }
 
     /// Adds a reading in metres with the variance of its noise, in square metres, and returns the
-    /// control of the step: no distance, until there is a cell to be released. The variance is that
-    /// of noise which is new in each reading; scale and slips are those of the wheels.
+    /// control of the step: no distance, until there is a cell to be released. The variance covers
+    /// only noise that is new in each reading; scale and slips are those of the wheels.
     ///
     /// # Errors
     ///
@@ -102,6 +102,7 @@ impl WheelOdometer {
     /// then.
     pub fn add(&mut self, metres: f64, variance: f64) -> Result<WheelTravel, TransitionError> {
         super::odometer::check(metres, variance)?;
+        // All odometers add a reading or none does: a copy is restored on an error.
         self.before.clone_from(&self.odometers);
         let mut moved: Option<Vec<Travel>> = None;
         for number in 0..self.scales.len() {
@@ -119,6 +120,8 @@ impl WheelOdometer {
         }
         self.metres += metres.abs();
         let Some(travels) = moved else { return Ok(self.still.clone()) };
+        // The chain of scales depends on metres alone, so its change may wait until a cell was
+        // driven and something moves: the O(k³) are then paid at most once a cell.
         let mut changes = Vec::new();
         if self.metres >= self.cell && self.scales.len() > 1 {
             changes = self.wheels.changes(self.metres);
@@ -138,7 +141,7 @@ impl WheelOdometer {
         self.odometers[scale].ahead()
     }
 
-    /// Forgets what was not released, for a vehicle that was carried elsewhere.
+    /// Forgets the metres not yet released, for a vehicle that was carried elsewhere.
     pub fn reset(&mut self) {
         let count = self.scales.len();
         for (number, odometer) in self.odometers.iter_mut().enumerate() {
@@ -147,9 +150,11 @@ impl WheelOdometer {
     }
 }
 
-/// Place in its cell from which a scale starts, from −½ to ½: all are spread evenly, and those of
-/// neighbouring scales are apart.
+/// Place in its cell where a scale starts, from −½ to ½: places are spread evenly, and those of
+/// neighbouring scales lie far apart.
 fn place(number: usize, count: usize) -> f64 {
+    // For an odd count, ⌊count / 2⌋ and the count have no common divisor: multiples modulo the
+    // count visit every place once, in strides of nearly half a cell.
     let turn = count / 2;
     let place = if count > 1 { number * turn % count } else { 0 };
     (place as f64 + 0.5) / count as f64 - 0.5

@@ -23,12 +23,12 @@ use wayfix::{Transition, TransitionEntries};
 /// cells, through [groups](Self::cell_groups).
 ///
 /// Use it wherever a robot's wheels are the odometer. A [`CellTransition`] takes the errors of
-/// readings to be independent, so that they seem to average out: after 100 m with an error of 2%,
-/// its belief is 2 m off, and far too narrow to show it.
+/// readings to be independent, so they seem to average out: after 100 m with an error of 2%, its
+/// belief is 2 m off, and far too narrow to show it.
 ///
 /// # Costs
 ///
-/// The time of a [`CellTransition`] for each of the nine scales, and O(81 n) more in steps in which
+/// The time of a [`CellTransition`] for each of the nine scales, and O(81 n) more in steps where
 /// the scale may change, at most one for each cell driven. Memory: the belief has nine times as
 /// many states.
 ///
@@ -81,7 +81,7 @@ impl WheelTransition {
     ///
     /// # Errors
     ///
-    /// [`TransitionError::Parameter`] for a number of the wheels out of its range, or
+    /// [`TransitionError::Parameter`] for a parameter of the wheels out of its range, or
     /// [`TransitionError::TooMany`] for more than 2^32 − 1 states.
     pub fn new(cells: CellTransition, wheels: Wheels) -> Result<Self, TransitionError> {
         wheels.check(cells.mean_metres)?;
@@ -121,14 +121,14 @@ impl WheelTransition {
         WheelOdometer::new(self.wheels, &self.cells.odometer(), self.cells.mean_metres)
     }
 
-    /// State of a scale at a cell, or `None` if there is none.
+    /// State of a scale at a cell, or `None` if there is no such state.
     #[must_use]
     pub fn index(&self, scale: usize, cell: usize) -> Option<usize> {
         let n = self.cells.states();
         (scale < self.scales.len() && cell < n).then(|| scale * n + cell)
     }
 
-    /// States grouped by cell: for sensors of cells, and for their probabilities.
+    /// States grouped by cell: for sensors of cells, and for the probabilities of cells.
     #[must_use]
     pub fn cell_groups(&self) -> Groups {
         let n = self.cells.states();
@@ -149,7 +149,7 @@ impl WheelTransition {
     ///
     /// # Errors
     ///
-    /// [`TransitionError::PartStates`] for a belief over another number of cells.
+    /// [`TransitionError::PartStates`] for a belief over a different number of cells.
     pub fn spread<S: AsRef<[f64]>>(&self, cells: &Belief<S>) -> Result<Belief, TransitionError> {
         let (found, expected) = (cells.states(), self.cells.states());
         if found != expected {
@@ -160,7 +160,7 @@ impl WheelTransition {
         Ok(Belief::known(pairs.collect()))
     }
 
-    /// Moves the cells of each scale by its distance, where no scale changes.
+    /// Moves the cells of each scale by its distance, in a step where no scale changes.
     fn each_scale(
         &self,
         control: &WheelTravel,
@@ -190,6 +190,8 @@ impl Transition for WheelTransition {
             return self.each_scale(control, x, out, CellTransition::apply);
         }
         let travels = control.travels().iter();
+        // S mixes the scales first, at the same cell; then the new scale moves the cells by its
+        // distance.
         buffers::with(n, |changed| {
             for (to, (out, travel)) in out.chunks_exact_mut(n).zip(travels).enumerate() {
                 changed.fill(0.0);
@@ -208,6 +210,8 @@ impl Transition for WheelTransition {
             return self.each_scale(control, x, out, CellTransition::apply_transpose);
         }
         let travels = control.travels().iter();
+        // The transpose in reverse order: each new scale moves back, then S' spreads it over the
+        // old ones.
         out.fill(0.0);
         buffers::with(n, |moved| {
             for (to, (x, travel)) in x.chunks_exact(n).zip(travels).enumerate() {
@@ -220,7 +224,7 @@ impl Transition for WheelTransition {
     }
 
     fn evidence(&self, control: &WheelTravel) -> Option<f64> {
-        // That of cells has no factor.
+        // Cells take no factor out of their evidence, so that of any scale will do.
         control.travels().iter().find_map(|travel| self.cells.evidence(travel))
     }
 
@@ -248,6 +252,8 @@ impl TransitionEntries for WheelTransition {
         let moves: Vec<_> = self.cells.incoming(&control.travels()[scale], cell).collect();
         let from = (0..self.scales.len()).map(move |from| (from, control.change(scale, from)));
         let changes = from.filter(|change| change.1 > 0.0);
+        // Moves are those of the new scale, the same from every old one: listed once, repeated for
+        // each. Scales ascend and cells ascend within one, so states do.
         let all = changes.flat_map(move |(from, change)| {
             moves.clone().into_iter().map(move |(cell, p)| (from * n + cell, change * p))
         });

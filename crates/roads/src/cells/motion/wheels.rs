@@ -1,4 +1,4 @@
-//! Errors of wheels that last: the scale of an odometer as a hidden chain. Of m coins, each is
+//! Errors of wheels that last: the scale of an odometer as a hidden chain. Each of m coins is
 //! turned over at a rate; the scale is 1 + d (heads − tails) / √m, an Ornstein–Uhlenbeck process on
 //! m + 1 values (Ehrenfest's urn), whose stationary distribution is binomial.
 
@@ -7,9 +7,9 @@ use wayfix::error::Parameter;
 
 /// Number of coins, m.
 pub(super) const COINS: usize = 8;
-/// Largest deviation of the scale: the smallest of the scales is then 0.43.
+/// Largest deviation of the scale: the smallest scale is then 0.43.
 const MOST: f64 = 0.2;
-/// Largest mean loss in a slip, in cells.
+/// Largest mean loss of a slip, in cells.
 const MOST_SLIPPED: f64 = 1000.0;
 
 /// Errors of the wheels of a vehicle on [cells of roads](crate::cells::RoadCells), for a
@@ -18,9 +18,9 @@ const MOST_SLIPPED: f64 = 1000.0;
 /// Noise that is new in each reading averages out over a drive; these do not:
 ///
 /// - **Scale.** Tyres are never quite as large as they are taken to be, which makes all readings of
-///   a drive wrong by the same factor. After a hundred metres an error of 2% is 2 m, where noise of
-///   3 cm in each metre is 30 cm. The scale is hidden, and is learned while driving: it has
-///   [nine values](super::WheelTransition::scales), binomial around 1 with the given deviation, and
+///   a drive wrong by the same factor. After a hundred metres an error of 2% is 2 m, while noise of
+///   3 cm in each metre is 30 cm. The scale is hidden, and is learned while driving: it has [nine
+///   values](super::WheelTransition::scales), binomial around 1 with the given deviation, and
 ///   changes slowly.
 /// - **Slips.** Now and then wheels turn, and the vehicle does not move as far. Slips come at
 ///   random, and each takes a random number of metres (exponentially distributed, in whole cells
@@ -40,7 +40,7 @@ const MOST_SLIPPED: f64 = 1000.0;
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct Wheels {
     /// Standard deviation of the scale, the metres read for each metre driven, among vehicles and
-    /// days: from 0 (the scale is 1) to 0.2. Scales are found up to 2.8 deviations off 1.
+    /// days: from 0 (the scale is 1) to 0.2. Scales up to 2.8 deviations from 1 can be found.
     pub scale: f64,
     /// Metres over which the correlation of the scale falls to 1/e. Above 0; if infinite, the scale
     /// never changes.
@@ -59,7 +59,7 @@ impl Default for Wheels {
 }
 
 impl Wheels {
-    /// Checks the numbers, for cells of so many metres.
+    /// Checks the numbers, for cells of a length in metres.
     pub(super) fn check(&self, cell: f64) -> Result<(), TransitionError> {
         let Self { scale, lasts, slips, slipped } = *self;
         let wrong = |what: &str, value, expected| {
@@ -98,16 +98,18 @@ impl Wheels {
         if self.scale == 0.0 { vec![1.0] } else { heads(COINS, 0.5) }
     }
 
-    /// Probabilities of a scale after so many metres, given one before: `[to * count + from]`.
+    /// Probabilities of a scale after some metres, given the scale before: `[to * count + from]`.
     pub(super) fn changes(&self, metres: f64) -> Vec<f64> {
         if self.scale == 0.0 {
             return vec![1.0];
         }
-        // A coin is turned over an odd number of times.
+        // Probability that a coin is turned over an odd number of times: (1 − e^(−metres / lasts))
+        // / 2.
         let turned = -0.5 * (-metres / self.lasts).exp_m1();
         let count = COINS + 1;
         let mut changes = vec![0.0; count * count];
         for from in 0..count {
+            // Heads after the step: those of the `from` heads that stay, and the tails that turn.
             let (kept, new) = (heads(from, 1.0 - turned), heads(COINS - from, turned));
             for (a, p) in kept.iter().enumerate() {
                 for (b, q) in new.iter().enumerate() {
@@ -119,11 +121,12 @@ impl Wheels {
     }
 }
 
-/// Probabilities of the number of heads of so many coins.
+/// Probabilities of the number of heads among some coins.
 fn heads(coins: usize, p: f64) -> Vec<f64> {
     let mut all = vec![0.0; coins + 1];
     all[0] = 1.0;
     for last in 1..=coins {
+        // Downwards, so that `all[at - 1]` is still that of one coin less.
         for at in (0..=last).rev() {
             let before = if at > 0 { all[at - 1] } else { 0.0 };
             all[at] = (1.0 - p) * all[at] + p * before;

@@ -1,4 +1,4 @@
-//! Points of a plane, sorted by squares of a grid.
+//! Points of a plane, sorted by squares of a grid: a row of squares is a run of the sorted points.
 
 /// Largest number of squares in a row or column.
 const MOST_SQUARES: f64 = 65_536.0;
@@ -15,7 +15,7 @@ pub(super) struct Grid {
 }
 
 impl Grid {
-    /// Sorts points into squares of at least this side. O(points log points).
+    /// Sorts points into squares with at least this side. O(points log points).
     #[expect(clippy::cast_sign_loss, reason = "no point is below the lowest")]
     pub(super) fn new(points: &[[f64; 2]], side: f64) -> Self {
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
@@ -26,6 +26,7 @@ impl Grid {
             }
         }
         let extent = (high[0] - low[0]).max(high[1] - low[1]);
+        // At most 2^16 squares on an axis: row and column fit 32 bits each.
         let side = side.max(extent / MOST_SQUARES);
         let square = |axis: usize, x: f64| ((x - low[axis]) / side) as u64;
         let mut sorted: Vec<(u64, u32)> = (0..)
@@ -37,7 +38,7 @@ impl Grid {
         Self { low, side, last, points: sorted }
     }
 
-    /// Passes on all points within a distance of a point, and others nearby.
+    /// Passes on all points within a distance of a point, and some others nearby.
     #[expect(clippy::cast_sign_loss, reason = "squares are counted from the lowest, 0")]
     pub(super) fn near(&self, [x, y]: [f64; 2], distance: f64, mut take: impl FnMut(usize)) {
         let range = |axis: usize, x: f64| {
@@ -53,6 +54,7 @@ impl Grid {
         {
             return;
         }
+        // Columns of a row are consecutive keys, so one search finds their run.
         for row in rows.0 as u64..=rows.1 as u64 {
             let (first, last) = (row << 32 | columns.0 as u64, row << 32 | columns.1 as u64);
             let start = self.points.partition_point(|point| point.0 < first);

@@ -1,4 +1,5 @@
-//! Positions measured on cells of roads, as by a satellite receiver.
+//! Positions measured on cells of roads, as by a satellite receiver: a Student density, along the
+//! cell and across it.
 
 mod grid;
 mod points;
@@ -16,19 +17,19 @@ use wayfix::map::{Coordinates, Position};
 use wayfix::observation::ObservationError;
 use wayfix::{Diagonal, Likelihood, Scratch};
 
-/// Distances, in deviations, within which cells stand out.
+/// Distance, in deviations, within which cells stand out.
 const NEAR: f64 = 10.0;
 
 /// A measured position with its deviation, the observation of a [`PositionLikelihood`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PositionFix<P = Position> {
-    /// The position.
+    /// Measured position.
     pub position: P,
     /// Standard deviation of each coordinate in metres; above 0 and finite. It should not be below
     /// that of the map's lines.
     pub deviation: f64,
-    /// Metres by which the vehicle is ahead of the middle of each cell, as an
-    /// [`Odometer`](crate::cells::Odometer::ahead) knows; otherwise 0.
+    /// Metres by which the vehicle is ahead of the middle of each cell, as known to an
+    /// [`Odometer`](crate::cells::Odometer::ahead); otherwise 0.
     pub ahead: f64,
 }
 
@@ -44,20 +45,20 @@ impl<P> PositionFix<P> {
 /// heavy tails.
 ///
 /// The vehicle is somewhere in its cell, which adds ℓ² / 12 to the variance along a cell of ℓ
-/// metres. With d the metres from the middle of the cell to the fix, along the road and across,
-/// the density is that of a Student distribution with ν degrees of freedom:
+/// metres. With the distance d in metres from the middle of the cell to the fix, along the road and
+/// across, the density is that of a Student distribution with ν degrees of freedom:
 ///
 /// ```text
 /// q = d_along² / (s² + ℓ² / 12) + d_across² / s²
 /// b = (1 + q / ν)^(−(ν + 2) / 2) / (2π s √(s² + ℓ² / 12))
 /// ```
 ///
-/// With ν = 3, the default, a fix 10 deviations off counts 1/6,000 of a good one, so that a few
-/// reflected signals don't outweigh what was known. Errors of fixes last: those of one second are
-/// hardly witnesses beside those of the second before. Take a larger deviation, or fewer fixes.
+/// With ν = 3, the default, a fix 10 deviations off counts 1/6,000 of a good one, so a few
+/// reflected signals don't outweigh what was known. Errors of fixes persist: a fix is hardly a
+/// witness beside that of the second before. Use a larger deviation, or fewer fixes.
 ///
-/// Distances are in the plane around the fix. O(n) for all cells; as a [`LocalLikelihood`],
-/// O(cells asked + cells within ten deviations). Memory: 48 bytes a cell.
+/// Distances are in the plane around the fix. O(n) for all cells; as a [`LocalLikelihood`], O(cells
+/// asked for + cells within ten deviations). Memory: 48 bytes a cell.
 ///
 /// ```
 /// use wayfix_roads::NetworkBuilder;
@@ -149,7 +150,7 @@ struct Look<'a> {
     at: [f64; 2],
     /// Metres per unit of the plane.
     metres: f64,
-    /// Distance after which the plane is the same again.
+    /// Width of the plane, after which it repeats.
     turn: f64,
     variance: f64,
     ahead: f64,
@@ -164,14 +165,16 @@ impl Look<'_> {
         let x = turned(x, self.at[0], self.turn);
         let [dx, dy] = [self.metres * (self.at[0] - x), self.metres * (self.at[1] - y)];
         let (along, across) = (dx * u + dy * v - self.ahead, dx * v - dy * u);
+        // The unknown place in the cell adds to the variance along the road only.
         let wide = self.variance + f64::from(self.points.squares[cell]);
-        // Without a direction, all is across.
+        // Without a direction, all of the distance counts as across.
         let across = if u == 0.0 && v == 0.0 { dx * dx + dy * dy } else { across * across };
         let q = along * along / wide + across / self.variance;
+        // The density relative to its peak for a cell of length 0, so at most 1.
         self.tail(q) + 0.5 * (self.variance / wide).ln()
     }
 
-    /// Logarithm of the shape at a square of deviations.
+    /// Logarithm of the tail (1 + q / ν)^(−(ν + 2) / 2).
     fn tail(&self, q: f64) -> f64 {
         -0.5 * (self.degrees + 2.0) * (q / self.degrees).ln_1p()
     }
@@ -180,12 +183,12 @@ impl Look<'_> {
         -(2.0 * std::f64::consts::PI * self.variance).ln()
     }
 
-    /// Passes on all cells within ten deviations, and others nearby.
+    /// Passes on all cells within ten deviations, and some others nearby.
     fn near(&self, mut take: impl FnMut(usize)) {
         let wide = (self.variance + self.points.largest_square).sqrt();
         let distance = (NEAR * wide + self.ahead.abs()) / self.metres;
         let [x, y] = self.at;
-        // Cells near the antimeridian may be a turn around the Earth off.
+        // Cells near the antimeridian may be a full turn around the Earth away.
         for turn in [0.0, self.turn, -self.turn].into_iter().filter(|turn| turn.is_finite()) {
             let is_nearest = |cell: usize| {
                 let middle = self.points.middles[cell][0];
@@ -196,7 +199,7 @@ impl Look<'_> {
                     take(cell);
                 }
             };
-            // Rounding of directions and of the grid's squares.
+            // A margin for the rounding of directions and of the grid's squares.
             self.points.grid.near([x + turn, y], distance * (1.0 + 1e-5), &mut take);
         }
     }
@@ -238,6 +241,8 @@ impl<P: Coordinates> LocalLikelihood for PositionLikelihood<P> {
         let look = self.look(fix)?;
         let out = scratch.values(states.len());
         out.iter_mut().zip(states).for_each(|(out, &cell)| *out = look.log(cell));
+        // Cells that are not near are beyond ten deviations: this bounds them. Near ones that were
+        // not asked for are looked at.
         let mut largest = look.tail(NEAR * NEAR);
         look.near(|cell| {
             if states.binary_search(&cell).is_err() {

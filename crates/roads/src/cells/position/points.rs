@@ -1,10 +1,10 @@
-//! Middles of cells, with their directions and lengths.
+//! Middles of cells, with their directions and lengths, projected to the plane of the map.
 
 use super::grid::Grid;
 use crate::cells::RoadCells;
 use wayfix::map::Coordinates;
 
-/// Squares of the grid, in mean cells.
+/// Side of the squares of the grid, in mean cells.
 const SQUARE: f64 = 8.0;
 
 /// Middles of the cells in the plane.
@@ -30,7 +30,7 @@ impl Points {
             let count = cells.cells(edge).len();
             line.clear();
             line.extend(P::unwrap(network.shape(edge).iter().copied()));
-            // Start, middle and end of each cell.
+            // Start, middle and end of each cell: successive cells share a mark.
             divide(&line, 2 * count, &mut marks);
             for ends in marks.windows(3).step_by(2) {
                 let [dx, dy] = [ends[2][0] - ends[0][0], ends[2][1] - ends[0][1]];
@@ -47,7 +47,7 @@ impl Points {
     }
 }
 
-/// Points that divide a line into parts of equal length, with both ends.
+/// Points that divide a line into parts of equal length, including both ends.
 fn divide(line: &[[f64; 2]], parts: usize, marks: &mut Vec<[f64; 2]>) {
     let length = |pair: &[[f64; 2]]| (pair[1][0] - pair[0][0]).hypot(pair[1][1] - pair[0][1]);
     let total: f64 = line.windows(2).map(length).sum();
@@ -55,6 +55,8 @@ fn divide(line: &[[f64; 2]], parts: usize, marks: &mut Vec<[f64; 2]>) {
     marks.clear();
     for mark in 0..=parts {
         let along = total * mark as f64 / parts as f64;
+        // Marks ascend, so the piece only moves on. It stops at the last one, which rounding of the
+        // sum must not pass.
         while piece + 2 < line.len() && before + length(&line[piece..piece + 2]) < along {
             before += length(&line[piece..piece + 2]);
             piece += 1;
