@@ -15,9 +15,9 @@
 //! A sequence that leaves the range of an engine, or gives an error there, is taken in steps.
 //!
 //! Choices of another kind stand where the loops are: the instruction set (`kernels/simd`), gathers
-//! by loads instead of the instruction on AMD's processors (`kernels/simd/x86`), and the arrangement
-//! of a sparse matrix, by its slots (`kernels/layout/sliced`). From 98,304 states on, threads share
-//! lines (`kernels/parallel`).
+//! by loads instead of the instruction on AMD's processors (`kernels/simd/x86`), and the
+//! arrangement of a sparse matrix, by its slots (`kernels/layout/sliced`). From 98,304 states on,
+//! threads share lines (`kernels/parallel`).
 //!
 //! Measured on 2-core servers: Intel Sapphire Rapids unless noted.
 

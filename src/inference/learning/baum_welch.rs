@@ -47,10 +47,10 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// a lane, runs in lanes, too, if the model forgets where it was within some hundred steps:
     /// eight segments at a time, each from some steps before it to some after it, with 1 MB, or
     /// more if the model forgets slowly, but no more than 64, for each thread, and the statistics
-    /// and expected moves of 64 such groups. This is exact: at every joint the two segments have the
-    /// same beliefs and the same γ / α, up to factors within 1e-13 of each other, or
-    /// the sequence runs in one piece; no step makes such a difference larger, so that relative
-    /// errors are bounded by 2e-13 for each joint, and usually are those of rounding.
+    /// and expected moves of 64 such groups. This is exact: at every joint the two segments have
+    /// the same beliefs and the same γ / α, up to factors within 1e-13 of each other, or the
+    /// sequence runs in one piece; no step makes such a difference larger, so that relative errors
+    /// are bounded by 2e-13 for each joint, and usually are those of rounding.
     ///
     /// ```
     /// use wayfix::inference::LearningOptions;
@@ -70,8 +70,8 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     ///
     /// # Errors
     ///
-    /// [`LearnError`] if there is no observation to learn from, a number of `learning` is not valid,
-    /// a prior rules out what was learned, a part cannot be re-estimated the first time or
+    /// [`LearnError`] if there is no observation to learn from, a number of `learning` is not
+    /// valid, a prior rules out what was learned, a part cannot be re-estimated the first time or
     /// then rules out a sequence, or the objective falls by more than a thousandth (which an
     /// operator or sensor of your own may cause). Later, smaller trouble ends learning with the
     /// best model; see [`LearnedModel::cause`].

@@ -9,7 +9,8 @@ use crate::transition::LearnTransition;
 
 /// Information criteria of a model that was learned from sequences: lower is better.
 ///
-/// Made by [`LearnedModel::criteria`](crate::inference::LearnedModel::criteria), and for models from elsewhere by [`Hmm::criteria`].
+/// Made by [`LearnedModel::criteria`](crate::inference::LearnedModel::criteria), and for models
+/// from elsewhere by [`Hmm::criteria`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Criteria {
     /// Log-likelihood of the observations, L.
@@ -36,11 +37,12 @@ impl Criteria {
 
 impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     /// Number of parameters that learning from this model may change: those of the prior (its
-    /// states above 0 less one, or none if it is [stationary](Prior::Stationary)), of the transition
-    /// operator and of the sensor. Parts that are [`Fixed`](crate::Fixed) have none.
+    /// states above 0 less one, or none if it is [stationary](Prior::Stationary)), of the
+    /// transition operator and of the sensor. Parts that are [`Fixed`](crate::Fixed) have none.
     ///
-    /// For a model that was learned, [`LearnedModel::free_parameters`](crate::inference::LearnedModel::free_parameters) gives the number: here,
-    /// probabilities that learning has taken to 0 would be missing.
+    /// For a model that was learned,
+    /// [`LearnedModel::free_parameters`](crate::inference::LearnedModel::free_parameters) gives the
+    /// number: here, probabilities that learning has taken to 0 would be missing.
     #[must_use]
     pub fn free_parameters(&self) -> usize {
         self.free_in_prior()
@@ -58,10 +60,11 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     /// Returns the information criteria of a model that does not come from [`learn`](Self::learn),
     /// such as one from [labels](Self::fit) or from a file, for these sequences.
     ///
-    /// After learning, call [`LearnedModel::criteria`](crate::inference::LearnedModel::criteria) instead. The parameters counted here are the
-    /// [free ones of this model](Self::free_parameters): if its probabilities were learned, and
-    /// some have become 0, they are too few, and the fewer the longer it was learned. Replace them
-    /// by those of the model that learning started from:
+    /// After learning, call [`LearnedModel::criteria`](crate::inference::LearnedModel::criteria)
+    /// instead. The parameters counted here are the [free ones of this
+    /// model](Self::free_parameters): if its probabilities were learned, and some have become 0,
+    /// they are too few, and the fewer the longer it was learned. Replace them by those of the
+    /// model that learning started from:
     ///
     /// ```
     /// use wayfix::inference::Criteria;

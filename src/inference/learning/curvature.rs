@@ -1,10 +1,10 @@
 //! Curvature of an objective at its maximum, by central differences.
 //!
 //! Each coordinate has a step of its own, along which the objective falls by some thousandths of a
-//! nat: some hundredths of the error of the parameter given the others. Differences at this step and
-//! at half of it are extrapolated (Richardson 1911), so that the error of a second derivative is of
-//! the fourth order in the step, and of the second in the fall. Rounding has an error of the inverse
-//! of the fall: the fall is chosen so that both are small.
+//! nat: some hundredths of the error of the parameter given the others. Differences at this step
+//! and at half of it are extrapolated (Richardson 1911), so that the error of a second derivative
+//! is of the fourth order in the step, and of the second in the fall. Rounding has an error of the
+//! inverse of the fall: the fall is chosen so that both are small.
 
 use crate::error::LearnError;
 use crate::free_parameters::{Scale, cholesky};

@@ -1,8 +1,8 @@
 //! Expected moves of a sequence by itself, through a stored matrix.
 //!
 //! ξ_k(j, i) = α_{k-1}(j) A\[i, j\] γ_k(i) / p_k(i) (section 9 of the
-//! [formulas](crate::guide::formulas)), added to the place of the entry, so that nothing is looked up
-//! or compared for each move of each step.
+//! [formulas](crate::guide::formulas)), added to the place of the entry, so that nothing is looked
+//! up or compared for each move of each step.
 
 use std::ops::Range;
 

@@ -16,8 +16,8 @@ use crate::transition::LearnTransition;
 const LEAST: f64 = 1e-280;
 
 impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
-    /// Adds the expectations of a sequence. `None`, with nothing added, if it is not for this: steps
-    /// know about logarithms and errors.
+    /// Adds the expectations of a sequence. `None`, with nothing added, if it is not for this:
+    /// steps know about logarithms and errors.
     pub(super) fn add_few_states<S>(
         &self,
         sequence: &S,

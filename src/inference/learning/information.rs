@@ -24,20 +24,20 @@ where
     /// The information is minus the second derivative of the log-likelihood of all sequences in the
     /// free parameters of the model: those of the prior (unless it is
     /// [kept](LearningOptions::keep_prior) or [stationary](Prior::Stationary)), then those of the
-    /// operator and the sensor, as [`FreeParameters`] takes them. Its inverse is their covariance, and
-    /// the errors of the numbers follow by the delta method, with derivatives of `read`. So the order
-    /// of states and the choice of parameters do not matter, and a function of what was learned has an
-    /// error too: a mean stay, a share of time, a ratio.
+    /// operator and the sensor, as [`FreeParameters`] takes them. Its inverse is their covariance,
+    /// and the errors of the numbers follow by the delta method, with derivatives of `read`. So the
+    /// order of states and the choice of parameters do not matter, and a function of what was
+    /// learned has an error too: a mean stay, a share of time, a ratio.
     ///
     /// One long sequence is enough (Bickel, Ritov and Rydén 1998), where the
     /// [jackknife](Self::jackknife) needs many; but errors hold only if the model is true, and its
-    /// log-likelihood nearly quadratic over some standard errors, as with much data. Where the model
-    /// is wrong, take the jackknife. The prior of one sequence is known from a single draw: learn it
-    /// with `keep_prior`.
+    /// log-likelihood nearly quadratic over some standard errors, as with much data. Where the
+    /// model is wrong, take the jackknife. The prior of one sequence is known from a single draw:
+    /// learn it with `keep_prior`.
     ///
     /// Parameters at a bound have no standard error. Those that are there exactly, such as
-    /// probabilities of 0, and those on the way (of which an observation more would tell less than of
-    /// any other, while the log-likelihood still rises as they go) are taken as known, and
+    /// probabilities of 0, and those on the way (of which an observation more would tell less than
+    /// of any other, while the log-likelihood still rises as they go) are taken as known, and
     /// [counted](StandardErrors::at_bound).
     ///
     /// With pseudo-counts, or parts that have priors, the objective of learning takes the place of
@@ -47,9 +47,10 @@ where
     ///
     /// Derivatives are central differences with extrapolation; where the errors are known in closed
     /// form, they are right within some 1e-7 of their size, with 250 parameters within 1e-5. Of the
-    /// options, only `keep_prior` and the pseudo-counts count. The cost, for p parameters, is that of 2 p² calls of
-    /// [`log_likelihood_all`](Self::log_likelihood_all), in parallel with the feature `rayon`, of 4 p
-    /// calls of `read`, and O(p³). Memory: O(p²), and O(p) for each number that `read` returns.
+    /// options, only `keep_prior` and the pseudo-counts count. The cost, for p parameters, is that
+    /// of 2 p² calls of [`log_likelihood_all`](Self::log_likelihood_all), in parallel with the
+    /// feature `rayon`, of 4 p calls of `read`, and O(p³). Memory: O(p²), and O(p) for each number
+    /// that `read` returns.
     ///
     /// ```
     /// use wayfix::inference::LearningOptions;
@@ -78,8 +79,8 @@ where
     /// # Errors
     ///
     /// - [`LearnError::NotDetermined`] for a parameter that the sequences do not determine, such as
-    ///   a move out of a state that is never visited, or those of two states that are alike, also at
-    ///   a saddle where learning left them so;
+    /// a move out of a state that is never visited, or those of two states that are alike, also at
+    /// a saddle where learning left them so;
     /// - [`LearnError::NotAtMaximum`] for a model that is further from the maximum than a standard
     ///   error, which is checked: the model was learned from other sequences, or not to the end;
     /// - [`LearnError::Sequence`] for a sequence that the model rules out or that is not valid, and
@@ -146,8 +147,8 @@ where
         Ok(StandardErrors::new(values, spread, at_bound))
     }
 
-    /// The model with its free parameters moved, and the numbers of them that end with the prior and
-    /// with the operator.
+    /// The model with its free parameters moved, and the numbers of them that end with the prior
+    /// and with the operator.
     fn displaced(
         &self,
         by: &mut Displacement<'_>,
@@ -179,8 +180,8 @@ where
     }
 
     /// A vector for each number that `read` takes, whose products are the covariances: derivatives
-    /// along the coordinates, times the root of the inverse information. `count` coordinates lead to
-    /// so many numbers.
+    /// along the coordinates, times the root of the inverse information. `count` coordinates lead
+    /// to so many numbers.
     fn spread(
         &self,
         information: &Information,

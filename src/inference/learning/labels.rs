@@ -13,7 +13,8 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// Estimates the model from labelled drives: relative frequencies, with the pseudo-counts of
     /// `learning` added to the entries that this model allows. O(T n) for each drive.
     ///
-    /// With a [stationary](Prior::Stationary) prior, where drives start counts for the operator, too.
+    /// With a [stationary](Prior::Stationary) prior, where drives start counts for the operator,
+    /// too.
     ///
     /// Probabilities of 0 stay 0, so that smoothing adds no move where the map has no road;
     /// parameters without observations and pseudo-counts keep their values. Where only some states

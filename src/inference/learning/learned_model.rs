@@ -23,8 +23,8 @@ pub struct LearningOptions {
     /// default. With 0, all iterations are made.
     pub tolerance: f64,
     /// True to keep the prior as it is; a [stationary](crate::Prior::Stationary) one becomes one at
-    /// the first observation, with the same numbers, since the operator changes. (Other parts of the
-    /// model are kept by [`Fixed`](crate::Fixed).)
+    /// the first observation, with the same numbers, since the operator changes. (Other parts of
+    /// the model are kept by [`Fixed`](crate::Fixed).)
     pub keep_prior: bool,
     /// Pseudo-count of the prior; 0 by default.
     pub prior_pseudo_count: f64,
@@ -107,9 +107,9 @@ impl<A, B> LearnedModel<A, B> {
         self.start
     }
 
-    /// Number of different ends of the starts given to [`Hmm::learn_best`], of those that it learned
-    /// from to the end and that did not [fail](Self::failed): their objectives differ by more than
-    /// the [tolerance](LearningOptions::tolerance). 1 if there was one start alone.
+    /// Number of different ends of the starts given to [`Hmm::learn_best`], of those that it
+    /// learned from to the end and that did not [fail](Self::failed): their objectives differ by
+    /// more than the [tolerance](LearningOptions::tolerance). 1 if there was one start alone.
     ///
     /// Where almost every start has an end of its own, others may end higher still.
     #[must_use]

@@ -36,8 +36,8 @@ impl StandardErrors {
         &self.errors
     }
 
-    /// Covariance of the errors of two of the numbers, the square of the standard error for one with
-    /// itself; `None` if one does not exist. O(parameters), or O(groups) of the jackknife.
+    /// Covariance of the errors of two of the numbers, the square of the standard error for one
+    /// with itself; `None` if one does not exist. O(parameters), or O(groups) of the jackknife.
     #[must_use]
     pub fn covariance(&self, number: usize, other: usize) -> Option<f64> {
         Some(dot(self.spread.get(number)?, self.spread.get(other)?))
@@ -53,8 +53,8 @@ impl StandardErrors {
         self.at_bound
     }
 
-    /// Returns the interval of each number, (low, high), that covers it with this probability (0.95,
-    /// say), if errors are normal: the number plus and minus so many standard errors.
+    /// Returns the interval of each number, (low, high), that covers it with this probability
+    /// (0.95, say), if errors are normal: the number plus and minus so many standard errors.
     ///
     /// An interval may leave the range of its number. Of a probability near 0 read the logit, of a
     /// positive number the logarithm, and transform the ends of its interval:

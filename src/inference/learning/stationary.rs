@@ -1,12 +1,12 @@
 //! The M-step of a model with a stationary prior, which follows from the operator (section 9 of the
 //! [formulas](crate::guide::formulas)).
 //!
-//! The expected log-likelihood Q = Σ n_ij ln A_ij + Σ γ_i ln π_i has no maximum in closed form, since
-//! π depends on A. Its derivative by A_ij, n_ij / A_ij + h_i π_j with the potentials h of γ / π, is
-//! that of Σ m_ij ln A_ij with the counts m_ij = n_ij + A_ij π_j (h_i + c), for any c: the columns
-//! keep their sums. Maximising that sum, as without the prior, is thus a step uphill, the
-//! shorter the larger c; c is chosen so large that Q gains, too. Steps are repeated, each from
-//! the π and h of the last, until they gain nothing (or 200 were taken, fewer with more than 110
+//! The expected log-likelihood Q = Σ n_ij ln A_ij + Σ γ_i ln π_i has no maximum in closed form,
+//! since π depends on A. Its derivative by A_ij, n_ij / A_ij + h_i π_j with the potentials h of γ /
+//! π, is that of Σ m_ij ln A_ij with the counts m_ij = n_ij + A_ij π_j (h_i + c), for any c: the
+//! columns keep their sums. Maximising that sum, as without the prior, is thus a step uphill, the
+//! shorter the larger c; c is chosen so large that Q gains, too. Steps are repeated, each from the
+//! π and h of the last, until they gain nothing (or 200 were taken, fewer with more than 110
 //! states; the next E-step then goes on from there): neither steps nor c change where Q has its
 //! maximum, in which all parts of the operator (ties, fixed entries) agree.
 

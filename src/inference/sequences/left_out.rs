@@ -1,8 +1,8 @@
 //! Distributions of each step without its own observation: given those before it, and given all
 //! others (sections 2 and 3 of the [formulas](crate::guide::formulas)).
 //!
-//! γ_k divided by the likelihood of y_k would lose the states that y_k rules out. So the way back takes
-//! β_k itself, in logarithms, as it may leave the range of doubles at any step.
+//! γ_k divided by the likelihood of y_k would lose the states that y_k rules out. So the way back
+//! takes β_k itself, in logarithms, as it may leave the range of doubles at any step.
 
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
@@ -21,7 +21,8 @@ pub(crate) struct LeftOut {
     pub(crate) others: Vec<f64>,
 }
 
-/// Returns both distributions of all steps. One product with A a step, and one with A' in logarithms.
+/// Returns both distributions of all steps. One product with A a step, and one with A' in
+/// logarithms.
 ///
 /// # Errors
 ///

@@ -145,8 +145,8 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
         lanes::collect_all(self, sequences, &smooth())
     }
 
-    /// Runs [`log_likelihood`](Self::log_likelihood) on each sequence. The result at index i is that of
-    /// sequence i.
+    /// Runs [`log_likelihood`](Self::log_likelihood) on each sequence. The result at index i is
+    /// that of sequence i.
     pub fn log_likelihood_all<S>(&self, sequences: &[S]) -> Vec<Result<f64, SequenceError>>
     where
         S: Sequence<A::Control, B::Observation> + Sync,

@@ -83,7 +83,8 @@ impl<A: TransitionEntries> Pairs<'_, A> {
     }
 
     /// Adds moves from logarithms. With exp(`others`) they sum to one, up to the digits of the
-    /// logarithms: those of two likely moves may differ by the rounding of log-likelihoods of −1e15.
+    /// logarithms: those of two likely moves may differ by the rounding of log-likelihoods of
+    /// −1e15.
     #[cold]
     fn add_logs_to<I: Iterator<Item = (usize, f64)>>(
         &self,
@@ -104,8 +105,8 @@ impl<A: TransitionEntries> Pairs<'_, A> {
             .chain(self.ratio.iter().copied());
         let size =
             terms.filter(|log| log.is_finite()).fold(0.0, |size, log| f64::max(size, log.abs()));
-        // Without a possible move, `sum` is NaN (−∞ minus −∞); the error then reports 0, since `max`
-        // ignores a NaN.
+        // Without a possible move, `sum` is NaN (−∞ minus −∞); the error then reports 0, since
+        // `max` ignores a NaN.
         if sum.is_nan() || sum.abs() > limits::log_rounding(size) {
             return Err(InferenceError::PredictedSum { step, sum: f64::max(sum.exp(), 0.0) });
         }
@@ -116,8 +117,9 @@ impl<A: TransitionEntries> Pairs<'_, A> {
 
 impl<A: LearnTransition> Pairs<'_, A> {
     /// Adds the moves of this step that learning counts to its statistics, as
-    /// [`add_to`](Self::add_to) does. Restarts, which may come from any state, are in the sum alone: Σ α_{k-1} times the
-    /// sum over i of the restart part of row i times its ratio γ_k(i) / p_k(i).
+    /// [`add_to`](Self::add_to) does. Restarts, which may come from any state, are in the sum
+    /// alone: Σ α_{k-1} times the sum over i of the restart part of row i times its ratio γ_k(i) /
+    /// p_k(i).
     pub(crate) fn count_to(
         &self,
         statistics: &mut A::Statistics,

@@ -127,8 +127,8 @@ impl Posteriors {
         }
     }
 
-    /// Returns all numbers, in the order of [`as_slice`](Self::as_slice). They are moved, and copied
-    /// only if the results of several sequences share a block.
+    /// Returns all numbers, in the order of [`as_slice`](Self::as_slice). They are moved, and
+    /// copied only if the results of several sequences share a block.
     #[must_use]
     pub fn into_vec(self) -> Vec<f64> {
         match self.values {

@@ -17,8 +17,9 @@ use crate::transition::TransitionEntries;
 /// A drive whose states are known, such as a [`Simulation`](crate::inference::Simulation).
 #[derive(Debug, Clone, Copy)]
 pub struct LabelledSequence<'a, S: ?Sized> {
-    /// X_0 if known; otherwise the move to X_1 is not counted, and nothing is learned of the
-    /// prior. Ignored under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation), where no move leads to X_1.
+    /// X_0 if known; otherwise the move to X_1 is not counted, and nothing is learned of the prior.
+    /// Ignored under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation), where no move
+    /// leads to X_1.
     pub initial: Option<usize>,
     /// X_1 … X_T.
     pub states: &'a [usize],

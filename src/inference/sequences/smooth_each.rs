@@ -84,9 +84,9 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// with the pairwise posterior of the move to it. Returns ln p(y_1 … y_T).
     ///
     /// Results equal those of [`smooth`](Self::smooth), to the bit (up to rounding, with up to
-    /// eight states and no control, or where `smooth` cuts a long sequence). Costs three products with A or A' a step in backward order
-    /// and five in forward order (two in either, if n T is below 65,536), and O(n); more where
-    /// the sensor has to compute its likelihoods.
+    /// eight states and no control, or where `smooth` cuts a long sequence). Costs three products
+    /// with A or A' a step in backward order and five in forward order (two in either, if n T is
+    /// below 65,536), and O(n); more where the sensor has to compute its likelihoods.
     ///
     /// ```
     /// use wayfix::inference::Order;
@@ -174,8 +174,8 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// Costs as much as [`smooth_each`](Self::smooth_each), and O(E) a step; the result holds one
     /// number, in 24 bytes, for each entry of A, never n × n for a sparse one. But where a state is
     /// reached from all others, as by a
-    /// [`RestartTransition`](crate::transition::RestartTransition), E is n²: 6 GB for 16,000 states.
-    /// [Learning](Self::expectations) does not need these moves, and counts those within.
+    /// [`RestartTransition`](crate::transition::RestartTransition), E is n²: 6 GB for 16,000
+    /// states. [Learning](Self::expectations) does not need these moves, and counts those within.
     ///
     /// ```
     /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};

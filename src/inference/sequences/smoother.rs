@@ -1,5 +1,5 @@
-//! Batch smoother: a forward pass, then a backward pass over the same block, in which γ of
-//! each step overwrites α of the next. Section 3 of the [formulas](crate::guide::formulas); at T both
+//! Batch smoother: a forward pass, then a backward pass over the same block, in which γ of each
+//! step overwrites α of the next. Section 3 of the [formulas](crate::guide::formulas); at T both
 //! are the same.
 
 use super::posteriors::Posteriors;
@@ -64,14 +64,14 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// An empty sequence is allowed: the posterior of X_0 is then the prior.
     ///
     /// Costs two products with A or A' and O(n) a step (three where the sensor has to compute its
-    /// likelihoods). The result holds at most n (T + 2) numbers; other memory grows by one number a step,
-    /// and by n for each step outside the range of `f64`. Models of up to eight states without a
-    /// control take specialised paths, which are faster; from five states on they use n T
-    /// additional `f64`s. With more states and a dense matrix, or a sparse one of some dozens,
-    /// a sequence of 2,048 steps or more runs in lanes if the model forgets fast enough: in segments
+    /// likelihoods). The result holds at most n (T + 2) numbers; other memory grows by one number a
+    /// step, and by n for each step outside the range of `f64`. Models of up to eight states
+    /// without a control take specialised paths, which are faster; from five states on they use n T
+    /// additional `f64`s. With more states and a dense matrix, or a sparse one of some dozens, a
+    /// sequence of 2,048 steps or more runs in lanes if the model forgets fast enough: in segments
     /// that are joined as those of [`learn`](Self::learn), with the same bound on the error and up
-    /// to 64 MB of other memory. For long sequences there is [`smooth_each`](Self::smooth_each), for
-    /// live ones [`fixed_lag`](Self::fixed_lag).
+    /// to 64 MB of other memory. For long sequences there is [`smooth_each`](Self::smooth_each),
+    /// for live ones [`fixed_lag`](Self::fixed_lag).
     ///
     /// ```
     /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};

@@ -241,8 +241,8 @@ fn copy(values: &[f64], out: &mut [f64]) -> Option<()> {
     Some(())
 }
 
-/// Returns the largest of the logarithms of likelihoods; `None` if they are not valid, or nothing is
-/// possible. (A call of a kernel takes longer than a few comparisons.)
+/// Returns the largest of the logarithms of likelihoods; `None` if they are not valid, or nothing
+/// is possible. (A call of a kernel takes longer than a few comparisons.)
 #[inline(always)]
 fn largest_log(logs: &[f64]) -> Option<f64> {
     let (mut largest, mut valid) = (f64::NEG_INFINITY, true);

@@ -2,9 +2,9 @@
 //! γ = α ∘ q (sections 2 and 3 of the [formulas](crate::guide::formulas)).
 //!
 //! Beliefs are lifted at all steps, as those of one sequence are where they must be, so that both
-//! have the same digits. The largest likelihood of each lane is within `UNSCALED`, and the others are
-//! at least `TINY`, or the lane becomes invalid: with entries of at least `LEAST_ENTRY`, no lifted
-//! product then becomes 0 unseen. In a model with rounded tails, small ones may.
+//! have the same digits. The largest likelihood of each lane is within `UNSCALED`, and the others
+//! are at least `TINY`, or the lane becomes invalid: with entries of at least `LEAST_ENTRY`, no
+//! lifted product then becomes 0 unseen. In a model with rounded tails, small ones may.
 
 use super::{Group, LaneMemory, LaneModel};
 use crate::inference::LogSum;
