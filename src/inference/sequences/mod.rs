@@ -1,4 +1,4 @@
-//! Posteriors of whole sequences, one or many, paths drawn from them, and simulation.
+//! Posteriors of whole sequences, one or many; paths drawn from them; simulation.
 
 pub(crate) mod forward;
 #[cfg(feature = "emission")]
