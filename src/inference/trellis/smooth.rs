@@ -109,7 +109,7 @@ impl Trellis {
             for (j, weight) in self.moves_into(state) {
                 let below = (weight - scale.weight) + log - earlier[j];
                 // Terms below e^-45 = 2^-65 are beyond the digits of the sum, which is at least 1.
-                // (False for NaN: no move leads from an earlier state at −∞.)
+                // (False for the NaN of an earlier state at −∞, from which nothing possible leads.)
                 if below > -45.0 {
                     sums[j] += if below == 0.0 { 1.0 } else { below.exp() };
                 }
