@@ -193,8 +193,8 @@ impl<F: Fn(&[f64]) -> Result<f64, LearnError> + Sync> Objective<F> {
 
     /// Returns true if a logarithm without influence here has some far away: then it is at a bound.
     fn reaches(&self, at: usize) -> bool {
-        // The smallest double is e^-745 of one. In steps of 16, an influence that was hidden by
-        // rounding (1e-12 = e^-28) appears before numbers overflow.
+        // The smallest double is e^-745 of one. Steps of 16 miss nothing: from the size of
+        // rounding, 1e-12, to its full size an influence grows by e^28.
         let far = (1..=46).flat_map(|k| [f64::from(16 * k), -f64::from(16 * k)]);
         let changes = |by: f64| {
             // A failure, such as an overflow, proves nothing.

@@ -187,7 +187,7 @@ where
 
     /// Returns one vector for each number that `read` takes, whose products are the covariances
     /// g' I⁻¹ h: the derivatives g along the coordinates, times a root of the inverse information.
-    /// `count` is the number of coordinates including those at a bound.
+    /// `count` is the number of all coordinates.
     fn spread(
         &self,
         information: &Information,

@@ -42,8 +42,8 @@ use step::PrunedScratch;
 /// A step costs O(entries into and out of the active states and the states that the sensor names),
 /// regardless of n: about as much on a map of ten million places as on one of thirty thousand. It
 /// allocates nothing unless the active set is larger than ever before. Memory: 4 n bytes and n bits
-/// to know which states are active, and some 80 bytes for each of the largest number of active
-/// states so far.
+/// to know which states are active, and some 80 bytes for each active state, at their largest
+/// number so far.
 ///
 /// ```
 /// use wayfix::inference::Pruning;

@@ -166,7 +166,7 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
     }
 }
 
-/// [`Hmm::forward`]: log-likelihoods of each step and of all, beside the rows.
+/// [`Hmm::forward`] in lanes: log-likelihoods of each step and of all steps, and the rows.
 fn forward<A: Transition, B: Likelihood, S: Sequence<A::Control, B::Observation>>()
 -> LaneRoutine<A, B, S, (Vec<f64>, f64), FilteredSequence> {
     LaneRoutine {
@@ -182,7 +182,7 @@ fn forward<A: Transition, B: Likelihood, S: Sequence<A::Control, B::Observation>
     }
 }
 
-/// [`Hmm::smooth`]: log-likelihoods, beside the rows.
+/// [`Hmm::smooth`] in lanes: log-likelihoods, and the rows.
 fn smooth<A: Transition, B: Likelihood, S: Sequence<A::Control, B::Observation>>()
 -> LaneRoutine<A, B, S, f64, SmoothedSequence> {
     LaneRoutine {
@@ -199,7 +199,7 @@ fn smooth<A: Transition, B: Likelihood, S: Sequence<A::Control, B::Observation>>
     }
 }
 
-/// [`Hmm::log_likelihood`], which stores nothing for each step.
+/// [`Hmm::log_likelihood`] in lanes, which stores nothing for each step.
 fn log_likelihood<A: Transition, B: Likelihood, S: Sequence<A::Control, B::Observation>>()
 -> LaneRoutine<A, B, S, f64, f64> {
     LaneRoutine {
@@ -212,7 +212,7 @@ fn log_likelihood<A: Transition, B: Likelihood, S: Sequence<A::Control, B::Obser
     }
 }
 
-/// [`Hmm::viterbi`]: paths and their log-probabilities.
+/// [`Hmm::viterbi`] in lanes: paths and their log-probabilities.
 fn viterbi<A: TransitionEntries, B: Likelihood, S: Sequence<A::Control, B::Observation>>()
 -> LaneRoutine<A, B, S, (Vec<usize>, f64), ViterbiPath> {
     LaneRoutine {

@@ -79,8 +79,8 @@ impl<A: TransitionEntries, B: SampleObservation> Hmm<A, B> {
     ///
     /// The same generator in the same state gives the same drive. O(n) for the first state, then
     /// O(entries out of a state + the cost of an observation) a step. (Under an operator with
-    /// [evidence](crate::Transition::evidence) and no control, moves are drawn in proportion to
-    /// its entries.)
+    /// [evidence](crate::Transition::evidence) and no control, moves are drawn with probabilities
+    /// proportional to its entries.)
     ///
     /// ```
     /// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};

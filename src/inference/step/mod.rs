@@ -150,8 +150,9 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
             return Ok(StepOutcome::linear(n.ln() + log_factors, n, form));
         }
         let largest = diagonal.check(states).map_err(wrap)?;
-        // Second attempt. Without evidence, the unscaled likelihoods have just failed above, so
-        // they are scaled; with evidence they have not been tried yet.
+        // Second attempt. Without evidence, the unscaled likelihoods have just failed above (or the
+        // step is in logarithms anyway), so they are scaled; with evidence they are still to be
+        // tried.
         let unscaled = linear.filter(|_| evidence.is_some() && limits::is_unscaled(largest));
         let (likelihoods, log_scale) = if let Some(likelihoods) = unscaled {
             (likelihoods, 0.0)

@@ -207,8 +207,8 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
     }
 }
 
-/// Returns log2 of the probability of which `lifted` is the lifted value. The lift is undone first
-/// if that keeps all digits, so that equal numbers have equal scores whether lifted or not.
+/// Returns log2 of a probability, given lifted. The lift is undone first if that keeps all digits,
+/// so that equal numbers have equal scores whether they were lifted or not.
 pub(crate) fn unlifted_log2(lifted: f64) -> f64 {
     let p = lifted / LIFT;
     if p >= f64::MIN_POSITIVE { kernels::log2(p) } else { kernels::log2(lifted) - LIFT.log2() }

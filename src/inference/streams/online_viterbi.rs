@@ -147,7 +147,7 @@ where
         OnlineViterbiSnapshot { best: self.best.clone(), levels: self.tree.nodes() }
     }
 
-    /// Restores a snapshot of this decoder or another. O(n) for each undecided step.
+    /// Restores a snapshot of this decoder or another. O(n), and O(n) for each undecided step.
     ///
     /// # Errors
     ///
