@@ -148,6 +148,8 @@ pub(crate) fn states<'a>(
     steps: usize,
     paths: impl Fn(usize, usize) -> &'a [RankedPath],
 ) -> Vec<usize> {
+    // An end comes from `best_ends`: its `from` is the last state itself, and its `rank` a place in
+    // that state's list. From there each path names the state before it in the same way.
     let (mut states, mut path) = (vec![0; steps], end);
     for step in (0..steps).rev() {
         states[step] = path.from as usize;

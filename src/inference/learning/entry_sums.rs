@@ -58,6 +58,7 @@ impl<'m> EntrySums<'m> {
             if *alpha == 0.0 {
                 continue;
             }
+            // Sums are in the order of the stored entries, so that a column is one slice of both.
             let column = self.column(from);
             let (sums, values) = (&mut self.sums[column.clone()], self.columns.values());
             let sums = sums.iter_mut().zip(&values[column.clone()]);
@@ -85,6 +86,7 @@ impl<'m> EntrySums<'m> {
             self.logs.extend(self.columns.values().iter().map(|p| p.ln()));
             self.powers.resize(self.logs.len(), 0.0);
         }
+        // Columns of impossible states are skipped below, and keep −∞.
         self.powers.fill(f64::NEG_INFINITY);
         for from in 0..self.states {
             let log = alpha.log(from);

@@ -120,6 +120,7 @@ impl<C> ModelSelection<C> {
             // The likelihood is that of all sequences, so that one left out of learning is an
             // error; the parameters are those of the model that learning started from.
             let criteria = Criteria { parameters, ..learned.model().criteria(&all)? };
+            // One fold would leave nothing to learn from.
             let folds = if folds < 2 { 0 } else { folds };
             let without = |fold, (): &mut ()| {
                 log_likelihood_of_fold(sequences, fold, folds, |some| learn(&candidate, some))
@@ -171,6 +172,7 @@ impl<C> ModelSelection<C> {
     pub fn best_held_out(&self) -> Option<&C> {
         let minus =
             |row: &Candidate<C>| row.held_out_log_likelihood().map_or(f64::INFINITY, |log| -log);
+        // `best_by` takes the lowest, hence the minus.
         self.rows.iter().all(|row| !row.held_out.is_empty()).then(|| self.best_by(minus))
     }
 }

@@ -1,4 +1,5 @@
-//! Limits on the pruning, and the certificate of a step.
+//! Limits on the pruning, and the certificate of a step: the bound D / (K + D) of section 13 of the
+//! [formulas](crate::guide::formulas), compared with the tolerance.
 
 /// Limits on the pruning of a [`PrunedFilter`](crate::PrunedFilter).
 ///

@@ -107,6 +107,7 @@ impl PrunedFilterSnapshot {
         if self.log_lost {
             return f64::NEG_INFINITY..=f64::INFINITY;
         }
+        // From K / s to (K + D) / s, with K = 1 and s known up to the product of the 1 + ρ.
         let low = self.log.value();
         low..=low + self.log_excess.value() + self.belief.deficit().ln_1p()
     }
@@ -160,17 +161,18 @@ impl PrunedFilterSnapshot {
         {
             return Err(format!("the active states are not below {states} in ascending order"));
         }
+        // Non-negative; ∞ is valid in an upper bound. (Lengths and sums are checked below.)
         let values = [&belief.estimate, &belief.lower, &belief.excess];
         let others = [belief.others.elsewhere, belief.others.outside];
         for value in values.into_iter().flatten().chain(&others) {
             if value.is_nan() || *value < 0.0 {
-                return Err(format!("{value} is in the belief, expected at least 0"));
+                return Err(format!("a number of the belief is {value}, expected at least 0"));
             }
         }
         let sum: f64 = belief.estimate.iter().sum();
         if values.iter().any(|values| values.len() != belief.states.len()) {
             return Err(format!(
-                "{}, {} and {} numbers of {} active states",
+                "{}, {} and {} numbers for {} active states",
                 belief.estimate.len(),
                 belief.lower.len(),
                 belief.excess.len(),
@@ -199,6 +201,7 @@ impl PrunedFilterSnapshot {
                 "the log-likelihood is the sum of {sum} and {lost}, expected finite values"
             ));
         }
+        // The excess may have become infinite, but never negative.
         let LogSum { sum, lost } = self.log_excess;
         if !(lost.is_finite() && self.log_excess.value() >= 0.0) {
             return Err(format!(

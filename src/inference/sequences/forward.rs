@@ -142,6 +142,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         {
             return Ok(log_likelihood);
         }
+        // The same steps without rows: the state sums the logarithms in the same order.
         let prior = self.prior().belief().as_slice();
         let (mut state, mut scratch) = (FilterSnapshot::start(prior), StepScratch::new(prior));
         for number in 1..=sequence.steps() {

@@ -173,6 +173,7 @@ fn forward<A: Transition, B: Likelihood, S: Sequence<A::Control, B::Observation>
         has_rows: true,
         single: Hmm::forward,
         group: |model, group, memory| {
+            // Logarithms of an invalid lane are dropped with it: its sum is `None`.
             let mut logs: [Vec<f64>; LANES] = group.steps.map(Vec::with_capacity);
             let forward = model.forward(group, memory, true, |lane, log| logs[lane].push(log));
             let mut sums = forward.log_likelihoods().into_iter();

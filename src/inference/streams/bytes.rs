@@ -188,7 +188,7 @@ impl<'a> Reader<'a> {
 
     pub(crate) fn integer(&mut self) -> Result<usize, SnapshotError> {
         let found = self.word()?;
-        usize::try_from(found).map_err(|_| contents(format!("{found} is beyond a usize")))
+        usize::try_from(found).map_err(|_| contents(format!("{found} does not fit in a usize")))
     }
 
     pub(crate) fn double(&mut self) -> Result<f64, SnapshotError> {
@@ -210,7 +210,7 @@ impl<'a> Reader<'a> {
         for (values, mask) in values.chunks_mut(64).zip(masks) {
             // The last word of masks may have bits beyond the vector, which must not be set.
             if values.len() < 64 && mask >> values.len() != 0 {
-                return Err(contents(format!("a vector of {count} numbers has more")));
+                return Err(contents(format!("a vector of {count} numbers stores more of them")));
             }
             for (bit, value) in values.iter_mut().enumerate() {
                 if mask >> bit & 1 == 1 {

@@ -91,6 +91,7 @@ pub(crate) const COUNT_OR_ANY: Codec<usize, Option<usize>> = Codec {
 };
 /// Tolerance of a bound, with null for ∞.
 pub(crate) const TOLERANCE: Codec<f64, Option<f64>> = Codec {
+    // JSON has neither NaN nor infinity: a finite number that means the same stands for them.
     data: |v| match *v {
         // NaN and −∞ mean the same as any value below 0.
         tolerance if tolerance < f64::INFINITY => Some(tolerance.max(f64::MIN)),
@@ -105,7 +106,7 @@ pub(crate) const FLAG: Codec<bool, bool> = Codec {
     read: |from| match from.word()? {
         0 => Ok(false),
         1 => Ok(true),
-        other => Err(contents(format!("{other} is neither yes, 1, nor no, 0"))),
+        other => Err(contents(format!("a flag is {other}, expected 0 or 1"))),
     },
     data: |v| *v,
     value: |data| data,

@@ -125,7 +125,7 @@ impl OnlineViterbiSnapshot {
             ));
         }
         if levels.len() > *steps {
-            return Err(format!("{} undecided steps of {steps}", levels.len()));
+            return Err(format!("{} undecided steps, expected at most {steps}", levels.len()));
         }
         // The tree: every node has a predecessor, and every node before the last level has a
         // successor. Otherwise the counts of uses would go below 0 when a path ends.
@@ -147,7 +147,7 @@ impl OnlineViterbiSnapshot {
             };
             if !linked {
                 return Err(format!(
-                    "undecided step {at} does not go on from all states of the one before"
+                    "the predecessors in undecided step {at} are not the states of the step before"
                 ));
             }
         }
@@ -159,7 +159,7 @@ impl OnlineViterbiSnapshot {
             None => *steps == 0 || possible().count() == 1,
         };
         if !ends {
-            return Err("the paths do not end in the possible states".to_owned());
+            return Err("the paths do not end in exactly the possible states".to_owned());
         }
         Ok(self)
     }

@@ -143,7 +143,7 @@ impl Trellis {
             return checked;
         }
         self.log_likelihoods.push(log_likelihood);
-        self.moves.push(u32::try_from(self.from.len()).expect("fewer than 2^32 moves"));
+        self.moves.push(u32::try_from(self.from.len()).expect("there are fewer than 2^32 moves"));
         Ok(())
     }
 

@@ -1,4 +1,6 @@
-//! Smoother of one long sequence, in segments ([`segments`](super::segments)).
+//! Smoother of one long sequence, in segments ([`segments`](super::segments)). Every step of the
+//! sequence belongs to exactly one segment, whose group writes its row; rows of warm-ups are
+//! dropped.
 
 use super::segments::SegmentGroup;
 use super::verified::Task;
