@@ -83,8 +83,8 @@ where
     /// # Errors
     ///
     /// - [`LearnError::NotDetermined`] for a parameter that the sequences do not determine, such as
-    /// a move out of a state that is never visited, or one of two states that are alike (including
-    /// a saddle point where learning left them alike);
+    ///   a move out of a state that is never visited, or one of two states that are alike
+    ///   (including a saddle point where learning left them alike);
     /// - [`LearnError::NotAtMaximum`] for a model that is further than a standard error from the
     ///   maximum, because it was learned from other sequences, or not to the end;
     /// - [`LearnError::Sequence`] for a sequence that the model rules out or that is not valid, and
