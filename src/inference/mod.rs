@@ -1,6 +1,10 @@
 //! Algorithms of [`Hmm`](crate::Hmm), with their options and results: filters, smoothers,
 //! decoders, simulation and learning.
 //!
+//! Nothing here knows what a state or an observation is: an algorithm asks a
+//! [`Transition`](crate::Transition) for products and entries, and a
+//! [`Likelihood`](crate::Likelihood) for one diagonal a step.
+//!
 //! | call | result | cost of a step |
 //! |---|---|---|
 //! | [`Hmm::filter`](crate::Hmm::filter) | [`Filter`], a stream; saved as a [`FilterSnapshot`] | a product |
@@ -12,17 +16,17 @@
 //! | [`Hmm::smooth_each`](crate::Hmm::smooth_each) | [`SmoothedStep`]s, in an [`Order`], with moves | three products |
 //! | [`Hmm::viterbi`](crate::Hmm::viterbi), [`Hmm::k_best`](crate::Hmm::k_best) | [`ViterbiPath`] | a max-product, or k |
 //! | [`Hmm::beam_viterbi`](crate::Hmm::beam_viterbi) | [`BeamPath`] | the entries of the states in the beam |
-//! | [`Trellis`]: states that differ from step to step | [`SmoothedTrellis`], [`ViterbiPath`] | the moves between the states of two steps |
+//! | [`Trellis`]: a different set of states at each step | [`SmoothedTrellis`], [`ViterbiPath`] | the moves between the states of two steps |
 //! | [`Hmm::path_sampler`](crate::Hmm::path_sampler) | [`PathSampler`] | a product |
-//! | [`Hmm::smooth_map_all`](crate::Hmm::smooth_map_all) and the like | the results of many sequences, to a visitor | that of one sequence, or less |
+//! | [`Hmm::smooth_map_all`](crate::Hmm::smooth_map_all) and the like | the results of many sequences, passed to a visitor | that of one sequence, or less |
 //! | [`Hmm::smooth_all`](crate::Hmm::smooth_all) and the like | the results of many sequences, in a vector | the same |
 //! | [`Hmm::simulate`](crate::Hmm::simulate) | [`Simulation`] | the entries out of a state |
 //! | [`Hmm::learn`](crate::Hmm::learn) | [`LearnedModel`], by [`LearningOptions`] | three products in each iteration |
-//! | [`Hmm::learn_best`](crate::Hmm::learn_best), from several starts | [`LearnedModel`] | as often at most |
+//! | [`Hmm::learn_best`](crate::Hmm::learn_best), from several starts | [`LearnedModel`] | at most that, for each start |
 //! | [`Hmm::expectations`](crate::Hmm::expectations), [`Hmm::maximize`](crate::Hmm::maximize): an iteration in parts | [`Expectations`] | three products |
-//! | [`LearnedModel::criteria`], [`ModelSelection`]: to choose among models | [`Criteria`] | nothing; learning of all candidates and folds |
-//! | [`Hmm::jackknife`](crate::Hmm::jackknife): standard errors of what was learned | [`StandardErrors`] | learning, for each group of sequences |
-//! | [`Hmm::standard_errors`](crate::Hmm::standard_errors): the same from the curvature of the likelihood, for one sequence too | [`StandardErrors`] | a product, for each of 2 p² models |
+//! | [`LearnedModel::criteria`], [`ModelSelection`]: to choose among models | [`Criteria`] | none; learning once for each candidate and fold |
+//! | [`Hmm::jackknife`](crate::Hmm::jackknife): standard errors of the learned parameters | [`StandardErrors`] | learning once for each group of sequences |
+//! | [`Hmm::standard_errors`](crate::Hmm::standard_errors): the same from the curvature of the likelihood, even for a single sequence | [`StandardErrors`] | a product for each of 2 p² models |
 //! | [`Hmm::fit`](crate::Hmm::fit) | a model, from [`LabelledSequence`]s | one count |
 //!
 //! [`formulas`](crate::guide::formulas) derives each algorithm;

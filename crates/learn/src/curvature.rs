@@ -1,29 +1,31 @@
-//! Curvature of an objective at its maximum, by central differences.
+//! Curvature of an objective at its maximum, by central differences ("Standard errors" in section 9
+//! of the [formulas](crate::guide::formulas)).
 //!
-//! Each coordinate has a step of its own, along which the objective falls by some thousandths of a
-//! nat: some hundredths of the error of the parameter given the others. Differences at this step and
-//! at half of it are extrapolated (Richardson 1911), so that the error of a second derivative is of
-//! the fourth order in the step, and of the second in the fall. Rounding has an error of the inverse
-//! of the fall: the fall is chosen so that both are small.
+//! Each coordinate has its own step, along which the objective falls by a few thousandths of a nat:
+//! a few hundredths of the standard error of that parameter given the others. Differences at this
+//! step and at half of it are extrapolated (Richardson 1911), so that the error of a second
+//! derivative is of fourth order in the step, that is, of second order in the fall. The error by
+//! rounding is inversely proportional to the fall, which is chosen so that both are small.
 
 use wayfix::inference::LearnError;
 use wayfix::internal::parallel;
 use wayfix::internal::{ParameterScale as Scale, cholesky};
 
-/// Longest step along a logarithm. However small its information, its derivatives of all orders are
-/// of one size: the sixth then is 1e-7 of the difference.
+/// Longest step along a logarithm. However little information there is, derivatives of all orders
+/// have the same size; at this step the sixth contributes 1e-7 of the difference.
 const LONGEST: f64 = 0.1;
-/// Least share of its information that a parameter keeps beside the others, if they can be told
-/// apart: more than the errors of differences, which may be 1e-7 of it.
+/// Least share of its information that a parameter must keep given the others, to be told apart
+/// from them. It exceeds the error of differences, which may be 1e-7 of the information.
 const LEAST_PIVOT: f64 = 1e-6;
-/// Gain that a maximum may still hold, in nats: half a nat is one standard error.
+/// Largest gain, in nats, by which the model may fall short of the maximum: half a nat is one
+/// standard error.
 const GAIN: f64 = 0.5;
-/// Relative rounding of an objective, or more.
+/// Upper bound on the relative rounding error of an objective.
 const ROUNDING: f64 = 1e-12;
 
-/// An objective of coordinates, as its difference from that at 0.
+/// An objective as a function of coordinates, relative to its value at 0.
 pub(super) struct Objective<F> {
-    /// The difference.
+    /// Difference of the objective at the coordinates from that at 0.
     pub(super) difference: F,
     /// Scale of each coordinate.
     pub(super) scales: Vec<Scale>,
@@ -31,11 +33,11 @@ pub(super) struct Objective<F> {
     pub(super) size: f64,
 }
 
-/// A coordinate that has no place in a maximum.
+/// Reason why there is no information.
 pub(super) enum Fault {
-    /// The objective stays the same along it.
+    /// The objective does not change along this coordinate.
     Flat(usize),
-    /// The objective rises along it.
+    /// The objective rises along this coordinate.
     Rises(usize),
     /// The objective could not be evaluated.
     Failed(LearnError),
@@ -49,11 +51,11 @@ impl From<LearnError> for Fault {
 
 /// Information of the coordinates that are not at a bound.
 pub(super) struct Information {
-    /// Their numbers.
+    /// Numbers of these coordinates.
     pub(super) coordinates: Vec<usize>,
-    /// Step along each.
+    /// Step along each of them.
     pub(super) steps: Vec<f64>,
-    /// Root of the information of each.
+    /// Root of the information of each of them.
     pub(super) scales: Vec<f64>,
     /// Cholesky factor of the information in units of 1 / scale.
     factor: Vec<f64>,
@@ -69,14 +71,14 @@ struct Slice {
     information: f64,
 }
 
-/// Extrapolates differences at a step and at half of it, of an error of the second order.
+/// Extrapolates differences at a step and at half of it: cancels their error of second order.
 pub(super) fn extrapolated([whole, half]: [f64; 2]) -> f64 {
     (4.0 * half - whole) / 3.0
 }
 
 impl<F: Fn(&[f64]) -> Result<f64, LearnError> + Sync> Objective<F> {
-    /// Computes the information. O(p) evaluations of the objective to find steps, and 2 p² after
-    /// that, with O(p²) memory and O(p³) operations.
+    /// Computes the information, by O(p) evaluations of the objective to find steps and 2 p² more,
+    /// with O(p²) memory and O(p³) operations.
     pub(super) fn information(&self) -> Result<Information, Fault> {
         let all: Vec<usize> = (0..self.scales.len()).collect();
         let slices = parallel::map(all, |at, (): &mut ()| self.slice(at));
@@ -90,6 +92,7 @@ impl<F: Fn(&[f64]) -> Result<f64, LearnError> + Sync> Objective<F> {
         });
         let rows = parallel::map((0..p).collect(), row);
         let scales: Vec<f64> = slices.iter().map(|slice| slice.information.sqrt()).collect();
+        // Scaled to a diagonal of ones, so that pivots are shares of information.
         let mut factor = vec![0.0; p * p];
         for (i, row) in rows.into_iter().enumerate() {
             for (j, value) in row?.into_iter().enumerate() {
@@ -106,6 +109,7 @@ impl<F: Fn(&[f64]) -> Result<f64, LearnError> + Sync> Objective<F> {
             if size(at) > size(best) { at } else { best }
         };
         let steepest = (0..p).fold(0, steepest);
+        // A Newton step would gain g' I⁻¹ g / 2.
         information.solve(&mut gradient);
         if gradient.iter().map(|g| g * g).sum::<f64>() > 2.0 * GAIN {
             return Err(Fault::Rises(information.coordinates[steepest]));
@@ -113,14 +117,14 @@ impl<F: Fn(&[f64]) -> Result<f64, LearnError> + Sync> Objective<F> {
         Ok(information)
     }
 
-    /// The objective at displacements of some coordinates.
+    /// Returns the objective with some coordinates displaced.
     fn at(&self, displaced: &[(usize, f64)]) -> Result<f64, LearnError> {
         let mut by = vec![0.0; self.scales.len()];
         displaced.iter().for_each(|(at, value)| by[*at] = *value);
         (self.difference)(&by)
     }
 
-    /// Differences along a coordinate; `None` if it is at a bound.
+    /// Returns the differences along a coordinate, or `None` if it is at a bound.
     fn slice(&self, at: usize) -> Result<Option<Slice>, Fault> {
         let Some(step) = self.step(at)? else {
             return if self.reaches(at) { Ok(None) } else { Err(Fault::Flat(at)) };
@@ -135,9 +139,10 @@ impl<F: Fn(&[f64]) -> Result<f64, LearnError> + Sync> Objective<F> {
         }
         let gradient = extrapolated(gradients);
         let information = extrapolated(curvatures);
-        // Near a bound at infinity the objective goes on rising, as −c e^±δ, so that a Newton step
-        // leads on by a whole unit wherever it begins; c, less than that of one observation, is the
-        // information. Odds to a larger number only fall.
+        // Near a bound at infinity the objective keeps rising, as −c e^±δ. Then gradient and
+        // information are both of size c, however far away, so that a Newton step is one unit long;
+        // and c is less than the information of one observation. Odds relative to a larger number
+        // can only fall.
         let ahead = match self.scales[at] {
             Scale::Plain => 0.0,
             Scale::Log => gradient.abs(),
@@ -152,11 +157,11 @@ impl<F: Fn(&[f64]) -> Result<f64, LearnError> + Sync> Objective<F> {
         Ok(Some(Slice { step, sums, gradient, information }))
     }
 
-    /// A step along which the objective falls as far as it should, or a quarter to four times as
-    /// far; `None` if rounding hides all.
+    /// Returns a step along which the objective falls by the intended amount, within a factor of
+    /// four; `None` if rounding hides every change.
     fn step(&self, at: usize) -> Result<Option<f64>, LearnError> {
-        // Errors of the second order in the fall, and of rounding over the fall, are equal at the
-        // cube root of rounding, but for factors.
+        // The error of the differences grows as the square of the fall f, that of rounding as ε /
+        // f: up to constants, they are equal at f = ε^(1/3).
         let aim = 10.0 * (f64::EPSILON * (1.0 + self.size)).cbrt();
         let plain = self.scales[at] == Scale::Plain;
         let mut most = if plain { f64::INFINITY } else { LONGEST };
@@ -171,8 +176,10 @@ impl<F: Fn(&[f64]) -> Result<f64, LearnError> + Sync> Objective<F> {
                         return Ok(seen.then_some(step));
                     }
                     found = if seen { Some(step) } else { found };
+                    // The fall is quadratic in the step.
                     if seen { (aim / fall).sqrt().clamp(1e-3, 1e3) } else { 1e3 }
                 }
+                // Too far: the displaced model is not valid, or rules out a sequence.
                 Ok(_) | Err(LearnError::Displaced(_) | LearnError::Sequence(_)) => {
                     most = step / 2.0;
                     0.1
@@ -184,24 +191,25 @@ impl<F: Fn(&[f64]) -> Result<f64, LearnError> + Sync> Objective<F> {
         Ok(found)
     }
 
-    /// True if a logarithm that seems to have no influence has some far from here.
+    /// Returns true if a logarithm without influence here has some far away: then it is at a bound.
     fn reaches(&self, at: usize) -> bool {
-        // From the least double above 0 it is e^745 to 1. At each of these distances some
-        // influence that was hidden before is seen, before others vanish.
+        // The smallest double is e^-745 of one. Steps of 16 miss nothing: from the size of
+        // rounding, 1e-12, to its full size an influence grows by e^28.
         let far = (1..=46).flat_map(|k| [f64::from(16 * k), -f64::from(16 * k)]);
         let changes = |by: f64| {
-            // Failures say nothing: numbers that overflow, or are ruled out.
+            // A failure, such as an overflow, proves nothing.
             self.at(&[(at, by)]).is_ok_and(|found| found.abs() > ROUNDING * (1.0 + self.size))
         };
         self.scales[at] != Scale::Plain && far.into_iter().any(changes)
     }
 
-    /// Minus the mixed derivative of two coordinates.
+    /// Returns the negative mixed derivative of two coordinates.
     fn mixed(&self, [i, j]: [usize; 2], slices: [Slice; 2]) -> Result<f64, LearnError> {
         let mut found = [0.0; 2];
         for (level, part) in [1.0, 0.5].into_iter().enumerate() {
             let [a, b] = slices.map(|slice| slice.step * part);
             let both = self.at(&[(i, a), (j, b)])? + self.at(&[(i, -a), (j, -b)])?;
+            // The sums along each coordinate alone are known from the slices.
             let alone = slices[0].sums[level] + slices[1].sums[level];
             found[level] = -(both - alone) / a / b / 2.0;
         }
@@ -211,8 +219,9 @@ impl<F: Fn(&[f64]) -> Result<f64, LearnError> + Sync> Objective<F> {
 
 impl Information {
     /// Replaces the derivatives g of a number with respect to the coordinates by a vector whose
-    /// square is g' I⁻¹ g, the variance of the number. O(p²).
+    /// squared norm is g' I⁻¹ g, the variance of the number. O(p²).
     pub(super) fn solve(&self, derivatives: &mut [f64]) {
+        // With I = S L L' S, S the scales: the vector is L⁻¹ S⁻¹ g, by forward substitution.
         let p = self.coordinates.len();
         derivatives.iter_mut().zip(&self.scales).for_each(|(g, scale)| *g /= scale);
         for i in 0..p {

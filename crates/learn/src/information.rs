@@ -1,5 +1,9 @@
-//! Standard errors of learned parameters, from the observed information: the negative Hessian of
-//! the log-likelihood at its maximum (Efron and Hinkley 1978).
+//! Standard errors of learned parameters from the observed information, the negative Hessian of the
+//! log-likelihood at its maximum (Efron and Hinkley 1978; "Standard errors" in section 9 of the
+//! [formulas](crate::guide::formulas)).
+//!
+//! This file displaces a model along its free parameters and evaluates the objective there;
+//! [`curvature`](super::curvature) takes the differences.
 
 use super::curvature::{Fault, Information, Objective, extrapolated};
 use super::standard_errors::StandardErrors;
@@ -15,38 +19,39 @@ use wayfix::transition::LearnTransition;
 use wayfix::{Hmm, Prior};
 
 impl StandardErrors {
-    /// Returns standard errors of numbers that `read` takes from a model, which was learned
-    /// from these sequences with these options, from the observed information.
+    /// Returns standard errors, from the observed information, of numbers that `read` takes from
+    /// a model, which was learned from these sequences with these options.
     ///
-    /// The information is minus the second derivative of the log-likelihood of all sequences in the
-    /// free parameters of the model: those of the prior (unless it is
+    /// The information is the negative second derivative of the log-likelihood of all sequences
+    /// with respect to the free parameters of the model: those of the prior (unless it is
     /// [kept](LearningOptions::keep_prior) or [stationary](Prior::Stationary)), then those of the
-    /// operator and the sensor, as [`FreeParameters`] takes them. Its inverse is their covariance, and
-    /// the errors of the numbers follow by the delta method, with derivatives of `read`. So the order
-    /// of states and the choice of parameters do not matter, and a function of what was learned has an
-    /// error too: a mean stay, a share of time, a ratio.
+    /// operator and the sensor, as defined by [`FreeParameters`]. Its inverse is their covariance,
+    /// and the errors of the numbers follow by the delta method, with derivatives of `read`. So the
+    /// order of states and the choice of parameters do not matter, and functions of what was
+    /// learned have errors too: a mean stay, a share of time, a ratio.
     ///
-    /// One long sequence is enough (Bickel, Ritov and Rydén 1998), where the
-    /// [jackknife](Self::from_jackknife) needs many; but errors hold only if the model is true, and its
-    /// log-likelihood nearly quadratic over some standard errors, as with much data. Where the model
-    /// is wrong, take the jackknife. The prior of one sequence is known from a single draw: learn it
-    /// with `keep_prior`.
+    /// One long sequence is sufficient (Bickel, Ritov and Rydén 1998), whereas the
+    /// [jackknife](Self::from_jackknife) needs many. But the errors are valid only if the model is true
+    /// and its log-likelihood nearly quadratic over a few standard errors, as it is with much data.
+    /// If the model may be wrong, use the jackknife. One sequence is a single draw from the prior,
+    /// which cannot be learned from it: use `keep_prior`.
     ///
-    /// Parameters at a bound have no standard error. Those that are there exactly, such as
-    /// probabilities of 0, and those on the way (of which an observation more would tell less than of
-    /// any other, while the log-likelihood still rises as they go) are taken as known, and
+    /// Parameters at a bound have no standard error. Those exactly there, such as probabilities of
+    /// 0, and those on their way there (the log-likelihood still rises along them, and their
+    /// information is less than that of one observation) are treated as known, and
     /// [counted](StandardErrors::at_bound).
     ///
     /// With pseudo-counts, or parts that have priors, the objective of learning takes the place of
-    /// the log-likelihood: the errors are then deviations of the posterior, if it is normal
-    /// (Laplace's approximation). Without any, which is the usual choice, they are those of maximum
-    /// likelihood.
+    /// the log-likelihood. The errors are then standard deviations of the posterior, if that is
+    /// normal (Laplace's approximation). Without either, which is the usual choice, they are those
+    /// of maximum likelihood.
     ///
-    /// Derivatives are central differences with extrapolation; where the errors are known in closed
+    /// Derivatives are central differences with extrapolation. Compared with errors known in closed
     /// form, they are right within some 1e-7 of their size, with 250 parameters within 1e-5. Of the
-    /// options, only `keep_prior` and the pseudo-counts count. The cost, for p parameters, is that of 2 p² calls of
-    /// [`Hmm::log_likelihood_all`], in parallel with the feature `rayon`, of 4 p
-    /// calls of `read`, and O(p³). Memory: O(p²), and O(p) for each number that `read` returns.
+    /// options, only `keep_prior` and the pseudo-counts matter. The cost for p parameters is that
+    /// of 2 p² calls of [`Hmm::log_likelihood_all`] (in parallel with the
+    /// feature `rayon`), 4 p calls of `read`, and O(p³). Memory: O(p²), and O(p) for each number
+    /// that `read` returns.
     ///
     /// ```
     /// use wayfix::inference::LearningOptions;
@@ -76,16 +81,16 @@ impl StandardErrors {
     /// # Errors
     ///
     /// - [`LearnError::NotDetermined`] for a parameter that the sequences do not determine, such as
-    ///   a move out of a state that is never visited, or those of two states that are alike, also at
-    ///   a saddle where learning left them so;
-    /// - [`LearnError::NotAtMaximum`] for a model that is further from the maximum than a standard
-    ///   error, which is checked: the model was learned from other sequences, or not to the end;
+    ///   a move out of a state that is never visited, or one of two states that are alike
+    ///   (including a saddle point where learning left them alike);
+    /// - [`LearnError::NotAtMaximum`] for a model that is further than a standard error from the
+    ///   maximum, because it was learned from other sequences, or not to the end;
     /// - [`LearnError::Sequence`] for a sequence that the model rules out or that is not valid, and
     ///   [`LearnError::Nothing`] without observations;
-    /// - [`LearnError::Displaced`] for a part that is not valid a small step from here, though it is
-    ///   at other steps;
-    /// - [`LearnError::Parameter`] for an option that is not valid, or numbers from `read` that are
-    ///   not finite or not always as many.
+    /// - [`LearnError::Displaced`] for a part that is not valid a small step away from this model,
+    ///   although it is at other steps;
+    /// - [`LearnError::Parameter`] for an option that is not valid, or if `read` returns numbers
+    ///   that are not finite, or a varying number of them.
     pub fn from_likelihood<A, B, S>(
         hmm: &Hmm<A, B>,
         sequences: &[S],
@@ -106,12 +111,13 @@ impl StandardErrors {
         let difference = |by: &[f64]| {
             let model = displaced(hmm, &mut Displacement::new(by), learning)?.0;
             let mut sum = model.log_prior(learning) - log_prior;
-            // Sequence by sequence, so that their sum does not round the differences.
+            // Differences are taken for each sequence, before their total could round them away.
             for (found, log) in model.log_likelihood_all(sequences).into_iter().zip(&logs) {
                 sum += found? - log;
             }
             Ok(sum)
         };
+        // A displacement by nothing lists the free parameters, and counts those at a bound.
         let mut all = Displacement::new(&[]);
         let ends = displaced(hmm, &mut all, learning)?.1;
         let at_bound = all.at_bound();
@@ -121,6 +127,7 @@ impl StandardErrors {
             scales: seen.iter().map(|seen| seen.scale).collect(),
             size: logs.iter().map(|log| log.abs()).sum::<f64>() + log_prior.abs(),
         };
+        // Parameters are numbered through all parts: `ends` tells the part and the number in it.
         let name = |at: usize| {
             let parts = ["prior", "transition operator", "sensor"];
             let part = ends.iter().filter(|end| at >= **end).count();
@@ -147,8 +154,8 @@ impl StandardErrors {
     }
 }
 
-/// The model with its free parameters moved, and the numbers of them that end with the prior and
-/// with the operator.
+/// Returns the model with its free parameters displaced, and the number of parameters up to the
+/// end of the prior and up to that of the operator.
 fn displaced<A, B>(
     hmm: &Hmm<A, B>,
     by: &mut Displacement<'_>,
@@ -171,7 +178,7 @@ where
     let transition = hmm.transition().displaced(by).map_err(LearnError::displaced)?;
     let of_transition = by.count();
     let prior = match hmm.prior() {
-        // Kept as learning keeps it: the same numbers above another operator.
+        // Kept in the same way as in learning: the same numbers beside another operator.
         Prior::Stationary(_) if learning.keep_prior => Prior::AtFirstObservation(belief),
         Prior::Stationary(_) => Prior::stationary(&transition).map_err(LearnError::displaced)?,
         prior => prior.with_belief(belief),
@@ -181,9 +188,9 @@ where
     Ok((model.rounding_tails(hmm.rounds_tails()), [of_prior, of_transition]))
 }
 
-/// A vector for each number that `read` takes, whose products are the covariances: derivatives
-/// along the coordinates, times the root of the inverse information. `count` coordinates lead to
-/// so many numbers.
+/// Returns one vector for each number that `read` takes, whose products are the covariances
+/// g' I⁻¹ h: the derivatives g along the coordinates, times a root of the inverse information.
+/// `count` is the number of all coordinates.
 fn spread<A, B>(
     hmm: &Hmm<A, B>,
     information: &Information,
@@ -195,6 +202,8 @@ where
     A: LearnTransition + FreeParameters + Sync,
     B: LearnLikelihood + FreeParameters + Sync,
 {
+    // Central differences at ± the step and ± half of it, extrapolated, for one coordinate and
+    // all numbers.
     let derivatives = |at: usize, (): &mut ()| {
         let step = information.steps[at];
         let read_at = |h: f64| {
@@ -221,7 +230,7 @@ where
     Ok((0..numbers).map(row).collect())
 }
 
-/// Numbers that a function of the caller's has read, if they are finite and as many as expected.
+/// Returns the numbers from the caller's function, if they are finite and as many as expected.
 fn checked(values: Vec<f64>, expected: Option<usize>) -> Result<Vec<f64>, LearnError> {
     if let Some(at) = values.iter().position(|value| !value.is_finite()) {
         let what = format!("number {at} that `read` returns");

@@ -1,4 +1,8 @@
-//! Standard errors of learned parameters, from learning without some of the sequences.
+//! Standard errors of learned parameters by the grouped jackknife (Tukey 1958; Efron and Stein
+//! 1981): learning again without each group of sequences.
+//!
+//! For G groups and a number v, with v_g learned without group g and m the mean of the v_g, the
+//! variance is (G − 1) / G · Σ (v_g − m)².
 
 use super::standard_errors::StandardErrors;
 use wayfix::Hmm;
@@ -10,20 +14,21 @@ use wayfix::likelihood::LearnLikelihood;
 use wayfix::transition::LearnTransition;
 
 impl StandardErrors {
-    /// Returns standard errors of numbers that `read` takes from a model, which was learned
-    /// from these sequences, by the jackknife (Tukey 1958; Efron and Stein 1981).
+    /// Returns standard errors, by the jackknife (Tukey 1958; Efron and Stein 1981), of numbers
+    /// that `read` takes from a model, which was learned from these sequences.
     ///
-    /// The model is learned anew, from itself, without each of `groups` groups of sequences
-    /// (sequence s is in group s modulo `groups`), and the errors are those of the spread of the
+    /// The model is learned again, starting from itself, without each of `groups` groups of
+    /// sequences (sequence s is in group s modulo `groups`). The errors measure the spread of the
     /// results: for G groups, the root of (G − 1) / G times the sum of squares about their mean.
-    /// With a group for each sequence and many sequences this estimates the same as a sandwich
-    /// of derivatives (White 1982), so it holds for models that are not true as well; but
-    /// sequences must be independent of each other, and the parameters not at a bound. A single
-    /// long sequence may be cut into pieces, if they last much longer than a state does. Learn to a
-    /// small tolerance: differences that learning leaves unfinished count as errors.
     ///
-    /// Runs in parallel with the feature `rayon`. The cost is that of learning G times, from a
-    /// good start. For one sequence, or few, see [`from_likelihood`](Self::from_likelihood).
+    /// With one group for each sequence and many sequences, this estimates the same as the sandwich
+    /// of derivatives (White 1982), so that it also holds for models that are not true. But the
+    /// sequences must be independent of each other, and the parameters not at a bound. A single
+    /// long sequence may be cut into pieces that are much longer than a state lasts. Learn to a
+    /// small tolerance: differences that unfinished learning leaves count as errors.
+    ///
+    /// Runs in parallel with the feature `rayon`. The cost is that of learning G times from a good
+    /// start. For one sequence, or a few, see [`from_likelihood`](Self::from_likelihood).
     ///
     /// ```
     /// use wayfix::inference::LearningOptions;
@@ -53,8 +58,8 @@ impl StandardErrors {
     /// # Errors
     ///
     /// [`LearnError::Groups`] for fewer than two groups, or fewer sequences than groups;
-    /// [`LearnError::Sequence`] for one that the model rules out or that is not valid; and the
-    /// first error of learning.
+    /// [`LearnError::Sequence`] for a sequence that the model rules out or that is not valid; and
+    /// the first error of learning.
     pub fn from_jackknife<A, B, S>(
         hmm: &Hmm<A, B>,
         sequences: &[S],
@@ -72,11 +77,11 @@ impl StandardErrors {
             return Err(LearnError::Groups { groups, sequences: sequences.len() });
         }
         let all: Vec<(usize, &S)> = sequences.iter().enumerate().collect();
-        // A sequence that learning left out would still count as one of its group.
+        // A sequence that learning would leave out would still count as part of its group.
         if let Some(error) = hmm.expectations_of(&all).1.into_iter().next() {
             return Err(error.into());
         }
-        // Groups are interleaved, so that a trend along the list is in all of them alike.
+        // Groups are interleaved, so that all of them share any trend along the list.
         let without = |group: usize, (): &mut ()| {
             let all = sequences.iter().enumerate();
             let others: Vec<&S> = all.filter(|(s, _)| s % groups != group).map(|s| s.1).collect();
@@ -88,8 +93,9 @@ impl StandardErrors {
         let values = read(hmm);
         let spread = |number: usize| -> Vec<f64> {
             let found = || results.iter().filter_map(|values| values.get(number));
-            // About the mean of the results, not about the values of this model: the bias of
-            // learning is common to all.
+            // About the mean of the results, not the values of this model, so that the bias of
+            // learning, which is common to all, does not count. The sum of squares of this vector
+            // is the variance, its product with another the covariance.
             let mean = found().sum::<f64>() / count;
             found().map(|v| (v - mean) * ((count - 1.0) / count).sqrt()).collect()
         };

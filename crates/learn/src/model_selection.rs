@@ -1,4 +1,5 @@
-//! Choice among models, by criteria and by the likelihood of held-out sequences.
+//! Choice among models, by information criteria and by the likelihood of held-out sequences
+//! (cross-validation).
 
 use std::fmt;
 
@@ -53,26 +54,26 @@ pub struct Candidate<C> {
     pub candidate: C,
     /// Criteria of the model that was learned from all sequences.
     pub criteria: Criteria,
-    /// Log-likelihood of the held-out sequences of each fold, under a model that was learned from
-    /// the others; −∞ if that rules one of them out. Empty without folds.
+    /// Log-likelihood of the held-out sequences of each fold, under the model learned from the
+    /// others; −∞ if that model rules one out. Empty without folds.
     pub held_out: Vec<f64>,
     /// Number of held-out observations of each fold.
     pub held_out_observations: Vec<usize>,
-    /// Number of models, of all sequences and of each fold, whose learning
-    /// [failed](LearnedModel::failed). The likelihood of such a model may have no bound (a state
+    /// Number of models, from all sequences and from each fold, whose learning
+    /// [failed](LearnedModel::failed). The likelihood of such a model may be unbounded (a state
     /// has shrunk to one observation), so that its criteria mean little.
     pub failed: usize,
 }
 
 impl<C> Candidate<C> {
-    /// Log-likelihood of all sequences, each under a model that was not learned from it; `None`
+    /// Log-likelihood of all sequences, each under a model that was learned without it; `None`
     /// without folds.
     #[must_use]
     pub fn held_out_log_likelihood(&self) -> Option<f64> {
         (!self.held_out.is_empty()).then(|| self.held_out.iter().sum())
     }
 
-    /// The same per observation: the mean log score, in nats.
+    /// Held-out log-likelihood per observation: the mean log score, in nats.
     #[must_use]
     pub fn held_out_score(&self) -> Option<f64> {
         self.held_out_log_likelihood().map(|sum| sum / self.criteria.observations as f64)
@@ -80,22 +81,22 @@ impl<C> Candidate<C> {
 }
 
 impl<C> ModelSelection<C> {
-    /// Learns a model for each candidate by `learn`, from all sequences and, for `folds` of at
-    /// least 2, as often from all sequences but those of a fold (sequence s is in fold s modulo
-    /// `folds`). `folds` of 0 or 1 leave that out. A single long sequence may be cut into pieces,
-    /// such as `values.chunks(500)`, much longer than a state lasts.
+    /// Learns a model for each candidate by `learn`, from all sequences and, if `folds` is at least
+    /// 2, once for each fold from all sequences outside it (sequence s is in fold s modulo
+    /// `folds`). With 0 or 1 there is no cross-validation. A single long sequence may be cut into
+    /// pieces, such as `values.chunks(500)`, that are much longer than a state lasts.
     ///
-    /// Let `learn` return a [`LearnError`], which the errors of all parts of a model become by `?`,
-    /// or an error of your own; a `Box<dyn Error>` is not `Send`. The models are not kept: learn
-    /// the chosen one again.
+    /// Let `learn` return a [`LearnError`], to which `?` converts the errors of all parts of a
+    /// model, or an error of your own; a `Box<dyn Error>` is not `Send`. The models are not kept:
+    /// learn the chosen one again.
     ///
     /// Folds run in parallel with the feature `rayon`. The cost is that of all the learning.
     ///
     /// # Errors
     ///
-    /// The first error of `learn`; as one of its kind, [`LearnError::Nothing`] for no candidate,
-    /// [`LearnError::Groups`] for fewer sequences than folds, and [`LearnError::Sequence`] if a
-    /// model learned from all sequences rules one out.
+    /// The first error of `learn`; also, converted to its type, [`LearnError::Nothing`] without
+    /// candidates, [`LearnError::Groups`] for fewer sequences than folds, and
+    /// [`LearnError::Sequence`] if a model learned from all sequences rules one out.
     pub fn new<A, B, S, E>(
         candidates: impl IntoIterator<Item = C>,
         sequences: &[S],
@@ -117,9 +118,10 @@ impl<C> ModelSelection<C> {
             let all: Vec<&S> = sequences.iter().collect();
             let learned = learn(&candidate, &all)?;
             let parameters = learned.free_parameters();
-            // All sequences count, so that one that learning left out is an error; the parameters
-            // are those of the start.
+            // The likelihood is that of all sequences, so that one left out of learning is an
+            // error; the parameters are those of the model that learning started from.
             let criteria = Criteria { parameters, ..learned.model().criteria(&all)? };
+            // One fold would leave nothing to learn from.
             let folds = if folds < 2 { 0 } else { folds };
             let without = |fold, (): &mut ()| {
                 log_likelihood_of_fold(sequences, fold, folds, |some| learn(&candidate, some))
@@ -144,33 +146,34 @@ impl<C> ModelSelection<C> {
         &self.rows
     }
 
-    /// The lowest value, of candidates of which no model failed before any others.
+    /// Returns the candidate with the lowest value; candidates with a failed model rank last.
     fn best_by(&self, value: impl Fn(&Candidate<C>) -> f64) -> &C {
         let rank = |row: &Candidate<C>| (row.failed > 0, value(row));
-        // Failed ones last, then the lowest value; equal ones stay, the first of them.
+        // Ordered by failure, then by value. Strictly better only: ties go to the first.
         let better = |best, row| if rank(row) < rank(best) { row } else { best };
         &self.rows.iter().skip(1).fold(&self.rows[0], better).candidate
     }
 
-    /// The candidate with the lowest BIC, the first of several. One with a
-    /// [failed](Candidate::failed) model comes after all others, here and below.
+    /// The candidate with the lowest BIC, the first in a tie. Here and below, candidates with a
+    /// [failed](Candidate::failed) model rank after all others.
     #[must_use]
     pub fn best_by_bic(&self) -> &C {
         self.best_by(|row| row.criteria.bic())
     }
 
-    /// The candidate with the lowest AIC, the first of several.
+    /// The candidate with the lowest AIC, the first in a tie.
     #[must_use]
     pub fn best_by_aic(&self) -> &C {
         self.best_by(|row| row.criteria.aic())
     }
 
-    /// The candidate with the highest likelihood of held-out sequences, the first of several;
-    /// `None` without folds.
+    /// The candidate with the highest likelihood of held-out sequences, the first in a tie; `None`
+    /// without folds.
     #[must_use]
     pub fn best_held_out(&self) -> Option<&C> {
         let minus =
             |row: &Candidate<C>| row.held_out_log_likelihood().map_or(f64::INFINITY, |log| -log);
+        // `best_by` takes the lowest, hence the minus.
         self.rows.iter().all(|row| !row.held_out.is_empty()).then(|| self.best_by(minus))
     }
 }
@@ -206,8 +209,8 @@ impl<C: fmt::Display> fmt::Display for ModelSelection<C> {
     }
 }
 
-/// Returns the log-likelihood of the sequences of a fold under a model learned from the others, the
-/// number of their observations, and true if learning failed.
+/// Returns the log-likelihood of the sequences of a fold under a model learned from the others,
+/// their number of observations, and true if learning failed.
 fn log_likelihood_of_fold<A, B, S, E>(
     sequences: &[S],
     fold: usize,
@@ -221,7 +224,7 @@ where
     S: Sequence<A::Control, B::Observation>,
 {
     let (held, others): (Vec<_>, Vec<_>) =
-        // Interleaved, so that each fold has sequences of all times.
+        // Folds are interleaved, so that each has sequences from all times.
         sequences.iter().enumerate().partition(|(sequence, _)| sequence % folds == fold);
     let learned = learn(&others.into_iter().map(|(_, s)| s).collect::<Vec<_>>())?;
     let (mut sum, mut observations) = (LogSum::default(), 0);
@@ -229,7 +232,7 @@ where
         observations += observed.steps();
         match learned.model().log_likelihood(observed) {
             Ok(log) => sum.add(log),
-            // A model that rules out what it has not seen is wrong: no score is lower.
+            // A model that rules out a held-out sequence gets the lowest score there is.
             Err(InferenceError::Impossible { .. } | InferenceError::ImpossibleMove { .. }) => {
                 sum.add(f64::NEG_INFINITY);
             }

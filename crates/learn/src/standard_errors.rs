@@ -1,4 +1,8 @@
 //! Standard errors of numbers that a model determines, with their covariances and intervals.
+//!
+//! Covariances are stored in factored form: one vector for each number, whose products with each
+//! other are the covariances. So they are always a valid covariance matrix, whichever method made
+//! them.
 
 use crate::standard_normal::normal_quantile;
 use wayfix::error::Parameter;
@@ -14,7 +18,7 @@ use wayfix::inference::LearnError;
 pub struct StandardErrors {
     values: Vec<f64>,
     errors: Vec<f64>,
-    /// A vector for each number, whose products with each other are the covariances.
+    /// One vector for each number, whose products with each other are the covariances.
     spread: Vec<Vec<f64>>,
     at_bound: usize,
 }
@@ -25,40 +29,42 @@ impl StandardErrors {
         Self { values, errors, spread, at_bound }
     }
 
-    /// The numbers, of the model that was learned from all sequences.
+    /// The numbers, read from the model that was learned from all sequences.
     #[must_use]
     pub fn values(&self) -> &[f64] {
         &self.values
     }
 
-    /// The standard error of each.
+    /// Standard error of each number.
     #[must_use]
     pub fn errors(&self) -> &[f64] {
         &self.errors
     }
 
-    /// Covariance of the errors of two of the numbers, the square of the standard error for one with
-    /// itself; `None` if one does not exist. O(parameters), or O(groups) of the jackknife.
+    /// Covariance of the errors of two of the numbers, given by index: the square of the standard
+    /// error for a number with itself, `None` if one does not exist. O(parameters), or O(groups)
+    /// for the jackknife.
     #[must_use]
     pub fn covariance(&self, number: usize, other: usize) -> Option<f64> {
         Some(dot(self.spread.get(number)?, self.spread.get(other)?))
     }
 
-    /// Number of parameters that were at a bound, such as probabilities of 0, and were taken as
-    /// known; 0 of a jackknife, in which they stay 0.
+    /// Number of parameters that were at a bound, such as probabilities of 0, and were treated as
+    /// known; 0 for the jackknife, in which they stay 0.
     ///
     /// Zeros of a prior, a dense operator or a table count, whether they were learned or given;
-    /// moves that a sparse operator does not store do not.
+    /// moves that a sparse operator does not store don't.
     #[must_use]
     pub fn at_bound(&self) -> usize {
         self.at_bound
     }
 
-    /// Returns the interval of each number, (low, high), that covers it with this probability (0.95,
-    /// say), if errors are normal: the number plus and minus so many standard errors.
+    /// Returns the confidence interval of each number, (low, high), at a level such as 0.95: the
+    /// number plus and minus the matching multiple of its standard error, which is right if errors
+    /// are normal.
     ///
-    /// An interval may leave the range of its number. Of a probability near 0 read the logit, of a
-    /// positive number the logarithm, and transform the ends of its interval:
+    /// An interval may exceed the range of its number. For a probability near 0 read the logit, for
+    /// a positive number the logarithm, and transform the ends of the interval back:
     ///
     /// ```
     /// # use wayfix::inference::LearningOptions;
@@ -97,6 +103,6 @@ impl StandardErrors {
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {
-    // From 0, as a sum of nothing would be −0.
+    // Folded from 0, since `sum` of nothing is −0.
     a.iter().zip(b).fold(0.0, |sum, (a, b)| sum + a * b)
 }

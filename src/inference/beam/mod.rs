@@ -1,9 +1,11 @@
 //! Viterbi decoding along a beam, for very large maps, with a test for the optimality of the path
-//! (section 7 of the [formulas](crate::guide::formulas)).
+//! ("Beam search" in section 13 of the [formulas](crate::guide::formulas)).
 //!
-//! Beside the score of the best path to each state that never left the beam, an upper bound on
-//! those of all other paths is carried along: where it ends below the score of the path found, no
-//! path is better. Scores are logarithms throughout, so that the forms of `limits` do not apply.
+//! The invariant: at every step each state of the beam has the score of the best path to it that
+//! never left the beam, and an upper bound on the scores of paths to it that did; one more bound
+//! covers all paths to other states. If at the end all bounds are below the score of the path
+//! found, no path is better. Scores are logarithms throughout, so that the forms of `limits` do not
+//! apply.
 
 mod scores;
 
@@ -49,23 +51,23 @@ impl BeamPath {
         self.path.log_probability.max(self.pruned)
     }
 
-    /// Returns true if no path that left the beam can be better than the one found, which then
-    /// has the probability of the path of [`Hmm::viterbi`]. Paths that differ by less than
-    /// rounding (1e-14 a factor) may be ranked either way.
+    /// Returns true if no path that left the beam can be better than the one found, which then is
+    /// as probable as the path of [`Hmm::viterbi`]. Paths that differ by less than rounding (1e-14
+    /// a factor) may be ranked either way.
     #[must_use]
     pub fn is_optimal(&self) -> bool {
         self.pruned <= self.path.log_probability
     }
 
-    /// Returns true if every path that left the beam is worse than the one found, which then is
-    /// the path of [`Hmm::viterbi`], with its rule for ties. Paths within the beam that differ by
-    /// less than rounding may be ranked either way, here too.
+    /// Returns true if every path that left the beam is worse than the one found, which then is the
+    /// path of [`Hmm::viterbi`], by the same rule for ties. Paths within the beam that differ by
+    /// less than rounding may be ranked either way here too.
     #[must_use]
     pub fn is_unrivalled(&self) -> bool {
         self.pruned < self.path.log_probability
     }
 
-    /// Largest number of states followed at a step.
+    /// Largest number of states in the beam at any step.
     #[must_use]
     pub fn most_active(&self) -> usize {
         self.most_active
@@ -74,19 +76,19 @@ impl BeamPath {
 
 /// # Paths
 impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
-    /// Returns the most probable path among those that at every step stay within `width` nats of
-    /// the best, and whether it is [proven](BeamPath::is_optimal) that no other path is better:
+    /// Returns the most probable path among those that stay within `width` nats of the best at
+    /// every step, and tells whether no other path is [proven](BeamPath::is_optimal) to be better:
     /// for models so large that [`viterbi`](Self::viterbi) takes too long, or its 4 n T bytes are
     /// too many.
     ///
-    /// If it is not proven, take a wider beam; an infinite one keeps all states, a negative or
-    /// NaN one counts as 0. The proof depends on the sensor's bound for the states that it is not
-    /// asked for: over steps at which they are as likely as those of the path, nothing is gained
-    /// against them, and the width has to last.
+    /// If there is no proof, use a wider beam. An infinite one keeps all states; a negative or NaN
+    /// width counts as 0. The proof depends on the sensor's bound for the states that it is not
+    /// asked about: over steps at which these may be as likely as those of the path, the path gains
+    /// nothing against them, and the width has to be sufficient.
     ///
-    /// O(entries into and out of the states followed, and the cost of the sensor) a step; 8 bytes
-    /// a state followed for the backpointers, and O(n) once. With [evidence on
-    /// moves](crate::Transition::evidence) O(E) a step, for the largest entry.
+    /// A step costs O(entries into and out of the states in the beam, and the cost of the sensor),
+    /// and 8 bytes for each of these states for the backpointers; O(n) once. With [evidence on
+    /// moves](crate::Transition::evidence) a step costs O(E), for the largest entry.
     ///
     /// ```
     /// # use wayfix::likelihood::SparseObservation;
@@ -130,8 +132,8 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
         let prior = self.prior().belief().as_slice();
         let mut active_set = ActiveSet::new(self.states());
         let mut beam = Beam { elsewhere: f64::NEG_INFINITY, ..Beam::default() };
-        // All states that the prior allows: nothing has left the beam yet, so that the bound on
-        // others is −∞.
+        // Starts with all states that the prior allows. No path has left the beam yet, so that the
+        // bound on others is −∞.
         beam.states.extend((0..prior.len()).filter(|&state| prior[state] > 0.0));
         active_set.follow(&[], &beam.states);
         let mut next = Beam::default();
@@ -151,9 +153,9 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
                 None
             };
             wanted.clear();
-            // These are the states with the largest likelihoods. A path that has left the beam may
-            // come back to them, so give each a bound of its own; otherwise the largest likelihood
-            // would raise the bound shared by all other states.
+            // The sensor names the states with the largest likelihoods. A path that has left the
+            // beam may return to them, so that each gets a bound of its own; otherwise their
+            // likelihoods would raise the bound shared by all other states.
             if beam.elsewhere > f64::NEG_INFINITY {
                 self.likelihood().listed_states(observation, &mut wanted);
             }
@@ -171,15 +173,16 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
                     &mut from,
                 );
                 next.elsewhere = beam.elsewhere;
-                // An entry of a stochastic operator is at most one; evidence has no such bound, and
-                // its largest entry has to be looked for.
+                // Entries of a stochastic operator are at most one, up to tolerance. Evidence has
+                // no such bound, and its largest entry has to be found.
                 if evidence.is_none() {
                     next.elsewhere += ENTRY;
                 } else if beam.elsewhere > f64::NEG_INFINITY {
                     next.elsewhere += largest_log2(transition, control);
                 }
             }
-            // Known before the likelihoods are added: it decides which error an impossible step is.
+            // Determined before the likelihoods are added: it decides which error an impossible
+            // step gives.
             let nothing = evidence.is_some() && next.is_nowhere();
             let wrap = |cause| InferenceError::likelihood(step, cause);
             let local = self.likelihood().local(observation, &next.states, &mut scratch);
@@ -198,7 +201,7 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
             // Take out a whole number, then drop states too far from the best.
             let best = next.scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
             if best == f64::NEG_INFINITY {
-                // A bound above −∞ on other paths: one of them may be possible.
+                // If a bound on other paths is above −∞, one of those may be possible.
                 return Err(if next.is_nowhere() {
                     InferenceError::Impossible { step }
                 } else {
@@ -215,7 +218,7 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
             std::mem::swap(&mut beam, &mut next);
         }
         let at = best(&beam.scores);
-        // Every path that left the beam ended below one of the ceilings, or elsewhere.
+        // Every path that left the beam scores at most one of the ceilings, or `elsewhere`.
         let pruned = beam.ceilings.iter().copied().fold(beam.elsewhere, f64::max);
         let path = ViterbiPath {
             states: pointers.path(at),

@@ -1,4 +1,8 @@
-//! Scores within a beam, upper bounds on those of all other paths, and backpointers.
+//! Scores within a beam, upper bounds on those of all other paths, and backpointers: v, u and δ of
+//! "Beam search" in section 13 of the [formulas](crate::guide::formulas).
+//!
+//! Scores are those of the exact decoder, computed in the same way on the same grid, so that a path
+//! proven optimal is the exact decoder's path with its probability.
 
 use std::f64::consts::LOG2_E;
 
@@ -8,8 +12,8 @@ use crate::transition::TransitionEntries;
 use wayfix_kernels as kernels;
 use wayfix_kernels::limits::LIFT;
 
-/// Upper bound on log2 of an entry without evidence on the move: above 0, since columns may
-/// deviate from one by 1e-9.
+/// Upper bound on log2 of an entry without evidence on the move. It is above 0, since the sums of
+/// columns may deviate from one by 1e-9.
 pub(crate) const ENTRY: f64 = 1.6e-9;
 
 /// Scores of a step: logarithms to base 2 on the grid of `kernels::log2`.
@@ -49,7 +53,7 @@ impl Beam {
         moves: Option<(&A, &A::Control)>,
         from: &mut Vec<u32>,
     ) {
-        // Looks at all entries: once, not for each state.
+        // Asked once, since it looks at all entries.
         let in_logs = moves.is_some_and(|(a, u)| a.evidence(u).is_some() && a.entries_need_logs(u));
         for &i in &self.states {
             let lifted = match moves {
@@ -61,7 +65,7 @@ impl Beam {
                 None => prior[i] * LIFT,
             };
             self.scores.push(match moves {
-                // A product of two such numbers may leave the range of `f64`.
+                // A tiny prior times a small entry may leave the range of `f64` even when lifted.
                 Some((transition, control)) if !(1.0..=f64::MAX).contains(&lifted) => {
                     let entries = || transition.incoming_log2(control, i);
                     log2_sum(|| entries().map(|(j, log2)| log2 + kernels::log2(prior[j])))
@@ -80,7 +84,7 @@ impl Beam {
         all.copied().all(|score| score == f64::NEG_INFINITY)
     }
 
-    /// Extends the best paths to each state.
+    /// Extends the best paths from the states before to each state, and the bounds on the others.
     pub(crate) fn extend<I: Iterator<Item = (usize, f64)>>(
         &mut self,
         before: &Self,
@@ -92,8 +96,8 @@ impl Beam {
             let (mut score, mut best) = (f64::NEG_INFINITY, 0);
             let (mut ceiling, mut beyond) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
             for (j, log2) in incoming(i) {
-                // A path through a state of the beam: one that never left it, and the bound on
-                // those that did.
+                // Through a state of the beam: the best path that never left the beam, and the
+                // bound on those that did.
                 if let Some(at) = active_set.place(j) {
                     let value = log2 + before.scores[at];
                     if value > score {
@@ -101,8 +105,8 @@ impl Beam {
                     }
                     ceiling = f64::max(ceiling, log2 + before.ceilings[at]);
                 } else {
-                    // Of the states outside only one bound is known: with the largest entry it
-                    // holds for all of them.
+                    // States outside share one bound: with the largest entry out of them it covers
+                    // all paths from there.
                     beyond = f64::max(beyond, log2);
                 }
             }
@@ -112,20 +116,21 @@ impl Beam {
         }
     }
 
-    /// Adds the logarithms of likelihoods, none of which is above `largest`, less a whole number,
-    /// which is returned.
+    /// Adds the logarithms of likelihoods, none of which is above `largest`, less a whole number.
+    /// Returns that number.
     pub(crate) fn weigh(&mut self, listed: &[f64], others: f64, largest: f64) -> f64 {
-        // A whole number of powers of two, as the exact decoder takes out: the same scores.
+        // The same whole number as the exact decoder takes out, so that scores are the same.
         let whole = if largest > 0.0 { kernels::log2(largest).floor() } else { 0.0 };
         self.add(listed.iter().map(|b| kernels::log2(*b) - whole));
         self.elsewhere += kernels::log2(others) - whole;
         whole
     }
 
-    /// Adds natural logarithms of likelihoods, less the largest, which is returned.
+    /// Adds likelihoods given by their natural logarithms, less the largest. Returns the largest.
     pub(crate) fn weigh_with_logs(&mut self, listed: &[f64], others: f64, largest: f64) -> f64 {
         let largest = if largest.is_finite() { largest } else { 0.0 };
-        // On the grid of the exact decoder (`Hmm::viterbi`), whose scores these must equal.
+        // Rounded to the grid as by the exact decoder (`Hmm::viterbi`), whose scores these must
+        // equal.
         let log2 = |log: f64| kernels::on_grid((log - largest) * LOG2_E);
         self.add(listed.iter().map(|log| log2(*log)));
         self.elsewhere += log2(others);
@@ -139,15 +144,15 @@ impl Beam {
         }
     }
 
-    /// Drops the states of which all paths are further than `width` below the best, and takes out
-    /// the whole part of the best.
+    /// Drops the states whose score and bound are both more than `width` below the best score, and
+    /// takes out the whole part of that score.
     pub(crate) fn prune(&mut self, best: f64, width: f64, from: &mut Vec<u32>) {
         let (floor, least) = (best.floor(), best - width);
         let mut kept = 0;
         for at in 0..self.states.len() {
             let (score, ceiling) = (self.scores[at], self.ceilings[at]);
-            // A state stays for the sake of its bound, too: if it were dropped, it would raise
-            // the bound for all others.
+            // A state is kept also because of its bound alone: dropping it would raise the bound on
+            // all other states.
             let highest = score.max(ceiling);
             if highest >= least && highest > f64::NEG_INFINITY {
                 (self.states[kept], from[kept]) = (self.states[at], from[at]);
@@ -166,7 +171,7 @@ impl Beam {
 }
 
 impl Pointers {
-    /// Returns the path that ends in the state at this position of the last step.
+    /// Returns the path to the state at this position of the last step.
     pub(crate) fn path(&self, mut at: usize) -> Vec<usize> {
         let mut states = vec![0; self.starts.len()];
         for (state, start) in states.iter_mut().zip(&self.starts).rev() {

@@ -1,8 +1,8 @@
-//! The k most probable paths: Viterbi with a list for each state (Seshadri and Sundberg 1994;
-//! section 7 of the [formulas](crate::guide::formulas)).
+//! The k most probable paths: Viterbi with a list of paths for each state (Seshadri and Sundberg
+//! 1994; section 7 of the [formulas](crate::guide::formulas)).
 //!
-//! The k best paths to a state extend paths that are among the k best to the states before. Scores
-//! are those of [`Hmm::viterbi`], so that the first path is the same.
+//! The k best paths to a state extend paths that are among the k best to the states before it, so
+//! that none is missed. Scores are those of [`Hmm::viterbi`], so that the first path is the same.
 
 use super::ranked_paths::{self, Best, Lists, RankedPath, best_ends};
 use super::viterbi::ViterbiPath;
@@ -15,16 +15,17 @@ use crate::sequence::Sequence;
 use crate::transition::TransitionEntries;
 
 impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
-    /// Returns the `count` most probable paths x_1 … x_T, the best first; fewer, if the model
-    /// allows fewer. They are distinct, and the first is that of [`viterbi`](Self::viterbi) (to
-    /// the last digit but one, where an operator adds the logarithms of several factors).
+    /// Returns the `count` most probable paths x_1 … x_T, the best first; fewer if the model
+    /// allows fewer. They are distinct, and the first is that of [`viterbi`](Self::viterbi) (up to
+    /// the last digit but one of its probability, for an operator that adds the logarithms of
+    /// several factors).
     ///
-    /// Equally probable paths are in the order of their last state, then of the last but one, and
-    /// so on; [`viterbi`](Self::viterbi) says which paths count as equal. As there, X_0 is summed
-    /// over. An empty sequence has one path, the empty one. A `count` of 0 gives no path.
+    /// Equally probable paths are ordered by their last state, then the last but one, and so on;
+    /// [`viterbi`](Self::viterbi) says which paths count as equal. As there, X_0 is summed over. An
+    /// empty sequence has one path, the empty one. A `count` of 0 gives no paths.
     ///
-    /// O(E K + n K log K) a step for K paths; 16 n K T bytes for the backpointers, and 16 n T; 16 E
-    /// more for a matrix that is the same at all steps.
+    /// O(E K + n K log K) a step for K paths; 16 n K T bytes for the backpointers and 16 n T for
+    /// the lists, and 16 E for a matrix that is the same at all steps.
     ///
     /// ```
     /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
@@ -60,7 +61,7 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
             let step = Step::of(self, sequence, number);
             let mut list = match lists.last() {
                 None => step.first_paths(&mut added, &mut taken_out)?,
-                // At least one, to detect impossible observations.
+                // At least one path is kept, to detect impossible observations.
                 Some(before) => step.best_paths(before, &logs, count.max(1), &mut taken_out)?,
             };
             added.fill(0.0);
@@ -69,14 +70,15 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
             for ((best, paths), added) in best.iter_mut().zip(list.iter()).zip(&added) {
                 *best = paths.first().map_or(f64::NEG_INFINITY, |path| path.score + added);
             }
-            // Only the best path to each state says how much may come out: the same number as in
-            // Viterbi.
+            // The whole number to take out is decided by the best path to each state, as in
+            // Viterbi, so that it is the same.
             let floor = step.settle(&mut best, &mut taken_out)?;
             for (state, (best, added)) in best.iter().zip(&added).enumerate() {
                 if *best == f64::NEG_INFINITY {
                     list.clear(state);
                 }
-                // Whole numbers come off last, without rounding, as in Viterbi: the same scores.
+                // The whole number is subtracted last, without rounding, as in Viterbi, so that the
+                // scores are the same.
                 for path in list.of_mut(state) {
                     path.score = (path.score + added) - floor;
                 }
@@ -92,11 +94,11 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
     }
 }
 
-/// Logarithms of the entries of a matrix that is the same at all steps, by the state moved to: each
-/// takes longer to compute than a path to extend. (Those that Viterbi keeps are in the order of
-/// its slots.)
+/// Logarithms of the entries of a matrix that is the same at all steps, by the state that they lead
+/// to. Computing one takes longer than extending a path. (Viterbi keeps them too, but in the order
+/// of its slots.)
 struct EntryLogs {
-    /// Where the entries into each state begin; empty if an operator has to be asked at each step.
+    /// Start of the entries into each state; empty if the operator has to be asked at each step.
     starts: Vec<usize>,
     entries: Vec<(usize, f64)>,
 }
@@ -104,7 +106,8 @@ struct EntryLogs {
 impl EntryLogs {
     fn new<A: TransitionEntries, B: Likelihood>(hmm: &Hmm<A, B>, steps: usize) -> Self {
         let mut logs = Self { starts: Vec::new(), entries: Vec::new() };
-        // Two moves make up for it. An operator that is not stored may have n² entries.
+        // Storing them pays with two moves or more. An operator without a matrix may have n²
+        // entries.
         if let (Some(control), 3..) = (hmm.transition().no_control(), steps)
             && hmm.transition().stored(control).is_some()
         {
@@ -126,7 +129,7 @@ impl EntryLogs {
 }
 
 impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
-    /// Returns the only path to each state of step 1; X_0 is summed over.
+    /// Returns the lists of step 1, with a single path to each possible state; X_0 is summed over.
     fn first_paths(
         &self,
         scores: &mut [f64],
@@ -141,7 +144,7 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         Ok(lists)
     }
 
-    /// Extends the paths to the states before to the best paths to each state.
+    /// Returns the best paths to each state, which extend those to the states before.
     fn best_paths(
         &self,
         before: &Lists,
@@ -165,7 +168,7 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
             lists.push(&best.paths);
         }
         if evidence {
-            // Only then can all paths have gone, or an entry be infinite.
+            // Only evidence can rule out every path here, or have an infinite entry.
             let first = lists.iter().filter_map(|paths| Some(paths.first()?.score));
             self.check_best_path(first.fold(f64::NEG_INFINITY, f64::max))?;
         }

@@ -1,4 +1,9 @@
-//! Viterbi decoding: the most probable path (Viterbi 1967).
+//! Viterbi decoding: the most probable path (Viterbi 1967; section 7 of the
+//! [formulas](crate::guide::formulas)).
+//!
+//! The invariant: up to an amount that is taken out of all, the score of a state is log2 of the
+//! probability of the best path to it, on a grid on which sums are exact. So ties are ties, and
+//! every decoder finds the same path.
 
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
@@ -47,11 +52,11 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
     /// Under [`Prior::BeforeFirstTransition`](crate::Prior::BeforeFirstTransition)
     /// the path starts at X_1, and X_0 is summed over.
     ///
-    /// Ties go to the path with the lowest last state, then with the lowest last but one, and so
-    /// on. Paths tie if their factors are the same, in any order and up to powers of two, as long
-    /// as none falls more than 2^256 behind on the way; log-likelihoods tie as far as rounding
-    /// lets them. Paths that differ by less than rounding (1e-14 a factor) may be ranked either
-    /// way. An empty sequence gives the empty path, with log-probability 0.
+    /// Ties go to the path with the lowest last state, then the lowest last but one, and so on.
+    /// Paths tie if their factors are the same, in any order and up to powers of two, as long as
+    /// none falls behind by more than 2^256 on the way; log-likelihoods tie as far as rounding
+    /// allows. Paths that differ by less than rounding (1e-14 a factor) may be ranked either way.
+    /// An empty sequence gives the empty path, with log-probability 0.
     ///
     /// O(E) a step; 4 n T bytes for the backpointers.
     ///
@@ -67,7 +72,8 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
         if steps == 0 {
             return Ok(ViterbiPath { states: Vec::new(), log_probability: 0.0 });
         }
-        // Sums of scores are exact in both: the path is the same to the bit.
+        // Sums of scores are exact in both routines, so that path and probability are the same to
+        // the bit.
         if choice::is_whole(self.states(), sequence.steps())
             && let Some((states, log_probability)) = few_states::viterbi(self, sequence)
         {
@@ -76,7 +82,7 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
         let mut work = Workspace::new(n);
         let mut scores = Aligned::new(n, 0.0);
         let mut next = Aligned::new(n, 0.0);
-        // From step 2: no path has a state before step 1, since X_0 is summed over.
+        // Backpointers of steps 2 to T. Step 1 has none, since X_0 is summed over.
         let mut from = in_large_pages(vec![0_u32; n * (steps - 1)]);
         let mut taken_out = TakenOut::default();
         for number in 1..=steps {
@@ -93,8 +99,8 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
             }
             std::mem::swap(&mut scores, &mut next);
         }
-        // The lowest of the best last states, then at each step the lowest of the best
-        // predecessors: the rule for ties.
+        // The rule for ties: `best` takes the lowest of the best last states, and every backpointer
+        // is the lowest of the best predecessors.
         let mut state = best(&scores);
         let log_probability = taken_out.log_probability(scores[state]);
         let mut states = vec![state; steps];

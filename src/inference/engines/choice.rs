@@ -1,4 +1,4 @@
-//! Choice of an engine for a model and a call, with all thresholds.
+//! Choice of an engine for a model and a call, with all thresholds in one place.
 //!
 //! | call | model | engine |
 //! |---|---|---|
@@ -12,12 +12,12 @@
 //! | a long sequence to smooth | as in `smooth_all`, likewise | the same |
 //! | all others | any | [`Engine::Steps`] |
 //!
-//! A sequence that leaves the range of an engine, or gives an error there, is taken in steps.
+//! A sequence that leaves the range of an engine, or causes an error there, is processed in steps.
 //!
-//! Choices of another kind stand where the loops are: the instruction set (`kernels/simd`), gathers
-//! by loads instead of the instruction on AMD's processors (`kernels/simd/x86`), and the arrangement
-//! of a sparse matrix, by its slots (`kernels/layout/sliced`). From 98,304 states on, threads share
-//! lines (`kernels/parallel`).
+//! Other choices are made where the loops are: the instruction set (`kernels/simd`), loads instead
+//! of gather instructions on AMD processors (`kernels/simd/x86`), and the layout of a sparse
+//! matrix, by its slots (`kernels/layout/sliced`). With 98,304 states or more, threads share the
+//! lines of a product (`kernels/parallel`).
 //!
 //! Measured on 2-core servers: Intel Sapphire Rapids unless noted.
 
@@ -28,79 +28,82 @@ use wayfix_kernels::{LANES, Packed};
 /// Engine of a call.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Engine {
-    /// Step by step, any model: [`Step`](crate::inference::step).
+    /// Step by step, for any model: [`Step`](crate::inference::step).
     Steps,
-    /// Many steps in a call of a kernel, one state in each lane: [`few_states`](super::few_states).
+    /// Many steps in one kernel call, one state in each lane: [`few_states`](super::few_states).
     Chain,
     /// Eight segments of a sequence, one in each lane: [`few_states`](super::few_states).
     Segments,
 }
 
-/// Most states with one state in each lane.
+/// Most states for one state in each lane.
 const MOST_FEW_STATES: usize = 8;
-/// Fewest steps to read the matrix for: that takes a product for each state.
+/// Fewest steps for which reading the matrix pays, which takes a product for each state.
 const FEWEST_STEPS: usize = 8;
-/// Most states in segments, whose products take a column for each state: with 8, 64 products a
-/// step for each column. With 4, filter and smoother are faster in segments, and scores as fast.
+/// Most states in segments. The product of a segment has a column for each state: with 8 states, a
+/// step would take 64 multiplications for each column. With 4, filter and smoother are faster in
+/// segments, and scores equally fast.
 const MOST_STATES_IN_SEGMENTS: usize = 4;
-/// Steps of a segment, where there are enough: eight of them stay in the first cache, and the
-/// products of a few matrices are nothing beside.
+/// Steps of a segment, if there are enough: eight segments stay in the first-level cache, and the
+/// few products between them cost next to nothing.
 const SEGMENT: usize = 128;
-/// Fewest steps of a segment: for less, the products take longer than the steps.
+/// Fewest steps of a segment; for shorter ones, the products take longer than the steps.
 const SHORTEST_SEGMENT: usize = 8;
-/// Steps of a chain that are gathered at a time: they stay in the first cache.
+/// Steps of a chain that are gathered at a time, so that they stay in the first-level cache.
 pub(crate) const GATHERED: usize = 128;
 /// Fewest sequences for lanes; fewer are faster one by one.
 const FEWEST_SEQUENCES: usize = 4;
-/// The same for learning, which gains more.
+/// Fewest sequences for learning in lanes, which gains more.
 const FEWEST_TO_LEARN: usize = 2;
 /// Most bytes that a group of eight sequences may keep for its steps.
 const MOST_KEPT: usize = 64 << 20;
-/// Entries of a column from which on lanes always pay: each is read once for eight sequences, and
-/// needs no gather, which saves more time than vectors of eight take from beyond the second cache.
-/// With 8 entries and 8,000 states lanes take 0.8 of the time, with 64 entries 0.4 to 0.5.
+/// Least number of entries a column for which lanes always pay. Each entry is read once for eight
+/// sequences and needs no gather, which saves more time than fetching vectors of eight from beyond
+/// the second-level cache costs. With 8 entries and 8,000 states lanes take 0.8 of the time, with
+/// 64 entries 0.4 to 0.5.
 const MANY_ENTRIES: usize = 8;
-/// With fewer entries, most bytes of the vectors that a step of a group goes over, three of eight
-/// doubles a state: half of a second cache, as the matrix and other vectors need room, too. At
-/// 4,500 states lanes take 0.9 to 1.2 of the time, at 20,000 they take 1.2 to 2.
+/// With fewer entries, most bytes of the vectors that a step of a group touches, three of eight
+/// doubles for each state: half of a second-level cache, since the matrix and other vectors need
+/// room too. With 4,500 states lanes take 0.9 to 1.2 of the time, with 20,000 they take 1.2 to 2.
 const MOST_IN_STEP: usize = 1 << 20;
-/// With fewer entries, most bytes that a group may keep: with the results, some two second caches.
-/// At 3 MB lanes take 0.9 of the time, at 13 MB 1.1.
+/// With fewer entries, most bytes that a group may keep: together with the results, about two
+/// second-level caches. With 3 MB lanes take 0.9 of the time, with 13 MB 1.1.
 const MOST_CACHED: usize = 4 << 20;
 /// Fewest steps of a sequence that is cut into segments for lanes: 64 warm-ups of 32 steps.
 const FEWEST_TO_CUT: usize = 2048;
-/// Fewest lengths of a warm-up in a segment: with two warm-ups each, lanes then take half as long
-/// again, a fraction of one by one still.
+/// Least length of a segment, in warm-ups. With two warm-ups for each segment, lanes then take half
+/// as long again, which is still a fraction of the time of one piece.
 const FEWEST_WARM_UPS: usize = 4;
-/// Lengths of a warm-up in a segment where there are enough steps: warm-ups take a tenth of the
+/// Length of a segment, in warm-ups, if there are enough steps: warm-ups then take a tenth of the
 /// time.
 const WARM_UPS: usize = 16;
-/// Bytes that a group of segments keeps if its warm-ups are short: half of a second cache.
+/// Bytes that a group of segments keeps if its warm-ups are short: half of a second-level cache.
 const KEPT_OF_SEGMENTS: usize = 1 << 20;
-/// Factor of a warm-up that was too short.
+/// Factor by which a warm-up that was too short is lengthened.
 pub(crate) const LONGER: usize = 4;
-/// Groups of segments that run before it is known whether they are valid, at first and later: if
-/// they are not, their time is lost.
+/// Number of groups of segments that run before they are verified, at first and later. If they are
+/// not valid, their time is lost.
 pub(crate) const FIRST_GROUPS: usize = 4;
 pub(crate) const GROUPS_AT_A_TIME: usize = 64;
 /// Most sequences of a chunk whose results are visited: enough to find groups of nearly the same
 /// length among them.
 const MOST_IN_CHUNK: usize = 64;
-/// Numbers, one for each state and step, that make such a chunk in lanes: its results are 2 MB,
-/// which stay in the second cache until they are visited.
+/// Numbers, one for each state and step, that fill such a chunk in lanes: its results take 2 MB,
+/// which stay in the second-level cache until they are visited.
 const ENOUGH_IN_LANES: usize = (2 << 20) / size_of::<f64>();
-/// The same one by one: so much work that handing it to a thread costs nothing beside.
+/// Numbers that fill a chunk whose sequences run one by one: enough work to make the cost of
+/// handing it to a thread negligible.
 const ENOUGH: usize = 1 << 15;
-/// Numbers that make a chunk in lanes whose results are all kept, in a block of 32 MB: large blocks
-/// cost less than many small ones, and one result that is kept keeps no more than that.
+/// Numbers that fill a chunk in lanes whose results are all collected, a block of 32 MB: large
+/// blocks cost less than many small ones, and a single result that is kept holds no more than that.
 const ENOUGH_TO_KEEP: usize = (32 << 20) / size_of::<f64>();
-/// Chunks for each thread that are under way or wait to be visited. With fewer, a long sequence
-/// would let the other threads wait.
+/// Chunks for each thread that are in progress or waiting to be visited. With fewer, one long
+/// sequence would make the other threads wait.
 pub(crate) const CHUNKS_AHEAD: usize = 4;
-/// Fewest numbers of results that are written past the caches: they would not stay there.
+/// Least size of results, in numbers, that are written past the caches, where they would not stay.
 pub(crate) const STREAMED: usize = (8 << 20) / size_of::<f64>();
 
-/// Engine of a whole sequence, for a model without a control.
+/// Returns the engine of a whole sequence, for a model without a control.
 pub(crate) fn for_sequence(states: usize, steps: usize) -> Engine {
     match states {
         ..=MOST_FEW_STATES if steps < FEWEST_STEPS => Engine::Steps,
@@ -110,31 +113,31 @@ pub(crate) fn for_sequence(states: usize, steps: usize) -> Engine {
     }
 }
 
-/// True if a sequence of so many steps goes through an engine whole, if that can take it.
+/// Returns true if a sequence of this length should go through an engine for whole sequences.
 pub(crate) fn is_whole(states: usize, steps: usize) -> bool {
     for_sequence(states, steps) != Engine::Steps
 }
 
-/// True if whole passes of a sequence are kept to learn from: longer ones go through lanes, or step
-/// by step in less memory.
+/// Returns true if learning keeps whole passes of a sequence. Longer ones run in lanes, or step by
+/// step in less memory.
 pub(crate) fn learns_whole(states: usize, steps: usize) -> bool {
     is_whole(states, steps) && steps < FEWEST_TO_CUT
 }
 
-/// Returns true if so many steps are enough for segments. Up to there, beliefs of a whole sequence
-/// are those of a stream to the bit.
+/// Returns true if a sequence is long enough for segments. Beliefs of shorter whole sequences are
+/// those of a stream to the bit.
 pub(crate) fn is_long(steps: usize) -> bool {
     steps > LANES * SHORTEST_SEGMENT
 }
 
-/// Takes eight segments of equal length off the steps that remain, if these are enough.
+/// Takes eight segments of equal length off the remaining steps, if there are enough.
 pub(crate) fn next_segments(remaining: &mut Range<usize>) -> Option<Range<usize>> {
-    // What is left over by the last eight segments goes through a chain.
+    // The steps left over after the last eight segments go through a chain.
     let length = (remaining.len() / LANES).min(SEGMENT);
     (length >= SHORTEST_SEGMENT).then(|| take_first(remaining, LANES * length))
 }
 
-/// Takes steps off those that remain, as many as go through a chain at a time.
+/// Takes as many steps off the remaining ones as go through a chain at a time.
 pub(crate) fn next_steps(remaining: &mut Range<usize>) -> Option<Range<usize>> {
     (remaining.start < remaining.end).then(|| take_first(remaining, remaining.len().min(GATHERED)))
 }
@@ -145,16 +148,16 @@ fn take_first(remaining: &mut Range<usize>, count: usize) -> Range<usize> {
     start..remaining.start
 }
 
-/// Plan for many sequences through one model: which of them run in lanes, and how many make a
+/// Plan for many sequences through one model: which of them run in lanes, and how many fill a
 /// chunk, the work of one thread.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ManyPlan {
     pub(crate) states: usize,
-    /// True if the results are rows for all steps.
+    /// True if results include a row for each step.
     has_rows: bool,
-    /// True if all sequences are known, sorted by length, and their results all collected.
+    /// True if all sequences are known and sorted by length, and all their results are collected.
     pub(crate) sorted: bool,
-    /// Number of entries of a stored matrix for lanes, if there is one.
+    /// Number of entries of a stored matrix that is suited to lanes, if there is one.
     pub(crate) entries: Option<usize>,
 }
 
@@ -163,16 +166,18 @@ impl ManyPlan {
         Self { states, has_rows, sorted, entries: None }
     }
 
-    /// Returns true if a matrix for lanes is worth a look, for at most so many sequences.
+    /// Returns true if lanes may pay for at most this many sequences, so that the matrix is worth
+    /// a look.
     pub(crate) fn may_use_lanes(self, sequences: usize) -> bool {
         sequences >= FEWEST_SEQUENCES && self.states > MOST_FEW_STATES
     }
 
-    /// Returns true if a group of so many sequences, the longest of so many steps, runs in lanes.
+    /// Returns true if a group runs in lanes, given its number of sequences and the steps of the
+    /// longest.
     pub(crate) fn runs_in_lanes(self, sequences: usize, longest: usize) -> bool {
         let Some(entries) = self.entries else { return false };
-        // A step goes over three vectors of eight doubles a state; two a step are stored, beliefs
-        // and likelihoods. Rows that are not stored stay in the cache whatever the length.
+        // A step touches three vectors of eight doubles for each state; two of them are stored for
+        // each step, beliefs and likelihoods. If rows are not stored, the length does not matter.
         let eights = |vectors: usize| self.states.saturating_mul(vectors * size_of::<Packed>());
         let cached = eights(3) <= MOST_IN_STEP
             && (!self.has_rows || eights(2).saturating_mul(longest) <= MOST_CACHED);
@@ -181,11 +186,11 @@ impl ManyPlan {
             && fits_in_lanes(self.states, longest)
     }
 
-    /// Returns true if a chunk takes no further sequence. Chunks in lanes are of whole groups, so
-    /// that no lane is empty but at the end.
+    /// Returns true if a chunk takes no more sequences. Chunks in lanes consist of whole groups, so
+    /// that lanes are empty only at the very end.
     pub(crate) fn is_full(self, chunk: ChunkSize) -> bool {
         let numbers = self.states.saturating_mul(chunk.steps);
-        // Asked for a whole group: sequences that are still to come may fill it.
+        // Asked for a whole group, since sequences still to come may fill it.
         if !self.runs_in_lanes(LANES, chunk.longest) {
             return chunk.sequences == MOST_IN_CHUNK || numbers >= ENOUGH;
         }
@@ -195,7 +200,7 @@ impl ManyPlan {
     }
 }
 
-/// Sequences of a chunk.
+/// Size of a chunk of sequences.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct ChunkSize {
     sequences: usize,
@@ -211,68 +216,70 @@ impl ChunkSize {
     }
 }
 
-/// Returns true if so many sequences, the longest of so many steps, are learned from in lanes, for
-/// a model with a stored matrix.
+/// Returns true if learning runs a group in lanes, given its number of sequences and the steps of
+/// the longest, for a model with a stored matrix.
 pub(crate) fn learns_in_lanes(states: usize, sequences: usize, longest: usize) -> bool {
     sequences >= FEWEST_TO_LEARN && fits_in_lanes(states, longest)
 }
 
-/// Returns true if beliefs and likelihoods of all steps of a group are not too many to keep.
+/// Returns true if beliefs and likelihoods of all steps of a group are not too large to keep.
 fn fits_in_lanes(states: usize, longest: usize) -> bool {
     longest <= longest_kept(states, MOST_KEPT)
 }
 
-/// Returns the number of steps of a group whose beliefs and likelihoods take so many bytes.
+/// Returns the number of steps of a group whose beliefs and likelihoods fit in `bytes`.
 fn longest_kept(states: usize, bytes: usize) -> usize {
     // Saturating: a caller may ask for more than an address space.
     bytes / states.saturating_mul(2 * size_of::<Packed>())
 }
 
-/// Returns true if a sequence of so many steps may be cut into segments for lanes.
+/// Returns true if a sequence of this length may be cut into segments for lanes.
 pub(crate) fn is_worth_a_cut(steps: usize) -> bool {
     steps >= FEWEST_TO_CUT
 }
 
-/// Returns true if so many sequences leave so many lanes empty that segments of one are faster,
-/// with their warm-ups.
+/// Returns true if this number of sequences leaves so many lanes empty that running the segments of
+/// each, with their warm-ups, is faster.
 pub(crate) fn leaves_lanes_empty(sequences: usize) -> bool {
     2 * sequences <= LANES
 }
 
-/// Returns true if the smoother may cut such a sequence; with few states it has a faster way.
+/// Returns true if the smoother may cut such a sequence. With few states another engine is faster.
 pub(crate) fn smooths_in_lanes(states: usize, steps: usize) -> bool {
     states > MOST_FEW_STATES && is_worth_a_cut(steps)
 }
 
-/// Most steps of a group of segments to learn from.
+/// Returns the largest number of steps of a group of segments in learning.
 pub(crate) fn longest_segments_to_learn(states: usize) -> usize {
     longest_kept(states, MOST_KEPT)
 }
 
-/// Most steps of a group of segments to smooth, by a matrix of so many entries; 0 if it is not for
-/// lanes.
+/// Returns the largest number of steps of a group of segments in smoothing, given the number of
+/// entries of the matrix; 0 if it is not suited to lanes.
 pub(crate) fn longest_segments_to_smooth(states: usize, entries: usize) -> usize {
     let plan = ManyPlan { entries: Some(entries), ..ManyPlan::new(states, true, false) };
     let longest = [MOST_KEPT, MOST_CACHED].map(|bytes| longest_kept(states, bytes));
     longest.into_iter().find(|longest| plan.runs_in_lanes(LANES, *longest)).unwrap_or(0)
 }
 
-/// Most steps of a trial of how fast a model forgets, for a sequence of so many steps and at most
-/// so many in a group; `None` if it is not worth one.
+/// Returns the largest number of steps of a trial of how fast a model forgets, for a sequence of
+/// `steps` and groups of at most `longest`; `None` if a trial is not worth it.
 pub(crate) fn longest_trial(steps: usize, longest: usize) -> Option<usize> {
     // A warm-up is twice as long as a trial, and a segment has a warm-up after it.
     let most = (steps / LANES / FEWEST_WARM_UPS).min(longest / (FEWEST_WARM_UPS + 1)) / 2;
     (is_worth_a_cut(steps) && most > 0).then_some(most)
 }
 
-/// Returns the number of groups of segments that a sequence is cut into; `None` if there is no room
-/// for warm-ups of so many steps.
+/// Returns the number of groups of segments that a sequence is cut into, or `None` if there is no
+/// room for warm-ups of this length.
 pub(crate) fn segment_groups(
     states: usize,
     steps: usize,
     warm_up: usize,
     longest: usize,
 ) -> Option<usize> {
+    // Long enough for its warm-ups to cost little, and for its group to fill its share of the
+    // cache; no longer than the memory of a group allows.
     let length = (WARM_UPS * warm_up).max(longest_kept(states, KEPT_OF_SEGMENTS));
     let length = length.min(longest.checked_sub(warm_up)?);
     let groups = steps.div_ceil(LANES * length.max(1));

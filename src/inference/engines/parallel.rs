@@ -1,10 +1,12 @@
 //! Work on many items, in parallel with the feature `rayon`.
+//!
+//! Results come in the order of the items, and none depends on the number of threads.
 
 use std::ops::ControlFlow;
 use std::sync::{Mutex, PoisonError};
 
-/// Maps items, each by one thread with memory of its own. Each result is computed by one thread,
-/// and does not depend on the number of threads.
+/// Maps items in parallel. Each result is computed by one thread, with memory that is reused from
+/// item to item: `work` must not depend on what the memory holds.
 pub fn map<T: Send, M: Default, R: Send>(
     items: Vec<T>,
     work: impl Fn(T, &mut M) -> R + Sync,
@@ -12,7 +14,7 @@ pub fn map<T: Send, M: Default, R: Send>(
     #[cfg(feature = "rayon")]
     {
         use rayon::prelude::*;
-        // Memory is made for each part of the items that a thread takes, not for each item.
+        // Memory is created for each batch of items that a thread takes, not for each item.
         items.into_par_iter().map_init(M::default, |memory, item| work(item, memory)).collect()
     }
     #[cfg(not(feature = "rayon"))]
@@ -22,9 +24,9 @@ pub fn map<T: Send, M: Default, R: Send>(
     }
 }
 
-/// Works on items, and takes the results in the order of the items, on the thread of the caller,
-/// until there are none left or `take` breaks. At most `ahead` items for each thread are under
-/// way or wait to be taken.
+/// Processes items, and passes the results to `take` in the order of the items, on the caller's
+/// thread, until none are left or `take` breaks. At most `ahead` items for each thread are in
+/// progress or waiting to be taken.
 pub fn in_order<T: Send, R: Send, Stop>(
     mut items: impl Iterator<Item = T>,
     ahead: usize,
@@ -42,7 +44,7 @@ pub fn in_order<T: Send, R: Send, Stop>(
     }
 }
 
-/// Memory that is not in use, for whichever thread needs it next.
+/// Pool of unused memory, for whichever thread needs some next.
 #[derive(Debug)]
 pub struct MemoryPool<T>(Mutex<Vec<T>>);
 
@@ -52,7 +54,7 @@ impl<T> Default for MemoryPool<T> {
     }
 }
 
-/// Memory is not copied: a clone begins with none.
+/// Memory is not copied: a clone starts empty.
 impl<T> Clone for MemoryPool<T> {
     fn clone(&self) -> Self {
         Self::default()
@@ -60,12 +62,12 @@ impl<T> Clone for MemoryPool<T> {
 }
 
 impl<T> MemoryPool<T> {
-    /// Takes some memory out, if there is any.
+    /// Takes memory out of the pool, if there is any.
     pub fn pop(&self) -> Option<T> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).pop()
     }
 
-    /// Puts memory back.
+    /// Returns memory to the pool.
     pub fn push(&self, memory: T) {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).push(memory);
     }
@@ -81,10 +83,11 @@ mod threads {
 
     use rayon::Yield;
 
-    /// Time after which a thread of the pool looks for work again.
+    /// Time after which a waiting thread of the pool looks for work again.
     const NAP: Duration = Duration::from_micros(100);
 
-    /// Tells items that have not begun that nobody waits for them any more, also in a panic.
+    /// Guard that, when dropped (also by a panic), tells items that have not begun that nobody
+    /// waits for them.
     struct Stopped<'a>(&'a AtomicBool);
 
     impl Drop for Stopped<'_> {
@@ -99,11 +102,12 @@ mod threads {
         work: &(impl Fn(T) -> R + Sync),
         take: &mut impl FnMut(R) -> ControlFlow<Stop>,
     ) -> ControlFlow<Stop> {
-        // A bound on the results that wait: behind a long item, all others could pile up.
+        // Bounds the results that wait: behind one long item, all others could pile up.
         let most = ahead * rayon::current_num_threads();
         let stopped = &AtomicBool::new(false);
         let mut items = items.fuse();
-        // First in, first out: the item that the caller waits for was begun before all later ones.
+        // First in, first out, so that the item that the caller waits for begins before all later
+        // ones.
         rayon::in_place_scope_fifo(|scope| {
             let _stopped = Stopped(stopped);
             let mut under_way = VecDeque::with_capacity(most);
@@ -113,7 +117,7 @@ mod threads {
                     let (sender, receiver) = sync_channel(1);
                     scope.spawn_fifo(move |_| {
                         if !stopped.load(Ordering::Relaxed) {
-                            // Nobody receives it if the caller has stopped meanwhile.
+                            // Sending fails if the caller has stopped meanwhile.
                             _ = sender.send(work(item));
                         }
                     });
@@ -122,11 +126,11 @@ mod threads {
                     let Some(first) = under_way.pop_front() else {
                         return ControlFlow::Continue(());
                     };
-                    // Without a result, the work has panicked, which the scope passes on.
+                    // No result means that the work has panicked, which the scope propagates.
                     let Some(result) = wait(&first) else { return ControlFlow::Continue(()) };
                     take(result)?;
                 }
-                // Results that are ready are taken before a further item begins, which may use
+                // Results that are ready are taken before another item begins, which may then reuse
                 // their memory.
                 while let Some(Ok(result)) = under_way.front().map(Receiver::try_recv) {
                     under_way.pop_front();
@@ -136,10 +140,11 @@ mod threads {
         })
     }
 
-    /// Waits for a result. A thread of the pool works meanwhile: there may be no other.
+    /// Waits for a result. A thread of the pool works meanwhile, since it may be the only one.
     fn wait<R>(receiver: &Receiver<R>) -> Option<R> {
         if rayon::current_thread_index().is_none() {
-            // A thread outside the pool only sleeps: all threads of the pool work.
+            // A thread outside the pool just sleeps: all threads of the pool are available for
+            // work.
             return receiver.recv().ok();
         }
         loop {

@@ -1,7 +1,7 @@
 //! Learning by expectation–maximisation (Baum, Petrie, Soules and Weiss 1970; Rabiner 1989,
 //! section III-C; section 9 of the [formulas](crate::guide::formulas)).
 //!
-//! No iteration lowers the objective, up to rounding: where one does, a part does not maximise it,
+//! No iteration lowers the objective, up to rounding. If one does, some part does not maximise it,
 //! and learning ends with the model before, or with an error.
 
 use std::ops::ControlFlow;
@@ -14,9 +14,9 @@ use crate::likelihood::{LearnLikelihood, Likelihood};
 use crate::sequence::Sequence;
 use crate::transition::{LearnTransition, Transition};
 
-/// Falls of the objective by less than this part of it are rounding.
+/// Relative fall of the objective up to which it counts as rounding.
 const ROUNDING: f64 = 1e-9;
-/// Falls by no more than this part end learning with the model before; larger ones are an error.
+/// Relative fall up to which learning ends with the model before; a larger one is an error.
 const SMALL_FALL: f64 = 1e-3;
 
 /// # Learning
@@ -24,33 +24,35 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// Learns prior, transitions and sensor from sequences of observations, of any lengths:
     /// Baum–Welch, from this model to a local maximum.
     ///
-    /// States that are alike in this model (equal rows of the table, equal moves) stay alike: start
-    /// from different ones, or from several random models, and keep the one with the highest
-    /// [`log_likelihood`](LearnedModel::log_likelihood).
+    /// States that are alike in this model (equal rows of the table, equal moves) stay alike. So
+    /// start from states that differ, or from several random models, and keep the result with the
+    /// highest [`log_likelihood`](LearnedModel::log_likelihood).
     ///
     /// Sequences that this model rules out are excluded: [`LearnedModel::left_out`] names them.
+    /// Empty sequences have no influence.
     ///
     /// Structure is kept: probabilities of 0 stay 0. Parts that must not be learned are wrapped
-    /// in [`Fixed`](crate::Fixed). An iteration passes twice through each sequence, O(E) a step.
-    /// With a stored matrix, eight sequences run in lanes, with 128 n T bytes for such a
-    /// group; others, and those outside the range of `f64`, run one by one as in
-    /// [`smooth_each`](Self::smooth_each), with O(n √T + E) memory and the sensor's statistics for
-    /// each of 64 that are processed together. Empty sequences have no influence. Runs in
-    /// parallel with the feature `rayon`, with the same result to the bit.
+    /// in [`Fixed`](crate::Fixed).
     ///
-    /// A [stationary](crate::Prior::Stationary) prior is learned with the operator that it follows
-    /// from, which takes some eliminations of states an iteration, O(n³) each for a full matrix;
-    /// sparse, dense, constrained and restart operators can, others are an error
-    /// ([`LearnError::Stationary`]) unless they are fixed.
+    /// An iteration passes through each sequence twice, with O(E) a step. With a stored matrix,
+    /// eight sequences run in lanes, with 128 n T bytes for such a group; others, and those outside
+    /// the range of `f64`, run one by one as in [`smooth_each`](Self::smooth_each), with O(n √T +
+    /// E) memory and the sensor's statistics for each of the 64 that are processed together. Runs
+    /// in parallel with the feature `rayon`, with the same result to the bit.
     ///
-    /// A long sequence (2,048 steps or more), if there are no more than four or it is too long for
-    /// a lane, runs in lanes, too, if the model forgets where it was within some hundred steps:
-    /// eight segments at a time, each from some steps before it to some after it, with 1 MB, or
-    /// more if the model forgets slowly, but no more than 64, for each thread, and the statistics
-    /// and expected moves of 64 such groups. This is exact: at every joint the two segments have the
-    /// same beliefs and the same γ / α, up to factors within 1e-13 of each other, or
-    /// the sequence runs in one piece; no step makes such a difference larger, so that relative
-    /// errors are bounded by 2e-13 for each joint, and usually are those of rounding.
+    /// A [stationary](crate::Prior::Stationary) prior is learned together with the operator, from
+    /// which it follows. Each iteration then takes several eliminations of states, O(n³) each for a
+    /// full matrix. This works for sparse, dense, constrained and restart operators; others are an
+    /// error ([`LearnError::Stationary`]) unless they are fixed.
+    ///
+    /// A long sequence (2,048 steps or more) runs in lanes too, if there are no more than four
+    /// sequences or it is too long for a lane, and if the model forgets its state within a few
+    /// hundred steps. Eight segments run at a time, each with some steps before and after it. That
+    /// takes 1 MB for each thread (up to 64 if the model forgets slowly), and the statistics and
+    /// expected moves of 64 such groups. It is exact: at every joint the beliefs and the ratios
+    /// γ / α of the two segments agree up to factors within 1e-13 of each other, or else the
+    /// sequence runs in one piece. No step enlarges such a difference, so that relative errors are
+    /// bounded by 2e-13 for each joint; usually they are those of rounding.
     ///
     /// ```
     /// use wayfix::inference::LearningOptions;
@@ -70,11 +72,11 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     ///
     /// # Errors
     ///
-    /// [`LearnError`] if there is no observation to learn from, a number of `learning` is not valid,
-    /// a prior rules out what was learned, a part cannot be re-estimated the first time or
-    /// then rules out a sequence, or the objective falls by more than a thousandth (which an
-    /// operator or sensor of your own may cause). Later, smaller trouble ends learning with the
-    /// best model; see [`LearnedModel::cause`].
+    /// [`LearnError`] if there are no observations to learn from, an option is not valid, a prior
+    /// rules out what was learned, a part cannot be re-estimated the first time or then rules out a
+    /// sequence, or the objective falls by more than a thousandth (which an operator or sensor of
+    /// your own may cause). Smaller failures after the first iteration end learning with the best
+    /// model so far; see [`LearnedModel::cause`].
     pub fn learn<S>(
         &self,
         sequences: &[S],
@@ -89,8 +91,8 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         self.learn_with(sequences, learning, |_| ControlFlow::Continue(()))
     }
 
-    /// Learns as [`learn`](Self::learn), and shows the model after each re-estimation to `visit`,
-    /// which may print or store it, and may break off.
+    /// Learns as [`learn`](Self::learn) does, and passes the model after each re-estimation to
+    /// `visit`, which may print or store it, and may stop learning.
     ///
     /// ```
     /// use std::ops::ControlFlow;
@@ -131,7 +133,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     }
 }
 
-/// Learning under way.
+/// Learning in progress.
 pub(super) struct Course<'s, A: LearnTransition, B: LearnLikelihood, S> {
     /// The model so far.
     pub(super) best: LearnedModel<A, B>,
@@ -158,8 +160,8 @@ where
         let all: Vec<(usize, &S)> = sequences.iter().enumerate().collect();
         let (expected, left_out) = hmm.expectations_of(&all);
         let out = |index: &usize| left_out.binary_search_by_key(index, |e| e.sequence).is_ok();
-        // A sequence that this model rules out has likelihood 0 whatever is learned from the
-        // others.
+        // Zeros stay 0, so that a sequence that this model rules out has likelihood 0 whatever is
+        // learned from the others.
         let remaining: Vec<_> = all.into_iter().filter(|(index, _)| !out(index)).collect();
         let observations = remaining.iter().map(|(_, sequence)| sequence.steps()).sum();
         if observations == 0 {
@@ -167,6 +169,7 @@ where
             return Err(LearnError::nothing(sequences, left_out.into_iter().next()));
         }
         let log_likelihood = expected.log_likelihood();
+        // Counted in the given model: zeros that learning makes were free parameters all the same.
         let of_prior = if learning.keep_prior { hmm.free_in_prior() } else { 0 };
         let best = LearnedModel {
             model: hmm.clone(),
@@ -184,7 +187,8 @@ where
         Ok(Self { best, expected, remaining })
     }
 
-    /// Re-estimates the model until learning ends, or so many re-estimations were made in all.
+    /// Re-estimates the model until learning ends, or until `iterations` re-estimations were made
+    /// in all.
     pub(super) fn go_on(
         &mut self,
         learning: &LearningOptions,
@@ -195,6 +199,8 @@ where
         best.stopped = false;
         while !best.converged && best.cause.is_none() && best.iterations() < iterations {
             let iteration = best.iterations() + 1;
+            // M-step, then the E-step of the next model, which also gives the likelihood to judge
+            // it by.
             let next = best.model.maximize(&self.expected, learning).and_then(|model| {
                 let (expected, failed) = model.expectations_of(&self.remaining);
                 match failed.into_iter().next() {
@@ -204,7 +210,7 @@ where
             });
             let (model, expected) = match next {
                 Ok(next) => next,
-                // The first model has nothing before it that was learned.
+                // Before the first re-estimation there is no learned model to return.
                 Err(error) if iteration == 1 => return Err(error),
                 Err(error) => {
                     best.cause = Some(error);
@@ -219,11 +225,11 @@ where
             let objective = log_likelihood + log_prior;
             let before = best.objective();
             let fall = (before - objective) / objective.abs().max(1.0);
-            // In exact arithmetic no iteration lowers the objective; sums over long sequences
-            // round.
+            // In exact arithmetic no iteration lowers the objective (Dempster, Laird and Rubin
+            // 1977), but sums over long sequences round.
             if fall.is_nan() || fall > ROUNDING {
                 let fell = LearnError::Fell { iteration, before, after: objective };
-                // A NaN is no small fall.
+                // False for NaN, which is an error.
                 if fall <= SMALL_FALL {
                     best.cause = Some(fell);
                     break;
@@ -244,14 +250,15 @@ where
 }
 
 impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
-    /// Log density of the priors that the options and the parts stand for, without its constant.
+    /// Returns the log density of the parameters under the priors of options and parts, up to a
+    /// constant.
     #[doc(hidden)]
     pub fn log_prior(&self, learning: &LearningOptions) -> f64 {
         let prior = if learning.keep_prior || learning.prior_pseudo_count == 0.0 {
             0.0
         } else {
-            // The Dirichlet density over the states that are possible; one that is 0 stays 0, and
-            // is no parameter.
+            // The Dirichlet density over the possible states; a probability of 0 stays 0, and is
+            // not a parameter.
             let possible = self.prior().belief().as_slice().iter().filter(|p| **p > 0.0);
             learning.prior_pseudo_count * possible.map(|p| p.ln()).sum::<f64>()
         };

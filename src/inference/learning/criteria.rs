@@ -1,4 +1,8 @@
-//! Information criteria of models: their likelihood, against the number of their free parameters.
+//! Information criteria of models: their likelihood, penalised by the number of free parameters
+//! (Akaike 1974; Schwarz 1978).
+//!
+//! A parameter is free if learning could have changed it. So parameters are counted in the model
+//! that learning started from, since those that it took to 0 were free as well.
 
 use crate::error::LearnError;
 use crate::hmm::{Hmm, Prior};
@@ -9,7 +13,8 @@ use crate::transition::LearnTransition;
 
 /// Information criteria of a model that was learned from sequences: lower is better.
 ///
-/// Made by [`LearnedModel::criteria`](crate::inference::LearnedModel::criteria), and for models from elsewhere by [`Hmm::criteria`].
+/// Made by [`LearnedModel::criteria`](crate::inference::LearnedModel::criteria) and, for models
+/// that were not learned, by [`Hmm::criteria`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Criteria {
     /// Log-likelihood of the observations, L.
@@ -35,12 +40,13 @@ impl Criteria {
 }
 
 impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
-    /// Number of parameters that learning from this model may change: those of the prior (its
-    /// states above 0 less one, or none if it is [stationary](Prior::Stationary)), of the transition
-    /// operator and of the sensor. Parts that are [`Fixed`](crate::Fixed) have none.
+    /// Number of parameters that learning from this model may change: those of the prior (the
+    /// number of its states above 0 less one, or none if it is [stationary](Prior::Stationary)), of
+    /// the transition operator and of the sensor. Parts that are [`Fixed`](crate::Fixed) have none.
     ///
-    /// For a model that was learned, [`LearnedModel::free_parameters`](crate::inference::LearnedModel::free_parameters) gives the number: here,
-    /// probabilities that learning has taken to 0 would be missing.
+    /// For a learned model use
+    /// [`LearnedModel::free_parameters`](crate::inference::LearnedModel::free_parameters): this
+    /// method would miss probabilities that learning has taken to 0.
     #[must_use]
     pub fn free_parameters(&self) -> usize {
         self.free_in_prior()
@@ -55,13 +61,14 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         self.prior().belief().as_slice().iter().filter(|p| **p > 0.0).count() - 1
     }
 
-    /// Returns the information criteria of a model that does not come from [`learn`](Self::learn),
-    /// such as one from [labels](Self::fit) or from a file, for these sequences.
+    /// Returns the information criteria for these sequences of a model that does not come from
+    /// [`learn`](Self::learn), such as one from [labels](Self::fit) or from a file.
     ///
-    /// After learning, call [`LearnedModel::criteria`](crate::inference::LearnedModel::criteria) instead. The parameters counted here are the
-    /// [free ones of this model](Self::free_parameters): if its probabilities were learned, and
-    /// some have become 0, they are too few, and the fewer the longer it was learned. Replace them
-    /// by those of the model that learning started from:
+    /// After learning, call [`LearnedModel::criteria`](crate::inference::LearnedModel::criteria)
+    /// instead. The parameters counted here are the [free ones of this
+    /// model](Self::free_parameters). If its probabilities were learned and some became 0, the
+    /// count is too low, and the lower the longer learning went on. Replace it by that of the model
+    /// that learning started from:
     ///
     /// ```
     /// use wayfix::inference::Criteria;
@@ -89,7 +96,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         S: Sequence<A::Control, B::Observation> + Sync,
     {
         let mut sum = LogSum::default();
-        // A compensated sum: models differ by a few nats, and the sum may be in the millions.
+        // A compensated sum: models may differ by a few nats in millions.
         for log in self.log_likelihood_all(sequences) {
             sum.add(log?);
         }

@@ -1,8 +1,8 @@
 //! The E-step of learning: expectations under a model, by forward–backward over each sequence
 //! (section 9 of the [formulas](crate::guide::formulas)).
 //!
-//! Sequences run in lanes, eight at a time, or one by one; the sums are added up in an order that
-//! does not depend on the threads, so that learning gives the same bits on any machine.
+//! Sequences run in lanes, eight at a time, or one by one. Their expectations are added up in an
+//! order that does not depend on the threads, so that learning gives the same bits on any machine.
 
 use super::entry_sums::EntrySums;
 use super::expectations::Expectations;
@@ -19,11 +19,11 @@ use wayfix_kernels::LANES;
 
 /// # Learning in parts
 impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
-    /// Returns a pair: the expectations of all sequences, added up, and an error for each sequence
-    /// that was left out, since the model rules it out or it is not valid, with its index in
-    /// `sequences`. (Where [`learn`](Self::learn) is enough, its result lists these errors.)
+    /// Returns the sum of the expectations of all sequences, and an error for each sequence that
+    /// was left out because the model rules it out or it is not valid, with its index in
+    /// `sequences`. ([`learn`](Self::learn) lists these errors in its result.)
     ///
-    /// A loop in parts, which ends when the log-likelihood hardly grows:
+    /// Learning from data in parts, until the log-likelihood hardly grows:
     ///
     /// ```
     /// # use wayfix::inference::LearningOptions;
@@ -65,8 +65,8 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         self.expectations_of(&all)
     }
 
-    /// Returns the expectations of sequences with their indices, added up, and the errors of those
-    /// that have none.
+    /// Returns the sum of the expectations of sequences, which are given with their indices, and
+    /// the errors of those that fail.
     #[doc(hidden)]
     pub fn expectations_of<S>(
         &self,
@@ -77,7 +77,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         S: Sequence<A::Control, B::Observation> + Sync,
     {
         let (mut sum, mut failed) = (self.no_expectations(), Vec::new());
-        // Lengths of others are not looked at yet: a group asks again.
+        // A first guess by the number of sequences alone; each group decides again by its lengths.
         let is_long = |(_, s): &(usize, &S)| choice::is_worth_a_cut(s.steps());
         let lanes = choice::learns_in_lanes(self.states(), sequences.len(), 0)
             || sequences.iter().any(is_long);
@@ -88,13 +88,13 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         } else {
             sequences.to_vec()
         };
-        // No more statistics of the sensor at a time than those of 64 sequences.
+        // In chunks, so that no more than 64 sensor statistics are in memory. Results come in the
+        // order of the chunk, and are merged in it whichever thread computed them.
         for some in order.chunks(64) {
             let results = match &model {
                 Some(model) => {
                     let groups = some.chunks(LANES).collect();
-                    // Each group gives one sum: as much memory for statistics as one sequence
-                    // takes.
+                    // A group of eight gives one sum, with the memory of one sequence's statistics.
                     parallel::map(groups, |group, memory: &mut LaneMemory| {
                         self.expectations_in_lanes(model, group, memory)
                     })
@@ -114,8 +114,8 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         (sum, failed)
     }
 
-    /// Returns the expectations of a group in lanes, and of each sequence that has to be taken by
-    /// itself.
+    /// Returns the sum of the expectations of a group in lanes, and those of each sequence that has
+    /// to run by itself.
     fn expectations_in_lanes<S>(
         &self,
         model: &LaneModel<'_, A, B>,
@@ -130,7 +130,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         let learns = |count, longest| choice::learns_in_lanes(states, count, longest);
         let (mut results, mut whole) = (Vec::new(), Vec::with_capacity(sequences.len()));
         let mut group = Group::new(sequences, learns);
-        // Segments of one sequence fill all lanes, which a few sequences do not.
+        // A few sequences leave lanes empty, whereas the segments of a single one fill them all.
         if !group.in_lanes || choice::leaves_lanes_empty(sequences.len()) {
             for &(number, sequence) in sequences {
                 match self.expectations_of_long(model, sequence) {
@@ -146,12 +146,14 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             lanes = found.log_likelihoods;
             results.push(Ok(self.expectations_of_lanes(found)));
         }
+        // A lane without a log-likelihood left the range of doubles, or was not run.
         let single = group.sequences.iter().zip(lanes).filter(|(_, lane)| lane.is_none());
         results.extend(single.map(|(&(sequence, s), _)| self.expectations_of_one(sequence, s)));
         results
     }
 
-    /// Returns the expectations of a long sequence in segments, if it is for these.
+    /// Returns the expectations of a long sequence, computed in segments, or `None` if it does not
+    /// suit them.
     fn expectations_of_long<S>(
         &self,
         model: &LaneModel<'_, A, B>,
@@ -195,7 +197,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         let wrap = |source| SequenceError { sequence, source };
         let mut expected = self.no_expectations();
         if observed.steps() == 0 {
-            return Ok(expected); // X_0 without an observation tells nothing about the prior
+            return Ok(expected); // its γ_0 is the prior itself, which would only slow convergence
         }
         if self.add_few_states(observed, &mut expected).is_some() {
             return Ok(expected);
@@ -210,8 +212,8 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             }
             let observation = observed.observation(number);
             self.likelihood().add(&mut expected.sensor, observation, posterior);
-            // A visitor cannot stop the smoother. After an error it skips the moves, and the caller
-            // returns the error instead of the sums.
+            // A visitor cannot stop the smoother. After an error it skips the moves, and the error
+            // is returned below instead of the sums.
             if let (Some(pairs), Ok(())) = (step.pairs(), &result) {
                 match &mut entries {
                     Some(entries) if pairs.in_logs => {
@@ -234,7 +236,8 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     }
 }
 
-/// Sorts by the sequence. One function, since each model would instantiate a sort.
+/// Sorts errors by their sequence. A function of its own, since otherwise every model would
+/// instantiate a sort.
 fn sort(failed: &mut [SequenceError]) {
     failed.sort_unstable_by_key(|error| error.sequence);
 }

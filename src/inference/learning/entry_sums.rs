@@ -1,8 +1,8 @@
-//! Expected moves of a sequence by itself, through a stored matrix.
+//! Expected moves of a single sequence, summed for each entry of a stored matrix.
 //!
-//! ξ_k(j, i) = α_{k-1}(j) A\[i, j\] γ_k(i) / p_k(i) (section 9 of the
-//! [formulas](crate::guide::formulas)), added to the place of the entry, so that nothing is looked up
-//! or compared for each move of each step.
+//! ξ_k(j, i) = α_{k-1}(j) A\[i, j\] γ_k(i) / p_k(i) (section 4 of the
+//! [formulas](crate::guide::formulas)) is added at the place of the entry, so that nothing is
+//! looked up or compared for each move of each step.
 
 use std::ops::Range;
 
@@ -12,18 +12,19 @@ use crate::likelihood::LearnLikelihood;
 use crate::transition::{LearnTransition, MoveCounts};
 use wayfix_kernels::{self as kernels, Lines, exp_in_place};
 
-/// Sums of ξ over steps, for each entry of a matrix.
+/// Sums of ξ over steps for each entry of a matrix.
 pub(super) struct EntrySums<'m> {
     columns: Lines<'m>,
     states: usize,
     sums: Vec<f64>,
-    /// Logarithms of all entries, once a step is in logarithms, and room for its moves.
+    /// Logarithms of all entries, computed at the first step in logarithms, and memory for its
+    /// moves.
     logs: Vec<f64>,
     powers: Vec<f64>,
 }
 
 impl<'m> EntrySums<'m> {
-    /// `None` if moves are not counted, or not by the entries of a stored matrix.
+    /// Creates sums of 0; `None` unless moves are counted by the entries of a stored matrix.
     pub(super) fn new<A: LearnTransition, B: LearnLikelihood>(
         hmm: &'m Hmm<A, B>,
         statistics: &mut A::Statistics,
@@ -39,7 +40,7 @@ impl<'m> EntrySums<'m> {
         Some(Self { columns, states, sums, logs: Vec::new(), powers: Vec::new() })
     }
 
-    /// Entries of the column of a state, by their places.
+    /// Places of the entries in the column of a state.
     fn column(&self, from: usize) -> Range<usize> {
         match self.columns {
             Lines::Sparse { starts, .. } => starts[from] as usize..starts[from + 1] as usize,
@@ -50,18 +51,19 @@ impl<'m> EntrySums<'m> {
         }
     }
 
-    /// Adds a step: α before it, and the ratios γ / p times a scale.
+    /// Adds a step with α before it, and with γ / p = `ratio` times `scale`.
     pub(super) fn add(&mut self, alpha: &[f64], ratio: &[f64], scale: f64) {
         for (from, alpha) in alpha.iter().enumerate() {
-            // The ratio of a state that is not predicted may be NaN: nothing possible leads there.
+            // Skipped, since ratios may be NaN for states to which only impossible ones lead.
             if *alpha == 0.0 {
                 continue;
             }
+            // Sums are in the order of the stored entries, so that a column is one slice of both.
             let column = self.column(from);
             let (sums, values) = (&mut self.sums[column.clone()], self.columns.values());
             let sums = sums.iter_mut().zip(&values[column.clone()]);
-            // A small belief with a large ratio: the entry times the ratio comes first, and the
-            // common scale last.
+            // A small belief may meet a large ratio: the entry times the ratio is computed first,
+            // and the common scale is applied last.
             match self.columns {
                 Lines::Sparse { indices, .. } => {
                     for ((sum, p), to) in sums.zip(&indices[column]) {
@@ -77,13 +79,14 @@ impl<'m> EntrySums<'m> {
         }
     }
 
-    /// Adds a step whose ratios are in logarithms. Its moves are made to sum to one, since the
-    /// logarithms of likely ones may differ by the rounding of log-likelihoods of −1e15.
+    /// Adds a step whose ratios are in logarithms. Its moves are normalised to sum to one, since
+    /// logarithms near −1e15 round by whole tenths.
     pub(super) fn add_logs(&mut self, alpha: BeliefRef<'_>, ratio: &[f64]) {
         if self.logs.is_empty() {
             self.logs.extend(self.columns.values().iter().map(|p| p.ln()));
             self.powers.resize(self.logs.len(), 0.0);
         }
+        // Columns of impossible states are skipped below, and keep −∞.
         self.powers.fill(f64::NEG_INFINITY);
         for from in 0..self.states {
             let log = alpha.log(from);
@@ -103,6 +106,7 @@ impl<'m> EntrySums<'m> {
                 }
             }
         }
+        // Log-sum-exp: the largest becomes e^0, and what underflows beside it does not matter.
         let largest = self.powers.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         self.powers.iter_mut().for_each(|power| *power -= largest);
         exp_in_place(&mut self.powers);
@@ -111,7 +115,7 @@ impl<'m> EntrySums<'m> {
         sums.for_each(|(sum, power)| *sum += power * factor);
     }
 
-    /// Writes p = A α.
+    /// Writes p = A α to `out`.
     pub(super) fn predict(&self, alpha: &[f64], out: &mut [f64]) {
         out.fill(0.0);
         for (from, alpha) in alpha.iter().enumerate() {

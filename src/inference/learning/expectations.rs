@@ -1,7 +1,7 @@
-//! Expected statistics of the hidden states, which the E-step computes and the M-step maximises
-//! over (section 9 of the [formulas](crate::guide::formulas)).
+//! Expected statistics of the hidden states: the result of the E-step, and the input of the M-step
+//! (section 9 of the [formulas](crate::guide::formulas)).
 //!
-//! They are sums over sequences, so that those of parts of the data can be added up.
+//! They are sums over sequences, so that those of different parts of the data can be added.
 
 use std::fmt;
 
@@ -14,11 +14,11 @@ use crate::transition::{LearnTransition, MoveCounts};
 /// Baum–Welch.
 ///
 /// Made by [`Hmm::expectations`]. Those of several parts of the data are
-/// [added up](Hmm::merge_expectations), and [`Hmm::maximize`] makes the next model of the sum.
+/// [added](Hmm::merge_expectations), and [`Hmm::maximize`] computes the next model from the sum.
 ///
-/// To add up those of several machines, send their parts, of which [`new`](Self::new) makes them
-/// again: plain numbers if the statistics are. Those of tables, counts, durations
-/// and directions are; those of the Gaussian families cannot be sent.
+/// To add those of several machines, send their fields, and reassemble them by
+/// [`new`](Self::new). The fields are plain numbers if the statistics are. Those of tables, counts,
+/// durations and directions are; those of the Gaussian families cannot be sent.
 ///
 /// ```
 /// use wayfix::inference::{Expectations, LearningOptions};
@@ -55,15 +55,15 @@ impl<B: LearnLikelihood, M> fmt::Debug for Expectations<B, M> {
 }
 
 impl<B: LearnLikelihood, M> Expectations<B, M> {
-    /// Creates expectations from their parts, which [`Hmm::maximize`] checks.
+    /// Creates expectations from their fields, which [`Hmm::maximize`] checks.
     #[must_use]
     pub fn new(first: Vec<f64>, moves: M, sensor: B::Statistics, log_likelihood: f64) -> Self {
         let log_likelihood = LogSum { sum: log_likelihood, lost: 0.0 };
         Self { first, moves, sensor, log_likelihood }
     }
 
-    /// Expected number of sequences that start in each state: before the first transition, or at
-    /// the first observation, as the prior of the model says.
+    /// Expected number of sequences that start in each state: before the first transition or at
+    /// the first observation, depending on the prior of the model.
     #[must_use]
     pub fn first(&self) -> &[f64] {
         &self.first
@@ -89,7 +89,7 @@ impl<B: LearnLikelihood, M> Expectations<B, M> {
 }
 
 impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
-    /// Expectations of no sequence, to start a sum with.
+    /// Expectations of no sequences, to start a sum with.
     #[must_use]
     pub fn no_expectations(&self) -> Expectations<B, A::Statistics> {
         Expectations {
@@ -100,9 +100,9 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         }
     }
 
-    /// Adds expectations of other sequences under this model, which the caller must ensure: a sum
-    /// over several models means nothing, and [`maximize`](Self::maximize) detects only some
-    /// of them. O(n + moves + statistics).
+    /// Adds expectations of other sequences. The caller must ensure that they were computed under
+    /// this model: a sum over different models is meaningless, and [`maximize`](Self::maximize)
+    /// detects only some of these. O(n + moves + statistics).
     pub fn merge_expectations(
         &self,
         sum: &mut Expectations<B, A::Statistics>,

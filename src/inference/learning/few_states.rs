@@ -1,8 +1,9 @@
 //! Expectations of a sequence under a model of up to eight states, from whole passes.
 //!
-//! The filter and the smoother of such models take many steps in a call of a kernel
-//! ([`few_states`](crate::inference::engines::few_states)), which is many times as fast as a step
-//! back at a time. Moves need p_k = A α_{k-1} besides, a product of few states.
+//! The filter and the smoother of such models take many steps in one call of a kernel
+//! ([`few_states`](crate::inference::engines::few_states)), which is many times faster than single
+//! steps. Expected moves ξ_k = α_{k-1}(j) A\[i, j\] γ_k(i) / p_k(i) also need p_k = A α_{k-1}, a
+//! product of a few states.
 
 use super::entry_sums::EntrySums;
 use super::expectations::Expectations;
@@ -16,8 +17,8 @@ use crate::transition::LearnTransition;
 const LEAST: f64 = 1e-280;
 
 impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
-    /// Adds the expectations of a sequence. `None`, with nothing added, if it is not for this: steps
-    /// know about logarithms and errors.
+    /// Adds the expectations of a sequence. Returns `None`, with nothing added, if the sequence
+    /// does not suit this: single steps can use logarithms, and report errors.
     pub(super) fn add_few_states<S>(
         &self,
         sequence: &S,
@@ -34,6 +35,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         let (alpha, _, _) = few_states::filter(self, sequence)?;
         let (gamma, log_likelihood) = few_states::smooth(self, sequence)?;
         let mut ratio = vec![0.0; n];
+        // `entries` collects the moves until `finish`, so that `None` below leaves nothing behind.
         let first = if self.prior().moves_at(1) { 1 } else { 2 };
         for number in first..=steps {
             let alpha = &alpha[(number - 1) * n..][..n];
@@ -42,7 +44,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
                 if *gamma > 0.0 && *ratio < LEAST {
                     return None;
                 }
-                // Nothing possible leads to a state without γ; its p may be 0.
+                // A state without γ has no moves into it; its p may be 0.
                 *ratio = if *gamma > 0.0 { gamma / *ratio } else { 0.0 };
             }
             entries.add(alpha, &ratio, 1.0);

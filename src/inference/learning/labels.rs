@@ -1,4 +1,5 @@
-//! Estimation by counting, from drives whose states are known.
+//! Estimation by counting, from drives whose states are known: one M-step (section 9 of the
+//! [formulas](crate::guide::formulas)) with γ and ξ of 0 and 1.
 
 use super::learned_model::LearningOptions;
 use crate::error::{LearnError, SequenceError};
@@ -13,11 +14,13 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// Estimates the model from labelled drives: relative frequencies, with the pseudo-counts of
     /// `learning` added to the entries that this model allows. O(T n) for each drive.
     ///
-    /// With a [stationary](Prior::Stationary) prior, where drives start counts for the operator, too.
+    /// With a [stationary](Prior::Stationary) prior, the states in which drives start count for the
+    /// operator too.
     ///
-    /// Probabilities of 0 stay 0, so that smoothing adds no move where the map has no road;
-    /// parameters without observations and pseudo-counts keep their values. Where only some states
-    /// are known, [`learn`](Self::learn) takes [labels beside observations](crate::guide::labels).
+    /// Probabilities of 0 stay 0, so that smoothing adds no move where the map has no road.
+    /// Parameters without observations or pseudo-counts keep their values. If only some states
+    /// are known, [`learn`](Self::learn) accepts [labels beside
+    /// observations](crate::guide::labels).
     ///
     /// ```
     /// use wayfix::inference::{LabelledSequence, LearningOptions};
@@ -41,9 +44,9 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     ///
     /// # Errors
     ///
-    /// [`LearnError`] if there is neither an observation nor an initial state, and with the drive
-    /// and the step for a state that does not exist, a move or a sighting that the model forbids,
-    /// an observation without a valid likelihood, or a control that is not valid.
+    /// [`LearnError`] if there is neither an observation nor an initial state; and, naming drive
+    /// and step, for a state that does not exist, a move or a sighting that the model forbids, an
+    /// observation without a valid likelihood, or a control that is not valid.
     pub fn fit<S>(
         &self,
         drives: &[LabelledSequence<'_, S>],
@@ -62,12 +65,12 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             return Err(LearnError::nothing(drives.len(), None));
         }
         let mut expected = self.no_expectations();
-        // The counts of learning with posteriors that are certain: one state has 1 at each step.
+        // The E-step with certain posteriors: at each step one state has probability 1.
         let mut certain = vec![0.0; self.states()];
         let mut moves = Vec::new();
         for (number, drive) in drives.iter().enumerate() {
             self.check_drive(number, drive)?;
-            // The prior is that of X_0, or of X_1 where nothing moves before it.
+            // The prior is the distribution of X_0, or of X_1 if no move leads to it.
             let (mut before, first) = match self.prior() {
                 Prior::BeforeFirstTransition(_) => (drive.initial, drive.initial),
                 Prior::AtFirstObservation(_) | Prior::Stationary(_) => {
@@ -86,7 +89,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
                 before = Some(to);
             }
         }
-        // In the order of the entries, in which counts are added up at their end.
+        // In the order of the entries, so that `append` adds each at the end.
         moves.sort_by_key(|&(from, to, _)| (from, to));
         for (from, to, control) in moves {
             if let Some(counts) = self.transition().counts(&mut expected.moves, control) {
@@ -116,7 +119,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         let initial = initial.filter(|_| self.prior().moves_at(1));
         let all =
             initial.map(|state| (0, state)).into_iter().chain((1..).zip(path.iter().copied()));
-        // Before any state indexes a vector.
+        // Checked before a state is used as an index.
         for (step, state) in all.clone() {
             if state >= states {
                 return Err(LearnError::State { drive, step, state, states });
@@ -135,8 +138,8 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             let wrap = |source| SequenceError { sequence: drive, source };
             let (diagonal, _) =
                 step.diagonal(sequence.observation(number), &mut scratch).map_err(wrap)?;
-            // A likelihood of 0 for the state that is known: no model that keeps this zero could
-            // have made the drive.
+            // The known state has likelihood 0: no model that keeps this zero could have made the
+            // drive.
             if diagonal.logs().nth(to) == Some(f64::NEG_INFINITY) {
                 return Err(LearnError::Sighting { drive, step: number, state: to });
             }

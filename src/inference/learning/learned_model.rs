@@ -1,4 +1,4 @@
-//! Options of learning, and the learned model with the course of learning.
+//! Options of learning, and its result: the learned model, with a record of how learning went.
 
 use super::criteria::Criteria;
 use crate::error::{LearnError, Parameter, SequenceError};
@@ -6,9 +6,9 @@ use crate::hmm::Hmm;
 
 /// Options of [`Hmm::learn`].
 ///
-/// Pseudo-counts are those of a Dirichlet prior: each free parameter counts as observed so many
-/// more times (0 for maximum likelihood, 1 for Laplace's rule). Probabilities of 0 in the model
-/// stay 0 in any case: a forbidden move stays forbidden.
+/// Pseudo-counts are those of a Dirichlet prior: each free parameter counts as if it had been
+/// observed that many more times (0 for maximum likelihood, 1 for Laplace's rule). Probabilities of
+/// 0 in the model stay 0 in any case: a forbidden move stays forbidden.
 ///
 /// ```
 /// use wayfix::inference::LearningOptions;
@@ -19,20 +19,20 @@ use crate::hmm::Hmm;
 pub struct LearningOptions {
     /// Largest number of re-estimations; 100 by default.
     pub iterations: usize,
-    /// Gain of a re-estimation below which learning stops, in nats of the objective; 1e-3 by
+    /// Learning stops when a re-estimation gains less than this, in nats of the objective; 1e-3 by
     /// default. With 0, all iterations are made.
     pub tolerance: f64,
-    /// True to keep the prior as it is; a [stationary](crate::Prior::Stationary) one becomes one at
-    /// the first observation, with the same numbers, since the operator changes. (Other parts of the
-    /// model are kept by [`Fixed`](crate::Fixed).)
+    /// True to keep the prior as it is. A [stationary](crate::Prior::Stationary) one then becomes
+    /// one at the first observation, with the same numbers, since the operator changes. (To keep
+    /// other parts of the model, wrap them in [`Fixed`](crate::Fixed).)
     pub keep_prior: bool,
     /// Pseudo-count of the prior; 0 by default.
     pub prior_pseudo_count: f64,
     /// Pseudo-count of the transition operator; 0 by default.
     pub transition_pseudo_count: f64,
     /// Pseudo-count of the sensor, for tables of probabilities (symbols, events that happen or
-    /// not, counts of several kinds, weights of mixtures); 0 by default. Other families take no
-    /// notice of it: their priors are their own (`with_prior`).
+    /// not, counts of several kinds, weights of mixtures); 0 by default. Other families ignore it
+    /// and have priors of their own (`with_prior`).
     pub likelihood_pseudo_count: f64,
 }
 
@@ -58,7 +58,7 @@ impl LearningOptions {
             ("pseudo-count of the transitions", self.transition_pseudo_count),
             ("pseudo-count of the sensor", self.likelihood_pseudo_count),
         ] {
-            // Negated, so that a NaN is refused.
+            // Negated, so that NaN is refused.
             if !(value >= 0.0 && value.is_finite()) {
                 let (what, expected) = (format!("the {what}"), "a finite value of at least 0");
                 return Err(Parameter::new(what, value, expected).into());
@@ -68,7 +68,7 @@ impl LearningOptions {
     }
 }
 
-/// A learned model, with the course of learning.
+/// A learned model, with a record of how learning went.
 ///
 /// Made by [`Hmm::learn`].
 #[derive(Debug, Clone)]
@@ -84,7 +84,7 @@ pub struct LearnedModel<A, B> {
     pub(super) left_out: Vec<SequenceError>,
     /// Number of free parameters of the given model.
     pub(super) parameters: usize,
-    /// Number of observations that were not left out.
+    /// Number of observations in sequences that were not left out.
     pub(super) observations: usize,
 }
 
@@ -102,25 +102,25 @@ impl<A, B> LearnedModel<A, B> {
     }
 
     /// Index of the start that the model was learned from, among those given to
-    /// [`Hmm::learn_best`]; 0 if there was one alone.
+    /// [`Hmm::learn_best`]; 0 if there was only one.
     #[must_use]
     pub fn start(&self) -> usize {
         self.start
     }
 
-    /// Number of different ends of the starts given to [`Hmm::learn_best`], of those that it learned
-    /// from to the end and that did not [fail](Self::failed): their objectives differ by more than
-    /// the [tolerance](LearningOptions::tolerance). 1 if there was one start alone.
+    /// Number of different ends of [`Hmm::learn_best`]: objectives that differ by more than the
+    /// [tolerance](LearningOptions::tolerance), among starts that were learned to the end and did
+    /// not [fail](Self::failed). 1 if there was only one start.
     ///
-    /// Where almost every start has an end of its own, others may end higher still.
+    /// If almost every start has an end of its own, more starts may well lead to a higher one.
     #[must_use]
     pub fn ends(&self) -> usize {
         self.ends
     }
 
-    /// Values of the objective, of the given model and after each re-estimation: ln p of all
+    /// Values of the objective for the given model and after each re-estimation: ln p of all
     /// observations, plus the logarithm of the Dirichlet density (up to a constant) if there are
-    /// pseudo-counts. It never falls, up to rounding.
+    /// pseudo-counts. They never fall, up to rounding.
     #[must_use]
     pub fn objectives(&self) -> &[f64] {
         &self.objectives
@@ -140,18 +140,18 @@ impl<A, B> LearnedModel<A, B> {
         self.objectives.last().copied().unwrap_or(f64::NEG_INFINITY)
     }
 
-    /// Number of free parameters: those of the model that was given
+    /// Number of free parameters: those of the model that learning started from
     /// ([`Hmm::free_parameters`]), without its prior if that was
-    /// [kept](LearningOptions::keep_prior). Learning may take probabilities to 0, more of
-    /// them the longer it goes on; the parameters that they belong to were free all the same.
+    /// [kept](LearningOptions::keep_prior). Learning may take probabilities to 0, more of them the
+    /// longer it runs; they were free parameters all the same.
     #[must_use]
     pub fn free_parameters(&self) -> usize {
         self.parameters
     }
 
     /// Information criteria of the model, from its [log-likelihood](Self::log_likelihood) and its
-    /// [free parameters](Self::free_parameters). Those of several models can be compared if they
-    /// were learned from the same sequences, and [left out](Self::left_out) the same.
+    /// [free parameters](Self::free_parameters). Models can be compared by them if they were
+    /// learned from the same sequences, with the same ones [left out](Self::left_out).
     ///
     /// ```
     /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
@@ -178,33 +178,33 @@ impl<A, B> LearnedModel<A, B> {
     }
 
     /// Returns true if the last re-estimation gained less than the tolerance. Otherwise learning
-    /// was [stopped](Self::stopped) or ended with a [cause](Self::cause); if neither, all
-    /// [iterations](LearningOptions::iterations) that were allowed were made.
+    /// was [stopped](Self::stopped), ended with a [cause](Self::cause), or made all allowed
+    /// [iterations](LearningOptions::iterations).
     #[must_use]
     pub fn converged(&self) -> bool {
         self.converged
     }
 
-    /// Returns true if the function given to [`Hmm::learn_with`] broke off, or
-    /// [`Hmm::learn_best`] went on from other starts, and the last re-estimation had not converged.
+    /// Returns true if learning had not converged when the function given to [`Hmm::learn_with`]
+    /// stopped it, or when [`Hmm::learn_best`] continued from other starts instead.
     #[must_use]
     pub fn stopped(&self) -> bool {
         self.stopped
     }
 
-    /// The error that ended learning with the model before it.
+    /// Error that ended learning, with the model before it as the result; `None` if there was none.
     ///
-    /// [`LearnError::Fell`] if the last re-estimation made the objective fall, by at most a
-    /// thousandth of it: a part does not maximise the objective, such as a sensor with a floor that
-    /// is not in its prior. For any other error, see [`failed`](Self::failed).
+    /// [`LearnError::Fell`] means that the last re-estimation lowered the objective by at most a
+    /// thousandth of it: some part does not maximise the objective, such as a sensor with a floor
+    /// that its prior does not include. For any other error, see [`failed`](Self::failed).
     #[must_use]
     pub fn cause(&self) -> Option<&LearnError> {
         self.cause.as_ref()
     }
 
-    /// Returns true if the next re-estimation failed, such as that of a covariance from one
-    /// observation, or its model ruled out a sequence. The likelihood may have no bound near this
-    /// model, so that its value means little beside that of others.
+    /// Returns true if the next re-estimation failed (as that of a covariance from one observation
+    /// does), or its model ruled out a sequence. The likelihood may be unbounded near this model,
+    /// so that its value means little in comparison with others.
     #[must_use]
     pub fn failed(&self) -> bool {
         self.cause().is_some_and(|cause| !matches!(cause, LearnError::Fell { .. }))

@@ -1,8 +1,9 @@
 //! The M-step of learning: the model that fits expectations best (section 9 of the
 //! [formulas](crate::guide::formulas)).
 //!
-//! Prior, operator and sensor are maximised by themselves, since the expected log-likelihood is a
-//! sum of a term for each; but a stationary prior with the operator. Probabilities of 0 stay 0.
+//! The expected log-likelihood Q is a sum of terms for prior, operator and sensor, so that each is
+//! maximised by itself; only a stationary prior is maximised together with the operator.
+//! Probabilities of 0 stay 0.
 
 use super::expectations::Expectations;
 use super::learned_model::LearningOptions;
@@ -15,14 +16,13 @@ use crate::transition::LearnTransition;
 
 /// # Learning in parts
 impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
-    /// Returns the model that fits expectations under this model best: the M-step. Of the options
-    /// it uses the pseudo-counts and `keep_prior`.
+    /// Returns the model that best fits expectations computed under this model: the M-step. The
+    /// options used are the pseudo-counts and `keep_prior`.
     ///
     /// # Errors
     ///
-    /// [`LearnError`] if a number of `learning` is not valid, the expectations are those of
-    /// another model, or of no sequence ([`LearnError::Nothing`]), or a part cannot be
-    /// re-estimated.
+    /// [`LearnError`] if an option is not valid, the expectations are those of another model or
+    /// of no sequences ([`LearnError::Nothing`]), or a part cannot be re-estimated.
     pub fn maximize(
         &self,
         expectations: &Expectations<B, A::Statistics>,
@@ -33,14 +33,14 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         if found != expected {
             return Err(LearnError::Expectations { found, expected });
         }
-        // Every sequence with an observation starts somewhere.
+        // Every sequence with an observation adds one to the sum of `first`.
         if expectations.first.iter().all(|p| *p == 0.0) {
             return Err(LearnError::nothing(0, None));
         }
         self.maximize_unchecked(expectations, learning)
     }
 
-    /// Returns the model that fits the expectations best.
+    /// Returns the model that best fits the expectations, without checking these.
     pub(crate) fn maximize_unchecked(
         &self,
         expected: &Expectations<B, A::Statistics>,
@@ -48,16 +48,18 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     ) -> Result<Self, LearnError> {
         let (transition, pseudo_count) = (self.transition(), learning.transition_pseudo_count);
         let belief = self.prior().belief();
+        // π(i) ∝ F(i) + c_π.
         let known = belief.as_slice().iter().zip(&expected.first);
         let first: Vec<f64> = known
             .map(|(&old, &seen)| {
-                // A pseudo-count must not make a state possible that the model rules out.
+                // A pseudo-count must not make possible a state that the model rules out.
                 if old > 0.0 { seen + learning.prior_pseudo_count } else { 0.0 }
             })
             .collect();
         let (prior, transition) = match self.prior() {
             Prior::Stationary(_) if learning.keep_prior => {
-                // The same numbers, but the operator changes beneath them.
+                // The numbers are kept, but they are no longer those of the new operator's
+                // stationary distribution.
                 let prior = Prior::AtFirstObservation(belief.clone());
                 (prior, transition.maximize(&expected.moves, pseudo_count)?)
             }
@@ -67,8 +69,8 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
                 (Prior::Stationary(belief), transition)
             }
             prior => {
-                // Labelled drives may begin at unknown states: nothing is learned of the prior,
-                // which stays.
+                // Labelled drives may all begin at unknown states: then nothing is learned about
+                // the prior, and it stays.
                 let unseen =
                     learning.prior_pseudo_count == 0.0 && expected.first.iter().all(|p| *p == 0.0);
                 let belief = if learning.keep_prior || unseen {

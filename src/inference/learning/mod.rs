@@ -1,4 +1,5 @@
-//! Learning without labels and counting with them, choice among models, standard errors.
+//! Learning without labels and counting with them, choice among models, standard errors (section 9
+//! of the [formulas](crate::guide::formulas)).
 
 pub(crate) mod baum_welch;
 pub(crate) mod criteria;

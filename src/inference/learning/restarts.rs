@@ -1,5 +1,7 @@
-//! Learning from several starts: expectation–maximisation ends at a local maximum (section 9 of the
-//! [formulas](crate::guide::formulas)).
+//! Learning from several starts, since expectation–maximisation ends at a local maximum (section 9
+//! of the [formulas](crate::guide::formulas)).
+//!
+//! All starts are learned for some iterations; then only the better ones continue.
 
 use std::cmp::Ordering;
 use std::ops::ControlFlow::Continue;
@@ -13,28 +15,28 @@ use crate::likelihood::LearnLikelihood;
 use crate::sequence::Sequence;
 use crate::transition::LearnTransition;
 
-/// Re-estimations from each start, before the better ones go on. (So ten starts lost the best of
-/// their ends in 4 of 100 random problems, and a fifth of the iterations.)
+/// Re-estimations from each start before only the better ones continue. (With ten starts, this
+/// missed the best end in 4 of 100 random problems, and saved a fifth of the iterations.)
 const SHORT: usize = 30;
-/// Fewest starts that go on.
+/// Least number of starts that continue.
 const FEWEST: usize = 3;
 
 impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     /// Learns from each of several starts, and returns the model with the highest objective:
-    /// expectation–maximisation ends at a local maximum, which depends on the start. Of models
-    /// whose objectives are within the [tolerance](LearningOptions::tolerance) of the highest, it
-    /// is the first. Models of which learning [failed](LearnedModel::failed) come after all others,
-    /// since their likelihood may have no bound; if one of them is returned, all others failed too.
+    /// expectation–maximisation ends at a local maximum, which depends on the start. If several
+    /// objectives are within the [tolerance](LearningOptions::tolerance) of the highest, the first
+    /// of these models is returned. Models whose learning [failed](LearnedModel::failed) rank after
+    /// all others, since their likelihood may be unbounded; if one of them is returned, all failed.
     ///
-    /// From each start it learns for 30 iterations; it then goes on from the better half of the
-    /// starts, three at least, or from more if these all fail. The others are
+    /// Learning runs for 30 iterations from each start, and then continues from the better half of
+    /// the starts (at least three), or from more if all of these fail. The others are
     /// [stopped](LearnedModel::stopped), and seldom the best.
     ///
     /// [`LearnedModel::start`] is the index of the start, and [`LearnedModel::ends`] the number of
     /// different ends. `done` is called with the index and the result of each start as it ends, in
-    /// any order, and may clone it: the others are dropped. Runs in parallel with the feature
-    /// `rayon`. Costs no more than as many calls of [`learn`](Self::learn); the models and
-    /// expectations of all starts are in memory.
+    /// any order. It may clone the result; all but the best are dropped. Runs in parallel with the
+    /// feature `rayon`. Costs at most one call of [`learn`](Self::learn) for each start; the models
+    /// and expectations of all starts are in memory.
     ///
     /// ```
     /// use rand::RngExt;
@@ -63,7 +65,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     ///
     /// # Errors
     ///
-    /// The first start's [`LearnError`] if all fail; [`LearnError::Nothing`] without a start.
+    /// The [`LearnError`] of the first start if all fail; [`LearnError::Nothing`] without starts.
     pub fn learn_best<S>(
         starts: &[Self],
         sequences: &[S],
@@ -96,7 +98,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         };
         let mut waiting = parallel::map(starts, short);
         let mut ends: Vec<(usize, End<A, B>)> = Vec::new();
-        // Further ones only if all before have failed.
+        // More than one round only if every start so far has failed.
         while !waiting.is_empty() && ends.iter().flat_map(|(_, end)| end).all(LearnedModel::failed)
         {
             let [next, left] = divide(waiting, kept, learning);
@@ -114,12 +116,12 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     }
 }
 
-/// Learning from a start, with the index of this.
+/// Learning from one start, with the index of the start.
 type Attempt<'s, A, B, S> = (usize, Result<Course<'s, A, B, S>, LearnError>);
 
 type End<A, B> = Result<LearnedModel<A, B>, LearnError>;
 
-/// Divides attempts into those that have ended or are the best of the others, so many of them, and
+/// Divides attempts in two: those that have ended together with the best `kept` of the others, and
 /// the rest.
 fn divide<'s, A: LearnTransition, B: LearnLikelihood, S>(
     attempts: Vec<Attempt<'s, A, B, S>>,
@@ -134,21 +136,23 @@ fn divide<'s, A: LearnTransition, B: LearnLikelihood, S>(
     };
     let (mut rest, mut next): (Vec<_>, Vec<_>) =
         attempts.into_iter().partition(|attempt| objective(attempt).is_some());
-    // A stable order: of equal ones the first go on.
+    // A stable sort: of equal ones the first continue.
     rest.sort_by(|a, b| objective(b).partial_cmp(&objective(a)).unwrap_or(Ordering::Equal));
     next.extend(rest.drain(..kept.min(rest.len())));
     [next, rest]
 }
 
 /// Returns the first end whose objective is within the tolerance of the highest, with the number of
-/// different ends; the first error if there is none.
+/// different ends, or the first error if all are errors.
 fn best<A, B>(ends: Vec<End<A, B>>, learning: &LearningOptions) -> Option<End<A, B>> {
     let all = || ends.iter().flatten();
+    // Failed ends are ranked only if there are no others.
     let succeeded = all().any(|end| !end.failed());
     let ranked = || all().filter(|end| end.failed() != succeeded);
     let highest = ranked().map(LearnedModel::objective).fold(f64::NEG_INFINITY, f64::max);
     let mut different: Vec<f64> =
         ranked().filter(|end| !end.stopped).map(LearnedModel::objective).collect();
+    // Sorted, ends are different where the gap to the next exceeds the tolerance.
     different.sort_by(f64::total_cmp);
     let gaps = different.windows(2).filter(|pair| pair[1] - pair[0] > learning.tolerance).count();
     let first = ranked().find(|end| end.objective() >= highest - learning.tolerance);

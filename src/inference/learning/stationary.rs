@@ -1,32 +1,35 @@
-//! The M-step of a model with a stationary prior, which follows from the operator (section 9 of the
-//! [formulas](crate::guide::formulas)).
+//! The M-step of a model with a stationary prior, which follows from the operator ("A stationary
+//! prior" in section 9 of the [formulas](crate::guide::formulas)).
 //!
-//! The expected log-likelihood Q = Σ n_ij ln A_ij + Σ γ_i ln π_i has no maximum in closed form, since
-//! π depends on A. Its derivative by A_ij, n_ij / A_ij + h_i π_j with the potentials h of γ / π, is
-//! that of Σ m_ij ln A_ij with the counts m_ij = n_ij + A_ij π_j (h_i + c), for any c: the columns
-//! keep their sums. Maximising that sum, as without the prior, is thus a step uphill, the
-//! shorter the larger c; c is chosen so large that Q gains, too. Steps are repeated, each from
-//! the π and h of the last, until they gain nothing (or 200 were taken, fewer with more than 110
-//! states; the next E-step then goes on from there): neither steps nor c change where Q has its
-//! maximum, in which all parts of the operator (ties, fixed entries) agree.
+//! The expected log-likelihood Q = Σ n_ij ln A_ij + Σ γ_i ln π_i has no maximum in closed form,
+//! since π depends on A. Its derivative with respect to A_ij is n_ij / A_ij + h_i π_j, with the
+//! potentials h of γ / π (Schweitzer 1968). Up to a constant in each column, which changes nothing
+//! because columns keep their sums, that is the derivative of Σ m_ij ln A_ij with the counts
+//! m_ij = n_ij + A_ij π_j (h_i + c), for any c. So maximising this sum, as without the prior, is a
+//! step uphill, and shorter for a larger c; c is chosen large enough that Q gains too.
+//!
+//! Steps are repeated, each with π and h of the last operator, until they gain nothing (or 200 were
+//! taken, fewer with more than 110 states; the next E-step then continues from there). They end
+//! only where the derivative of Q vanishes, whatever c was, under all constraints of the operator
+//! (ties, fixed entries).
 
 use crate::belief::Belief;
 use crate::error::{LearnError, Parameter};
 use crate::transition::{LearnTransition, Move, Stationary, the_control};
 
-/// Bounds of the number of steps, and of the operations of eliminations in them.
+/// Least and largest number of steps, and a limit on the operations of their eliminations.
 const STEPS: (usize, usize) = (10, 200);
 const OPERATIONS: usize = 1 << 28;
-/// Changes of Q by less than this part of it are rounding.
+/// Relative change of Q up to which it counts as rounding.
 const ROUNDING: f64 = 1e-13;
-/// Bounds of the constant c, above its smallest value and in units of the range of h.
+/// Range of the constant c above its smallest value, in units of the range of h.
 const LEAST: f64 = 0.125;
 const MOST: f64 = 1e9;
-/// Least part of the gain of Σ m_ij ln A_ij that Q must gain; 1 where their curvature is the
-/// same, and less where Q bends more.
+/// Least share of the gain of Σ m_ij ln A_ij that Q must gain for a step to be accepted. The share
+/// is 1 if both have the same curvature, and less if Q bends more.
 const FAIR: f64 = 0.25;
 
-/// Returns the operator that fits statistics of moves and expected first states best, and its
+/// Returns the operator that best fits statistics of moves and expected first states, and its
 /// stationary distribution. Each step takes an elimination, O(n³) for a full matrix, and O(moves).
 pub(super) fn maximize<A: LearnTransition>(
     transition: &A,
@@ -59,7 +62,7 @@ struct Expected<'e, A: LearnTransition> {
     pseudo_count: f64,
 }
 
-/// An operator's stationary distribution, the potentials h less the lowest, and Q.
+/// Stationary distribution of an operator, the potentials h above their least value, and Q.
 struct Point {
     prior: Belief,
     potentials: Vec<f64>,
@@ -78,6 +81,7 @@ impl<A: LearnTransition> Expected<'_, A> {
         let chain = Stationary::of(transition)?;
         let prior = chain.distribution();
         let moves = transition.log_probability(self.statistics).ok_or(LearnError::Stationary)?;
+        // Q: moves, then starts Σ F(i) ln π(i), then the log prior of the operator.
         let first = || self.first.iter().zip(prior.as_slice());
         let starts = first().filter(|(seen, _)| **seen > 0.0).map(|(seen, p)| seen * p.ln());
         let value = moves + starts.sum::<f64>() + transition.log_prior(self.pseudo_count);
@@ -88,13 +92,15 @@ impl<A: LearnTransition> Expected<'_, A> {
             let what = format!("the derivative of the log-likelihood by moves to state {state}");
             return Err(Parameter::new(what, potentials[state], "a finite value").into());
         }
+        // h is defined up to a constant: with a least value of 0 in the recurrent class, the counts
+        // m_ij are not negative for any c ≥ 0.
         let least = chain.class().map(|state| potentials[state]).fold(f64::INFINITY, f64::min);
         chain.class().for_each(|state| potentials[state] -= least);
         Ok(Point { prior, potentials, value })
     }
 
-    /// Takes a step from an operator, the longest of several in which Q gains a fair part of what
-    /// Σ m_ij ln A_ij does. (Without this, steps may leap over the maximum, to and fro.)
+    /// Takes a step from an operator, the longest tried for which Q gains a fair share of what
+    /// Σ m_ij ln A_ij does. (Otherwise steps may overshoot the maximum, back and forth.)
     fn climb(&self, transition: &A, here: &Point, extra: &mut f64) -> Result<Step<A>, LearnError> {
         loop {
             let counts = self.counts(transition, here, *extra)?;
@@ -105,7 +111,8 @@ impl<A: LearnTransition> Expected<'_, A> {
             });
             let promised = after - before;
             let tolerance = rounding(here.value) + rounding(before);
-            // A chain that has come apart has no stationary distribution, and no likelihood.
+            // An error here means that the chain has come apart and has no stationary distribution:
+            // the step was too long.
             let next = self.point(&learned);
             let is_fair = |next: &Point| next.value - here.value >= FAIR * promised - tolerance;
             if *extra >= MOST || next.as_ref().is_ok_and(is_fair) {
@@ -116,7 +123,7 @@ impl<A: LearnTransition> Expected<'_, A> {
         }
     }
 
-    /// The counts m_ij.
+    /// Returns the counts m_ij = n_ij + A_ij π_j (h_i + c).
     fn counts(
         &self,
         transition: &A,

@@ -1,15 +1,17 @@
-//! Active set: the few states that are followed among millions, and the candidates that a step
-//! can reach.
+//! Active set: the few states among millions that are followed, and the candidates for the next.
+//!
+//! The invariant: between steps no candidate bits are set but those of the states listed last, so
+//! that clearing costs O(candidates), never O(n).
 
 use crate::transition::TransitionEntries;
 
-/// Active set and candidates. A dense array replaces hashing: 4 bytes a state, and a bit a state
-/// for the candidates.
+/// Active set and candidates. A dense array instead of hashing: 4 bytes a state, and one bit a
+/// state for the candidates.
 #[derive(Debug, Clone)]
 pub(crate) struct ActiveSet {
-    /// One more than the position of a state in the active set, or 0.
+    /// Position of each state in the active set plus one, or 0.
     places: Vec<u32>,
-    /// A bit for each candidate that the step reaches; those that are only wanted have none.
+    /// Bit set of the candidates that an active state leads to, without those only wanted.
     reached: Vec<u64>,
     candidates: Vec<usize>,
 }
@@ -34,8 +36,8 @@ impl ActiveSet {
         }
     }
 
-    /// Lists as candidates the states that a step can reach from the active ones, or these
-    /// themselves without a transition, and all wanted states.
+    /// Lists the candidates: the states that a step can reach from the active ones (without a
+    /// transition, these themselves), and all wanted states.
     pub(crate) fn list<A: TransitionEntries>(
         &mut self,
         followed: &[usize],
@@ -54,7 +56,7 @@ impl ActiveSet {
             }
         };
         match moves {
-            // Entries that are listed in linear form would miss those below the range of doubles.
+            // The linear form would not list entries below the range of doubles.
             Some((a, control)) if a.evidence(control).is_some() && a.entries_need_logs(control) => {
                 let entries = followed.iter().flat_map(|&j| a.outgoing_log2(control, j));
                 entries.for_each(|(i, _)| list(i));
@@ -67,8 +69,8 @@ impl ActiveSet {
         self.add_wanted(wanted);
     }
 
-    /// Lists as candidates the states for which `leads` is true, in ascending order, and all
-    /// wanted states.
+    /// Lists the candidates: the states for which `leads` is true, which has a value for each state
+    /// in order, and all wanted states.
     pub(crate) fn list_reached(&mut self, leads: impl Iterator<Item = bool>, wanted: &[usize]) {
         let Self { reached, candidates, .. } = self;
         candidates.iter().for_each(|&state| reached[state / 64] = 0);
@@ -84,8 +86,8 @@ impl ActiveSet {
 
     fn add_wanted(&mut self, wanted: &[usize]) {
         let Self { places, reached, candidates } = self;
-        // Wanted states get a bit as well, so that none is listed twice, and lose it again below:
-        // nothing leads to them.
+        // Wanted states get a bit for a moment, so that none is listed twice, and lose it again
+        // below, since no active state leads to them.
         let first = candidates.len();
         for &state in wanted.iter().filter(|&&state| state < places.len()) {
             let (word, bit) = (&mut reached[state / 64], 1 << (state % 64));
@@ -97,11 +99,11 @@ impl ActiveSet {
         for &state in &candidates[first..] {
             reached[state / 64] &= !(1 << (state % 64));
         }
-        // In ascending order, as all sums over states are: the same bits whatever listed them.
+        // Sorted, so that sums over candidates are the same to the bit whichever way listed them.
         candidates.sort_unstable();
     }
 
-    /// Returns true if the step leads to a candidate from an active state.
+    /// Returns true if an active state leads to this candidate.
     #[inline]
     pub(crate) fn is_reached(&self, candidate: usize) -> bool {
         self.reached[candidate / 64] >> (candidate % 64) & 1 == 1

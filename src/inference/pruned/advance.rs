@@ -1,4 +1,9 @@
-//! Prediction and update of a pruned belief, with its bounds.
+//! Prediction and update of a pruned belief with its bounds: "A step" of section 13 of the
+//! [formulas](crate::guide::formulas).
+//!
+//! The invariant is that of [`Envelope`]: after either part, the exact belief times s is within the
+//! bounds. Lower bounds are rounded down or set to 0, upper bounds are rounded up, and each number
+//! that may have lost digits to underflow adds [`LOST`] to its excess.
 
 use super::active_set::ActiveSet;
 use super::envelope::{Envelope, LOST, PRUNED_LIFT, ROUNDED_UP, Raw};
@@ -6,7 +11,7 @@ use super::moves::Moves;
 use super::weights::{Weight, Weights};
 use crate::transition::TransitionEntries;
 
-/// Lifted number below which digits may be lost, for which [`LOST`] is counted.
+/// Lifted number below which digits may be lost, so that [`LOST`] is counted.
 const SMALL: f64 = 1e-270;
 
 /// Sums of a prediction.
@@ -17,7 +22,7 @@ pub(crate) struct Predicted {
     terms: usize,
 }
 
-/// Sums over the entries into a state; lifted, except for `beyond`.
+/// Sums over the entries into a state, lifted except for `beyond`.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Sums {
     pub(crate) estimate: f64,
@@ -30,7 +35,7 @@ pub(crate) struct Sums {
 }
 
 impl Envelope {
-    /// Predicts all candidates from `before`; lifted.
+    /// Predicts all candidates from `before`. The results are lifted.
     pub(crate) fn predict<A: TransitionEntries>(
         &mut self,
         before: &Self,
@@ -40,7 +45,7 @@ impl Envelope {
         self.predict_by(before, moves, active_set, |i| before.sums(i, moves, active_set))
     }
 
-    /// Predicts all candidates, with sums that the caller computes.
+    /// Predicts all candidates, with sums computed by `sums`.
     pub(crate) fn predict_by<A: TransitionEntries>(
         &mut self,
         before: &Self,
@@ -50,9 +55,9 @@ impl Envelope {
     ) -> Predicted {
         self.clear();
         let mut predicted = Predicted { sum: 0.0, terms: 1 };
-        // Mass that comes from inactive states only: to each state, and to all. It is lifted before
-        // it is multiplied, since bounds on entries may be as small as evidence: what then still
-        // underflows is below the 1e-290 that are added.
+        // δ' = min(R δ, m t) for each state that only inactive states lead to, and t' for all of
+        // them together. Lifted before the product, since evidence may make bounds on entries tiny:
+        // whatever still underflows is below the 1e-290 that is added.
         let (elsewhere, outside) =
             (before.others.elsewhere * PRUNED_LIFT, before.others.outside * PRUNED_LIFT);
         let (one, all) = match moves {
@@ -65,8 +70,8 @@ impl Envelope {
         let round_up = |x: f64| if before.is_open() { x * ROUNDED_UP + LOST } else { 0.0 };
         (self.others.elsewhere, self.others.outside) = (round_up(one), round_up(all));
         for &i in active_set.candidates() {
-            // A candidate that only the sensor names: nothing active leads to it, so that it has
-            // the bound of all inactive states, and no estimate.
+            // Only the sensor names this candidate: no active state leads to it, so that it has no
+            // estimate, and the upper bound of any inactive state.
             if !active_set.is_reached(i) {
                 self.push(i, 0.0, 0.0, self.others.elsewhere);
                 continue;
@@ -74,9 +79,9 @@ impl Envelope {
             let Sums { estimate, lower, mut excess, beyond, terms } = sums(i);
             predicted.terms = predicted.terms.max(terms);
             predicted.sum += estimate / PRUNED_LIFT;
-            // Mass from inactive states: none of them has more than `elsewhere`.
+            // δ Σ_{j not in S} A[i, j]: no inactive state has more than `elsewhere`.
             excess += times(beyond, elsewhere);
-            // NaN is an entry of 0 times an infinite excess: nothing is known.
+            // NaN comes from an entry of 0 times an infinite excess: nothing is known.
             let excess = if excess.is_nan() { f64::INFINITY } else { excess };
             let (lower, excess) = count_lost(estimate, lower, excess);
             self.push(i, estimate, lower, excess);
@@ -84,7 +89,7 @@ impl Envelope {
         predicted
     }
 
-    /// Computes the sums over the entries into a state, entry by entry.
+    /// Computes the sums over the entries into a state, one entry at a time.
     #[inline]
     fn sums<A: TransitionEntries>(
         &self,
@@ -98,11 +103,13 @@ impl Envelope {
             terms += 1;
             if let Some(at) = active_set.place(j) {
                 estimate += a * (self.estimate[at] * PRUNED_LIFT);
+                // The entry lies between a (1 − off) and a (1 + off): the lower bound takes the
+                // former, and the excess below covers the difference to the latter, 2 off a.
                 let least = self.lower[at] * PRUNED_LIFT;
                 lower += a * (1.0 - off) * least;
                 excess += a * (1.0 + off) * (self.excess[at] * PRUNED_LIFT);
                 if off > 0.0 {
-                    // Entries outside the range of `f64` are 0, up to this error.
+                    // An entry below the range of `f64` was passed as 0, with this error.
                     let tiny = 2.0 * f64::MIN_POSITIVE;
                     excess += 2.0 * off * (a * least) * ROUNDED_UP;
                     excess += tiny * (least + self.excess[at] * PRUNED_LIFT);
@@ -119,7 +126,7 @@ impl Envelope {
         Sums { estimate, lower, excess, beyond, terms }
     }
 
-    /// Multiplies the candidates by their likelihoods, and drops those that are ruled out.
+    /// Multiplies the candidates by their likelihoods, and drops those that the sensor rules out.
     pub(crate) fn weigh(
         &mut self,
         Predicted { terms, .. }: Predicted,
@@ -128,6 +135,7 @@ impl Envelope {
     ) -> Raw {
         let mut raw = Raw { estimate: 0.0, lower: 0.0, excess: 0.0, terms };
         let candidates = self.states.len();
+        // Compacted in place: `kept` never passes `at`.
         let mut kept = 0;
         for (at, &b) in (0..candidates).zip(likelihoods) {
             let Weight { value, least, most } = weights.of(b);
@@ -135,8 +143,8 @@ impl Envelope {
                 continue;
             }
             let (lower, excess) = (self.lower[at], self.excess[at]);
-            // The exact value is between least · lower and most · (lower + excess); the lower bound
-            // becomes the former, and the excess makes up for the difference.
+            // The exact value is between least · lower and most · (lower + excess). The former
+            // becomes the lower bound, and the difference the excess.
             let excess = times(most, excess) + times(most - least, lower);
             let estimate = value * self.estimate[at];
             let (lower, excess) = count_lost(estimate, least * lower, excess);
@@ -159,14 +167,14 @@ impl Envelope {
     }
 }
 
-/// Returns a lower bound and an excess that cover the digits that they and the estimate may have
-/// lost below the smallest `f64`. A lower bound that may have lost digits becomes 0.
+/// Returns a lower bound and an excess that cover the digits that these two and the estimate may
+/// have lost to underflow. A lower bound that may have lost digits becomes 0.
 #[inline]
 fn count_lost(estimate: f64, lower: f64, excess: f64) -> (f64, f64) {
     if estimate < SMALL || lower < SMALL { (0.0, excess + (lower + LOST)) } else { (lower, excess) }
 }
 
-/// Returns the product of two numbers, one of which may be infinite; 0 if either is 0.
+/// Returns the product of two non-negative numbers that may be infinite; 0 if either is 0.
 #[inline]
 fn times(a: f64, b: f64) -> f64 {
     if a == 0.0 || b == 0.0 { 0.0 } else { a * b }

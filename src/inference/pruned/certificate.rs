@@ -1,4 +1,5 @@
-//! Limits on the pruning, and the certificate of a step.
+//! Limits on the pruning, and the certificate of a step: the bound D / (K + D) of section 13 of the
+//! [formulas](crate::guide::formulas), compared with the tolerance.
 
 /// Limits on the pruning of a [`PrunedFilter`](crate::PrunedFilter).
 ///
@@ -11,10 +12,10 @@
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pruning {
     /// Tolerated distance of the belief from the exact one, in total variation; 1e-6 by default.
-    /// At 0 (or less, or NaN) nothing is dropped that an `f64` holds.
+    /// At 0 (or less, or NaN) only states below 1e-290 are dropped.
     pub tolerance: f64,
-    /// Largest number of active states, whatever that costs in certainty; unlimited by default.
-    /// It bounds the time of a step.
+    /// Largest number of active states, unlimited by default. It bounds the time of a step, and
+    /// takes precedence over the tolerance.
     pub most_active: usize,
 }
 
@@ -24,8 +25,8 @@ impl Default for Pruning {
     }
 }
 
-/// Proven bound on the distance of a pruned belief from the exact one, in total variation, and
-/// whether it is within the tolerance.
+/// Proven bound on the distance of a pruned belief from the exact one in total variation, with the
+/// answer whether it is within the tolerance.
 ///
 /// The total variation is the largest error in the probability of any event: half the sum of all
 /// absolute differences.

@@ -1,25 +1,33 @@
-//! Proven bounds on the exact belief.
+//! Proven bounds on the exact belief: the limits ℓ, c, δ and t of section 13 of the
+//! [formulas](crate::guide::formulas), their scaling, dropping, and the bound that follows.
+//!
+//! | formulas | here |
+//! |---|---|
+//! | ℓ(i) | `lower` |
+//! | c(i) | `excess` |
+//! | δ | `elsewhere` |
+//! | t | `outside` |
 
 use wayfix_kernels::limits::power;
 
-/// Lift of the numbers, 2^900. With it they keep their digits in products down to 1e-578, and
-/// bounds as large as 1e37 do not overflow.
+/// Lift of the numbers, 2^900. Lifted products keep their digits down to 1e-578, and bounds up to
+/// 1e37 do not overflow.
 pub(crate) const PRUNED_LIFT: f64 = power(900);
-/// Upper bound on the loss of a lifted sum below the smallest `f64`.
+/// Upper bound on the loss of a lifted sum by underflow.
 pub(crate) const LOST: f64 = 1e-290;
-/// Largest value that is dropped in any case.
+/// Probability up to which states are dropped in any case.
 pub(crate) const LEAST_KEPT: f64 = 1e-290;
 /// Factor on a bound that covers a dozen roundings.
 pub(crate) const ROUNDED_UP: f64 = 1.0 + 12.0 * f64::EPSILON;
-/// Factor by which a dropped upper bound may exceed a dropped estimate: otherwise a state that
-/// only the sensor names would be followed, with all that it leads to.
+/// Factor by which a dropped upper bound may exceed the threshold of estimates. Without it, a state
+/// that only the sensor names would be followed, with all states that it leads to.
 const IDLE: f64 = 256.0;
 
 /// Estimate of the belief, with bounds on the exact belief α times an unknown factor s, the same
-/// for all states; the bounds also hold for the estimate, times another factor:
+/// for all states. The bounds also hold for the estimate times another such factor:
 ///
 /// ```text
-/// lower(i) ≤ s α(i) ≤ lower(i) + excess(i)     for the states followed
+/// lower(i) ≤ s α(i) ≤ lower(i) + excess(i)     for the active states
 ///            s α(i) ≤ elsewhere                for every other state,
 ///          Σ s α(i) ≤ outside                  over all of these
 /// ```
@@ -35,7 +43,7 @@ pub(crate) struct Envelope {
     pub(crate) others: Others,
 }
 
-/// Bounds on inactive states: on each, and on all of these.
+/// Upper bounds on the inactive states: on each (`elsewhere`), and on their sum (`outside`).
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Others {
     pub(crate) elsewhere: f64,
@@ -48,14 +56,14 @@ pub(crate) struct Raw {
     pub(crate) estimate: f64,
     /// Σ of the lower bounds, lifted.
     pub(crate) lower: f64,
-    /// Σ of all excess, with that of inactive states.
+    /// Σ of all excess, including that of the inactive states.
     pub(crate) excess: f64,
     /// Largest number of terms of a sum.
     pub(crate) terms: usize,
 }
 
 impl Envelope {
-    /// Copies another envelope, in the memory at hand.
+    /// Copies another envelope into existing memory.
     pub(crate) fn copy_from(&mut self, other: &Self) {
         self.states.clone_from(&other.states);
         self.estimate.clone_from(&other.estimate);
@@ -104,9 +112,9 @@ impl Envelope {
         self.lower.iter().any(|p| *p > 0.0)
     }
 
-    /// Scales the sums of a step, counts their rounding, and drops small states and those beyond
-    /// the `limit` largest; `ranked` is scratch memory. Returns the logarithm of the divisor of
-    /// the lower bounds.
+    /// Scales the results of a step, counts their rounding, and drops small states and all but the
+    /// `limit` largest. `ranked` is scratch memory. Returns the logarithm of the divisor of the
+    /// lower bounds.
     pub(crate) fn settle(
         &mut self,
         raw: &Raw,
@@ -114,12 +122,12 @@ impl Envelope {
         limit: usize,
         ranked: &mut Vec<f64>,
     ) -> f64 {
-        // Fewer than m + 8 roundings of EPSILON / 2 make a relative error r. Computed lower bounds
-        // may be too high by r. Lowering all by one factor is free, as s absorbs it, but each
-        // excess grows by 2 r; that the bounds also hold for the estimate takes another 2 r. So 4 r
-        // in all.
+        // Fewer than m + 8 roundings of EPSILON / 2 each make a relative error r, by which computed
+        // lower bounds may be too high. Lowering all by one factor is free, since s absorbs it, but
+        // each excess grows by 2 r; making the bounds hold for the estimate too takes another 2 r.
+        // Together 4 r.
         let rounding = 2.0 * (raw.terms + 8) as f64 * f64::EPSILON;
-        // If nothing is known from below, the estimate at least keeps the numbers in range.
+        // If all lower bounds are 0, scaling by the estimate at least keeps the numbers in range.
         let scale = if raw.lower > 0.0 { raw.lower } else { raw.estimate };
         if self.is_open() {
             self.others.elsewhere = self.others.elsewhere / scale * (1.0 + rounding) + LOST;
@@ -129,17 +137,22 @@ impl Envelope {
             let lower = self.lower[at] / scale;
             let excess = self.excess[at] / scale;
             let estimate = self.estimate[at] / raw.estimate;
+            // A subnormal lower bound becomes 0 and is added to the excess instead.
             let normal = estimate >= f64::MIN_POSITIVE && lower >= f64::MIN_POSITIVE;
             let lost = f64::MIN_POSITIVE + if normal { 0.0 } else { lower };
             self.estimate[at] = estimate;
             self.lower[at] = if normal { lower } else { 0.0 };
             self.excess[at] = (excess + rounding * lower + lost) * (1.0 + rounding);
         }
-        // Small parts of an excess that is itself large are no loss.
+        // Relative to K + D: dropping a small part of a large total excess hardly changes the
+        // bound.
         let relevant = IDLE * threshold * (1.0 + raw.excess / scale);
-        // A state stays if its estimate counts, or its excess would raise the bound for all others.
+        // A state is kept if its estimate matters, or if its excess would raise the bound on all
+        // inactive states.
         self.retain(|estimate, excess| estimate > threshold || excess > relevant);
         if self.states.len() > limit {
+            // Keeps all above the value at rank `limit`, and as many equal to it as there is room
+            // for, the lowest states first.
             ranked.clear();
             ranked.extend_from_slice(&self.estimate);
             let (_, &mut cut, _) = ranked.select_nth_unstable_by(limit, |a, b| b.total_cmp(a));
@@ -151,13 +164,15 @@ impl Envelope {
                 estimate > cut || tie
             });
         }
+        // One logarithm of the unlifted scale, if that is a normal number, rounds less than a
+        // difference of two.
         let unlifted = scale / PRUNED_LIFT;
         let log = if unlifted.is_normal() { unlifted.ln() } else { scale.ln() - PRUNED_LIFT.ln() };
         log + self.close()
     }
 
-    /// Keeps the states for which `keep` is true of estimate and excess, and counts the others as
-    /// inactive.
+    /// Keeps the states for which `keep(estimate, excess)` is true, and counts the others as
+    /// inactive: δ becomes at least their upper bounds, and t grows by these.
     fn retain(&mut self, mut keep: impl FnMut(f64, f64) -> bool) {
         let mut kept = 0;
         for at in 0..self.states.len() {
@@ -176,17 +191,20 @@ impl Envelope {
         self.truncate(kept);
     }
 
-    /// Normalizes estimates and lower bounds, after states were dropped. Returns the logarithm of the
-    /// sum of the latter.
+    /// Normalises estimates and lower bounds after states were dropped. Returns the logarithm of
+    /// the sum of the lower bounds.
     pub(crate) fn close(&mut self) -> f64 {
         let sum: f64 = self.estimate.iter().sum();
         self.estimate.iter_mut().for_each(|p| *p /= sum);
         self.normalize()
     }
 
-    /// Normalizes the lower bounds. Returns the logarithm of their sum.
+    /// Scales all bounds so that the lower bounds sum to one. Returns the logarithm of their former
+    /// sum.
     fn normalize(&mut self) -> f64 {
-        // A sum of non-negative numbers has as many roundings as terms.
+        // `outside` was summed over at most the states in question: a sum of m non-negative numbers
+        // has a relative error of at most m roundings. None of the inactive states has more than
+        // their sum.
         let up = 1.0 + (self.states.len() + 4) as f64 * f64::EPSILON;
         self.others.outside *= up;
         self.others.elsewhere = self.others.elsewhere.min(self.others.outside);
@@ -201,9 +219,9 @@ impl Envelope {
         sum.ln()
     }
 
-    /// Removes the uncertainty of the scale: where most of the belief is in one state, s is
-    /// chosen so that this state is known exactly. Returns the logarithms of the divisor of the
-    /// lower bounds, and of an upper bound on the further divisor of s.
+    /// Removes uncertainty about the scale ("Forgetting" in the formulas): if most of the belief is
+    /// in one state, s is chosen anew so that this state is known exactly. Returns the logarithms
+    /// of the divisor of the lower bounds, and of an upper bound on the additional divisor of s.
     pub(crate) fn rebase(&mut self) -> (f64, f64) {
         let mut mode = 0;
         let mut rest = 0.0;
@@ -216,12 +234,14 @@ impl Envelope {
         let known = self.lower[mode];
         let ratio = self.excess[mode] / known;
         rest -= known;
-        // Gain at the mode, against the loss of the others.
+        // The deficit D changes by (1 − κ) ρ / (1 + ρ) − κ ρ, with κ = `known` of a total of one
+        // and ρ = `ratio`: rebase only if it falls. (False for a NaN or infinite ratio.)
         if !(ratio.is_finite() && rest / (1.0 + ratio) < known) {
             return (0.0, 0.0);
         }
-        // Dividing s by 1 + ratio makes the upper bound of the mode its lower one; all other lower
-        // bounds shrink by the same factor.
+        // s is divided by a number from 1 to 1 + ρ, so that s α of the mode equals its lower bound.
+        // The other upper bounds stay valid, and the other lower bounds shrink by 1 + ρ; `factor`
+        // is rounded down. A lower bound that becomes subnormal is set to 0.
         let factor = (1.0 - 4.0 * f64::EPSILON) / (1.0 + ratio);
         for (lower, excess) in self.lower.iter_mut().zip(&mut self.excess) {
             let reduced = *lower * factor;
@@ -233,7 +253,7 @@ impl Envelope {
         (self.normalize(), ratio.ln_1p())
     }
 
-    /// Returns an upper bound on the mass that the lower bounds miss, relative to their sum.
+    /// Returns D, an upper bound on the mass that the lower bounds miss, relative to their sum.
     pub(crate) fn deficit(&self) -> f64 {
         let up = 1.0 + (self.states.len() + 4) as f64 * f64::EPSILON;
         (self.excess.iter().sum::<f64>() + self.others.outside) * up
@@ -243,10 +263,11 @@ impl Envelope {
     pub(crate) fn bound(&self) -> f64 {
         let sum: f64 = self.lower.iter().sum();
         let deficit = self.deficit();
-        // Nothing is known: no two distributions are further apart than one.
+        // Nothing is known: one is the largest total variation there is.
         if sum == 0.0 || !deficit.is_finite() {
             return 1.0;
         }
+        // D / (K + D) with K = 1.
         let rounding = (self.states.len() + 8) as f64 * f64::EPSILON;
         (deficit / (1.0 + deficit) + rounding).min(1.0)
     }

@@ -1,13 +1,14 @@
-//! Exact steps while most states are active and nothing has been dropped, as from a wide prior.
+//! Exact steps while many states are active and nothing has been dropped, as from a wide prior
+//! ("From a wide belief" in section 13 of the [formulas](crate::guide::formulas)).
 //!
-//! Then the [`Envelope`] has one relative width: lower(i) ≤ s α(i) ≤ (1 + r) lower(i) with the same
-//! r for all states, and the lower bounds are the estimate. A step of the filter keeps that. It is
-//! linear and not negative, so that the limits go through it, and each of its results has a
-//! relative error e of at most d, its roundings together: s absorbs the lower side, 1 + e ≥ 1 − d,
-//! and r grows to (1 + r) (1 + d) / (1 − d) − 1. Here d is at most a quarter of the constant that
-//! [`Exact::advance`] adds to r. A result has all its digits if neither it nor what led to it is
-//! near the smallest double, which is asked of each step; a step for which it cannot be said is
-//! left to the general way.
+//! The [`Envelope`] then has one relative width: lower(i) ≤ s α(i) ≤ (1 + r) lower(i) with the same
+//! r for all states, and the lower bounds are the estimate. A step of the filter preserves that. It
+//! is linear and non-negative, so that the limits propagate through it, and each of its results has
+//! a relative error e of at most d, from all its roundings: s absorbs the lower side, 1 + e ≥ 1 −
+//! d, and r grows to (1 + r) (1 + d) / (1 − d) − 1. Here d is at most a quarter of the constant
+//! that [`Exact::advance`] adds to r. A result has all its digits if neither it nor the terms that
+//! led to it are near the smallest double. Each step is checked for that, and left to the general
+//! step if it cannot be shown.
 
 use super::PrunedFilterSnapshot;
 use super::active_set::ActiveSet;
@@ -20,27 +21,27 @@ use crate::inference::step::state::{BeliefForm, FilterSnapshot, StepScratch};
 use crate::likelihood::Likelihood;
 use crate::transition::Transition;
 
-/// Probability from which on a result of a step has all its digits: with entries of at least
-/// [`LEAST_ENTRY`] and the lift of a step, all that leads to it is a normal double.
+/// Probability at and above which a result of a step has all its digits: with entries of at least
+/// [`LEAST_ENTRY`] and the lift of a step, all terms that lead to it are normal doubles.
 const SMALL: f64 = 1e-270;
-/// Share of all states above which exact steps are taken. At this share lists take as long, on
-/// 27,143 places with five entries each; on few places they always do.
+/// Share of active states above which exact steps are taken. At this share steps over lists take as
+/// long, measured on 27,143 places with five entries each.
 const SHARE: f64 = 0.02;
-/// Number of states above which exact steps are taken on a small map.
+/// Number of active states above which exact steps are taken, on a small map.
 const FEW: f64 = 16.0;
-/// Largest relative width; no other has to be told from what was dropped.
+/// Largest relative width of an exact belief; a larger one is left to the general step.
 const WIDEST: f64 = 1e-6;
-/// Relative width that likelihoods scaled or in logarithms add: an exponential of up to −750
-/// has that times an epsilon, and its own roundings.
+/// Relative width added by likelihoods that are scaled or in logarithms: the exponential of a
+/// number down to −750 has a relative error of 750 epsilons, and its own roundings.
 const SCALED: f64 = 1000.0 * f64::EPSILON;
-/// Upper bound on twice what [`on_the_grid`] changes, relative to a width.
+/// Upper bound on twice the relative change that [`on_the_grid`] makes to a width.
 const GRID: f64 = 1.0 / (1 << 27) as f64;
 
-/// Memory of exact steps, and the belief as they take it.
+/// Memory of exact steps, with the belief as a vector over all states.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Exact {
     memory: Option<Box<Memory>>,
-    /// Relative width of the belief in `memory`, while that is the belief of the filter.
+    /// Relative width of the belief in `memory`, or `None` if that is not the filter's belief.
     width: Option<f64>,
 }
 
@@ -51,13 +52,13 @@ struct Memory {
 }
 
 impl Exact {
-    /// Notes that the belief of the filter is another.
+    /// Notes that the filter's belief is no longer the one in `memory`.
     pub(super) fn forget(&mut self) {
         self.width = None;
     }
 
-    /// Takes a step, if it is exact: replaces belief, bound and log-likelihood of the state, and
-    /// returns true. Otherwise nothing has changed.
+    /// Takes a step if it can be exact: replaces belief, bound and log-likelihood of the state, and
+    /// returns true. Otherwise changes nothing and returns false.
     pub(super) fn advance<A: Transition, B: Likelihood>(
         &mut self,
         step: &Step<'_, A, B>,
@@ -70,7 +71,8 @@ impl Exact {
             None => 1,
             Some(control) => match bounds {
                 Some(bounds) if bounds.smallest >= LEAST_ENTRY => {
-                    // A product with a stored matrix is known to sum its entries.
+                    // Only a product with a stored matrix is known to be the sum of its entries,
+                    // with at most `terms` roundings.
                     if step.hmm.transition().stored(control).is_none() {
                         return false;
                     }
@@ -87,13 +89,15 @@ impl Exact {
             Some(observation) => step.advance(observation, held, scratch, None),
             None => step.advance_unseen(held, scratch),
         };
-        // The general way has the errors of a pruned filter.
+        // Errors are left to the general step, which has those of a pruned filter.
         let Ok(outcome) = outcome else { return false };
+        // A lifted step with rounded tails may have lost states without noticing.
         let (after, watched) = match outcome.form {
             BeliefForm::Plain { .. } => (&scratch.output.lifted, true),
             _ => (&scratch.output.after, !step.hmm.rounds_tails()),
         };
         let is_scaled = observation.is_some() && outcome.normalizer == 0.0;
+        // Four times d, which is at most (terms + 16) roundings of EPSILON / 2 each.
         let rounding = 2.0 * (terms + 16) as f64 * f64::EPSILON;
         let rounding = rounding + if is_scaled { SCALED } else { 0.0 };
         let width = on_the_grid((width + rounding) * (1.0 + rounding) * (1.0 + GRID));
@@ -102,6 +106,9 @@ impl Exact {
         }
         let threshold = state.threshold(after.len());
         let Counts { kept, possible, small } = Counts::of(after, threshold);
+        // Stays exact as long as many states are above the threshold. The last exact step drops
+        // those below it; states that lack digits, below 1e-270, are among them unless the
+        // tolerance is almost 0.
         let stays = are_many(kept, after.len());
         if stays && small {
             return false;
@@ -118,12 +125,13 @@ impl Exact {
             active_set.follow(&[], &active.states);
         }
         if stays {
-            // D / (K + D) of the envelope, without its sums.
+            // D / (K + D) = r / (1 + r), without summing the envelope.
             let rounding = (after.len() + 8) as f64 * f64::EPSILON;
             state.bound = (width / (1.0 + width) + rounding).min(1.0);
             belief.commit(step.number, &outcome, scratch);
             self.width = Some(width);
         } else {
+            // States were dropped: closes the step as the general one does.
             state.log.add(active.close());
             let (rescaled, unknown) = active.rebase();
             state.log.add(rescaled);
@@ -135,11 +143,12 @@ impl Exact {
         true
     }
 
-    /// Takes over the belief of a state, if it has one relative width. Returns that.
+    /// Adopts the belief of a state if it has one relative width, and returns the width.
     fn begin(&mut self, state: &PrunedFilterSnapshot) -> Option<f64> {
         let Envelope { states, estimate, lower, excess, .. } = &state.belief;
         let n = state.states;
-        // A limit on the number of states may drop any of them.
+        // Excluded are a few active states, mass of inactive ones, and a limit on the number of
+        // active states, under which any of them may be dropped.
         if !are_many(states.len(), n) || state.belief.is_open() || state.pruning.most_active < n {
             return None;
         }
@@ -167,7 +176,8 @@ impl Exact {
     }
 }
 
-/// Returns true if exact steps are no slower for so many of all states than lists of them.
+/// Returns true if for this number of active states exact steps are no slower than steps over
+/// lists.
 fn are_many(active: usize, states: usize) -> bool {
     active as f64 > FEW + SHARE * states as f64
 }
@@ -178,7 +188,7 @@ struct Counts {
     kept: usize,
     /// Number above 0.
     possible: usize,
-    /// True if one of these may lack digits.
+    /// True if one of the possible states may lack digits.
     small: bool,
 }
 
@@ -194,17 +204,17 @@ impl Counts {
     }
 }
 
-/// Rounds a width to one of 28 binary digits, so that the quotient of any excess and its lower
-/// bound leads to the same to the bit: a snapshot need not have it. What is rounded away at first,
-/// below 4e-15, is less than a step adds beyond its roundings.
+/// Rounds a width to 28 binary digits. The quotient of any excess and its lower bound then rounds
+/// to the same width to the bit, so that a snapshot need not store it. The change by rounding the
+/// first width, below 4e-15, is less than the surplus that a step adds beyond its roundings.
 fn on_the_grid(width: f64) -> f64 {
     const UNIT: u64 = 1 << 25;
     f64::from_bits((width.to_bits() + UNIT / 2) & !(UNIT - 1))
 }
 
 impl Envelope {
-    /// Replaces the envelope by that of exact probabilities with one relative width, and counts
-    /// those up to a threshold as inactive.
+    /// Replaces the envelope by one of exact probabilities with one relative width, and counts
+    /// states up to a threshold as inactive.
     fn keep_exact(&mut self, exact: &[f64], threshold: f64, width: f64) {
         self.clear();
         self.others = Others::default();
@@ -212,6 +222,7 @@ impl Envelope {
             if p > threshold {
                 self.push(state, p, p, width * p);
             } else {
+                // At least `SMALL`, below which p may lack digits.
                 let most = (p * (1.0 + width) * ROUNDED_UP).max(SMALL);
                 self.others.elsewhere = self.others.elsewhere.max(most);
                 self.others.outside += most;

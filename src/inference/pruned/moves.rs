@@ -1,35 +1,37 @@
-//! Transition operator of a step, and bounds on its entries.
+//! Transition operator of a step, and bounds on its entries (R and m of section 13 of the
+//! [formulas](crate::guide::formulas)).
 //!
-//! A mass that is somewhere among the inactive states adds to a state at most the largest entry
-//! times all of it, or the largest row sum times the most that one of them has.
+//! If the inactive states have mass t in all and δ at most each, then one state receives at most
+//! m t (m the largest entry) and at most R δ (R the largest row sum) from them.
 
 use std::f64::consts::LN_2;
 
 use crate::transition::{Transition, TransitionEntries};
 
-/// Upper bound on the sum of a column.
+/// Upper bound on the sum of a stochastic column, including its tolerance of 1e-9 and rounding.
 const COLUMN: f64 = 1.0 + 1.1e-9;
-/// Relative error of an entry whose logarithm is on a grid.
+/// Relative error of an entry whose base-2 logarithm was rounded to the grid.
 const GRID: f64 = 4e-14;
-/// Relative rounding error for each unit of the logarithms, and for four more.
+/// Relative rounding error of an exponential, for each unit of the logarithms' sizes.
 const ROUNDING: f64 = f64::EPSILON;
-/// Largest exponent of two by which entries out of active states may be below the largest entry.
+/// Power of two by which the largest entry out of active states may fall short of the largest
+/// entry.
 const SPREAD: f64 = 500.0;
-/// Largest entry in linear form; above it, powers of two are taken out.
+/// Largest entry in linear form; above it, a power of two is taken out.
 const LARGEST: f64 = 1e30;
 
-/// Bounds on the entries of A: the largest entry, the largest sum of a row, and that of a column.
+/// Bounds on the entries of A: the largest entry, and the largest sums of a row and of a column.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Bounds {
     pub(crate) entry: f64,
     pub(crate) row: f64,
     pub(crate) column: f64,
-    /// Largest number of entries of a row, and smallest entry, where these have been counted.
+    /// Largest number of entries of a row and smallest entry, where these were counted; else 0.
     pub(crate) terms: usize,
     pub(crate) smallest: f64,
 }
 
-/// Form of the entries: numbers, or powers of two, of which a whole one is taken out.
+/// Form of the entries: numbers, or powers of two divided by a common whole one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum EntryForm {
     Linear,
@@ -49,8 +51,8 @@ pub(crate) struct Moves<'a, A: Transition> {
 impl Bounds {
     const NONE: Self = Self { entry: 0.0, row: 0.0, column: 0.0, terms: 0, smallest: 0.0 };
 
-    /// Computes the bounds on an operator without a control and without evidence, the same for
-    /// all steps. O(E).
+    /// Computes the bounds on an operator that is the same at all steps, without controls and
+    /// without evidence; `None` for others. O(E).
     pub(crate) fn constant<A: TransitionEntries>(transition: &A) -> Option<Self> {
         let control = transition.no_control()?;
         transition.check_control(control).ok()?;
@@ -59,7 +61,7 @@ impl Bounds {
         }
         let mut largest = Self { entry: 0.0, row: 0.0, column: COLUMN, terms: 0, smallest: 1.0 };
         for i in 0..transition.states() {
-            // A sum of m numbers above 0 is off by m roundings at most, relative to itself.
+            // A sum of m non-negative numbers has a relative error of at most m roundings.
             let (mut sum, mut terms) = (0.0, 0_u32);
             for (_, a) in transition.incoming(control, i) {
                 largest.entry = f64::max(largest.entry, a);
@@ -77,8 +79,8 @@ impl Bounds {
 }
 
 impl<'a, A: TransitionEntries> Moves<'a, A> {
-    /// Creates the operator of a step. For an open belief it needs the bounds, which for evidence
-    /// take O(E).
+    /// Creates the operator of a step. If inactive states may have mass (`is_open`), bounds on all
+    /// entries are needed; with evidence they take O(E).
     pub(crate) fn new(
         transition: &'a A,
         control: &'a A::Control,
@@ -86,11 +88,12 @@ impl<'a, A: TransitionEntries> Moves<'a, A> {
         constant: Option<Bounds>,
         (followed, is_open): (&[usize], bool),
     ) -> Self {
+        // Without constant bounds and evidence, columns still sum to one: no entry is larger.
         let unknown = Bounds { entry: COLUMN, row: f64::INFINITY, column: COLUMN, ..Bounds::NONE };
         let bounds = constant.unwrap_or(unknown);
         let mut moves = Self { transition, control, bounds, evidence, form: EntryForm::Linear };
-        // Without evidence, all entries are probabilities, and linear form is enough: products with
-        // a lifted belief keep their digits. Evidence may have any scale.
+        // Without evidence all entries are probabilities, and the linear form is sufficient:
+        // products with a lifted belief keep their digits. Evidence may have any scale.
         if evidence.is_some() {
             if transition.entries_need_logs(control) {
                 return moves.in_powers_of_two(followed, is_open);
@@ -105,15 +108,15 @@ impl<'a, A: TransitionEntries> Moves<'a, A> {
         moves
     }
 
-    /// Switches to entries as powers of two. The largest is near one; if it is far above the
-    /// largest entry out of an active state, that one is near 2^-500.
+    /// Switches to entries as powers of two, scaled so that the largest is near one; but if the
+    /// largest entry out of an active state is far below, that one is near 2^-500.
     pub(crate) fn in_powers_of_two(mut self, followed: &[usize], is_open: bool) -> Self {
         let largest = |states: &mut dyn Iterator<Item = usize>| {
             let entries = states.flat_map(|j| self.transition.outgoing_log2(self.control, j));
             entries.map(|entry| entry.1).fold(f64::NEG_INFINITY, f64::max)
         };
-        // Near the largest entry out of an active state: what the belief leads to must keep its
-        // digits, and of all others only bounds are needed.
+        // At most 2^500 above the largest entry out of an active state: states that the belief
+        // leads to must keep their digits, whereas for all others bounds suffice.
         let likely = largest(&mut followed.iter().copied());
         let all = if is_open { largest(&mut (0..self.transition.states())) } else { likely };
         let near = all.min(if likely.is_finite() { likely + SPREAD } else { all });
@@ -130,7 +133,8 @@ impl<'a, A: TransitionEntries> Moves<'a, A> {
         self.form != EntryForm::Linear
     }
 
-    /// Returns the logarithm of the factor taken out of the entries, with that of the evidence.
+    /// Returns the logarithm of the factor taken out of the entries, including that of the
+    /// evidence.
     pub(crate) fn log_factor(&self) -> f64 {
         let taken_out = match self.form {
             EntryForm::Linear => 0.0,
@@ -139,8 +143,8 @@ impl<'a, A: TransitionEntries> Moves<'a, A> {
         taken_out + self.evidence.unwrap_or(0.0)
     }
 
-    /// Passes on the entries into a state, each with a bound on its relative error. Those below
-    /// 2.2e-308 are 0, and may be up to twice that.
+    /// Passes the entries into a state to `add`, each with a bound on its relative error. Powers of
+    /// two below 2.2e-308 are passed as 0, and may truly be up to twice 2.2e-308.
     #[inline]
     pub(crate) fn incoming(&self, to: usize, mut add: impl FnMut(usize, f64, f64)) {
         match self.form {
@@ -172,6 +176,7 @@ impl<'a, A: TransitionEntries> Moves<'a, A> {
     fn largest(&self) -> Bounds {
         let mut bounds = Bounds::NONE;
         for state in 0..self.transition.states() {
+            // A row for the bounds m and R, then a column.
             let mut line = Line::default();
             self.incoming(state, |_, a, off| line.add(a, off));
             (bounds.entry, bounds.row) =
@@ -187,10 +192,11 @@ impl<'a, A: TransitionEntries> Moves<'a, A> {
 fn add_power(log2: f64, taken_out: f64, mut add: impl FnMut(f64, f64)) {
     let difference = log2 - taken_out;
     let a = difference.exp2();
-    // A subnormal power has lost digits; as 0 it has the bound that its caller adds.
+    // A subnormal power has lost digits. As 0 it is covered by the 2 · 2.2e-308 that callers add to
+    // upper bounds.
     let a = if a < f64::MIN_POSITIVE { 0.0 } else { a };
-    // The logarithm itself was rounded as a number of its size, which evidence of 1e5 nats makes
-    // large; the difference and the power round once more each.
+    // The logarithm was rounded relative to its size, which is large for evidence of 1e5 nats; the
+    // difference rounds relative to its own, and exp2 once more.
     add(a, GRID + (log2.abs() + difference.abs() + 4.0) * ROUNDING);
 }
 

@@ -1,5 +1,5 @@
-//! State of a pruned filter, as plain data, and its formats. Section 13 of the
-//! [formulas](crate::guide::formulas) says what its numbers bound.
+//! State of a pruned filter as plain data, and its formats. Section 13 of the
+//! [formulas](crate::guide::formulas) defines its bounds.
 
 use std::ops::{Deref, RangeInclusive};
 
@@ -18,8 +18,8 @@ use crate::inference::streams::format::{
 use crate::likelihood::LocalLikelihood;
 use crate::transition::TransitionEntries;
 
-/// State of a pruned filter after k steps, with its certificate and its limits: plain data, to be
-/// kept, compared, sent elsewhere and restored. Memory: 32 bytes for each active state.
+/// State of a pruned filter after k steps, with its certificate and its limits: plain data that can
+/// be kept, compared, sent elsewhere and restored. Memory: 32 bytes for each active state.
 ///
 /// ```
 /// # use wayfix::inference::Pruning;
@@ -46,12 +46,12 @@ pub struct PrunedFilterSnapshot {
     pub(crate) pruning: Pruning,
     pub(crate) belief: Envelope,
     pub(crate) bound: f64,
-    /// Lower bound on ln p(y_1 … y_k); the upper bound adds `log_excess` and the deficit.
+    /// Lower bound on ln p(y_1 … y_k). The upper bound is higher by `log_excess` and the deficit.
     pub(crate) log: LogSum,
     pub(crate) log_excess: LogSum,
-    /// True if nothing is known of the likelihood any more.
+    /// True if nothing is known about the likelihood any more.
     pub(crate) log_lost: bool,
-    /// Part of the tolerance that a step may drop.
+    /// Share of the tolerance that a step may drop.
     pub(crate) share: f64,
 }
 
@@ -99,20 +99,22 @@ impl PrunedFilterSnapshot {
         best.0
     }
 
-    /// Interval that contains ln p(y_1 … y_k), up to rounding, over the observations so far.
+    /// Interval that contains the log-likelihood ln p(y_1 … y_k) of the observations so far, up to
+    /// rounding.
     #[must_use]
     pub fn log_likelihood(&self) -> RangeInclusive<f64> {
-        // Without a lower bound on any state nothing is known of later steps either.
+        // Once all lower bounds were 0, the scale is unknown at that step and all later ones.
         if self.log_lost {
             return f64::NEG_INFINITY..=f64::INFINITY;
         }
+        // From K / s to (K + D) / s, with K = 1 and s known up to the product of the 1 + ρ.
         let low = self.log.value();
         low..=low + self.log_excess.value() + self.belief.deficit().ln_1p()
     }
 
     /// Returns the state as bytes, in the format of
-    /// [`FilterSnapshot`](crate::inference::FilterSnapshot::to_bytes): some 32 for each active
-    /// state, and 180.
+    /// [`FilterSnapshot`](crate::inference::FilterSnapshot::to_bytes): about 32 bytes for each
+    /// active state, and 180 more.
     #[must_use]
     pub fn to_bytes(&self) -> Vec<u8> {
         Writer::whole(Kind::Pruned, |out| self.write(out))
@@ -122,17 +124,17 @@ impl PrunedFilterSnapshot {
     ///
     /// # Errors
     ///
-    /// [`SnapshotError`] if the bytes are damaged, or not those of such a state.
+    /// [`SnapshotError`] if the bytes are damaged, or not of such a state.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, SnapshotError> {
         Reader::whole(bytes, Kind::Pruned, Self::read)?.checked().map_err(contents)
     }
 
-    /// Creates a state of no model, whose fields are read next.
+    /// Creates an empty state, whose fields are read next.
     pub(crate) fn blank() -> Self {
         Self::start(0, Pruning::default())
     }
 
-    /// Creates a state before any step, whose belief is still to come.
+    /// Creates the state before any step, whose belief is set next.
     pub(super) fn start(states: usize, pruning: Pruning) -> Self {
         let zero = LogSum::default();
         Self {
@@ -148,7 +150,7 @@ impl PrunedFilterSnapshot {
         }
     }
 
-    /// Checks that all numbers can be those of a filter; they may be damaged.
+    /// Checks that the numbers, which may be damaged, can be those of a filter.
     pub(crate) fn checked(self) -> Result<Self, String> {
         let Self { states, steps, belief, bound, share, .. } = &self;
         if *steps > MOST_STEPS {
@@ -159,17 +161,18 @@ impl PrunedFilterSnapshot {
         {
             return Err(format!("the active states are not below {states} in ascending order"));
         }
+        // Non-negative; ∞ is valid in an upper bound. (Lengths and sums are checked below.)
         let values = [&belief.estimate, &belief.lower, &belief.excess];
         let others = [belief.others.elsewhere, belief.others.outside];
         for value in values.into_iter().flatten().chain(&others) {
             if value.is_nan() || *value < 0.0 {
-                return Err(format!("{value} is in the belief, expected at least 0"));
+                return Err(format!("a number of the belief is {value}, expected at least 0"));
             }
         }
         let sum: f64 = belief.estimate.iter().sum();
         if values.iter().any(|values| values.len() != belief.states.len()) {
             return Err(format!(
-                "{}, {} and {} numbers of {} active states",
+                "{}, {} and {} numbers for {} active states",
                 belief.estimate.len(),
                 belief.lower.len(),
                 belief.excess.len(),
@@ -179,7 +182,7 @@ impl PrunedFilterSnapshot {
         if (sum - 1.0).abs() > SUM_TOLERANCE {
             return Err(format!("the probabilities sum to {sum}, expected 1"));
         }
-        // All 0: nothing is known. A filter goes on from that, too.
+        // All 0 means that nothing is known, which is a valid state of a filter.
         let lower: f64 = belief.lower.iter().sum();
         if lower != 0.0 && (lower - 1.0).abs() > SUM_TOLERANCE {
             return Err(format!("the lower bounds sum to {lower}, expected 1 or 0"));
@@ -198,6 +201,7 @@ impl PrunedFilterSnapshot {
                 "the log-likelihood is the sum of {sum} and {lost}, expected finite values"
             ));
         }
+        // The excess may have become infinite, but never negative.
         let LogSum { sum, lost } = self.log_excess;
         if !(lost.is_finite() && self.log_excess.value() >= 0.0) {
             return Err(format!(
@@ -221,18 +225,18 @@ where
         self.state.clone()
     }
 
-    /// Restores a snapshot, of this filter or another, and takes over its limits on the pruning.
-    /// Allocates nothing, unless the active states are more than ever before. O(active states).
+    /// Restores a snapshot of this filter or another, and adopts its limits on the pruning.
+    /// Allocates nothing unless there are more active states than ever before. O(active states).
     ///
     /// # Errors
     ///
-    /// [`InferenceError::StateCount`] if it has another number of states.
+    /// [`InferenceError::StateCount`] if the snapshot has another number of states.
     pub fn restore(&mut self, snapshot: &PrunedFilterSnapshot) -> Result<(), InferenceError> {
         let (found, expected) = (snapshot.states, self.model.states());
         if found != expected {
             return Err(InferenceError::StateCount { what: "snapshot", found, expected });
         }
-        // Into the memory of the next belief, which is swapped in as by a step.
+        // Copied into the memory of the next belief, which is swapped in as after a step.
         self.scratch.next.copy_from(&snapshot.belief);
         self.scratch.replace(&mut self.state, snapshot);
         Ok(())

@@ -1,7 +1,8 @@
-//! Verbs of the pruned filter, and the step that they share: prediction, update, pruning.
+//! Steps of the pruned filter: prediction, update, pruning (section 13 of the
+//! [formulas](crate::guide::formulas)).
 //!
-//! Each part of the step keeps the bounds of the [`Envelope`](super::Envelope) true: a step that drops
-//! states moves their upper bounds to those of all other states.
+//! Each part keeps the bounds of the [`Envelope`](super::Envelope) valid. Dropping a state moves
+//! its upper bound to that of the inactive states.
 
 use std::mem;
 use std::ops::Deref;
@@ -21,25 +22,26 @@ use crate::likelihood::{Diagonal, LocalLikelihood, Scratch, check_local};
 use crate::transition::{NoControl, TransitionEntries};
 use wayfix_kernels::limits;
 
-/// Largest part of the tolerance that a step may drop, and the first one. It is so small because
-/// an observation that contradicts the belief multiplies the dropped mass, and because ten times
-/// as small a part takes hardly more states.
+/// Initial and largest share of the tolerance that a step may drop. It is this small because an
+/// observation that contradicts the belief multiplies the dropped mass, and because a tenth of the
+/// share needs hardly more states.
 pub(crate) const LARGEST_SHARE: f64 = 1e-8;
-/// Range of the sums of predictions with evidence that `f64` holds, lifted and weighed.
+/// Sums of predictions with evidence in linear form. Within this range, lifted and weighted values
+/// stay within `f64`.
 const SUMS: std::ops::RangeInclusive<f64> = 1e-100..=1e30;
-/// Smallest part of the tolerance that a step may drop.
+/// Smallest share of the tolerance that a step may drop.
 pub(crate) const LEAST_SHARE: f64 = 1e-30;
-/// Part of the tolerance from which on the bound makes steps drop less.
+/// Share of the tolerance above which the bound makes steps drop less.
 const NEAR: f64 = 1e-3;
 /// Factors on the share from one step to the next: if the bound is above [`NEAR`], and otherwise.
 const LESS: f64 = 0.1;
 const MORE: f64 = 1.01;
 
-/// Memory of steps, and where the active states are.
+/// Memory of steps, and the index of the active states.
 #[derive(Debug, Clone)]
 pub(super) struct PrunedScratch {
     pub(super) next: Envelope,
-    /// Follows the belief of the state.
+    /// Index of the active states of the present belief.
     pub(super) active_set: ActiveSet,
     exact: Exact,
     wide: Wide,
@@ -61,15 +63,15 @@ impl PrunedScratch {
         }
     }
 
-    /// Replaces a state by another, whose belief is in `next`; the memory of the former belief is
-    /// that of the next one.
+    /// Replaces a state by another whose belief is in `next`. The memory of the old belief becomes
+    /// that of `next`.
     pub(super) fn replace(
         &mut self,
         state: &mut PrunedFilterSnapshot,
         other: &PrunedFilterSnapshot,
     ) {
         self.exact.forget();
-        // Touches the states of both beliefs alone: the index of n entries is never cleared.
+        // Touches only the states of both beliefs: the index of n entries is never cleared.
         self.active_set.follow(&state.belief.states, &self.next.states);
         mem::swap(&mut state.belief, &mut self.next);
         let belief = mem::take(&mut state.belief);
@@ -90,13 +92,13 @@ where
     /// no transition, and its control is ignored.
     ///
     /// With [evidence on the move](crate::Transition::evidence), a step takes O(E) once something
-    /// has been dropped, for bounds on its entries; from then on it is no faster than that of a
+    /// has been dropped, for bounds on its entries; it is then no faster than that of a
     /// [`Filter`](crate::Filter).
     ///
     /// # Errors
     ///
     /// [`InferenceError`] with the step; the filter is then unchanged.
-    /// [`Impossible`](InferenceError::Impossible) if the model rules the observation out,
+    /// [`Impossible`](InferenceError::Impossible) if the model rules out the observation,
     /// [`Pruned`](InferenceError::Pruned) if it is ruled out in all active states, but perhaps
     /// not in one that was dropped.
     pub fn step_with(
@@ -110,7 +112,7 @@ where
     }
 
     /// Predicts under `control` alone: one time step without an observation. The log-likelihood
-    /// stays, except for evidence on the move.
+    /// does not change, except by evidence on the move.
     ///
     /// # Errors
     ///
@@ -122,11 +124,11 @@ where
         self.advance(number, control, None)
     }
 
-    /// Updates with an observation alone, without a time step: for a further sensor at the same
+    /// Updates with an observation alone, without a time step: for another sensor at the same
     /// step, or after [`predict_with`](Self::predict_with). Returns the certificate of the
     /// belief.
     ///
-    /// Before any step, it is an observation of X_0, and errors call it step 0; but under
+    /// Before any step this is an observation of X_0, and errors name step 0; but under
     /// [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) it takes step 1.
     ///
     /// # Errors
@@ -151,7 +153,7 @@ where
         self.step_with(&A::Control::NONE, observation)
     }
 
-    /// Predicts alone: one time step without an observation. The log-likelihood stays.
+    /// Predicts alone: one time step without an observation. The log-likelihood does not change.
     ///
     /// # Errors
     ///
@@ -180,13 +182,14 @@ where
         let evidence = step.evidence()?;
         let PrunedFilterSnapshot { belief, .. } = state;
         wanted.clear();
-        // If nothing was ever dropped, no other state can have any mass.
+        // States that the sensor names matter only if inactive states may have mass.
         if let Some(observation) = observation.filter(|_| belief.is_open()) {
             model.likelihood().listed_states(observation, wanted);
         }
         let operator = control.map(|control| (model.transition(), control));
         let is_wide = Wide::is_for(belief, model.transition(), control, bounds.as_ref());
-        // Candidates before likelihoods: the sensor is only asked about states that can matter.
+        // Candidates first, likelihoods second: the sensor is asked only about states that can
+        // matter.
         match operator {
             Some(operator) if is_wide => wide.predict(belief, operator, wanted, active_set),
             _ => active_set.list(&belief.states, operator, wanted),
@@ -207,7 +210,8 @@ where
         let mut moves = control.map(|control| {
             Moves::new(model.transition(), control, evidence, *bounds, (&belief.states, is_open))
         });
-        // The bounds of an open belief come from all entries, so that 0 means that there is none.
+        // The bounds for an open belief come from all entries: a column bound of 0 means that there
+        // are no entries above 0.
         let nothing = |moves: &Moves<'_, A>| {
             if is_open { moves.bounds.column == 0.0 } else { candidates.is_empty() }
         };
@@ -220,27 +224,31 @@ where
             next.predict(belief, moves.as_ref(), active_set)
         };
         if evidence.is_none() {
-            // A candidate that the operator did not list would be missing: it breaks its contract.
+            // A sum other than one means that the operator did not list some states that its
+            // entries lead to: it breaks its contract.
             if !limits::is_one(predicted.sum) {
                 return Err(InferenceError::PredictedSum { step: number, sum: predicted.sum });
             }
         } else if !SUMS.contains(&predicted.sum)
             && moves.as_ref().is_some_and(|moves| !moves.is_in_powers_of_two())
         {
+            // Again with the scale of the evidence taken out of the entries.
             moves = moves.map(|moves| moves.in_powers_of_two(&belief.states, is_open));
             predicted = next.predict(belief, moves.as_ref(), active_set);
         }
         if !(0.0..=f64::MAX).contains(&predicted.sum) {
             return Err(InferenceError::PredictedSum { step: number, sum: predicted.sum });
         }
-        // Scaled by the likely states, not by all: those that the belief leads to must keep their
-        // digits, and the others have bounds.
+        // Scaled by the states that the belief leads to, not by all: these must keep their digits,
+        // whereas bounds suffice for the others.
         let log_factor = moves.map_or(0.0, |moves| moves.log_factor());
         let likely = values.iter().zip(&next.estimate).filter(|entry| *entry.1 > 0.0);
         let none = if local.is_log() { f64::NEG_INFINITY } else { 0.0 };
         let likely = likely.map(|b| *b.0).fold(none, f64::max);
         let weights = Weights::new(&local, others, largest, likely);
         let raw = next.weigh(predicted, values, &weights);
+        // No active state explains the observation. Without any excess that is exact; with some, a
+        // state that was dropped might explain it.
         if raw.estimate < f64::MIN_POSITIVE {
             let proven = raw.excess == 0.0;
             return Err(if proven {
@@ -253,7 +261,7 @@ where
         let PrunedFilterSnapshot { pruning, belief, .. } = state;
         let log = next.settle(&raw, threshold, pruning.most_active.max(1), values);
         let (rescaled, unknown) = next.rebase();
-        // From here on nothing fails.
+        // Commit: nothing can fail from here.
         exact.forget();
         active_set.follow(&belief.states, &next.states);
         mem::swap(belief, next);
@@ -261,7 +269,7 @@ where
         state.log.add(log + weights.log_factor + log_factor);
         state.log.add(rescaled);
         state.log_excess.add(unknown);
-        // Sums that have become infinite stay so; what they have lost is no number then.
+        // Sums that have become infinite stay so; their compensation is NaN then, and cleared.
         (state.log, state.log_excess) = (state.log.known(), state.log_excess.known());
         state.log_lost |= !state.belief.is_known();
         state.bound = state.belief.bound();
@@ -271,19 +279,19 @@ where
 }
 
 impl PrunedFilterSnapshot {
-    /// Returns the probability up to which a step with so many candidates drops states: below
-    /// their mean, so that the largest is kept.
+    /// Returns the probability up to which a step with this number of candidates drops states. It
+    /// is below the mean of the candidates, so that the most probable one is kept.
     pub(super) fn threshold(&self, candidates: usize) -> f64 {
         let count = candidates as f64;
         let threshold = self.pruning.tolerance.max(0.0) * self.share / count;
         threshold.clamp(LEAST_KEPT, 0.5 / count)
     }
 
-    /// Drops less where the bound nears the tolerance, and slowly more where it is far from it.
+    /// Adapts the share: less if the bound is near the tolerance, slowly more if it is far below.
     fn adapt(&mut self) {
         let used = self.bound / self.pruning.tolerance;
-        // Fast down and slowly up: one observation that contradicts the belief may multiply what
-        // was dropped.
+        // Down fast and up slowly: one observation that contradicts the belief may multiply the
+        // mass that was dropped.
         let factor = if used > NEAR { LESS } else { MORE };
         self.share = (self.share * factor).clamp(LEAST_SHARE, LARGEST_SHARE);
     }

@@ -1,14 +1,15 @@
-//! Likelihoods of single states, with bounds on those outside the range of `f64`.
+//! Likelihoods of single states, with bounds on those outside the range of `f64`: b⁻ and b⁺ of
+//! section 13 of the [formulas](crate::guide::formulas), "Rounding".
 
 use crate::likelihood::Diagonal;
 
-/// Largest exponent of two by which the likelihood of a state to which the belief leads may be
-/// below the largest of all: the remaining range of `f64` then holds both.
+/// Power of two by which the likelihoods of states that the belief leads to may fall short of the
+/// largest of all, so that the range of `f64` holds both.
 const SPREAD: f64 = 500.0;
-/// Range of factors for which likelihoods are not scaled.
+/// Range of factors that are not divided out.
 const UNSCALED: std::ops::RangeInclusive<f64> = 1.0 / 65536.0..=65536.0;
 
-/// Likelihood divided by a factor that is the same for all states, with lower and upper bounds.
+/// Likelihood divided by a factor common to all states, with lower and upper bounds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Weight {
     pub(crate) value: f64,
@@ -16,22 +17,22 @@ pub(crate) struct Weight {
     pub(crate) most: f64,
 }
 
-/// Likelihoods of a step, divided by a factor near the largest of them, or of those of states to
-/// which the belief leads, if these are far below it.
+/// Common divisor of the likelihoods of a step: near the largest of them or, if those of the states
+/// that the belief leads to are far below that, within 2^500 of the largest of these.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Weights {
     is_log: bool,
     /// Common factor, or its logarithm.
     factor: f64,
-    /// Upper bound on the weight of any state that is not listed.
+    /// Upper bound on the weight of any state that the sensor was not asked about.
     pub(crate) others: f64,
     pub(crate) log_factor: f64,
 }
 
 impl Weights {
-    /// Creates the weights from the likelihoods of some states, the bound on those of others, the
-    /// largest of all, and the largest of those of states to which the belief leads, all in one
-    /// form.
+    /// Creates the weights from the likelihoods of some states, the bound on those of all others,
+    /// the largest of all, and the largest among the states that the belief leads to (`likely`),
+    /// all in one form.
     pub(crate) fn new(local: &Diagonal<'_>, others: f64, largest: f64, likely: f64) -> Self {
         let is_log = local.is_log();
         let (factor, log) = if is_log {
@@ -42,7 +43,7 @@ impl Weights {
         } else {
             let most = if likely > 0.0 { likely * SPREAD.exp2() } else { f64::INFINITY };
             let factor = largest.min(most);
-            // Likelihoods near one are not divided, which would round them.
+            // If the factor is near one, likelihoods are not divided, which would round them.
             let unscaled = UNSCALED.contains(&factor) || factor == 0.0;
             let factor = if unscaled { 1.0 } else { factor };
             (factor, factor.ln())
@@ -58,11 +59,14 @@ impl Weights {
     pub(crate) fn of(&self, b: f64) -> Weight {
         let (value, off) = if self.is_log {
             let log = b - self.factor;
-            // The difference and the exponential each have a rounding.
+            // The difference rounds relative to |log|, which becomes a relative error of the
+            // exponential; exp adds its own.
             (log.exp(), (log.abs() + 4.0) * f64::EPSILON)
         } else {
             (if self.factor == 1.0 { b } else { b / self.factor }, 0.0)
         };
+        // Only a likelihood of 0 excludes a state. A quotient that underflows or overflows is
+        // known only to lie below 2^-1021, or above the largest double.
         if b == if self.is_log { f64::NEG_INFINITY } else { 0.0 } {
             Weight { value: 0.0, least: 0.0, most: 0.0 }
         } else if value < f64::MIN_POSITIVE {

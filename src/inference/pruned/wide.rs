@@ -1,4 +1,8 @@
-//! Prediction from many states at once, by products with the whole matrix.
+//! Prediction from many active states at once, by products with the whole matrix.
+//!
+//! The sums of section 13 of the [formulas](crate::guide::formulas) are linear in the belief, so
+//! that each is a product of A with a vector over all states: the estimates, the lower bounds, the
+//! excess, and the indicator of the inactive states.
 
 use super::advance::Sums;
 use super::envelope::{Envelope, PRUNED_LIFT};
@@ -7,16 +11,16 @@ use crate::inference::pruned::active_set::ActiveSet;
 use crate::transition::Transition;
 use wayfix_kernels::Aligned;
 
-/// Share of all states above which products go through the whole matrix: at this share they take
-/// about as long as listing the states and looking up each entry, on 27,143 places with five
-/// entries each; with all states active, half as long.
+/// Share of active states above which products with the whole matrix are used. At this share they
+/// take about as long as listing the states and looking up each entry, measured on 27,143 places
+/// with five entries each; with all states active, half as long.
 pub(crate) const WIDE: f64 = 0.2;
-/// Smallest entry whose products with the kept parts of a belief are above 0.
+/// Smallest entry for which products with lifted values above 1e-290 do not underflow to 0.
 pub(crate) const LEAST_ENTRY: f64 = 1e-200;
-/// Limit on the excess for sums over all states not to overflow.
+/// Largest excess for which sums over all states do not overflow.
 const LARGEST_EXCESS: f64 = 1e20;
 
-/// Memory for wide predictions, and the results of the last one.
+/// Memory of wide predictions, and the results of the last one.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Wide {
     memory: Option<Box<Memory>>,
@@ -33,9 +37,9 @@ struct Memory {
 }
 
 impl Wide {
-    /// Returns true if a step uses products: from many states, by a stored matrix that is the
-    /// same at all steps and without evidence, whose products are then the sums over its entries,
-    /// of any order.
+    /// Returns true if a step should use products: from many states, by a stored matrix that is the
+    /// same at all steps and has no evidence. Its products are sums over its entries, in some
+    /// order.
     pub(crate) fn is_for<A: Transition>(
         before: &Envelope,
         transition: &A,
@@ -49,7 +53,7 @@ impl Wide {
             && transition.stored(control).is_some()
     }
 
-    /// Computes the products, and lists the states to which the step leads.
+    /// Computes the products, and lists the states that the step leads to.
     pub(crate) fn predict<A: Transition>(
         &mut self,
         before: &Envelope,
@@ -68,7 +72,7 @@ impl Wide {
         let products =
             [(&before.estimate, estimate), (&before.lower, lower), (&before.excess, excess)];
         for (values, out) in products {
-            // Without excess, as at first, a product is saved.
+            // The product of zeros, as of the excess at first, is saved.
             if values.iter().all(|value| *value == 0.0) {
                 out.fill(0.0);
                 continue;
@@ -80,21 +84,22 @@ impl Wide {
             transition.apply(control, x, out);
         }
         if before.is_open() {
-            // One in each inactive state: the product is the sum of the entries out of them.
+            // One for each inactive state: the product is the sum of the entries out of these.
             x.fill(1.0);
             before.states.iter().for_each(|&state| x[state] = 0.0);
             transition.apply(control, x, beyond);
         } else {
             beyond.fill(0.0);
         }
-        // An active state has an estimate or an excess above 1e-290, or is of the prior: no
-        // product with an entry has become 0.
+        // An active state has an estimate or an excess above 1e-290, or a positive probability in
+        // the prior: lifted and multiplied by an entry of at least 1e-200 it is above 0.
         let leads = memory.estimate.iter().zip(&*memory.excess);
         let leads = leads.map(|(estimate, excess)| *estimate > 0.0 || *excess > 0.0);
         active_set.list_reached(leads, wanted);
     }
 
-    /// Returns the sums over the entries into a state, of the last prediction.
+    /// Returns a function that gives the sums over the entries into a state, from the last
+    /// prediction.
     pub(crate) fn sums<A: Transition>(
         &self,
         moves: Option<&Moves<'_, A>>,

@@ -1,5 +1,5 @@
-//! Forward pass over a whole sequence: section 2 of the [formulas](crate::guide::formulas), with
-//! the steps of a filter, and so its results to the bit.
+//! Forward pass over a whole sequence (section 2 of the [formulas](crate::guide::formulas)), by the
+//! steps of a filter, and so with its results to the bit.
 
 use super::posteriors::Posteriors;
 use crate::error::InferenceError;
@@ -24,7 +24,7 @@ pub struct FilteredSequence {
 }
 
 impl FilteredSequence {
-    /// Creates the result of a routine that takes no step in logarithms.
+    /// Creates the result of a routine that takes no steps in logarithms.
     pub(crate) fn new(
         posteriors: Posteriors,
         log_likelihoods: Vec<f64>,
@@ -70,9 +70,9 @@ impl FilteredSequence {
 impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// Filters a whole sequence: the forward pass (paper eq. 10), scaled.
     ///
-    /// Results equal those of a [filter](Self::filter), to the bit; for more than 64 steps with
-    /// up to eight states and no control, up to rounding, and many times as fast. Costs one
-    /// product with A and O(n) a step; the result holds n (T + 1) numbers.
+    /// Results equal those of a [filter](Self::filter) to the bit; for more than 64 steps with up
+    /// to eight states and no control they are equal up to rounding, and computed many times
+    /// faster. Costs one product with A and O(n) a step; the result holds n (T + 1) numbers.
     ///
     /// ```
     /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
@@ -93,8 +93,8 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
-        // An engine that cannot say what a step would says nothing, and the steps below start
-        // over: they know all errors, and logarithms.
+        // The engine for few states returns `None` for anything out of the ordinary. Then the
+        // steps below start over: they report every error, and can use logarithms.
         if choice::is_whole(self.states(), sequence.steps())
             && let Some((rows, logs, log_likelihood)) = few_states::filter(self, sequence)
         {
@@ -111,8 +111,8 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// Returns ln p(y_1 … y_T), without storing anything for each step.
     ///
     /// Costs one product with A and O(n) a step, and O(n) memory. Equals the sum of the
-    /// logarithms that a [filter](Self::filter) returns; with up to eight states and no control
-    /// up to rounding, and several times as fast.
+    /// logarithms that a [filter](Self::filter) returns; with up to eight states and no control it
+    /// is equal up to rounding, and computed several times faster.
     ///
     /// ```
     /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
@@ -142,6 +142,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         {
             return Ok(log_likelihood);
         }
+        // The same steps without rows: the state sums the logarithms in the same order.
         let prior = self.prior().belief().as_slice();
         let (mut state, mut scratch) = (FilterSnapshot::start(prior), StepScratch::new(prior));
         for number in 1..=sequence.steps() {

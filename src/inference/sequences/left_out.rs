@@ -1,8 +1,8 @@
-//! Distributions of each step without its own observation: given those before it, and given all
-//! others (sections 2 and 3 of the [formulas](crate::guide::formulas)).
+//! Distributions of each step without its own observation: given the observations before it, and
+//! given all others (sections 2 and 3 of the [formulas](crate::guide::formulas)).
 //!
-//! γ_k divided by the likelihood of y_k would lose the states that y_k rules out. So the way back takes
-//! β_k itself, in logarithms, as it may leave the range of doubles at any step.
+//! γ_k divided by the likelihood of y_k would lose the states that y_k rules out. So the backward
+//! pass computes β_k itself, in logarithms, since it may leave the range of doubles at any step.
 
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
@@ -13,7 +13,7 @@ use crate::likelihood::{Likelihood, Scratch};
 use crate::sequence::Sequence;
 use crate::transition::Transition;
 
-/// Distributions of X_k for k = 1 … T, a row of n numbers each.
+/// Distributions of X_k for k = 1 … T, in rows of n numbers.
 pub struct LeftOut {
     /// p(X_k | y_1 … y_{k-1})
     pub predicted: Vec<f64>,
@@ -21,7 +21,8 @@ pub struct LeftOut {
     pub others: Vec<f64>,
 }
 
-/// Returns both distributions of all steps. One product with A a step, and one with A' in logarithms.
+/// Returns both distributions of all steps, by one product with A for each step, and one with A' in
+/// logarithms.
 ///
 /// # Errors
 ///
@@ -34,7 +35,7 @@ where
 {
     let (n, steps, prior) = (hmm.states(), sequence.steps(), hmm.prior().belief().as_slice());
     let (mut state, mut scratch) = (FilterSnapshot::start(prior), StepScratch::new(prior));
-    // Logarithms of predictions first, which the way back replaces by the distributions.
+    // `others` first holds ln p_k, which the backward pass replaces by the distributions.
     let (mut predicted, mut others) = (Vec::with_capacity(n * steps), vec![0.0; n * steps]);
     for (number, row) in (1..).zip(others.chunks_exact_mut(n)) {
         let step = Step::of(hmm, sequence, number);
@@ -45,6 +46,8 @@ where
         let update = Step { hmm, number, control: None };
         state.advance(&update, sequence.observation(number), &mut scratch)?;
     }
+    // `back` is ln β_k up to a constant: p(X_k | all others) ∝ p_k ∘ β_k, then
+    // β_{k-1} = A' (b_k ∘ β_k) (paper eq. 12).
     let (mut back, mut next) = (vec![0.0; n], vec![0.0; n]);
     let mut memory = Scratch::default();
     for (before, row) in others.chunks_exact_mut(n).enumerate().rev() {
@@ -61,7 +64,7 @@ where
             hmm.transition().apply_transpose_log(control, &back, &mut next);
             std::mem::swap(&mut back, &mut next);
         }
-        // Any scale is as good; without one, the logarithms would grow and lose their digits.
+        // β may have any scale; without this, its logarithms would grow and lose digits.
         let largest = back.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         if largest.is_finite() {
             back.iter_mut().for_each(|back| *back -= largest);

@@ -1,8 +1,9 @@
-//! Routines for many sequences, in lanes where the model allows it and in parallel with the feature
-//! `rayon`.
+//! Routines for many sequences, in lanes where the model allows it, and in parallel with the
+//! feature `rayon`.
 //!
-//! Each is the routine for one sequence with its counterpart for eight, and `engines::lanes` runs
-//! these on any number of sequences.
+//! Each pairs the routine for one sequence with its counterpart for eight in lanes;
+//! `engines::lanes` applies the two to any number of sequences, and falls back to the former for
+//! any lane that leaves the range of doubles.
 
 use std::ops::ControlFlow;
 
@@ -24,28 +25,28 @@ use wayfix_kernels::LANES;
 ///
 /// | method | takes | for |
 /// |---|---|---|
-/// | with `_map_all` | an iterator of sequences | any number of them: it passes each result to a visitor, in order, and keeps none |
-/// | with `_all` | a slice of sequences | results that are all wanted, and fit in memory |
+/// | with `_map_all` | an iterator of sequences | any number of them: passes each result to a visitor, in order, and keeps none |
+/// | with `_all` | a slice of sequences | results that are all needed and fit in memory |
 ///
-/// Results are equal up to rounding to those for one sequence (paths and errors exactly). With the
+/// Results equal those for one sequence up to rounding (paths and errors exactly). With the
 /// feature `rayon`, sequences run in parallel, with the same results to the bit; source and visitor
-/// are called on the thread of the caller.
+/// are called on the caller's thread.
 ///
 /// With a [`SparseTransition`](crate::SparseTransition) or a
 /// [`DenseTransition`](crate::DenseTransition) of more than eight states, groups of eight
-/// sequences of nearly the same length run side by side, one in each lane of a vector, where a
-/// step then takes less time: most so with dense matrices, and not with large sparse ones. A group
-/// takes 128 n T bytes beside its results. `_all` finds groups among all sequences, `_map_all`
+/// sequences of nearly the same length run side by side, one in each lane of a vector, wherever
+/// that makes a step faster: most with dense matrices, not with large sparse ones. A group takes
+/// 128 n T bytes in addition to its results. `_all` finds groups among all sequences, `_map_all`
 /// among 64 consecutive ones.
 ///
-/// **Memory** of `_map_all`: sequences are taken in chunks of consecutive ones, at most 64, and
+/// **Memory** of `_map_all`: sequences are processed in chunks of at most 64 consecutive ones, or
 /// fewer if n T adds up to 262,144 (32,768 where they run one by one); for each thread, up to
-/// four chunks are under way or wait to be visited. Posteriors of a chunk share a block of memory,
-/// which serves again for a later chunk if the visitor has dropped its results by then; a result
-/// that is kept keeps the block, and a clone has memory of its own.
+/// four chunks are in progress or waiting to be visited. Posteriors of a chunk share a block of
+/// memory, which is reused for a later chunk if the visitor has dropped its results by then. A
+/// result that is kept keeps the whole block alive; a clone has memory of its own.
 ///
-/// **A sequence that fails** does not affect the others; its [`SequenceError`] names it, so that
-/// the results can also be collected into one.
+/// **A sequence that fails** does not affect the others. Its [`SequenceError`] names it, so that
+/// results can also be collected into a single `Result`.
 ///
 /// ```
 /// use std::ops::ControlFlow;
@@ -145,8 +146,8 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
         lanes::collect_all(self, sequences, &smooth())
     }
 
-    /// Runs [`log_likelihood`](Self::log_likelihood) on each sequence. The result at index i is that of
-    /// sequence i.
+    /// Runs [`log_likelihood`](Self::log_likelihood) on each sequence. The result at index i is
+    /// that of sequence i.
     pub fn log_likelihood_all<S>(&self, sequences: &[S]) -> Vec<Result<f64, SequenceError>>
     where
         S: Sequence<A::Control, B::Observation> + Sync,
@@ -165,13 +166,14 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
     }
 }
 
-/// [`Hmm::forward`]: log-likelihoods of each step and of all, beside the rows.
+/// [`Hmm::forward`] in lanes: log-likelihoods of each step and of all steps, and the rows.
 fn forward<A: Transition, B: Likelihood, S: Sequence<A::Control, B::Observation>>()
 -> LaneRoutine<A, B, S, (Vec<f64>, f64), FilteredSequence> {
     LaneRoutine {
         has_rows: true,
         single: Hmm::forward,
         group: |model, group, memory| {
+            // Logarithms of an invalid lane are dropped with it: its sum is `None`.
             let mut logs: [Vec<f64>; LANES] = group.steps.map(Vec::with_capacity);
             let forward = model.forward(group, memory, true, |lane, log| logs[lane].push(log));
             let mut sums = forward.log_likelihoods().into_iter();
@@ -181,15 +183,15 @@ fn forward<A: Transition, B: Likelihood, S: Sequence<A::Control, B::Observation>
     }
 }
 
-/// [`Hmm::smooth`]: log-likelihoods, beside the rows.
+/// [`Hmm::smooth`] in lanes: log-likelihoods, and the rows.
 fn smooth<A: Transition, B: Likelihood, S: Sequence<A::Control, B::Observation>>()
 -> LaneRoutine<A, B, S, f64, SmoothedSequence> {
     LaneRoutine {
         has_rows: true,
         single: Hmm::smooth,
         group: |model, group, memory| {
-            // The backward pass may find more lanes out of range, and clears them in `valid`: read
-            // the log-likelihoods after it.
+            // The log-likelihoods are read after the backward pass, which may find further lanes
+            // out of range and clear them in `valid`.
             let mut forward = model.forward(group, memory, true, |_, _| ());
             model.backward(group, memory, &mut forward.valid, None);
             forward.log_likelihoods()
@@ -198,7 +200,7 @@ fn smooth<A: Transition, B: Likelihood, S: Sequence<A::Control, B::Observation>>
     }
 }
 
-/// [`Hmm::log_likelihood`], without anything stored for each step.
+/// [`Hmm::log_likelihood`] in lanes, which stores nothing for each step.
 fn log_likelihood<A: Transition, B: Likelihood, S: Sequence<A::Control, B::Observation>>()
 -> LaneRoutine<A, B, S, f64, f64> {
     LaneRoutine {
@@ -211,7 +213,7 @@ fn log_likelihood<A: Transition, B: Likelihood, S: Sequence<A::Control, B::Obser
     }
 }
 
-/// [`Hmm::viterbi`]: paths and their log-probabilities.
+/// [`Hmm::viterbi`] in lanes: paths and their log-probabilities.
 fn viterbi<A: TransitionEntries, B: Likelihood, S: Sequence<A::Control, B::Observation>>()
 -> LaneRoutine<A, B, S, (Vec<usize>, f64), ViterbiPath> {
     LaneRoutine {

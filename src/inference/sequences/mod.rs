@@ -1,4 +1,6 @@
-//! Posteriors of whole sequences, one or many, paths drawn from them, and simulation.
+//! Posteriors of whole sequences, one or many; paths drawn from them; simulation.
+//!
+//! All use the steps of [`step`](super::step), or an engine that gives the same results.
 
 pub(crate) mod forward;
 pub(crate) mod left_out;

@@ -1,4 +1,8 @@
-//! Entropy of the whole path given the observations (Hernando, Crespi and Cybenko 2005).
+//! Entropy of the whole path given the observations (Hernando, Crespi and Cybenko 2005; section 6
+//! of the [formulas](crate::guide::formulas)).
+//!
+//! The invariant of the forward pass: before step k, `entropy[i]` is H_{k-1}(i), the entropy of the
+//! states before X_{k-1} given X_{k-1} = i and the observations so far.
 
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
@@ -14,16 +18,16 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
     /// uncertainty about the whole path, 0 if only one path is possible. It is at most the sum of
     /// the entropies of the smoothed beliefs.
     ///
-    /// Takes one forward pass, O(E) a step and O(n) memory. All terms are at least 0, so that
-    /// nothing cancels; the error is about 1e-12 nats, since that of a probability near one is
-    /// the last digit of its distance from one.
+    /// Takes one forward pass, with O(E) a step and O(n) memory. No term is negative, so that
+    /// nothing cancels. The error is about 1e-12 nats: the logarithm of a probability near one is
+    /// only as exact as that number's last digit.
     ///
     /// ```
     /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
     /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
     /// # let table = TableLikelihood::from_rows(&[[0.5, 0.5], [0.5, 0.5]])?;
     /// # let hmm = Hmm::new(prior, DenseTransition::from_rows(&[[0.5; 2]; 2])?, table)?;
-    /// // Two states drawn anew at each of 3 steps, of which the observations say nothing.
+    /// // One of two states is drawn at each of 3 steps, and the observations say nothing about it.
     /// assert!((hmm.path_entropy(&[0, 1, 0])? - 8.0_f64.ln()).abs() < 1e-12);
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
@@ -43,8 +47,8 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
         let mut next = entropy.clone();
         let mut predecessors = Vec::new();
         for number in 1..=sequence.steps() {
-            // By the chain rule backwards: the entropy of the path up to k - 1 given x_k, which
-            // needs the belief before the observation of k.
+            // The chain rule needs p(X_{k-1} | X_k, y_1 … y_{k-1}), and thus the belief before the
+            // observation of step k: first the entropies, then the filter.
             let step = Step::of(self, sequence, number);
             if number > 1 {
                 step.entropies(state.held(), &entropy, &mut next, &mut predecessors)?;
@@ -59,12 +63,12 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
     }
 }
 
-/// Returns Σ γ_T(i) (H(path | i) − ln γ_T(i)).
+/// Returns Σ_i α_T(i) (H_T(i) − ln α_T(i)).
 fn total(state: &FilterSnapshot, entropy: &[f64]) -> f64 {
     let held = state.held();
     let mut sum = 0.0;
     for (i, (&p, entropy)) in held.linear.iter().zip(entropy).enumerate() {
-        // 0 ln 0 is 0.
+        // 0 ln 0 counts as 0.
         if p > 0.0 {
             sum += p * (entropy - held.log(i));
         }
@@ -74,7 +78,7 @@ fn total(state: &FilterSnapshot, entropy: &[f64]) -> f64 {
 
 impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
     /// Computes H_k(i) = Σ_j q_j (H_{k-1}(j) − ln q_j), where q_j is the probability that i was
-    /// reached from j, in proportion to A\[i, j\] α_{k-1}(j).
+    /// reached from j, proportional to A\[i, j\] α_{k-1}(j).
     fn entropies(
         &self,
         alpha: BeliefRef<'_>,
@@ -89,8 +93,8 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
             let total: f64 = predecessors.iter().map(|entry| entry.1).sum();
             *after = 0.0;
             for &(j, weight) in &*predecessors {
-                // An unreached state has weights that are all 0 or none: q is NaN there, and adds
-                // nothing.
+                // The weights of an unreachable state are all 0 or NaN. Then q is NaN, the
+                // comparison is false, and H is 0; α is 0 there, so that it is never used.
                 let q = weight / total;
                 if q > 0.0 {
                     *after += q * (before[j] - q.ln());

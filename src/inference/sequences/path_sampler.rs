@@ -1,5 +1,8 @@
-//! Forward filtering, backward sampling (Carter and Kohn 1994,
-//! Frühwirth-Schnatter 1994).
+//! Forward filtering, backward sampling (Carter and Kohn 1994, Frühwirth-Schnatter 1994; section 8
+//! of the [formulas](crate::guide::formulas)).
+//!
+//! Given X_{k+1} and the observations up to k, X_k does not depend on anything later. So a path is
+//! drawn from its end, each state from α_k weighted by the entries into the state after it.
 
 use std::fmt;
 
@@ -21,7 +24,7 @@ pub struct PathSampler<'m, A, B, S: ?Sized> {
     hmm: &'m Hmm<A, B>,
     sequence: &'m S,
     block: ForwardPass,
-    /// Steps that need logarithms, in order.
+    /// Steps whose entries need logarithms, in ascending order.
     in_logs: Vec<usize>,
 }
 
@@ -32,11 +35,11 @@ impl<A, B, S: ?Sized> fmt::Debug for PathSampler<'_, A, B, S> {
 }
 
 impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
-    /// Filters a sequence, and returns a sampler of hidden paths given all of it. For questions
-    /// that no marginal answers: how long a drive was on a road, or whether it passed a place at
-    /// all.
+    /// Filters a sequence, and returns a sampler of hidden paths given all observations. It answers
+    /// questions that marginals cannot: how long a drive was on a road, or whether it passed a
+    /// place at all.
     ///
-    /// Costs one product with A and O(n) a step, and n (T + 1) numbers; a draw then takes
+    /// Costs one product with A and O(n) a step, and n (T + 1) numbers of memory; a draw then takes
     /// O(entries into a state) a step.
     ///
     /// ```
@@ -69,7 +72,7 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
         let mut in_logs = Vec::new();
         for number in 1..=sequence.steps() {
             let step = Step::of(self, sequence, number);
-            // Asked once for each step here, and not again at every draw.
+            // Asked once for each step here, instead of at every draw.
             if step.evidence()?.is_some() && step.entries_need_logs() {
                 in_logs.push(number);
             }
@@ -90,13 +93,14 @@ where
     /// # Errors
     ///
     /// [`InferenceError::PredictedSum`] if the operator lists no entry into a state that its
-    /// product reaches: it breaks its contract, or the entry is below 1e-323 and not listed as a
-    /// logarithm either.
+    /// product reaches: either it breaks its contract, or the entry is below 1e-323 and not listed
+    /// as a logarithm either.
     pub fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> Result<Vec<usize>, InferenceError> {
         let mut states = vec![0; self.sequence.steps()];
         let mut predecessors = Vec::new();
+        // From the last step back: `states[at + 1]` is drawn before `states[at]`.
         for at in (0..states.len()).rev() {
-            let row = at + 1; // row of the step
+            let row = at + 1; // step of states[at], and its row in the block
             let alpha = self.block.held(row);
             match states.get(at + 1) {
                 None => predecessors = alpha.linear.iter().copied().enumerate().collect(),
@@ -113,7 +117,7 @@ where
                     );
                 }
             }
-            // Weights are in proportion to p(x_k | x_{k+1}, y_1 … y_k): they need not sum to one.
+            // The weights are proportional to p(x_k | x_{k+1}, y_1 … y_k), and need not sum to one.
             let total: f64 = predecessors.iter().map(|entry| entry.1).sum();
             if total.is_nan() || total <= 0.0 {
                 return Err(InferenceError::PredictedSum { step: row + 1, sum: 0.0 });

@@ -1,5 +1,5 @@
 //! Distributions of whole sequences, one for each step from 0: α or γ of the
-//! [formulas](crate::guide::formulas), in one block.
+//! [formulas](crate::guide::formulas), in one block of rows.
 
 use std::fmt;
 
@@ -10,8 +10,8 @@ use crate::inference::engines::lanes::SharedRows;
 /// n (T + 1) numbers.
 ///
 /// Step 0 is the state before the first transition, X_0. Under
-/// [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) nothing
-/// moves before the first observation, so that X_0 is the same state as X_1.
+/// [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) there is no transition before
+/// the first observation, so that X_0 is the same state as X_1.
 ///
 /// ```
 /// # use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
@@ -31,7 +31,7 @@ pub struct Posteriors {
 
 /// Storage of the numbers.
 enum Values {
-    // Results of many sequences come in lanes, into one block: copies of its parts would take as
+    // Results of many sequences are written to one shared block: copying its parts would take as
     // long as the smoother itself.
     Own { values: Vec<f64>, start: usize },
     Shared(SharedRows),
@@ -68,14 +68,14 @@ impl Posteriors {
     /// Returns the distribution of step k, from 0 to T, or `None` beyond.
     #[must_use]
     pub fn get(&self, step: usize) -> Option<BeliefView<'_>> {
-        // Any number may be asked for, so that the product may overflow.
+        // The step may be any number, so that the product may overflow.
         let start = step.checked_mul(self.states)?;
         let values = self.as_slice().get(start..start.checked_add(self.states)?)?;
         Some(Belief::view(values))
     }
 
-    /// Returns the distributions of the steps with an observation, 1 to T, in order: T of them,
-    /// as there are observations and [modes](Self::modes).
+    /// Returns the distributions of the steps with an observation, 1 to T, in order: as many as
+    /// there are observations and [modes](Self::modes).
     ///
     /// ```
     /// # use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
@@ -92,8 +92,7 @@ impl Posteriors {
         self.rows(1)
     }
 
-    /// Returns the distributions of steps 0 to T, in order: T + 1 of them, beginning with that of
-    /// X_0.
+    /// Returns the distributions of steps 0 to T, in order: T + 1 of them, that of X_0 first.
     #[must_use]
     pub fn with_start(
         &self,
@@ -111,8 +110,8 @@ impl Posteriors {
     /// Returns the most probable state of each step with an observation, 1 to T, so that
     /// `modes()[k - 1]` belongs to `ys[k - 1]`; ties go to the lowest state. O(n T).
     ///
-    /// Each is the best estimate for its own step; together they need not be a legal path. For
-    /// paths there is [`Hmm::viterbi`](crate::Hmm::viterbi).
+    /// Each is the best estimate for its own step; together they need not form a legal path. For
+    /// paths use [`Hmm::viterbi`](crate::Hmm::viterbi).
     #[must_use]
     pub fn modes(&self) -> Vec<usize> {
         self.iter().map(|belief| belief.mode()).collect()
@@ -127,8 +126,8 @@ impl Posteriors {
         }
     }
 
-    /// Returns all numbers, in the order of [`as_slice`](Self::as_slice). They are moved, and copied
-    /// only if the results of several sequences share a block.
+    /// Returns all numbers, in the order of [`as_slice`](Self::as_slice). They are moved, or copied
+    /// if results of several sequences share a block.
     #[must_use]
     pub fn into_vec(self) -> Vec<f64> {
         match self.values {

@@ -1,4 +1,9 @@
-//! Simulation: states and observations drawn from the model.
+//! Simulation: states and observations drawn from the model ("Simulation" in section 8 of the
+//! [formulas](crate::guide::formulas)).
+//!
+//! One recursion serves models and filters, with controls or autoregressive. It draws each state
+//! before its observation and each in the order of steps, so that a generator gives the same drive
+//! whichever method is called.
 
 use std::borrow::Borrow;
 use std::convert::Infallible;
@@ -17,8 +22,9 @@ use crate::transition::TransitionEntries;
 /// A drive whose states are known, such as a [`Simulation`](crate::inference::Simulation).
 #[derive(Debug, Clone, Copy)]
 pub struct LabelledSequence<'a, S: ?Sized> {
-    /// X_0 if known; otherwise the move to X_1 is not counted, and nothing is learned of the
-    /// prior. Ignored under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation), where no move leads to X_1.
+    /// X_0 if known; otherwise the move to X_1 is not counted, and nothing is learned about the
+    /// prior. Ignored under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation), where
+    /// no move leads to X_1.
     pub initial: Option<usize>,
     /// X_1 … X_T.
     pub states: &'a [usize],
@@ -28,7 +34,7 @@ pub struct LabelledSequence<'a, S: ?Sized> {
 
 /// A simulated drive: its true states and its observations.
 ///
-/// Made by [`Hmm::simulate`] and [`Filter::simulate`]; of an autoregressive model, by
+/// Made by [`Hmm::simulate`] and [`Filter::simulate`] or, for an autoregressive model, by
 /// [`Hmm::simulate_after`] and [`Filter::simulate_after`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Simulation<Y> {
@@ -38,8 +44,8 @@ pub struct Simulation<Y> {
 }
 
 impl<Y> Simulation<Y> {
-    /// State before the first transition: X_0, or the present state of a filter; `None` without a
-    /// transition to the first step.
+    /// State before the first transition: X_0, or the present state of a filter; `None` if no
+    /// transition leads to the first step.
     #[must_use]
     pub fn initial(&self) -> Option<usize> {
         self.initial
@@ -73,8 +79,8 @@ impl<A: TransitionEntries, B: SampleObservation> Hmm<A, B> {
     ///
     /// The same generator in the same state gives the same drive. O(n) for the first state, then
     /// O(entries out of a state + the cost of an observation) a step. (Under an operator with
-    /// [evidence](crate::Transition::evidence) and no control, moves are drawn in proportion to
-    /// its entries.)
+    /// [evidence](crate::Transition::evidence) and no control, moves are drawn with probabilities
+    /// proportional to its entries.)
     ///
     /// ```
     /// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
@@ -104,8 +110,8 @@ impl<A: TransitionEntries, B: SampleObservation> Hmm<A, B> {
     /// # Errors
     ///
     /// [`InferenceError::Control`] with the step whose control is not valid, or
-    /// [`InferenceError::SimulatedEvidence`] with the step whose control does not drive it, but
-    /// was measured on it.
+    /// [`InferenceError::SimulatedEvidence`] with the step whose control is not an input but a
+    /// measurement of the move.
     pub fn simulate_with<R: Rng + ?Sized>(
         &self,
         controls: &[A::Control],
@@ -124,8 +130,8 @@ impl<A: TransitionEntries, B: SampleObservation> Hmm<A, B> {
         for (number, control) in (steps_before + 1..).zip(controls) {
             if self.prior().moves_at(number) {
                 let step = Step { hmm: self, number, control: Some(control) };
-                // Evidence was measured on a move that has been made: it says nothing about which
-                // move to draw.
+                // Evidence is measured on a move that has been made; it cannot be given before the
+                // move is drawn.
                 if step.evidence()?.is_some() {
                     return Err(InferenceError::SimulatedEvidence { step: number });
                 }
@@ -150,8 +156,8 @@ impl<A: TransitionEntries, B: SampleObservation> Hmm<A, B> {
 }
 
 impl<A: TransitionEntries<Control = ()>, B: SampleNext> Hmm<A, B> {
-    /// Draws `steps` hidden states and observations that depend on the one before, which is
-    /// `before` for the first: sequences of an autoregressive model.
+    /// Draws a sequence of an autoregressive model: `steps` hidden states, and observations that
+    /// each depend on the one before. `before` precedes the first.
     ///
     /// The same generator in the same state gives the same sequence. The cost is that of
     /// [`simulate`](Self::simulate).
@@ -183,8 +189,8 @@ impl<A: TransitionEntries<Control = ()>, B: SampleNext> Hmm<A, B> {
     ///
     /// # Errors
     ///
-    /// [`InferenceError::Likelihood`] with the step for which nothing can be drawn: the first, if
-    /// `before` is not valid, or one where values grow beyond the range of doubles.
+    /// [`InferenceError::Likelihood`] with the step whose observation cannot be drawn: the first if
+    /// `before` is not valid, or one at which values grow beyond the range of doubles.
     pub fn simulate_after<R: Rng + ?Sized>(
         &self,
         before: &B::Observation,
@@ -203,7 +209,7 @@ impl<A: TransitionEntries<Control = ()>, B: SampleNext> Hmm<A, B> {
         rng: &mut R,
     ) -> Result<Simulation<B::Sample>, InferenceError> {
         let sample = |step: usize, state: usize, last: Option<&B::Sample>, rng: &mut R| {
-            // The observation before the first is the one that was given.
+            // The first observation depends on the one that was given.
             let last = last.map_or(before, Borrow::borrow);
             let drawn = self.likelihood().sample_next(state, last, rng);
             drawn.map_err(|cause| InferenceError::likelihood(step, cause))
@@ -213,8 +219,8 @@ impl<A: TransitionEntries<Control = ()>, B: SampleNext> Hmm<A, B> {
 }
 
 impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
-    /// Draws states, and after each the observation that `sample` returns for its step and state,
-    /// and the observation before if there is one.
+    /// Draws states, and for each an observation by `sample`, which gets the step, the state, and
+    /// the previous observation if there is one.
     fn draw_with<Y, E, R: Rng + ?Sized>(
         &self,
         belief: &[f64],
@@ -224,7 +230,7 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
         sample: impl Fn(usize, usize, Option<&Y>, &mut R) -> Result<Y, E>,
     ) -> Result<Simulation<Y>, E> {
         let mut state = index(belief.iter().copied().enumerate(), 1.0, rng);
-        // Without a move to the first step, the state that was drawn is that of the step itself.
+        // If no move leads to the first step, the state just drawn is that of the step itself.
         let initial = self.prior().moves_at(steps_before + 1).then_some(state);
         let mut states = Vec::with_capacity(controls.len());
         let mut observations = Vec::with_capacity(controls.len());
@@ -232,7 +238,8 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
             if self.prior().moves_at(step) {
                 let entries = || self.transition().outgoing(control, state);
                 let evidence = self.transition().evidence(control).is_some();
-                // Columns sum to one, unless an operator without a control has evidence.
+                // Columns sum to one, except those of an operator without control that has evidence
+                // (evidence in a control was refused): their entries are weights.
                 let total = if evidence { entries().map(|entry| entry.1).sum() } else { 1.0 };
                 state = index(entries(), total, rng);
             }
@@ -249,8 +256,9 @@ where
     A: TransitionEntries,
     B: SampleObservation,
 {
-    /// Draws a possible future: a present state from the belief, then states and observations of
-    /// the next `steps` steps. Its `initial` is the present state. The filter is unchanged.
+    /// Draws a possible future: the present state from the belief, then states and observations of
+    /// the next `steps` steps. `initial` of the result is the present state. The filter is
+    /// unchanged.
     ///
     /// ```
     /// # use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
@@ -289,12 +297,12 @@ where
     A: TransitionEntries<Control = ()>,
     B: SampleNext,
 {
-    /// Draws a possible future after the last observation, `before`, as
-    /// [`simulate`](Self::simulate), of an autoregressive model.
+    /// Draws a possible future of an autoregressive model after its last observation, `before`;
+    /// otherwise as [`simulate`](Self::simulate).
     ///
     /// # Errors
     ///
-    /// As [`Hmm::simulate_after`]; steps are counted from the first of the filter.
+    /// As [`Hmm::simulate_after`]; steps are counted from the filter's first.
     pub fn simulate_after<R: Rng + ?Sized>(
         &self,
         before: &B::Observation,

@@ -1,8 +1,10 @@
-//! Smoother with checkpoints: sequences of any length in O(n √T) memory.
+//! Smoother with checkpoints: sequences of any length in O(n √T) memory (section 5 of the
+//! [formulas](crate::guide::formulas)).
 //!
 //! The filter runs once over the sequence and leaves a snapshot at every boundary between
-//! segments. Each segment is then filtered again from its snapshot, and smoothed backward:
-//! checkpointing of one level (several levels: Griewank 1992).
+//! segments. Then each segment is filtered again from its snapshot, and smoothed backward:
+//! checkpointing with one level (Griewank 1992 has several). A filter restored from a snapshot
+//! continues with the same bits, so that the results equal those of one pass.
 
 use super::pairwise::Pairs;
 use crate::belief::{Belief, BeliefView};
@@ -16,8 +18,8 @@ use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::{Move, MoveCounts, Transition, TransitionEntries};
 
-/// Size, states times steps, below which a sequence is one segment: half a megabyte a block,
-/// which fits into a cache.
+/// Size, states times steps, below which a sequence is a single segment. A block of this size takes
+/// half a megabyte, which fits into a cache.
 const ONE_SEGMENT: usize = 1 << 16;
 
 /// Order in which steps are visited.
@@ -59,12 +61,12 @@ impl<'a, A: Transition> SmoothedStep<'a, A> {
         Belief::view(self.smoothed)
     }
 
-    /// Moves to this step with their probabilities p(X_{k-1}, X_k | y_1 … y_T), out of state 0
-    /// first, in ascending order; or `None` without a transition to step k: at 0, and at 1 under
+    /// Moves to this step with their probabilities p(X_{k-1}, X_k | y_1 … y_T), ordered by the
+    /// state that they leave; `None` if no transition leads to step k: at 0, and at 1 under
     /// [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation).
     ///
     /// They sum to one, up to rounding (and up to entries below 1e-323 that an operator does not
-    /// list as logarithms either). Moves out of a state of probability 0 may be left out. O(E).
+    /// list as logarithms either). Moves out of states with probability 0 may be missing. O(E).
     #[must_use]
     pub fn moves(&self) -> Option<impl Iterator<Item = Move>>
     where
@@ -83,10 +85,10 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// Smooths a sequence of any length in O(n √T) memory, and passes each step to a visitor,
     /// with the pairwise posterior of the move to it. Returns ln p(y_1 … y_T).
     ///
-    /// Results equal those of [`smooth`](Self::smooth), to the bit (up to rounding, with up to
-    /// eight states and no control, or where `smooth` cuts a long sequence). Costs three products with A or A' a step in backward order
-    /// and five in forward order (two in either, if n T is below 65,536), and O(n); more where
-    /// the sensor has to compute its likelihoods.
+    /// Results equal those of [`smooth`](Self::smooth) to the bit (up to rounding with up to eight
+    /// states and no control, or where `smooth` cuts a long sequence). A step costs O(n) and three
+    /// products with A or A' in backward order, five in forward order (two in either order if n T
+    /// is below 65,536); more where the sensor has to compute its likelihoods.
     ///
     /// ```
     /// use wayfix::inference::Order;
@@ -120,7 +122,8 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
         let (n, steps) = (self.states(), sequence.steps());
-        // Segments of √T steps: as many beliefs at their boundaries as within one of them.
+        // Segments of √T steps: T / s checkpoints and s beliefs in a segment are fewest together at
+        // s = √T.
         let length =
             if n.saturating_mul(steps) < ONE_SEGMENT { steps.max(1) } else { steps.isqrt() + 1 };
         let prior = self.prior().belief().as_slice();
@@ -138,9 +141,10 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         };
         let (checkpoints, log_likelihood) = segments.checkpoints(length)?;
         if order == Order::Forward {
-            // A segment is smoothed from its end, but visited from its start, so that all ends are
-            // needed before the first visit: γ at the end of each, with the state of the backward
-            // pass there, without which the bits would differ from those of `smooth`.
+            // A segment is smoothed from its end but visited from its start, so that the γ at the
+            // end of every segment is needed before the first visit. A first backward pass collects
+            // them, with the state of the pass at each, without which the bits would differ from
+            // those of `smooth`.
             let last = segments.state.belief.to_vec();
             let mut ends = vec![(last, segments.backward.carried())];
             for start in checkpoints[1..].iter().rev() {
@@ -171,11 +175,11 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// Returns the expected number of moves between each pair of states, the sum over all steps
     /// of p(X_{k-1}, X_k | y_1 … y_T).
     ///
-    /// Costs as much as [`smooth_each`](Self::smooth_each), and O(E) a step; the result holds one
-    /// number, in 24 bytes, for each entry of A, never n × n for a sparse one. But where a state is
-    /// reached from all others, as by a
-    /// [`RestartTransition`](crate::transition::RestartTransition), E is n²: 6 GB for 16,000 states.
-    /// [Learning](Self::expectations) does not need these moves, and counts those within.
+    /// Costs as much as [`smooth_each`](Self::smooth_each), and O(E) a step. The result takes 24
+    /// bytes for each entry of A, not n × n for a sparse one. But where states are reached from all
+    /// others, as by a [`RestartTransition`](crate::transition::RestartTransition), E is n²: 6 GB
+    /// for 16,000 states. [Learning](Self::expectations) does not need the moves of restarts, and
+    /// counts only those of the operator within.
     ///
     /// ```
     /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
@@ -197,6 +201,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     {
         let (mut counts, mut result) = (MoveCounts::default(), Ok(()));
         self.smooth_each(sequence, Order::Backward, |step| {
+            // A visitor cannot stop the smoother: after an error it only skips.
             if let (Some(pairs), Ok(())) = (step.pairs(), &result) {
                 result = pairs.add_to(&mut counts, step.step());
             }
@@ -205,17 +210,18 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     }
 }
 
-/// Segments of a sequence, one of them in memory at a time.
+/// Segments of a sequence, one in memory at a time.
 struct Segments<'m, A: Transition, B, S: ?Sized> {
     hmm: &'m Hmm<A, B>,
     sequence: &'m S,
     /// Filtered beliefs of the segment that starts after `held` steps.
     block: ForwardPass,
+    /// Number of steps before the segment in memory, if there is one.
     held: Option<usize>,
     smoothed: Rows,
     /// Ratio γ / p of each step, or its logarithm.
     ratios: Vec<f64>,
-    /// For each step, true if the ratio is in logarithms; and the scale of a linear ratio.
+    /// For each step: true if its ratio is in logarithms, and the scale of a linear ratio.
     forms: Vec<(bool, f64)>,
     state: FilterSnapshot,
     scratch: StepScratch,
@@ -241,10 +247,11 @@ where
         }
     }
 
-    /// Filters a segment, unless it is in memory. Returns its number of steps.
+    /// Filters a segment unless it is in memory already. Returns its number of steps.
     fn fill(&mut self, start: usize, length: usize) -> Result<usize, InferenceError> {
         let rows = length.min(self.sequence.steps() - start);
-        // The last segment is in memory when the backward pass begins, and a single one always.
+        // The last segment is still in memory when the backward pass begins; if it is the only one,
+        // it always is.
         if self.held.replace(start) != Some(start) {
             let memory = (&mut self.state, &mut self.scratch);
             self.block.fill(self.hmm, memory, self.sequence, rows, |_| ())?;
@@ -252,7 +259,7 @@ where
         Ok(rows)
     }
 
-    /// Filters a segment and goes back through it from the γ at its end. Returns its number of
+    /// Filters a segment, and goes back through it from the γ at its end. Returns its number of
     /// steps.
     fn run(
         &mut self,
@@ -261,7 +268,7 @@ where
         end: &[f64],
     ) -> Result<usize, InferenceError> {
         let n = self.hmm.states();
-        // (Not needed, but harmless, if the segment is in memory.)
+        // Unnecessary, but harmless, if the segment is in memory.
         self.state.copy(start);
         self.scratch.lifted.follow(&self.state.belief);
         let rows = self.fill(start.steps(), length)?;
@@ -271,7 +278,7 @@ where
             let seen = self.block.seen(row, self.sequence.observation(step.number));
             let (out, gamma) = self.smoothed.row_and_next(row - 1);
             self.backward.step_back_from(&step, &seen, self.block.held(row - 1), gamma, out)?;
-            // Kept, since the next step back overwrites the ratio, and pairs are read later.
+            // Copied, since the next backward step overwrites the ratio and pairs are read later.
             self.ratios[(row - 1) * n..row * n].copy_from_slice(&self.backward.ratio);
             self.forms[row - 1] = (self.backward.in_logs, self.backward.ratio_scale);
         }

@@ -1,5 +1,5 @@
-//! Batch smoother: a forward pass, then a backward pass over the same block, in which γ of
-//! each step overwrites α of the next. Section 3 of the [formulas](crate::guide::formulas); at T both
+//! Batch smoother (section 3 of the [formulas](crate::guide::formulas)): a forward pass, then a
+//! backward pass over the same block, in which γ of each step overwrites α of the next. At T both
 //! are the same.
 
 use super::posteriors::Posteriors;
@@ -24,7 +24,7 @@ pub struct SmoothedSequence {
 }
 
 impl SmoothedSequence {
-    /// Creates the result of a routine that takes no step in logarithms.
+    /// Creates the result of a routine that takes no steps in logarithms.
     pub(crate) fn new(posteriors: Posteriors, log_likelihood: f64) -> Self {
         Self { posteriors, log_likelihood, steps_in_logs: 0 }
     }
@@ -64,14 +64,17 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// An empty sequence is allowed: the posterior of X_0 is then the prior.
     ///
     /// Costs two products with A or A' and O(n) a step (three where the sensor has to compute its
-    /// likelihoods). The result holds at most n (T + 2) numbers; other memory grows by one number a step,
-    /// and by n for each step outside the range of `f64`. Models of up to eight states without a
-    /// control take specialised paths, which are faster; from five states on they use n T
-    /// additional `f64`s. With more states and a dense matrix, or a sparse one of some dozens,
-    /// a sequence of 2,048 steps or more runs in lanes if the model forgets fast enough: in segments
-    /// that are joined as those of [`learn`](Self::learn), with the same bound on the error and up
-    /// to 64 MB of other memory. For long sequences there is [`smooth_each`](Self::smooth_each), for
-    /// live ones [`fixed_lag`](Self::fixed_lag).
+    /// likelihoods). The result holds at most n (T + 2) numbers; other memory grows by one number a
+    /// step, and by n for each step outside the range of `f64`.
+    ///
+    /// Models with up to eight states and no control use specialised algorithms, which are faster;
+    /// with five states or more these take n T additional `f64`s. With more than eight states and a
+    /// dense matrix, or with a sparse one of a few dozen states, a sequence of 2,048 steps or more
+    /// runs in lanes if the model forgets fast enough: in segments that are joined as those of
+    /// [`learn`](Self::learn), with the same bound on the error and up to 64 MB of other memory.
+    ///
+    /// For very long sequences use [`smooth_each`](Self::smooth_each), for live ones
+    /// [`fixed_lag`](Self::fixed_lag).
     ///
     /// ```
     /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
@@ -104,6 +107,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             let posteriors = Posteriors::from_values(states, rows);
             return Ok(SmoothedSequence::new(posteriors, log_likelihood));
         }
+        // One extra row, in which the backward pass begins (see `ForwardPass::turn`).
         let (mut pass, last) = ForwardPass::over(self, sequence, 1, |_| ())?;
         let mut backward = Backward::new(self.states());
         pass.turn();
@@ -113,6 +117,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             let seen = pass.seen(number, sequence.observation(number));
             let (alpha, out, gamma) = pass.way_back(number);
             backward.step_back_from(&step, &seen, alpha, gamma, out)?;
+            // A step counts once, whether it was forward, backward or both.
             steps_in_logs += usize::from(pass.by_logs(number) || backward.in_logs);
         }
         let posteriors = Posteriors::after_a_row(self.states(), pass.rows.into_values());

@@ -7,16 +7,16 @@
 //!
 //! γ_{k-1} = α_{k-1} ∘ A' (γ_k / p_k),
 //!
-//! because B(y_k) β_k is in proportion to γ_k / p_k. Every product on the right
-//! is a probability, that of a pair of states, so that nothing can grow; and
-//! the sum of γ_{k-1} is that of γ_k, so that a loss would be noticed. That holds
-//! with evidence on the move too, where neither the columns of A nor p_k sum to one.
+//! because B(y_k) β_k is proportional to γ_k / p_k. Every product on the right is the probability
+//! of a pair of states, so that nothing can grow; and γ_{k-1} has the same sum as γ_k, so that a
+//! loss would be noticed. Both hold with evidence on the move too, where neither the columns of A
+//! nor p_k sum to one.
 //!
-//! Predictions need not be recomputed (storing them would take as much memory as the result):
-//! with q_k = γ_k / α_k, the product left by the previous backward step, and α_k = b_k ∘ p_k /
-//! N_k, the ratio γ_k / p_k is b_k ∘ q_k / N_k. It is computed this way where the likelihoods are
-//! at hand without cost; elsewhere, and where q leaves the range of `f64`, predictions are
-//! recomputed.
+//! Often predictions need not be recomputed (storing them would take as much memory as the
+//! result): with q_k = γ_k / α_k, the product left by the previous backward step, and
+//! α_k = b_k ∘ p_k / N_k, the ratio γ_k / p_k is b_k ∘ q_k / N_k. It is computed this way where
+//! the likelihoods are available at no cost. Elsewhere, and where q leaves the range of `f64`,
+//! predictions are recomputed.
 
 use super::Step;
 use super::in_logs::{BeliefRef, normalize_logs};
@@ -26,10 +26,10 @@ use crate::transition::Transition;
 use wayfix_kernels::limits::{self, BACK_LIFT, LIFT};
 use wayfix_kernels::{self as kernels, Aligned, BackwardStep, Product};
 
-/// Memory for backward steps, and what the last one left besides γ_{k-1}.
+/// Memory of backward steps, and the results of the last one other than γ_{k-1}.
 #[derive(Debug, Clone)]
 pub(crate) struct Backward {
-    /// γ_k / p_k over `ratio_scale`, or its logarithm.
+    /// γ_k / p_k divided by `ratio_scale`, or its logarithm.
     pub(crate) ratio: Aligned,
     pub(crate) ratio_scale: f64,
     /// True if `ratio` is in logarithms.
@@ -40,19 +40,19 @@ pub(crate) struct Backward {
     scratch: Scratch,
 }
 
-/// State that one backward step leaves to the next.
+/// State that one backward step passes to the next.
 #[derive(Debug, Clone)]
 pub(crate) struct BackwardState {
     /// γ_k / α_k, lifted by [`BACK_LIFT`]; 1 at the last step.
     q: Aligned,
-    /// Σ γ_k: one up to rounding, which must not accumulate.
+    /// Σ γ_k: one up to rounding, which must not accumulate over steps.
     sum: f64,
     /// True if `q` is within the range of `f64`.
     held: bool,
 }
 
-/// Observation of step k, and its normaliser N_k if the filter took the step with unscaled
-/// likelihoods, else 0.
+/// Observation of step k with its normaliser N_k, which is 0 unless the filter took the step with
+/// unscaled likelihoods.
 pub(crate) struct Observed<'a, Y: ?Sized> {
     pub(crate) observation: &'a Y,
     pub(crate) normalizer: f64,
@@ -83,8 +83,8 @@ impl Backward {
         self.carried.clone_from(carried);
     }
 
-    /// Goes back as [`step_back`](Self::step_back), with the ratio from the observation if
-    /// possible.
+    /// Goes back as [`step_back`](Self::step_back) does, but computes the ratio from the
+    /// observation if possible.
     pub(crate) fn step_back_from<A: Transition, B: Likelihood>(
         &mut self,
         step: &Step<'_, A, B>,
@@ -94,8 +94,9 @@ impl Backward {
         out: &mut [f64],
     ) -> Result<(), InferenceError> {
         let Some(control) = step.control else { return self.step_back(step, alpha, gamma, out) };
-        // α_k = b ∘ p / N holds up to rounding of the step forward. A step in logarithms has left no
-        // N; q belongs to γ_k only while each step since the last one was held.
+        // The ratio comes from α_k = b ∘ p / N, which holds up to the rounding of the forward step.
+        // Excluded are steps in logarithms, which leave no N, and a q that an earlier backward step
+        // could not hold: it does not belong to γ_k.
         if alpha.logs.is_some() || !self.carried.held || !self.weigh(step.hmm.likelihood(), seen) {
             return self.step_back(step, alpha, gamma, out);
         }
@@ -108,9 +109,9 @@ impl Backward {
         };
         let back = BackwardStep { product, alpha: alpha.linear, gamma: &mut *out, q };
         let sum = kernels::backward_step(back);
-        // Whatever left the range, in q, in the ratio or in their products, is missing in the sum
-        // or makes it infinite ("The way back" in `limits`). Then q is wrong, too; the step with
-        // predictions makes a new one, if it can.
+        // Anything that left the range of doubles, in q, in the ratio or in their products, is
+        // missing from the sum or makes it infinite ("The way back" in `limits`). Then q is wrong
+        // too; the step with predictions computes a new one if it can.
         if !limits::is_one(sum) {
             return self.step_back(step, alpha, gamma, out);
         }
@@ -129,22 +130,22 @@ impl Backward {
         if seen.normalizer == 0.0 || !likelihood.is_precomputed() {
             return false;
         }
-        // Validated on the forward pass; but a sensor may answer otherwise the second time, and
-        // then the step with predictions, which needs no sensor, is right.
+        // The forward pass validated this observation, but a sensor may answer differently the
+        // second time. Then the step with predictions, which needs no sensor, is still right.
         let found = likelihood.diagonal(seen.observation, scratch);
         let Ok(ref diagonal) = found else { return false };
         let Some(likelihoods) = diagonal.linear_values() else { return false };
         if likelihoods.len() != ratio.len() {
             return false;
         }
-        // Divided by Σ γ too: its rounding, of each step anew, would add up over a long sequence.
+        // Divided by Σ γ too, whose rounding error would otherwise accumulate over a long sequence.
         let factor = 1.0 / (seen.normalizer * carried.sum);
         kernels::divide_by_prediction(&carried.q, likelihoods, factor, ratio);
         true
     }
 
-    /// Goes from γ_k to γ_{k-1}, which it writes to `out`, by the step that leads from α_{k-1}.
-    /// Without a transition they are equal, and there is no ratio.
+    /// Goes back from γ_k over the step that led from α_{k-1}, and writes γ_{k-1} to `out`.
+    /// Without a transition the two are equal, and there is no ratio.
     pub(crate) fn step_back<A: Transition, B: Likelihood>(
         &mut self,
         step: &Step<'_, A, B>,
@@ -160,8 +161,8 @@ impl Backward {
         step.check_control(control)?;
         (self.carried.held, self.ratio_scale) = (false, 1.0);
         let evidence = step.hmm.transition().evidence(control).is_some();
-        // Predictions are lifted, so that ratios are held but for a state that is predicted below
-        // 2^-960, and has more than 2^64 times as much of γ.
+        // Predictions are lifted, so that doubles hold every ratio except that of a state which was
+        // predicted below 2^-960 and now has a γ more than 2^64 times as large.
         self.in_logs = alpha.logs.is_some() || (evidence && step.needs_logs()) || {
             kernels::lift(alpha.linear, &mut self.values);
             step.predict(&self.values, &mut self.predicted);
@@ -171,8 +172,8 @@ impl Backward {
         if self.in_logs { self.step_back_in_logs(step, control, alpha, gamma, out) } else { Ok(()) }
     }
 
-    /// Computes γ_{k-1} from γ_k / p_k. Returns false if the result left the range of `f64`,
-    /// which shows in the sum of γ: from step to step it changes by rounding only.
+    /// Computes γ_{k-1} from γ_k / p_k. Returns false if the result left the range of `f64`, as
+    /// shown by the sum of γ, which a correct step changes by rounding only.
     fn multiply<A: Transition>(
         &mut self,
         transition: &A,
@@ -185,17 +186,16 @@ impl Backward {
         out.iter_mut().zip(&*self.values).for_each(|(gamma, back)| *gamma *= *back);
         let sum = kernels::sum(out);
         kernels::normalize(out, sum);
-        // From here on, ratios can come from observations again. (If q overflows, the next sum is
-        // not one.)
+        // This makes a new q, so that the next ratio can come from its observation again. If q
+        // overflows here, the next sum will not be one.
         let carried = &mut self.carried;
         carried.q.iter_mut().zip(&*self.values).for_each(|(q, back)| *q = back * BACK_LIFT);
         (carried.sum, carried.held) = (sum / LIFT, limits::is_one(sum / LIFT));
         carried.held
     }
 
-    /// Goes back in logarithms, where linear space does not hold the ratios. Parts of γ_k that
-    /// round to 0, below 2.2e-308 for each state, do not matter: they would add no more than that
-    /// to γ_{k-1}.
+    /// Goes back in logarithms, where linear space cannot hold the ratios. Values of γ_k that round
+    /// to 0, below 2.2e-308 each, do not matter: they would add no more than that to γ_{k-1}.
     #[cold]
     fn step_back_in_logs<A: Transition, B: Likelihood>(
         &mut self,
@@ -208,14 +208,16 @@ impl Backward {
         let Self { ratio, predicted, values, .. } = self;
         let (predicted, values) = (&mut **predicted, &mut **values);
         let transition = step.hmm.transition();
+        // r(i) = ln γ_k(i) − ln p_k(i), then ln γ_{k-1} = ln α_{k-1} + ln A' exp r (formulas,
+        // section 3, "In logarithms"). `values` stays ln α; `predicted` is reused for the product.
         alpha.logs_to(values);
         transition.apply_log(control, values, predicted);
         for ((ratio, &g), &predicted) in ratio.iter_mut().zip(gamma).zip(&*predicted) {
             *ratio = if g > 0.0 { g.ln() - predicted } else { f64::NEG_INFINITY };
         }
         transition.apply_transpose_log(control, ratio, predicted);
-        // As in linear space, the sum of γ must have stayed one, up to the digits of the
-        // logarithms. (−∞ stays −∞, also where the backward term is finite.)
+        // As in linear space, the sum of γ must have stayed one, here up to the rounding of
+        // logarithms of this size. (An α of −∞ stays −∞ and is not counted in the size.)
         let mut size = 0.0_f64;
         for (log, &back) in values.iter_mut().zip(&*predicted) {
             if log.is_finite() {
@@ -233,8 +235,8 @@ impl Backward {
     }
 }
 
-/// Computes `ratio = gamma / predicted`, 0 where γ is; the prediction is lifted. Returns false if
-/// the ratio may leave the range of `f64`.
+/// Computes `ratio = gamma / predicted` from a lifted prediction; the ratio is 0 where γ is.
+/// Returns false if some ratio is not trusted.
 fn divide(gamma: &[f64], predicted: &[f64], ratio: &mut [f64]) -> bool {
     let mut held = true;
     for ((ratio, &g), &p) in ratio.iter_mut().zip(gamma).zip(predicted) {

@@ -1,8 +1,9 @@
-//! Filtered distributions of consecutive steps, kept for the backward pass: the one stored forward
-//! pass of all routines, α_k of sections 2 and 3 of the [formulas](crate::guide::formulas).
+//! Filtered distributions of consecutive steps, kept for the backward pass: the α_k of sections 2
+//! and 3 of the [formulas](crate::guide::formulas), as every routine with a backward pass stores
+//! them.
 //!
-//! It takes the steps of a filter, so that its rows are those of a stream to the bit; what a step
-//! leaves is appended as the next row.
+//! The steps are those of a filter, so that rows equal those of a stream to the bit; the result of
+//! each step is appended as the next row.
 
 use std::collections::HashMap;
 
@@ -17,7 +18,7 @@ use crate::sequence::Sequence;
 use crate::transition::Transition;
 use wayfix_kernels::in_large_pages;
 
-/// Distributions over n states, one after the other.
+/// Distributions over n states, stored one after the other.
 #[derive(Debug, Clone)]
 pub(crate) struct Rows {
     states: usize,
@@ -25,7 +26,7 @@ pub(crate) struct Rows {
 }
 
 impl Rows {
-    /// Creates an empty block with room for so many rows.
+    /// Creates an empty block with capacity for `rows` rows.
     pub(crate) fn with_capacity(states: usize, rows: usize) -> Self {
         Self { states, values: in_large_pages(Vec::with_capacity(states * rows)) }
     }
@@ -43,7 +44,7 @@ impl Rows {
         &mut self.values[row * self.states..(row + 1) * self.states]
     }
 
-    /// Returns a row, and the next one.
+    /// Returns a row and the next one.
     pub(crate) fn row_and_next(&mut self, row: usize) -> (&mut [f64], &[f64]) {
         let pair = &mut self.values[row * self.states..(row + 2) * self.states];
         let (row, next) = pair.split_at_mut(self.states);
@@ -59,27 +60,27 @@ impl Rows {
 #[derive(Debug, Clone)]
 pub(crate) struct ForwardPass {
     pub(crate) rows: Rows,
-    /// Logarithms of the rows with values outside the range of `f64`: of few, as a rule.
+    /// Logarithms of those rows with values outside the range of `f64`; usually few.
     logs: HashMap<usize, Vec<f64>>,
-    /// Normaliser of the step to each row, as
-    /// [`StepOutcome`](super::state::StepOutcome) has it.
+    /// Normaliser of the step to each row, as in
+    /// [`StepOutcome`](super::state::StepOutcome).
     normalizers: Vec<f64>,
-    /// Rows to which a step was taken in logarithms, ascending.
+    /// Rows whose step was taken in logarithms, in ascending order.
     by_logs: Vec<usize>,
 }
 
 impl ForwardPass {
-    /// Creates an empty pass over so many steps, with room for some rows more.
+    /// Creates an empty pass over `steps` steps, with capacity for `more` extra rows.
     pub(crate) fn new(states: usize, steps: usize, more: usize) -> Self {
-        // Rows are pushed, not overwritten: zeros that nobody reads would be one more pass over
-        // all of the memory.
+        // Rows are appended into capacity, not written over zeros: zeroing would be one more pass
+        // over all of the memory.
         let rows = Rows::with_capacity(states, steps + 1 + more);
         let normalizers = vec![0.0; steps + 1];
         Self { rows, logs: HashMap::new(), normalizers, by_logs: Vec::new() }
     }
 
-    /// Filters a whole sequence from the prior, with room for some rows more. Returns the pass with
-    /// the last state. Passes ln p(y_k | y_1 … y_{k-1}) of each step to `each`.
+    /// Filters a whole sequence from the prior, with capacity for `more` extra rows. Returns the
+    /// pass and the last state. Passes ln p(y_k | y_1 … y_{k-1}) of each step to `each`.
     pub(crate) fn over<A, B, S>(
         hmm: &Hmm<A, B>,
         sequence: &S,
@@ -98,8 +99,8 @@ impl ForwardPass {
         Ok((pass, state))
     }
 
-    /// Takes `steps` further steps from a state and keeps all beliefs, beginning with the present
-    /// one. Passes ln p(y_k | y_1 … y_{k-1}) of each step to `each`.
+    /// Takes `steps` more steps from a state and keeps all beliefs, the present one first.
+    /// Passes ln p(y_k | y_1 … y_{k-1}) of each step to `each`.
     pub(crate) fn fill<A, B, S>(
         &mut self,
         hmm: &Hmm<A, B>,
@@ -119,17 +120,19 @@ impl ForwardPass {
         self.rows.values.extend_from_slice(&state.belief);
         self.keep_logs(0, state);
         for row in 1..=steps {
-            // The state counts, so that a pass from a checkpoint names steps as one from the prior.
+            // Numbered by the state, so that a pass from a checkpoint numbers steps as one from the
+            // prior does.
             let number = state.steps + 1;
             let step = Step::of(hmm, sequence, number);
             let (rows, observation) = (&mut self.rows.values, sequence.observation(number));
             let advanced = step.advance(observation, state.held(), scratch, Some(rows))?;
             state.commit(number, &advanced, scratch);
+            // A plain step has appended its row while normalising it.
             if !matches!(advanced.form, BeliefForm::Plain { .. }) {
                 self.rows.values.extend_from_slice(&state.belief);
             }
             each(advanced.log);
-            // 0 where the likelihoods were scaled: the way back then takes predictions.
+            // 0 where the likelihoods were scaled: the backward pass then recomputes predictions.
             self.normalizers[row] = advanced.normalizer;
             if advanced.by_logs {
                 self.by_logs.push(row);
@@ -145,26 +148,28 @@ impl ForwardPass {
         }
     }
 
-    /// Returns true if the step to a row was taken in logarithms.
+    /// Returns true if the step to this row was taken in logarithms.
     pub(crate) fn by_logs(&self, row: usize) -> bool {
         self.by_logs.binary_search(&row).is_ok()
     }
 
-    /// Returns the observation of the step to a row, with its normaliser.
+    /// Pairs the observation of the step to a row with its normaliser.
     pub(crate) fn seen<'a, Y: ?Sized>(&self, row: usize, observation: &'a Y) -> Observed<'a, Y> {
         Observed { observation, normalizer: self.normalizers[row] }
     }
 
-    /// Begins the way back: the last row, which is γ_T too, is there twice. From here on γ of a row
-    /// has its place one row later.
+    /// Begins the backward pass: duplicates the last row, which is both α_T and γ_T. Afterwards γ
+    /// of row r is stored at row r + 1.
     pub(crate) fn turn(&mut self) {
         let last = self.rows.values.len() - self.rows.states;
         self.rows.values.extend_from_within(last..);
     }
 
-    /// Returns α before the step to a row, the place of γ before it (where α of the row was, which
-    /// no further step back reads), and γ of the row.
+    /// Returns, for the backward step from this row: α of the row before, the place for γ of the
+    /// row before, and γ of this row.
     pub(crate) fn way_back(&mut self, row: usize) -> (BeliefRef<'_>, &mut [f64], &[f64]) {
+        // γ of row r − 1 replaces α of row r, which no further backward step reads; γ of row r is
+        // one row later (see `turn`).
         let states = self.rows.states;
         let (before, after) = self.rows.values.split_at_mut(row * states);
         let (out, gamma) = after[..2 * states].split_at_mut(states);

@@ -1,7 +1,9 @@
-//! A step of the filter in linear space, block by block: each block of the prediction is
-//! multiplied by its likelihoods while it is in the first cache. The same step as that with all
-//! products at once (section 2 of the [formulas](crate::guide::formulas)), always plain, and tried
-//! first; whatever it notices is left to that one.
+//! A plain step of the filter, block by block: each block of the prediction is multiplied by its
+//! likelihoods while it is in the first-level cache.
+//!
+//! It computes the same as the whole-vector step (section 2 of the
+//! [formulas](crate::guide::formulas)) and is tried first. If anything is out of the ordinary it
+//! gives up, and the whole-vector step finds out what.
 
 use super::in_logs::BeliefRef;
 use super::state::{BeliefForm, LiftedBelief, StepOutput};
@@ -12,13 +14,13 @@ use crate::transition::Transition;
 use wayfix_kernels::limits;
 use wayfix_kernels::{self as kernels, ForwardStep, ForwardSums, Product, Watch};
 
-/// Number of likelihoods of one group that are multiplied at a time.
+/// Number of states of one group that are multiplied at a time.
 const REPEATED: usize = 512;
 
 impl<A: Transition, B: Likelihood> Step<'_, A, B> {
-    /// Takes the step with likelihoods of groups of states. Returns the normaliser, with the
-    /// probability of evidence on the move in it, or `None` if belief or entries may be too small
-    /// for that, or the results leave the range of `f64`.
+    /// Takes the step with likelihoods of groups of states. Returns the normaliser, which includes
+    /// the probability of evidence on the move, or `None` if belief or entries may be too small
+    /// for a plain step, or if the results leave the range of `f64`.
     pub(super) fn advance_by_blocks(
         &self,
         (diagonal, groups): (&Diagonal<'_>, &Groups),
@@ -32,15 +34,16 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
         let likelihoods = diagonal.linear_values()?;
         let largest = diagonal.check(groups.count()).ok()?;
         let fits = limits::is_unscaled(largest) && groups.as_slice().len() == before.linear.len();
-        // Conditions of a plain step ("A plain step" in `limits`): no tiny belief, and below no
-        // small entry, which the operator has to know since no matrix tells.
+        // Conditions of a plain step ("A plain step" in `limits`): no tiny belief is checked here,
+        // no small entry below. There is no matrix to look at, so the operator has to report its
+        // smallest.
         if !fits || before.logs.is_some() || lifted.is_needed() {
             return None;
         }
         if !limits::is_plain(transition.smallest_entry(control)) {
             return None;
         }
-        // With rounded tails, too: there is no lift here.
+        // Watched even with rounded tails, since nothing is lifted here.
         let watch = Watch::Products;
         let after = &mut *output.lifted;
         let (mut updated, mut states) = (ForwardSums::NONE, 0);
@@ -55,8 +58,8 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
                     let part = ForwardStep { prediction, lift: 1.0, likelihoods, watch, out };
                     updated = updated.and(kernels::forward_step(part));
                 };
-                // A run of states of one group repeats one likelihood; in other runs groups follow
-                // each other, and their likelihoods stand side by side already.
+                // A run is either one group throughout, whose likelihood is repeated, or states of
+                // consecutive groups, whose likelihoods are contiguous in memory already.
                 if same {
                     let repeated = [likelihoods[group]; REPEATED];
                     let parts = predicted.chunks(REPEATED).zip(after.chunks_mut(REPEATED));
@@ -66,8 +69,8 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
                 }
             }
         });
-        // Errors are reported by the step with all products at once. An operator that has passed
-        // on too few blocks breaks its contract, and must not leave old values in the output.
+        // Errors are left for the whole-vector step to report. An operator that passed too few
+        // blocks breaks its contract: the output would keep values of an earlier step.
         if states != before.linear.len() || updated.negative_predicted || updated.small {
             if updated.small {
                 lifted.lift_for_some_steps();

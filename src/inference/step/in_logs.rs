@@ -1,9 +1,9 @@
-//! Beliefs and steps in logarithms, for what linear space does not hold.
+//! Beliefs and steps in logarithms, for values that linear space cannot hold.
 //!
-//! A step comes here, with nothing committed, if the belief before has logarithms, or the linear
-//! step has noticed that it would lose a possible state ([`limits`](wayfix_kernels::limits), "Forms"). It is
-//! the recursion of section 2 of the [formulas](crate::guide::formulas), with sums of products as
-//! logarithms of sums of exponentials.
+//! A step comes here, with nothing committed yet, if the previous belief has logarithms or if the
+//! linear step would have lost a possible state ([`limits`](wayfix_kernels::limits), "Forms"). The recursion
+//! is that of section 2 of the [formulas](crate::guide::formulas), with log-sum-exp in place of
+//! sums of products.
 
 use std::f64::consts::LN_2;
 
@@ -15,7 +15,7 @@ use crate::transition::{Transition, TransitionEntries};
 use wayfix_kernels::limits::{self, LIFT};
 use wayfix_kernels::{self as kernels, Valid};
 
-/// A distribution, also as logarithms if it has positive values outside the range of `f64`.
+/// A distribution, with its logarithms too if it has positive values outside the range of `f64`.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct BeliefRef<'a> {
     pub(crate) linear: &'a [f64],
@@ -29,8 +29,9 @@ impl BeliefRef<'_> {
         self.logs.map_or_else(|| self.linear[state].ln(), |logs| logs[state])
     }
 
-    /// Lists the states j that lead into a state i, with weights in proportion to α(j) A\[i, j\],
-    /// which are NaN or all 0 if there are none. With `in_logs`, the step needs logarithms.
+    /// Lists the states j that lead into state i, with weights proportional to α(j) A\[i, j\]. If
+    /// none has a positive weight, the weights are NaN or all 0. `in_logs` says that the step needs
+    /// logarithms.
     pub(crate) fn predecessors<A: TransitionEntries>(
         &self,
         transition: &A,
@@ -44,7 +45,8 @@ impl BeliefRef<'_> {
             let incoming = transition.incoming(control, to);
             predecessors.extend(incoming.map(|(from, p)| (from, self.linear[from] * LIFT * p)));
             let total: f64 = predecessors.iter().map(|way| way.1).sum();
-            // An empty list may come from entries too small to be listed in linear form.
+            // All weights are truly 0 if every listed α(j) is. An empty list proves nothing, since
+            // entries too small for doubles are not listed in linear form.
             let nothing = || {
                 !predecessors.is_empty() && predecessors.iter().all(|way| self.linear[way.0] == 0.0)
             };
@@ -52,7 +54,8 @@ impl BeliefRef<'_> {
                 return;
             }
         }
-        // Some or all weights are too small for `f64`.
+        // Some or all weights are too small for `f64`. Dividing by the largest, in logarithms,
+        // makes it 1; −∞ − −∞ gives the documented NaN.
         predecessors.clear();
         let incoming = transition.incoming_log2(control, to);
         predecessors.extend(incoming.map(|(from, log2)| (from, self.log(from) + log2 * LN_2)));
@@ -70,8 +73,8 @@ impl BeliefRef<'_> {
 }
 
 impl<A: Transition, B: Likelihood> Step<'_, A, B> {
-    /// Predicts in logarithms, into those of the output, and checks the prediction: a
-    /// distribution, unless there is evidence on the move.
+    /// Predicts in logarithms, into `output.logs`, and checks the prediction: it must be a
+    /// distribution unless there is evidence on the move.
     pub(crate) fn predict_in_logs(
         &self,
         before: BeliefRef<'_>,
@@ -87,9 +90,9 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
         if evidence.is_some() {
             return self.check_log_evidence(&output.logs);
         }
-        // Lifted, so that the test of the sum sees what is below the range of `f64`, too.
+        // Lifted, so that the test of the sum includes values below the range of `f64`.
+        // `predicted` is unused by a step in logarithms, and serves as scratch here.
         let lift = LIFT.ln();
-        // (`predicted` is free in a step in logarithms, and serves as scratch for the test.)
         let states = output.predicted.iter_mut().zip(&output.logs);
         states.for_each(|(out, log)| *out = (log + lift).exp());
         self.check_prediction(&output.predicted)?;
@@ -97,7 +100,7 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
     }
 
     /// Updates the prediction in logarithms to the belief after the observation. `log_scale` is
-    /// taken out of the likelihoods first, so that they keep their digits.
+    /// subtracted from the log-likelihoods first, so that the sums keep their digits.
     #[cold]
     pub(crate) fn update_in_logs(
         &self,
@@ -108,7 +111,8 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
         for (out, log) in output.logs.iter_mut().zip(diagonal.logs()) {
             *out += log - log_scale;
         }
-        // Neither prediction nor likelihoods are all 0 here, but they may have no state in common.
+        // Callers have excluded an all-zero prediction and all-zero likelihoods, but the two may
+        // have no state in common.
         let Some(normalizer) = normalize_logs(&mut output.logs, &mut output.after) else {
             return Err(InferenceError::Impossible { step: self.number });
         };
@@ -117,8 +121,7 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
         Ok(StepOutcome { log, normalizer: 0.0, by_logs: true, in_logs, form: BeliefForm::Other })
     }
 
-    /// Checks that the logarithms of a prediction with evidence are numbers or −∞, and not all
-    /// −∞.
+    /// Checks that the logarithms of a prediction with evidence are finite or −∞, and not all −∞.
     pub(crate) fn check_log_evidence(&self, logs: &[f64]) -> Result<(), InferenceError> {
         let step = self.number;
         match kernels::largest(logs, Valid::Logs) {
@@ -129,24 +132,26 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
     }
 }
 
-/// Returns true if a probability above 0 rounds to 0 in linear space.
+/// Returns true if some probability above 0 rounds to 0 in linear space.
 pub(crate) fn loses(logs: &[f64], linear: &[f64]) -> bool {
     logs.iter().zip(linear).any(|(log, p)| limits::needs_log(*p, *log))
 }
 
-/// Normalizes logarithms, and writes the distribution itself to `linear`. Returns the logarithm
-/// of their sum, or `None` if the sum is 0.
+/// Normalises a distribution given by logarithms, and writes it to `linear` too. Returns the
+/// logarithm of the sum, or `None` if the sum is 0.
 pub(crate) fn normalize_logs(logs: &mut [f64], linear: &mut [f64]) -> Option<f64> {
     let largest = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     if !largest.is_finite() {
         return None;
     }
-    // The largest term is e^0, so that the sum is from 1 to n and its logarithm exact enough.
+    // Log-sum-exp: the largest term is e^0, so that the sum is from 1 to n, and small terms round
+    // away harmlessly.
     linear.iter_mut().zip(&*logs).for_each(|(out, log)| *out = (log - largest).exp());
     let sum = kernels::sum(linear);
     kernels::normalize(linear, sum);
     let normalizer = largest + sum.ln();
-    // In two differences: the sum of both logarithms would round at the size of `largest`.
+    // Two subtractions: `largest + ln sum` would round at the size of `largest`, whereas the first
+    // difference here is small and so nearly exact.
     logs.iter_mut().for_each(|log| *log = (*log - largest) - sum.ln());
     Some(normalizer)
 }

@@ -1,14 +1,14 @@
 //! One step of the filter: prediction, update, normaliser (paper eq. 8; section 2 of the
 //! [formulas](crate::guide::formulas)).
 //!
-//! N α' = b ∘ (A α), with A as an operator that need not be stored. Each step is taken in the
-//! cheapest form that keeps all possible states: plain, lifted, or in logarithms. That a form was
-//! enough is seen in its results ([`limits`](wayfix_kernels::limits) has the proof), so that a form which
-//! fails costs time, but no digits, and nothing of the filter has changed yet.
+//! N α' = b ∘ (A α), where A is any linear operator, stored or not. Each step is taken in the
+//! cheapest form that keeps every possible state: plain, lifted, or in logarithms. The results
+//! themselves show whether a form was sufficient ([`limits`](wayfix_kernels::limits) has the proof). If it
+//! was not, time is lost but no digits, because the state of the filter has not been touched yet.
 //!
-//! With evidence on the move, measurements between two steps multiply the entries of A; the sum of
-//! the prediction is then their probability, and not one, and linear space holds it from 2^-100 to
-//! 2^7.
+//! With evidence on the move, measurements between two steps multiply the entries of A. The
+//! prediction then sums to their probability instead of one; linear space is used while that sum
+//! is from 2^-100 to 2^7.
 
 pub(crate) mod backward;
 pub(crate) mod forward_pass;
@@ -35,12 +35,13 @@ pub(crate) struct Step<'m, A: Transition, B> {
     pub(crate) hmm: &'m Hmm<A, B>,
     /// Number of the step, for errors.
     pub(crate) number: usize,
-    /// Control, or `None` without a transition.
+    /// Control, or `None` if the step has no transition.
     pub(crate) control: Option<&'m A::Control>,
 }
 
 impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
-    /// Creates the step after `steps` steps, under a control that the first step may not need.
+    /// Creates the step that follows `steps` steps. The control is dropped if the step has no
+    /// transition: the first, under a prior at the first observation.
     pub(crate) fn after(
         hmm: &'m Hmm<A, B>,
         steps: usize,
@@ -50,7 +51,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         Ok(Self { hmm, number, control: hmm.prior().moves_at(number).then_some(control) })
     }
 
-    /// Creates the step of a sequence with this number.
+    /// Creates step `number` of a sequence.
     pub(crate) fn of<S>(hmm: &'m Hmm<A, B>, sequence: &'m S, number: usize) -> Self
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,
@@ -77,7 +78,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         }
     }
 
-    /// Returns the sparse matrix of the step, if there is one and no evidence.
+    /// Returns the sparse matrix of the step, if it has one and no evidence on the move.
     #[inline]
     pub(crate) fn stored(&self, control: &A::Control) -> Option<&'m SparseTransition> {
         let transition = self.hmm.transition();
@@ -85,14 +86,14 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         transition.evidence(control).is_none().then_some(matrix)
     }
 
-    /// Advances from the last belief to the one after the observation. A belief of the
-    /// [plain](BeliefForm::Plain) form is appended to `rows`, if they are given, while it is
-    /// normalised; one of another form is left to the caller.
+    /// Advances from the last belief to the one after the observation. A belief in
+    /// [plain](BeliefForm::Plain) form is appended to `rows`, if given, in the pass that normalises
+    /// it; a belief in another form is left for the caller to append.
     ///
-    /// The step is taken in linear space unless it needs logarithms: because the belief before is
-    /// kept in logarithms, because the observation contradicts the prediction by more than 2^32
-    /// (number 2 in [`limits`](wayfix_kernels::limits)), or because a possible state would get 0. The last
-    /// does not count in a model with rounded tails.
+    /// The step is taken in linear space unless it needs logarithms: the previous belief is in
+    /// logarithms, the observation contradicts the prediction by more than 2^32 (number 2 in
+    /// [`limits`](wayfix_kernels::limits)), or a possible state would become 0. The last reason does not
+    /// apply to a model with rounded tails.
     pub(crate) fn advance(
         &self,
         observation: &B::Observation,
@@ -105,8 +106,8 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
             && let Ok((diagonal, groups)) = found
             && diagonal.check_shape(groups.count()).is_ok()
         {
-            // A sensor that fails, or a step that is not plain, is left to the general way, which
-            // knows all errors; this one only has to be right where it succeeds.
+            // A shortcut: it only has to be right where it succeeds. A failing sensor, or a step
+            // that cannot be plain, falls through to the general code below, which reports errors.
             let evidence = self.evidence()?;
             let likelihoods = (&diagonal, groups);
             let (rows, has_evidence) = (rows.as_deref_mut(), evidence.is_some());
@@ -118,7 +119,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
             }
         }
         let wrap = |cause| InferenceError::likelihood(self.number, cause);
-        // Borrowed, since copying a diagonal that was just written takes as long as some rows.
+        // Borrowed: copying a diagonal that was just written costs as much as a few rows of A.
         let found = self.hmm.likelihood().diagonal(observation, scratch);
         let diagonal = match found {
             Ok(ref diagonal) => diagonal,
@@ -134,8 +135,8 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
             scaled: false,
             tails_rounded,
         });
-        // Unscaled if possible; the update checks on the way that likelihoods are valid, which
-        // saves a pass over them.
+        // First attempt: likelihoods as the sensor gave them. The update itself checks that they
+        // are valid, which saves a separate pass over them.
         if let (None, None, Some(linear)) = (before.logs, evidence, linear)
             && let Some((n, form)) = self.advance_in_doubles(
                 linear,
@@ -149,7 +150,9 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
             return Ok(StepOutcome::linear(n.ln() + log_factors, n, form));
         }
         let largest = diagonal.check(states).map_err(wrap)?;
-        // Without evidence, a step that comes here has failed with likelihoods as they are.
+        // Second attempt. Without evidence, the unscaled likelihoods have just failed above (or the
+        // step is in logarithms anyway), so they are scaled; with evidence they are still to be
+        // tried.
         let unscaled = linear.filter(|_| evidence.is_some() && limits::is_unscaled(largest));
         let (likelihoods, log_scale) = if let Some(likelihoods) = unscaled {
             (likelihoods, 0.0)
@@ -168,19 +171,22 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
                 rows,
             )?
         {
-            // The way back cannot use the N of likelihoods that are gone.
+            // The backward pass asks the sensor again and gets unscaled values, to which the N of
+            // scaled ones does not belong; 0 tells it so.
             let normalizer = if likelihoods.scaled { 0.0 } else { n };
             return Ok(StepOutcome::linear(n.ln() + log_scale + log_factors, normalizer, form));
         }
+        // Last resort, starting over from `before`: whatever the attempts left in `output` is
+        // overwritten.
         self.predict_in_logs(before, evidence, output, values)?;
         let advanced = self.update_in_logs(diagonal, log_scale, output)?;
         let log = evidence.map_or(advanced.log, |log_factor| advanced.log + log_factor);
         Ok(StepOutcome { log, ..advanced })
     }
 
-    /// Takes the step in linear space. Returns the normaliser of the likelihoods, with the
-    /// probability of evidence on the move in it, or `None` if the results leave the range of `f64`
-    /// or the likelihoods are not valid or need scaling.
+    /// Takes the step in linear space. Returns the normaliser N, which includes the probability of
+    /// evidence on the move, or `None` if the results leave the range of `f64`, or if the
+    /// likelihoods are invalid or need scaling.
     #[inline]
     fn advance_in_doubles(
         &self,
@@ -192,10 +198,11 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         rows: Option<&mut Vec<f64>>,
     ) -> Result<Option<(f64, BeliefForm)>, InferenceError> {
         let StepOutput { predicted, after, lifted: out, .. } = output;
-        // With evidence there is no matrix, and no plain step: nothing says how small entries are.
+        // With evidence there is no matrix and hence no plain step: its entries have no known
+        // lower bound.
         let matrix = self.control.and_then(|control| self.stored(control));
-        // Plain if all terms A α are at least 2^-1000 ("A plain step" in `limits`): no belief is
-        // tiny, and no entry of the matrix small.
+        // Plain if no belief is tiny (2^-900) and no entry small (2^-100), so that every term of
+        // A α is 0 or at least 2^-1000 ("A plain step" in `limits`).
         if !lifted.is_needed()
             && let Some(matrix) = matrix
             && matrix.plain
@@ -209,7 +216,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
                 let tiny = kernels::normalize_in_place(out, updated.products, rows);
                 return Ok(Some((updated.products, BeliefForm::Plain { tiny })));
             }
-            // A result below 2^-1000 may lack digits that the lifted step has.
+            // A result below 2^-1000 may lack digits that the lifted step keeps.
             lifted.lift_for_some_steps();
         }
         let lifted = lifted.values(belief);
@@ -222,9 +229,9 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
             }
         };
         let updated = kernels::forward_step(likelihoods.update(prediction, LIFT, out));
-        // A matrix was checked when it was made, any other operator is by its sum. The search for
-        // the state at fault comes after that, so that steps in order don't pay for it. (A NaN or
-        // infinite value makes the sum NaN or infinite.)
+        // A matrix was checked at construction; any other operator is checked by its sum, which a
+        // NaN or infinite value makes NaN or infinite. Only then do `evidence_sum` and
+        // `check_prediction` search for the state at fault, so that valid steps don't pay for it.
         let sum = updated.predicted / LIFT;
         if has_evidence {
             if updated.negative_predicted || !limits::is_evidence_sum(sum) {
@@ -237,20 +244,21 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         {
             self.check_prediction(predicted)?;
         }
-        // The sum of a prediction with evidence takes the place of one: an observation contradicts
-        // what the evidence has left, not what it has ruled out.
+        // With evidence, N is compared with the sum of the prediction in place of one: only a
+        // contradiction between the observation and what the evidence has left counts.
         if !holds(&updated, if has_evidence { updated.predicted } else { LIFT }) {
             return Ok(None);
         }
         let tiny = kernels::normalize_and_lift(out, after, updated.products);
-        // Small is below 1 of 2^1000: a loss is possible, and one pass more tells.
+        // `small`: a lifted product fell below 1 ("A lifted step" in `limits`). A possible state
+        // may have been lost; one more pass decides.
         if updated.small && self.loses_states(likelihoods, lifted, output) {
             return Ok(None);
         }
         Ok(Some((updated.products / LIFT, BeliefForm::Lifted { tiny })))
     }
 
-    /// Scales likelihoods to a largest value of one, and returns the logarithm of the divisor.
+    /// Scales likelihoods so that the largest is one, and returns the logarithm of the divisor.
     fn scale(
         &self,
         diagonal: &Diagonal<'_>,
@@ -265,6 +273,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
                 Ok(largest.ln())
             }
             Values::Log(_) if largest == f64::NEG_INFINITY => impossible,
+            // The largest is subtracted first: exp(ln b − ln c) is at most 1 and cannot overflow.
             Values::Log(logs) => {
                 values.iter_mut().zip(logs).for_each(|(out, log)| *out = log - largest);
                 kernels::exp_in_place(values);
@@ -274,12 +283,12 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
     }
 }
 
-/// Likelihoods in proportion to those of a diagonal.
+/// Likelihoods proportional to those of a diagonal.
 #[derive(Clone, Copy)]
 struct Likelihoods<'a> {
     diagonal: &'a Diagonal<'a>,
     values: &'a [f64],
-    /// True if they have been scaled, so that a value of 0 may have been positive.
+    /// True if they were scaled, so that a 0 among them may stand for a positive value.
     scaled: bool,
     /// True if the model rounds tails.
     tails_rounded: bool,
@@ -287,8 +296,9 @@ struct Likelihoods<'a> {
 
 impl<'a> Likelihoods<'a> {
     fn update(self, prediction: Product<'a>, lift: f64, out: &'a mut [f64]) -> ForwardStep<'a> {
-        // Without a lift, small results lose digits, so that they are watched with rounded tails
-        // too.
+        // Without a lift, small results lose digits; so a plain step is watched even in a model
+        // with rounded tails. Scaled likelihoods may have become 0, and then the product b p no
+        // longer shows the loss; the prediction p does.
         let watch = match self {
             _ if lift > 1.0 && self.tails_rounded => Watch::Nothing,
             Self { scaled: true, .. } => Watch::Predictions,
@@ -298,8 +308,8 @@ impl<'a> Likelihoods<'a> {
     }
 }
 
-/// Returns true if the results of an update are within the range of `f64`, and the likelihoods
-/// are valid and near enough to one (numbers 1 and 2 in [`limits`](wayfix_kernels::limits)).
+/// Returns true if the results of an update are within the range of `f64` and the likelihoods
+/// are valid and within the unscaled range (numbers 1 and 2 in [`limits`](wayfix_kernels::limits)).
 #[inline]
 fn holds(updated: &ForwardSums, lift: f64) -> bool {
     let ForwardSums { products, predicted, largest_likelihood, .. } = *updated;

@@ -1,5 +1,5 @@
-//! A prediction without an observation, p = A α, and the test that it is a distribution: any
-//! operator may have made it. With evidence on the move its sum is the probability of the
+//! A prediction without an observation, p = A α, and the test that it is a distribution, since the
+//! operator may be the user's own. With evidence on the move its sum is the probability of the
 //! evidence (section 2 of the [formulas](crate::guide::formulas)).
 
 use super::in_logs::{BeliefRef, loses, normalize_logs};
@@ -12,12 +12,12 @@ use wayfix_kernels::limits::{self, LIFT};
 use wayfix_kernels::{self as kernels, Valid};
 
 impl<A: Transition, B: Likelihood> Step<'_, A, B> {
-    /// Returns true if entries of a step with evidence are outside the range of `f64`.
+    /// Returns true if the operator reports products of this step outside the range of `f64`.
     pub(crate) fn needs_logs(&self) -> bool {
         self.control.is_some_and(|control| self.hmm.transition().needs_logs(control))
     }
 
-    /// Returns true if single entries of a step with evidence are outside the range of `f64`.
+    /// Returns true if the operator reports single entries of this step outside the range of `f64`.
     pub(crate) fn entries_need_logs(&self) -> bool
     where
         A: TransitionEntries,
@@ -25,7 +25,7 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
         self.control.is_some_and(|control| self.hmm.transition().entries_need_logs(control))
     }
 
-    /// Returns the checked diagonal of an observation, and its largest value.
+    /// Returns the checked diagonal of an observation and its largest value.
     pub(crate) fn diagonal<'a>(
         &'a self,
         observation: &'a B::Observation,
@@ -37,8 +37,8 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
         Ok((diagonal, largest))
     }
 
-    /// Predicts: `after = A before`, or a copy without a transition; of any scale. The control
-    /// must have been checked.
+    /// Computes `after = A before`, or a copy without a transition, for vectors of any scale. The
+    /// control must have been checked.
     pub(crate) fn predict(&self, before: &[f64], after: &mut [f64]) {
         match self.control {
             Some(control) => self.hmm.transition().apply(control, before, after),
@@ -47,7 +47,7 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
     }
 
     /// Takes the step without an observation. Its log-likelihood is that of evidence on the move,
-    /// or 0.
+    /// or 0 without evidence.
     pub(crate) fn advance_unseen(
         &self,
         before: BeliefRef<'_>,
@@ -56,10 +56,10 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
         let StepScratch { lifted, output, work } = scratch;
         let (evidence, rounds_tails) = (self.evidence()?, self.hmm.rounds_tails());
         let mut by_logs = before.logs.is_some() || (evidence.is_some() && self.needs_logs());
-        // ln p(u), without the log factor of the evidence.
+        // ln p(u), before the log factor of the evidence is added.
         let mut log = 0.0;
         if !by_logs {
-            // Always lifted: no likelihood watches small results here.
+            // Always lifted: there is no update here that would notice small products.
             self.predict(lifted.values(before.linear), &mut output.after);
             let sum = match evidence {
                 None => Some(self.check_prediction(&output.after)?),
@@ -68,14 +68,15 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
             match sum {
                 Some(sum) => {
                     let loses = output.after.iter().any(|p| limits::rounds_to_zero(*p, sum));
-                    // The sum is one up to rounding, which must not accumulate.
+                    // Without evidence the sum is one up to rounding, which must not accumulate
+                    // over steps.
                     kernels::normalize(&mut output.after, sum);
                     (by_logs, log) = (loses && !rounds_tails, (sum / LIFT).ln());
                 }
                 None => by_logs = true,
             }
         }
-        // From the belief before: what was computed in linear space is overwritten.
+        // Starts over from the previous belief; the linear result is overwritten.
         let mut in_logs = false;
         if by_logs {
             self.predict_in_logs(before, evidence, output, &mut work.values)?;
@@ -86,7 +87,7 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
         Ok(StepOutcome { log, normalizer: 0.0, by_logs, in_logs, form: BeliefForm::Other })
     }
 
-    /// Checks that a lifted prediction is a distribution, since any operator may have made it,
+    /// Checks that a lifted prediction is a distribution, since the operator may be the user's own,
     /// and returns its sum.
     pub(crate) fn check_prediction(&self, predicted: &[f64]) -> Result<f64, InferenceError> {
         let step = self.number;
@@ -108,8 +109,8 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
     pub(crate) fn evidence_sum(&self, predicted: &[f64]) -> Result<Option<f64>, InferenceError> {
         if let Err(state) = kernels::largest(predicted, Valid::Likelihoods) {
             let value = predicted[state] / LIFT;
-            // May be finite without the lift; a NaN may be an entry of 0 times such a value. If it
-            // is the operator's own, so are the logarithms.
+            // An overflow may come from the lift, and a NaN from 0 · ∞ after one: try logarithms.
+            // If the operator itself gave ∞ or NaN, its logarithms will be invalid, too.
             if value == f64::INFINITY || value.is_nan() {
                 return Ok(None);
             }
@@ -118,7 +119,7 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
         let sum = kernels::sum(predicted);
         Ok(limits::is_evidence_sum(sum / LIFT).then_some(sum))
     }
-    /// Returns true if a state that prediction and likelihood allow has become 0, or a scaled
+    /// Returns true if a state that prediction and likelihood allow has become 0, or if a scaled
     /// likelihood is too small to have all its digits.
     #[cold]
     pub(super) fn loses_states(
@@ -127,12 +128,12 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
         lifted: &[f64],
         output: &mut StepOutput,
     ) -> bool {
-        // A product with a stored matrix has not kept its prediction.
+        // Predicted again: the fused product with a stored matrix did not keep p.
         self.predict(lifted, &mut output.predicted);
         let lost =
             |((&p, &after), &scaled): ((&f64, &f64), &f64)| limits::is_lost(p, after, scaled);
         let states = output.predicted.iter().zip(&*output.after).zip(likelihoods.values);
-        // Where the sensor's own value is 0, the state is impossible, and 0 right.
+        // If the sensor's own likelihood is 0 the state is impossible, and 0 is right.
         match likelihoods.diagonal.values {
             Values::Linear(b) | Values::Checked { linear: b, .. } => {
                 states.zip(b).any(|(state, b)| lost(state) && *b > 0.0)

@@ -1,6 +1,7 @@
-//! Scores of the decoders: sums of logarithms to base 2, on a grid on which sums are exact (see
-//! `kernels::log2`), so that ties are ties. Whole numbers are taken out of them at every step,
-//! which is exact too, and keeps their digits over any number of steps.
+//! Scores of the decoders: sums of logarithms to base 2, rounded to a grid on which sums are exact
+//! (`kernels::log2`; "The grid" in section 7 of the [formulas](crate::guide::formulas)), so that
+//! ties are ties. Each step subtracts a whole number from all scores, which is exact too, so that
+//! scores stay small and keep their digits over any number of steps.
 
 use std::f64::consts::{LN_2, LOG2_E};
 
@@ -12,7 +13,7 @@ use crate::transition::TransitionEntries;
 use wayfix_kernels::limits::{self, LIFT};
 use wayfix_kernels::{self as kernels, Scores, ScoresIn};
 
-/// Amounts taken out of the scores.
+/// Amounts that have been taken out of the scores.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct TakenOut {
     /// Sum of the whole numbers, an exact integer.
@@ -29,7 +30,7 @@ impl TakenOut {
         sum.value()
     }
 
-    /// Takes out the whole part of the best score, and returns it.
+    /// Records the whole part of the best score as taken out, and returns it.
     fn whole_of(&mut self, best: f64) -> f64 {
         let floor = best.floor();
         self.whole += floor;
@@ -45,14 +46,14 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         taken_out: &mut TakenOut,
     ) -> Result<(), InferenceError> {
         let prior = self.hmm.prior().belief().as_slice();
-        // Lifted, so that a small prior times a small entry is not lost before its logarithm is
-        // taken.
+        // Lifted, so that a small prior times a small entry does not underflow before its logarithm
+        // is taken ("Scores and draws" in `limits`).
         let mut lifted = vec![0.0; prior.len()];
         kernels::lift(prior, &mut lifted);
         let evidence = self.evidence()?;
         if let Some(log_factor) = evidence {
             taken_out.factors.add(log_factor);
-            // The evidence says itself that its factors leave the range of doubles.
+            // The operator itself reports factors outside the range of doubles.
             if self.needs_logs() {
                 return self.first_scores_in_logs(scores, &mut lifted);
             }
@@ -67,8 +68,9 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         }
         let tiny = |p: &f64| limits::is_tiny(*p);
         if let (Some(control), true) = (self.control, prior.iter().any(tiny)) {
-            // Products of two such numbers may underflow. Where they do not, scores stay as they
-            // are, for the sake of ties.
+            // A tiny prior times an entry may underflow even when lifted. Only such sums (lifted
+            // below 1) are taken from logarithms; the others keep their linear scores, since the
+            // two computations may round differently, which would break ties.
             let (mut logs, mut next) = (lifted, vec![0.0; prior.len()]);
             logs.iter_mut().zip(prior).for_each(|(log, p)| *log = p.ln());
             self.hmm.transition().apply_log(control, &logs, &mut next);
@@ -82,8 +84,8 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         Ok(())
     }
 
-    /// Computes the first scores in logarithms, where the evidence on the first move leaves the
-    /// range of `f64`.
+    /// Computes the first scores in logarithms, if the evidence on the first move leaves the range
+    /// of `f64`.
     #[cold]
     fn first_scores_in_logs(
         &self,
@@ -109,8 +111,8 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         Ok(evidence.is_some())
     }
 
-    /// Returns an error if evidence on the move leaves no path with a probability above 0, or is
-    /// not valid; `best` is the score of the best path.
+    /// Returns an error if evidence on the move is invalid, or leaves no path with a probability
+    /// above 0. `best` is the score of the best path.
     pub(crate) fn check_best_path(&self, best: f64) -> Result<(), InferenceError> {
         let step = self.number;
         if best.is_finite() {
@@ -145,7 +147,8 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         let Some(control) = self.control else { return Ok(()) }; // only step 1 has none
         let evidence = self.take_out_evidence(taken_out)?;
         let transition = self.hmm.transition();
-        // A stored matrix adds the likelihoods and finds the best on its way, in one pass.
+        // The kernel of a stored matrix adds the likelihoods and finds the best score in the same
+        // pass.
         let largest = if let Some(matrix) = self.stored(control) {
             matrix.maximize(scores, likelihoods, next, from)
         } else {
@@ -176,8 +179,7 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         Ok(())
     }
 
-    /// Takes a whole number out of scores, and returns it; an error if all are
-    /// −∞.
+    /// Takes a whole number out of the scores, and returns it. Fails if all scores are −∞.
     pub(crate) fn settle(
         &self,
         scores: &mut [f64],
@@ -197,22 +199,22 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         if best == f64::NEG_INFINITY {
             return Err(InferenceError::Impossible { step: self.number });
         }
-        // The best stays from 0 to 1: scores keep the digits of their grid over any number of
-        // steps.
+        // The best score is now from 0 to 1. Scores down to −256 are multiples of 2^-45 that
+        // doubles hold exactly, so this subtraction and later sums stay exact.
         let floor = taken_out.whole_of(best);
         scores.iter_mut().for_each(|score| *score -= floor);
         Ok(floor)
     }
 }
 
-/// Returns log2 of a lifted probability, taken after the lift is undone if that keeps all digits:
-/// a prior then has the same logarithm as an entry of its size.
+/// Returns log2 of a probability, given lifted. The lift is undone first if that keeps all digits,
+/// so that equal numbers have equal scores whether they were lifted or not.
 pub(crate) fn unlifted_log2(lifted: f64) -> f64 {
     let p = lifted / LIFT;
     if p >= f64::MIN_POSITIVE { kernels::log2(p) } else { kernels::log2(lifted) - LIFT.log2() }
 }
 
-/// Returns the lowest state of the highest score.
+/// Returns the state with the highest score, the lowest of them in a tie.
 pub(crate) fn best(scores: &[f64]) -> usize {
     let mut state = 0;
     for (i, &score) in scores.iter().enumerate() {
@@ -223,8 +225,8 @@ pub(crate) fn best(scores: &[f64]) -> usize {
     state
 }
 
-/// Returns the scores of likelihoods, less a common part that keeps them small; `None` if all
-/// are 0.
+/// Returns the scores of likelihoods, with a common part taken out to keep them small, or `None` if
+/// all likelihoods are 0.
 pub(crate) fn likelihood_scores<'a>(
     diagonal: &Diagonal<'a>,
     largest: f64,
@@ -247,7 +249,7 @@ pub(crate) fn likelihood_scores<'a>(
     if diagonal.log_factor != 0.0 {
         taken_out.factors.add(diagonal.log_factor);
     }
-    // Whole powers of two can be taken out without rounding.
+    // A whole power of two is taken out without rounding.
     let shift = taken_out.whole_of(kernels::log2(largest));
     Some(Scores { values, form, shift })
 }

@@ -1,10 +1,10 @@
-//! State of a filter, plain data, and the scratch memory of its steps.
+//! State of a filter as plain data, and the scratch memory of its steps.
 //!
-//! A step reads the state, computes into scratch memory, and is committed by a swap of buffers. So
-//! an error anywhere before leaves the state as it was, and nothing is copied or allocated. Between
-//! steps the belief keeps the invariant of its form ([`limits`](wayfix_kernels::limits)): a possible state
-//! is above 0 with all its digits, or the belief has logarithms too. Its recursion is section 2 of
-//! the [formulas](crate::guide::formulas).
+//! A step reads the state, computes into scratch memory, and is committed by swapping buffers. An
+//! error before the commit leaves the state as it was, and nothing is copied or allocated. Between
+//! steps the belief keeps the invariant of its form ([`limits`](wayfix_kernels::limits)): every possible
+//! state is above 0 with all its digits, or the belief has logarithms too. The recursion is that of
+//! section 2 of the [formulas](crate::guide::formulas).
 
 use std::mem;
 
@@ -19,7 +19,7 @@ use wayfix_kernels::{self as kernels, Aligned};
 /// Largest number of steps of a filter or snapshot: an `f64` can count them.
 pub const MOST_STEPS: usize = if usize::BITS > 53 { (1_u64 << 53) as usize } else { usize::MAX };
 
-/// Returns the number of the step after `steps` steps.
+/// Returns the number of the step that follows `steps` steps.
 pub(crate) fn next_step(steps: usize) -> Result<usize, InferenceError> {
     if steps < MOST_STEPS { Ok(steps + 1) } else { Err(InferenceError::TooMany { steps }) }
 }
@@ -36,7 +36,8 @@ impl LogSum {
     #[doc(hidden)]
     pub fn add(&mut self, value: f64) {
         let sum = self.sum + value;
-        // With the larger one first, this difference is the rounding of the sum, exactly.
+        // Neumaier: with the larger operand first, this difference is exactly the rounding error
+        // of the sum (Dekker's fast two-sum).
         self.lost += if self.sum.abs() >= value.abs() {
             (self.sum - sum) + value
         } else {
@@ -45,12 +46,12 @@ impl LogSum {
         self.sum = sum;
     }
 
-    /// Clears the compensation of an infinite sum, which is NaN and unused.
+    /// Returns the sum with its compensation cleared if it is infinite: that is NaN and unused.
     pub(crate) fn known(self) -> Self {
         if self.sum.is_finite() { self } else { Self { sum: self.sum, lost: 0.0 } }
     }
 
-    /// True if sum and compensation together are finite; both may be damaged.
+    /// Returns true if sum and compensation together are finite. Either may be damaged.
     pub(crate) fn is_finite(self) -> bool {
         self.sum.is_finite() && (self.sum + self.lost).is_finite()
     }
@@ -62,7 +63,7 @@ impl LogSum {
     }
 }
 
-/// State of a filter after k steps: plain data, to be kept, compared, sent elsewhere and
+/// State of a filter after k steps: plain data that can be kept, compared, sent elsewhere and
 /// restored. A [`Filter`](crate::Filter) dereferences to its state.
 ///
 /// ```
@@ -82,14 +83,14 @@ pub struct FilterSnapshot {
     pub(crate) steps: usize,
     pub(crate) steps_in_logs: usize,
     pub(crate) belief: Aligned,
-    /// Logarithms of the belief if it has values outside the range of `f64`, else empty. A state
-    /// that takes steps keeps memory for n of them.
+    /// Logarithms of the belief if it has values outside the range of `f64`, else empty. The state
+    /// of a running filter keeps capacity for n of them.
     pub(crate) logs: Vec<f64>,
     pub(crate) log_likelihood: LogSum,
 }
 
 impl FilterSnapshot {
-    /// Creates the state before any step, in memory for steps.
+    /// Creates the state before any step, with the memory that a running filter needs.
     pub(crate) fn start(belief: &[f64]) -> Self {
         let (mut aligned, logs) =
             (Aligned::new(belief.len(), 0.0), Vec::with_capacity(belief.len()));
@@ -98,7 +99,7 @@ impl FilterSnapshot {
         Self { steps: 0, steps_in_logs: 0, belief: aligned, logs, log_likelihood }
     }
 
-    /// Overwrites the state, and keeps all memory for steps to come.
+    /// Overwrites the state, and keeps all memory for later steps.
     pub(crate) fn copy(&mut self, other: &Self) {
         (self.steps, self.steps_in_logs) = (other.steps, other.steps_in_logs);
         self.log_likelihood = other.log_likelihood;
@@ -110,13 +111,13 @@ impl FilterSnapshot {
         self.logs.clone_from(&other.logs);
     }
 
-    /// Replaces the belief by one of as many states.
+    /// Replaces the belief by one over the same number of states.
     pub(crate) fn relocate(&mut self, belief: &[f64]) {
         self.belief.copy_from_slice(belief);
         self.logs.clear();
     }
 
-    /// Returns to the prior.
+    /// Goes back to the prior.
     pub(crate) fn restart(&mut self, prior: &[f64]) {
         self.relocate(prior);
         (self.steps, self.steps_in_logs, self.log_likelihood) = (0, 0, LogSum::default());
@@ -127,7 +128,7 @@ impl FilterSnapshot {
         BeliefRef { linear: &self.belief, logs }
     }
 
-    /// Takes a step, with its observation.
+    /// Takes a step with an observation.
     pub(crate) fn advance<A: Transition, B: Likelihood>(
         &mut self,
         step: &Step<'_, A, B>,
@@ -139,7 +140,7 @@ impl FilterSnapshot {
         Ok(outcome)
     }
 
-    /// Applies the outcome of a step; nothing before this changes the state.
+    /// Applies the outcome of a step. Nothing before this call changes the state.
     pub(crate) fn commit(
         &mut self,
         number: usize,
@@ -147,9 +148,11 @@ impl FilterSnapshot {
         scratch: &mut StepScratch,
     ) {
         let StepScratch { lifted, output, .. } = scratch;
-        // Old values in a buffer do no harm: a step overwrites its outputs before it reads them.
+        // The buffers swapped out hold old values, which is harmless: a step writes each output
+        // before it reads it.
         match outcome.form {
-            // A plain step normalises in place; the lifted values are those of the belief before.
+            // A plain step normalises in place and lifts nothing: `lifted.values` still belong to
+            // the previous belief.
             BeliefForm::Plain { tiny } => {
                 mem::swap(&mut self.belief, &mut output.lifted);
                 (lifted.valid, lifted.tiny) = (false, tiny);
@@ -165,10 +168,11 @@ impl FilterSnapshot {
             }
         }
         lifted.more = lifted.more.saturating_sub(1);
-        // The belief keeps logarithms as long as one of its states needs them, no longer.
+        // Logarithms are kept only as long as some state needs them.
         if outcome.in_logs {
             mem::swap(&mut self.logs, &mut output.logs);
-            // An empty vector came back unless the last belief had logarithms too.
+            // The swap brought back an empty vector unless the last belief had logarithms too. Its
+            // capacity is n, so that this does not allocate.
             output.logs.resize(self.logs.len(), 0.0);
         } else {
             self.logs.clear();
@@ -179,7 +183,7 @@ impl FilterSnapshot {
     }
 }
 
-/// Memory of steps, allocated once. After a change of the belief from outside, [`LiftedBelief`]
+/// Scratch memory of steps, allocated once. If the belief is changed from outside, [`LiftedBelief`]
 /// has to [follow](LiftedBelief::follow).
 #[derive(Debug, Clone)]
 pub(crate) struct StepScratch {
@@ -191,12 +195,13 @@ pub(crate) struct StepScratch {
 impl StepScratch {
     pub(crate) fn new(belief: &[f64]) -> Self {
         let n = belief.len();
-        // Each made new, not a copy: the system provides the memory of zeros at the first write.
+        // Fresh zeros instead of clones: the system provides zeroed pages lazily, on first write.
         let zeros = || Aligned::new(n, 0.0);
-        // All memory at once: steps in logarithms may come late in a drive, and must not allocate.
+        // All memory is allocated now: the first step in logarithms may come late in a drive, and
+        // must not allocate either.
         let tiny = kernels::any_tiny(belief);
         let lifted = LiftedBelief { values: zeros(), valid: false, tiny, more: 0 };
-        // Products in logarithms take memory of the thread.
+        // Products in logarithms use buffers of the thread.
         buffers::reserve_two(n);
         let (predicted, logs) = (vec![0.0; n], vec![0.0; n]);
         let output = StepOutput { predicted, after: zeros(), lifted: zeros(), logs };
@@ -204,7 +209,7 @@ impl StepScratch {
     }
 }
 
-/// Memory for the values of a sensor, and for likelihoods that are scaled or logarithms.
+/// Memory for the values of a sensor, and for scaled likelihoods or logarithms.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Workspace {
     pub(crate) scratch: Scratch,
@@ -217,16 +222,16 @@ impl Workspace {
     }
 }
 
-/// Belief before a step in the form that products take: lifted by [`LIFT`](wayfix_kernels::limits::LIFT),
-/// unless neither it nor the matrix has values so small that it matters.
+/// Belief before a step, as the operand of the product: lifted by [`LIFT`](wayfix_kernels::limits::LIFT),
+/// unless neither it nor the matrix has values small enough for that to matter.
 #[derive(Debug, Clone)]
 pub(crate) struct LiftedBelief {
     values: Aligned,
-    /// True if `values` belong to the present belief.
+    /// True if `values` are those of the present belief.
     valid: bool,
     /// True if the belief has a [tiny](wayfix_kernels::limits::is_tiny) value.
     tiny: bool,
-    /// Number of further steps to lift in any case, after small results.
+    /// Number of steps that are still to be lifted because of an earlier small result.
     more: u32,
 }
 
@@ -236,20 +241,22 @@ impl LiftedBelief {
         (self.valid, self.tiny) = (false, kernels::any_tiny(belief));
     }
 
-    /// Returns true if products take the lifted belief.
+    /// Returns true if products need the lifted belief.
     pub(crate) fn is_needed(&self) -> bool {
         self.tiny || self.more > 0
     }
 
     /// Lifts the next steps, after a result that was too small.
     pub(crate) fn lift_for_some_steps(&mut self) {
-        // Small results come again as a rule, and a plain step that fails costs as much as a step.
+        // Small results tend to recur, and a plain step that fails costs as much as one that
+        // succeeds.
         self.more = LIFTED_STEPS;
     }
 
     /// Returns the lifted belief.
     pub(crate) fn values(&mut self, belief: &[f64]) -> &[f64] {
-        // Exact, of values below 2^-1022 too: a power of two changes nothing but the exponent.
+        // Exact even for values below 2^-1022: multiplying by a power of two changes only the
+        // exponent.
         if !self.valid {
             kernels::lift(belief, &mut self.values);
             self.valid = true;
@@ -258,7 +265,7 @@ impl LiftedBelief {
     }
 }
 
-/// Form in which a step has left its result.
+/// Form in which a step leaves its result.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum BeliefForm {
     /// The belief is in [`StepOutput::lifted`], not lifted.
@@ -272,33 +279,33 @@ pub(crate) enum BeliefForm {
 /// Output buffers of a step.
 #[derive(Debug, Clone)]
 pub(crate) struct StepOutput {
-    /// Prediction, lifted, which sums to [`LIFT`](wayfix_kernels::limits::LIFT) up to rounding and evidence
-    /// on the move; not written where it is not needed.
+    /// Lifted prediction. Sums to [`LIFT`](wayfix_kernels::limits::LIFT) up to rounding and evidence on the
+    /// move; not written by steps that don't need it.
     pub(crate) predicted: Vec<f64>,
     /// Belief after the observation.
     pub(crate) after: Aligned,
-    /// Belief after the observation, in the form that [`BeliefForm`] says.
+    /// Belief after the observation, in the form that [`BeliefForm`] tells.
     pub(crate) lifted: Aligned,
     /// Logarithms of the belief, if [`StepOutcome::in_logs`].
     pub(crate) logs: Vec<f64>,
 }
 
-/// Outcome of a step, besides its [`StepOutput`].
+/// Outcome of a step, apart from its [`StepOutput`].
 pub(crate) struct StepOutcome {
     /// ln N, the log-likelihood of the observation and of evidence on the move.
     pub(crate) log: f64,
-    /// N itself, if the step was taken with the likelihoods as the sensor gave them, else 0.
+    /// N itself if the step used the likelihoods as the sensor gave them, else 0.
     pub(crate) normalizer: f64,
     /// True if the step was taken in logarithms.
     pub(crate) by_logs: bool,
-    /// True if the belief has to be kept as logarithms too.
+    /// True if the belief has to be kept in logarithms too.
     pub(crate) in_logs: bool,
     /// Form and place of the belief.
     pub(crate) form: BeliefForm,
 }
 
 impl StepOutcome {
-    /// Outcome of a step in linear space.
+    /// Creates the outcome of a step in linear space.
     pub(crate) fn linear(log: f64, normalizer: f64, form: BeliefForm) -> Self {
         Self { log, normalizer, by_logs: false, in_logs: false, form }
     }

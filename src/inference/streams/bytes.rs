@@ -1,9 +1,10 @@
-//! Snapshots as bytes: as compact as their numbers allow, and restored to the bit.
+//! Snapshots as bytes: compact, and restored to the bit.
 //!
-//! The bytes begin with `wayfix`, the kind and the version, a byte each, and end with a checksum
-//! of all before. In between are little-endian numbers of eight bytes: integers, and doubles by
-//! their bits. A vector of doubles is stored as its length n, a mask of n bits (in whole words)
-//! for the values that are not 0 (not −∞, in a vector of logarithms), and these values.
+//! The bytes begin with `wayfix`, the kind and the version, one byte each, and end with a checksum
+//! of everything before it. In between are little-endian numbers of eight bytes: integers, and
+//! doubles by their bits. A vector of doubles is stored as its length n, a mask of n bits (in whole
+//! words) that marks the values other than 0 (other than −∞ in a vector of logarithms), and those
+//! values.
 
 use crate::error::{Count, SnapshotError};
 use crate::inference::step::state::LogSum;
@@ -15,7 +16,7 @@ const HEADER: usize = 8;
 /// Length of the checksum at the end.
 const SUM: usize = 8;
 
-/// Stored types, by the byte that stands for each.
+/// Stored types and their names.
 const KINDS: [(Kind, &str); 5] = [
     (Kind::Filter, "FilterSnapshot"),
     (Kind::FixedLag, "FixedLagSnapshot"),
@@ -24,6 +25,7 @@ const KINDS: [(Kind, &str); 5] = [
     (Kind::Vehicle, "Vehicle"),
 ];
 
+/// Type of a stored state, by its byte in the header.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Kind {
     Filter = 1,
@@ -38,15 +40,16 @@ fn name(kind: u8) -> &'static str {
     KINDS.iter().find(|entry| entry.0 as u8 == kind).map_or("unknown", |entry| entry.1)
 }
 
-/// Returns a checksum that any change within eight bytes alters.
+/// Returns a checksum that is certain to change if the change is confined to one word.
 fn checksum(bytes: &[u8]) -> u64 {
     let (words, rest) = bytes.as_chunks::<8>();
-    // The last word is padded with zeros, so that zeros at the end would not show but for the
-    // length, with which the sum begins.
+    // The last word is padded with zeros. The sum starts from the length, so that trailing zeros
+    // still make a difference.
     let mut last = [0; 8];
     last[..rest.len()].copy_from_slice(rest);
     let words = words.iter().chain([&last]).map(|word| u64::from_le_bytes(*word));
-    // An odd factor and a rotation lose no bit: two sums that differ, differ after any word.
+    // Multiplying by an odd factor and rotating are bijections: two sums that differ still differ
+    // after any common words that follow.
     let add =
         |sum: u64, word: u64| (sum ^ word).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(29);
     words.fold(bytes.len() as u64, add)
@@ -61,7 +64,7 @@ impl Writer {
         Self { bytes: [MAGIC, &[kind as u8, VERSION]].concat() }
     }
 
-    /// Returns the bytes of a whole state.
+    /// Returns the bytes of a whole state, which `write` writes.
     pub fn whole(kind: Kind, write: impl FnOnce(&mut Self)) -> Vec<u8> {
         let mut writer = Self::new(kind);
         write(&mut writer);
@@ -84,13 +87,14 @@ impl Writer {
         [sum, lost].into_iter().for_each(|value| self.double(value));
     }
 
-    /// Writes numbers, most of which may be `usual`.
+    /// Writes a vector of numbers; those equal to `usual` take one bit each.
     pub fn doubles(&mut self, values: &[f64], usual: f64) {
-        // By bits: −0 is not 0, and a NaN is one value.
+        // Compared by bits, so that −0 and NaN are restored as they were.
         let is_usual = |value: &f64| value.to_bits() == usual.to_bits();
         let others = values.iter().filter(|value| !is_usual(value));
         self.bytes.reserve(8 * (1 + values.len().div_ceil(64) + others.clone().count()));
         self.integer(values.len());
+        // One mask word for 64 values, its lowest bit for the first; then the unusual values.
         for values in values.chunks(64) {
             let bits = (0..).zip(values).filter(|(_, value)| !is_usual(value));
             let word = bits.fold(0_u64, |word, (bit, _)| word | 1 << bit);
@@ -114,8 +118,8 @@ pub struct Reader<'a> {
 
 impl<'a> Reader<'a> {
     pub fn new(bytes: &'a [u8], kind: Kind) -> Result<Self, SnapshotError> {
-        // In this order, so that a message names the first difference: bytes of something else,
-        // of a later version, of another state, and only then damage.
+        // Checked in this order so that the error names the most basic problem: not our bytes,
+        // another version, another kind of state, and only then damage.
         let Some((header, _)) = bytes.split_first_chunk::<HEADER>() else {
             let (found, expected) = (bytes.len(), HEADER + SUM);
             let begins = MAGIC.starts_with(&bytes[..found.min(MAGIC.len())]);
@@ -133,6 +137,7 @@ impl<'a> Reader<'a> {
             let (found, expected) = (name(*found), name(kind as u8));
             return Err(SnapshotError::Kind { found, expected });
         }
+        // Header and checksum must not overlap: a short input could otherwise pass.
         let length = SnapshotError::Length { found: bytes.len(), expected: HEADER + SUM };
         let (before, sum) = bytes.split_last_chunk::<SUM>().ok_or(length.clone())?;
         if before.len() < HEADER {
@@ -145,8 +150,8 @@ impl<'a> Reader<'a> {
         Ok(Self { bytes: before, at: HEADER })
     }
 
-    /// Reads a whole state, and checks that no bytes are left, which says more than a number that
-    /// is wrong for that reason.
+    /// Reads a whole state with `read`, and checks that no bytes are left over. The state itself is
+    /// checked by the caller, after that, since leftover bytes explain a wrong number.
     pub fn whole<T>(
         bytes: &'a [u8],
         kind: Kind,
@@ -159,7 +164,7 @@ impl<'a> Reader<'a> {
     }
 
     pub fn take(&mut self, count: usize) -> Result<&'a [u8], SnapshotError> {
-        // A count from damaged bytes may be anything up to 2^64.
+        // Saturating: a count from damaged bytes may be anything up to 2^64 − 1.
         let end = self.at.saturating_add(count);
         let found = self.bytes.get(self.at..end).ok_or(SnapshotError::Length {
             found: self.bytes.len() + SUM,
@@ -183,7 +188,7 @@ impl<'a> Reader<'a> {
 
     pub fn integer(&mut self) -> Result<usize, SnapshotError> {
         let found = self.word()?;
-        usize::try_from(found).map_err(|_| contents(format!("{found} is beyond a usize")))
+        usize::try_from(found).map_err(|_| contents(format!("{found} does not fit in a usize")))
     }
 
     pub fn double(&mut self) -> Result<f64, SnapshotError> {
@@ -194,16 +199,18 @@ impl<'a> Reader<'a> {
         Ok(LogSum { sum: self.double()?, lost: self.double()? })
     }
 
-    /// Reads numbers written by [`Writer::doubles`]. Allocates at most 64 times the length of the
-    /// bytes.
+    /// Reads a vector written by [`Writer::doubles`]. Allocates at most 64 times the length of the
+    /// input.
     pub fn doubles(&mut self, usual: f64) -> Result<Vec<f64>, SnapshotError> {
         let count = self.integer()?;
-        // The masks are there, or this fails: so no damaged count makes a vector of any size.
+        // This fails unless the input contains the masks, one bit for each value. So a damaged
+        // count cannot make the vector below larger than 64 times the input.
         let masks = self.words(count.div_ceil(64))?;
         let mut values = vec![usual; count];
         for (values, mask) in values.chunks_mut(64).zip(masks) {
+            // The last word of masks may have bits beyond the vector, which must not be set.
             if values.len() < 64 && mask >> values.len() != 0 {
-                return Err(contents(format!("a vector of {count} numbers has more")));
+                return Err(contents(format!("a vector of {count} numbers stores more of them")));
             }
             for (bit, value) in values.iter_mut().enumerate() {
                 if mask >> bit & 1 == 1 {

@@ -1,8 +1,8 @@
 //! Streaming filter (paper section III-A; section 2 of the [formulas](crate::guide::formulas)): a
 //! model, a state and scratch memory.
 //!
-//! The invariant of all its methods: an error leaves the state as it was. A step gets that from
-//! [`FilterSnapshot::advance`], which commits last; the others check before they write.
+//! The invariant of all its methods: an error leaves the state as it was. Steps inherit that from
+//! [`FilterSnapshot::advance`], which commits last; the other methods check before they write.
 
 use std::ops::Deref;
 
@@ -17,17 +17,16 @@ use crate::transition::{NoControl, Transition};
 /// Streaming filter: the distribution of the present state given all observations so far,
 /// p(X_k | y_1 … y_k) (paper eq. 8).
 ///
-/// Each step costs one product with A and O(n), and allocates nothing after the first (which may,
-/// if the sensor fills memory of its own). After an error the filter is as it was before the
-/// call, so that the caller can skip the observation, [`predict`](Self::predict) only, or
-/// [`restart`](Self::restart).
+/// A step costs one product with A and O(n). Only the first may allocate, if the sensor fills
+/// memory of its own. After an error the filter is as it was before the call, so that the caller
+/// can skip the observation, [`predict`](Self::predict) only, or [`restart`](Self::restart).
 ///
-/// `M` is a pointer to the model: [`Hmm::filter`] borrows it; [`Filter::new`] also takes an
+/// `M` is a pointer to the model: [`Hmm::filter`] borrows the model; [`Filter::new`] also takes an
 /// `Arc`, a `Box` or another pointer.
 ///
 /// Probabilities outside the range of `f64` (below 2.2e-308 of the whole) are kept in logarithms,
-/// at some cost in time, so that the filter can come back to such a state. Only in a model with
-/// [rounded tails](Hmm::with_rounded_tails) they become 0.
+/// at some cost in time, so that the filter can come back to such a state. They become 0 only in a
+/// model with [rounded tails](Hmm::with_rounded_tails).
 ///
 /// ```
 /// use std::sync::Arc;
@@ -70,7 +69,8 @@ impl<M> Deref for Filter<M> {
 
 impl<M: Clone> Clone for Filter<M> {
     fn clone(&self) -> Self {
-        // A clone of the state alone would be one at rest, not in aligned memory.
+        // `FilterSnapshot::clone` makes a compact copy at rest; a running filter needs aligned
+        // memory, with room for logarithms.
         let mut state = FilterSnapshot::start(&self.state.belief);
         state.copy(&self.state);
         Self { model: self.model.clone(), state, scratch: self.scratch.clone() }
@@ -122,8 +122,9 @@ where
     }
 
     /// Predicts under `control` alone: one time step without an observation. The log-likelihood
-    /// stays, unless the control is [evidence on the move](crate::Transition::evidence): then the
-    /// belief is conditioned on the evidence, whose log-likelihood is added.
+    /// does not change, unless the control is [evidence on the
+    /// move](crate::Transition::evidence): then the belief is conditioned on the evidence, and its
+    /// log-likelihood is added.
     ///
     /// # Errors
     ///
@@ -136,23 +137,23 @@ where
         Ok(())
     }
 
-    /// Updates with an observation alone, without a time step: for a further sensor at the same
+    /// Updates with an observation alone, without a time step: for another sensor at the same
     /// step, or after [`predict`](Self::predict). Returns the logarithm of its probability given
-    /// all before.
+    /// everything before.
     ///
-    /// A sensor of another kind is a part of the model: a
+    /// A sensor of another kind is part of the model: a
     /// [`FusedLikelihood`](crate::FusedLikelihood) of two
     /// [`OptionalLikelihood`](crate::OptionalLikelihood)s, with `step(&(Some(camera), None))` and
     /// then `update(&(None, Some(position)))`.
     ///
-    /// Before any step, it is an observation of X_0, and errors call it step 0; but under
+    /// Before any step this is an observation of X_0, and errors name step 0; but under
     /// [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) it takes step 1.
     ///
     /// # Errors
     ///
     /// As [`step_with`](Self::step_with).
     pub fn update(&mut self, observation: &B::Observation) -> Result<f64, InferenceError> {
-        // A prior at the first observation is one of X_1: there is no X_0 to be observed.
+        // A prior at the first observation is the distribution of X_1: there is no X_0 to observe.
         let at_first = !self.model.prior().moves_at(1);
         let number = self.state.steps.max(usize::from(at_first));
         let step = Step { hmm: &*self.model, number, control: None };
@@ -160,16 +161,18 @@ where
     }
 
     /// Returns the distribution `controls.len()` steps ahead, without observations, under one
-    /// control a step. Controls that are evidence on moves condition it on their measurements;
-    /// for a forecast without measurements, give controls without them. The filter is unchanged.
-    /// (From a fresh filter under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation)
-    /// the first step is to X_1, which is distributed as the prior.)
+    /// control a step. Controls that are evidence on moves condition the forecast on their
+    /// measurements; for a forecast without measurements, pass controls without evidence. The
+    /// filter is unchanged. (From a fresh filter under
+    /// [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation), the first step leads to
+    /// X_1, whose distribution is the prior.)
     ///
     /// # Errors
     ///
     /// [`InferenceError`] if a control is not valid.
     pub fn forecast_with(&self, controls: &[A::Control]) -> Result<Belief, InferenceError> {
-        // A forecast is rare, so that it has memory of its own, and the filter need not be `mut`.
+        // Forecasts are rare: this one gets scratch memory of its own, so that `self` need not be
+        // `mut`.
         let mut ahead = Filter::new(&*self.model);
         ahead.restore(&self.state)?;
         controls.iter().try_for_each(|control| ahead.predict_with(control))?;
@@ -190,9 +193,9 @@ where
     }
 
     /// Overwrites a snapshot with a copy of the filter's state, as [`snapshot`](Self::snapshot)
-    /// returns it. For many vehicles that share a filter, each with a snapshot of its own. Allocates
-    /// nothing if the snapshot is of a model of as many states, unless there are logarithms for the
-    /// first time.
+    /// returns it: for many vehicles that share a filter, each with its own snapshot. Allocates
+    /// nothing if the snapshot has the same number of states, unless it had no logarithms before
+    /// and needs them now.
     ///
     /// ```
     /// let hmm = wayfix::canberra::hmm(5, 1.0)?;
@@ -210,24 +213,24 @@ where
         state.clone_from(&self.state);
     }
 
-    /// Restores a snapshot, of this filter or another. Allocates nothing. Only the number of states
-    /// is compared: keep a version of the model beside snapshots that outlive it.
+    /// Restores a snapshot of this filter or another. Allocates nothing. Only the number of states
+    /// is compared: store a version of the model with snapshots that outlive it.
     ///
     /// # Errors
     ///
-    /// [`InferenceError::StateCount`] if it has another number of states.
+    /// [`InferenceError::StateCount`] if the snapshot has another number of states.
     pub fn restore(&mut self, snapshot: &FilterSnapshot) -> Result<(), InferenceError> {
         let (found, expected) = (snapshot.belief.len(), self.model.states());
         if found != expected {
             return Err(InferenceError::StateCount { what: "snapshot", found, expected });
         }
-        // Copied into the memory of the filter, which is aligned and has room for logarithms.
+        // Copied into the filter's own memory, which is aligned and has room for logarithms.
         self.state.copy(snapshot);
         self.scratch.lifted.follow(&self.state.belief);
         Ok(())
     }
 
-    /// Returns to the prior, with no steps taken.
+    /// Goes back to the prior, before the first step.
     pub fn restart(&mut self) {
         let prior = self.model.prior().belief().as_slice();
         self.state.restart(prior);
@@ -235,11 +238,11 @@ where
     }
 
     /// Replaces the present belief, for example when a vehicle is told where it is, or is lost.
-    /// Steps and log-likelihood stay.
+    /// The number of steps and the log-likelihood do not change.
     ///
     /// # Errors
     ///
-    /// [`InferenceError::StateCount`] if it has another number of states.
+    /// [`InferenceError::StateCount`] if the belief has another number of states.
     pub fn relocate(&mut self, belief: &Belief) -> Result<(), InferenceError> {
         let (found, expected) = (belief.states(), self.model.states());
         if found != expected {
@@ -263,7 +266,7 @@ where
         self.step_with(&A::Control::NONE, observation)
     }
 
-    /// Predicts alone: one time step without an observation. The log-likelihood stays.
+    /// Predicts alone: one time step without an observation. The log-likelihood does not change.
     ///
     /// # Errors
     ///

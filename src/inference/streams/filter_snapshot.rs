@@ -1,5 +1,11 @@
-//! State of a filter, as plain data: its accessors, its copies at rest, and its formats. The struct
-//! is where steps are taken, in [`step::state`](crate::inference::step::state).
+//! State of a filter as plain data: accessors, copies at rest, and formats. The struct itself is
+//! defined where steps are taken, in [`step::state`](crate::inference::step::state).
+//!
+//! A copy at rest is compact, without the memory that steps need; [`checked`] establishes for bytes
+//! from outside what steps guarantee for a running filter: the belief is a distribution, and its
+//! logarithms, if any, agree with it.
+//!
+//! [`checked`]: FilterSnapshot::checked
 
 use super::bytes::{Kind, Reader, Writer, contents};
 use super::format::{BELIEF, COUNT, MAYBE_LOGS, SUM, in_bytes};
@@ -9,18 +15,18 @@ use crate::inference::step::state::{FilterSnapshot, LogSum, MOST_STEPS};
 use wayfix_kernels::Aligned;
 
 impl Clone for FilterSnapshot {
-    /// Copies the state into as little memory as it takes.
+    /// Copies the state into as little memory as possible.
     fn clone(&self) -> Self {
-        // A state at rest needs no aligned memory: there may be millions, of some hundred bytes.
+        // A state at rest needs no aligned memory: there may be millions of a few hundred bytes.
         let belief = Aligned::from(self.belief.to_vec());
         Self { belief, logs: self.logs.clone(), ..*self }
     }
 
-    /// Copies the state into the memory at hand. Allocates nothing if that is of as many states,
-    /// unless there are logarithms for the first time.
+    /// Copies the state into existing memory. Allocates nothing if both have the same number of
+    /// states, unless only the source has logarithms.
     fn clone_from(&mut self, other: &Self) {
         self.copy(other);
-        // A vehicle that was in doubt once should not keep the memory for it.
+        // A vehicle that needed logarithms once should not keep the memory for them.
         if other.logs.is_empty() {
             self.logs = Vec::new();
         }
@@ -36,7 +42,7 @@ impl FilterSnapshot {
 
     /// Number of these steps taken in logarithms, which is several times slower: the belief
     /// before or after was outside the range of `f64`, or the observation contradicted the
-    /// prediction too much. A prediction and an update alone count one each.
+    /// prediction too strongly. A prediction alone and an update alone count as one each.
     ///
     /// If there are many, and the tails of the model are not credible anyway, [rounded
     /// tails](crate::Hmm::with_rounded_tails) are faster.
@@ -89,15 +95,15 @@ impl FilterSnapshot {
         Self { steps, belief, logs, ..self.clone() }
     }
 
-    /// Memory on the heap, in bytes, besides the snapshot itself: 8 for each state, or 16 if the
-    /// belief is also held as logarithms. (That of a filter has room for steps.)
+    /// Memory on the heap in bytes, in addition to the snapshot itself: 8 for each state, or 16 if
+    /// the belief is held in logarithms too. (The state within a filter keeps room for steps.)
     #[must_use]
     pub fn heap_bytes(&self) -> usize {
         (self.belief.capacity() + self.logs.capacity()) * size_of::<f64>()
     }
 
-    /// Returns the state as bytes: 8 for each possible state, one bit for each state, and about
-    /// 60 more. Needs no feature.
+    /// Returns the state as bytes: 8 bytes for each possible state, one bit for each state, and
+    /// about 60 bytes more. Needs no feature.
     ///
     /// ```
     /// # use wayfix::inference::FilterSnapshot;
@@ -119,9 +125,9 @@ impl FilterSnapshot {
     ///
     /// # The format
     ///
-    /// Bytes begin with `wayfix`, the kind of state and the version, 1, and end with a checksum,
-    /// which detects damage. They mean the same on all machines; another version of the format is
-    /// refused.
+    /// The bytes begin with `wayfix`, the kind of state and the version, 1, and end with a
+    /// checksum, which detects damage. They mean the same on all machines; other versions of the
+    /// format are refused.
     #[must_use]
     pub fn to_bytes(&self) -> Vec<u8> {
         Writer::whole(Kind::Filter, |out| self.write(out))
@@ -131,17 +137,17 @@ impl FilterSnapshot {
     ///
     /// # Errors
     ///
-    /// [`SnapshotError`] if the bytes are damaged, or not those of such a state.
+    /// [`SnapshotError`] if the bytes are damaged, or not of such a state.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, SnapshotError> {
         Reader::whole(bytes, Kind::Filter, Self::read)?.checked().map_err(contents)
     }
 
-    /// Creates a state of no model, whose fields are read next.
+    /// Creates an empty state, whose fields are read next.
     pub(crate) fn blank() -> Self {
         Self::start(&[])
     }
 
-    /// Checks that all numbers can be those of a filter; they may be damaged.
+    /// Checks that the numbers, which may be damaged, can be those of a filter.
     pub(crate) fn checked(self) -> Result<Self, String> {
         let Self { steps, belief, logs, log_likelihood, .. } = &self;
         if *steps > MOST_STEPS {
@@ -153,8 +159,8 @@ impl FilterSnapshot {
                 return Err(format!("{found} logarithms for a belief over {expected} states"));
             }
             for (state, (log, p)) in logs.iter().zip(&**belief).enumerate() {
-                // A step reads the logarithms, an answer the belief: they must be of one filter.
-                // (False for a NaN.)
+                // Steps read the logarithms, accessors the belief: the two must agree. (The
+                // comparison is false for NaN.)
                 let agree = (log.exp() - p).abs() <= SUM_TOLERANCE;
                 if !agree {
                     return Err(format!(

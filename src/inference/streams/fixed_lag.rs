@@ -1,8 +1,8 @@
-//! Fixed-lag smoother: a live estimate that has seen a few later observations (section 5 of the
-//! [formulas](crate::guide::formulas)).
+//! Fixed-lag smoother: a live estimate of the step L steps ago that takes the observations since
+//! then into account (section 5 of the [formulas](crate::guide::formulas)).
 //!
-//! It is a filter with the window of its last states, and has no recursion of its own: after each
-//! step it goes back through the window, as the batch smoother does through the whole sequence.
+//! It is a filter with a window of its last states and has no recursion of its own: after each step
+//! it goes back through the window, as the batch smoother does through the whole sequence.
 
 use std::collections::VecDeque;
 use std::ops::Deref;
@@ -19,11 +19,11 @@ use crate::transition::{NoControl, Transition};
 
 /// Fixed-lag smoother: after each step k, p(X_j | y_1 … y_k) for the last steps j = k − L … k.
 ///
-/// It goes back from the filtered belief through the window, as the batch smoother does, and
-/// equals, up to rounding, the result of [`Hmm::smooth`] for the observations so far. A step
-/// costs one product for the filter and two for each step of the window, O(L) products in all;
-/// memory is 2 n (L + 1) numbers. Once the window is full, steps and updates allocate nothing. After an error
-/// it is as it was before the call.
+/// It goes back from the filtered belief through the window, as the batch smoother does. Up to
+/// rounding, the result equals that of [`Hmm::smooth`] for the observations so far. A step costs
+/// one product for the filter and two for each step of the window, O(L) products in all; memory is
+/// 2 n (L + 1) numbers. Once the window is full, steps and updates allocate nothing. After an error
+/// the smoother is as it was before the call.
 ///
 /// `M` is a pointer to the model, as for [`Filter`].
 ///
@@ -48,7 +48,7 @@ use crate::transition::{NoControl, Transition};
 pub struct FixedLag<M, U> {
     filter: Filter<M>,
     window: Window<U>,
-    /// γ of the present step, of the one before, and so on; then memory for more.
+    /// γ of the present step, of the one before, and so on; further rows are spare memory.
     smoothed: Vec<Vec<f64>>,
     backward: Backward,
     /// Memory of states that have left the window.
@@ -56,8 +56,8 @@ pub struct FixedLag<M, U> {
 }
 
 impl<A: Transition<Control: Clone>, B: Likelihood> Hmm<A, B> {
-    /// Returns a smoother at the prior that looks `lag` steps back and borrows the model. A lag
-    /// of 0 is the filter.
+    /// Returns a smoother at the prior that looks back `lag` steps and borrows the model. With a
+    /// lag of 0 it is the filter.
     #[must_use]
     pub fn fixed_lag(&self, lag: usize) -> FixedLag<&Self, A::Control> {
         FixedLag::new(self, lag)
@@ -80,7 +80,7 @@ where
     }
 
     /// Takes one time step under a control, which drives the transition to this step: prediction,
-    /// update, and the way back through the window. Returns ln p(y_k | y_1 … y_{k-1}).
+    /// update, and the backward pass through the window. Returns ln p(y_k | y_1 … y_{k-1}).
     ///
     /// # Errors
     ///
@@ -102,12 +102,12 @@ where
         self.advance(Some(control), |filter| filter.predict_with(control))
     }
 
-    /// Updates with an observation alone, without a time step: for a further sensor at the same
+    /// Updates with an observation alone, without a time step: for another sensor at the same
     /// step, or after [`predict_with`](Self::predict_with). All steps of the window take it into
     /// account, as if it had come with the last observation. Returns the logarithm of its
-    /// probability given all before.
+    /// probability given everything before.
     ///
-    /// Before any step it acts as [`Filter::update`] does. Costs as much as a step, without the
+    /// Before any step it acts as [`Filter::update`] does. Costs as much as a step, less the
     /// product of the prediction.
     ///
     /// # Errors
@@ -118,38 +118,38 @@ where
     }
 
     /// Replaces the present belief, for example when a vehicle is told where it is, or is lost.
-    /// Steps and log-likelihood stay.
+    /// The number of steps and the log-likelihood do not change.
     ///
-    /// The window restarts with the present step alone, and grows from there: later observations
-    /// say nothing of the steps before.
+    /// The window restarts with the present step alone and grows from there: after a relocation,
+    /// observations say nothing about the steps before it.
     ///
     /// # Errors
     ///
-    /// [`InferenceError::StateCount`] if it has another number of states.
+    /// [`InferenceError::StateCount`] if the belief has another number of states.
     pub fn relocate(&mut self, belief: &Belief) -> Result<(), InferenceError> {
         self.filter.relocate(belief)?;
         self.begin();
         Ok(())
     }
 
-    /// Smoothed distribution p(X_j | y_1 … y_k) at the far end of the window: j = k − L, or,
-    /// until there are more steps, the first step since the last [relocation](Self::relocate) (0
-    /// without one). No later step revises it.
+    /// Smoothed distribution p(X_j | y_1 … y_k) at the far end of the window: j = k − L or, as long
+    /// as the window is shorter, the step of the last [relocation](Self::relocate) (0 without one).
+    /// Once the window is full, no later step revises it.
     #[must_use]
     pub fn lagged(&self) -> BeliefView<'_> {
         Belief::view(&self.smoothed[self.window.past.len()])
     }
 
-    /// Smoothed distribution p(X_j | y_1 … y_k) of a step j of the window, from k − L (or the
-    /// last relocation) to k; `None` outside. After the last observation these are the rest of
-    /// the smoothed sequence.
+    /// Smoothed distribution p(X_j | y_1 … y_k) of a step j in the window, from k − L (or the last
+    /// relocation) to k; `None` outside. After the last observation these complete the smoothed
+    /// sequence.
     ///
     /// Under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) X_0 is
     /// the same state as X_1, and `get(0)` equals `get(1)`, also after a relocation at step 1.
     #[must_use]
     pub fn get(&self, step: usize) -> Option<BeliefView<'_>> {
-        // Under a prior at the first observation there is no move before it, and no state in the
-        // window for X_0: it shares the row of X_1.
+        // Under a prior at the first observation no move leads to X_1, and the window has no entry
+        // for X_0: it shares the row of X_1.
         let steps = self.filter.steps();
         let back = steps.checked_sub(step).filter(|back| *back <= self.window.lag)?;
         let same = step == 0 && steps > 0 && !self.filter.model().prior().moves_at(1);
@@ -163,8 +163,9 @@ where
         &self.filter
     }
 
-    /// Number of steps so far taken in logarithms, as counted by [`FilterSnapshot::steps_in_logs`]. While
-    /// one is in the window, the way back over it is in logarithms too.
+    /// Number of steps taken in logarithms so far, as counted by
+    /// [`FilterSnapshot::steps_in_logs`]. While such a step is in the window, the backward pass
+    /// over it is in logarithms too.
     #[must_use]
     pub fn steps_in_logs(&self) -> usize {
         self.filter.steps_in_logs()
@@ -183,20 +184,21 @@ where
         FixedLagSnapshot { present: self.filter.snapshot(), window: self.window.clone() }
     }
 
-    /// Restores a snapshot, of this smoother or another, and takes over its lag. Only the number of
-    /// states and the controls are checked: keep a version of the model beside snapshots that
+    /// Restores a snapshot of this smoother or another, and adopts its lag. Only the number of
+    /// states and the controls are checked: store a version of the model with snapshots that
     /// outlive it.
     ///
     /// # Errors
     ///
-    /// [`InferenceError::StateCount`] if it has another number of states, or
+    /// [`InferenceError::StateCount`] if the snapshot has another number of states, or
     /// [`InferenceError::Control`] for a control that is not valid for the model. The smoother is
     /// then unchanged.
     pub fn restore(
         &mut self,
         snapshot: &FixedLagSnapshot<A::Control>,
     ) -> Result<(), InferenceError> {
-        // Controls can only be checked by the way back, which needs the window in place.
+        // The controls are checked by the backward pass, which needs the window in place. So it is
+        // replaced first, and put back if the pass fails.
         let before = self.snapshot();
         self.replace(snapshot).or_else(|error| {
             self.replace(&before)?;
@@ -204,13 +206,13 @@ where
         })
     }
 
-    /// Returns to the prior, with no steps taken.
+    /// Goes back to the prior, before the first step.
     pub fn restart(&mut self) {
         self.filter.restart();
         self.begin();
     }
 
-    /// Restarts the window with the present belief.
+    /// Restarts the window at the present belief.
     fn begin(&mut self) {
         self.spare.extend(self.window.past.drain(..).map(|(state, _)| state));
         self.smoothed[0].copy_from_slice(self.filter.belief().as_slice());
@@ -228,8 +230,8 @@ where
         control: Option<&A::Control>,
         step: impl FnOnce(&mut Filter<M>) -> Result<R, InferenceError>,
     ) -> Result<R, InferenceError> {
-        // The state before is kept even for an update, which has no place for it in the window: the
-        // way back may fail after the filter has taken the step.
+        // The state before is kept even for an update, which adds nothing to the window, because
+        // the backward pass may fail after the filter has taken the step.
         let mut before = self.spare.pop().unwrap_or_else(|| self.filter.snapshot());
         self.filter.snapshot_to(&mut before);
         let result = match step(&mut self.filter) {
@@ -239,6 +241,8 @@ where
                 return Err(error);
             }
         };
+        // Only a step with a transition adds to the window. `unmoved` keeps the state before any
+        // other, for the case of an error.
         let moves = self.filter.model().prior().moves_at(before.steps() + 1);
         let unmoved = match control.filter(|_| moves) {
             Some(control) => {
@@ -248,8 +252,8 @@ where
             None => Some(before),
         };
         if let Err(error) = self.smooth() {
-            // The operator breaks its contract: restore the state before the step. Its window has
-            // been gone through before, so that this second way back does not fail.
+            // The operator breaks its contract: restore the state before the step. The backward
+            // pass through its window succeeded before, so that it does not fail now.
             if let Some(before) = unmoved.or_else(|| self.window.past.pop_back().map(|last| last.0))
             {
                 self.filter.restore(&before)?;
@@ -270,7 +274,7 @@ where
         window.smooth(filter.model(), filter.belief().as_slice(), smoothed, backward)
     }
 
-    /// Takes one time step: prediction, update, and the way back through the window. Returns
+    /// Takes one time step: prediction, update, and the backward pass through the window. Returns
     /// ln p(y_k | y_1 … y_{k-1}).
     ///
     /// # Errors

@@ -1,6 +1,6 @@
-//! State of a fixed-lag smoother, as plain data, its way back through the window (sections 3 and 5 of
-//! the [formulas](crate::guide::formulas)), and its bytes. (In formats with names it is in the
-//! module `persistence`, since it has a type of controls.)
+//! State of a fixed-lag smoother as plain data, its backward pass through the window (sections 3
+//! and 5 of the [formulas](crate::guide::formulas)), and its bytes. (Its self-describing format is
+//! in the module `persistence`, since it is generic in the type of controls.)
 
 use std::collections::VecDeque;
 
@@ -13,28 +13,30 @@ use crate::inference::step::state::FilterSnapshot;
 use crate::likelihood::Likelihood;
 use crate::transition::Transition;
 
-/// State of a fixed-lag smoother: plain data, to be kept, compared, sent elsewhere and restored.
+/// State of a fixed-lag smoother: plain data that can be kept, compared, sent elsewhere and
+/// restored.
 ///
 /// Made by [`FixedLag::snapshot`](crate::FixedLag::snapshot). [`to_bytes`](Self::to_bytes) stores
-/// it; under a control, [`to_bytes_with`](Self::to_bytes_with), with the last controls.
+/// it; for a model with controls, [`to_bytes_with`](Self::to_bytes_with) does, with the controls of
+/// the window.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FixedLagSnapshot<U> {
     pub(crate) present: FilterSnapshot,
     pub(crate) window: Window<U>,
 }
 
-/// States that may still be smoothed.
+/// Filter states of the steps that may still be smoothed.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Window<U> {
     /// The lag, L.
     pub(crate) lag: usize,
-    /// State of the filter before each of the last moves, L at most, oldest first, and the control
-    /// of the move.
+    /// State of the filter before each of the last moves (at most L, oldest first), with the
+    /// control of the move.
     pub(crate) past: VecDeque<(FilterSnapshot, U)>,
 }
 
 impl<U> Window<U> {
-    /// Goes back from the filtered belief through the window, into a row for each step.
+    /// Goes back from the filtered belief through the window, and writes a row for each step.
     pub(crate) fn smooth<A: Transition<Control = U>, B: Likelihood>(
         &self,
         hmm: &Hmm<A, B>,
@@ -42,13 +44,13 @@ impl<U> Window<U> {
         smoothed: &mut Vec<Vec<f64>>,
         backward: &mut Backward,
     ) -> Result<(), InferenceError> {
-        // During a step there is one state more, until the way back has succeeded.
+        // During a step the window holds one extra state, until this backward pass has succeeded.
         let back = self.past.len().min(self.lag);
         if smoothed.len() <= back {
             smoothed.resize_with(back + 1, || vec![0.0; filtered.len()]);
         }
-        // The last smoothed belief is the filtered one, by definition. From there with predictions:
-        // likelihoods of the window are gone, since nobody has kept its observations.
+        // At the present step smoothed and filtered beliefs are the same by definition. The steps
+        // back recompute predictions, since the observations of the window were not kept.
         smoothed[0].copy_from_slice(filtered);
         for (row, (state, control)) in (1..=back).zip(self.past.iter().rev()) {
             let step = Step::after(hmm, state.steps(), control)?;
@@ -67,14 +69,15 @@ impl<U> FixedLagSnapshot<U> {
         past: VecDeque<(FilterSnapshot, U)>,
     ) -> Result<Self, String> {
         let (found, steps) = (past.len(), present.steps);
-        // There are fewer after a relocation, and before the second step under a prior at the
-        // first observation.
+        // A window may be shorter than min(L, k): after a relocation, and under a prior at the
+        // first observation, where no move leads to step 1.
         if found > lag.min(steps) {
             return Err(format!(
                 "{found} past states after {steps} steps with a lag of {lag}, expected at most {}",
                 lag.min(steps)
             ));
         }
+        // The states are of consecutive steps, and the last is of the step before the present one.
         for (index, (state, _)) in past.iter().enumerate() {
             let expected = steps - found + index;
             if state.steps != expected {
@@ -93,7 +96,7 @@ impl<U> FixedLagSnapshot<U> {
 }
 
 impl FixedLagSnapshot<()> {
-    /// Returns the state as bytes, for a model without controls: as many as those of L + 1
+    /// Returns the state as bytes, for a model without controls. The size is about that of L + 1
     /// [filter states](FilterSnapshot::to_bytes).
     ///
     /// ```
@@ -116,14 +119,14 @@ impl FixedLagSnapshot<()> {
     ///
     /// # Errors
     ///
-    /// [`SnapshotError`] if the bytes are damaged, or not those of such a state.
+    /// [`SnapshotError`] if the bytes are damaged, or not of such a state.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, SnapshotError> {
         Self::from_bytes_with(bytes, |control| control.is_empty().then_some(()))
     }
 }
 
 impl<U> FixedLagSnapshot<U> {
-    /// Returns the state as bytes. `write` appends those of a control, of any number.
+    /// Returns the state as bytes. `write` appends the bytes of a control, of any length.
     ///
     /// ```
     /// # use wayfix::inference::FixedLagSnapshot;
@@ -157,12 +160,12 @@ impl<U> FixedLagSnapshot<U> {
         })
     }
 
-    /// Reads a state from bytes. `read` makes a control of the bytes that were written for it, or
-    /// returns `None` for others.
+    /// Reads a state from bytes. `read` decodes a control from the bytes that were written for it,
+    /// or returns `None` if they are invalid.
     ///
     /// # Errors
     ///
-    /// [`SnapshotError`] if the bytes are damaged, or not those of such a state.
+    /// [`SnapshotError`] if the bytes are damaged, or not of such a state.
     pub fn from_bytes_with(
         bytes: &[u8],
         mut read: impl FnMut(&[u8]) -> Option<U>,
@@ -170,6 +173,7 @@ impl<U> FixedLagSnapshot<U> {
         let state = |from: &mut Reader<'_>| FilterSnapshot::read(from)?.checked().map_err(contents);
         let (lag, present, past) = Reader::whole(bytes, Kind::FixedLag, |from| {
             let (lag, present) = (from.integer()?, state(from)?);
+            // No capacity in advance: the count may be damaged. Reading fails when bytes run out.
             let mut past = VecDeque::new();
             for index in 0..from.integer()? {
                 let state = state(from)?;

@@ -1,8 +1,9 @@
-//! Formats of states. A state lists its fields once, in a macro that hands the list on: to
-//! [`in_bytes`] for its [bytes](super::bytes), and, with the feature `serde`, to
-//! [`with_names`] for formats with names. A field of the list is
-//! `name: type with names = codec(path in the state)`, in the order of formats with names; the
-//! order in bytes follows.
+//! Formats of stored states.
+//!
+//! A state lists its fields once, in a macro that passes the list on: to [`in_bytes`] for its
+//! [bytes](super::bytes) and, with the feature `serde`, to [`with_names`] for
+//! self-describing formats. A field of the list is `name: self-describing type = codec(path in the
+//! state)`, in the order of the self-describing formats; the order in bytes follows the list.
 
 use super::bytes::{Reader, Writer, contents};
 use crate::belief::Belief;
@@ -10,8 +11,8 @@ use crate::error::SnapshotError;
 use crate::inference::step::state::LogSum;
 use wayfix_kernels::Aligned;
 
-/// A field of type `T` in bytes and, as `D`, in formats with names. Those have no infinity, so that
-/// null stands for it.
+/// Conversions of a field of type `T`: to and from bytes, and to and from `D` for self-describing
+/// formats. These may lack infinity (as JSON does), so that null stands for it.
 #[cfg_attr(not(feature = "serde"), allow(dead_code, reason = "names need serde"))]
 pub(crate) struct Codec<T, D> {
     pub(crate) write: fn(&T, &mut Writer),
@@ -20,7 +21,7 @@ pub(crate) struct Codec<T, D> {
     pub(crate) value: fn(D) -> T,
 }
 
-/// A finite value, or `None`.
+/// Returns a finite value, or `None`.
 pub(crate) fn finite(value: f64) -> Option<f64> {
     value.is_finite().then_some(value)
 }
@@ -56,14 +57,14 @@ pub(crate) const DOUBLES: Codec<Vec<f64>, Vec<f64>> = Codec {
     data: Vec::clone,
     value: |data| data,
 };
-/// Logarithms, null for −∞.
+/// Logarithms, with null for −∞.
 pub(crate) const LOGS: Codec<Vec<f64>, Vec<Option<f64>>> = Codec {
     write: |v, out| out.doubles(v, NOTHING),
     read: |from| from.doubles(NOTHING),
     data: |v| v.iter().copied().map(finite).collect(),
     value: |data| data.into_iter().map(|log| log.unwrap_or(NOTHING)).collect(),
 };
-/// The same, or an empty vector, for which there is null.
+/// Logarithms as [`LOGS`], with null for an empty vector.
 pub(crate) const MAYBE_LOGS: Codec<Vec<f64>, Option<Vec<Option<f64>>>> = Codec {
     data: |v| (!v.is_empty()).then(|| (LOGS.data)(v)),
     value: |data| data.map_or_else(Vec::new, LOGS.value),
@@ -80,16 +81,17 @@ pub(crate) const BELIEF: Codec<Aligned, Belief> = Codec {
     value: |data| data.into_vec().into(),
 };
 
-/// A count, or any: the largest `usize`, for which there is null.
+/// A count, with null for the largest `usize`, which means no limit.
 pub(crate) const COUNT_OR_ANY: Codec<usize, Option<usize>> = Codec {
     write: |v, out| out.integer(*v),
-    // May come from a machine with a larger `usize`.
+    // The bytes may come from a machine with a larger `usize`.
     read: |from| Ok(usize::try_from(from.word()?).unwrap_or(usize::MAX)),
     data: |v| Some(*v).filter(|most| *most < usize::MAX),
     value: |data| data.unwrap_or(usize::MAX),
 };
-/// Upper bound on a bound.
+/// Tolerance of a bound, with null for ∞.
 pub(crate) const TOLERANCE: Codec<f64, Option<f64>> = Codec {
+    // JSON has neither NaN nor infinity: a finite number that means the same stands for them.
     data: |v| match *v {
         // NaN and −∞ mean the same as any value below 0.
         tolerance if tolerance < f64::INFINITY => Some(tolerance.max(f64::MIN)),
@@ -104,7 +106,7 @@ pub(crate) const FLAG: Codec<bool, bool> = Codec {
     read: |from| match from.word()? {
         0 => Ok(false),
         1 => Ok(true),
-        other => Err(contents(format!("{other} is neither yes, 1, nor no, 0"))),
+        other => Err(contents(format!("a flag is {other}, expected 0 or 1"))),
     },
     data: |v| *v,
     value: |data| data,
@@ -122,14 +124,14 @@ pub(crate) const STATES: Codec<Vec<usize>, Vec<usize>> = Codec {
     data: Vec::clone,
     value: |data| data,
 };
-/// Some may be ∞.
+/// Doubles that may be ∞, with null for ∞.
 pub(crate) const OPEN_DOUBLES: Codec<Vec<f64>, Vec<Option<f64>>> = Codec {
     data: |v| v.iter().copied().map(finite).collect(),
     value: |data| data.into_iter().map(or_infinite).collect(),
     write: DOUBLES.write,
     read: DOUBLES.read,
 };
-/// The sum may be ∞.
+/// A sum that may be ∞, with null for ∞.
 pub(crate) const OPEN_SUM: Codec<LogSum, [Option<f64>; 2]> = Codec {
     data: |v| (SUM.data)(v).map(finite),
     value: |data| (SUM.value)(data.map(or_infinite)),
@@ -137,7 +139,8 @@ pub(crate) const OPEN_SUM: Codec<LogSum, [Option<f64>; 2]> = Codec {
     read: SUM.read,
 };
 
-/// Implements writing and reading of bytes, unchecked, for a state with a list of fields.
+/// Implements writing and reading of bytes for a state with a list of fields. Reading checks no
+/// values.
 macro_rules! in_bytes {
     (
         $state:ident, {$($name:ident: $data:ty = $codec:ident($($path:ident).+),)*}
@@ -145,8 +148,8 @@ macro_rules! in_bytes {
     ) => {
         impl $state {
             pub(crate) fn write(&self, out: &mut $crate::inference::streams::bytes::Writer) {
-                // Bytes follow the list after `bytes:`, not the order of the fields. A macro cannot
-                // sort, so look up each field by its name.
+                // Bytes are in the order of the list after `bytes:`, not of the fields. A macro
+                // cannot reorder, so each field is looked up by its name.
                 for name in [$(stringify!($next)),*] {
                     match name {
                         $(stringify!($name) => ($codec.write)(&self.$($path).+, out),)*

@@ -1,4 +1,6 @@
-//! Live routines, one observation at a time, and their states as plain data.
+//! Streaming routines, which take one observation at a time, and their states as plain data.
+//!
+//! The invariant of all of them: a call that fails leaves the state as it was.
 
 pub mod bytes;
 pub(crate) mod filter;

@@ -1,8 +1,8 @@
-//! Viterbi decoding as a stream: states on which all surviving paths agree are final (Šrámek,
-//! Brejová and Vinař 2007; section 7 of the [formulas](crate::guide::formulas)).
+//! Streaming Viterbi decoding: states on which all surviving paths agree are final (Šrámek, Brejová
+//! and Vinař 2007; section 7 of the [formulas](crate::guide::formulas)).
 //!
-//! A step computes the next scores beside the present ones, and swaps them after the last thing
-//! that can fail; only then the [tree](super::tree) of paths grows.
+//! A step computes the next scores beside the present ones, and swaps them once nothing can fail
+//! any more; only then does the [tree](super::tree) of paths grow.
 
 use std::mem;
 use std::ops::Deref;
@@ -16,15 +16,15 @@ use crate::inference::step::{Step, Workspace};
 use crate::likelihood::Likelihood;
 use crate::transition::{NoControl, TransitionEntries};
 
-/// Streaming Viterbi decoder: it commits the states of a step as soon as the best paths to all
-/// possible present states agree on it, and never revises a committed state.
+/// Streaming Viterbi decoder: commits the state of a step as soon as the best paths to all possible
+/// present states agree on it, and never revises a committed state.
 ///
-/// Committed and [undecided](Self::undecided) states together are, at any time,
-/// the path of [`Hmm::viterbi`]. A step costs one max-product and O(n) on
-/// average; memory is 8 n bytes for each undecided step, of which there may be
-/// many if two paths stay apart. After an error it is as it was before the
-/// call. It has neither `update` nor `relocate`, which would change paths already committed:
-/// fuse the sensors of a step in the model, and start another decoder after a relocation.
+/// Committed and [undecided](Self::undecided) states together are the path of [`Hmm::viterbi`] at
+/// any time. A step costs one max-product and, on average, O(n); memory is 8 n bytes for each
+/// undecided step. There may be many of those if two paths stay apart. After an error the decoder
+/// is as it was before the call. It has neither `update` nor `relocate`, which would change paths
+/// already committed: fuse the sensors of a step in the model, and start a new decoder after a
+/// relocation.
 ///
 /// `M` is a pointer to the model, as for [`Filter`](crate::Filter).
 ///
@@ -86,7 +86,7 @@ where
     }
 
     /// Takes one step under a control, which drives the transition to it. Returns the states that
-    /// it commits, those of the oldest undecided steps; often none, sometimes many.
+    /// it commits, those of the oldest undecided steps: often none, sometimes many.
     ///
     /// # Errors
     ///
@@ -139,32 +139,33 @@ where
         &self.model
     }
 
-    /// Returns a copy of the decoder's state: of the paths that may still be the best one, not of
-    /// the committed states. A decoder that is [restored](Self::restore) from it continues with
+    /// Returns a copy of the decoder's state: the paths that may still be the best one, without the
+    /// committed states. A decoder that is [restored](Self::restore) from it continues with
     /// identical bits.
     #[must_use]
     pub fn snapshot(&self) -> OnlineViterbiSnapshot {
         OnlineViterbiSnapshot { best: self.best.clone(), levels: self.tree.nodes() }
     }
 
-    /// Restores a snapshot, of this decoder or another. Costs O(n) and n for each undecided step.
+    /// Restores a snapshot of this decoder or another. O(n), and O(n) for each undecided step.
     ///
     /// # Errors
     ///
-    /// [`InferenceError::StateCount`] if it has another number of states.
+    /// [`InferenceError::StateCount`] if the snapshot has another number of states.
     pub fn restore(&mut self, snapshot: &OnlineViterbiSnapshot) -> Result<(), InferenceError> {
         let (found, expected) = (snapshot.best.scores.len(), self.model.states());
         if found != expected {
             return Err(InferenceError::StateCount { what: "snapshot", found, expected });
         }
-        // Checked where the snapshot was read; of a model only the number of states is known.
+        // The snapshot is consistent: it was checked when it was read. How well it suits the model
+        // can only be told by the number of states.
         self.best.clone_from(&snapshot.best);
         self.tree.restore(expected, &snapshot.levels);
         self.committed.clear();
         Ok(())
     }
 
-    /// Returns to before the first step.
+    /// Goes back to before the first step.
     pub fn restart(&mut self) {
         let BestScores { steps, scores, taken_out } = &mut self.best;
         scores.fill(0.0);
@@ -179,9 +180,9 @@ where
     ) -> Result<&[usize], InferenceError> {
         let Self { model, best, tree, committed, next, from, work } = self;
         let step = Step::after(&**model, best.steps, control)?;
-        // A copy of three numbers, since a step may fail after it has taken something out.
+        // A copy (of three numbers), since a step may fail after it has taken something out.
         let mut taken_out = best.taken_out.clone();
-        // X_0 is no part of the path: the first step sums over it, and links to nothing.
+        // X_0 is not part of the path: step 1 sums over it, and its states have no predecessors.
         if step.number == 1 {
             step.first_scores(next, &mut taken_out)?;
             if let Some(observation) = observation {
@@ -191,8 +192,9 @@ where
         } else {
             step.decode(&best.scores, observation, (next, from), work, &mut taken_out)?;
         }
-        // Nothing fails from here on.
-        // The scores are swapped before the tree grows, which reads the new ones.
+        // Commit: nothing can fail from here. The scores are swapped first, since the tree reads
+        // the new ones. (At step 1 `from` is stale, but the tree does not read it without a level
+        // before.)
         (best.steps, best.taken_out) = (step.number, taken_out);
         mem::swap(&mut best.scores, next);
         tree.grow(&best.scores, from);

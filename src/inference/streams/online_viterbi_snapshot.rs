@@ -1,4 +1,8 @@
-//! State of an online decoder, as plain data, and its formats.
+//! State of an online decoder as plain data, and its formats.
+//!
+//! A snapshot from outside is checked for the invariants of the scores (the best is from 0 to 1)
+//! and of the tree (every node is on a path to a possible present state), on which the
+//! [decoder](super::online_viterbi) relies without checks.
 
 use super::bytes::{Kind, Reader, Writer, contents};
 use super::format::{COUNT, Codec, LOGS, in_bytes};
@@ -6,7 +10,7 @@ use crate::error::SnapshotError;
 use crate::inference::step::scores::{TakenOut, best};
 use crate::inference::step::state::{LogSum, MOST_STEPS};
 
-/// State of an online Viterbi decoder after k steps: plain data, to be kept, compared, sent
+/// State of an online Viterbi decoder after k steps: plain data that can be kept, compared, sent
 /// elsewhere and restored.
 ///
 /// Made by [`OnlineViterbi::snapshot`](crate::OnlineViterbi::snapshot). Memory: 8 n bytes, and 8
@@ -31,8 +35,7 @@ use crate::inference::step::state::{LogSum, MOST_STEPS};
 #[derive(Debug, Clone, PartialEq)]
 pub struct OnlineViterbiSnapshot {
     pub(crate) best: BestScores,
-    /// States of each undecided step on a surviving path, in ascending order; the oldest step
-    /// first.
+    /// For each undecided step, oldest first, its states on surviving paths in ascending order.
     pub(crate) levels: Vec<Vec<Node>>,
 }
 
@@ -45,7 +48,7 @@ pub(crate) struct BestScores {
 }
 
 impl BestScores {
-    /// Creates those before the first step.
+    /// Creates the scores before the first step.
     pub(crate) fn start(states: usize) -> Self {
         Self { steps: 0, scores: vec![0.0; states], taken_out: TakenOut::default() }
     }
@@ -89,17 +92,17 @@ impl OnlineViterbiSnapshot {
     ///
     /// # Errors
     ///
-    /// [`SnapshotError`] if the bytes are damaged, or not those of such a state.
+    /// [`SnapshotError`] if the bytes are damaged, or not of such a state.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, SnapshotError> {
         Reader::whole(bytes, Kind::OnlineViterbi, Self::read)?.checked().map_err(contents)
     }
 
-    /// Creates a state of no model, whose fields are read next.
+    /// Creates an empty state, whose fields are read next.
     pub(crate) fn blank() -> Self {
         Self { best: BestScores::start(0), levels: Vec::new() }
     }
 
-    /// Checks that all can be the state of a decoder; it may be damaged, or that of another one.
+    /// Checks that this can be the state of a decoder; the numbers may be damaged.
     pub(crate) fn checked(self) -> Result<Self, String> {
         let Self { best: BestScores { steps, scores, taken_out }, levels } = &self;
         let states = scores.len();
@@ -107,7 +110,7 @@ impl OnlineViterbiSnapshot {
             return Err(format!("{steps} steps, expected at most {MOST_STEPS}"));
         }
         let TakenOut { whole, factors } = taken_out;
-        // A whole number is taken out at each step, so that the best score is left from 0 to 1.
+        // Each step takes a whole number out of the scores and leaves the best from 0 to 1.
         let largest = scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         if scores.iter().any(|score| score.is_nan()) || !(0.0..=1.0).contains(&largest) {
             return Err(format!("the best score is {largest}, expected one from 0 to 1"));
@@ -122,10 +125,10 @@ impl OnlineViterbiSnapshot {
             ));
         }
         if levels.len() > *steps {
-            return Err(format!("{} undecided steps of {steps}", levels.len()));
+            return Err(format!("{} undecided steps, expected at most {steps}", levels.len()));
         }
-        // Of the tree: each node has a predecessor, and each that is not at the end a successor.
-        // Otherwise counts of uses would go below 0 when a path ends.
+        // The tree: every node has a predecessor, and every node before the last level has a
+        // successor. Otherwise the counts of uses would go below 0 when a path ends.
         for (at, nodes) in levels.iter().enumerate() {
             let ascending = nodes.is_sorted_by(|a, b| a.state < b.state);
             if !ascending || nodes.last().is_none_or(|last| last.state as usize >= states) {
@@ -133,6 +136,8 @@ impl OnlineViterbiSnapshot {
                     "undecided step {at} does not have states below {states} in ascending order"
                 ));
             }
+            // Both conditions at once: the set of predecessors equals the level before. The oldest
+            // level has no predecessors, and stores 0 for each.
             let mut used: Vec<u32> = nodes.iter().map(|node| node.from).collect();
             used.sort_unstable();
             used.dedup();
@@ -142,19 +147,19 @@ impl OnlineViterbiSnapshot {
             };
             if !linked {
                 return Err(format!(
-                    "undecided step {at} does not go on from all states of the one before"
+                    "the predecessors in undecided step {at} are not the states of the step before"
                 ));
             }
         }
-        // And its last step is the present one. Without a tree all is committed, which takes one
-        // possible state.
+        // The last level is the present step. Without a level everything is committed, which
+        // requires that only one present state is possible.
         let possible = || (0..).zip(scores).filter(|entry| *entry.1 > f64::NEG_INFINITY);
         let ends = match levels.last() {
             Some(last) => possible().map(|entry| entry.0).eq(last.iter().map(|node| node.state)),
             None => *steps == 0 || possible().count() == 1,
         };
         if !ends {
-            return Err("the paths do not end in the possible states".to_owned());
+            return Err("the paths do not end in exactly the possible states".to_owned());
         }
         Ok(self)
     }

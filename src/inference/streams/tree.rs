@@ -1,19 +1,21 @@
-//! Tree of the best paths to all present states, from which a decoder commits (Šrámek, Brejová and
-//! Vinař 2007; section 7 of the [formulas](crate::guide::formulas)).
+//! Tree of the best paths to all present states, from which an online decoder commits (Šrámek,
+//! Brejová and Vinař 2007; section 7 of the [formulas](crate::guide::formulas)).
 //!
-//! The invariant: a node of a step is alive, with at least one use, if and only if a path to a
-//! possible present state goes through it. So an oldest step with one node is decided.
+//! The invariant: a node is alive (has at least one use) if and only if a best path to a possible
+//! present state goes through it. So the oldest step is decided once one of its nodes is left.
 
 use std::collections::VecDeque;
 
 use super::online_viterbi_snapshot::Node;
 
-/// Undecided steps, the oldest first.
+/// Tree of the best paths over the undecided steps.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Tree {
+    /// Undecided steps, oldest first.
     levels: VecDeque<Level>,
+    /// Memory of committed levels.
     spare: Vec<Level>,
-    /// Predecessors of those states of the last step that no path extends.
+    /// Predecessors of the nodes of the last level that no path extends.
     gone: Vec<u32>,
 }
 
@@ -22,10 +24,10 @@ pub(crate) struct Tree {
 struct Level {
     /// Best predecessor of each state.
     from: Vec<u32>,
-    /// Number of surviving nodes of the next level that extend each node; at the last level, 1
+    /// Number of living nodes of the next level that extend each node; at the last level, 1
     /// for a possible state and 0 for others.
     uses: Vec<u32>,
-    /// Number of nodes in use.
+    /// Number of living nodes.
     alive: usize,
 }
 
@@ -45,11 +47,11 @@ impl Tree {
         self.spare.extend(self.levels.drain(..));
     }
 
-    /// Returns the states of the undecided steps on the path to a present state.
+    /// Returns the states of the undecided steps on the best path to a present state.
     pub(crate) fn path(&self, mut state: usize) -> Vec<usize> {
         let mut states = vec![0; self.levels.len()];
-        // `state` must be possible: then all nodes on its path are alive, and their links valid.
-        // Links of dead nodes may be stale.
+        // `state` must be possible: then all nodes on its path are alive and their links valid,
+        // whereas links of dead nodes may be stale.
         for (out, level) in states.iter_mut().zip(&self.levels).rev() {
             *out = state;
             state = level.from[state] as usize;
@@ -57,7 +59,7 @@ impl Tree {
         states
     }
 
-    /// Returns the nodes that are alive at each undecided step, in ascending order.
+    /// Returns the living nodes of each undecided step, in ascending order.
     pub(crate) fn nodes(&self) -> Vec<Vec<Node>> {
         let levels = self.levels.iter().enumerate().map(|(at, level)| {
             let nodes = (0..).zip(level.uses.iter().zip(&level.from));
@@ -69,7 +71,7 @@ impl Tree {
         levels.collect()
     }
 
-    /// Replaces the tree by one with these nodes, over n states.
+    /// Replaces the tree by one with these nodes, over n states each step.
     pub(crate) fn restore(&mut self, n: usize, levels: &[Vec<Node>]) {
         self.clear();
         for nodes in levels {
@@ -79,10 +81,10 @@ impl Tree {
             level.alive = nodes.len();
             for &Node { state, from } in nodes {
                 level.from[state as usize] = from;
-                // At the end of the tree, one use marks a possible state.
+                // At the last level, one use marks a possible state.
                 level.uses[state as usize] = 1;
             }
-            // The step before is no longer the end: its uses are the nodes that extend it.
+            // The level before is no longer the last: its uses are the nodes that extend it.
             if let Some(before) = self.levels.back_mut() {
                 before.uses.fill(0);
                 nodes.iter().for_each(|node| before.uses[node.from as usize] += 1);
@@ -91,20 +93,21 @@ impl Tree {
         }
     }
 
-    /// Adds the present step to the tree, and removes the nodes that no path to it uses.
+    /// Adds the present step to the tree, and removes the nodes through which no path leads to it.
     pub(crate) fn grow(&mut self, scores: &[f64], from: &[u32]) {
         let mut level = self.spare.pop().unwrap_or_else(|| Level::new(scores.len()));
         level.from.copy_from_slice(from);
         let possible = scores.iter().map(|score| u32::from(*score > f64::NEG_INFINITY));
         level.uses.iter_mut().zip(possible).for_each(|(uses, possible)| *uses = possible);
         level.alive = level.uses.iter().filter(|uses| **uses > 0).count();
-        // First all new uses, then the marks: in the other order a node would be removed that the
-        // next state still uses.
+        // First add all new uses, then remove the marks of the former last level: in the other
+        // order a node could drop to 0 uses, and be removed, although a new node extends it.
         if let Some(last) = self.levels.back_mut() {
-            // The use that marked a possible state at the end of the tree is removed below.
+            // Impossible new states have no use and add none.
             for (&from, &uses) in level.from.iter().zip(&level.uses) {
                 last.uses[from as usize] += uses;
             }
+            // Every possible node of that level carries its mark, plus one for each extension.
             self.gone.clear();
             for (uses, &from) in last.uses.iter_mut().zip(&last.from) {
                 if *uses > 0 {
@@ -115,6 +118,7 @@ impl Tree {
                 }
             }
             last.alive -= self.gone.len();
+            // Their predecessors lose one use each, which may remove further nodes.
             if let Some(before) = self.levels.len().checked_sub(2) {
                 for k in 0..self.gone.len() {
                     self.release(before, self.gone[k] as usize);
@@ -124,9 +128,11 @@ impl Tree {
         self.levels.push_back(level);
     }
 
-    /// Removes one use of a node; a node without uses is removed, and so may be its predecessors.
+    /// Removes one use of a node. A node without uses is removed, and in turn may remove its
+    /// predecessors.
     fn release(&mut self, mut at: usize, mut state: usize) {
-        // A loop, not a recursion: a path that dies may be as long as the tree is deep.
+        // A loop instead of recursion: a dying path may be as long as the tree is deep. Each node
+        // is removed at most once, so the cost is O(1) for each node ever added.
         loop {
             let level = &mut self.levels[at];
             level.uses[state] -= 1;
@@ -143,10 +149,11 @@ impl Tree {
         }
     }
 
-    /// Commits the oldest steps that have one node left: all surviving paths go through it.
+    /// Commits the oldest steps with one living node: all surviving paths go through it.
     pub(crate) fn commit(&mut self, committed: &mut Vec<usize>) {
         committed.clear();
-        // The last level may be committed too: its one possible state is on every path to come.
+        // The last level may be committed too: if only one present state is possible, every later
+        // path goes through it.
         while self.levels.front().is_some_and(|level| level.alive == 1) {
             if let Some(level) = self.levels.pop_front() {
                 committed.extend(level.uses.iter().position(|uses| *uses > 0));

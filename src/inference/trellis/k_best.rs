@@ -1,5 +1,8 @@
-//! The k most probable paths of a trellis: Viterbi with a list for each state (section 7 of the
-//! [formulas](crate::guide::formulas)), in natural logarithms.
+//! The k most probable paths of a trellis: Viterbi with a list of paths for each state (section 7
+//! of the [formulas](crate::guide::formulas)), in natural logarithms.
+//!
+//! The invariant: `lists` holds the k best paths to each state so far, best first. The k best paths
+//! to a state extend paths that are among the k best to their own last state, so none is missed.
 
 use super::Trellis;
 use crate::error::InferenceError;
@@ -7,7 +10,7 @@ use crate::inference::decoding::ranked_paths::{self, Best, RankedPath, best_ends
 use crate::inference::{LogSum, ViterbiPath};
 
 impl Trellis {
-    /// Most probable sequences of states, the best first; fewer than `count`, if the trellis has
+    /// Most probable sequences of states, the best first; fewer than `count` if the trellis has
     /// fewer. They are distinct, and the first is that of [`viterbi`](Self::viterbi). O(moves ·
     /// K log K) time, and 16 K bytes a state.
     ///
@@ -15,11 +18,11 @@ impl Trellis {
     ///
     /// As [`viterbi`](Self::viterbi), also for a `count` of 0.
     pub fn k_best(&self, count: usize) -> Result<Vec<ViterbiPath>, InferenceError> {
-        // Paths to each state, by its number through all steps.
+        // Paths to each state, indexed by its number through all steps.
         let mut lists: Vec<Vec<RankedPath>> = Vec::with_capacity(self.log_likelihoods.len());
         let mut taken_out = LogSum::default();
         let start = [vec![RankedPath::start(0.0)]];
-        // At least one is kept, to find out whether a step is possible.
+        // At least one path is kept, to detect an impossible step.
         let mut best_paths = Best::new(count.max(1));
         for step in 1..=self.steps() {
             let range = self.range(step);
@@ -28,13 +31,15 @@ impl Trellis {
             let into = |state: usize| {
                 best_paths.paths.clear();
                 if self.log_likelihoods[state] > f64::NEG_INFINITY {
-                    // By the number of the move, since ties go to the move that was added first.
+                    // Ranked by the number of the move, since ties go to the move added first.
                     let moves = (self.moves[state] as usize..).zip(self.moves_into(state));
                     for (number, (from, weight)) in moves.filter(|(_, m)| m.1 > f64::NEG_INFINITY) {
                         best_paths.extend(number, &before[from], weight - largest_weight);
                     }
                 }
-                // Sorted before the likelihood is added, whose size may hide small differences.
+                // Sorted before the likelihood is added: it is the same for all paths to the state,
+                // but its size may round away small differences. Then move numbers are replaced by
+                // the states that they leave.
                 best_paths.finish();
                 let mut paths = best_paths.paths.clone();
                 paths.iter_mut().for_each(|path| path.from = self.from[path.from as usize]);

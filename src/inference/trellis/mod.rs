@@ -1,5 +1,10 @@
-//! Trellises: sequences whose states differ from step to step, such as the roads near each
+//! Trellises: sequences with a different set of states at each step, such as the roads near each
 //! position of a drive.
+//!
+//! States are numbered through all steps, and moves by the state that they enter (compressed rows),
+//! so that a pass over a trellis reads its arrays in order. Everything is in natural logarithms.
+//! Each step subtracts its largest weight, its largest log-likelihood and the remaining sum
+//! separately ([`Scale`]), because adding large logarithms before they cancel would cost digits.
 
 mod k_best;
 mod smooth;
@@ -13,12 +18,12 @@ use crate::error::InferenceError;
 use crate::inference::LogSum;
 use wayfix_kernels::log_sum;
 
-/// A sequence of steps, each with states of its own: the log-likelihood of each, and the moves
-/// into it from the states of the step before, with their log weights.
+/// A sequence of steps with their own states: the log-likelihood of each state, and the moves into
+/// it from the states of the step before, with their log weights.
 ///
-/// A model of a million states of which each observation leaves a few, found by a search, is a
-/// trellis of those few. Weights of moves are probabilities, or probabilities times the
-/// likelihood of what was measured on the way; they need not sum to one. All computations are in
+/// If each observation leaves only a few of a model's million states, and a search finds them,
+/// these few make a trellis. Weights of moves are probabilities, or probabilities times the
+/// likelihood of what was measured on the move; they need not sum to one. All computations are in
 /// natural logarithms, so that nothing underflows.
 ///
 /// Steps count from 1. The states of step 1 have one move each, from the start, whose weight is
@@ -35,7 +40,7 @@ use wayfix_kernels::log_sum;
 /// trellis.begin_step();
 /// trellis.state(ln(0.5), [(0, ln(0.7)), (1, ln(0.3))])?;
 /// trellis.state(ln(0.1), [(0, ln(0.3)), (1, ln(0.7))])?;
-/// trellis.state(ln(0.5), [])?; // not to be reached
+/// trellis.state(ln(0.5), [])?; // unreachable
 ///
 /// let smoothed = trellis.smooth()?;
 /// assert!((smoothed.log_likelihood() - 0.1930_f64.ln()).abs() < 1e-12);
@@ -50,7 +55,7 @@ pub struct Trellis {
     /// First state of each step, and the number of states at the end.
     steps: Vec<usize>,
     log_likelihoods: Vec<f64>,
-    /// Moves into state s are those from `moves[s]` to `moves[s + 1]`.
+    /// Moves into state s have the numbers `moves[s]..moves[s + 1]`.
     moves: Vec<u32>,
     from: Vec<u32>,
     log_weights: Vec<f64>,
@@ -71,7 +76,7 @@ impl Trellis {
         Self { steps, log_likelihoods, moves: vec![0], from, log_weights }
     }
 
-    /// Removes all steps, and keeps the memory.
+    /// Removes all steps but keeps the memory.
     pub fn clear(&mut self) {
         self.steps.clear();
         self.log_likelihoods.clear();
@@ -81,14 +86,14 @@ impl Trellis {
         self.log_weights.clear();
     }
 
-    /// Begins a step, without states.
+    /// Begins a step, at first without states.
     pub fn begin_step(&mut self) {
         self.steps.push(self.log_likelihoods.len());
     }
 
-    /// Adds a state to the last step, with the moves into it from states of the step before, by
-    /// their number there, from 0. In the first step the only state before is 0, the start.
-    /// Moves should come in ascending order, at most one from each state: ties go to the first.
+    /// Adds a state to the last step, with the moves into it from states of the step before, which
+    /// are numbered from 0 there. In the first step the only state before is 0, the start.
+    /// Moves should be in ascending order, at most one from each state: ties go to the first.
     ///
     /// # Panics
     ///
@@ -112,11 +117,12 @@ impl Trellis {
         let before = if step > 1 { self.steps[step - 1] - self.steps[step - 2] } else { step };
         let valid = |value: f64| {
             let error = InferenceError::TrellisValue { step, value };
-            // Sums of larger ones would overflow.
+            // Sums of larger values could overflow.
             let is_valid = value.abs() <= 1e300 || value == f64::NEG_INFINITY;
             if is_valid { Ok(()) } else { Err(error) }
         };
-        // Moves are added while they are checked, and removed again if one is wrong.
+        // Moves are added as they are checked (the iterator can be read only once), and removed
+        // again if one is invalid.
         let kept = self.from.len();
         let checked = valid(log_likelihood).and_then(|()| {
             moves.into_iter().try_for_each(|(from, log_weight)| {
@@ -135,7 +141,7 @@ impl Trellis {
             return checked;
         }
         self.log_likelihoods.push(log_likelihood);
-        self.moves.push(u32::try_from(self.from.len()).expect("fewer than 2^32 moves"));
+        self.moves.push(u32::try_from(self.from.len()).expect("there are fewer than 2^32 moves"));
         Ok(())
     }
 
@@ -171,7 +177,7 @@ impl Trellis {
         self.moves_into(self.range(step).nth(state).expect("the state exists"))
     }
 
-    /// States of a step, numbered through all steps.
+    /// Numbers of the states of a step, counted through all steps; empty for step 0 or beyond T.
     fn range(&self, step: usize) -> std::ops::Range<usize> {
         let Some(&start) = step.checked_sub(1).and_then(|k| self.steps.get(k)) else {
             return 0..0;
@@ -186,14 +192,14 @@ impl Trellis {
         from.zip(self.log_weights[range].iter().copied())
     }
 
-    /// Computes ln p(X_k = i | y_1 … y_k) for the states of a step from that of the step before.
-    /// Returns what was taken out, with a sum of −∞ if nothing is possible.
+    /// Computes ln p(X_k = i | y_1 … y_k) for the states of a step from those of the step before.
+    /// Returns the logarithms taken out, with a sum of −∞ if no state is possible.
     #[doc(hidden)]
     pub fn forward_step(&self, step: usize, before: &[f64], out: &mut Vec<f64>) -> Scale {
         out.clear();
-        // The largest weight and the largest log-likelihood come out before anything is added:
-        // beside numbers of 1e5 small differences would lose their digits. Of states that are
-        // possible, since others may have any size.
+        // The largest weight and the largest log-likelihood are taken out before anything is added:
+        // next to numbers of 1e5, small differences would lose their digits. Only possible states
+        // count, since the values of others may have any size.
         let weight = self.largest_weight(step, |j| before[j] > f64::NEG_INFINITY);
         out.extend(self.range(step).map(|state| {
             log_sum(self.moves_into(state).map(|(j, log)| before[j] + (log - weight)))
@@ -205,7 +211,7 @@ impl Trellis {
         if largest == f64::NEG_INFINITY {
             return Scale { weight, likelihood, sum: largest };
         }
-        // In two steps: a sum of large logarithms is rounded more than their differences.
+        // Two subtractions: `largest + sum` rounds relative to its size, the differences do not.
         out.iter_mut().for_each(|x| *x -= largest);
         let sum = log_sum(out.iter().copied());
         out.iter_mut().for_each(|x| *x -= sum);
@@ -227,8 +233,8 @@ impl Trellis {
     }
 }
 
-/// Logarithms taken out of a step, before they could take digits from the others: the largest
-/// weight, the largest log-likelihood, and that of the sum that is left.
+/// Logarithms taken out of a step, before they could cost the others digits: the largest weight,
+/// the largest log-likelihood, and the logarithm of the remaining sum.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scale {
     weight: f64,
@@ -250,7 +256,7 @@ impl Scale {
     }
 }
 
-/// Largest of some logarithms; 0 if all are −∞.
+/// Returns the largest of some logarithms, or 0 if all are −∞.
 fn largest(logs: impl Iterator<Item = f64>) -> f64 {
     let largest = logs.fold(f64::NEG_INFINITY, f64::max);
     if largest == f64::NEG_INFINITY { 0.0 } else { largest }

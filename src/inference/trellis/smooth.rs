@@ -1,4 +1,8 @@
-//! Forward-backward on a trellis.
+//! Forward-backward on a trellis (sections 2 to 4 of the [formulas](crate::guide::formulas), in
+//! logarithms).
+//!
+//! γ_k ∝ α_k ∘ β_k, each step normalised by itself. β is scaled by what the forward pass took out
+//! of each step, so that its logarithms stay near those of γ / α.
 
 use super::{Scale, Trellis};
 use crate::error::InferenceError;
@@ -18,8 +22,9 @@ pub struct SmoothedTrellis {
     scales: Vec<Scale>,
 }
 
-/// Forward pass over a trellis: filtered logarithms of all its states, and what was taken out of
-/// each step. Who grows a trellis by the filtered distribution of its last step has it already.
+/// Forward pass over a trellis: filtered logarithms of all its states, and the logarithms taken out
+/// of each step. A caller that grows a trellis step by step from the filtered distribution has
+/// these already.
 #[derive(Debug, Clone, Default)]
 pub struct TrellisForward {
     log_filtered: Vec<f64>,
@@ -65,15 +70,14 @@ impl Trellis {
         steps.push(self.log_likelihoods.len());
         let mut log_backward = vec![0.0; log_filtered.len()];
         for step in (2..=self.steps()).rev() {
-            // Backward logarithms of a step come from those of the next alone.
+            // The backward logarithms of a step depend only on those of the next.
             let (earlier, later) = log_backward.split_at_mut(self.range(step).start);
             let earlier = &mut earlier[self.range(step - 1).start..];
             self.backward_step(step, scales[step - 1], later, earlier);
         }
         let filtered = log_filtered.iter().map(|log| log.exp()).collect();
         let mut smoothed: Vec<f64> = Vec::with_capacity(log_filtered.len());
-        // Filtered times backward, normalised in each step: constants that a step has taken out
-        // cancel.
+        // γ = α ∘ β, normalised in each step, so that any constants of a step cancel.
         for bounds in steps.windows(2) {
             let logs = bounds[0]..bounds[1];
             let log = logs.map(|s| log_filtered[s] + log_backward[s]);
@@ -85,7 +89,8 @@ impl Trellis {
 }
 
 impl Trellis {
-    /// Computes the backward logarithms of the states of the step before.
+    /// Computes the backward logarithms of the states of the step before `step`, from those of
+    /// `step` (`later`).
     fn backward_step(&self, step: usize, scale: Scale, later: &[f64], earlier: &mut [f64]) {
         earlier.fill(f64::NEG_INFINITY);
         let log = |(state, later): (usize, &f64)| {
@@ -95,13 +100,14 @@ impl Trellis {
             self.moves_into(state)
                 .for_each(|(j, weight)| earlier[j] = earlier[j].max((weight - scale.weight) + log));
         }
-        // Two passes, the largest and then the sum relative to it: moves come by the later state,
-        // and the terms of an earlier one are spread over all of them.
+        // Log-sum-exp in two passes, the largest term and then the sum relative to it. Moves are
+        // stored by the later state, so that the terms of an earlier state are spread over all.
         let mut sums = vec![0.0; earlier.len()];
         for (state, log) in self.range(step).zip(later).map(log) {
             for (j, weight) in self.moves_into(state) {
                 let below = (weight - scale.weight) + log - earlier[j];
-                // e^-45 is below the last digit of the sum.
+                // Terms below e^-45 = 2^-65 are beyond the digits of the sum, which is at least 1.
+                // (False for the NaN of an earlier state at −∞, from which nothing possible leads.)
                 if below > -45.0 {
                     sums[j] += if below == 0.0 { 1.0 } else { below.exp() };
                 }
@@ -129,9 +135,8 @@ impl SmoothedTrellis {
         &self.smoothed[self.range(step)]
     }
 
-    /// Distribution p(X_k | y_1 … y_{k + lag}) over the states of a step, or of all that were
-    /// observed, if these are fewer. `trellis` is the one that was smoothed. O(moves of `lag`
-    /// steps).
+    /// Distribution p(X_k | y_1 … y_{k + lag}) over the states of a step, given all observations if
+    /// there are fewer. `trellis` must be the one that was smoothed. O(moves of `lag` steps).
     #[must_use]
     pub fn lagged(&self, trellis: &Trellis, step: usize, lag: usize) -> Vec<f64> {
         let last = step.saturating_add(lag).min(self.steps.len() - 1);
@@ -162,8 +167,8 @@ impl SmoothedTrellis {
     }
 
     /// Moves into a state of a step with their probabilities p(X_{k-1}, X_k | y_1 … y_T), in the
-    /// order in which they were added: pairs (from, probability), which sum to one over the states
-    /// of the step. `trellis` is the one that was smoothed.
+    /// order in which they were added: pairs (from, probability), which sum to one over all states
+    /// of the step. `trellis` must be the one that was smoothed.
     pub fn moves<'a>(
         &'a self,
         trellis: &'a Trellis,
@@ -172,8 +177,9 @@ impl SmoothedTrellis {
     ) -> impl Iterator<Item = (usize, f64)> + 'a {
         let number = self.range(step).start + state;
         let scale = self.scales[step - 1];
-        // What was taken out of each term comes off it before they are added: the terms may be
-        // as large as 1e300, and their sum is at most 0.
+        // ln ξ = ln α_{k-1} + (weight − scale) + (likelihood − scale) + ln β_k − sum. Scales are
+        // subtracted from their terms before these are added: a term may be as large as 1e300,
+        // whereas the sum is at most 0.
         let likelihood = trellis.log_likelihoods[number] - scale.likelihood;
         let later = likelihood + self.log_backward[number] - scale.sum;
         trellis.moves_into(number).map(move |(from, weight)| {

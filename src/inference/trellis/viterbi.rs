@@ -1,4 +1,5 @@
-//! Viterbi on a trellis.
+//! Viterbi on a trellis (section 7 of the [formulas](crate::guide::formulas), in natural
+//! logarithms).
 
 use super::Trellis;
 use crate::error::InferenceError;
@@ -22,7 +23,7 @@ impl Trellis {
                 let mut best = (f64::NEG_INFINITY, 0);
                 for (from, weight) in self.moves_into(state) {
                     let score = scores[from] + (weight - largest_weight);
-                    // Only a better one replaces: ties go to the first.
+                    // Strictly better only: ties go to the first.
                     if score > best.0 {
                         best = (score, from as u32);
                     }
@@ -37,12 +38,13 @@ impl Trellis {
             if best == f64::NEG_INFINITY {
                 return Err(InferenceError::Impossible { step });
             }
-            // The best becomes 0, so that scores of long sequences keep their digits.
+            // The best score becomes 0, so that scores of long sequences keep their digits.
             next.iter_mut().for_each(|score| *score -= best);
             [largest_weight, likelihood, best].into_iter().for_each(|log| taken_out.add(log));
             std::mem::swap(&mut scores, &mut next);
         }
-        // The best score is 0.
+        // The best score is exactly 0, from the subtraction in the last step. In an empty trellis
+        // it is that of the start.
         let mut state = scores.iter().position(|score| *score == 0.0).unwrap_or(0);
         let mut states = vec![0; self.steps()];
         for step in (1..=self.steps()).rev() {

@@ -1,10 +1,11 @@
-//! Trellises that lose their first step as they grow, or the last one if it failed.
+//! Sliding windows: trellises that drop their first step as they grow, or their last one if it
+//! failed.
 
 use super::Trellis;
 
 impl Trellis {
-    /// Removes the first step. The next becomes the first, with the logarithms of a distribution
-    /// of its states in place of all that was before.
+    /// Removes the first step. The second becomes the first, and the logarithms of a distribution
+    /// of its states replace everything before.
     #[doc(hidden)]
     pub fn remove_first(&mut self, log_distribution: &[f64]) {
         let (first, second) = (self.range(1).end, self.range(2).end);
@@ -13,17 +14,18 @@ impl Trellis {
         self.steps.iter_mut().for_each(|start| *start -= first);
         self.log_likelihoods.drain(..first);
         self.moves.drain(..second);
-        // The new first step: one move from the start into each of its states.
+        // The new first step has one move from the start into each of its states; the starts of all
+        // later moves shift by the difference.
         let states = second - first;
         self.from.splice(..moves, std::iter::repeat_n(0, states));
         self.log_weights.splice(..moves, log_distribution.iter().copied());
         self.moves.iter_mut().for_each(|start| *start = *start - moves as u32 + states as u32);
         self.moves.splice(..0, 0..states as u32);
-        // Its observation is in the distribution already.
+        // The distribution includes the observation of the step already.
         self.log_likelihoods[..states].fill(0.0);
     }
 
-    /// Removes the last step, whose states may not all be there.
+    /// Removes the last step, which may be incomplete.
     #[doc(hidden)]
     pub fn remove_last(&mut self) {
         let Some(first) = self.steps.pop() else { return };
@@ -34,7 +36,7 @@ impl Trellis {
         self.log_weights.truncate(moves);
     }
 
-    /// Gives back memory that is not in use, if it is much.
+    /// Frees unused memory, if it is more than a quarter of what is used.
     #[doc(hidden)]
     pub fn shrink(&mut self) {
         if self.from.capacity() > self.from.len() + self.from.len() / 4 + 16 {
@@ -45,7 +47,7 @@ impl Trellis {
         }
     }
 
-    /// Bytes of memory beside the value itself.
+    /// Bytes of heap memory.
     #[doc(hidden)]
     pub fn bytes(&self) -> usize {
         let doubles = self.log_likelihoods.capacity() + self.log_weights.capacity();

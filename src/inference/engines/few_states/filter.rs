@@ -1,4 +1,6 @@
-//! The filter over a whole sequence: beliefs and log-likelihoods, or the total alone.
+//! The filter over a whole sequence: x_k = b_k ∘ A x_{k−1} without normalisation ("Few states" in
+//! section 3 of the [formulas](crate::guide::formulas)), for beliefs and log-likelihoods, or for
+//! the total alone.
 
 use super::FewStatesModel;
 use super::forward::Forward;
@@ -21,7 +23,7 @@ where
 {
     let (states, steps) = (hmm.states(), sequence.steps());
     if !choice::is_long(steps) {
-        return None; // the beliefs of a stream, to the bit
+        return None; // short sequences have the beliefs of a stream to the bit
     }
     let model = FewStatesModel::new(hmm)?;
     let mut rows = in_large_pages(vec![0.0; states * (steps + 1)]);
@@ -75,7 +77,7 @@ impl FewStatesModel {
         let (mut forward, first) = Forward::start(self, source)?;
         if let Some((rows, logs)) = &mut out {
             rows[..n].copy_from_slice(&self.prior.values[..n]);
-            // Nothing moves before step 1: its belief is the prior times the likelihoods, which
+            // No transition leads to step 1: its belief is the prior times the likelihoods, which
             // `start` has multiplied already.
             if first > 1 {
                 let sum: f64 = forward.x.values.iter().sum();
@@ -87,23 +89,25 @@ impl FewStatesModel {
         let model = self.segment_model::<N>();
         let (mut packed, mut beliefs, mut normalizers) = (Vec::new(), Vec::new(), Vec::new());
         let mut likelihoods = Vec::new();
-        // Two passes over eight segments: a vector through the product of each gives the starts of
-        // all, and from these all eight run at once, none waiting for the one before.
+        // Two passes over eight segments. First the matrix product of each segment carries x to the
+        // next start; then all eight run at once from their starts, none waiting for the one
+        // before.
         while segments && let Some(steps) = choice::next_segments(&mut remaining) {
             likelihoods.resize(N * steps.len(), 0.0);
             let (_, starts) =
                 forward.segments(&model, steps.clone(), &mut likelihoods, &mut packed)?;
-            // For the log-likelihood alone the products are enough.
+            // For the log-likelihood alone, the products are sufficient.
             let Some((rows, logs)) = &mut out else { continue };
             beliefs.resize(packed.len(), [Packed::default(); N]);
             normalizers.resize(steps.len() / LANES, Packed::default());
             filter_segments(&model, &starts, &packed, &mut beliefs, &mut normalizers)?;
             unpack_segments(beliefs.as_flattened(), &mut rows[n * steps.start..n * steps.end]);
-            // ln N, with what was taken out of the likelihoods of the step.
+            // ln N_k, plus the logarithm of the scale taken out of the likelihoods of the step.
             let logs = &mut logs[steps.start - 1..steps.end - 1];
             unpack_segments(&normalizers, logs);
             logs.iter_mut().zip(&forward.scales).for_each(|(log, scale)| *log = log.ln() + scale);
         }
+        // The rest (or all, without segments) goes through a chain.
         likelihoods.resize(n * GATHERED.min(remaining.len()), 0.0);
         while let Some(steps) = choice::next_steps(&mut remaining) {
             let (rows, logs): Out<'_> = match &mut out {

@@ -1,4 +1,7 @@
-//! A vector on its way forward through a sequence.
+//! The vector x_k of the forward recursion, on its way through a sequence.
+//!
+//! The invariant: x, times two to its exponent, times everything taken out of the likelihoods, is
+//! p(X_k, y_1 … y_k). It is never divided by its sum, so that only powers of two are taken out.
 
 use std::ops::Range;
 
@@ -8,19 +11,19 @@ use super::{FewStatesModel, rescale};
 use crate::inference::LogSum;
 use wayfix_kernels::{ChainState, Eight, LANES, Packed, SmallModel, chain_forward};
 
-/// The vector, and what was taken out of likelihoods.
+/// The vector, and the scales that were taken out of the likelihoods.
 pub(crate) struct Forward<'m> {
     model: &'m FewStatesModel,
     source: &'m mut dyn LikelihoodRows,
     pub(crate) x: ChainState,
     logs: LogSum,
-    /// Logarithms of what was taken out in each of the steps that were gathered last.
+    /// Logarithm of the scale taken out of each of the steps that were gathered last.
     pub(crate) scales: Vec<f64>,
 }
 
 impl<'m> Forward<'m> {
-    /// Begins with the prior. If nothing moves before the first observation, it is updated by that,
-    /// and the first step is done. Returns the first step that is left, too.
+    /// Starts from the prior. If no transition leads to the first observation, this also takes step
+    /// 1. Returns the number of the next step too.
     pub(crate) fn start(
         model: &'m FewStatesModel,
         source: &'m mut dyn LikelihoodRows,
@@ -31,7 +34,7 @@ impl<'m> Forward<'m> {
             return Some((start, 1));
         }
         let mut b = [0.0; LANES];
-        // Step 1 has no move: its likelihoods multiply the prior.
+        // Step 1 has no transition: its likelihoods multiply the prior.
         let any = start.gather(1..2, true, &mut b[..model.states])?;
         start.take_out(any);
         start.x.values.iter_mut().zip(b).for_each(|(x, b)| *x *= b);
@@ -39,7 +42,7 @@ impl<'m> Forward<'m> {
         Some((start, 2))
     }
 
-    /// Copies the likelihoods of some steps. Returns true if something was taken out of them.
+    /// Copies the likelihoods of some steps. Returns true if they were scaled.
     fn gather(&mut self, steps: Range<usize>, scaled: bool, out: &mut [f64]) -> Option<bool> {
         self.scales.resize(steps.len(), 0.0);
         self.source.likelihoods(steps, scaled, out, &mut self.scales)
@@ -55,8 +58,7 @@ impl<'m> Forward<'m> {
 
     /// Returns ln Σ x, with the scales that were taken out of likelihoods.
     pub(crate) fn log_likelihood(&self) -> f64 {
-        // x is never divided by its sum on the way: times its power of two it is p(x_k, y_1 … y_k),
-        // up to what was taken out.
+        // Σ_i p(X_k = i, y_1 … y_k) = p(y_1 … y_k).
         let mut sum = self.logs;
         sum.add(self.x.values.iter().sum::<f64>().ln());
         sum.add(self.x.exponent as f64 * std::f64::consts::LN_2);
@@ -71,9 +73,9 @@ impl<'m> Forward<'m> {
         rows: &mut [f64],
         normalizers: &mut [f64],
     ) -> Option<()> {
-        // The kernel may fail after some steps: the second attempt starts from the same vector.
+        // The kernel may fail after some steps. The second attempt starts from the same vector.
         let before = self.x;
-        // Scales take time, and are seldom needed.
+        // First without scaling, which takes time and is seldom needed.
         for scaled in [false, true] {
             let any = self.gather(steps.clone(), scaled, likelihoods)?;
             let FewStatesModel { columns, states, .. } = self.model;
@@ -82,7 +84,7 @@ impl<'m> Forward<'m> {
                 self.take_out(any);
                 return Some(());
             }
-            // Scaled already: these likelihoods have too wide a range.
+            // They were scaled already: their range is too wide.
             if any {
                 break;
             }
@@ -90,8 +92,8 @@ impl<'m> Forward<'m> {
         None
     }
 
-    /// Takes x through eight segments, whose likelihoods are copied and packed. Returns their
-    /// products, and x at the start of each.
+    /// Takes x through eight segments, after copying and packing their likelihoods. Returns the
+    /// products of the segments, and x at the start of each.
     pub(crate) fn segments<const N: usize>(
         &mut self,
         model: &SmallModel<N>,

@@ -1,4 +1,8 @@
-//! Likelihoods of consecutive steps, in one block.
+//! Likelihoods of consecutive steps, in one block of rows.
+//!
+//! Most of the time of a model with few states could go into asking the sensor. So there are fast
+//! copies for the usual forms, checked once for all steps, and a slow path for any diagonal. All of
+//! them keep the range that "Few states" in `limits` needs, or return `None`.
 
 use std::f64::consts::LN_2;
 use std::ops::Range;
@@ -11,17 +15,18 @@ use crate::transition::Transition;
 use wayfix_kernels::limits::{LARGEST_LOG, LEAST_FACTOR, UNSCALED, UNSHIFTED, exponent, power};
 use wayfix_kernels::{self as kernels, Scores, ScoresIn, Valid};
 
-/// Logarithm of [`LEAST_FACTOR`], or more.
+/// Logarithm of [`LEAST_FACTOR`], rounded up.
 const LEAST_LOG: f64 = -138.0;
 
-/// Likelihoods of a sequence, without its type: code that uses them is compiled once, with this
-/// crate.
+/// Likelihoods of a sequence, as a trait object, so that the code that uses them is compiled once,
+/// with this crate.
 pub(crate) trait LikelihoodRows {
-    /// Copies the likelihoods of some steps. Returns true if something was taken out of them, and
-    /// then writes its logarithms to `logs`; `None` if some are not valid or have too wide a range.
+    /// Copies the likelihoods of some steps. Returns true if they were scaled, and then writes the
+    /// logarithm of each step's divisor to `logs`; `None` if some are invalid or have too wide a
+    /// range.
     ///
-    /// The largest of each step is brought near one, unless all can be taken as they are, none
-    /// above 2^16, and that is not ruled out by `scaled`.
+    /// They are scaled so that the largest of each step is near one, unless `scaled` is false and
+    /// all can be used as they are, with none above 2^16.
     fn likelihoods(
         &mut self,
         steps: Range<usize>,
@@ -30,7 +35,7 @@ pub(crate) trait LikelihoodRows {
         logs: &mut [f64],
     ) -> Option<bool>;
 
-    /// Copies the scores of some steps, log2 of likelihoods up to parts that are taken out.
+    /// Copies the scores of some steps: log2 of the likelihoods, less the parts taken out.
     fn scores(
         &mut self,
         steps: Range<usize>,
@@ -56,8 +61,9 @@ where
         Self { hmm, sequence, scratch: Scratch::default() }
     }
 
-    /// Copies likelihoods of N states, or of any number for N = 0, as they are: a copy of a length
-    /// that is not known is a call. `None` if one is in logarithms, has a factor, or is above 2^16.
+    /// Copies likelihoods of N states, or of any number for N = 0, as they are. (N is known because
+    /// a copy of unknown length is a function call.) Returns `None` if some are in logarithms, have
+    /// a factor, or are above 2^16.
     #[inline(always)]
     fn copy<const N: usize>(&mut self, steps: Range<usize>, out: &mut [f64]) -> Option<()> {
         let states = if N > 0 { N } else { self.hmm.states() };
@@ -65,13 +71,13 @@ where
         for (step, row) in steps.zip(out.chunks_exact_mut(states)) {
             let observation = self.sequence.observation(step);
             let diagonal = self.hmm.likelihood().diagonal(observation, &mut self.scratch).ok()?;
-            // A factor would have to be taken out: the caller then scales each step.
+            // A factor would have to be taken out. The caller then scales each step.
             if diagonal.log_factor != 0.0 {
                 return None;
             }
             let linear = match diagonal.values {
-                // The sensor has checked them and knows the largest; a look at each value takes
-                // longer than the copy.
+                // The sensor has checked them and knows the largest; another look at each value
+                // would take longer than the copy.
                 Values::Checked { linear, largest, .. } => {
                     most = if largest > most { largest } else { most };
                     linear
@@ -88,15 +94,16 @@ where
                 (linear.len() == states).then(|| row.copy_from_slice(linear))?;
             }
         }
-        // One call of a kernel for all steps, not one for each.
+        // One kernel call for all steps instead of one for each.
         if !checked {
             most = most.max(kernels::largest(out, Valid::Likelihoods).ok()?);
         }
         (most <= *UNSCALED.end()).then_some(())
     }
 
-    /// Copies logarithms less the largest of each step, which is passed on with the number of the
-    /// step. `None` if a step has others than logarithms, a factor, or nothing that is possible.
+    /// Copies logarithms less the largest of each step, which is passed to `take` with the index of
+    /// the step. Returns `None` if a step is not in logarithms, has a factor, or has no possible
+    /// state.
     fn copy_logs(
         &mut self,
         steps: Range<usize>,
@@ -123,7 +130,7 @@ where
             let (Values::Log(logs), 0.0) = (&diagonal.values, diagonal.log_factor) else {
                 return None;
             };
-            // One length for both, which the compiler knows for N states.
+            // Makes both lengths equal, and known to the compiler for N states.
             let logs = logs.get(..states).filter(|_| logs.len() == states)?;
             let largest = largest_log(logs)?;
             row.iter_mut().zip(logs).for_each(|(out, log)| *out = log - largest);
@@ -146,7 +153,7 @@ where
         out: &mut [f64],
         logs: &mut [f64],
     ) -> Option<bool> {
-        // A copy of known length, for the numbers of states where it was measured to pay.
+        // Copies of known length for the numbers of states for which they were measured to pay.
         let plain = match self.hmm.states() {
             _ if scaled => None,
             2 => self.copy::<2>(steps.clone(), out),
@@ -163,6 +170,7 @@ where
             kernels::exp_in_place(out);
             return (!lost).then_some(true);
         }
+        // Any other form, step by step.
         let rows = out.chunks_exact_mut(self.hmm.states());
         for ((step, row), log) in steps.zip(rows).zip(logs) {
             let observation = self.sequence.observation(step);
@@ -193,7 +201,8 @@ where
                 Values::Checked { log2: Some(log2), largest, .. }
                     if diagonal.log_factor == 0.0 && is_near(largest) =>
                 {
-                    // On the grid already, and the largest so near 0 that nothing is taken out.
+                    // On the grid already, and with the largest so near 0 that nothing has to be
+                    // taken out.
                     copy(log2, row)?;
                     ScoresIn::Log2
                 }
@@ -208,7 +217,7 @@ where
                     ScoresIn::Log2
                 }
             };
-            // One form for all: it is converted at once.
+            // All steps must have the same form, since they are converted at once.
             if *form.get_or_insert(next) != next {
                 return None;
             }
@@ -217,7 +226,7 @@ where
             kernels::largest(out, Valid::Likelihoods).ok()?;
             kernels::log2_in_place(out);
         }
-        // A score far from 0 would take digits from sums: whole numbers come out exactly.
+        // Scores far from 0 would cost sums their digits. Whole numbers are taken out exactly.
         if far {
             for row in out.chunks_exact_mut(states) {
                 let largest = row.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -230,7 +239,7 @@ where
     }
 }
 
-/// Copies a row of few values. (A copy of unknown length is a call.)
+/// Copies a row of a few values. (A copy of unknown length is a function call.)
 #[inline(always)]
 fn copy(values: &[f64], out: &mut [f64]) -> Option<()> {
     match (values, &mut *out) {
@@ -241,8 +250,8 @@ fn copy(values: &[f64], out: &mut [f64]) -> Option<()> {
     Some(())
 }
 
-/// Returns the largest of the logarithms of likelihoods; `None` if they are not valid, or nothing is
-/// possible. (A call of a kernel takes longer than a few comparisons.)
+/// Returns the largest of the logarithms of likelihoods, or `None` if they are invalid or all −∞.
+/// (A kernel call would take longer than a few comparisons.)
 #[inline(always)]
 fn largest_log(logs: &[f64]) -> Option<f64> {
     let (mut largest, mut valid) = (f64::NEG_INFINITY, true);
@@ -253,7 +262,7 @@ fn largest_log(logs: &[f64]) -> Option<f64> {
     (valid && largest > f64::NEG_INFINITY).then_some(largest)
 }
 
-/// Scores of any diagonal.
+/// Writes the scores of any diagonal.
 #[inline(never)]
 fn write_scores(diagonal: Diagonal<'_>, out: &mut [f64], taken_out: &mut TakenOut) -> Option<()> {
     let largest = diagonal.check(out.len()).ok()?;
@@ -262,8 +271,8 @@ fn write_scores(diagonal: Diagonal<'_>, out: &mut [f64], taken_out: &mut TakenOu
     Some(())
 }
 
-/// True if the logarithm of a likelihood is too low: a product in the chain could become less than
-/// 2^-700 (`limits`, "Few states").
+/// Returns true if the logarithm of some likelihood is so low that a product in the chain could
+/// fall below 2^-700 (`limits`, "Few states").
 fn is_lost(logs: &[f64]) -> bool {
     let lost = |log: f64| log < LEAST_LOG && log > f64::NEG_INFINITY;
     logs.iter().fold(false, |any, log| any | lost(*log))
@@ -288,15 +297,15 @@ fn scale(diagonal: &Diagonal<'_>, out: &mut [f64]) -> Option<f64> {
         Values::Linear(linear) | Values::Checked { linear, .. } => {
             let largest = diagonal.check(out.len()).ok()?;
             let by = if UNSCALED.contains(&largest) { 0 } else { exponent(largest) };
-            // `power` is right up to 1022; 1000 leaves room. A largest likelihood of 0 fails here
-            // too, as its exponent reads -1023.
+            // `power` is valid up to 1022; 1000 leaves room. If the largest likelihood is 0, its
+            // exponent reads as -1023, and it fails here too.
             if by.abs() > 1000 {
                 return None;
             }
             log += by as f64 * LN_2;
             for (out, b) in out.iter_mut().zip(linear) {
                 *out = b * power(-by);
-                // A smaller one could make a product in the chain less than 2^-700 (`limits`, "Few
+                // A smaller one could let a product in the chain fall below 2^-700 (`limits`, "Few
                 // states").
                 lost |= *b > 0.0 && *out < LEAST_FACTOR;
             }

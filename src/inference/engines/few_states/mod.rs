@@ -1,10 +1,11 @@
-//! Whole sequences under models of up to eight states without a control, many steps in a call of
-//! a kernel: eight segments of the sequence, one in each lane, or one state in each lane.
+//! Whole sequences under models of up to eight states without a control ("Few states" in section 3
+//! of the [formulas](crate::guide::formulas)), many steps in one kernel call: eight segments of the
+//! sequence, one in each lane, or one state in each lane.
 //!
-//! All sums are of products of numbers far from the ends of the range of doubles, or exactly 0.
-//! Where that can't be kept, or a sensor, an operator or an observation gives reason for an error,
-//! a routine returns `None`, and the caller starts over step by step: steps know about logarithms
-//! and errors.
+//! The invariant ("Few states" in `limits`): every term of a sum is 0 or far from the ends of the
+//! range of doubles. If that cannot be kept, or a sensor, an operator or an observation would cause
+//! an error, a routine returns `None`, and the caller starts over step by step: steps can use
+//! logarithms, and report errors.
 
 mod filter;
 mod forward;
@@ -26,7 +27,7 @@ use wayfix_kernels::limits::{
 };
 use wayfix_kernels::{ChainState, LANES, Packed, SmallModel};
 
-/// A model in arrays; states beyond the last are never possible.
+/// A model in arrays of eight, padded by impossible states.
 struct FewStatesModel {
     states: usize,
     columns: [Packed; LANES],
@@ -37,16 +38,16 @@ struct FewStatesModel {
 }
 
 impl FewStatesModel {
-    /// Reads the matrix of an operator by a product for each state. `None` if the model is
-    /// not for this engine, an entry is too small, or the columns do not sum to one.
+    /// Reads the matrix of an operator by a product for each state. Returns `None` if the model
+    /// does not suit this engine, an entry is too small, or a column does not sum to one.
     fn new<A: Transition, B: Likelihood>(hmm: &Hmm<A, B>) -> Option<Self> {
         let (control, states) = (control_of(hmm)?, hmm.states());
         let mut columns = [Packed::default(); LANES];
         let mut rows = columns;
-        // Any operator is read by its product, also one without entries to list.
+        // By products, so that operators that cannot list their entries work too.
         let (mut unit, mut column) = (vec![0.0; states], vec![0.0; states]);
         for from in 0..states {
-            // Lifted, so that an entry that is a product of small ones is not lost.
+            // Lifted, so that an entry that is a product of small factors is not lost.
             unit[from] = LIFT;
             hmm.transition().apply(control, &unit, &mut column);
             unit[from] = 0.0;
@@ -65,11 +66,12 @@ impl FewStatesModel {
         Some(Self { states, columns, rows, prior, moves: hmm.prior().moves_at(1) })
     }
 
-    /// The first N states, for segments.
+    /// Returns the model of the first N states, for segments.
     fn segment_model<const N: usize>(&self) -> SmallModel<N> {
         let first =
             |lines: &[Packed; LANES]| std::array::from_fn(|j| std::array::from_fn(|i| lines[j][i]));
         let columns: [[f64; N]; N] = first(&self.columns);
+        // `least`: the smallest likelihood whose product with the smallest entry is allowed.
         let entries = columns.as_flattened().iter().copied().filter(|a| *a > 0.0);
         SmallModel {
             columns,
@@ -78,21 +80,22 @@ impl FewStatesModel {
         }
     }
 
-    /// Takes a sequence in segments if it is for them, and if that fails, or else, step by step.
+    /// Calls `take(true)`, for segments, if the sequence suits them, and otherwise, or if that
+    /// fails, `take(false)`, for a chain.
     fn in_segments_or_steps(
         &self,
         steps: usize,
         mut take: impl FnMut(bool) -> Option<f64>,
     ) -> Option<f64> {
-        // Segments are looked at after every four steps only, and need a narrower range: what fails
-        // there may go through a chain.
+        // Segments are checked only after every four steps, and so need a narrower range. What
+        // fails there may succeed in a chain.
         let in_segments = choice::for_sequence(self.states, steps) == Engine::Segments;
         in_segments.then(|| take(true)).flatten().or_else(|| take(false))
     }
 }
 
-/// Brings the scale of a vector back to the middle range. `None` if its values are too far apart,
-/// or nothing is left.
+/// Scales a vector back to the middle range. Returns `None` if its values are too far apart, or all
+/// 0.
 fn rescale(x: &mut ChainState) -> Option<()> {
     let sum: f64 = x.values.iter().sum();
     if !(MIDDLE_RANGE[0]..=MIDDLE_RANGE[1]).contains(&sum) {
@@ -100,6 +103,7 @@ fn rescale(x: &mut ChainState) -> Option<()> {
         if !sum.is_normal() {
             return None;
         }
+        // By a power of two, which is exact.
         let by = exponent(sum);
         x.values.iter_mut().for_each(|x| *x *= power(-by));
         x.exponent += by;
@@ -107,11 +111,11 @@ fn rescale(x: &mut ChainState) -> Option<()> {
     x.values.iter().all(|x| *x == 0.0 || *x >= LEAST_IN_CHAIN).then_some(())
 }
 
-/// Returns the control of the operator if the model is for this engine; the caller has asked
-/// `choice` whether the number of states and steps is.
+/// Returns the control of the operator if the model suits this engine. (`choice` has decided on the
+/// numbers of states and steps.)
 fn control_of<A: Transition, B: Likelihood>(hmm: &Hmm<A, B>) -> Option<&'static A::Control> {
     let control = hmm.transition().no_control()?;
     hmm.transition().check_control(control).ok()?;
-    // With evidence columns do not sum to one, and the general routine checks them.
+    // With evidence, columns do not sum to one; this is left to single steps.
     hmm.transition().evidence(control).is_none().then_some(control)
 }

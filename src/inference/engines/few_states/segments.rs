@@ -1,5 +1,9 @@
-//! A vector on its way through the products of eight segments, each column of which has a scale
-//! of its own.
+//! Products of eight segments, P_s = B(y_l) A … B(y_f) A ("Few states" in section 3 of the
+//! [formulas](crate::guide::formulas)), and vectors on their way through them: x forward, r
+//! backward.
+//!
+//! Each column of a product has an exponent of its own. Columns are added with a common one, and
+//! only if they are close enough for nothing to be lost.
 
 use super::rescale;
 use wayfix_kernels::limits::{LARGEST_EXPONENT_GAP, power};
@@ -12,18 +16,18 @@ use wayfix_kernels::{pack, unpack};
 pub(crate) struct SegmentProducts<const N: usize>([Scaled<N>; N]);
 
 impl<const N: usize> SegmentProducts<N> {
-    /// `None` if the range of a column is too wide.
+    /// Computes the products; `None` if the range of a column is too wide.
     pub(crate) fn new(model: &SmallModel<N>, likelihoods: &[[Packed; N]]) -> Option<Self> {
         multiply_segments(SumProduct, model, likelihoods).map(Self)
     }
 
-    /// Takes x through all of them. Returns x at the start of each.
+    /// Takes x through all segments, x ← P_s x. Returns x at the start of each.
     pub(crate) fn forward(&self, x: &mut ChainState) -> Option<[Eight; N]> {
         let mut starts = [[0.0; LANES]; N];
         for segment in 0..LANES {
             (0..N).for_each(|i| starts[i][segment] = x.values[i]);
-            // A column that x does not enter, or that ends nowhere, may have any exponent: it must
-            // not count among the largest.
+            // A column that has no weight in x, or that is 0, may have any exponent, and must not
+            // count for the largest.
             let used =
                 |j: usize| x.values[j] > 0.0 && self.0[j].values.iter().any(|x| x[segment] > 0.0);
             let (by, powers) = self.powers(segment, std::array::from_fn(used))?;
@@ -38,14 +42,13 @@ impl<const N: usize> SegmentProducts<N> {
         Some(starts)
     }
 
-    /// Takes r through all of them, from the last. Returns r at the end of each.
+    /// Takes r through all segments from the last, r ← P_s' r. Returns r at the end of each.
     pub(crate) fn backward(&self, r: &mut ChainState) -> Option<[Eight; N]> {
         let mut ends = [[0.0; LANES]; N];
         for segment in (0..LANES).rev() {
             (0..N).for_each(|i| ends[i][segment] = r.values[i]);
             let mut out = [0.0; LANES];
-            // Column j of a product holds what state j leads to: its product with r is element j of
-            // A' r.
+            // Element j of P_s' r is the product of column j with r.
             for (out, column) in out.iter_mut().zip(&self.0) {
                 (0..N).for_each(|i| *out += column.values[i][segment] * r.values[i]);
             }
@@ -57,8 +60,8 @@ impl<const N: usize> SegmentProducts<N> {
         Some(ends)
     }
 
-    /// The largest exponent of the columns that are used, and the factor of each column to have
-    /// it, 0 for others. `None` if none is used, or one would be lost beside others.
+    /// Returns the largest exponent of the columns in use, and the factor that brings each of them
+    /// to it, 0 for the others. `None` if none is in use, or one would be lost next to another.
     #[inline]
     fn powers(&self, segment: usize, used: [bool; N]) -> Option<(i64, [f64; N])> {
         let exponents: [f64; N] = std::array::from_fn(|j| self.0[j].exponents[segment]);
@@ -68,8 +71,8 @@ impl<const N: usize> SegmentProducts<N> {
         }
         let mut powers = used.map(f64::from);
         for j in 0..N {
-            // Columns are added with the largest exponent. One more than 2^400 below it could
-            // lose digits that a later likelihood would need.
+            // Columns are added with the largest exponent. One that is more than 2^400 below could
+            // lose digits that a later likelihood may bring up again.
             let below = largest - exponents[j];
             if below != 0.0 && used[j] {
                 if below > LARGEST_EXPONENT_GAP {
@@ -82,14 +85,14 @@ impl<const N: usize> SegmentProducts<N> {
     }
 }
 
-/// Packs eight segments, one after another in `values`.
+/// Packs eight segments, stored one after another in `values`.
 pub(crate) fn pack_segments<const N: usize>(values: &[f64], out: &mut Vec<[Packed; N]>) {
     let length = values.len() / LANES;
     out.resize(length / N, [Packed::default(); N]);
     pack(std::array::from_fn(|l| &values[l * length..][..length]), out.as_flattened_mut());
 }
 
-/// Unpacks eight segments, one after another.
+/// Unpacks eight segments, to be stored one after another in `out`.
 pub(crate) fn unpack_segments(from: &[Packed], out: &mut [f64]) {
     let mut parts = out.chunks_exact_mut(out.len() / LANES);
     unpack(from, std::array::from_fn(|_| parts.next().unwrap_or_default()));

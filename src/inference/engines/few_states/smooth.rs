@@ -1,5 +1,5 @@
-//! The smoother over a whole sequence: x forward, r backward; p(X_k | y_1 … y_T) is in proportion
-//! to x_k ∘ r_k.
+//! The smoother over a whole sequence: x forward, r backward, and p(X_k | y_1 … y_T) ∝ x_k ∘ r_k
+//! ("Few states" in section 3 of the [formulas](crate::guide::formulas)).
 
 use super::FewStatesModel;
 use super::forward::Forward;
@@ -43,14 +43,14 @@ impl FewStatesModel {
         segments: bool,
     ) -> Option<f64> {
         let (n, segment_model) = (self.states, self.segment_model::<N>());
-        // Row k is that of step k; the first is X_0, or X_1 if nothing moves before.
+        // `before` is x before the first transition: of X_0, or of X_1 if no move leads to it.
         let (mut forward, first) = Forward::start(self, source)?;
         let before = forward.x.values;
         let mut remaining = first..steps + 1;
         let (mut packed, mut passed) = (Vec::new(), Vec::new());
-        // The products of the segments serve twice: x goes through them forward, r backward.
+        // The products of the segments are used twice: x goes through them forward, r backward.
         while segments && let Some(steps) = choice::next_segments(&mut remaining) {
-            // Likelihoods wait for the backward pass where results will be.
+            // The likelihoods are kept for the backward pass in the place of the results.
             let place = &mut rows[n * steps.start..n * steps.end];
             let (products, starts) =
                 forward.segments(&segment_model, steps.clone(), place, &mut packed)?;
@@ -65,8 +65,9 @@ impl FewStatesModel {
         }
         let log_likelihood = forward.log_likelihood();
 
-        // Nothing is observed after T: r is one in all states, and the last posterior the filtered
-        // one.
+        // Nothing is observed after T, so that r is one in all states, and the last posterior is
+        // the filtered one. The chain comes last in the sequence, so it is the first on the way
+        // back.
         let mut r = ChainState::new(1.0);
         chain_backward(&self.rows, &mut r, n, &likelihoods, &mut rows[chained]).then_some(())?;
         let mut smoothed = Vec::new();
@@ -78,8 +79,8 @@ impl FewStatesModel {
             smooth_segments(&segment_model, &starts, &ends, &packed, &mut smoothed)?;
             unpack_segments(smoothed.as_flattened(), place);
         }
-        // The rows before the first step that was taken hold one state, X_0, which is X_1 where
-        // nothing moves before it.
+        // The rows before the first transition: that of X_0, and that of X_1 too if no move leads
+        // to it, since then both are the same state.
         let mut posterior = before;
         posterior.iter_mut().zip(r.values).for_each(|(x, r)| *x *= r);
         let sum: f64 = posterior.iter().sum();

@@ -1,6 +1,6 @@
-//! Viterbi over a whole sequence. Sums of scores are exact, so that paths and their probabilities
-//! are those of the general routine to the bit, in segments too: max-plus products are
-//! associative.
+//! Viterbi over a whole sequence (section 7 of the [formulas](crate::guide::formulas)). Sums of
+//! scores are exact, so that paths and their probabilities are those of the general routine to the
+//! bit. That includes segments, since max-plus products are associative.
 
 use super::control_of;
 use super::likelihoods::{LikelihoodRows, SensorRows};
@@ -18,7 +18,7 @@ use wayfix_kernels::{
     chain_decode, decode_segments, in_large_pages, multiply_segments,
 };
 
-/// [`Hmm::viterbi`]: states and log-probability.
+/// Decodes a sequence as [`Hmm::viterbi`] does: returns states and log-probability.
 pub(crate) fn viterbi<A, B, S>(hmm: &Hmm<A, B>, sequence: &S) -> Option<(Vec<usize>, f64)>
 where
     A: TransitionEntries,
@@ -27,16 +27,17 @@ where
 {
     let (n, steps) = (hmm.states(), sequence.steps());
     let control = control_of(hmm)?;
-    // log2 A, column after column: the scores that a path in one state leads to.
+    // log2 A, column after column.
     let mut columns = [Packed([f64::NEG_INFINITY; LANES]); LANES];
     let (mut one, mut from) = (vec![f64::NEG_INFINITY; n], vec![0; n]);
     for (j, column) in columns.iter_mut().enumerate().take(n) {
-        // A score of 0 in one state alone: the max-product is a column, in the very logarithms that
-        // the operator adds.
+        // The max-product of a score of 0 in one state and −∞ elsewhere is a column, in exactly the
+        // logarithms that the operator adds.
         one[j] = 0.0;
         hmm.transition().max_product(control, &one, &mut column[..n], &mut from);
         one[j] = f64::NEG_INFINITY;
     }
+    // Step 1 as in the general routine; it sums over X_0.
     let (mut first, mut taken_out) = (vec![0.0; n], TakenOut::default());
     let step = Step::of(hmm, sequence, 1);
     let mut work = Workspace::new(n);
@@ -69,7 +70,7 @@ type ForwardPass<const N: usize> = Vec<Backpointers<N>>;
 
 impl Decoder {
     fn path(&mut self, source: &mut dyn LikelihoodRows) -> Option<Vec<usize>> {
-        // What a failed attempt has taken out of the scores must not count twice.
+        // A failed attempt must leave nothing behind in the scores, or in what was taken out.
         let start = (self.scores, self.taken_out.clone());
         if choice::for_sequence(self.states, self.steps) == Engine::Segments {
             let path = match self.states {
@@ -95,7 +96,8 @@ impl Decoder {
         let columns: [[f64; N]; N] =
             std::array::from_fn(|j| std::array::from_fn(|i| self.columns[j][i]));
         let entries = columns.as_flattened().iter().filter(|a| a.is_finite());
-        // An entry and a likelihood together fall by 50 at most in a step (`limits`, "Few states").
+        // An entry and a likelihood together may lower a score by at most 50 a step (`limits`, "Few
+        // states").
         let least = LEAST_SEGMENT_PRODUCT.log2() - entries.fold(0.0, |a: f64, b| a.min(*b));
         let model = SmallModel { columns, rows: columns, least };
         let (mut blocks, mut remaining) = (Vec::new(), 2..self.steps + 1);
@@ -105,8 +107,8 @@ impl Decoder {
             source.scores(steps, &mut gathered, &mut self.taken_out)?;
             pack_segments(&gathered, &mut packed);
             let products = multiply_segments(MaxPlus, &model, &packed)?;
-            // As in the filter: the starts of all segments by their products, then all eight at
-            // once.
+            // As in the filter: the products give the starts of all segments, and from there all
+            // eight run at once.
             let starts = self.through(&products)?;
             let mut block: ForwardPass<N> = vec![[[0; 2]; N]; packed.len()];
             decode_segments(&model, &starts, &packed, &mut block)?;
@@ -126,12 +128,13 @@ impl Decoder {
             let largest = used.map(|j| exponents[j]).fold(f64::NEG_INFINITY, f64::max);
             let mut out = [f64::NEG_INFINITY; LANES];
             for (j, column) in products.iter().enumerate() {
-                // Exponents are whole numbers, so that these sums are exact.
+                // Exponents of max-plus products are whole numbers that are added, so that these
+                // sums are exact.
                 let before = x[j] + (exponents[j] - largest);
                 for (out, values) in out.iter_mut().zip(&column.values) {
                     let score = before + values[segment];
-                    // Below this limit sums may be rounded, and a tie might be decided otherwise
-                    // than step by step.
+                    // Below this limit sums may round, and a tie might be decided differently than
+                    // step by step.
                     if score > f64::NEG_INFINITY && score < LEAST_EXACT_SCORE {
                         return None;
                     }
@@ -153,7 +156,7 @@ impl Decoder {
         Some(starts)
     }
 
-    /// Takes the rest of the steps one by one, and goes back along the pointers.
+    /// Takes the remaining steps as a chain, and goes back along all backpointers.
     fn path_in_blocks<const N: usize>(
         &mut self,
         source: &mut dyn LikelihoodRows,
@@ -174,15 +177,15 @@ impl Decoder {
         let mut states = in_large_pages(vec![state; self.steps]);
         let mut out = states[..self.steps - 1].iter_mut().rev();
         for (bits, out) in from.iter().rev().zip(&mut out) {
-            // A pointer of three bits for each of eight states, in three bytes: byte b has bit b of
-            // all.
+            // Eight pointers of three bits, in three bytes: byte b has bit b of each.
             state = bits.iter().rev().fold(0, |s, bit| s << 1 | usize::from(bit >> state & 1));
             *out = state;
         }
         for block in blocks.into_iter().rev() {
             for lane in (0..LANES).rev() {
                 for (from, out) in block.iter().rev().zip(&mut out) {
-                    // All are read and one is selected: a load would wait for the last state.
+                    // All N pointers are read and one is selected, so that no load has to wait for
+                    // the previous state.
                     let predecessor = |i: usize| {
                         let [low, high] = from[i].map(|bits| usize::from(bits >> lane & 1));
                         low | high << 1
@@ -200,7 +203,7 @@ impl Decoder {
     }
 }
 
-/// True if a score above −∞ is too low to go several steps unlooked at.
+/// Returns true if a score above −∞ is too low for several steps without a check.
 fn is_far(scores: &Eight) -> bool {
     scores.iter().any(|score| *score > f64::NEG_INFINITY && *score < LEAST_SCORE)
 }

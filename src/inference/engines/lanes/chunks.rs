@@ -1,8 +1,8 @@
-//! Any number of sequences in lanes: chunks of consecutive ones, each the work of one thread, and
-//! in a chunk groups of eight of nearly the same length.
+//! Any number of sequences in lanes: chunks of consecutive sequences, each the work of one thread,
+//! and groups of eight of nearly the same length within a chunk.
 //!
-//! Results are visited in the order of the sequences, and neither chunks nor groups depend on how
-//! many threads there are. Rows of a chunk share one block of memory.
+//! Results are visited in the order of the sequences, and neither chunks nor groups depend on the
+//! number of threads. Rows of a chunk share one block of memory.
 
 use std::convert::Infallible;
 use std::iter;
@@ -24,9 +24,9 @@ pub(crate) struct LaneRoutine<A: Transition, B, S, P, R> {
     /// True if results have a row for each step from 0, which `group` leaves in the beliefs of its
     /// memory.
     pub(crate) has_rows: bool,
-    /// Runs on one sequence, in any range of numbers and with any error.
+    /// Runs one sequence: handles any range of numbers, and reports any error.
     pub(crate) single: fn(&Hmm<A, B>, &S) -> Result<R, InferenceError>,
-    /// Runs on a group: returns the numbers of each lane, `None` where the sequence has to run by
+    /// Runs a group: returns the numbers of each lane, or `None` for a sequence that has to run by
     /// itself.
     pub(crate) group: GroupRoutine<A, B, S, P>,
     /// Makes the result of a sequence from the numbers of its lane and its rows.
@@ -36,7 +36,7 @@ pub(crate) struct LaneRoutine<A: Transition, B, S, P, R> {
 type GroupRoutine<A, B, S, P> =
     fn(&LaneModel<'_, A, B>, &Group<'_, S>, &mut LaneMemory) -> [Option<P>; LANES];
 
-/// Rows of one sequence, in a block that it shares with others.
+/// Rows of one sequence, in a block shared with others.
 pub(crate) struct SharedRows {
     pub(crate) states: usize,
     block: Arc<Aligned>,
@@ -64,7 +64,7 @@ where
     P: Send,
     R: Send,
 {
-    // Sorted as a whole, so that nearly all groups are of one length.
+    // All sequences are sorted together, so that nearly all groups have one length.
     let steps: Vec<usize> = sequences.iter().map(Sequence::steps).collect();
     let order = by_length(&steps);
     let mut results: Vec<_> = order.iter().map(|_| None).collect();
@@ -77,8 +77,9 @@ where
     results.into_iter().flatten().collect()
 }
 
-/// Runs a routine on all sequences, `sorted` by length if all results are collected, and visits
-/// the results in order, each with the index of its sequence, until the visitor breaks.
+/// Runs a routine on all sequences, and visits the results in order, each with the index of its
+/// sequence, until the visitor breaks. `sorted` says that the sequences are sorted by length, and
+/// that all results are collected.
 pub(crate) fn visit_all<A, B, S, P, R, Stop>(
     hmm: &Hmm<A, B>,
     sequences: impl Iterator<Item = S>,
@@ -93,7 +94,7 @@ where
     P: Send,
     R: Send,
 {
-    // An iterator that does not know its length may be long.
+    // An iterator of unknown length may be long.
     let most = sequences.size_hint().1.unwrap_or(usize::MAX);
     let mut plan = ManyPlan::new(hmm.states(), routine.has_rows, sorted);
     let model = plan.may_use_lanes(most).then(|| LaneModel::new(hmm)).flatten();
@@ -101,7 +102,7 @@ where
     let (memories, blocks) = (MemoryPool::default(), MemoryPool::default());
     let work = |sequences: Vec<S>| match &model {
         Some(model) => in_groups(model, &sequences, routine, plan, &memories, blocks.pop()),
-        // Without lanes a chunk is the work of one thread: its sequences share nothing.
+        // Without lanes the sequences of a chunk run one by one, and share nothing.
         None => Chunk {
             results: sequences.iter().map(|sequence| (routine.single)(hmm, sequence)).collect(),
             block: Arc::new(Aligned::new(0, 0.0)),
@@ -113,14 +114,14 @@ where
             visit(sequence, result.map_err(|source| SequenceError { sequence, source }))?;
             sequence += 1;
         }
-        // The block serves again, unless the visitor has kept a result.
+        // The block is reused unless the visitor has kept a result.
         Arc::into_inner(block).into_iter().for_each(|block| blocks.push(block));
         ControlFlow::Continue(())
     };
     parallel::in_order(chunks(sequences, plan), CHUNKS_AHEAD, work, take)
 }
 
-/// Results of a chunk, in the order of its sequences, and the memory that they share.
+/// Results of a chunk in the order of its sequences, with the memory that they share.
 struct Chunk<R> {
     results: Vec<Result<R, InferenceError>>,
     block: Arc<Aligned>,
@@ -134,7 +135,7 @@ fn chunks<S: Sequence<U, Y>, U, Y: ?Sized>(
     let mut sequences = sequences.fuse();
     iter::from_fn(move || {
         let (mut chunk, mut size) = (Vec::new(), ChunkSize::default());
-        // Asked before a sequence is taken, so that none has to wait for the next chunk.
+        // Asked before a sequence is taken, so that none is left over for the next chunk.
         while !plan.is_full(size)
             && let Some(sequence) = sequences.next()
         {
@@ -145,8 +146,8 @@ fn chunks<S: Sequence<U, Y>, U, Y: ?Sized>(
     })
 }
 
-/// Runs a routine on a chunk, in groups of nearly the same length, and on the sequences that have
-/// to run by themselves. `block` is memory to use again.
+/// Runs a routine on a chunk, in groups of nearly the same length, and one by one on the sequences
+/// that have to run by themselves. `block` is memory to reuse.
 fn in_groups<A, B, S, P, R>(
     model: &LaneModel<'_, A, B>,
     sequences: &[S],
@@ -162,7 +163,7 @@ where
     P: Send,
     R: Send,
 {
-    // Neighbours in length share a group, so that few lanes idle at its end.
+    // Sequences of similar length share a group, so that few lanes idle at its end.
     let order: Vec<usize> = if plan.sorted {
         (0..sequences.len()).collect()
     } else {
@@ -172,7 +173,7 @@ where
     let in_lanes = |count, longest| plan.runs_in_lanes(count, longest);
     let groups: Vec<_> = ordered.chunks(LANES).map(|some| Group::new(some, in_lanes)).collect();
 
-    // Rows of each lane begin on a cache line, so that whole vectors of eight can be written.
+    // The rows of each lane begin on a cache line, so that whole vectors of eight can be written.
     let eights = |steps: usize| (plan.states * (steps + 1)).div_ceil(LANES);
     let eights_of = |group: &Group<'_, S>| -> usize {
         let lanes = if routine.has_rows && group.in_lanes { group.sequences.len() } else { 0 };
@@ -180,12 +181,12 @@ where
     };
     let numbers = groups.iter().map(eights_of).sum::<usize>() * LANES;
     let mut block = match block {
-        // What an earlier chunk left is not cleared: a lane either writes all of its rows, or they
+        // Values of an earlier chunk are not cleared: a lane either writes all of its rows, or they
         // belong to no result.
         Some(block) if block.len() >= numbers => block,
         _ => Aligned::new(numbers, 0.0),
     };
-    // Split before the threads start: each group writes a part of its own.
+    // Split before the threads start, so that each group writes its own part.
     let mut free = block.as_chunks_mut().0;
     let mut items = Vec::with_capacity(groups.len());
     for group in groups.iter().filter(|group| group.in_lanes) {
@@ -218,8 +219,8 @@ where
             results[sequence] = lane.map(|numbers| Ok((routine.result)(numbers, rows)));
         }
     }
-    // Sequences that ran in no lane, or whose lane became invalid: each an item of its own, since
-    // one in logarithms takes many times as long.
+    // Sequences that did not run in a lane, or whose lane became invalid. Each is an item of its
+    // own, since one in logarithms takes many times as long.
     let remaining = (0..sequences.len()).filter(|sequence| results[*sequence].is_none()).collect();
     let single = |i: usize, (): &mut ()| (i, (routine.single)(model.hmm, &sequences[i]));
     for (sequence, result) in parallel::map(remaining, single) {
@@ -228,7 +229,7 @@ where
     Chunk { results: results.into_iter().flatten().collect(), block }
 }
 
-/// Writes the rows of the valid lanes of a group, whose beliefs are side by side.
+/// Writes the rows of the valid lanes of a group, whose beliefs are interleaved in `memory`.
 fn unpack_rows<S>(
     group: &Group<'_, S>,
     memory: &LaneMemory,
@@ -239,8 +240,8 @@ fn unpack_rows<S>(
 ) {
     let mut rows: [&mut [Eight]; LANES] = std::array::from_fn(|_| &mut [][..]);
     for (l, row) in rows.iter_mut().enumerate().take(group.sequences.len()) {
-        // Every lane has its part, valid or not, so that the ranges of results are known
-        // beforehand.
+        // Every lane has its part, valid or not, so that the ranges of results are known in
+        // advance.
         let (own, others) = free.split_at_mut(eights(group.steps[l]));
         free = others;
         if valid[l] {

@@ -1,7 +1,8 @@
 //! Cut of a long sequence into segments: where they begin, and how long their warm-ups are.
 //!
-//! A warm-up is as long as it takes the model to forget, which is tried at some places of the
-//! sequence. That it was long enough everywhere is verified later ([`segments`](super::segments)).
+//! A warm-up is as long as the model takes to forget its state, as found by trials at some places
+//! of the sequence. Every joint verifies later that it was long enough there
+//! ([`segments`](super::segments)).
 
 use super::segments::agree;
 use super::{Group, LaneMemory, LaneModel};
@@ -11,25 +12,25 @@ use crate::sequence::Sequence;
 use crate::transition::Transition;
 use wayfix_kernels::LANES;
 
-/// Distance of two beliefs that have forgotten where they started: below that which is allowed at
-/// a joint.
+/// Distance up to which two beliefs count as having forgotten where they started. It is less than
+/// what a joint allows.
 const FORGOTTEN: f64 = 2e-14;
-/// Steps of a trial between two looks at the distance.
+/// Steps of a trial between two checks of the distance.
 const LOOK: usize = 8;
-/// Places in a sequence where it is tried how fast the model forgets, two lanes each.
+/// Number of places of a sequence at which forgetting is tried, with two lanes each.
 const TRIALS: usize = LANES / 2;
 
 /// Cut of a sequence into groups of eight segments.
 pub(crate) struct Segments<'s, S: ?Sized> {
     pub(crate) sequence: &'s S,
-    /// Filtered belief of step `first`, where the first segment starts: X_0, or X_1 if nothing
-    /// moves before it; and the log-likelihood up to there.
+    /// Filtered belief at step `first`, where the first segment starts (that of X_0, or of X_1 if
+    /// no move leads to it), and the log-likelihood up to there.
     pub(crate) head: (Vec<f64>, f64),
     pub(crate) first: usize,
     pub(crate) groups: usize,
     /// Steps of the warm-up before and after a segment.
     pub(crate) warm_up: usize,
-    /// Most steps of a segment with the warm-up after it.
+    /// Largest number of steps of a segment with the warm-up after it.
     longest: usize,
 }
 
@@ -40,7 +41,8 @@ impl<S: ?Sized> Segments<'_, S> {
         S: Sequence<U, Y>,
     {
         let (steps, parts) = (self.sequence.steps() - self.first, self.groups * LANES);
-        // Lengths differ by one at most. In parts: a product with all steps could overflow.
+        // Lengths differ by at most one. Computed from quotient and remainder, since a product with
+        // the number of steps could overflow.
         let (length, longer) = (steps / parts, steps % parts);
         std::array::from_fn(|l| {
             let part = group * LANES + l;
@@ -48,7 +50,8 @@ impl<S: ?Sized> Segments<'_, S> {
         })
     }
 
-    /// True if segments are as long as a warm-up of so many steps, and both not too long.
+    /// Returns true if segments are at least as long as a warm-up of this length, and both together
+    /// not too long.
     pub(crate) fn has_room_for<U, Y: ?Sized>(&self, warm_up: usize) -> bool
     where
         S: Sequence<U, Y>,
@@ -58,7 +61,7 @@ impl<S: ?Sized> Segments<'_, S> {
     }
 }
 
-/// Steps of a sequence after `start`, as a sequence.
+/// Part of a sequence: the `steps` steps after `start`.
 pub(crate) struct Stretch<'s, S: ?Sized> {
     sequence: &'s S,
     start: usize,
@@ -79,7 +82,7 @@ impl<U, Y: ?Sized, S: Sequence<U, Y> + ?Sized> Sequence<U, Y> for Stretch<'_, S>
     }
 }
 
-/// Calls `run` with a group of stretches, each from a step to another.
+/// Calls `run` with a group of stretches, given by the steps at which they start and end.
 pub(crate) fn with_group<'s, U, Y: ?Sized, S: Sequence<U, Y> + ?Sized, R>(
     sequence: &'s S,
     ranges: [(usize, usize); LANES],
@@ -91,7 +94,7 @@ pub(crate) fn with_group<'s, U, Y: ?Sized, S: Sequence<U, Y> + ?Sized, R>(
 }
 
 impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
-    /// Cuts a sequence, if it is long and the model forgets fast enough, for at most so many steps
+    /// Cuts a sequence if it is long and the model forgets fast enough. `longest` limits the steps
     /// of a group.
     pub(crate) fn segments<'s, S>(
         &self,
@@ -105,7 +108,7 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
         let first = usize::from(!self.hmm.prior().moves_at(1));
         let steps = sequence.steps().checked_sub(first)?;
         let trial = choice::longest_trial(steps, longest)?;
-        // Twice as long: there are many more joints than places of the trial.
+        // Twice the length found, since there are many more joints than trials.
         let warm_up = 2 * self.forgets_within(sequence, trial, memory)?;
         let groups = choice::segment_groups(self.states(), steps, warm_up, longest)?;
         let head = self.head(sequence, first, memory)?;
@@ -131,8 +134,8 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
         })
     }
 
-    /// Returns a number of steps after which beliefs do not depend on where they started, as tried
-    /// at some places; `None` if there is none up to `longest`.
+    /// Returns the number of steps after which beliefs no longer depended on where they started, in
+    /// trials at some places; `None` if they still did after `longest`.
     fn forgets_within<S>(
         &self,
         sequence: &S,
@@ -144,8 +147,8 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
     {
         let n = self.states();
         memory.fit(n, 0, 0);
-        // From any state alike, and from weights without a pattern that the model could share: the
-        // fractions of multiples of the golden ratio.
+        // Two starts: uniform, and weights without a pattern that the model could share, from the
+        // fractional parts of multiples of the golden ratio.
         let weights = (0..n).map(|i| 0.5 + (i as f64 * 0.618_033_988_749_894_9).fract());
         let total: f64 = weights.clone().sum();
         let starts = [vec![1.0 / n as f64; n], weights.map(|weight| weight / total).collect()];
@@ -154,7 +157,7 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
         let mut steps = 0;
         while steps < longest {
             let next = (steps + LOOK).min(longest);
-            // In the middle of each quarter, and after the first step, which nothing may lead to.
+            // In the middle of each quarter, and so after step 1, to which no transition may lead.
             let range = |l: usize| l / 2 * space + space / 2;
             let ranges = std::array::from_fn(|l| (range(l) + steps, range(l) + next));
             let valid = with_group(sequence, ranges, |group| {

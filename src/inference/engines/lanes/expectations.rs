@@ -1,5 +1,8 @@
 //! Expectations of learning, in lanes: Σ γ and Σ ξ over the steps of eight sequences (section 9 of
 //! the [formulas](crate::guide::formulas)).
+//!
+//! Σ_k ξ_k(j, i) = A\[i, j\] Σ_k α_{k−1}(j) γ_k(i) / p_k(i), so that A is multiplied in once, at
+//! the end.
 
 use super::segments::SegmentGroup;
 use super::{Group, LaneMemory, LaneModel};
@@ -12,15 +15,15 @@ use crate::transition::{LearnTransition, MoveCounts};
 use wayfix_kernels::limits::BACK_LIFT;
 use wayfix_kernels::{self as kernels, LANES, Packed};
 
-/// Expectations of the sequences of a group, added up over its valid lanes.
+/// Sum of the expectations of the sequences in a group's valid lanes.
 pub(crate) struct LaneExpectations<T> {
     /// Σ p(X_0 | y_1 … y_T).
     pub(crate) first: Vec<f64>,
-    /// Moves, if they are counted.
+    /// Expected moves, if they are counted.
     pub(crate) moves: Option<MoveCounts>,
     /// Statistics of the sensor.
     pub(crate) sensor: T,
-    /// ln p(y_1 … y_T) of each valid lane; the sequences of the others are not in the sums.
+    /// ln p(y_1 … y_T) of each valid lane; the sums do not include the sequences of the others.
     pub(crate) log_likelihoods: [Option<f64>; LANES],
 }
 
@@ -36,7 +39,7 @@ impl<A: LearnTransition, B: LearnLikelihood> LaneModel<'_, A, B> {
     {
         let n = self.states();
         let mut forward = self.forward(group, memory, true, |_, _| ());
-        // Without A, which is the same at all steps and is multiplied in at the end.
+        // Counts without A, which is the same at all steps and is multiplied in at the end.
         let mut counts = vec![Packed::default(); self.counted_entries()];
         let counted = (!counts.is_empty()).then_some(&mut counts[..]);
         self.backward(group, memory, &mut forward.valid, counted);
@@ -47,8 +50,8 @@ impl<A: LearnTransition, B: LearnLikelihood> LaneModel<'_, A, B> {
             // The first n beliefs are those of step 0.
             first.iter_mut().zip(&memory.beliefs).for_each(|(sum, gamma)| *sum += gamma[l]);
         }
-        // The sensor's statistics take a second walk over the steps: a lane may become invalid at
-        // any step of the way back, and nothing of it may have been added then.
+        // The sensor's statistics take a second pass over the steps: a lane may become invalid at
+        // any step of the backward pass, and then nothing of it may have been added.
         let mut sensor = self.hmm.likelihood().statistics();
         let steps = std::array::from_fn(|l| if valid[l] { group.steps[l] } else { 0 });
         self.add_statistics(&mut sensor, memory, steps, |l, step| {
@@ -77,8 +80,8 @@ impl<A: LearnTransition, B: LearnLikelihood> LaneModel<'_, A, B> {
         counted.then(|| MoveCounts::of_entries(self.columns, self.states(), |at, p| p * sum(at)))
     }
 
-    /// Adds observations with their smoothed beliefs to the statistics of the sensor, of each lane
-    /// so many steps.
+    /// Adds observations with their smoothed beliefs to the statistics of the sensor, for the first
+    /// `steps` steps of each lane.
     fn add_statistics<'y>(
         &self,
         sensor: &mut B::Statistics,
@@ -100,8 +103,8 @@ impl<A: LearnTransition, B: LearnLikelihood> LaneModel<'_, A, B> {
         }
     }
 
-    /// Returns the expectations of a long sequence, cut into segments: passes those of each group
-    /// to `take`. `None` if the sequence has to be taken by itself; then those mean nothing.
+    /// Passes the expectations of a long sequence, cut into segments, to `take`, group by group.
+    /// Returns `None` if the sequence has to run by itself; those passed are then meaningless.
     pub(crate) fn expectations_in_segments<S>(
         &self,
         sequence: &S,
@@ -121,8 +124,7 @@ impl<A: LearnTransition, B: LearnLikelihood> LaneModel<'_, A, B> {
                 let mut sensor = self.hmm.likelihood().statistics();
                 let mut first = vec![0.0; n];
                 if number == 0 {
-                    // The first n beliefs are those of step 0, or of step 1 if nothing moves
-                    // before it.
+                    // The first n beliefs are those of step 0, or of step 1 if no move leads to it.
                     first.iter_mut().zip(&memory.beliefs).for_each(|(p, gamma)| *p = gamma[0]);
                     if segments.first == 1 {
                         self.hmm.likelihood().add(&mut sensor, sequence.observation(1), &first);

@@ -1,10 +1,10 @@
 //! Forward–backward in lanes: α_k = (A α_{k-1}) ∘ b / N_k forward, and backward q = A' (q ∘ b / N),
 //! γ = α ∘ q (sections 2 and 3 of the [formulas](crate::guide::formulas)).
 //!
-//! Beliefs are lifted at all steps, as those of one sequence are where they must be, so that both
-//! have the same digits. The largest likelihood of each lane is within `UNSCALED`, and the others are
-//! at least `TINY`, or the lane becomes invalid: with entries of at least `LEAST_ENTRY`, no lifted
-//! product then becomes 0 unseen. In a model with rounded tails, small ones may.
+//! Beliefs are lifted at all steps, as those of a single sequence are where they must be, so that
+//! both have the same digits. The largest likelihood of each lane is within `UNSCALED` and the
+//! others are at least `TINY`, or the lane becomes invalid. With entries of at least `LEAST_ENTRY`,
+//! no lifted product then becomes 0 unnoticed. In a model with rounded tails, small ones may.
 
 use super::{Group, LaneMemory, LaneModel};
 use crate::inference::LogSum;
@@ -19,7 +19,7 @@ use wayfix_kernels::{self as kernels, Eight, LANES, Packed};
 
 /// Results of the passes for each lane.
 pub(crate) struct LaneForward {
-    /// True while linear space holds the sequence of a lane, and there is no error.
+    /// True while linear space holds the sequence of a lane and there is no error.
     pub(crate) valid: [bool; LANES],
     log_likelihoods: [LogSum; LANES],
 }
@@ -32,7 +32,7 @@ impl LaneForward {
 }
 
 impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
-    /// Filters a group, and stores beliefs and likelihoods of all steps if `stores`. Passes
+    /// Filters a group, and keeps beliefs and likelihoods of all steps if `stores` is true. Passes
     /// ln p(y_k | y_1 … y_{k-1}) of each lane and step to `visit`.
     pub(crate) fn forward<S>(
         &self,
@@ -50,8 +50,8 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
         self.forward_on(group, memory, stores, prior.moves_at(1), visit)
     }
 
-    /// Filters a group as [`forward`](Self::forward) does, from the beliefs in memory; with a
-    /// transition to the first step, if it `moves`.
+    /// Filters a group as [`forward`](Self::forward) does, but from the beliefs in memory. `moves`
+    /// says whether a transition leads to the first step.
     pub(crate) fn forward_on<S>(
         &self,
         group: &Group<'_, S>,
@@ -81,8 +81,9 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
             for l in 0..LANES {
                 let normalizer = sums[l] / LIFT;
                 inverse[l] = 1.0 / normalizer;
-                // The conditions of `limits::holds` for predictions that sum to one; a NaN fails
-                // them. A sequence that has ended goes on with likelihoods of one, unlooked at.
+                // The conditions of `limits::linear_holds` for predictions that sum to one; NaN
+                // fails them. A lane whose sequence has ended continues with likelihoods of one,
+                // unchecked.
                 valid[l] &= step > group.steps[l]
                     || normalizer >= LEAST_NORMALIZER * scales.largest[l]
                         && normalizer.is_finite()
@@ -93,8 +94,8 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
                     visit(l, log);
                 }
                 if !inverse[l].is_normal() {
-                    // An invalid lane goes on from the prior, so that no infinity or NaN stays in
-                    // memory that later groups use.
+                    // An invalid lane continues from the prior, so that no infinity or NaN stays in
+                    // memory that later groups reuse.
                     inverse[l] = 1.0;
                     for ((x, belief), p) in x.iter_mut().zip(&mut *belief).zip(start) {
                         (x[l], belief[l]) = (p * LIFT, *p);
@@ -108,8 +109,8 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
         LaneForward { valid, log_likelihoods }
     }
 
-    /// Replaces the stored beliefs of all steps by smoothed ones, from the last, and adds
-    /// α(j) γ(i) / p(i), lifted, to the counts of the columns' entries.
+    /// Replaces the stored beliefs by smoothed ones, from the last step back, and adds the lifted
+    /// α(j) γ(i) / p(i) to the counts of the columns' entries.
     pub(crate) fn backward<S>(
         &self,
         group: &Group<'_, S>,
@@ -136,8 +137,9 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
         }
     }
 
-    /// Takes lanes of so many steps one step back, to the beliefs before `step`, and passes α and
-    /// γ / p to `count`. `sums` are those of γ at the step, and become those before it.
+    /// Takes all lanes one step back, to the beliefs before `step`, and passes α and γ / p to
+    /// `count`. `steps` are the lengths of the lanes; `sums` are Σ γ at the step, and become those
+    /// before it.
     pub(crate) fn step_back(
         &self,
         steps: &[usize; LANES],
@@ -149,7 +151,8 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
     ) {
         let n = self.states();
         let LaneMemory { beliefs, likelihoods, inverse, q, ratio, .. } = memory;
-        // A factor of 0 keeps the belief of a lane as it is.
+        // A factor of 0 leaves the belief of a lane unchanged: its sequence has ended before this
+        // step, or it is invalid.
         let mut factors = [0.0; LANES];
         for l in 0..LANES {
             if step == steps[l] {
@@ -158,17 +161,19 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
                 sums[l] = 1.0;
             }
             if step <= steps[l] && valid[l] {
-                // Divided by the sum of the last γ, whose rounding would add up otherwise.
+                // Divided by the sum of the last γ, whose rounding would otherwise accumulate.
                 factors[l] = inverse[step - 1][l] / sums[l];
             }
         }
         let before = &mut beliefs[(step - 1) * n..][..n];
         let likelihoods = &likelihoods[(step - 1) * n..][..n];
+        // γ / p = q ∘ b / N, then q = A' (γ / p) and γ = α ∘ q ("Two products or three" in section
+        // 3 of the formulas).
         kernels::batch_ratio(q, likelihoods, factors, ratio);
         count(before, ratio);
         *sums = kernels::batch_backward(self.columns, factors, ratio, before, q);
         for (l, valid) in valid.iter_mut().enumerate() {
-            // A step back conserves Σ γ. What overflows or is lost shows in it (`limits`, "The
+            // A step back conserves Σ γ, so that any overflow or loss shows in it (`limits`, "The
             // way back").
             if *valid && step <= steps[l] && !limits::is_one(sums[l]) {
                 *valid = false;
@@ -178,17 +183,17 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
     }
 }
 
-/// Largest likelihood of each lane, and ln of what was taken out.
+/// Largest likelihood of each lane, and the logarithm of the scale that was taken out.
 pub(crate) struct LaneScales {
     pub(crate) largest: Eight,
     pub(crate) logs: Eight,
 }
 
 impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
-    /// Packs the likelihoods of a step, 1 in lanes that have ended. Lanes whose likelihoods are not
-    /// valid, or too small beside the largest, become invalid.
-    // A function of its own: as part of the loop over the steps, its loops over the lanes took a
-    // tenth of an iteration more.
+    /// Packs the likelihoods of a step, with 1 in lanes that have ended. Lanes whose likelihoods
+    /// are invalid, or too small compared with the largest, become invalid.
+    // Not inlined: as part of the loop over the steps, its loops over the lanes made an iteration a
+    // tenth slower.
     #[inline(never)]
     pub(crate) fn likelihoods<S>(
         &self,
@@ -213,7 +218,7 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
                 }
             }
         }
-        // Rows as the sensors gave them: checked by their range, while they are packed.
+        // Rows are packed as the sensors gave them, and checked by the range found on the way.
         let mut range = kernels::pack(rows, out);
         if in_logs != [false; LANES] {
             let largest = kernels::batch_exp(out, in_logs, &mut range);
@@ -222,8 +227,8 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
         for (l, valid) in valid.iter_mut().enumerate() {
             let mut tiny = range.tiny[l];
             scales.largest[l] = range.largest[l];
-            // This finds negative likelihoods. A NaN shows later, in the sum of the step, since 0
-            // times NaN is NaN.
+            // Negative likelihoods fail here. A NaN shows later, in the sum of the step, even in an
+            // impossible state, since 0 times NaN is NaN.
             *valid &= range.least[l] >= 0.0;
             if *valid && !UNSCALED.contains(&range.largest[l]) {
                 *valid = scale(out, l, &mut scales, &mut tiny).is_some();
@@ -233,8 +238,8 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
         scales
     }
 
-    /// Returns the likelihoods of an observation, true if they are logarithms, and ln of what was
-    /// taken out; `None` if there are none.
+    /// Returns the likelihoods of an observation, true if they are logarithms, and the logarithm of
+    /// their common factor; `None` if there are no valid ones.
     fn row<'a>(
         &'a self,
         observation: &'a B::Observation,
@@ -250,15 +255,15 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
         })
     }
 }
-/// Brings the largest likelihood of a lane near one, by a power of two. `None` if it is 0 or
-/// infinite.
+/// Scales the likelihoods of a lane by a power of two so that the largest is near one. Returns
+/// `None` if it is 0 or infinite.
 #[cold]
 fn scale(out: &mut [Packed], lane: usize, scales: &mut LaneScales, tiny: &mut bool) -> Option<()> {
     let largest = scales.largest[lane];
     if !(largest > 0.0 && largest.is_finite()) {
         return None;
     }
-    // A power of two is exact; clamped, since 2^-by has to be a double itself.
+    // Exact; clamped so that 2^-by is itself a double.
     let by = exponent(largest).clamp(-1000, 1000);
     let factor = power(-by);
     *tiny = false;

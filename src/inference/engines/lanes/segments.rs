@@ -1,15 +1,17 @@
-//! One long sequence in lanes: eight consecutive segments of it at a time, each with a warm-up.
+//! One long sequence in lanes: eight consecutive segments of it at a time, each with warm-ups.
 //!
 //! A segment does not know the belief before its first step, nor γ / α after its last. It starts
-//! from a positive vector some steps earlier and, on the way back, from ones some steps later: a
-//! model that forgets has the same vectors by then, up to rounding. That they are the same is
-//! verified at every joint of two segments, where both have them, in Hilbert's projective metric
-//! d(x, y) = ln max(x/y) − ln min(x/y), infinite unless both have the same zeros. No product with
-//! A, A' or a diagonal expands d (Birkhoff 1957). So, as the first segment starts from the prior,
-//! and the last ends at T, all vectors differ from those of the sequence in one piece by no more
-//! than the sum of the distances at the joints, which is that of rounding: [`AGREEMENT`] each at
-//! most, usually a hundredth of that. Relative errors of γ and of the moves are bounded by the sum
-//! of both ways, and the log-likelihood by one such sum for each segment.
+//! from a positive vector some steps earlier and, in the backward pass, from ones some steps later.
+//! If the model forgets, the vectors have become the right ones by then, up to rounding.
+//!
+//! That is verified at every joint, where two segments both have the vectors, in Hilbert's
+//! projective metric d(x, y) = ln max(x/y) − ln min(x/y), which is infinite unless both have the
+//! same zeros. No product with A, A' or a diagonal increases d (Birkhoff 1957). The first segment
+//! starts from the prior, and the last ends at T. So all vectors differ from those of the sequence
+//! in one piece by at most the sum of the distances at the joints, which is that of rounding: at
+//! most [`AGREEMENT`] each, usually a hundredth of that. The relative errors of γ and of the moves
+//! are bounded by the sum over both passes, and the error of the log-likelihood by one such sum for
+//! each segment.
 
 use super::cut::{Segments, with_group};
 use super::{LaneMemory, LaneModel};
@@ -19,8 +21,8 @@ use crate::sequence::Sequence;
 use crate::transition::Transition;
 use wayfix_kernels::{self as kernels, LANES, Packed};
 
-/// Largest distance of the vectors of two segments at their joint. Above the rounding of a step,
-/// n / 2^53 at most, and usually of its root.
+/// Largest distance allowed between the vectors of two segments at their joint. It exceeds the
+/// rounding of a step, which is at most n / 2^53, and usually √n / 2^53.
 const AGREEMENT: f64 = 1e-13;
 
 /// Reason why a group of segments is not valid.
@@ -28,43 +30,45 @@ const AGREEMENT: f64 = 1e-13;
 pub(crate) enum Invalid {
     /// A warm-up was too short.
     WarmUp,
-    /// Linear space does not hold the sequence, or there is an error in it.
+    /// Linear space cannot hold the sequence, or it has an error.
     Range,
 }
 
-/// A group of segments whose joints are verified but for its first and its last.
+/// A group of segments whose inner joints are verified.
 pub(crate) struct SegmentGroup {
-    /// Beliefs, and γ / α, where the segments start and where they end.
+    /// Beliefs, and γ / α, at the starts and at the ends of the segments.
     starts: [Vec<Packed>; 2],
     ends: [Vec<Packed>; 2],
     /// Number of steps of each segment, without warm-ups.
     pub(crate) lengths: [usize; LANES],
-    /// Log-likelihood of each segment given what was observed before.
+    /// Log-likelihood of each segment given all observations before it.
     pub(crate) logs: [f64; LANES],
 }
 
 impl SegmentGroup {
-    /// True if the beliefs of a lane of this group at its end are those at the start of another.
+    /// Returns true if the belief at the end of a lane agrees with that at the start of lane
+    /// `first` of the group `next`.
     pub(crate) fn joins_forward(&self, lane: usize, next: &Self, first: usize) -> bool {
         let pairs = self.ends[0].iter().zip(&next.starts[0]);
         agree(pairs.map(|(end, start)| (end[lane], start[first])), AGREEMENT)
     }
 
-    /// The same on the way back, for γ / α.
+    /// Returns true if γ / α, from the backward pass, agree at the same joint.
     pub(crate) fn joins_backward(&self, lane: usize, next: &Self, first: usize) -> bool {
         let pairs = self.ends[1].iter().zip(&next.starts[1]).zip(&self.ends[0]);
-        // Over the states that are possible: no other is in any γ, nor leads to or comes from one
-        // in a product.
+        // Only possible states count: the others have no γ, and in a product they neither lead to
+        // possible states nor are led to by them.
         let possible = pairs.filter(|(_, belief)| belief[lane] > 0.0);
         agree(possible.map(|((end, start), _)| (end[lane], start[first])), AGREEMENT)
     }
 }
 
-/// Returns true if the projective distance of the vectors of these pairs is no more than `limit`.
+/// Returns true if the projective distance between the two vectors of these pairs is at most
+/// `limit`.
 pub(crate) fn agree(pairs: impl Iterator<Item = (f64, f64)>, limit: f64) -> bool {
     let (mut least, mut largest) = (f64::INFINITY, 0.0);
     for (x, y) in pairs.filter(|pair| *pair != (0.0, 0.0)) {
-        // 0 or infinite if one is 0.
+        // 0 or infinite if only one of the two is 0: then the distance is infinite.
         let ratio = x / y;
         if !(ratio > 0.0 && ratio.is_finite()) {
             return false;
@@ -72,13 +76,14 @@ pub(crate) fn agree(pairs: impl Iterator<Item = (f64, f64)>, limit: f64) -> bool
         least = f64::min(least, ratio);
         largest = f64::max(largest, ratio);
     }
+    // ln largest − ln least ≤ ln (1 + limit).
     largest <= least * (1.0 + limit)
 }
 
 impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
-    /// Takes the segments of a group forward and back, with warm-ups of so many steps. Beliefs of
-    /// the steps of each segment from its start are smoothed then, and the moves of its steps added
-    /// to the counts of the columns' entries.
+    /// Takes the segments of a group forward and back, with warm-ups of `warm_up` steps. Afterwards
+    /// the beliefs of each segment's steps, its start included, are smoothed, and its moves have
+    /// been added to the counts of the columns' entries.
     pub(crate) fn run_segments<S>(
         &self,
         segments: &Segments<'_, S>,
@@ -115,7 +120,7 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
         if valid != [true; LANES] {
             return Err(Invalid::Range);
         }
-        // Copies: the way back makes γ of them.
+        // Copied, since the backward pass replaces them by γ.
         let at = |steps: [usize; LANES]| -> Vec<Packed> {
             let belief = |i: usize| std::array::from_fn(|l| memory.beliefs[steps[l] * n + i][l]);
             (0..n).map(|i| Packed(belief(i))).collect()
@@ -139,7 +144,7 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
         Ok(found)
     }
 
-    /// Takes a uniform belief through the steps before each segment.
+    /// Takes a uniform belief through the warm-up before each segment.
     fn warm_up<S>(
         &self,
         sequence: &S,
@@ -155,14 +160,14 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
         (0..LANES).for_each(|l| memory.start(l, &uniform));
         with_group(sequence, ranges, |group| {
             let valid = self.forward_on(group, memory, false, true, |_, _| ()).valid;
-            // A lane without a step, that of the first segment, is not valid either.
+            // A lane without steps, that of the first segment, is reported as not valid.
             let held = (0..LANES).all(|l| valid[l] || group.steps[l] == 0);
             held.then_some(()).ok_or(Invalid::Range)
         })
     }
 
-    /// Goes back through segments and the warm-ups after them, so many steps in all, and notes
-    /// γ / α at the ends and starts of the segments.
+    /// Goes back through the warm-ups after the segments and through the segments, which together
+    /// have `steps` steps, and stores γ / α at the ends and starts of the segments.
     fn back_through(
         &self,
         steps: &[usize; LANES],
@@ -175,8 +180,8 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
         let mut masked = vec![Packed::default(); self.states()];
         memory.begin_back();
         for step in (1..=steps.iter().copied().max().unwrap_or(0)).rev() {
-            // γ / α of this step, before the step back to the one before it. The last segment of a
-            // sequence has none yet, and no joint.
+            // γ / α at the end of a segment, before the step back from there. (The last segment of
+            // a sequence has no warm-up after it, and no joint: there q is not set yet.)
             for l in (0..LANES).filter(|l| step == lengths[*l]) {
                 found.ends[1].iter_mut().zip(&memory.q).for_each(|(end, q)| end[l] = q[l]);
             }
@@ -189,7 +194,7 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
                     kernels::count_moves(self.columns, before, ratio, counts);
                     return;
                 }
-                // Lengths differ by a step: some lanes are in their warm-up still.
+                // Lengths differ by one, so that some lanes are still in their warm-up here.
                 for (masked, ratio) in masked.iter_mut().zip(ratio) {
                     (0..LANES).for_each(|l| masked[l] = if counted[l] { ratio[l] } else { 0.0 });
                 }

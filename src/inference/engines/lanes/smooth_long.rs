@@ -1,4 +1,6 @@
-//! Smoother of one long sequence, in segments.
+//! Smoother of one long sequence, in segments ([`segments`](super::segments)). Every step of the
+//! sequence belongs to exactly one segment, whose group writes its row; rows of warm-ups are
+//! dropped.
 
 use super::segments::SegmentGroup;
 use super::verified::Task;
@@ -12,7 +14,7 @@ use crate::transition::Transition;
 use wayfix_kernels::{self as kernels, LANES, Packed, in_large_pages};
 
 /// Smooths a sequence as [`Hmm::smooth`] does: returns a row for each step from 0, and the
-/// log-likelihood; `None` if it is not for segments.
+/// log-likelihood; `None` if the sequence does not suit segments.
 pub(crate) fn smooth<A, B, S>(hmm: &Hmm<A, B>, sequence: &S) -> Option<(Vec<f64>, f64)>
 where
     A: Transition,
@@ -26,7 +28,7 @@ where
 
     let (n, head) = (model.states(), segments.first + 1);
     let mut rows = in_large_pages(vec![0.0; n * (sequence.steps() + 1)]);
-    // A place for each group, and in the first one for the steps before it, too.
+    // A place in the rows for each group; that of the first group includes the steps before it.
     let mut free = &mut rows[..];
     let mut start = 0;
     let places = (0..segments.groups).map(|group| {
@@ -41,14 +43,14 @@ where
             let before = if task.group == 0 { n * head } else { 0 };
             let (first, others) = task.place.split_at_mut(before);
             for row in first.chunks_exact_mut(n) {
-                // X_0, and X_1 too if nothing moves between them.
+                // X_0, and also X_1 if no move leads to it.
                 row.iter_mut().zip(&memory.beliefs).for_each(|(p, gamma)| *p = gamma[0]);
             }
             write_rows(memory, found.lengths, n, others);
             found.logs
         };
     let mut log_likelihood = LogSum::default();
-    // By one thread: neither model nor sequence need be `Sync`.
+    // On one thread, so that neither model nor sequence needs to be `Sync`.
     let mut run_one = |task| model.run_task(segments, task, 0, memory, finish);
     let run = |tasks: Vec<_>| tasks.into_iter().map(&mut run_one).collect();
     segments.visit(places, run, |logs: [f64; LANES]| {
@@ -57,7 +59,7 @@ where
     Some((rows, log_likelihood.value()))
 }
 
-/// Writes the smoothed beliefs of eight consecutive segments of so many steps.
+/// Writes the smoothed beliefs of eight consecutive segments of these lengths.
 fn write_rows(memory: &LaneMemory, lengths: [usize; LANES], n: usize, mut free: &mut [f64]) {
     let mut segments = lengths.map(|length| {
         let (own, others) = std::mem::take(&mut free).split_at_mut(n * length);
@@ -67,7 +69,8 @@ fn write_rows(memory: &LaneMemory, lengths: [usize; LANES], n: usize, mut free: 
     let mut spare = vec![0.0; n * LANES];
     for step in 1..=lengths.into_iter().max().unwrap_or(0) {
         let mut spare = spare.chunks_exact_mut(n);
-        // A shorter segment writes its last row, of the warm-up, elsewhere.
+        // Lengths differ by one: a shorter segment writes its extra row, of the warm-up, to
+        // `spare`.
         let out = std::array::from_fn(|l| {
             let spare = spare.next().unwrap_or_default();
             segments[l].next().unwrap_or(spare)

@@ -1,7 +1,8 @@
 //! All segments of a sequence, group by group, with every joint verified.
 //!
-//! Groups in which a warm-up was too short are run again with longer ones. Which those are depends
-//! on the sequence alone, not on threads.
+//! A group in which a warm-up was too short runs again with longer ones. Which groups do depends
+//! only on the sequence, not on threads. The invariant: results are passed on only when both joints
+//! of their group, with the one before and the one after, are verified.
 
 use super::cut::Segments;
 use super::segments::{Invalid, SegmentGroup};
@@ -12,22 +13,22 @@ use crate::sequence::Sequence;
 use crate::transition::Transition;
 use wayfix_kernels::{LANES, Packed};
 
-/// A group of segments to run, with a place for results.
+/// A group of segments to run, with a place for its results.
 pub(crate) struct Task<P> {
     pub(crate) group: usize,
     warm_up: usize,
     pub(crate) place: P,
 }
 
-/// A task that was run, and the result of the routine.
+/// A task that has run, with its result.
 pub(crate) struct Done<P, R> {
     task: Task<P>,
     result: Result<(SegmentGroup, R), Invalid>,
 }
 
 impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
-    /// Runs a task: `finish` reads the smoothed beliefs, and the counts of as many entries, of a
-    /// group whose inner joints are verified.
+    /// Runs a task. If the inner joints of its group are verified, `finish` reads its smoothed
+    /// beliefs, and its counts for each of `entries`.
     pub(crate) fn run_task<S, P, R>(
         &self,
         segments: &Segments<'_, S>,
@@ -51,7 +52,8 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
 
 impl<S: ?Sized> Segments<'_, S> {
     /// Runs all groups by `run`, with a place for each, and passes the results to `take` in order.
-    /// `None` if the sequence is not for segments; then results that were taken mean nothing.
+    /// Returns `None` if the sequence does not suit segments; results taken so far are then
+    /// meaningless.
     pub(crate) fn visit<U, Y: ?Sized, P, R>(
         &self,
         places: impl IntoIterator<Item = P>,
@@ -69,6 +71,8 @@ impl<S: ?Sized> Segments<'_, S> {
         loop {
             let next: Vec<_> = tasks.by_ref().take(round).collect();
             let is_last = next.is_empty();
+            // Runs groups again until all joints known so far agree, those between old and new
+            // groups included.
             done.extend(run(next));
             loop {
                 let short = short(&done)?;
@@ -77,7 +81,7 @@ impl<S: ?Sized> Segments<'_, S> {
                 }
                 self.run_again(&mut done, &short, &mut run)?;
             }
-            // The last group waits for the next, without which its last joint is not verified.
+            // The last group is held back until the next one verifies its last joint.
             let ready = if is_last { done.len() } else { done.len() - 1 };
             done.drain(..ready).filter_map(|done| done.result.ok()).for_each(|(_, r)| take(r));
             if is_last {
@@ -117,8 +121,8 @@ impl<S: ?Sized> Segments<'_, S> {
     }
 }
 
-/// Returns for each of consecutive groups whether a warm-up of it was too short; `None` if one is
-/// not for lanes.
+/// Returns, for each of some consecutive groups, true if one of its warm-ups was too short; `None`
+/// if some group cannot run in lanes.
 fn short<P, R>(done: &[Done<P, R>]) -> Option<Vec<bool>> {
     let mut short = Vec::with_capacity(done.len());
     for done in done {
@@ -128,6 +132,8 @@ fn short<P, R>(done: &[Done<P, R>]) -> Option<Vec<bool>> {
             Ok(_) => short.push(false),
         }
     }
+    // Joints between groups. Forward, the warm-up before the later group was too short; backward,
+    // that after the earlier one.
     for (at, pair) in done.windows(2).enumerate() {
         if let (Ok((before, _)), Ok((after, _))) = (&pair[0].result, &pair[1].result) {
             short[at + 1] |= !before.joins_forward(LANES - 1, after, 0);

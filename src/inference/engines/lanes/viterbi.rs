@@ -1,7 +1,7 @@
 //! Viterbi in lanes (section 7 of the [formulas](crate::guide::formulas)).
 //!
-//! Scores are sums on a grid on which sums are exact, so that paths and their probabilities are
-//! those of one sequence to the bit, ties included.
+//! Scores are on a grid on which sums are exact, so that paths and their probabilities are those of
+//! the routine for one sequence to the bit, including ties.
 
 use super::{Group, LaneMemory, LaneModel};
 use crate::inference::step::scores::{TakenOut, best, likelihood_scores};
@@ -25,7 +25,7 @@ impl<A: TransitionEntries, B: Likelihood> LaneModel<'_, A, B> {
         let mut first = vec![0.0; n];
         let control = self.hmm.transition().no_control().filter(|_| self.hmm.prior().moves_at(1));
         let step = Step { hmm: self.hmm, number: 1, control };
-        // No observation is in them: they are the same for all lanes, and so is an error.
+        // They depend on no observation, so that they, or an error, are the same for all lanes.
         if step.first_scores(&mut first, &mut TakenOut::default()).is_err() {
             return [const { None }; LANES];
         }
@@ -37,14 +37,14 @@ impl<A: TransitionEntries, B: Likelihood> LaneModel<'_, A, B> {
         memory.fit(n, 0, 0);
         let LaneMemory { likelihoods, x, next, backpointers, lanes, .. } = memory;
         x.iter_mut().zip(&first).for_each(|(x, score)| *x = Packed([*score; LANES]));
-        // Not cleared: the pointers of a step are all written before any is read.
+        // Not cleared: all pointers of a step are written before any is read.
         backpointers.resize(n * group.longest, [0; LANES]);
         let mut valid = group.lanes();
         let mut taken_out: [TakenOut; LANES] = Default::default();
         let mut paths = [const { None }; LANES];
         for step in 1..=group.longest {
             let mut shifts = [0.0; LANES];
-            // A sequence that has ended goes on with scores of 0; its path has been read already.
+            // A lane whose sequence has ended continues with scores of 0; its path has been read.
             let mut rows = [&self.zeros[..]; LANES];
             for (l, ((_, sequence), lane)) in group.sequences.iter().zip(&mut *lanes).enumerate() {
                 if valid[l] && step <= group.steps[l] {
@@ -56,11 +56,11 @@ impl<A: TransitionEntries, B: Likelihood> LaneModel<'_, A, B> {
             }
             let likelihoods = &mut likelihoods[..n];
             kernels::pack(rows, likelihoods);
-            // The first scores are those after the first move.
+            // The first scores already include the first move.
             let log2 = (step > 1).then(|| self.rows.with_values(log2));
             let from = &mut backpointers[(step - 1) * n..][..n];
             let largest = kernels::batch_max(log2, x, likelihoods, shifts, next, from);
-            // Whole numbers are taken out without rounding; the scores stay near 0.
+            // Whole numbers are taken out without rounding, so that scores stay near 0.
             let floors = largest.map(|best| if best.is_finite() { best.floor() } else { 0.0 });
             next.iter_mut().for_each(|next| (0..LANES).for_each(|l| next[l] -= floors[l]));
             std::mem::swap(x, next);
@@ -84,8 +84,8 @@ impl<A: TransitionEntries, B: Likelihood> LaneModel<'_, A, B> {
         paths
     }
 
-    /// Returns the scores of an observation, and by how much they are to be lowered; `None` if the
-    /// likelihoods are not valid, or nothing is possible.
+    /// Returns the scores of an observation, and the amount still to be subtracted from them;
+    /// `None` if the likelihoods are invalid or all 0.
     fn scores<'a>(
         &'a self,
         observation: &'a B::Observation,
