@@ -8,7 +8,7 @@ use crate::belief::Belief;
 use crate::error::{HmmError, TransitionError};
 use crate::likelihood::Likelihood;
 use crate::reorder::ReorderStates;
-use crate::transition::{self, Stationary, Transition, TransitionEntries, the_control};
+use crate::transition::{self, Stationary, Transition, TransitionEntries, stationary_control};
 
 /// Largest Σ |A π − π| of a stationary prior: ten times the tolerance of the sum of a column.
 const STATIONARY_TOLERANCE: f64 = 1e-8;
@@ -67,8 +67,7 @@ impl Prior {
     ///
     /// # Errors
     ///
-    /// [`TransitionError`] if the operator has a control, does not
-    /// [declare that it has none](Transition::no_control), or has evidence on moves
+    /// [`TransitionError`] if the operator has a control or evidence on moves
     /// ([`Stationary`](TransitionError::Stationary)); if the chain has several closed classes
     /// ([`ClosedClasses`](TransitionError::ClosedClasses)); if the elimination takes more than
     /// 2^26 entries ([`Elimination`](TransitionError::Elimination)), as for a large graph without
@@ -137,9 +136,9 @@ pub struct Hmm<A, B> {
 impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// Creates a model from three parts with the same number of states. O(n + E).
     ///
-    /// If the transition operator declares that it has [no control](Transition::no_control), this
-    /// checks the sums of its columns, and that its two products are those of one matrix and its
-    /// transpose. Any other operator is checked at each step, by the sum of its prediction.
+    /// If the transition operator takes no control, this checks the sums of its columns, and that
+    /// its two products are those of one matrix and its transpose. Any other operator is checked at
+    /// each step, by the sum of its prediction.
     ///
     /// # Errors
     ///
@@ -270,7 +269,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
 
 /// Checks that a transition does not change a belief.
 fn check_stationary<A: Transition>(belief: &Belief, transition: &A) -> Result<(), HmmError> {
-    let control = the_control(transition).map_err(HmmError::Stationary)?;
+    let control = stationary_control(transition).map_err(HmmError::Stationary)?;
     let mut after = vec![0.0; belief.states()];
     transition.apply(control, belief.as_slice(), &mut after);
     let changes =

@@ -23,7 +23,7 @@ pub use inference::InferenceError;
 pub use learn::{LearnError, SequenceError};
 pub use likelihood::LikelihoodError;
 pub use payload::Number;
-pub use payload::{At, Count, Failed, Parameter};
+pub use payload::{At, Count, Disagreement, Failed, Parameter};
 pub use snapshot::SnapshotError;
 pub use table::TableError;
 pub use transition::TransitionError;

@@ -17,12 +17,13 @@
 //! | a sensor that sees only part of a state | [`GroupedLikelihood`], with [`Groups`] |
 //! | several references for each state | [`PooledLikelihood`] |
 //!
-//! Sensors of vehicles are in [`observation`](crate::observation).
+//! Sensors of vehicles are in [`observation`](crate::observation). [`kit`] tests sensors of your own.
 
 mod diagonal;
 mod function;
 mod fused;
 mod grouped;
+pub mod kit;
 mod learn;
 mod local;
 mod maximize;
@@ -76,7 +77,8 @@ use crate::error::LikelihoodError;
 ///
 /// # Implement it yourself
 ///
-/// A sensor that distinguishes odd places from even ones, correctly nine times out of ten:
+/// A sensor that distinguishes odd places from even ones, correctly nine times out of ten
+/// ([`kit`] has tests for it):
 ///
 /// ```
 /// use wayfix::{Diagonal, Likelihood, LikelihoodError, Scratch};

@@ -11,7 +11,7 @@ use std::ops::Deref;
 
 use super::maximize::weights;
 use super::{
-    LearnTransition, MoveCounts, SparseTransition, Transition, TransitionEntries, delegate,
+    LearnFromMoves, MoveCounts, SparseTransition, Transition, TransitionEntries, delegate,
 };
 use crate::error::TransitionError;
 
@@ -241,16 +241,14 @@ impl Transition for ConstrainedTransition {
     type Control = ();
 
     delegate!(a, control => a.transition, control;
-        states no_control products blocks evidence needs_logs stored check_control);
+        states products blocks evidence needs_logs stored check_control);
 }
 
 impl TransitionEntries for ConstrainedTransition {
     delegate!(a, control => a.transition, control; all_entries);
 }
 
-impl LearnTransition for ConstrainedTransition {
-    delegate!(move_counts);
-
+impl LearnFromMoves for ConstrainedTransition {
     fn maximize(&self, counts: &MoveCounts, pseudo_count: f64) -> Result<Self, TransitionError> {
         let mut weights = weights(&self.transition, counts)?;
         weights.iter_mut().zip(&self.pseudo_counts).for_each(|(entry, count)| entry.2 += count);

@@ -61,10 +61,15 @@ where
     ///
     /// # Errors
     ///
-    /// As [`Hmm::new`](crate::Hmm::new) for an operator that is not stochastic, or
-    /// [`TransitionError::Control`] for one that has evidence already.
+    /// As [`Hmm::new`](crate::Hmm::new) for an operator that is not stochastic,
+    /// [`TransitionError::Control`] for one that has evidence already, or
+    /// [`TransitionError::Restarts`] for one with [restarts](super::RestartTransition), which belong
+    /// outside.
     pub fn new(base: A, log_likelihood: F) -> Result<Self, TransitionError> {
         validate_with(&base, &())?;
+        if base.has_restarts() {
+            return Err(TransitionError::Restarts);
+        }
         super::refuse_evidence(&base, &(), "EvidenceTransition")?;
         let log_factor: fn(&U) -> f64 = |_| 0.0;
         let likelihood = ByFunction { log_likelihood, log_factor, control: PhantomData };

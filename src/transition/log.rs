@@ -100,7 +100,8 @@ fn bands(
     })
 }
 
-/// ln Σ of value · exp(x\[index\]) over entries (index, value).
+/// Natural logarithm of Σ `value` exp(`x[index]`) over entries (index, value): an element of a
+/// product in logarithms. −∞ without entries.
 pub fn sum(entries: impl Iterator<Item = (usize, f64)> + Clone, x: &[f64]) -> f64 {
     let largest = entries.clone().map(|(j, _)| x[j]).fold(f64::NEG_INFINITY, f64::max);
     if largest == f64::NEG_INFINITY {
@@ -116,7 +117,7 @@ pub fn sum(entries: impl Iterator<Item = (usize, f64)> + Clone, x: &[f64]) -> f6
     entries.fold(f64::NEG_INFINITY, |sum, (j, value)| add(sum, value.ln() + x[j]))
 }
 
-/// ln(e^a + e^b); NaN if one of them is.
+/// Natural logarithm of e^a + e^b; NaN if one of them is.
 pub fn add(a: f64, b: f64) -> f64 {
     // A NaN in a fails the comparison and becomes `low`; in b it becomes `high`. Both propagate.
     let (high, low) = if a > b { (a, b) } else { (b, a) };
@@ -124,7 +125,7 @@ pub fn add(a: f64, b: f64) -> f64 {
     if low == f64::NEG_INFINITY { high } else { high + (low - high).exp().ln_1p() }
 }
 
-/// log2(2^a + 2^b), rounded to the grid of scores.
+/// Base-2 logarithm of 2^a + 2^b, rounded to a multiple of 2^-45 as scores of decoders are.
 pub fn add_log2(a: f64, b: f64) -> f64 {
     let (high, low) = if a > b { (a, b) } else { (b, a) };
     if low == f64::NEG_INFINITY { high } else { high + log2(1.0 + (low - high).exp2()) }

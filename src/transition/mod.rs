@@ -3,7 +3,8 @@
 //!
 //! [`Transition`] is a pair of products, `A x` and `A' x`: enough for filter and smoother.
 //! [`TransitionEntries`] lists the entries into and out of a state, for decoding, sampling
-//! and learning, and [`LearnTransition`] estimates the operator from [`MoveCounts`].
+//! and learning, and [`LearnTransition`] estimates the operator from [`MoveCounts`]. Operators of
+//! your own find memory, checks and a test of all their methods in [`kit`].
 //!
 //! | for | take |
 //! |---|---|
@@ -16,7 +17,7 @@
 //! | a vehicle that may turn up anywhere | [`RestartTransition`] |
 //! | stays of any distribution (semi-Markov), given or learned | [`DwellTransition`] |
 //! | two chains side by side | [`KroneckerTransition`] |
-//! | observations only every few steps | [`PowerTransition`] |
+//! | observations only every few steps | [`SparseTransition::power`] |
 //! | observations at irregular times, with gaps | [`GeneratorTransition`] |
 //! | moves that are known, share a parameter or have prior counts, in learning | [`ConstrainedTransition`] |
 //!
@@ -39,6 +40,7 @@ mod dwell;
 mod entries;
 mod evidence;
 mod jump;
+pub mod kit;
 mod kronecker;
 mod learn;
 pub mod log;
@@ -47,7 +49,6 @@ mod measured;
 mod moves;
 mod no_control;
 mod operator;
-mod power;
 mod reorder;
 mod restart;
 mod shared;
@@ -60,29 +61,27 @@ mod validate;
 mod weights;
 mod window;
 
-pub use buffers::with_scratch;
 use check::check_columns;
-pub use check::{check_count, check_probability, check_slices, check_sum};
+pub(crate) use check::{check_count, check_probability, check_slices, check_sum};
 pub use compressed::Compressed;
 pub use constrained::ConstrainedTransition;
 pub use dense::DenseTransition;
 pub use dwell::{Durations, DwellTransition};
 pub use entries::TransitionEntries;
-pub use entries::best_of;
-use entries::merge;
+pub(crate) use entries::{best_of, merge};
 pub use evidence::EvidenceTransition;
 pub(crate) use jump::{Jumps, scaled, times};
 pub use kronecker::KroneckerTransition;
-pub use learn::LearnTransition;
+pub use learn::{LearnFromMoves, LearnTransition};
 pub(crate) use measured::{Measured, MoveLikelihood};
 pub use moves::{Move, MoveCounts};
 pub use no_control::NoControl;
+pub(crate) use no_control::constant_control;
 pub use operator::Transition;
-pub use power::PowerTransition;
 pub use restart::RestartTransition;
 pub(crate) use shared::delegate;
 pub use sparse::SparseTransition;
-pub(crate) use stationary::{Stationary, the_control};
+pub(crate) use stationary::{Stationary, stationary_control};
 pub use stored::Stored;
 pub use switched::SwitchedTransition;
 pub(crate) use validate::validate;

@@ -21,7 +21,7 @@ use wayfix_kernels::{self as kernels, log2};
 /// If A has [evidence on moves](Transition::evidence), such as odometry, restarts have one
 /// likelihood of their own: [`with_evidence`](Self::with_evidence). The evidence belongs inside: an
 /// [`EvidenceTransition`](super::EvidenceTransition) around a restart would take restarts for
-/// moves, and evaluate its likelihood for all n² of them. The guide has an example,
+/// moves, and evaluate its likelihood for all n² of them; it is an error. The guide has an example,
 /// [a lost robot](crate::guide::lost_robot).
 ///
 /// Products, and so filters and smoothers, cost O(n) more than those of A. Viterbi takes
@@ -108,7 +108,11 @@ impl<A: Transition> RestartTransition<A> {
 impl<A: Transition> Transition for RestartTransition<A> {
     type Control = A::Control;
 
-    delegate!(a, control => a.jumps.inner, control; states no_control evidence check_control);
+    delegate!(a, control => a.jumps.inner, control; states evidence check_control);
+
+    fn has_restarts(&self) -> bool {
+        true
+    }
 
     fn apply(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
         // ε r 1' x is ε r times the sum of x: all of x restarts, by the factor p(u | restart).

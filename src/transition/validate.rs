@@ -1,13 +1,13 @@
 //! Checks of whole operators by products: two that cost O(n) memory and need no entries.
 
-use super::{Transition, check_columns};
+use super::{Transition, check_columns, constant_control};
 use crate::error::TransitionError;
 use wayfix_kernels as kernels;
 
 /// Checks an operator that is the same at every step, by [`validate_with`]. An operator with a
 /// control can't be checked without one, except for its number of states.
 pub(crate) fn validate<A: Transition>(transition: &A) -> Result<(), TransitionError> {
-    match transition.no_control() {
+    match constant_control::<A>() {
         Some(control) => validate_with(transition, control),
         None if transition.states() == 0 => Err(TransitionError::Empty),
         None => Ok(()),

@@ -12,8 +12,8 @@ use wayfix_kernels::log2;
 /// A banded matrix that stores only its window: the places of a route in order, with one
 /// distribution of the number of places moved in a step.
 ///
-/// On a closed route, a loop, the first place follows the last; on an open one, moves beyond an
-/// end stop there.
+/// On a [closed](Self::closed) route, a loop, the first place follows the last; on an
+/// [open](Self::open) one, moves beyond an end stop there.
 ///
 /// Products cost O(n w) for w weights, in contiguous loops. Memory is O(w), plus O(w) for each of
 /// the e places from which the window reaches beyond an end. Listing the entries *into* a state
@@ -24,7 +24,7 @@ use wayfix_kernels::log2;
 /// use wayfix::Transition;
 ///
 /// // One place back, a stay, or one place ahead; the route ends after four places.
-/// let a = WindowTransition::new(4, -1, &[0.125, 0.25, 0.625], false)?;
+/// let a = WindowTransition::open(4, -1, &[0.125, 0.25, 0.625])?;
 /// let mut out = [0.0; 4];
 /// a.apply(&(), &[0.0, 0.0, 0.0, 1.0], &mut out);
 /// assert_eq!(out, [0.0, 0.0, 0.125, 0.875]);
@@ -58,18 +58,31 @@ pub(crate) struct Entry {
 const BLOCK: usize = 2048;
 
 impl WindowTransition {
-    /// Creates an operator that moves from place j to j + `first` + d with probability
-    /// `weights[d]`. O(w log w) for each place near an end.
-    ///
-    /// On a closed route, moves to the same place add up, so the window may be longer than the
-    /// route.
+    /// Creates an operator on an open route that moves from place j to j + `first` + d with
+    /// probability `weights[d]`; moves beyond an end stop there. O(w log w) for each place near an
+    /// end.
     ///
     /// # Errors
     ///
     /// [`TransitionError`] for no states or more than 2^32 − 1 of them, for a
     /// weight that is NaN, negative or infinite, and for weights that do not sum to
     /// one within 1e-9.
-    pub fn new(
+    pub fn open(states: usize, first: isize, weights: &[f64]) -> Result<Self, TransitionError> {
+        Self::new(states, first, weights, false)
+    }
+
+    /// Creates an operator on a closed route, a loop, whose first place follows the last, as
+    /// [`open`](Self::open) does. Moves to the same place add up, so the window may be longer than
+    /// the route.
+    ///
+    /// # Errors
+    ///
+    /// As [`open`](Self::open).
+    pub fn closed(states: usize, first: isize, weights: &[f64]) -> Result<Self, TransitionError> {
+        Self::new(states, first, weights, true)
+    }
+
+    fn new(
         states: usize,
         first: isize,
         weights: &[f64],
@@ -196,10 +209,6 @@ impl Transition for WindowTransition {
 
     fn states(&self) -> usize {
         self.states
-    }
-
-    fn no_control(&self) -> Option<&'static ()> {
-        Some(&())
     }
 
     fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {

@@ -1,6 +1,6 @@
 //! Memory lent to operators of a user's own.
 
-use wayfix::transition::with_scratch;
+use wayfix::transition::kit::with_scratch;
 
 use crate::allocations;
 

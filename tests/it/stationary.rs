@@ -374,7 +374,7 @@ fn operators_without_one_stationary_distribution_are_refused() {
     ));
 
     let switched = SwitchedTransition::new(vec![still.clone()]).unwrap();
-    let expected = "there is no unique stationary distribution: the operator has a control, or does not declare that it has none";
+    let expected = "there is no unique stationary distribution: the operator has a control";
     says(Prior::stationary(&switched), expected);
     let given = || Prior::Stationary(Belief::uniform(3).unwrap());
     let error = Hmm::new(given(), switched, table(3));

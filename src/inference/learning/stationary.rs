@@ -15,7 +15,7 @@
 
 use crate::belief::Belief;
 use crate::error::{LearnError, Parameter};
-use crate::transition::{LearnTransition, Move, Stationary, the_control};
+use crate::transition::{LearnTransition, Move, Stationary, stationary_control};
 
 /// Least and largest number of steps, and a limit on the operations of their eliminations.
 const STEPS: (usize, usize) = (10, 200);
@@ -130,7 +130,7 @@ impl<A: LearnTransition> Expected<'_, A> {
         here: &Point,
         extra: f64,
     ) -> Result<A::Statistics, LearnError> {
-        let control = the_control(transition)?;
+        let control = stationary_control(transition)?;
         let constant = extra * here.potentials.iter().copied().fold(0.0, f64::max);
         let mut statistics = self.statistics.clone();
         if constant > 0.0

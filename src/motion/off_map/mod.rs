@@ -125,8 +125,8 @@ impl<A: Transition> OffMapTransition<A> {
     /// use wayfix::likelihood::GroupedLikelihood;
     /// use wayfix::TableLikelihood;
     ///
-    /// let place = WindowTransition::new(2, 1, &[1.0], false)?;
-    /// let gear = WindowTransition::new(3, 0, &[0.75, 0.25], true)?;
+    /// let place = WindowTransition::open(2, 1, &[1.0])?;
+    /// let gear = WindowTransition::closed(3, 0, &[0.75, 0.25])?;
     /// let pairs = KroneckerTransition::new(place, gear)?;
     /// let places = pairs.first_groups();
     /// let a = OffMapTransition::new(pairs, 0.125, 0.5, Belief::uniform(6)?)?;
@@ -172,7 +172,7 @@ impl<A: Transition> OffMapTransition<A> {
 impl<A: Transition> Transition for OffMapTransition<A> {
     type Control = A::Control;
 
-    delegate!(a, control => a.jumps.inner, control; no_control evidence check_control);
+    delegate!(a, control => a.jumps.inner, control; evidence has_restarts check_control);
 
     fn states(&self) -> usize {
         self.jumps.to.len() + 1

@@ -25,7 +25,7 @@ use crate::hmm::Hmm;
 use crate::inference::step::Workspace;
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
-use crate::transition::Transition;
+use crate::transition::{Transition, constant_control};
 use wayfix_kernels::limits::LIFT;
 use wayfix_kernels::{LANES, Lines, Packed};
 
@@ -48,7 +48,7 @@ pub(crate) struct LaneModel<'m, A, B> {
 impl<'m, A: Transition, B: Likelihood> LaneModel<'m, A, B> {
     /// Creates the model; `None` if it does not suit lanes.
     pub(crate) fn new(hmm: &'m Hmm<A, B>) -> Option<Self> {
-        let control = hmm.transition().no_control()?;
+        let control = constant_control::<A>()?;
         hmm.transition().check_control(control).ok()?;
         if hmm.transition().evidence(control).is_some() {
             return None;
