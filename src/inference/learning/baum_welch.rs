@@ -6,7 +6,7 @@
 
 use std::ops::ControlFlow;
 
-use super::expectations::Expectations;
+use super::e_step::Expectations;
 use super::learned_model::{LearnedModel, LearningOptions};
 use crate::error::LearnError;
 use crate::hmm::Hmm;

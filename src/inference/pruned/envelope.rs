@@ -1,5 +1,6 @@
 //! Proven bounds on the exact belief: the limits ℓ, c, δ and t of section 13 of the
-//! [formulas](crate::guide::formulas), their scaling, dropping, and the bound that follows.
+//! [formulas](crate::guide::formulas), through prediction, update, scaling and dropping, and the
+//! bound that follows.
 //!
 //! | formulas | here |
 //! |---|---|
@@ -7,7 +8,15 @@
 //! | c(i) | `excess` |
 //! | δ | `elsewhere` |
 //! | t | `outside` |
+//!
+//! The invariant is that of [`Envelope`]: after each part of a step, the exact belief times s is
+//! within the bounds. Lower bounds are rounded down or set to 0, upper bounds are rounded up, and each
+//! number that may have lost digits to underflow adds [`LOST`] to its excess.
 
+use super::active_set::ActiveSet;
+use super::operator::Moves;
+use crate::likelihood::Diagonal;
+use crate::transition::TransitionEntries;
 use wayfix_kernels::limits::power;
 
 /// Lift of the numbers, 2^900. Lifted products keep their digits down to 1e-578, and bounds up to
@@ -270,5 +279,277 @@ impl Envelope {
         // D / (K + D) with K = 1.
         let rounding = (self.states.len() + 8) as f64 * f64::EPSILON;
         (deficit / (1.0 + deficit) + rounding).min(1.0)
+    }
+}
+
+/// Lifted number below which digits may be lost, so that [`LOST`] is counted.
+const SMALL: f64 = 1e-270;
+
+/// Sums of a prediction.
+pub(crate) struct Predicted {
+    /// Σ of the predicted estimates.
+    pub(crate) sum: f64,
+    /// Largest number of terms of a sum.
+    terms: usize,
+}
+
+/// Sums over the entries into a state, lifted except for `beyond`.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Sums {
+    pub(crate) estimate: f64,
+    pub(crate) lower: f64,
+    pub(crate) excess: f64,
+    /// Sum of the entries out of inactive states.
+    pub(crate) beyond: f64,
+    /// Upper bound on the number of entries.
+    pub(crate) terms: usize,
+}
+
+impl Envelope {
+    /// Predicts all candidates from `before`. The results are lifted.
+    pub(crate) fn predict<A: TransitionEntries>(
+        &mut self,
+        before: &Self,
+        moves: Option<&Moves<'_, A>>,
+        active_set: &ActiveSet,
+    ) -> Predicted {
+        self.predict_by(before, moves, active_set, |i| before.sums(i, moves, active_set))
+    }
+
+    /// Predicts all candidates, with sums computed by `sums`.
+    pub(crate) fn predict_by<A: TransitionEntries>(
+        &mut self,
+        before: &Self,
+        moves: Option<&Moves<'_, A>>,
+        active_set: &ActiveSet,
+        mut sums: impl FnMut(usize) -> Sums,
+    ) -> Predicted {
+        self.clear();
+        let mut predicted = Predicted { sum: 0.0, terms: 1 };
+        // δ' = min(R δ, m t) for each state that only inactive states lead to, and t' for all of
+        // them together. Lifted before the product, since evidence may make bounds on entries tiny:
+        // whatever still underflows is below the 1e-290 that is added.
+        let (elsewhere, outside) =
+            (before.others.elsewhere * PRUNED_LIFT, before.others.outside * PRUNED_LIFT);
+        let (one, all) = match moves {
+            Some(Moves { bounds, .. }) => {
+                let by_row = times(bounds.row, elsewhere);
+                (by_row.min(times(bounds.entry, outside)), times(bounds.column, outside))
+            }
+            None => (elsewhere, outside),
+        };
+        let round_up = |x: f64| if before.is_open() { x * ROUNDED_UP + LOST } else { 0.0 };
+        (self.others.elsewhere, self.others.outside) = (round_up(one), round_up(all));
+        for &i in active_set.candidates() {
+            // Only the sensor names this candidate: no active state leads to it, so that it has no
+            // estimate, and the upper bound of any inactive state.
+            if !active_set.is_reached(i) {
+                self.push(i, 0.0, 0.0, self.others.elsewhere);
+                continue;
+            }
+            let Sums { estimate, lower, mut excess, beyond, terms } = sums(i);
+            predicted.terms = predicted.terms.max(terms);
+            predicted.sum += estimate / PRUNED_LIFT;
+            // δ Σ_{j not in S} A[i, j]: no inactive state has more than `elsewhere`.
+            excess += times(beyond, elsewhere);
+            // NaN comes from an entry of 0 times an infinite excess: nothing is known.
+            let excess = if excess.is_nan() { f64::INFINITY } else { excess };
+            let (lower, excess) = count_lost(estimate, lower, excess);
+            self.push(i, estimate, lower, excess);
+        }
+        predicted
+    }
+
+    /// Computes the sums over the entries into a state, one entry at a time.
+    #[inline]
+    fn sums<A: TransitionEntries>(
+        &self,
+        i: usize,
+        moves: Option<&Moves<'_, A>>,
+        active_set: &ActiveSet,
+    ) -> Sums {
+        let (mut estimate, mut lower, mut excess) = (0.0, 0.0, 0.0);
+        let (mut beyond, mut terms) = (0.0, 0);
+        let mut add = |j: usize, a: f64, off: f64| {
+            terms += 1;
+            if let Some(at) = active_set.place(j) {
+                estimate += a * (self.estimate[at] * PRUNED_LIFT);
+                // The entry lies between a (1 − off) and a (1 + off): the lower bound takes the
+                // former, and the excess below covers the difference to the latter, 2 off a.
+                let least = self.lower[at] * PRUNED_LIFT;
+                lower += a * (1.0 - off) * least;
+                excess += a * (1.0 + off) * (self.excess[at] * PRUNED_LIFT);
+                if off > 0.0 {
+                    // An entry below the range of `f64` was passed as 0, with this error.
+                    let tiny = 2.0 * f64::MIN_POSITIVE;
+                    excess += 2.0 * off * (a * least) * ROUNDED_UP;
+                    excess += tiny * (least + self.excess[at] * PRUNED_LIFT);
+                }
+            } else {
+                let most = if off > 0.0 { 2.0 * f64::MIN_POSITIVE } else { 0.0 };
+                beyond += a * (1.0 + off) + most;
+            }
+        };
+        match moves {
+            Some(moves) => moves.incoming(i, add),
+            None => add(i, 1.0, 0.0),
+        }
+        Sums { estimate, lower, excess, beyond, terms }
+    }
+
+    /// Multiplies the candidates by their likelihoods, and drops those that the sensor rules out.
+    pub(crate) fn weigh(
+        &mut self,
+        Predicted { terms, .. }: Predicted,
+        likelihoods: &[f64],
+        weights: &Weights,
+    ) -> Raw {
+        let mut raw = Raw { estimate: 0.0, lower: 0.0, excess: 0.0, terms };
+        let candidates = self.states.len();
+        // Compacted in place: `kept` never passes `at`.
+        let mut kept = 0;
+        for (at, &b) in (0..candidates).zip(likelihoods) {
+            let Weight { value, least, most } = weights.of(b);
+            if most == 0.0 {
+                continue;
+            }
+            let (lower, excess) = (self.lower[at], self.excess[at]);
+            // The exact value is between least · lower and most · (lower + excess). The former
+            // becomes the lower bound, and the difference the excess.
+            let excess = times(most, excess) + times(most - least, lower);
+            let estimate = value * self.estimate[at];
+            let (lower, excess) = count_lost(estimate, least * lower, excess);
+            self.states[kept] = self.states[at];
+            self.estimate[kept] = estimate;
+            self.lower[kept] = lower;
+            self.excess[kept] = excess;
+            raw.estimate += estimate;
+            raw.lower += lower;
+            raw.excess += excess;
+            kept += 1;
+        }
+        self.truncate(kept);
+        let open = self.is_open() && weights.others > 0.0;
+        let weigh = |x| if open { times(weights.others, x) * ROUNDED_UP + LOST } else { 0.0 };
+        (self.others.elsewhere, self.others.outside) =
+            (weigh(self.others.elsewhere), weigh(self.others.outside));
+        raw.excess += self.others.outside;
+        raw
+    }
+}
+
+/// Returns a lower bound and an excess that cover the digits that these two and the estimate may
+/// have lost to underflow. A lower bound that may have lost digits becomes 0.
+#[inline]
+fn count_lost(estimate: f64, lower: f64, excess: f64) -> (f64, f64) {
+    if estimate < SMALL || lower < SMALL { (0.0, excess + (lower + LOST)) } else { (lower, excess) }
+}
+
+/// Returns the product of two non-negative numbers that may be infinite; 0 if either is 0.
+#[inline]
+fn times(a: f64, b: f64) -> f64 {
+    if a == 0.0 || b == 0.0 { 0.0 } else { a * b }
+}
+
+/// Power of two by which the likelihoods of states that the belief leads to may fall short of the
+/// largest of all, so that the range of `f64` holds both.
+const SPREAD: f64 = 500.0;
+/// Range of factors that are not divided out.
+const UNSCALED: std::ops::RangeInclusive<f64> = 1.0 / 65536.0..=65536.0;
+
+/// Likelihood divided by a factor common to all states, with lower and upper bounds.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Weight {
+    pub(crate) value: f64,
+    pub(crate) least: f64,
+    pub(crate) most: f64,
+}
+
+/// Common divisor of the likelihoods of a step: near the largest of them or, if those of the states
+/// that the belief leads to are far below that, within 2^500 of the largest of these.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Weights {
+    is_log: bool,
+    /// Common factor, or its logarithm.
+    factor: f64,
+    /// Upper bound on the weight of any state that the sensor was not asked about.
+    pub(crate) others: f64,
+    pub(crate) log_factor: f64,
+}
+
+impl Weights {
+    /// Creates the weights from the likelihoods of some states, the bound on those of all others,
+    /// the largest of all, and the largest among the states that the belief leads to (`likely`),
+    /// all in one form.
+    pub(crate) fn new(local: &Diagonal<'_>, others: f64, largest: f64, likely: f64) -> Self {
+        let is_log = local.is_log();
+        let (factor, log) = if is_log {
+            let spread = SPREAD * std::f64::consts::LN_2;
+            let factor = if likely.is_finite() { largest.min(likely + spread) } else { largest };
+            let factor = if factor.is_finite() { factor } else { 0.0 };
+            (factor, factor)
+        } else {
+            let most = if likely > 0.0 { likely * SPREAD.exp2() } else { f64::INFINITY };
+            let factor = largest.min(most);
+            // If the factor is near one, likelihoods are not divided, which would round them.
+            let unscaled = UNSCALED.contains(&factor) || factor == 0.0;
+            let factor = if unscaled { 1.0 } else { factor };
+            (factor, factor.ln())
+        };
+        let log_factor = local.log_factor() + log;
+        let weights = Self { is_log, factor, others: 0.0, log_factor };
+        let others = weights.of(others).most * (1.0 + 4.0 * f64::EPSILON);
+        Self { others, ..weights }
+    }
+
+    /// Returns the weight of a state whose likelihood, or its logarithm, is `b`.
+    #[inline]
+    pub(crate) fn of(&self, b: f64) -> Weight {
+        let (value, off) = if self.is_log {
+            let log = b - self.factor;
+            // The difference rounds relative to |log|, which becomes a relative error of the
+            // exponential; exp adds its own.
+            (log.exp(), (log.abs() + 4.0) * f64::EPSILON)
+        } else {
+            (if self.factor == 1.0 { b } else { b / self.factor }, 0.0)
+        };
+        // Only a likelihood of 0 excludes a state. A quotient that underflows or overflows is
+        // known only to lie below 2^-1021, or above the largest double.
+        if b == if self.is_log { f64::NEG_INFINITY } else { 0.0 } {
+            Weight { value: 0.0, least: 0.0, most: 0.0 }
+        } else if value < f64::MIN_POSITIVE {
+            Weight { value: 0.0, least: 0.0, most: 2.0 * f64::MIN_POSITIVE }
+        } else if value > f64::MAX {
+            Weight { value: 0.0, least: 0.0, most: f64::INFINITY }
+        } else {
+            Weight { value, least: value * (1.0 - off), most: value * (1.0 + off) }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_double_does_not_hold_lies_between_bounds() {
+        let tiny = Weight { value: 0.0, least: 0.0, most: 2.0 * f64::MIN_POSITIVE };
+        let nothing = Weight { value: 0.0, least: 0.0, most: 0.0 };
+        let new = |local: Diagonal<'_>, others, largest, likely| {
+            Weights::new(&local, others, largest, likely)
+        };
+        let logs = new(Diagonal::log(&[]), -800.0, 0.0, 0.0);
+        assert_eq!((logs.of(-800.0), logs.of(f64::NEG_INFINITY)), (tiny, nothing));
+        assert!(logs.others >= f64::MIN_POSITIVE);
+        let one = logs.of(0.0);
+        assert!(one.value == 1.0 && one.least < 1.0 && one.most > 1.0 && one.most < 1.0 + 1e-15);
+        let linear = new(Diagonal::linear(&[]), 1e-300, 1e300, 1e300);
+        assert_eq!((linear.of(1e-300), linear.of(0.0)), (tiny, nothing));
+        // The belief leads only to likelihoods far below the largest.
+        let far = new(Diagonal::log(&[]), -3.0, 0.0, -1000.0);
+        assert!(far.of(-1000.0).value > 1e-151 && far.others > 1e280);
+        assert_eq!(new(Diagonal::log(&[]), 0.0, 0.0, -1e5).others, f64::INFINITY);
+        let far = new(Diagonal::linear(&[]), 1e-3, 1e-3, 1e-300);
+        assert!(far.of(1e-300).value > 1e-151);
     }
 }

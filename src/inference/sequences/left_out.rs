@@ -7,7 +7,7 @@
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::inference::step::Step;
-use crate::inference::step::in_logs::normalize_logs;
+use crate::inference::step::state::normalize_logs;
 use crate::inference::step::state::{FilterSnapshot, StepScratch};
 use crate::likelihood::{Likelihood, Scratch};
 use crate::sequence::Sequence;

@@ -2,19 +2,19 @@
 //!
 //! A step reads the state, computes into scratch memory, and is committed by swapping buffers. An
 //! error before the commit leaves the state as it was, and nothing is copied or allocated. Between
-//! steps the belief keeps the invariant of its form ([`limits`](wayfix_kernels::limits)): every possible
-//! state is above 0 with all its digits, or the belief has logarithms too. The recursion is that of
-//! section 2 of the [formulas](crate::guide::formulas).
+//! steps the belief keeps the invariant of its form ([`limits`](wayfix_kernels::limits)): every
+//! possible state is above 0 with all its digits, or the belief has logarithms too, because it has
+//! values that linear space cannot hold.
 
+use std::f64::consts::LN_2;
 use std::mem;
 
-use super::Step;
-use super::in_logs::BeliefRef;
 use crate::error::InferenceError;
-use crate::likelihood::{Likelihood, Scratch};
-use crate::transition::{Transition, buffers};
-use wayfix_kernels::limits::LIFTED_STEPS;
-use wayfix_kernels::{self as kernels, Aligned};
+use crate::likelihood::Scratch;
+use crate::transition::{TransitionEntries, buffers};
+use wayfix_kernels as kernels;
+use wayfix_kernels::limits::{LIFT, LIFTED_STEPS};
+use wayfix_kernels::{Aligned, limits};
 
 /// Largest number of steps of a filter or snapshot: an `f64` can count them.
 pub const MOST_STEPS: usize = if usize::BITS > 53 { (1_u64 << 53) as usize } else { usize::MAX };
@@ -126,18 +126,6 @@ impl FilterSnapshot {
     pub(crate) fn held(&self) -> BeliefRef<'_> {
         let logs = Some(&self.logs[..]).filter(|logs| !logs.is_empty());
         BeliefRef { linear: &self.belief, logs }
-    }
-
-    /// Takes a step with an observation.
-    pub(crate) fn advance<A: Transition, B: Likelihood>(
-        &mut self,
-        step: &Step<'_, A, B>,
-        observation: &B::Observation,
-        scratch: &mut StepScratch,
-    ) -> Result<StepOutcome, InferenceError> {
-        let outcome = step.advance(observation, self.held(), scratch, None)?;
-        self.commit(step.number, &outcome, scratch);
-        Ok(outcome)
     }
 
     /// Applies the outcome of a step. Nothing before this call changes the state.
@@ -309,4 +297,85 @@ impl StepOutcome {
     pub(crate) fn linear(log: f64, normalizer: f64, form: BeliefForm) -> Self {
         Self { log, normalizer, by_logs: false, in_logs: false, form }
     }
+}
+
+/// A distribution, with its logarithms too if it has positive values outside the range of `f64`.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct BeliefRef<'a> {
+    pub(crate) linear: &'a [f64],
+    pub(crate) logs: Option<&'a [f64]>,
+}
+
+impl BeliefRef<'_> {
+    /// Returns the logarithm of one probability.
+    #[doc(hidden)]
+    pub(crate) fn log(&self, state: usize) -> f64 {
+        self.logs.map_or_else(|| self.linear[state].ln(), |logs| logs[state])
+    }
+
+    /// Lists the states j that lead into state i, with weights proportional to α(j) A\[i, j\]. If
+    /// none has a positive weight, the weights are NaN or all 0. `in_logs` says that the step needs
+    /// logarithms.
+    pub(crate) fn predecessors<A: TransitionEntries>(
+        &self,
+        transition: &A,
+        control: &A::Control,
+        to: usize,
+        in_logs: bool,
+        predecessors: &mut Vec<(usize, f64)>,
+    ) {
+        predecessors.clear();
+        if !in_logs && self.logs.is_none() {
+            let incoming = transition.incoming(control, to);
+            predecessors.extend(incoming.map(|(from, p)| (from, self.linear[from] * LIFT * p)));
+            let total: f64 = predecessors.iter().map(|way| way.1).sum();
+            // All weights are truly 0 if every listed α(j) is. An empty list proves nothing, since
+            // entries too small for doubles are not listed in linear form.
+            let nothing = || {
+                !predecessors.is_empty() && predecessors.iter().all(|way| self.linear[way.0] == 0.0)
+            };
+            if limits::can_draw(total) || nothing() {
+                return;
+            }
+        }
+        // Some or all weights are too small for `f64`. Dividing by the largest, in logarithms,
+        // makes it 1; −∞ − −∞ gives the documented NaN.
+        predecessors.clear();
+        let incoming = transition.incoming_log2(control, to);
+        predecessors.extend(incoming.map(|(from, log2)| (from, self.log(from) + log2 * LN_2)));
+        let largest = predecessors.iter().map(|way| way.1).fold(f64::NEG_INFINITY, f64::max);
+        predecessors.iter_mut().for_each(|way| way.1 = (way.1 - largest).exp());
+    }
+
+    /// Writes the logarithms, from either form.
+    pub(crate) fn logs_to(&self, out: &mut [f64]) {
+        match self.logs {
+            Some(logs) => out.copy_from_slice(logs),
+            None => out.iter_mut().zip(self.linear).for_each(|(out, p)| *out = p.ln()),
+        }
+    }
+}
+
+/// Returns true if some probability above 0 rounds to 0 in linear space.
+pub(crate) fn loses(logs: &[f64], linear: &[f64]) -> bool {
+    logs.iter().zip(linear).any(|(log, p)| limits::needs_log(*p, *log))
+}
+
+/// Normalises a distribution given by logarithms, and writes it to `linear` too. Returns the
+/// logarithm of the sum, or `None` if the sum is 0.
+pub(crate) fn normalize_logs(logs: &mut [f64], linear: &mut [f64]) -> Option<f64> {
+    let largest = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    if !largest.is_finite() {
+        return None;
+    }
+    // Log-sum-exp: the largest term is e^0, so that the sum is from 1 to n, and small terms round
+    // away harmlessly.
+    linear.iter_mut().zip(&*logs).for_each(|(out, log)| *out = (log - largest).exp());
+    let sum = kernels::sum(linear);
+    kernels::normalize(linear, sum);
+    let normalizer = largest + sum.ln();
+    // Two subtractions: `largest + ln sum` would round at the size of `largest`, whereas the first
+    // difference here is small and so nearly exact.
+    logs.iter_mut().for_each(|log| *log = (*log - largest) - sum.ln());
+    Some(normalizer)
 }

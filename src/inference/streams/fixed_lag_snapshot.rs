@@ -8,7 +8,7 @@ use super::bytes::{Kind, Reader, Writer, contents};
 use crate::error::{InferenceError, SnapshotError};
 use crate::hmm::Hmm;
 use crate::inference::step::Step;
-use crate::inference::step::backward::Backward;
+use crate::inference::step::forward_backward::Backward;
 use crate::inference::step::state::FilterSnapshot;
 use crate::likelihood::Likelihood;
 use crate::transition::Transition;

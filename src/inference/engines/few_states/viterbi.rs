@@ -4,7 +4,7 @@
 
 use super::control_of;
 use super::likelihoods::{LikelihoodRows, SensorRows};
-use super::segments::pack_segments;
+use super::pack_segments;
 use crate::hmm::Hmm;
 use crate::inference::engines::choice::{self, Engine, GATHERED};
 use crate::inference::step::scores::{TakenOut, best};

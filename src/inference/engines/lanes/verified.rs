@@ -4,7 +4,7 @@
 //! only on the sequence, not on threads. The invariant: results are passed on only when both joints
 //! of their group, with the one before and the one after, are verified.
 
-use super::cut::Segments;
+use super::segments::Segments;
 use super::segments::{Invalid, SegmentGroup};
 use super::{LaneMemory, LaneModel};
 use crate::inference::engines::choice;
