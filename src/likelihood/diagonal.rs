@@ -1,10 +1,10 @@
-//! [`Diagonal`], the likelihoods of one observation, as numbers or as logarithms, and [`Scratch`], its
-//! memory, which is kept from step to step, so that a step allocates nothing.
+//! [`Diagonal`], the likelihoods of one observation, as numbers or as logarithms, and [`Scratch`],
+//! its memory, which is kept from step to step, so that a step allocates nothing.
 //!
 //! Values of a user's sensor are unchecked; those of this crate's tables come `Checked`, with their
 //! maximum, so that a step does not look at them again. The diagonal of a sparse observation is
-//! written over that of the previous step: all n states are written only if the value of the unlisted
-//! ones changes.
+//! written over that of the previous step: all n states are written only if the value of the
+//! unlisted ones changes.
 
 use crate::error::{LikelihoodError, Parameter};
 use wayfix_kernels as kernels;

@@ -11,7 +11,7 @@ use super::viterbi::ViterbiPath;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::inference::step::scores::TakenOut;
-use crate::inference::step::{Step, Workspace};
+use crate::inference::step::{SensorScratch, Step};
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::TransitionEntries;
@@ -53,7 +53,7 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
             let empty = ViterbiPath { states: Vec::new(), log_probability: 0.0 };
             return Ok(vec![empty; count.min(1)]);
         }
-        let mut work = Workspace::new(n);
+        let mut scratch = SensorScratch::new(n);
         let mut taken_out = TakenOut::default();
         let logs = EntryLogs::new(self, steps);
         // Paths to each state of each step, best first.
@@ -68,13 +68,13 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
             };
             added.fill(0.0);
             let observation = sequence.observation(number);
-            step.observe(observation, &mut work, &mut added, &mut taken_out)?;
+            step.observe(observation, &mut scratch, &mut added, &mut taken_out)?;
             for ((best, paths), added) in best.iter_mut().zip(list.iter()).zip(&added) {
                 *best = paths.first().map_or(f64::NEG_INFINITY, |path| path.score + added);
             }
             // The whole number to take out is decided by the best path to each state, as in
             // Viterbi, so that it is the same.
-            let floor = step.settle(&mut best, &mut taken_out)?;
+            let floor = step.take_out_whole(&mut best, &mut taken_out)?;
             for (state, (best, added)) in best.iter().zip(&added).enumerate() {
                 if *best == f64::NEG_INFINITY {
                     list.clear(state);

@@ -1,8 +1,8 @@
 //! The E-step of learning: expectations under a model, by forward–backward over each sequence, and
 //! their sums (section 9 of the [formulas](crate::guide::formulas)).
 //!
-//! Sequences run in lanes, eight at a time, or one by one; under models of up to eight states in whole
-//! passes, which take many steps in one call of a kernel
+//! Sequences run in lanes, eight at a time, or one by one; under models of up to eight states in
+//! whole passes, which take many steps in one call of a kernel
 //! ([`few_states`](crate::inference::engines::few_states)). Their expectations are added up in an
 //! order that does not depend on the threads, so that learning gives the same bits on any machine.
 
@@ -12,7 +12,7 @@ use super::entry_sums::EntrySums;
 use crate::error::SequenceError;
 use crate::hmm::Hmm;
 use crate::inference::LogSum;
-use crate::inference::engines::lanes::{Group, LaneExpectations, LaneMemory, LaneModel};
+use crate::inference::engines::lanes::{Group, LaneExpectations, LaneModel, LaneScratch};
 use crate::inference::engines::{choice, few_states, parallel};
 use crate::inference::sequences::smooth_each::Order;
 use crate::likelihood::LearnLikelihood;
@@ -98,7 +98,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
                 Some(model) => {
                     let groups = some.chunks(LANES).collect();
                     // A group of eight gives one sum, with the memory of one sequence's statistics.
-                    parallel::map(groups, |group, memory: &mut LaneMemory| {
+                    parallel::map(groups, |group, memory: &mut LaneScratch| {
                         self.expectations_in_lanes(model, group, memory)
                     })
                 }
@@ -123,7 +123,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         &self,
         model: &LaneModel<'_, A, B>,
         sequences: &[(usize, &S)],
-        memory: &mut LaneMemory,
+        memory: &mut LaneScratch,
     ) -> Vec<Result<Expectations<B, A::Statistics>, SequenceError>>
     where
         Self: Sync,
@@ -293,7 +293,7 @@ impl<B: LearnLikelihood, M> Expectations<B, M> {
     /// Creates expectations from their fields, which [`Hmm::maximize`] checks.
     #[must_use]
     pub fn new(first: Vec<f64>, moves: M, sensor: B::Statistics, log_likelihood: f64) -> Self {
-        let log_likelihood = LogSum { sum: log_likelihood, lost: 0.0 };
+        let log_likelihood = LogSum { sum: log_likelihood, compensation: 0.0 };
         Self { first, moves, sensor, log_likelihood }
     }
 

@@ -1,6 +1,6 @@
 //! Options of learning, and its result: the learned model, with a record of how learning went, and
-//! its information criteria: the likelihood, penalised by the number of free parameters (Akaike 1974;
-//! Schwarz 1978).
+//! its information criteria: the likelihood, penalised by the number of free parameters (Akaike
+//! 1974; Schwarz 1978).
 //!
 //! A parameter is free if learning could have changed it. So parameters are counted in the model
 //! that learning started from, since those that it took to 0 were free as well.
@@ -20,8 +20,8 @@ use crate::transition::LearnTransition;
 ///
 /// ```
 /// use wayfix::inference::LearningOptions;
-/// let learning = LearningOptions { transition_pseudo_count: 0.5, keep_prior: true, ..LearningOptions::default() };
-/// assert_eq!(learning.iterations, 100);
+/// let learning = LearningOptions { transition_pseudo_count: 0.5, keep_prior: true,
+/// ..LearningOptions::default() }; assert_eq!(learning.iterations, 100);
 /// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct LearningOptions {
@@ -166,9 +166,9 @@ impl<A, B> LearnedModel<A, B> {
     /// # use wayfix::inference::LearningOptions;
     /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
     /// # let camera = TableLikelihood::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?;
-    /// let start = Hmm::new(prior, DenseTransition::from_rows(&[[0.6, 0.4], [0.4, 0.6]])?, camera)?;
-    /// let learned = start.learn(&[[0, 0, 1, 1], [0, 1, 0, 1]], &LearningOptions::default())?;
-    /// let criteria = learned.criteria();
+    /// let start = Hmm::new(prior, DenseTransition::from_rows(&[[0.6, 0.4], [0.4, 0.6]])?,
+    /// camera)?; let learned = start.learn(&[[0, 0, 1, 1], [0, 1, 0, 1]],
+    /// &LearningOptions::default())?; let criteria = learned.criteria();
     /// assert_eq!((criteria.parameters, criteria.observations), (1 + 2 + 2, 8));
     /// assert!(criteria.bic() > criteria.aic());
     /// # Ok::<(), Box<dyn std::error::Error>>(())

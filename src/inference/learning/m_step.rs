@@ -5,12 +5,12 @@
 //! maximised by itself. Probabilities of 0 stay 0.
 //!
 //! Only a stationary prior, which follows from the operator, is maximised together with it ("A
-//! stationary prior" in the same section). Q = Σ n_ij ln A_ij + Σ γ_i ln π_i has no maximum in closed
-//! form, since π depends on A. Its derivative with respect to A_ij is n_ij / A_ij + h_i π_j, with the
-//! potentials h of γ / π (Schweitzer 1968). Up to a constant in each column, which changes nothing
-//! because columns keep their sums, that is the derivative of Σ m_ij ln A_ij with the counts
-//! m_ij = n_ij + A_ij π_j (h_i + c), for any c. So maximising this sum, as without the prior, is a
-//! step uphill, and shorter for a larger c; c is chosen large enough that Q gains too.
+//! stationary prior" in the same section). Q = Σ n_ij ln A_ij + Σ γ_i ln π_i has no maximum in
+//! closed form, since π depends on A. Its derivative with respect to A_ij is n_ij / A_ij + h_i π_j,
+//! with the potentials h of γ / π (Schweitzer 1968). Up to a constant in each column, which changes
+//! nothing because columns keep their sums, that is the derivative of Σ m_ij ln A_ij with the
+//! counts m_ij = n_ij + A_ij π_j (h_i + c), for any c. So maximising this sum, as without the
+//! prior, is a step uphill, and shorter for a larger c; c is chosen large enough that Q gains too.
 //!
 //! Steps are repeated, each with π and h of the last operator, until they gain nothing (or 200 were
 //! taken, fewer with more than 110 states; the next E-step then continues from there). They end

@@ -5,8 +5,8 @@
 //! never left the beam, and an upper bound on the scores of paths to it that did; one more bound
 //! covers all paths to other states. If at the end all bounds are below the score of the path
 //! found, no path is better. Scores are logarithms throughout, so that the forms of `limits` do not
-//! apply. They are computed as by the exact decoder, on the same grid, so that a path proven optimal
-//! is the exact decoder's path with its probability.
+//! apply. They are computed as by the exact decoder, on the same grid, so that a path proven
+//! optimal is the exact decoder's path with its probability.
 
 use std::f64::consts::LOG2_E;
 
@@ -131,14 +131,14 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
         let width = width.max(0.0) * LOG2_E;
         let prior = self.prior().belief().as_slice();
         let mut active_set = ActiveSet::new(self.states());
-        let mut beam = Beam { elsewhere: f64::NEG_INFINITY, ..Beam::default() };
+        let mut beam = Beam { inactive_ceiling: f64::NEG_INFINITY, ..Beam::default() };
         // Starts with all states that the prior allows. No path has left the beam yet, so that the
         // bound on others is −∞.
         beam.states.extend((0..prior.len()).filter(|&state| prior[state] > 0.0));
-        active_set.follow(&[], &beam.states);
+        active_set.replace(&[], &beam.states);
         let mut next = Beam::default();
         let mut pointers = Pointers::default();
-        let (mut from, mut wanted) = (Vec::new(), Vec::new());
+        let (mut from, mut named) = (Vec::new(), Vec::new());
         let mut scratch = Scratch::default();
         let mut taken_out = TakenOut::default();
         let mut most_active = 0;
@@ -152,14 +152,14 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
             } else {
                 None
             };
-            wanted.clear();
+            named.clear();
             // The sensor names the states with the largest likelihoods. A path that has left the
             // beam may return to them, so that each gets a bound of its own; otherwise their
             // likelihoods would raise the bound shared by all other states.
-            if beam.elsewhere > f64::NEG_INFINITY {
-                self.likelihood().listed_states(observation, &mut wanted);
+            if beam.inactive_ceiling > f64::NEG_INFINITY {
+                self.likelihood().listed_states(observation, &mut named);
             }
-            active_set.list(&beam.states, moves, &wanted);
+            active_set.list(&beam.states, moves, &named);
             next.clear();
             next.states.extend_from_slice(active_set.candidates());
             from.clear();
@@ -172,13 +172,13 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
                     |i| transition.incoming_log2(control, i),
                     &mut from,
                 );
-                next.elsewhere = beam.elsewhere;
+                next.inactive_ceiling = beam.inactive_ceiling;
                 // Entries of a stochastic operator are at most one, up to tolerance. Evidence has
                 // no such bound, and its largest entry has to be found.
                 if evidence.is_none() {
-                    next.elsewhere += ENTRY;
-                } else if beam.elsewhere > f64::NEG_INFINITY {
-                    next.elsewhere += largest_log2(transition, control);
+                    next.inactive_ceiling += ENTRY;
+                } else if beam.inactive_ceiling > f64::NEG_INFINITY {
+                    next.inactive_ceiling += largest_log2(transition, control);
                 }
             }
             // Determined before the likelihoods are added: it decides which error an impossible
@@ -214,12 +214,12 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
             let entries = next.states.iter().zip(&from);
             pointers.entries.extend(entries.map(|(&state, &from)| (state as u32, from)));
             most_active = most_active.max(next.states.len());
-            active_set.follow(&beam.states, &next.states);
+            active_set.replace(&beam.states, &next.states);
             std::mem::swap(&mut beam, &mut next);
         }
         let at = best(&beam.scores);
-        // Every path that left the beam scores at most one of the ceilings, or `elsewhere`.
-        let pruned = beam.ceilings.iter().copied().fold(beam.elsewhere, f64::max);
+        // Every path that left the beam scores at most one of the ceilings, or `inactive_ceiling`.
+        let pruned = beam.ceilings.iter().copied().fold(beam.inactive_ceiling, f64::max);
         let path = ViterbiPath {
             states: pointers.path(at),
             log_probability: taken_out.log_probability(beam.scores[at]),
@@ -242,7 +242,7 @@ pub(crate) struct Beam {
     /// Upper bound on the scores of the paths to each state that left the beam.
     pub(crate) ceilings: Vec<f64>,
     /// Upper bound on the scores of the paths to any other state.
-    pub(crate) elsewhere: f64,
+    pub(crate) inactive_ceiling: f64,
 }
 
 /// Backpointers of all steps.
@@ -291,12 +291,12 @@ impl Beam {
             self.ceilings.push(f64::NEG_INFINITY);
             from.push(0);
         }
-        self.elsewhere = f64::NEG_INFINITY;
+        self.inactive_ceiling = f64::NEG_INFINITY;
     }
 
     /// Returns true if no path has a probability above 0.
     pub(crate) fn is_nowhere(&self) -> bool {
-        let all = self.scores.iter().chain(&self.ceilings).chain([&self.elsewhere]);
+        let all = self.scores.iter().chain(&self.ceilings).chain([&self.inactive_ceiling]);
         all.copied().all(|score| score == f64::NEG_INFINITY)
     }
 
@@ -310,11 +310,11 @@ impl Beam {
     ) {
         for &i in &self.states {
             let (mut score, mut best) = (f64::NEG_INFINITY, 0);
-            let (mut ceiling, mut beyond) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
+            let (mut ceiling, mut inactive_entry) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
             for (j, log2) in incoming(i) {
                 // Through a state of the beam: the best path that never left the beam, and the
                 // bound on those that did.
-                if let Some(at) = active_set.place(j) {
+                if let Some(at) = active_set.position(j) {
                     let value = log2 + before.scores[at];
                     if value > score {
                         (score, best) = (value, at as u32);
@@ -323,11 +323,11 @@ impl Beam {
                 } else {
                     // States outside share one bound: with the largest entry out of them it covers
                     // all paths from there.
-                    beyond = f64::max(beyond, log2);
+                    inactive_entry = f64::max(inactive_entry, log2);
                 }
             }
             self.scores.push(score);
-            self.ceilings.push(ceiling.max(before.elsewhere + beyond));
+            self.ceilings.push(ceiling.max(before.inactive_ceiling + inactive_entry));
             from.push(best);
         }
     }
@@ -338,7 +338,7 @@ impl Beam {
         // The same whole number as the exact decoder takes out, so that scores are the same.
         let whole = if largest > 0.0 { kernels::log2(largest).floor() } else { 0.0 };
         self.add(listed.iter().map(|b| kernels::log2(*b) - whole));
-        self.elsewhere += kernels::log2(others) - whole;
+        self.inactive_ceiling += kernels::log2(others) - whole;
         whole
     }
 
@@ -349,7 +349,7 @@ impl Beam {
         // equal.
         let log2 = |log: f64| kernels::on_grid((log - largest) * LOG2_E);
         self.add(listed.iter().map(|log| log2(*log)));
-        self.elsewhere += log2(others);
+        self.inactive_ceiling += log2(others);
         largest
     }
 
@@ -375,14 +375,14 @@ impl Beam {
                 (self.scores[kept], self.ceilings[kept]) = (score - floor, ceiling - floor);
                 kept += 1;
             } else {
-                self.elsewhere = self.elsewhere.max(highest);
+                self.inactive_ceiling = self.inactive_ceiling.max(highest);
             }
         }
         self.states.truncate(kept);
         self.scores.truncate(kept);
         self.ceilings.truncate(kept);
         from.truncate(kept);
-        self.elsewhere -= floor;
+        self.inactive_ceiling -= floor;
     }
 }
 

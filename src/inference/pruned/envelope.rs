@@ -6,15 +6,15 @@
 //! |---|---|
 //! | ℓ(i) | `lower` |
 //! | c(i) | `excess` |
-//! | δ | `elsewhere` |
-//! | t | `outside` |
+//! | δ | `each_inactive` |
+//! | t | `all_inactive` |
 //!
 //! The invariant is that of [`Envelope`]: after each part of a step, the exact belief times s is
-//! within the bounds. Lower bounds are rounded down or set to 0, upper bounds are rounded up, and each
-//! number that may have lost digits to underflow adds [`LOST`] to its excess.
+//! within the bounds. Lower bounds are rounded down or set to 0, upper bounds are rounded up, and
+//! each number that may have lost digits to underflow adds [`UNDERFLOW_LOSS`] to its excess.
 
 use super::active_set::ActiveSet;
-use super::operator::Moves;
+use super::operator::StepOperator;
 use crate::likelihood::Diagonal;
 use crate::transition::TransitionEntries;
 use wayfix_kernels::limits::power;
@@ -23,22 +23,22 @@ use wayfix_kernels::limits::power;
 /// 1e37 do not overflow.
 pub(crate) const PRUNED_LIFT: f64 = power(900);
 /// Upper bound on the loss of a lifted sum by underflow.
-pub(crate) const LOST: f64 = 1e-290;
+pub(crate) const UNDERFLOW_LOSS: f64 = 1e-290;
 /// Probability up to which states are dropped in any case.
 pub(crate) const LEAST_KEPT: f64 = 1e-290;
 /// Factor on a bound that covers a dozen roundings.
 pub(crate) const ROUNDED_UP: f64 = 1.0 + 12.0 * f64::EPSILON;
 /// Factor by which a dropped upper bound may exceed the threshold of estimates. Without it, a state
 /// that only the sensor names would be followed, with all states that it leads to.
-const IDLE: f64 = 256.0;
+const EXCESS_FACTOR: f64 = 256.0;
 
 /// Estimate of the belief, with bounds on the exact belief α times an unknown factor s, the same
 /// for all states. The bounds also hold for the estimate times another such factor:
 ///
 /// ```text
 /// lower(i) ≤ s α(i) ≤ lower(i) + excess(i)     for the active states
-///            s α(i) ≤ elsewhere                for every other state,
-///          Σ s α(i) ≤ outside                  over all of these
+///            s α(i) ≤ each_inactive            for every other state,
+///          Σ s α(i) ≤ all_inactive             over all of these
 /// ```
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct Envelope {
@@ -52,15 +52,16 @@ pub(crate) struct Envelope {
     pub(crate) others: Others,
 }
 
-/// Upper bounds on the inactive states: on each (`elsewhere`), and on their sum (`outside`).
+/// Upper bounds on the inactive states: on each (`each_inactive`), and on their sum
+/// (`all_inactive`).
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Others {
-    pub(crate) elsewhere: f64,
-    pub(crate) outside: f64,
+    pub(crate) each_inactive: f64,
+    pub(crate) all_inactive: f64,
 }
 
 /// Sums of a step before they are scaled.
-pub(crate) struct Raw {
+pub(crate) struct UnscaledSums {
     /// Σ of the estimates, lifted.
     pub(crate) estimate: f64,
     /// Σ of the lower bounds, lifted.
@@ -113,7 +114,7 @@ impl Envelope {
 
     /// Returns true if inactive states may have some probability.
     pub(crate) fn is_open(&self) -> bool {
-        self.others.outside > 0.0
+        self.others.all_inactive > 0.0
     }
 
     /// Returns true if there is a lower bound above 0.
@@ -124,9 +125,9 @@ impl Envelope {
     /// Scales the results of a step, counts their rounding, and drops small states and all but the
     /// `limit` largest. `ranked` is scratch memory. Returns the logarithm of the divisor of the
     /// lower bounds.
-    pub(crate) fn settle(
+    pub(crate) fn scale_and_drop(
         &mut self,
-        raw: &Raw,
+        sums: &UnscaledSums,
         threshold: f64,
         limit: usize,
         ranked: &mut Vec<f64>,
@@ -135,17 +136,19 @@ impl Envelope {
         // lower bounds may be too high. Lowering all by one factor is free, since s absorbs it, but
         // each excess grows by 2 r; making the bounds hold for the estimate too takes another 2 r.
         // Together 4 r.
-        let rounding = 2.0 * (raw.terms + 8) as f64 * f64::EPSILON;
+        let rounding = 2.0 * (sums.terms + 8) as f64 * f64::EPSILON;
         // If all lower bounds are 0, scaling by the estimate at least keeps the numbers in range.
-        let scale = if raw.lower > 0.0 { raw.lower } else { raw.estimate };
+        let scale = if sums.lower > 0.0 { sums.lower } else { sums.estimate };
         if self.is_open() {
-            self.others.elsewhere = self.others.elsewhere / scale * (1.0 + rounding) + LOST;
-            self.others.outside = self.others.outside / scale * (1.0 + rounding) + LOST;
+            self.others.each_inactive =
+                self.others.each_inactive / scale * (1.0 + rounding) + UNDERFLOW_LOSS;
+            self.others.all_inactive =
+                self.others.all_inactive / scale * (1.0 + rounding) + UNDERFLOW_LOSS;
         }
         for at in 0..self.states.len() {
             let lower = self.lower[at] / scale;
             let excess = self.excess[at] / scale;
-            let estimate = self.estimate[at] / raw.estimate;
+            let estimate = self.estimate[at] / sums.estimate;
             // A subnormal lower bound becomes 0 and is added to the excess instead.
             let normal = estimate >= f64::MIN_POSITIVE && lower >= f64::MIN_POSITIVE;
             let lost = f64::MIN_POSITIVE + if normal { 0.0 } else { lower };
@@ -155,7 +158,7 @@ impl Envelope {
         }
         // Relative to K + D: dropping a small part of a large total excess hardly changes the
         // bound.
-        let relevant = IDLE * threshold * (1.0 + raw.excess / scale);
+        let relevant = EXCESS_FACTOR * threshold * (1.0 + sums.excess / scale);
         // A state is kept if its estimate matters, or if its excess would raise the bound on all
         // inactive states.
         self.retain(|estimate, excess| estimate > threshold || excess > relevant);
@@ -177,7 +180,7 @@ impl Envelope {
         // difference of two.
         let unlifted = scale / PRUNED_LIFT;
         let log = if unlifted.is_normal() { unlifted.ln() } else { scale.ln() - PRUNED_LIFT.ln() };
-        log + self.close()
+        log + self.renormalize()
     }
 
     /// Keeps the states for which `keep(estimate, excess)` is true, and counts the others as
@@ -192,9 +195,9 @@ impl Envelope {
                 (self.lower[kept], self.excess[kept]) = (lower, excess);
                 kept += 1;
             } else {
-                let most = (lower + excess).max(LOST);
-                self.others.elsewhere = self.others.elsewhere.max(most);
-                self.others.outside += most;
+                let most = (lower + excess).max(UNDERFLOW_LOSS);
+                self.others.each_inactive = self.others.each_inactive.max(most);
+                self.others.all_inactive += most;
             }
         }
         self.truncate(kept);
@@ -202,7 +205,7 @@ impl Envelope {
 
     /// Normalises estimates and lower bounds after states were dropped. Returns the logarithm of
     /// the sum of the lower bounds.
-    pub(crate) fn close(&mut self) -> f64 {
+    pub(crate) fn renormalize(&mut self) -> f64 {
         let sum: f64 = self.estimate.iter().sum();
         self.estimate.iter_mut().for_each(|p| *p /= sum);
         self.normalize()
@@ -211,20 +214,20 @@ impl Envelope {
     /// Scales all bounds so that the lower bounds sum to one. Returns the logarithm of their former
     /// sum.
     fn normalize(&mut self) -> f64 {
-        // `outside` was summed over at most the states in question: a sum of m non-negative numbers
-        // has a relative error of at most m roundings. None of the inactive states has more than
-        // their sum.
+        // `all_inactive` was summed over at most the states in question: a sum of m non-negative
+        // numbers has a relative error of at most m roundings. None of the inactive states has more
+        // than their sum.
         let up = 1.0 + (self.states.len() + 4) as f64 * f64::EPSILON;
-        self.others.outside *= up;
-        self.others.elsewhere = self.others.elsewhere.min(self.others.outside);
+        self.others.all_inactive *= up;
+        self.others.each_inactive = self.others.each_inactive.min(self.others.all_inactive);
         let sum: f64 = self.lower.iter().sum();
         if sum == 0.0 {
             return 0.0;
         }
         self.lower.iter_mut().for_each(|p| *p /= sum);
         self.excess.iter_mut().for_each(|p| *p /= sum);
-        (self.others.elsewhere, self.others.outside) =
-            (self.others.elsewhere / sum, self.others.outside / sum);
+        (self.others.each_inactive, self.others.all_inactive) =
+            (self.others.each_inactive / sum, self.others.all_inactive / sum);
         sum.ln()
     }
 
@@ -265,7 +268,7 @@ impl Envelope {
     /// Returns D, an upper bound on the mass that the lower bounds miss, relative to their sum.
     pub(crate) fn deficit(&self) -> f64 {
         let up = 1.0 + (self.states.len() + 4) as f64 * f64::EPSILON;
-        (self.excess.iter().sum::<f64>() + self.others.outside) * up
+        (self.excess.iter().sum::<f64>() + self.others.all_inactive) * up
     }
 
     /// Returns an upper bound on the total variation between the estimate and the exact belief.
@@ -282,7 +285,7 @@ impl Envelope {
     }
 }
 
-/// Lifted number below which digits may be lost, so that [`LOST`] is counted.
+/// Lifted number below which digits may be lost, so that [`UNDERFLOW_LOSS`] is counted.
 const SMALL: f64 = 1e-270;
 
 /// Sums of a prediction.
@@ -293,14 +296,14 @@ pub(crate) struct Predicted {
     terms: usize,
 }
 
-/// Sums over the entries into a state, lifted except for `beyond`.
+/// Sums over the entries into a state, lifted except for `inactive_entries`.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Sums {
     pub(crate) estimate: f64,
     pub(crate) lower: f64,
     pub(crate) excess: f64,
     /// Sum of the entries out of inactive states.
-    pub(crate) beyond: f64,
+    pub(crate) inactive_entries: f64,
     /// Upper bound on the number of entries.
     pub(crate) terms: usize,
 }
@@ -310,17 +313,17 @@ impl Envelope {
     pub(crate) fn predict<A: TransitionEntries>(
         &mut self,
         before: &Self,
-        moves: Option<&Moves<'_, A>>,
+        operator: Option<&StepOperator<'_, A>>,
         active_set: &ActiveSet,
     ) -> Predicted {
-        self.predict_by(before, moves, active_set, |i| before.sums(i, moves, active_set))
+        self.predict_by(before, operator, active_set, |i| before.sums(i, operator, active_set))
     }
 
     /// Predicts all candidates, with sums computed by `sums`.
     pub(crate) fn predict_by<A: TransitionEntries>(
         &mut self,
         before: &Self,
-        moves: Option<&Moves<'_, A>>,
+        operator: Option<&StepOperator<'_, A>>,
         active_set: &ActiveSet,
         mut sums: impl FnMut(usize) -> Sums,
     ) -> Predicted {
@@ -329,29 +332,30 @@ impl Envelope {
         // δ' = min(R δ, m t) for each state that only inactive states lead to, and t' for all of
         // them together. Lifted before the product, since evidence may make bounds on entries tiny:
         // whatever still underflows is below the 1e-290 that is added.
-        let (elsewhere, outside) =
-            (before.others.elsewhere * PRUNED_LIFT, before.others.outside * PRUNED_LIFT);
-        let (one, all) = match moves {
-            Some(Moves { bounds, .. }) => {
-                let by_row = times(bounds.row, elsewhere);
-                (by_row.min(times(bounds.entry, outside)), times(bounds.column, outside))
+        let (each_inactive, all_inactive) =
+            (before.others.each_inactive * PRUNED_LIFT, before.others.all_inactive * PRUNED_LIFT);
+        let (one, all) = match operator {
+            Some(StepOperator { bounds, .. }) => {
+                let by_row = times(bounds.row, each_inactive);
+                (by_row.min(times(bounds.entry, all_inactive)), times(bounds.column, all_inactive))
             }
-            None => (elsewhere, outside),
+            None => (each_inactive, all_inactive),
         };
-        let round_up = |x: f64| if before.is_open() { x * ROUNDED_UP + LOST } else { 0.0 };
-        (self.others.elsewhere, self.others.outside) = (round_up(one), round_up(all));
+        let round_up =
+            |x: f64| if before.is_open() { x * ROUNDED_UP + UNDERFLOW_LOSS } else { 0.0 };
+        (self.others.each_inactive, self.others.all_inactive) = (round_up(one), round_up(all));
         for &i in active_set.candidates() {
             // Only the sensor names this candidate: no active state leads to it, so that it has no
             // estimate, and the upper bound of any inactive state.
             if !active_set.is_reached(i) {
-                self.push(i, 0.0, 0.0, self.others.elsewhere);
+                self.push(i, 0.0, 0.0, self.others.each_inactive);
                 continue;
             }
-            let Sums { estimate, lower, mut excess, beyond, terms } = sums(i);
+            let Sums { estimate, lower, mut excess, inactive_entries, terms } = sums(i);
             predicted.terms = predicted.terms.max(terms);
             predicted.sum += estimate / PRUNED_LIFT;
-            // δ Σ_{j not in S} A[i, j]: no inactive state has more than `elsewhere`.
-            excess += times(beyond, elsewhere);
+            // δ Σ_{j not in S} A[i, j]: no inactive state has more than `each_inactive`.
+            excess += times(inactive_entries, each_inactive);
             // NaN comes from an entry of 0 times an infinite excess: nothing is known.
             let excess = if excess.is_nan() { f64::INFINITY } else { excess };
             let (lower, excess) = count_lost(estimate, lower, excess);
@@ -365,36 +369,37 @@ impl Envelope {
     fn sums<A: TransitionEntries>(
         &self,
         i: usize,
-        moves: Option<&Moves<'_, A>>,
+        operator: Option<&StepOperator<'_, A>>,
         active_set: &ActiveSet,
     ) -> Sums {
         let (mut estimate, mut lower, mut excess) = (0.0, 0.0, 0.0);
-        let (mut beyond, mut terms) = (0.0, 0);
-        let mut add = |j: usize, a: f64, off: f64| {
+        let (mut inactive_entries, mut terms) = (0.0, 0);
+        let mut add = |j: usize, a: f64, relative_error: f64| {
             terms += 1;
-            if let Some(at) = active_set.place(j) {
+            if let Some(at) = active_set.position(j) {
                 estimate += a * (self.estimate[at] * PRUNED_LIFT);
-                // The entry lies between a (1 − off) and a (1 + off): the lower bound takes the
-                // former, and the excess below covers the difference to the latter, 2 off a.
+                // The entry lies between a (1 − relative_error) and a (1 + relative_error): the
+                // lower bound takes the former, and the excess below covers the difference to the
+                // latter, 2 relative_error a.
                 let least = self.lower[at] * PRUNED_LIFT;
-                lower += a * (1.0 - off) * least;
-                excess += a * (1.0 + off) * (self.excess[at] * PRUNED_LIFT);
-                if off > 0.0 {
+                lower += a * (1.0 - relative_error) * least;
+                excess += a * (1.0 + relative_error) * (self.excess[at] * PRUNED_LIFT);
+                if relative_error > 0.0 {
                     // An entry below the range of `f64` was passed as 0, with this error.
                     let tiny = 2.0 * f64::MIN_POSITIVE;
-                    excess += 2.0 * off * (a * least) * ROUNDED_UP;
+                    excess += 2.0 * relative_error * (a * least) * ROUNDED_UP;
                     excess += tiny * (least + self.excess[at] * PRUNED_LIFT);
                 }
             } else {
-                let most = if off > 0.0 { 2.0 * f64::MIN_POSITIVE } else { 0.0 };
-                beyond += a * (1.0 + off) + most;
+                let most = if relative_error > 0.0 { 2.0 * f64::MIN_POSITIVE } else { 0.0 };
+                inactive_entries += a * (1.0 + relative_error) + most;
             }
         };
-        match moves {
-            Some(moves) => moves.incoming(i, add),
+        match operator {
+            Some(operator) => operator.incoming(i, add),
             None => add(i, 1.0, 0.0),
         }
-        Sums { estimate, lower, excess, beyond, terms }
+        Sums { estimate, lower, excess, inactive_entries, terms }
     }
 
     /// Multiplies the candidates by their likelihoods, and drops those that the sensor rules out.
@@ -402,14 +407,14 @@ impl Envelope {
         &mut self,
         Predicted { terms, .. }: Predicted,
         likelihoods: &[f64],
-        weights: &Weights,
-    ) -> Raw {
-        let mut raw = Raw { estimate: 0.0, lower: 0.0, excess: 0.0, terms };
+        scale: &LikelihoodScale,
+    ) -> UnscaledSums {
+        let mut sums = UnscaledSums { estimate: 0.0, lower: 0.0, excess: 0.0, terms };
         let candidates = self.states.len();
         // Compacted in place: `kept` never passes `at`.
         let mut kept = 0;
         for (at, &b) in (0..candidates).zip(likelihoods) {
-            let Weight { value, least, most } = weights.of(b);
+            let ScaledLikelihood { value, least, most } = scale.of(b);
             if most == 0.0 {
                 continue;
             }
@@ -423,18 +428,19 @@ impl Envelope {
             self.estimate[kept] = estimate;
             self.lower[kept] = lower;
             self.excess[kept] = excess;
-            raw.estimate += estimate;
-            raw.lower += lower;
-            raw.excess += excess;
+            sums.estimate += estimate;
+            sums.lower += lower;
+            sums.excess += excess;
             kept += 1;
         }
         self.truncate(kept);
-        let open = self.is_open() && weights.others > 0.0;
-        let weigh = |x| if open { times(weights.others, x) * ROUNDED_UP + LOST } else { 0.0 };
-        (self.others.elsewhere, self.others.outside) =
-            (weigh(self.others.elsewhere), weigh(self.others.outside));
-        raw.excess += self.others.outside;
-        raw
+        let open = self.is_open() && scale.others > 0.0;
+        let weigh =
+            |x| if open { times(scale.others, x) * ROUNDED_UP + UNDERFLOW_LOSS } else { 0.0 };
+        (self.others.each_inactive, self.others.all_inactive) =
+            (weigh(self.others.each_inactive), weigh(self.others.all_inactive));
+        sums.excess += self.others.all_inactive;
+        sums
     }
 }
 
@@ -442,7 +448,11 @@ impl Envelope {
 /// have lost to underflow. A lower bound that may have lost digits becomes 0.
 #[inline]
 fn count_lost(estimate: f64, lower: f64, excess: f64) -> (f64, f64) {
-    if estimate < SMALL || lower < SMALL { (0.0, excess + (lower + LOST)) } else { (lower, excess) }
+    if estimate < SMALL || lower < SMALL {
+        (0.0, excess + (lower + UNDERFLOW_LOSS))
+    } else {
+        (lower, excess)
+    }
 }
 
 /// Returns the product of two non-negative numbers that may be infinite; 0 if either is 0.
@@ -459,7 +469,7 @@ const UNSCALED: std::ops::RangeInclusive<f64> = 1.0 / 65536.0..=65536.0;
 
 /// Likelihood divided by a factor common to all states, with lower and upper bounds.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Weight {
+pub(crate) struct ScaledLikelihood {
     pub(crate) value: f64,
     pub(crate) least: f64,
     pub(crate) most: f64,
@@ -468,7 +478,7 @@ pub(crate) struct Weight {
 /// Common divisor of the likelihoods of a step: near the largest of them or, if those of the states
 /// that the belief leads to are far below that, within 2^500 of the largest of these.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Weights {
+pub(crate) struct LikelihoodScale {
     is_log: bool,
     /// Common factor, or its logarithm.
     factor: f64,
@@ -477,8 +487,8 @@ pub(crate) struct Weights {
     pub(crate) log_factor: f64,
 }
 
-impl Weights {
-    /// Creates the weights from the likelihoods of some states, the bound on those of all others,
+impl LikelihoodScale {
+    /// Creates the scale from the likelihoods of some states, the bound on those of all others,
     /// the largest of all, and the largest among the states that the belief leads to (`likely`),
     /// all in one form.
     pub(crate) fn new(local: &Diagonal<'_>, others: f64, largest: f64, likely: f64) -> Self {
@@ -497,15 +507,15 @@ impl Weights {
             (factor, factor.ln())
         };
         let log_factor = local.log_factor() + log;
-        let weights = Self { is_log, factor, others: 0.0, log_factor };
-        let others = weights.of(others).most * (1.0 + 4.0 * f64::EPSILON);
-        Self { others, ..weights }
+        let scale = Self { is_log, factor, others: 0.0, log_factor };
+        let others = scale.of(others).most * (1.0 + 4.0 * f64::EPSILON);
+        Self { others, ..scale }
     }
 
     /// Returns the weight of a state whose likelihood, or its logarithm, is `b`.
     #[inline]
-    pub(crate) fn of(&self, b: f64) -> Weight {
-        let (value, off) = if self.is_log {
+    pub(crate) fn of(&self, b: f64) -> ScaledLikelihood {
+        let (value, relative_error) = if self.is_log {
             let log = b - self.factor;
             // The difference rounds relative to |log|, which becomes a relative error of the
             // exponential; exp adds its own.
@@ -516,13 +526,17 @@ impl Weights {
         // Only a likelihood of 0 excludes a state. A quotient that underflows or overflows is
         // known only to lie below 2^-1021, or above the largest double.
         if b == if self.is_log { f64::NEG_INFINITY } else { 0.0 } {
-            Weight { value: 0.0, least: 0.0, most: 0.0 }
+            ScaledLikelihood { value: 0.0, least: 0.0, most: 0.0 }
         } else if value < f64::MIN_POSITIVE {
-            Weight { value: 0.0, least: 0.0, most: 2.0 * f64::MIN_POSITIVE }
+            ScaledLikelihood { value: 0.0, least: 0.0, most: 2.0 * f64::MIN_POSITIVE }
         } else if value > f64::MAX {
-            Weight { value: 0.0, least: 0.0, most: f64::INFINITY }
+            ScaledLikelihood { value: 0.0, least: 0.0, most: f64::INFINITY }
         } else {
-            Weight { value, least: value * (1.0 - off), most: value * (1.0 + off) }
+            ScaledLikelihood {
+                value,
+                least: value * (1.0 - relative_error),
+                most: value * (1.0 + relative_error),
+            }
         }
     }
 }
@@ -533,10 +547,10 @@ mod tests {
 
     #[test]
     fn what_a_double_does_not_hold_lies_between_bounds() {
-        let tiny = Weight { value: 0.0, least: 0.0, most: 2.0 * f64::MIN_POSITIVE };
-        let nothing = Weight { value: 0.0, least: 0.0, most: 0.0 };
+        let tiny = ScaledLikelihood { value: 0.0, least: 0.0, most: 2.0 * f64::MIN_POSITIVE };
+        let nothing = ScaledLikelihood { value: 0.0, least: 0.0, most: 0.0 };
         let new = |local: Diagonal<'_>, others, largest, likely| {
-            Weights::new(&local, others, largest, likely)
+            LikelihoodScale::new(&local, others, largest, likely)
         };
         let logs = new(Diagonal::log(&[]), -800.0, 0.0, 0.0);
         assert_eq!((logs.of(-800.0), logs.of(f64::NEG_INFINITY)), (tiny, nothing));

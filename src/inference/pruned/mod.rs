@@ -2,15 +2,15 @@
 //! distance from the exact filter (section 13 of the [formulas](crate::guide::formulas)).
 //!
 //! The invariant is that of [`Envelope`]: lower and upper bounds on the exact belief, up to one
-//! common factor. Each part of a step keeps them valid: prediction, update, pruning. Dropping a state
-//! moves its upper bound to that of the inactive states.
+//! common factor. Each part of a step keeps them valid: prediction, update, pruning. Dropping a
+//! state operator its upper bound to that of the inactive states.
 //!
 //! Underflow is handled differently than by [`limits`](wayfix_kernels::limits). There is one form
-//! only: products are always lifted, by 2^900 instead of 2^1000, since upper bounds may be far above
-//! one. A loss does not lead to a step in logarithms but is counted: every number that may have lost
-//! digits, or has become 0, adds more than the loss to its bound. So no state needs a logarithm,
-//! and if nothing is known of a belief, its bound says so. Entries beyond doubles, for which an
-//! exact filter uses logarithms, are used as powers of two with a common one taken out.
+//! only: products are always lifted, by 2^900 instead of 2^1000, since upper bounds may be far
+//! above one. A loss does not lead to a step in logarithms but is counted: every number that may
+//! have lost digits, or has become 0, adds more than the loss to its bound. So no state needs a
+//! logarithm, and if nothing is known of a belief, its bound says so. Entries beyond doubles, for
+//! which an exact filter uses logarithms, are used as powers of two with a common one taken out.
 
 pub(crate) mod active_set;
 pub(crate) mod beam;
@@ -23,8 +23,8 @@ use std::mem;
 use std::ops::Deref;
 
 use self::active_set::ActiveSet;
-use self::envelope::{Envelope, Weights};
-use self::operator::{Bounds, Moves};
+use self::envelope::{Envelope, LikelihoodScale};
+use self::operator::{Bounds, StepOperator};
 use self::wide::{Exact, Wide};
 use super::step::Step;
 use super::step::state::next_step;
@@ -54,8 +54,8 @@ pub use self::snapshot::{Certificate, PrunedFilterSnapshot, Pruning};
 ///
 /// // A loop of a hundred thousand places: stay, or move on by one.
 /// let n = 100_000;
-/// let moves = (0..n).flat_map(|j| [(j, j, 0.5), ((j + 1) % n, j, 0.5)]);
-/// let motion = SparseTransition::from_triplets(n, moves)?;
+/// let operator = (0..n).flat_map(|j| [(j, j, 0.5), ((j + 1) % n, j, 0.5)]);
+/// let motion = SparseTransition::from_triplets(n, operator)?;
 /// let prior = Prior::AtFirstObservation(Belief::certain(n, 7)?);
 /// let hmm = Hmm::new(prior, motion, SparseLikelihood::new(n))?;
 ///
@@ -213,9 +213,9 @@ where
     /// Probability of one state: 0 if it is not active, `None` if it does not exist.
     #[must_use]
     pub fn probability(&self, state: usize) -> Option<f64> {
-        let place = |state| self.scratch.active_set.place(state);
-        let followed = || place(state).map_or(0.0, |at| self.state.belief.estimate[at]);
-        (state < self.model.states()).then(followed)
+        let position = |state| self.scratch.active_set.position(state);
+        let probability = || position(state).map_or(0.0, |at| self.state.belief.estimate[at]);
+        (state < self.model.states()).then(probability)
     }
 
     /// The model.
@@ -237,7 +237,7 @@ pub(super) struct PrunedScratch {
     pub(super) active_set: ActiveSet,
     exact: Exact,
     wide: Wide,
-    wanted: Vec<usize>,
+    named: Vec<usize>,
     values: Vec<f64>,
     sensor: Scratch,
 }
@@ -249,7 +249,7 @@ impl PrunedScratch {
             active_set: ActiveSet::new(states),
             exact: Exact::default(),
             wide: Wide::default(),
-            wanted: Vec::new(),
+            named: Vec::new(),
             values: Vec::new(),
             sensor: Scratch::default(),
         }
@@ -264,7 +264,7 @@ impl PrunedScratch {
     ) {
         self.exact.forget();
         // Touches only the states of both beliefs: the index of n entries is never cleared.
-        self.active_set.follow(&state.belief.states, &self.next.states);
+        self.active_set.replace(&state.belief.states, &self.next.states);
         mem::swap(&mut state.belief, &mut self.next);
         let belief = mem::take(&mut state.belief);
         *state = PrunedFilterSnapshot { belief, ..*other };
@@ -365,7 +365,7 @@ where
         observation: Option<&B::Observation>,
     ) -> Result<Certificate, InferenceError> {
         let Self { model, bounds, state, scratch } = self;
-        let PrunedScratch { next, active_set, exact, wide, wanted, values, sensor } = scratch;
+        let PrunedScratch { next, active_set, exact, wide, named, values, sensor } = scratch;
         let step = Step { hmm: &**model, number, control };
         if exact.advance(&step, observation, bounds.as_ref(), state, active_set) {
             state.adapt();
@@ -373,18 +373,18 @@ where
         }
         let evidence = step.evidence()?;
         let PrunedFilterSnapshot { belief, .. } = state;
-        wanted.clear();
+        named.clear();
         // States that the sensor names matter only if inactive states may have mass.
         if let Some(observation) = observation.filter(|_| belief.is_open()) {
-            model.likelihood().listed_states(observation, wanted);
+            model.likelihood().listed_states(observation, named);
         }
         let operator = control.map(|control| (model.transition(), control));
         let is_wide = Wide::is_for(belief, model.transition(), control, bounds.as_ref());
         // Candidates first, likelihoods second: the sensor is asked only about states that can
         // matter.
         match operator {
-            Some(operator) if is_wide => wide.predict(belief, operator, wanted, active_set),
-            _ => active_set.list(&belief.states, operator, wanted),
+            Some(operator) if is_wide => wide.predict(belief, operator, named, active_set),
+            _ => active_set.list(&belief.states, operator, named),
         }
         let candidates = active_set.candidates();
         values.clear();
@@ -399,21 +399,30 @@ where
             values.resize(candidates.len(), 1.0);
         }
         let is_open = belief.is_open();
-        let mut moves = control.map(|control| {
-            Moves::new(model.transition(), control, evidence, *bounds, (&belief.states, is_open))
+        let mut operator = control.map(|control| {
+            StepOperator::new(
+                model.transition(),
+                control,
+                evidence,
+                *bounds,
+                (&belief.states, is_open),
+            )
         });
         // The bounds for an open belief come from all entries: a column bound of 0 means that there
         // are no entries above 0.
-        let nothing = |moves: &Moves<'_, A>| {
-            if is_open { moves.bounds.column == 0.0 } else { candidates.is_empty() }
+        let nothing = |operator: &StepOperator<'_, A>| {
+            if is_open { operator.bounds.column == 0.0 } else { candidates.is_empty() }
         };
-        if evidence.is_some() && moves.as_ref().is_some_and(nothing) && local.is_possible(largest) {
+        if evidence.is_some()
+            && operator.as_ref().is_some_and(nothing)
+            && local.is_possible(largest)
+        {
             return Err(InferenceError::ImpossibleMove { step: number });
         }
         let mut predicted = if is_wide {
-            next.predict_by(belief, moves.as_ref(), active_set, wide.sums(moves.as_ref()))
+            next.predict_by(belief, operator.as_ref(), active_set, wide.sums(operator.as_ref()))
         } else {
-            next.predict(belief, moves.as_ref(), active_set)
+            next.predict(belief, operator.as_ref(), active_set)
         };
         if evidence.is_none() {
             // A sum other than one means that the operator did not list some states that its
@@ -422,27 +431,27 @@ where
                 return Err(InferenceError::PredictedSum { step: number, sum: predicted.sum });
             }
         } else if !SUMS.contains(&predicted.sum)
-            && moves.as_ref().is_some_and(|moves| !moves.is_in_powers_of_two())
+            && operator.as_ref().is_some_and(|operator| !operator.is_in_powers_of_two())
         {
             // Again with the scale of the evidence taken out of the entries.
-            moves = moves.map(|moves| moves.in_powers_of_two(&belief.states, is_open));
-            predicted = next.predict(belief, moves.as_ref(), active_set);
+            operator = operator.map(|operator| operator.in_powers_of_two(&belief.states, is_open));
+            predicted = next.predict(belief, operator.as_ref(), active_set);
         }
         if !(0.0..=f64::MAX).contains(&predicted.sum) {
             return Err(InferenceError::PredictedSum { step: number, sum: predicted.sum });
         }
         // Scaled by the states that the belief leads to, not by all: these must keep their digits,
         // whereas bounds suffice for the others.
-        let log_factor = moves.map_or(0.0, |moves| moves.log_factor());
+        let log_factor = operator.map_or(0.0, |operator| operator.log_factor());
         let likely = values.iter().zip(&next.estimate).filter(|entry| *entry.1 > 0.0);
         let none = if local.is_log() { f64::NEG_INFINITY } else { 0.0 };
         let likely = likely.map(|b| *b.0).fold(none, f64::max);
-        let weights = Weights::new(&local, others, largest, likely);
-        let raw = next.weigh(predicted, values, &weights);
+        let scale = LikelihoodScale::new(&local, others, largest, likely);
+        let sums = next.weigh(predicted, values, &scale);
         // No active state explains the observation. Without any excess that is exact; with some, a
         // state that was dropped might explain it.
-        if raw.estimate < f64::MIN_POSITIVE {
-            let proven = raw.excess == 0.0;
+        if sums.estimate < f64::MIN_POSITIVE {
+            let proven = sums.excess == 0.0;
             return Err(if proven {
                 InferenceError::Impossible { step: number }
             } else {
@@ -451,14 +460,14 @@ where
         }
         let threshold = state.threshold(candidates.len());
         let PrunedFilterSnapshot { pruning, belief, .. } = state;
-        let log = next.settle(&raw, threshold, pruning.most_active.max(1), values);
+        let log = next.scale_and_drop(&sums, threshold, pruning.most_active.max(1), values);
         let (rescaled, unknown) = next.rebase();
         // Commit: nothing can fail from here.
         exact.forget();
-        active_set.follow(&belief.states, &next.states);
+        active_set.replace(&belief.states, &next.states);
         mem::swap(belief, next);
         state.steps = number;
-        state.log.add(log + weights.log_factor + log_factor);
+        state.log.add(log + scale.log_factor + log_factor);
         state.log.add(rescaled);
         state.log_excess.add(unknown);
         // Sums that have become infinite stay so; their compensation is NaN then, and cleared.

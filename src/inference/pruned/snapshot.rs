@@ -1,5 +1,6 @@
-//! State of a pruned filter as plain data, its limits on the pruning, and its certificate: the bound
-//! D / (K + D) of section 13 of the [formulas](crate::guide::formulas), compared with the tolerance.
+//! State of a pruned filter as plain data, its limits on the pruning, and its certificate: the
+//! bound D / (K + D) of section 13 of the [formulas](crate::guide::formulas), compared with the
+//! tolerance.
 
 use std::ops::RangeInclusive;
 
@@ -245,7 +246,7 @@ impl PrunedFilterSnapshot {
         }
         // Non-negative; ∞ is valid in an upper bound. (Lengths and sums are checked below.)
         let values = [&belief.estimate, &belief.lower, &belief.excess];
-        let others = [belief.others.elsewhere, belief.others.outside];
+        let others = [belief.others.each_inactive, belief.others.all_inactive];
         for value in values.into_iter().flatten().chain(&others) {
             if value.is_nan() || *value < 0.0 {
                 return Err(format!("a number of the belief is {value}, expected at least 0"));
@@ -277,17 +278,17 @@ impl PrunedFilterSnapshot {
                 "a step may drop {share} of the tolerance, expected {LEAST_SHARE} to {LARGEST_SHARE}"
             ));
         }
-        let LogSum { sum, lost } = self.log;
+        let LogSum { sum, compensation } = self.log;
         if !self.log.is_finite() {
             return Err(format!(
-                "the log-likelihood is the sum of {sum} and {lost}, expected finite values"
+                "the log-likelihood is the sum of {sum} and {compensation}, expected finite values"
             ));
         }
         // The excess may have become infinite, but never negative.
-        let LogSum { sum, lost } = self.log_excess;
-        if !(lost.is_finite() && self.log_excess.value() >= 0.0) {
+        let LogSum { sum, compensation } = self.log_excess;
+        if !(compensation.is_finite() && self.log_excess.value() >= 0.0) {
             return Err(format!(
-                "the log-likelihood may be {sum} and {lost} more, expected at least 0"
+                "the log-likelihood may be {sum} and {compensation} more, expected at least 0"
             ));
         }
         Ok(self)
@@ -295,12 +296,12 @@ impl PrunedFilterSnapshot {
 }
 
 pub(crate) const OTHERS: Codec<Others, [Option<f64>; 2]> = Codec {
-    write: |v, out| [v.elsewhere, v.outside].into_iter().for_each(|v| out.double(v)),
-    read: |from| Ok(Others { elsewhere: from.double()?, outside: from.double()? }),
-    data: |v| [v.elsewhere, v.outside].map(finite),
+    write: |v, out| [v.each_inactive, v.all_inactive].into_iter().for_each(|v| out.double(v)),
+    read: |from| Ok(Others { each_inactive: from.double()?, all_inactive: from.double()? }),
+    data: |v| [v.each_inactive, v.all_inactive].map(finite),
     value: |data| {
-        let [elsewhere, outside] = data.map(or_infinite);
-        Others { elsewhere, outside }
+        let [each_inactive, all_inactive] = data.map(or_infinite);
+        Others { each_inactive, all_inactive }
     },
 };
 

@@ -1,5 +1,6 @@
-//! Steps from wide beliefs, which have so many active states that products with the whole matrix are
-//! faster than lists ("From a wide belief" in section 13 of the [formulas](crate::guide::formulas)).
+//! Steps from wide beliefs, which have so many active states that products with the whole matrix
+//! are faster than lists ("From a wide belief" in section 13 of the
+//! [formulas](crate::guide::formulas)).
 //!
 //! As long as nothing has been dropped, as from a wide prior, steps are exact ([`Exact`]). The
 //! [`Envelope`] then has one relative width: lower(i) ≤ s α(i) ≤ (1 + r) lower(i) with the same
@@ -11,14 +12,14 @@
 //! led to it are near the smallest double. Each step is checked for that, and left to the general
 //! step if it cannot be shown.
 //!
-//! Afterwards the sums of a step are still linear in the belief, so that each is a product of A with
-//! a vector over all states ([`Wide`]): the estimates, the lower bounds, the excess, and the indicator
-//! of the inactive states.
+//! Afterwards the sums of a step are still linear in the belief, so that each is a product of A
+//! with a vector over all states ([`Wide`]): the estimates, the lower bounds, the excess, and the
+//! indicator of the inactive states.
 
 use super::PrunedFilterSnapshot;
 use super::active_set::ActiveSet;
 use super::envelope::{Envelope, Others, PRUNED_LIFT, ROUNDED_UP, Sums};
-use super::operator::{Bounds, Moves};
+use super::operator::{Bounds, StepOperator};
 use crate::inference::step::Step;
 use crate::inference::step::state::{BeliefForm, BeliefRef, FilterSnapshot, StepScratch};
 use crate::likelihood::Likelihood;
@@ -97,7 +98,7 @@ impl Exact {
         let Ok(outcome) = outcome else { return false };
         // A lifted step with rounded tails may have lost states without noticing.
         let (after, watched) = match outcome.form {
-            BeliefForm::Plain { .. } => (&scratch.output.lifted, true),
+            BeliefForm::Plain { .. } => (&scratch.output.updated, true),
             _ => (&scratch.output.after, !step.hmm.rounds_tails()),
         };
         let is_scaled = observation.is_some() && outcome.normalizer == 0.0;
@@ -105,7 +106,7 @@ impl Exact {
         let rounding = 2.0 * (terms + 16) as f64 * f64::EPSILON;
         let rounding = rounding + if is_scaled { SCALED } else { 0.0 };
         let width = on_the_grid((width + rounding) * (1.0 + rounding) * (1.0 + GRID));
-        if outcome.by_logs || !watched || width > WIDEST {
+        if outcome.taken_in_logs || !watched || width > WIDEST {
             return false;
         }
         let threshold = state.threshold(after.len());
@@ -124,9 +125,9 @@ impl Exact {
             active.lower.copy_from_slice(after);
             active.excess.iter_mut().zip(&**after).for_each(|(excess, p)| *excess = width * p);
         } else {
-            active_set.follow(&active.states, &[]);
+            active_set.replace(&active.states, &[]);
             active.keep_exact(after, if stays { 0.0 } else { threshold }, width);
-            active_set.follow(&[], &active.states);
+            active_set.replace(&[], &active.states);
         }
         if stays {
             // D / (K + D) = r / (1 + r), without summing the envelope.
@@ -136,7 +137,7 @@ impl Exact {
             self.width = Some(width);
         } else {
             // States were dropped: closes the step as the general one does.
-            state.log.add(active.close());
+            state.log.add(active.renormalize());
             let (rescaled, unknown) = active.rebase();
             state.log.add(rescaled);
             state.log_excess.add(unknown);
@@ -175,7 +176,7 @@ impl Exact {
         let linear = &mut belief.belief;
         linear.fill(0.0);
         states.iter().zip(lower).for_each(|(state, p)| linear[*state] = *p);
-        scratch.lifted.follow(linear);
+        scratch.lifted.reset(linear);
         Some(on_the_grid(widest))
     }
 }
@@ -210,7 +211,8 @@ impl Counts {
 
 /// Rounds a width to 28 binary digits. The quotient of any excess and its lower bound then rounds
 /// to the same width to the bit, so that a snapshot need not store it. The change by rounding the
-/// first width, below 4e-15, is less than the surplus that a step adds beyond its roundings.
+/// first width, below 4e-15, is less than the surplus that a step adds inactive_entries its
+/// roundings.
 fn on_the_grid(width: f64) -> f64 {
     const UNIT: u64 = 1 << 25;
     f64::from_bits((width.to_bits() + UNIT / 2) & !(UNIT - 1))
@@ -228,8 +230,8 @@ impl Envelope {
             } else {
                 // At least `SMALL`, below which p may lack digits.
                 let most = (p * (1.0 + width) * ROUNDED_UP).max(SMALL);
-                self.others.elsewhere = self.others.elsewhere.max(most);
-                self.others.outside += most;
+                self.others.each_inactive = self.others.each_inactive.max(most);
+                self.others.all_inactive += most;
             }
         }
     }
@@ -257,7 +259,7 @@ struct ProductMemory {
     lower: Aligned,
     excess: Aligned,
     /// Sums of the entries out of inactive states.
-    beyond: Aligned,
+    inactive_entries: Aligned,
 }
 
 impl Wide {
@@ -282,17 +284,17 @@ impl Wide {
         &mut self,
         before: &Envelope,
         (transition, control): (&A, &A::Control),
-        wanted: &[usize],
+        named: &[usize],
         active_set: &mut ActiveSet,
     ) {
         let new = || {
             let zeros = Aligned::new(transition.states(), 0.0);
             let (estimate, lower) = (zeros.clone(), zeros.clone());
-            let (excess, beyond) = (zeros.clone(), zeros.clone());
-            Box::new(ProductMemory { before: zeros, estimate, lower, excess, beyond })
+            let (excess, inactive_entries) = (zeros.clone(), zeros.clone());
+            Box::new(ProductMemory { before: zeros, estimate, lower, excess, inactive_entries })
         };
         let memory = self.memory.get_or_insert_with(new);
-        let ProductMemory { before: x, estimate, lower, excess, beyond } = &mut **memory;
+        let ProductMemory { before: x, estimate, lower, excess, inactive_entries } = &mut **memory;
         let products =
             [(&before.estimate, estimate), (&before.lower, lower), (&before.excess, excess)];
         for (values, out) in products {
@@ -311,30 +313,31 @@ impl Wide {
             // One for each inactive state: the product is the sum of the entries out of these.
             x.fill(1.0);
             before.states.iter().for_each(|&state| x[state] = 0.0);
-            transition.apply(control, x, beyond);
+            transition.apply(control, x, inactive_entries);
         } else {
-            beyond.fill(0.0);
+            inactive_entries.fill(0.0);
         }
         // An active state has an estimate or an excess above 1e-290, or a positive probability in
         // the prior: lifted and multiplied by an entry of at least 1e-200 it is above 0.
         let leads = memory.estimate.iter().zip(&*memory.excess);
         let leads = leads.map(|(estimate, excess)| *estimate > 0.0 || *excess > 0.0);
-        active_set.list_reached(leads, wanted);
+        active_set.list_reached(leads, named);
     }
 
     /// Returns a function that gives the sums over the entries into a state, from the last
     /// prediction.
     pub(crate) fn sums<A: Transition>(
         &self,
-        moves: Option<&Moves<'_, A>>,
+        operator: Option<&StepOperator<'_, A>>,
     ) -> impl FnMut(usize) -> Sums {
-        let (memory, terms) = (self.memory.as_deref(), moves.map_or(1, |moves| moves.bounds.terms));
+        let (memory, terms) =
+            (self.memory.as_deref(), operator.map_or(1, |operator| operator.bounds.terms));
         move |i| match memory {
             Some(memory) => Sums {
                 estimate: memory.estimate[i],
                 lower: memory.lower[i],
                 excess: memory.excess[i],
-                beyond: memory.beyond[i],
+                inactive_entries: memory.inactive_entries[i],
                 terms,
             },
             None => Sums::default(),

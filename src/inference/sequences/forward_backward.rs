@@ -1,8 +1,8 @@
 //! Filter and smoother of a whole sequence (sections 2 and 3 of the
 //! [formulas](crate::guide::formulas)), and their distributions in one block of rows.
 //!
-//! The forward pass takes the steps of a filter, and so has its results to the bit. The backward pass
-//! goes over the same block: γ of each step overwrites α of the next. At T both are the same.
+//! The forward pass takes the steps of a filter, and so has its results to the bit. The backward
+//! pass goes over the same block: γ of each step overwrites α of the next. At T both are the same.
 
 use std::fmt;
 use std::ops::{Deref, Range};
@@ -424,18 +424,18 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             let posteriors = Posteriors::from_values(states, rows);
             return Ok(SmoothedSequence::new(posteriors, log_likelihood));
         }
-        // One extra row, in which the backward pass begins (see `ForwardPass::turn`).
+        // One extra row, in which the backward pass begins (see `ForwardPass::begin_backward`).
         let (mut pass, last) = ForwardPass::over(self, sequence, 1, |_| ())?;
         let mut backward = Backward::new(self.states());
-        pass.turn();
+        pass.begin_backward();
         let mut steps_in_logs = 0;
         for number in (1..=sequence.steps()).rev() {
             let step = Step::of(self, sequence, number);
             let seen = pass.seen(number, sequence.observation(number));
-            let (alpha, out, gamma) = pass.way_back(number);
+            let (alpha, out, gamma) = pass.backward_rows(number);
             backward.step_back_from(&step, &seen, alpha, gamma, out)?;
             // A step counts once, whether it was forward, backward or both.
-            steps_in_logs += usize::from(pass.by_logs(number) || backward.in_logs);
+            steps_in_logs += usize::from(pass.taken_in_logs(number) || backward.ratio_in_logs);
         }
         let posteriors = Posteriors::after_a_row(self.states(), pass.rows.into_values());
         let log_likelihood = last.log_likelihood.value();

@@ -1,12 +1,12 @@
 //! Routines for many sequences, in lanes where the model allows it, and in parallel with the
 //! feature `rayon`.
 //!
-//! Each pairs the routine for one sequence with its counterpart for eight in lanes, and falls back to
-//! the former for any lane that leaves the range of doubles. Chunks of consecutive sequences are the
-//! work of one thread; within a chunk, groups of eight have nearly the same length.
+//! Each pairs the routine for one sequence with its counterpart for eight in lanes, and falls back
+//! to the former for any lane that leaves the range of doubles. Chunks of consecutive sequences are
+//! the work of one thread; within a chunk, groups of eight have nearly the same length.
 //!
 //! Results are visited in the order of the sequences, and neither chunks nor groups depend on the
-//! number of threads. Rows of a chunk share one block of memory.
+//! number of threads. Rows of a chunk share one block of scratch.
 
 use std::convert::Infallible;
 use std::iter;
@@ -18,9 +18,9 @@ use crate::error::{InferenceError, SequenceError};
 use crate::hmm::Hmm;
 use crate::inference::decoding::viterbi::ViterbiPath;
 use crate::inference::engines::choice::{CHUNKS_AHEAD, ChunkSize, ManyPlan, STREAMED};
-use crate::inference::engines::lanes::{Group, LaneMemory, LaneModel};
+use crate::inference::engines::lanes::{Group, LaneModel, LaneScratch};
 use crate::inference::engines::parallel;
-use crate::inference::engines::parallel::MemoryPool;
+use crate::inference::engines::parallel::ScratchPool;
 use crate::likelihood::Likelihood;
 use crate::sequence::{Sequence, by_length};
 use crate::transition::{Transition, TransitionEntries};
@@ -50,7 +50,7 @@ use wayfix_kernels::{Aligned, Eight, LANES};
 /// **Memory** of `_map_all`: sequences are processed in chunks of at most 64 consecutive ones, or
 /// fewer if n T adds up to 262,144 (32,768 where they run one by one); for each thread, up to
 /// four chunks are in progress or waiting to be visited. Posteriors of a chunk share a block of
-/// memory, which is reused for a later chunk if the visitor has dropped its results by then. A
+/// scratch, which is reused for a later chunk if the visitor has dropped its results by then. A
 /// result that is kept keeps the whole block alive; a clone has memory of its own.
 ///
 /// **A sequence that fails** does not affect the others. Its [`SequenceError`] names it, so that
@@ -62,7 +62,8 @@ use wayfix_kernels::{Aligned, Eight, LANES};
 /// let drives = [vec![4, 5, 6], vec![4, 4, 5, 5], vec![80]];
 /// let smoothed = hmm.smooth_all(&drives);
 /// assert_eq!(smoothed[1].as_ref().unwrap().posteriors().steps(), 4);
-/// let scores: Vec<f64> = hmm.log_likelihood_all(&drives[..2]).into_iter().collect::<Result<_, _>>()?;
+/// let scores: Vec<f64> = hmm.log_likelihood_all(&drives[..2]).into_iter().collect::<Result<_,
+/// _>>()?;
 /// # assert_eq!(scores.len(), 2);
 ///
 /// // A million drives, as they are read, with a word on progress.
@@ -180,10 +181,10 @@ fn forward<A: Transition, B: Likelihood, S: Sequence<A::Control, B::Observation>
     LaneRoutine {
         has_rows: true,
         single: Hmm::forward,
-        group: |model, group, memory| {
+        group: |model, group, scratch| {
             // Logarithms of an invalid lane are dropped with it: its sum is `None`.
             let mut logs: [Vec<f64>; LANES] = group.steps.map(Vec::with_capacity);
-            let forward = model.forward(group, memory, true, |lane, log| logs[lane].push(log));
+            let forward = model.forward(group, scratch, true, |lane, log| logs[lane].push(log));
             let mut sums = forward.log_likelihoods().into_iter();
             logs.map(|logs| sums.next().flatten().map(|sum| (logs, sum)))
         },
@@ -197,11 +198,11 @@ fn smooth<A: Transition, B: Likelihood, S: Sequence<A::Control, B::Observation>>
     LaneRoutine {
         has_rows: true,
         single: Hmm::smooth,
-        group: |model, group, memory| {
+        group: |model, group, scratch| {
             // The log-likelihoods are read after the backward pass, which may find further lanes
             // out of range and clear them in `valid`.
-            let mut forward = model.forward(group, memory, true, |_, _| ());
-            model.backward(group, memory, &mut forward.valid, None);
+            let mut forward = model.forward(group, scratch, true, |_, _| ());
+            model.backward(group, scratch, &mut forward.valid, None);
             forward.log_likelihoods()
         },
         result: |log, rows| SmoothedSequence::new(Posteriors::from_shared(rows), log),
@@ -214,8 +215,8 @@ fn log_likelihood<A: Transition, B: Likelihood, S: Sequence<A::Control, B::Obser
     LaneRoutine {
         has_rows: false,
         single: Hmm::log_likelihood,
-        group: |model, group, memory| {
-            model.forward(group, memory, false, |_, _| ()).log_likelihoods()
+        group: |model, group, scratch| {
+            model.forward(group, scratch, false, |_, _| ()).log_likelihoods()
         },
         result: |log, _| log,
     }
@@ -227,7 +228,7 @@ fn viterbi<A: TransitionEntries, B: Likelihood, S: Sequence<A::Control, B::Obser
     LaneRoutine {
         has_rows: false,
         single: Hmm::viterbi,
-        group: |model, group, memory| model.viterbi(group, memory),
+        group: |model, group, scratch| model.viterbi(group, scratch),
         result: |(states, log_probability), _| ViterbiPath { states, log_probability },
     }
 }
@@ -235,7 +236,7 @@ fn viterbi<A: TransitionEntries, B: Likelihood, S: Sequence<A::Control, B::Obser
 /// A routine for one sequence that also runs on a group of eight, with results R.
 pub(crate) struct LaneRoutine<A: Transition, B, S, P, R> {
     /// True if results have a row for each step from 0, which `group` leaves in the beliefs of its
-    /// memory.
+    /// scratch.
     pub(crate) has_rows: bool,
     /// Runs one sequence: handles any range of numbers, and reports any error.
     pub(crate) single: fn(&Hmm<A, B>, &S) -> Result<R, InferenceError>,
@@ -247,7 +248,7 @@ pub(crate) struct LaneRoutine<A: Transition, B, S, P, R> {
 }
 
 type GroupRoutine<A, B, S, P> =
-    fn(&LaneModel<'_, A, B>, &Group<'_, S>, &mut LaneMemory) -> [Option<P>; LANES];
+    fn(&LaneModel<'_, A, B>, &Group<'_, S>, &mut LaneScratch) -> [Option<P>; LANES];
 
 /// Runs a routine on all sequences. The result at index i is that of sequence i.
 pub(crate) fn collect_all<'s, A, B, S, P, R>(
@@ -297,9 +298,9 @@ where
     let mut plan = ManyPlan::new(hmm.states(), routine.has_rows, sorted);
     let model = plan.may_use_lanes(most).then(|| LaneModel::new(hmm)).flatten();
     plan.entries = model.as_ref().map(|model| model.rows.values().len());
-    let (memories, blocks) = (MemoryPool::default(), MemoryPool::default());
+    let (scratches, blocks) = (ScratchPool::default(), ScratchPool::default());
     let work = |sequences: Vec<S>| match &model {
-        Some(model) => in_groups(model, &sequences, routine, plan, &memories, blocks.pop()),
+        Some(model) => in_groups(model, &sequences, routine, plan, &scratches, blocks.pop()),
         // Without lanes the sequences of a chunk run one by one, and share nothing.
         None => Chunk {
             results: sequences.iter().map(|sequence| (routine.single)(hmm, sequence)).collect(),
@@ -351,7 +352,7 @@ fn in_groups<A, B, S, P, R>(
     sequences: &[S],
     routine: &LaneRoutine<A, B, S, P, R>,
     plan: ManyPlan,
-    memories: &MemoryPool<LaneMemory>,
+    scratches: &ScratchPool<LaneScratch>,
     block: Option<Aligned>,
 ) -> Chunk<R>
 where
@@ -393,13 +394,13 @@ where
         free = others;
     }
     let lanes = parallel::map(items, |(group, rows), (): &mut ()| {
-        let mut memory = memories.pop().unwrap_or_default();
-        let lanes = (routine.group)(model, group, &mut memory);
+        let mut scratch = scratches.pop().unwrap_or_default();
+        let lanes = (routine.group)(model, group, &mut scratch);
         if routine.has_rows {
             let valid = lanes.each_ref().map(Option::is_some);
-            unpack_rows(group, &memory, valid, rows, eights, numbers > STREAMED);
+            unpack_rows(group, &scratch, valid, rows, eights, numbers > STREAMED);
         }
-        memories.push(memory);
+        scratches.push(scratch);
         lanes
     });
 
@@ -430,7 +431,7 @@ where
 /// Writes the rows of the valid lanes of a group, whose beliefs are interleaved in `memory`.
 fn unpack_rows<S>(
     group: &Group<'_, S>,
-    memory: &LaneMemory,
+    scratch: &LaneScratch,
     valid: [bool; LANES],
     mut free: &mut [Eight],
     eights: impl Fn(usize) -> usize,
@@ -446,5 +447,5 @@ fn unpack_rows<S>(
             *row = own;
         }
     }
-    kernels::unpack_rows(&memory.beliefs[..eights(group.longest) * LANES], rows, streamed);
+    kernels::unpack_rows(&scratch.beliefs[..eights(group.longest) * LANES], rows, streamed);
 }

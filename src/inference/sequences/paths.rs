@@ -1,12 +1,13 @@
 //! The distribution of whole paths given the observations: samples from it (forward filtering,
 //! backward sampling; Carter and Kohn 1994, Frühwirth-Schnatter 1994; section 8 of the
-//! [formulas](crate::guide::formulas)), and its entropy (Hernando, Crespi and Cybenko 2005; section 6).
+//! [formulas](crate::guide::formulas)), and its entropy (Hernando, Crespi and Cybenko 2005; section
+//! 6).
 //!
 //! Given X_{k+1} and the observations up to k, X_k does not depend on anything later. So a path is
 //! drawn from its end, each state from α_k weighted by the entries into the state after it.
 //!
-//! The invariant of the entropy's forward pass: before step k, `entropy[i]` is H_{k-1}(i), the entropy
-//! of the states before X_{k-1} given X_{k-1} = i and the observations so far.
+//! The invariant of the entropy's forward pass: before step k, `entropy[i]` is H_{k-1}(i), the
+//! entropy of the states before X_{k-1} given X_{k-1} = i and the observations so far.
 
 use std::fmt;
 
@@ -29,7 +30,7 @@ pub struct PathSampler<'m, A, B, S: ?Sized> {
     sequence: &'m S,
     block: ForwardPass,
     /// Steps whose entries need logarithms, in ascending order.
-    in_logs: Vec<usize>,
+    entries_in_logs: Vec<usize>,
 }
 
 impl<A, B, S: ?Sized> fmt::Debug for PathSampler<'_, A, B, S> {
@@ -73,15 +74,15 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
         let (block, _) = ForwardPass::over(self, sequence, 0, |_| ())?;
-        let mut in_logs = Vec::new();
+        let mut entries_in_logs = Vec::new();
         for number in 1..=sequence.steps() {
             let step = Step::of(self, sequence, number);
             // Asked once for each step here, instead of at every draw.
             if step.evidence()?.is_some() && step.entries_need_logs() {
-                in_logs.push(number);
+                entries_in_logs.push(number);
             }
         }
-        Ok(PathSampler { hmm: self, sequence, block, in_logs })
+        Ok(PathSampler { hmm: self, sequence, block, entries_in_logs })
     }
 }
 
@@ -105,13 +106,13 @@ where
         // From the last step back: `states[at + 1]` is drawn before `states[at]`.
         for at in (0..states.len()).rev() {
             let row = at + 1; // step of states[at], and its row in the block
-            let alpha = self.block.held(row);
+            let alpha = self.block.belief(row);
             match states.get(at + 1) {
                 None => predecessors = alpha.linear.iter().copied().enumerate().collect(),
                 Some(&to) => {
                     let step = Step::of(self.hmm, self.sequence, row + 1);
                     let Some(control) = step.control else { continue }; // only step 1 has none
-                    let in_logs = self.in_logs.binary_search(&(row + 1)).is_ok();
+                    let in_logs = self.entries_in_logs.binary_search(&(row + 1)).is_ok();
                     alpha.predecessors(
                         self.hmm.transition(),
                         control,
@@ -170,7 +171,7 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
             // observation of step k: first the entropies, then the filter.
             let step = Step::of(self, sequence, number);
             if number > 1 {
-                step.entropies(state.held(), &entropy, &mut next, &mut predecessors)?;
+                step.entropies(state.belief_ref(), &entropy, &mut next, &mut predecessors)?;
                 std::mem::swap(&mut entropy, &mut next);
             }
             state.advance(&step, sequence.observation(number), &mut scratch)?;
@@ -184,12 +185,12 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
 
 /// Returns Σ_i α_T(i) (H_T(i) − ln α_T(i)).
 fn total(state: &FilterSnapshot, entropy: &[f64]) -> f64 {
-    let held = state.held();
+    let belief = state.belief_ref();
     let mut sum = 0.0;
-    for (i, (&p, entropy)) in held.linear.iter().zip(entropy).enumerate() {
+    for (i, (&p, entropy)) in belief.linear.iter().zip(entropy).enumerate() {
         // 0 ln 0 counts as 0.
         if p > 0.0 {
-            sum += p * (entropy - held.log(i));
+            sum += p * (entropy - belief.log(i));
         }
     }
     sum

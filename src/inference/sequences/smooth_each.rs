@@ -142,7 +142,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             smoothed: Rows::zeros(n, length.min(steps) + 1),
             ratios: vec![0.0; n * length.min(steps)],
             forms: vec![(false, 1.0); length.min(steps)],
-            held: None,
+            filtered_start: None,
             state: FilterSnapshot::start(prior),
             scratch: StepScratch::new(prior),
             backward: Backward::new(n),
@@ -154,15 +154,15 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             // them, with the state of the pass at each, without which the bits would differ from
             // those of `smooth`.
             let last = segments.state.belief.to_vec();
-            let mut ends = vec![(last, segments.backward.carried())];
+            let mut ends = vec![(last, segments.backward.state())];
             for start in checkpoints[1..].iter().rev() {
                 let end = ends[ends.len() - 1].0.clone();
                 segments.run(start, length, &end)?;
                 let first = segments.smoothed.row(0).to_vec();
-                ends.push((first, segments.backward.carried()));
+                ends.push((first, segments.backward.state()));
             }
             for (start, (end, carried)) in checkpoints.iter().zip(ends.iter().rev()) {
-                segments.backward.carry_on(carried);
+                segments.backward.restore_state(carried);
                 let rows = segments.run(start, length, end)?;
                 // The first row of a segment is the last one of the segment before.
                 let first = usize::from(start.steps() > 0);
@@ -222,10 +222,10 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
 struct Segments<'m, A: Transition, B, S: ?Sized> {
     hmm: &'m Hmm<A, B>,
     sequence: &'m S,
-    /// Filtered beliefs of the segment that starts after `held` steps.
+    /// Filtered beliefs of the segment that starts after `filtered_start` steps.
     block: ForwardPass,
     /// Number of steps before the segment in memory, if there is one.
-    held: Option<usize>,
+    filtered_start: Option<usize>,
     smoothed: Rows,
     /// Ratio γ / p of each step, or its logarithm.
     ratios: Vec<f64>,
@@ -260,7 +260,7 @@ where
         let rows = length.min(self.sequence.steps() - start);
         // The last segment is still in memory when the backward pass begins; if it is the only one,
         // it always is.
-        if self.held.replace(start) != Some(start) {
+        if self.filtered_start.replace(start) != Some(start) {
             let memory = (&mut self.state, &mut self.scratch);
             self.block.fill(self.hmm, memory, self.sequence, rows, |_| ())?;
         }
@@ -278,17 +278,17 @@ where
         let n = self.hmm.states();
         // Unnecessary, but harmless, if the segment is in memory.
         self.state.copy(start);
-        self.scratch.lifted.follow(&self.state.belief);
+        self.scratch.lifted.reset(&self.state.belief);
         let rows = self.fill(start.steps(), length)?;
         self.smoothed.row_mut(rows).copy_from_slice(end);
         for row in (1..=rows).rev() {
             let step = Step::of(self.hmm, self.sequence, start.steps() + row);
             let seen = self.block.seen(row, self.sequence.observation(step.number));
             let (out, gamma) = self.smoothed.row_and_next(row - 1);
-            self.backward.step_back_from(&step, &seen, self.block.held(row - 1), gamma, out)?;
+            self.backward.step_back_from(&step, &seen, self.block.belief(row - 1), gamma, out)?;
             // Copied, since the next backward step overwrites the ratio and pairs are read later.
             self.ratios[(row - 1) * n..row * n].copy_from_slice(&self.backward.ratio);
-            self.forms[row - 1] = (self.backward.in_logs, self.backward.ratio_scale);
+            self.forms[row - 1] = (self.backward.ratio_in_logs, self.backward.ratio_scale);
         }
         Ok(rows)
     }
@@ -299,7 +299,7 @@ where
         let pairs = moves.then(|| Pairs {
             transition: self.hmm.transition(),
             control: self.sequence.control(number),
-            alpha: self.block.held(row - 1),
+            alpha: self.block.belief(row - 1),
             ratio: &self.ratios[(row - 1) * n..row * n],
             in_logs: self.forms[row - 1].0,
             scale: self.forms[row - 1].1,
@@ -333,9 +333,9 @@ impl<A: TransitionEntries> Pairs<'_, A> {
         let states = 0..self.ratio.len();
         // One iterator type for both forms: one of the two ranges is empty.
         let (linear, logs) = if self.in_logs { (0..0, states) } else { (states, 0..0) };
-        let linear = linear
-            .filter(|&from| self.alpha.linear[from] > 0.0)
-            .flat_map(move |from| self.out_of(from, self.transition.outgoing(self.control, from)));
+        let linear = linear.filter(|&from| self.alpha.linear[from] > 0.0).flat_map(move |from| {
+            self.moves_out_of(from, self.transition.outgoing(self.control, from))
+        });
         let list = |from| self.transition.outgoing_log2(self.control, from);
         let logs =
             self.log_moves(logs, list).map(|(from, to, log)| Move { from, to, weight: log.exp() });
@@ -343,7 +343,7 @@ impl<A: TransitionEntries> Pairs<'_, A> {
     }
 
     /// Moves out of a state along its entries, in linear space.
-    fn out_of(
+    fn moves_out_of(
         &self,
         from: usize,
         entries: impl Iterator<Item = (usize, f64)>,
@@ -364,7 +364,7 @@ impl<A: TransitionEntries> Pairs<'_, A> {
         step: usize,
     ) -> Result<(), InferenceError> {
         if !self.in_logs {
-            return one(counts.add(self.moves()), step);
+            return check_sums_to_one(counts.add(self.moves()), step);
         }
         let list = |from| self.transition.outgoing_log2(self.control, from);
         self.add_logs_to(counts, step, list, f64::NEG_INFINITY)
@@ -430,16 +430,17 @@ impl<A: LearnTransition> Pairs<'_, A> {
             let added = transition.add_step(statistics, self.control, before, after, self.scale);
             // The operator has added the step itself, in one pass over its matrix.
             if let Some(sum) = added {
-                return one(sum, step);
+                return check_sums_to_one(sum, step);
             }
         }
         let Some(counts) = transition.counts(statistics, self.control) else { return Ok(()) };
         let restart = |to: usize| transition.restart_log2(self.control, to);
         if !self.in_logs {
             let from = states.clone().filter(|&from| self.alpha.linear[from] > 0.0);
-            let sum = counts.add(
-                from.flat_map(|from| self.out_of(from, transition.counted(self.control, from))),
-            );
+            let sum =
+                counts.add(from.flat_map(|from| {
+                    self.moves_out_of(from, transition.counted(self.control, from))
+                }));
             let into = |to: usize| match restart(to) {
                 f64::NEG_INFINITY => 0.0,
                 log2 => log2.exp2() * self.ratio[to],
@@ -448,7 +449,7 @@ impl<A: LearnTransition> Pairs<'_, A> {
             // sums instead of a sum over n² moves.
             let restarts: f64 = states.map(into).sum();
             let before = if restarts > 0.0 { kernels::sum(self.alpha.linear) } else { 0.0 };
-            return one(sum + before * restarts * self.scale, step);
+            return check_sums_to_one(sum + before * restarts * self.scale, step);
         }
         let sum = |logs: &mut dyn Iterator<Item = f64>| logs.fold(f64::NEG_INFINITY, log::add);
         // The ratio of a state that no move leads to may be NaN, so states without a restart are
@@ -463,6 +464,6 @@ impl<A: LearnTransition> Pairs<'_, A> {
 }
 
 /// Returns an error unless the moves of a step sum to one.
-fn one(sum: f64, step: usize) -> Result<(), InferenceError> {
+fn check_sums_to_one(sum: f64, step: usize) -> Result<(), InferenceError> {
     if limits::is_one(sum) { Ok(()) } else { Err(InferenceError::PredictedSum { step, sum }) }
 }

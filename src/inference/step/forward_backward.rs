@@ -5,8 +5,8 @@
 //! The forward steps are those of a filter, so that rows equal those of a stream to the bit.
 //!
 //! Backward, the paper's recursion γ_k ∝ α_k β_k with β_{k-1} = A' B(y_k) β_k (eqs. 12 and 14)
-//! under- or overflows. With filtered α_k that sum to one, and predictions p_k = A α_{k-1}, the same
-//! γ obeys
+//! under- or overflows. With filtered α_k that sum to one, and predictions p_k = A α_{k-1}, the
+//! same γ obeys
 //!
 //! γ_{k-1} = α_{k-1} ∘ A' (γ_k / p_k),
 //!
@@ -82,7 +82,7 @@ pub(crate) struct ForwardPass {
     /// [`StepOutcome`](super::state::StepOutcome).
     normalizers: Vec<f64>,
     /// Rows whose step was taken in logarithms, in ascending order.
-    by_logs: Vec<usize>,
+    taken_in_logs: Vec<usize>,
 }
 
 impl ForwardPass {
@@ -92,7 +92,7 @@ impl ForwardPass {
         // over all of the memory.
         let rows = Rows::with_capacity(states, steps + 1 + more);
         let normalizers = vec![0.0; steps + 1];
-        Self { rows, logs: HashMap::new(), normalizers, by_logs: Vec::new() }
+        Self { rows, logs: HashMap::new(), normalizers, taken_in_logs: Vec::new() }
     }
 
     /// Filters a whole sequence from the prior, with capacity for `more` extra rows. Returns the
@@ -132,7 +132,7 @@ impl ForwardPass {
     {
         self.rows.values.clear();
         self.logs.clear();
-        self.by_logs.clear();
+        self.taken_in_logs.clear();
         self.rows.values.extend_from_slice(&state.belief);
         self.keep_logs(0, state);
         for row in 1..=steps {
@@ -141,7 +141,7 @@ impl ForwardPass {
             let number = state.steps + 1;
             let step = Step::of(hmm, sequence, number);
             let (rows, observation) = (&mut self.rows.values, sequence.observation(number));
-            let advanced = step.advance(observation, state.held(), scratch, Some(rows))?;
+            let advanced = step.advance(observation, state.belief_ref(), scratch, Some(rows))?;
             state.commit(number, &advanced, scratch);
             // A plain step has appended its row while normalising it.
             if !matches!(advanced.form, BeliefForm::Plain { .. }) {
@@ -150,8 +150,8 @@ impl ForwardPass {
             each(advanced.log);
             // 0 where the likelihoods were scaled: the backward pass then recomputes predictions.
             self.normalizers[row] = advanced.normalizer;
-            if advanced.by_logs {
-                self.by_logs.push(row);
+            if advanced.taken_in_logs {
+                self.taken_in_logs.push(row);
             }
             self.keep_logs(row, state);
         }
@@ -159,14 +159,14 @@ impl ForwardPass {
     }
 
     fn keep_logs(&mut self, row: usize, state: &FilterSnapshot) {
-        if let Some(logs) = state.held().logs {
+        if let Some(logs) = state.belief_ref().logs {
             self.logs.insert(row, logs.to_vec());
         }
     }
 
     /// Returns true if the step to this row was taken in logarithms.
-    pub(crate) fn by_logs(&self, row: usize) -> bool {
-        self.by_logs.binary_search(&row).is_ok()
+    pub(crate) fn taken_in_logs(&self, row: usize) -> bool {
+        self.taken_in_logs.binary_search(&row).is_ok()
     }
 
     /// Pairs the observation of the step to a row with its normaliser.
@@ -176,14 +176,14 @@ impl ForwardPass {
 
     /// Begins the backward pass: duplicates the last row, which is both α_T and γ_T. Afterwards γ
     /// of row r is stored at row r + 1.
-    pub(crate) fn turn(&mut self) {
+    pub(crate) fn begin_backward(&mut self) {
         let last = self.rows.values.len() - self.rows.states;
         self.rows.values.extend_from_within(last..);
     }
 
     /// Returns, for the backward step from this row: α of the row before, the place for γ of the
     /// row before, and γ of this row.
-    pub(crate) fn way_back(&mut self, row: usize) -> (BeliefRef<'_>, &mut [f64], &[f64]) {
+    pub(crate) fn backward_rows(&mut self, row: usize) -> (BeliefRef<'_>, &mut [f64], &[f64]) {
         // γ of row r − 1 replaces α of row r, which no further backward step reads; γ of row r is
         // one row later (see `turn`).
         let states = self.rows.states;
@@ -193,7 +193,7 @@ impl ForwardPass {
         (BeliefRef { linear: &before[(row - 1) * states..], logs }, out, gamma)
     }
 
-    pub(crate) fn held(&self, row: usize) -> BeliefRef<'_> {
+    pub(crate) fn belief(&self, row: usize) -> BeliefRef<'_> {
         BeliefRef { linear: self.rows.row(row), logs: self.logs.get(&row).map(Vec::as_slice) }
     }
 }
@@ -205,8 +205,8 @@ pub(crate) struct Backward {
     pub(crate) ratio: Aligned,
     pub(crate) ratio_scale: f64,
     /// True if `ratio` is in logarithms.
-    pub(crate) in_logs: bool,
-    carried: BackwardState,
+    pub(crate) ratio_in_logs: bool,
+    state: BackwardState,
     predicted: Aligned,
     values: Aligned,
     scratch: Scratch,
@@ -220,7 +220,7 @@ pub(crate) struct BackwardState {
     /// Σ γ_k: one up to rounding, which must not accumulate over steps.
     sum: f64,
     /// True if `q` is within the range of `f64`.
-    held: bool,
+    q_is_valid: bool,
 }
 
 /// Observation of step k with its normaliser N_k, which is 0 unless the filter took the step with
@@ -237,8 +237,8 @@ impl Backward {
         Self {
             ratio: zeros.clone(),
             ratio_scale: 1.0,
-            in_logs: false,
-            carried: BackwardState { q: Aligned::new(states, BACK_LIFT), sum: 1.0, held: true },
+            ratio_in_logs: false,
+            state: BackwardState { q: Aligned::new(states, BACK_LIFT), sum: 1.0, q_is_valid: true },
             predicted: zeros.clone(),
             values: zeros,
             scratch: Scratch::default(),
@@ -246,13 +246,13 @@ impl Backward {
     }
 
     /// Returns the state left by the last backward step.
-    pub(crate) fn carried(&self) -> BackwardState {
-        self.carried.clone()
+    pub(crate) fn state(&self) -> BackwardState {
+        self.state.clone()
     }
 
-    /// Continues from the state that [`carried`](Self::carried) returned.
-    pub(crate) fn carry_on(&mut self, carried: &BackwardState) {
-        self.carried.clone_from(carried);
+    /// Continues from the state that [`state`](Self::state) returned.
+    pub(crate) fn restore_state(&mut self, state: &BackwardState) {
+        self.state.clone_from(state);
     }
 
     /// Goes back as [`step_back`](Self::step_back) does, but computes the ratio from the
@@ -269,10 +269,13 @@ impl Backward {
         // The ratio comes from α_k = b ∘ p / N, which holds up to the rounding of the forward step.
         // Excluded are steps in logarithms, which leave no N, and a q that an earlier backward step
         // could not hold: it does not belong to γ_k.
-        if alpha.logs.is_some() || !self.carried.held || !self.weigh(step.hmm.likelihood(), seen) {
+        if alpha.logs.is_some()
+            || !self.state.q_is_valid
+            || !self.weigh(step.hmm.likelihood(), seen)
+        {
             return self.step_back(step, alpha, gamma, out);
         }
-        let Self { ratio, carried: BackwardState { q, .. }, values, .. } = self;
+        let Self { ratio, state: BackwardState { q, .. }, values, .. } = self;
         let product = if let Some(matrix) = step.stored(control) {
             Product::Sparse { matrix: &matrix.sliced_columns, x: ratio }
         } else {
@@ -287,7 +290,7 @@ impl Backward {
         if !limits::is_one(sum) {
             return self.step_back(step, alpha, gamma, out);
         }
-        (self.carried.sum, self.in_logs, self.ratio_scale) = (sum, false, 1.0 / BACK_LIFT);
+        (self.state.sum, self.ratio_in_logs, self.ratio_scale) = (sum, false, 1.0 / BACK_LIFT);
         Ok(())
     }
 
@@ -298,7 +301,7 @@ impl Backward {
         likelihood: &B,
         seen: &Observed<'_, B::Observation>,
     ) -> bool {
-        let Self { ratio, carried, scratch, .. } = self;
+        let Self { ratio, state, scratch, .. } = self;
         if seen.normalizer == 0.0 || !likelihood.is_precomputed() {
             return false;
         }
@@ -311,8 +314,8 @@ impl Backward {
             return false;
         }
         // Divided by Σ γ too, whose rounding error would otherwise accumulate over a long sequence.
-        let factor = 1.0 / (seen.normalizer * carried.sum);
-        kernels::divide_by_prediction(&carried.q, likelihoods, factor, ratio);
+        let factor = 1.0 / (seen.normalizer * state.sum);
+        kernels::divide_by_prediction(&state.q, likelihoods, factor, ratio);
         true
     }
 
@@ -327,21 +330,25 @@ impl Backward {
     ) -> Result<(), InferenceError> {
         let Some(control) = step.control else {
             out.copy_from_slice(gamma);
-            self.in_logs = false;
+            self.ratio_in_logs = false;
             return Ok(());
         };
         step.check_control(control)?;
-        (self.carried.held, self.ratio_scale) = (false, 1.0);
+        (self.state.q_is_valid, self.ratio_scale) = (false, 1.0);
         let evidence = step.hmm.transition().evidence(control).is_some();
         // Predictions are lifted, so that doubles hold every ratio except that of a state which was
         // predicted below 2^-960 and now has a γ more than 2^64 times as large.
-        self.in_logs = alpha.logs.is_some() || (evidence && step.needs_logs()) || {
+        self.ratio_in_logs = alpha.logs.is_some() || (evidence && step.needs_logs()) || {
             kernels::lift(alpha.linear, &mut self.values);
             step.predict(&self.values, &mut self.predicted);
             let held = divide(gamma, &self.predicted, &mut self.ratio);
             !(held && self.multiply(step.hmm.transition(), control, alpha.linear, out))
         };
-        if self.in_logs { self.step_back_in_logs(step, control, alpha, gamma, out) } else { Ok(()) }
+        if self.ratio_in_logs {
+            self.step_back_in_logs(step, control, alpha, gamma, out)
+        } else {
+            Ok(())
+        }
     }
 
     /// Computes γ_{k-1} from γ_k / p_k. Returns false if the result left the range of `f64`, as
@@ -360,10 +367,10 @@ impl Backward {
         kernels::normalize(out, sum);
         // This makes a new q, so that the next ratio can come from its observation again. If q
         // overflows here, the next sum will not be one.
-        let carried = &mut self.carried;
-        carried.q.iter_mut().zip(&*self.values).for_each(|(q, back)| *q = back * BACK_LIFT);
-        (carried.sum, carried.held) = (sum / LIFT, limits::is_one(sum / LIFT));
-        carried.held
+        let state = &mut self.state;
+        state.q.iter_mut().zip(&*self.values).for_each(|(q, back)| *q = back * BACK_LIFT);
+        (state.sum, state.q_is_valid) = (sum / LIFT, limits::is_one(sum / LIFT));
+        state.q_is_valid
     }
 
     /// Goes back in logarithms, where linear space cannot hold the ratios. Values of γ_k that round

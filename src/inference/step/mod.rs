@@ -3,8 +3,8 @@
 //!
 //! N α' = b ∘ (A α), where A is any linear operator, stored or not. Each step is taken in the
 //! cheapest form that keeps every possible state: plain, lifted, or in logarithms. The results
-//! themselves show whether a form was sufficient ([`limits`](wayfix_kernels::limits) has the proof).
-//! If it was not, time is lost but no digits, because the state has not been touched yet.
+//! themselves show whether a form was sufficient ([`limits`](wayfix_kernels::limits) has the
+//! proof). If it was not, time is lost but no digits, because the state has not been touched yet.
 //!
 //! With evidence on the move, measurements between two steps multiply the entries of A. The
 //! prediction then sums to their probability instead of one; linear space is used while that sum
@@ -28,7 +28,7 @@ use wayfix_kernels as kernels;
 use wayfix_kernels::limits::LIFT;
 use wayfix_kernels::{ForwardStep, ForwardSums, Product, Valid, Watch, limits};
 
-pub(crate) use self::state::Workspace;
+pub(crate) use self::state::SensorScratch;
 
 /// Model, number and control of one step.
 pub(crate) struct Step<'m, A: Transition, B> {
@@ -92,8 +92,8 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
     ///
     /// The step is taken in linear space unless it needs logarithms: the previous belief is in
     /// logarithms, the observation contradicts the prediction by more than 2^32 (number 2 in
-    /// [`limits`](wayfix_kernels::limits)), or a possible state would become 0. The last reason does not
-    /// apply to a model with rounded tails.
+    /// [`limits`](wayfix_kernels::limits)), or a possible state would become 0. The last reason
+    /// does not apply to a model with rounded tails.
     pub(crate) fn advance(
         &self,
         observation: &B::Observation,
@@ -101,7 +101,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         scratch: &mut StepScratch,
         mut rows: Option<&mut Vec<f64>>,
     ) -> Result<StepOutcome, InferenceError> {
-        let StepScratch { lifted, output, work: Workspace { scratch, values } } = scratch;
+        let StepScratch { lifted, output, sensor: SensorScratch { scratch, values } } = scratch;
         if let Some(found) = self.hmm.likelihood().by_groups(observation, scratch)
             && let Ok((diagonal, groups)) = found
             && diagonal.check_shape(groups.count()).is_ok()
@@ -197,7 +197,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         output: &mut StepOutput,
         rows: Option<&mut Vec<f64>>,
     ) -> Result<Option<(f64, BeliefForm)>, InferenceError> {
-        let StepOutput { predicted, after, lifted: out, .. } = output;
+        let StepOutput { predicted, after, updated: out, .. } = output;
         // With evidence there is no matrix and hence no plain step: its entries have no known
         // lower bound.
         let matrix = self.control.and_then(|control| self.stored(control));
@@ -209,7 +209,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         {
             let product = Product::Sparse { matrix: &matrix.sliced_rows, x: belief };
             let updated = kernels::forward_step(likelihoods.update(product, 1.0, out));
-            if !holds(&updated, 1.0) {
+            if !is_within_range(&updated, 1.0) {
                 return Ok(None);
             }
             if !updated.small {
@@ -246,7 +246,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         }
         // With evidence, N is compared with the sum of the prediction in place of one: only a
         // contradiction between the observation and what the evidence has left counts.
-        if !holds(&updated, if has_evidence { updated.predicted } else { LIFT }) {
+        if !is_within_range(&updated, if has_evidence { updated.predicted } else { LIFT }) {
             return Ok(None);
         }
         let tiny = kernels::normalize_and_lift(out, after, updated.products);
@@ -311,7 +311,7 @@ impl<'a> Likelihoods<'a> {
 /// Returns true if the results of an update are within the range of `f64` and the likelihoods
 /// are valid and within the unscaled range (numbers 1 and 2 in [`limits`](wayfix_kernels::limits)).
 #[inline]
-fn holds(updated: &ForwardSums, lift: f64) -> bool {
+fn is_within_range(updated: &ForwardSums, lift: f64) -> bool {
     let ForwardSums { products, predicted, largest_likelihood, .. } = *updated;
     !updated.negative_likelihood
         && limits::linear_holds(products, predicted, largest_likelihood, lift)
@@ -359,12 +359,12 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
         before: BeliefRef<'_>,
         scratch: &mut StepScratch,
     ) -> Result<StepOutcome, InferenceError> {
-        let StepScratch { lifted, output, work } = scratch;
+        let StepScratch { lifted, output, sensor } = scratch;
         let (evidence, rounds_tails) = (self.evidence()?, self.hmm.rounds_tails());
-        let mut by_logs = before.logs.is_some() || (evidence.is_some() && self.needs_logs());
+        let mut taken_in_logs = before.logs.is_some() || (evidence.is_some() && self.needs_logs());
         // ln p(u), before the log factor of the evidence is added.
         let mut log = 0.0;
-        if !by_logs {
+        if !taken_in_logs {
             // Always lifted: there is no update here that would notice small products.
             self.predict(lifted.values(before.linear), &mut output.after);
             let sum = match evidence {
@@ -377,20 +377,26 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
                     // Without evidence the sum is one up to rounding, which must not accumulate
                     // over steps.
                     kernels::normalize(&mut output.after, sum);
-                    (by_logs, log) = (loses && !rounds_tails, (sum / LIFT).ln());
+                    (taken_in_logs, log) = (loses && !rounds_tails, (sum / LIFT).ln());
                 }
-                None => by_logs = true,
+                None => taken_in_logs = true,
             }
         }
         // Starts over from the previous belief; the linear result is overwritten.
-        let mut in_logs = false;
-        if by_logs {
-            self.predict_in_logs(before, evidence, output, &mut work.values)?;
+        let mut result_in_logs = false;
+        if taken_in_logs {
+            self.predict_in_logs(before, evidence, output, &mut sensor.values)?;
             log = normalize_logs(&mut output.logs, &mut output.after).unwrap_or(f64::NEG_INFINITY);
-            in_logs = !rounds_tails && loses(&output.logs, &output.after);
+            result_in_logs = !rounds_tails && loses(&output.logs, &output.after);
         }
         let log = evidence.map_or(0.0, |log_factor| log + log_factor);
-        Ok(StepOutcome { log, normalizer: 0.0, by_logs, in_logs, form: BeliefForm::Other })
+        Ok(StepOutcome {
+            log,
+            normalizer: 0.0,
+            taken_in_logs,
+            result_in_logs,
+            form: BeliefForm::Other,
+        })
     }
 
     /// Checks that a lifted prediction is a distribution, since the operator may be the user's own,
@@ -470,8 +476,14 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
             return Err(InferenceError::Impossible { step: self.number });
         };
         let log = normalizer + log_scale + diagonal.log_factor;
-        let in_logs = !self.hmm.rounds_tails() && loses(&output.logs, &output.after);
-        Ok(StepOutcome { log, normalizer: 0.0, by_logs: true, in_logs, form: BeliefForm::Other })
+        let result_in_logs = !self.hmm.rounds_tails() && loses(&output.logs, &output.after);
+        Ok(StepOutcome {
+            log,
+            normalizer: 0.0,
+            taken_in_logs: true,
+            result_in_logs,
+            form: BeliefForm::Other,
+        })
     }
 
     /// Checks that the logarithms of a prediction with evidence are finite or −∞, and not all −∞.
@@ -539,7 +551,7 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
         }
         // Watched even with rounded tails, since nothing is lifted here.
         let watch = Watch::Products;
-        let after = &mut *output.lifted;
+        let after = &mut *output.updated;
         let (mut updated, mut states) = (ForwardSums::NONE, 0);
         transition.apply_in_blocks(control, before.linear, &mut |first, predicted| {
             states += predicted.len();
@@ -573,10 +585,10 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
         }
         let predicted = updated.predicted;
         let is_valid = if has_evidence { limits::is_evidence_sum } else { limits::is_one };
-        if !is_valid(predicted) || !holds(&updated, predicted) {
+        if !is_valid(predicted) || !is_within_range(&updated, predicted) {
             return None;
         }
-        let tiny = kernels::normalize_in_place(&mut output.lifted, updated.products, rows);
+        let tiny = kernels::normalize_in_place(&mut output.updated, updated.products, rows);
         Some((updated.products, BeliefForm::Plain { tiny }))
     }
 }
@@ -589,7 +601,7 @@ impl FilterSnapshot {
         observation: &B::Observation,
         scratch: &mut StepScratch,
     ) -> Result<StepOutcome, InferenceError> {
-        let outcome = step.advance(observation, self.held(), scratch, None)?;
+        let outcome = step.advance(observation, self.belief_ref(), scratch, None)?;
         self.commit(step.number, &outcome, scratch);
         Ok(outcome)
     }

@@ -28,7 +28,7 @@ pub(crate) fn next_step(steps: usize) -> Result<usize, InferenceError> {
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct LogSum {
     pub(crate) sum: f64,
-    pub(crate) lost: f64,
+    pub(crate) compensation: f64,
 }
 
 impl LogSum {
@@ -38,7 +38,7 @@ impl LogSum {
         let sum = self.sum + value;
         // Neumaier: with the larger operand first, this difference is exactly the rounding error
         // of the sum (Dekker's fast two-sum).
-        self.lost += if self.sum.abs() >= value.abs() {
+        self.compensation += if self.sum.abs() >= value.abs() {
             (self.sum - sum) + value
         } else {
             (value - sum) + self.sum
@@ -48,18 +48,18 @@ impl LogSum {
 
     /// Returns the sum with its compensation cleared if it is infinite: that is NaN and unused.
     pub(crate) fn known(self) -> Self {
-        if self.sum.is_finite() { self } else { Self { sum: self.sum, lost: 0.0 } }
+        if self.sum.is_finite() { self } else { Self { sum: self.sum, compensation: 0.0 } }
     }
 
     /// Returns true if sum and compensation together are finite. Either may be damaged.
     pub(crate) fn is_finite(self) -> bool {
-        self.sum.is_finite() && (self.sum + self.lost).is_finite()
+        self.sum.is_finite() && (self.sum + self.compensation).is_finite()
     }
 
     #[doc(hidden)]
     pub fn value(self) -> f64 {
         // An infinite sum has no meaningful compensation.
-        if self.sum.is_finite() { self.sum + self.lost } else { self.sum }
+        if self.sum.is_finite() { self.sum + self.compensation } else { self.sum }
     }
 }
 
@@ -123,7 +123,7 @@ impl FilterSnapshot {
         (self.steps, self.steps_in_logs, self.log_likelihood) = (0, 0, LogSum::default());
     }
 
-    pub(crate) fn held(&self) -> BeliefRef<'_> {
+    pub(crate) fn belief_ref(&self) -> BeliefRef<'_> {
         let logs = Some(&self.logs[..]).filter(|logs| !logs.is_empty());
         BeliefRef { linear: &self.belief, logs }
     }
@@ -142,22 +142,22 @@ impl FilterSnapshot {
             // A plain step normalises in place and lifts nothing: `lifted.values` still belong to
             // the previous belief.
             BeliefForm::Plain { tiny } => {
-                mem::swap(&mut self.belief, &mut output.lifted);
+                mem::swap(&mut self.belief, &mut output.updated);
                 (lifted.valid, lifted.tiny) = (false, tiny);
             }
             BeliefForm::Lifted { tiny } => {
                 mem::swap(&mut self.belief, &mut output.after);
-                mem::swap(&mut lifted.values, &mut output.lifted);
+                mem::swap(&mut lifted.values, &mut output.updated);
                 (lifted.valid, lifted.tiny) = (true, tiny);
             }
             BeliefForm::Other => {
                 mem::swap(&mut self.belief, &mut output.after);
-                lifted.follow(&self.belief);
+                lifted.reset(&self.belief);
             }
         }
         lifted.more = lifted.more.saturating_sub(1);
         // Logarithms are kept only as long as some state needs them.
-        if outcome.in_logs {
+        if outcome.result_in_logs {
             mem::swap(&mut self.logs, &mut output.logs);
             // The swap brought back an empty vector unless the last belief had logarithms too. Its
             // capacity is n, so that this does not allocate.
@@ -166,18 +166,18 @@ impl FilterSnapshot {
             self.logs.clear();
         }
         self.steps = number;
-        self.steps_in_logs = self.steps_in_logs.saturating_add(usize::from(outcome.by_logs));
+        self.steps_in_logs = self.steps_in_logs.saturating_add(usize::from(outcome.taken_in_logs));
         self.log_likelihood.add(outcome.log);
     }
 }
 
 /// Scratch memory of steps, allocated once. If the belief is changed from outside, [`LiftedBelief`]
-/// has to [follow](LiftedBelief::follow).
+/// has to [reset](LiftedBelief::reset).
 #[derive(Debug, Clone)]
 pub(crate) struct StepScratch {
     pub(crate) lifted: LiftedBelief,
     pub(crate) output: StepOutput,
-    pub(crate) work: Workspace,
+    pub(crate) sensor: SensorScratch,
 }
 
 impl StepScratch {
@@ -192,26 +192,27 @@ impl StepScratch {
         // Products in logarithms use buffers of the thread.
         buffers::reserve_two(n);
         let (predicted, logs) = (vec![0.0; n], vec![0.0; n]);
-        let output = StepOutput { predicted, after: zeros(), lifted: zeros(), logs };
-        Self { lifted, output, work: Workspace::new(n) }
+        let output = StepOutput { predicted, after: zeros(), updated: zeros(), logs };
+        Self { lifted, output, sensor: SensorScratch::new(n) }
     }
 }
 
 /// Memory for the values of a sensor, and for scaled likelihoods or logarithms.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Workspace {
+pub(crate) struct SensorScratch {
     pub(crate) scratch: Scratch,
     pub(crate) values: Vec<f64>,
 }
 
-impl Workspace {
+impl SensorScratch {
     pub(crate) fn new(states: usize) -> Self {
         Self { scratch: Scratch::default(), values: vec![0.0; states] }
     }
 }
 
-/// Belief before a step, as the operand of the product: lifted by [`LIFT`](wayfix_kernels::limits::LIFT),
-/// unless neither it nor the matrix has values small enough for that to matter.
+/// Belief before a step, as the operand of the product: lifted by
+/// [`LIFT`](wayfix_kernels::limits::LIFT), unless neither it nor the matrix has values small enough
+/// for that to matter.
 #[derive(Debug, Clone)]
 pub(crate) struct LiftedBelief {
     values: Aligned,
@@ -225,7 +226,7 @@ pub(crate) struct LiftedBelief {
 
 impl LiftedBelief {
     /// Switches to another belief.
-    pub(crate) fn follow(&mut self, belief: &[f64]) {
+    pub(crate) fn reset(&mut self, belief: &[f64]) {
         (self.valid, self.tiny) = (false, kernels::any_tiny(belief));
     }
 
@@ -256,9 +257,9 @@ impl LiftedBelief {
 /// Form in which a step leaves its result.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum BeliefForm {
-    /// The belief is in [`StepOutput::lifted`], not lifted.
+    /// The belief is in [`StepOutput::updated`], not lifted.
     Plain { tiny: bool },
-    /// The belief is in [`StepOutput::after`], and lifted in [`StepOutput::lifted`].
+    /// The belief is in [`StepOutput::after`], and lifted in [`StepOutput::updated`].
     Lifted { tiny: bool },
     /// The belief is in [`StepOutput::after`] alone.
     Other,
@@ -267,14 +268,15 @@ pub(crate) enum BeliefForm {
 /// Output buffers of a step.
 #[derive(Debug, Clone)]
 pub(crate) struct StepOutput {
-    /// Lifted prediction. Sums to [`LIFT`](wayfix_kernels::limits::LIFT) up to rounding and evidence on the
-    /// move; not written by steps that don't need it.
+    /// Lifted prediction. Sums to [`LIFT`](wayfix_kernels::limits::LIFT) up to rounding and
+    /// evidence on the move; not written by steps that don't need it.
     pub(crate) predicted: Vec<f64>,
     /// Belief after the observation.
     pub(crate) after: Aligned,
-    /// Belief after the observation, in the form that [`BeliefForm`] tells.
-    pub(crate) lifted: Aligned,
-    /// Logarithms of the belief, if [`StepOutcome::in_logs`].
+    /// Belief after the observation as the update leaves it: lifted, or in plain form without a
+    /// lift.
+    pub(crate) updated: Aligned,
+    /// Logarithms of the belief, if [`StepOutcome::result_in_logs`].
     pub(crate) logs: Vec<f64>,
 }
 
@@ -285,9 +287,9 @@ pub(crate) struct StepOutcome {
     /// N itself if the step used the likelihoods as the sensor gave them, else 0.
     pub(crate) normalizer: f64,
     /// True if the step was taken in logarithms.
-    pub(crate) by_logs: bool,
+    pub(crate) taken_in_logs: bool,
     /// True if the belief has to be kept in logarithms too.
-    pub(crate) in_logs: bool,
+    pub(crate) result_in_logs: bool,
     /// Form and place of the belief.
     pub(crate) form: BeliefForm,
 }
@@ -295,7 +297,7 @@ pub(crate) struct StepOutcome {
 impl StepOutcome {
     /// Creates the outcome of a step in linear space.
     pub(crate) fn linear(log: f64, normalizer: f64, form: BeliefForm) -> Self {
-        Self { log, normalizer, by_logs: false, in_logs: false, form }
+        Self { log, normalizer, taken_in_logs: false, result_in_logs: false, form }
     }
 }
 

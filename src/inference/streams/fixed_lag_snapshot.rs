@@ -55,7 +55,7 @@ impl<U> Window<U> {
         for (row, (state, control)) in (1..=back).zip(self.past.iter().rev()) {
             let step = Step::after(hmm, state.steps(), control)?;
             let (gammas, out) = smoothed.split_at_mut(row);
-            backward.step_back(&step, state.held(), &gammas[row - 1], &mut out[0])?;
+            backward.step_back(&step, state.belief_ref(), &gammas[row - 1], &mut out[0])?;
         }
         Ok(())
     }

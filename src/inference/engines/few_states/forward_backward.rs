@@ -45,8 +45,8 @@ impl<'m> Forward<'m> {
         }
         let mut b = [0.0; LANES];
         // Step 1 has no transition: its likelihoods multiply the prior.
-        let any = start.gather(1..2, true, &mut b[..model.states])?;
-        start.take_out(any);
+        let was_scaled = start.gather(1..2, true, &mut b[..model.states])?;
+        start.take_out(was_scaled);
         start.x.values.iter_mut().zip(b).for_each(|(x, b)| *x *= b);
         rescale(&mut start.x)?;
         Some((start, 2))
@@ -58,8 +58,8 @@ impl<'m> Forward<'m> {
         self.source.likelihoods(steps, scaled, out, &mut self.scales)
     }
 
-    fn take_out(&mut self, any: bool) {
-        if any {
+    fn take_out(&mut self, was_scaled: bool) {
+        if was_scaled {
             self.scales.iter().for_each(|log| self.logs.add(*log));
         } else {
             self.scales.fill(0.0);
@@ -87,15 +87,15 @@ impl<'m> Forward<'m> {
         let before = self.x;
         // First without scaling, which takes time and is seldom needed.
         for scaled in [false, true] {
-            let any = self.gather(steps.clone(), scaled, likelihoods)?;
+            let was_scaled = self.gather(steps.clone(), scaled, likelihoods)?;
             let FewStatesModel { columns, states, .. } = self.model;
             self.x = before;
             if chain_forward(columns, &mut self.x, *states, likelihoods, rows, normalizers) {
-                self.take_out(any);
+                self.take_out(was_scaled);
                 return Some(());
             }
             // They were scaled already: their range is too wide.
-            if any {
+            if was_scaled {
                 break;
             }
         }
@@ -111,8 +111,8 @@ impl<'m> Forward<'m> {
         likelihoods: &mut [f64],
         packed: &mut Vec<[Packed; N]>,
     ) -> Option<(SegmentProducts<N>, [Eight; N])> {
-        let any = self.gather(steps, false, likelihoods)?;
-        self.take_out(any);
+        let was_scaled = self.gather(steps, false, likelihoods)?;
+        self.take_out(was_scaled);
         pack_segments(likelihoods, packed);
         let products = SegmentProducts::new(model, packed)?;
         let starts = products.forward(&mut self.x)?;

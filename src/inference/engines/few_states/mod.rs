@@ -7,9 +7,9 @@
 //! an error, a routine returns `None`, and the caller starts over step by step: steps can use
 //! logarithms, and report errors.
 //!
-//! Segments have products P_s = B(y_l) A … B(y_f) A, through which vectors go: x forward, r backward.
-//! Each column of a product has an exponent of its own. Columns are added with a common one, and
-//! only if they are close enough for nothing to be lost.
+//! Segments have products P_s = B(y_l) A … B(y_f) A, through which vectors go: x forward, r
+//! backward. Each column of a product has an exponent of its own. Columns are added with a common
+//! one, and only if they are close enough for nothing to be lost.
 
 mod forward_backward;
 mod likelihoods;

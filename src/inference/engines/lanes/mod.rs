@@ -4,10 +4,10 @@
 //! The recursions are those of one sequence (sections 2, 3, 7 and 9 of the
 //! [formulas](crate::guide::formulas)). Forward–backward is here: α_k = (A α_{k-1}) ∘ b / N_k, then
 //! q = A' (q ∘ b / N), γ = α ∘ q. Linear space with lifted beliefs is sufficient for nearly all
-//! sequences (`limits`, "In lanes"). A lane for which it might not be, or that would cause an error,
-//! becomes invalid for good, and its sequence runs by itself afterwards: the routine for one sequence
-//! can use logarithms, and reports errors. No lane reads what another has written, so that a result
-//! does not depend on the other sequences of the group.
+//! sequences (`limits`, "In lanes"). A lane for which it might not be, or that would cause an
+//! error, becomes invalid for good, and its sequence runs by itself afterwards: the routine for one
+//! sequence can use logarithms, and reports errors. No lane reads what another has written, so that
+//! a result does not depend on the other sequences of the group.
 //!
 //! Beliefs are lifted at all steps, as those of a single sequence are where they must be, so that
 //! both have the same digits. The largest likelihood of each lane is within `UNSCALED` and the
@@ -26,7 +26,7 @@ use std::sync::OnceLock;
 
 use crate::hmm::Hmm;
 use crate::inference::LogSum;
-use crate::inference::step::Workspace;
+use crate::inference::step::SensorScratch;
 use crate::likelihood::{Likelihood, Values};
 use crate::sequence::Sequence;
 use crate::transition::Transition;
@@ -110,7 +110,7 @@ impl<'s, S> Group<'s, S> {
 
 /// Memory of a group, reused by the next.
 #[derive(Default)]
-pub(crate) struct LaneMemory {
+pub(crate) struct LaneScratch {
     /// Beliefs of steps 0 to T, or only the last one.
     pub(crate) beliefs: Vec<Packed>,
     /// Likelihoods of steps 1 to T, or only the last ones.
@@ -124,10 +124,10 @@ pub(crate) struct LaneMemory {
     q: Vec<Packed>,
     ratio: Vec<Packed>,
     backpointers: Vec<[u32; LANES]>,
-    lanes: [Workspace; LANES],
+    lanes: [SensorScratch; LANES],
 }
 
-impl LaneMemory {
+impl LaneScratch {
     /// Makes room for beliefs and likelihoods of `stored` steps, and for `steps` normalisers.
     /// Values left by earlier groups are not cleared: routines write before they read.
     fn fit(&mut self, states: usize, stored: usize, steps: usize) {
@@ -180,7 +180,7 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
     pub(crate) fn forward<S>(
         &self,
         group: &Group<'_, S>,
-        memory: &mut LaneMemory,
+        scratch: &mut LaneScratch,
         stores: bool,
         visit: impl FnMut(usize, f64),
     ) -> LaneForward
@@ -188,17 +188,17 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
         S: Sequence<A::Control, B::Observation>,
     {
         let prior = self.hmm.prior();
-        memory.fit(self.states(), 0, 0);
-        (0..LANES).for_each(|l| memory.start(l, prior.belief().as_slice()));
-        self.forward_on(group, memory, stores, prior.moves_at(1), visit)
+        scratch.fit(self.states(), 0, 0);
+        (0..LANES).for_each(|l| scratch.start(l, prior.belief().as_slice()));
+        self.forward_on(group, scratch, stores, prior.moves_at(1), visit)
     }
 
-    /// Filters a group as [`forward`](Self::forward) does, but from the beliefs in memory. `moves`
+    /// Filters a group as [`forward`](Self::forward) does, but from the beliefs in scratch. `moves`
     /// says whether a transition leads to the first step.
     pub(crate) fn forward_on<S>(
         &self,
         group: &Group<'_, S>,
-        memory: &mut LaneMemory,
+        scratch: &mut LaneScratch,
         stores: bool,
         moves: bool,
         mut visit: impl FnMut(usize, f64),
@@ -208,8 +208,8 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
     {
         let start = self.hmm.prior().belief().as_slice();
         let n = self.states();
-        memory.fit(n, if stores { group.longest } else { 0 }, group.longest);
-        let LaneMemory { beliefs, likelihoods, inverse, x, next, lanes, .. } = memory;
+        scratch.fit(n, if stores { group.longest } else { 0 }, group.longest);
+        let LaneScratch { beliefs, likelihoods, inverse, x, next, lanes, .. } = scratch;
         let (mut valid, mut log_likelihoods) = (group.lanes(), [LogSum::default(); LANES]);
         for step in 1..=group.longest {
             let row = if stores { step } else { 0 };
@@ -257,22 +257,22 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
     pub(crate) fn backward<S>(
         &self,
         group: &Group<'_, S>,
-        memory: &mut LaneMemory,
+        scratch: &mut LaneScratch,
         valid: &mut [bool; LANES],
         mut counts: Option<&mut [Packed]>,
     ) {
         let n = self.states();
         let mut sums = [1.0; LANES];
-        memory.begin_back();
+        scratch.begin_back();
         for step in (1..=group.longest).rev() {
             if *valid == [false; LANES] {
                 break;
             }
             if !self.hmm.prior().moves_at(step) {
-                memory.beliefs.copy_within(n..2 * n, 0); // X_0 is the same state as X_1
+                scratch.beliefs.copy_within(n..2 * n, 0); // X_0 is the same state as X_1
                 continue;
             }
-            self.step_back(&group.steps, step, memory, valid, &mut sums, |before, ratio| {
+            self.step_back(&group.steps, step, scratch, valid, &mut sums, |before, ratio| {
                 if let Some(counts) = &mut counts {
                     kernels::count_moves(self.columns, before, ratio, counts);
                 }
@@ -287,13 +287,13 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
         &self,
         steps: &[usize; LANES],
         step: usize,
-        memory: &mut LaneMemory,
+        scratch: &mut LaneScratch,
         valid: &mut [bool; LANES],
         sums: &mut Eight,
         count: impl FnOnce(&[Packed], &[Packed]),
     ) {
         let n = self.states();
-        let LaneMemory { beliefs, likelihoods, inverse, q, ratio, .. } = memory;
+        let LaneScratch { beliefs, likelihoods, inverse, q, ratio, .. } = scratch;
         // A factor of 0 leaves the belief of a lane unchanged: its sequence has ended before this
         // step, or it is invalid.
         let mut factors = [0.0; LANES];
@@ -342,7 +342,7 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
         &self,
         group: &Group<'_, S>,
         step: usize,
-        lanes: &mut [Workspace; LANES],
+        lanes: &mut [SensorScratch; LANES],
         valid: &mut [bool; LANES],
         out: &mut [Packed],
     ) -> LaneScales
@@ -386,7 +386,7 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
     fn row<'a>(
         &'a self,
         observation: &'a B::Observation,
-        lane: &'a mut Workspace,
+        lane: &'a mut SensorScratch,
     ) -> Option<(&'a [f64], bool, f64)> {
         let diagonal = self.hmm.likelihood().diagonal(observation, &mut lane.scratch).ok()?;
         diagonal.check_shape(self.states()).ok()?;

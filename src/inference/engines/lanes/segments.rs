@@ -2,8 +2,9 @@
 //!
 //! A segment does not know the belief before its first step, nor γ / α after its last. It starts
 //! from a positive vector some steps earlier and, in the backward pass, from ones some steps later.
-//! If the model forgets, the vectors have become the right ones by then, up to rounding. A warm-up is
-//! as long as the model takes to forget its state, as found by trials at some places of the sequence.
+//! If the model forgets, the vectors have become the right ones by then, up to rounding. A warm-up
+//! is as long as the model takes to forget its state, as found by trials at some places of the
+//! sequence.
 //!
 //! That is verified at every joint, where two segments both have the vectors, in Hilbert's
 //! projective metric d(x, y) = ln max(x/y) − ln min(x/y), which is infinite unless both have the
@@ -14,7 +15,7 @@
 //! are bounded by the sum over both passes, and the error of the log-likelihood by one such sum for
 //! each segment.
 
-use super::{Group, LaneMemory, LaneModel};
+use super::{Group, LaneModel, LaneScratch};
 use crate::inference::LogSum;
 use crate::inference::engines::choice;
 use crate::likelihood::Likelihood;
@@ -111,7 +112,7 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
         &self,
         sequence: &'s S,
         longest: usize,
-        memory: &mut LaneMemory,
+        scratch: &mut LaneScratch,
     ) -> Option<Segments<'s, S>>
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,
@@ -120,9 +121,9 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
         let steps = sequence.steps().checked_sub(first)?;
         let trial = choice::longest_trial(steps, longest)?;
         // Twice the length found, since there are many more joints than trials.
-        let warm_up = 2 * self.forgets_within(sequence, trial, memory)?;
+        let warm_up = 2 * self.forgets_within(sequence, trial, scratch)?;
         let groups = choice::segment_groups(self.states(), steps, warm_up, longest)?;
-        let head = self.head(sequence, first, memory)?;
+        let head = self.head(sequence, first, scratch)?;
         Some(Segments { sequence, head, first, groups, warm_up, longest })
     }
 
@@ -131,7 +132,7 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
         &self,
         sequence: &S,
         first: usize,
-        memory: &mut LaneMemory,
+        scratch: &mut LaneScratch,
     ) -> Option<(Vec<f64>, f64)>
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,
@@ -140,8 +141,8 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
             return Some((self.hmm.prior().belief().as_slice().to_vec(), 0.0));
         }
         with_group(sequence, [(0, first); LANES], |group| {
-            let log = self.forward(group, memory, false, |_, _| ()).log_likelihoods()[0]?;
-            Some((memory.beliefs[..self.states()].iter().map(|belief| belief[0]).collect(), log))
+            let log = self.forward(group, scratch, false, |_, _| ()).log_likelihoods()[0]?;
+            Some((scratch.beliefs[..self.states()].iter().map(|belief| belief[0]).collect(), log))
         })
     }
 
@@ -151,19 +152,19 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
         &self,
         sequence: &S,
         longest: usize,
-        memory: &mut LaneMemory,
+        scratch: &mut LaneScratch,
     ) -> Option<usize>
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
         let n = self.states();
-        memory.fit(n, 0, 0);
+        scratch.fit(n, 0, 0);
         // Two starts: uniform, and weights without a pattern that the model could share, from the
         // fractional parts of multiples of the golden ratio.
         let weights = (0..n).map(|i| 0.5 + (i as f64 * 0.618_033_988_749_894_9).fract());
         let total: f64 = weights.clone().sum();
         let starts = [vec![1.0 / n as f64; n], weights.map(|weight| weight / total).collect()];
-        (0..LANES).for_each(|l| memory.start(l, &starts[l % 2]));
+        (0..LANES).for_each(|l| scratch.start(l, &starts[l % 2]));
         let space = sequence.steps() / TRIALS;
         let mut steps = 0;
         while steps < longest {
@@ -172,13 +173,13 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
             let range = |l: usize| l / 2 * space + space / 2;
             let ranges = std::array::from_fn(|l| (range(l) + steps, range(l) + next));
             let valid = with_group(sequence, ranges, |group| {
-                self.forward_on(group, memory, false, true, |_, _| ()).valid
+                self.forward_on(group, scratch, false, true, |_, _| ()).valid
             });
             if valid != [true; LANES] {
                 return None;
             }
             steps = next;
-            let beliefs = &memory.beliefs[..n];
+            let beliefs = &scratch.beliefs[..n];
             let forgotten = |l: usize| {
                 agree(beliefs.iter().map(|belief| (belief[l], belief[l + 1])), FORGOTTEN)
             };
@@ -258,7 +259,7 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
         segments: &Segments<'_, S>,
         group: usize,
         warm_up: usize,
-        memory: &mut LaneMemory,
+        scratch: &mut LaneScratch,
         counts: &mut [Packed],
     ) -> Result<SegmentGroup, Invalid>
     where
@@ -267,10 +268,10 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
         let (n, sequence, bounds) = (self.states(), segments.sequence, segments.bounds(group));
         let lengths: [usize; LANES] = std::array::from_fn(|l| bounds[l + 1] - bounds[l]);
         let before = |l: usize| (bounds[l].saturating_sub(warm_up).max(segments.first), bounds[l]);
-        self.warm_up(sequence, std::array::from_fn(before), memory)?;
+        self.warm_up(sequence, std::array::from_fn(before), scratch)?;
         let mut logs = [LogSum::default(); LANES];
         if group == 0 {
-            memory.start(0, &segments.head.0);
+            scratch.start(0, &segments.head.0);
             logs[0].add(segments.head.1);
         }
 
@@ -284,14 +285,14 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
         let after = |l: usize| (bounds[l], (bounds[l + 1] + warm_up).min(sequence.steps()));
         let ranges = std::array::from_fn(after);
         let valid = with_group(sequence, ranges, |group| {
-            self.forward_on(group, memory, true, true, add_log).valid
+            self.forward_on(group, scratch, true, true, add_log).valid
         });
         if valid != [true; LANES] {
             return Err(Invalid::Range);
         }
         // Copied, since the backward pass replaces them by γ.
         let at = |steps: [usize; LANES]| -> Vec<Packed> {
-            let belief = |i: usize| std::array::from_fn(|l| memory.beliefs[steps[l] * n + i][l]);
+            let belief = |i: usize| std::array::from_fn(|l| scratch.beliefs[steps[l] * n + i][l]);
             (0..n).map(|i| Packed(belief(i))).collect()
         };
         let (starts, ends, zeros) = (at([0; LANES]), at(lengths), vec![Packed::default(); n]);
@@ -306,7 +307,7 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
         }
 
         let steps = ranges.map(|(start, end)| end - start);
-        self.back_through(&steps, memory, &mut found, counts)?;
+        self.back_through(&steps, scratch, &mut found, counts)?;
         if (1..LANES).any(|l| !found.joins_backward(l - 1, &found, l)) {
             return Err(Invalid::WarmUp);
         }
@@ -318,17 +319,17 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
         &self,
         sequence: &S,
         ranges: [(usize, usize); LANES],
-        memory: &mut LaneMemory,
+        scratch: &mut LaneScratch,
     ) -> Result<(), Invalid>
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
         let n = self.states();
         let uniform = vec![1.0 / n as f64; n];
-        memory.fit(n, 0, 0);
-        (0..LANES).for_each(|l| memory.start(l, &uniform));
+        scratch.fit(n, 0, 0);
+        (0..LANES).for_each(|l| scratch.start(l, &uniform));
         with_group(sequence, ranges, |group| {
-            let valid = self.forward_on(group, memory, false, true, |_, _| ()).valid;
+            let valid = self.forward_on(group, scratch, false, true, |_, _| ()).valid;
             // A lane without steps, that of the first segment, is reported as not valid.
             let held = (0..LANES).all(|l| valid[l] || group.steps[l] == 0);
             held.then_some(()).ok_or(Invalid::Range)
@@ -340,22 +341,22 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
     fn back_through(
         &self,
         steps: &[usize; LANES],
-        memory: &mut LaneMemory,
+        scratch: &mut LaneScratch,
         found: &mut SegmentGroup,
         counts: &mut [Packed],
     ) -> Result<(), Invalid> {
         let lengths = found.lengths;
         let (mut valid, mut sums) = ([true; LANES], [1.0; LANES]);
         let mut masked = vec![Packed::default(); self.states()];
-        memory.begin_back();
+        scratch.begin_back();
         for step in (1..=steps.iter().copied().max().unwrap_or(0)).rev() {
             // γ / α at the end of a segment, before the step back from there. (The last segment of
             // a sequence has no warm-up after it, and no joint: there q is not set yet.)
             for l in (0..LANES).filter(|l| step == lengths[*l]) {
-                found.ends[1].iter_mut().zip(&memory.q).for_each(|(end, q)| end[l] = q[l]);
+                found.ends[1].iter_mut().zip(&scratch.q).for_each(|(end, q)| end[l] = q[l]);
             }
             let counted = lengths.map(|length| step <= length);
-            self.step_back(steps, step, memory, &mut valid, &mut sums, |before, ratio| {
+            self.step_back(steps, step, scratch, &mut valid, &mut sums, |before, ratio| {
                 if counts.is_empty() || counted == [false; LANES] {
                     return;
                 }
@@ -370,7 +371,7 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
                 kernels::count_moves(self.columns, before, &masked, counts);
             });
         }
-        found.starts[1].copy_from_slice(&memory.q);
+        found.starts[1].copy_from_slice(&scratch.q);
         (valid == [true; LANES]).then_some(()).ok_or(Invalid::Range)
     }
 }
