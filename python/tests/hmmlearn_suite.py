@@ -1,4 +1,4 @@
-"""Runs the tests that hmmlearn ships in its wheel, with `wayfix.hmmlearn` in its place.
+"""Runs the tests that hmmlearn ships in its wheel, with `wayfix.hmmlearn` in place of hmmlearn.
 
     python tests/hmmlearn_suite.py
 
@@ -27,7 +27,7 @@ LEFT_OUT = ["test_kl_divergence.py", "test_variational_categorical.py", "test_va
 
 
 class Outcomes:
-    """Failures that are not meant, and differences that are none."""
+    """Returns the failures that are not expected, and the expected ones that did not occur."""
 
     def __init__(self):
         self.wrong = []
@@ -53,14 +53,14 @@ def main():
     import wayfix.hmmlearn
     from wayfix.hmmlearn import base, hmm, utils
 
-    # `_hmmc` stands for the compiled part, of which there is nothing.
+    # `_hmmc` stands for hmmlearn's compiled part, and is empty here.
     wayfix.hmmlearn._hmmc = utils
     stands_in = {"": wayfix.hmmlearn, ".base": base, ".hmm": hmm, ".utils": utils, "._hmmc": utils}
     for name in [name for name in sys.modules if name.split(".")[0] == "hmmlearn"]:
         del sys.modules[name]
     for name, module in stands_in.items():
         sys.modules["hmmlearn" + name] = module
-    # The tests are found as a package of the one that stands in.
+    # The tests are found as a package within `wayfix.hmmlearn`.
     wayfix.hmmlearn.__path__.append(str(tests.parent))
     outcomes = Outcomes()
     ignored = [f"--ignore={tests / name}" for name in LEFT_OUT]

@@ -1,4 +1,4 @@
-"""Arrow's columns through the PyCapsule interface, beside what polars and pyarrow make of them."""
+"""Arrow columns through the PyCapsule interface, compared with polars and pyarrow."""
 
 import datetime
 import decimal
@@ -19,7 +19,7 @@ from wayfix.recognition import Recognizer
 
 
 class Stream:
-    """A table of a package that wayfix has never heard of; it can be read once."""
+    """A table of a package unknown to wayfix; it can be read once."""
 
     def __init__(self, table):
         self._stream = table.__arrow_c_stream__()
@@ -125,7 +125,7 @@ def test_memory_outlives_its_makers():
     del made
     gc.collect()
     assert sums == pytest.approx([values.sum() for values in read])
-    # Also where the process ends first.
+    # Also if the process ends first.
     program = "import polars as pl, pyarrow as pa, wayfix.arrow as a; t = a.Table(x=[1.0]); f, g = pl.DataFrame(t), pa.table(t); s = t.__arrow_c_stream__()"
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
 
@@ -162,7 +162,7 @@ def test_descriptors_in_a_column_of_lists():
     for column in (pl.Series(rows.tolist()), pa.array(rows.tolist()), pl.Series(rows)):
         found = Recognizer(column).recording(column[5:20]).filtered().probabilities
         np.testing.assert_allclose(found, expected, atol=1e-6)
-    with pytest.raises(wayfix.Error, match="list 1 has 1 values, expected 2 as the first"):
+    with pytest.raises(wayfix.Error, match="list 1 has 1 values, expected 2, the length of the first"):
         Recognizer(pl.Series([[1.0, 2.0], [3.0]]))
 
 
