@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-#: Tests of what is not of the interface, or of answers that differ on purpose.
+#: Tests of internals, and of answers that differ on purpose.
 DIFFERENT = {
     "test_do_forward_scaling_pass": "a function of hmmlearn's compiled part",
     "test_do_forward_pass": "a function of hmmlearn's compiled part",
@@ -22,12 +22,12 @@ DIFFERENT = {
     "test_underflow_from_scaling[scaling]": "expects an error where likelihoods underflow; they do not",
     "test_chunked[full]": "after ten iterations, two different models are 0.002 apart, 0.001 is allowed",
 }
-#: Files of variational inference, which there is none of here.
+#: Files about variational inference, which is not included here.
 LEFT_OUT = ["test_kl_divergence.py", "test_variational_categorical.py", "test_variational_gaussian.py"]
 
 
 class Outcomes:
-    """Returns the failures that are not expected, and the expected ones that did not occur."""
+    """Plugin of pytest that counts outcomes, and collects unexpected failures and expected ones that did not occur."""
 
     def __init__(self):
         self.wrong = []

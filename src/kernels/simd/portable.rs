@@ -10,7 +10,7 @@ use super::{Eight, LANES, Simd};
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Portable;
 
-/// One value for each lane. `std::array::from_fn` takes many times as long to compile.
+/// One value for each lane. `std::array::from_fn` takes many times longer to compile.
 #[inline(always)]
 fn lanes<R>(f: impl Fn(usize) -> R) -> [R; LANES] {
     [f(0), f(1), f(2), f(3), f(4), f(5), f(6), f(7)]
