@@ -97,8 +97,8 @@ pub(crate) fn driven(draw: &mut Draw<'_>, n: usize, range: Range) -> (Driven, Ve
         2 => {
             let lengths = [0.0, 1.0, 2.5, 100.0];
             let lengths: Vec<f64> = (0..n * n).map(|_| draw.pick(&lengths)).collect();
-            // Multiplied by a density, entries outside the ordinary range would leave that of doubles,
-            // where products in logarithms keep more than the matrix.
+            // Multiplied by a density, entries outside the ordinary range would leave that of
+            // doubles, where products in logarithms keep more than the matrix.
             let base = sparse(&matrix(draw, n, Range::Plain));
             let distance = DistanceTransition::new(base, |to, from| lengths[to * n + from]);
             let distance = distance.expect("valid lengths");

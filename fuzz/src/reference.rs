@@ -140,8 +140,8 @@ impl Chain {
         self.largest.iter().zip(&self.log_factors).take(steps).map(|(a, b)| a + b).sum()
     }
 
-    /// Total size of the terms that a logarithm is a sum of. Each factor adds a little: decoders round
-    /// its logarithm to a grid, by up to 1e-14, and in the same direction each time.
+    /// Total size of the terms that a logarithm is a sum of. Each factor adds a little: decoders
+    /// round its logarithm to a grid, by up to 1e-14, and in the same direction each time.
     pub(crate) fn size(&self) -> f64 {
         1.0 + 0.05 * self.steps.len() as f64
             + self.largest.iter().chain(&self.steps).map(|log| log.abs()).sum::<f64>()

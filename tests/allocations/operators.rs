@@ -92,7 +92,7 @@ fn products_allocate_nothing_after_the_first() {
     let found = found + allocations(|| _ = filter.step(&known).unwrap());
     assert_eq!(found, 0, "filter");
 
-    // One with evidence on moves, near and far beyond doubles.
+    // An operator with evidence on moves, within and far beyond doubles.
     let prior = Prior::AtFirstObservation(Belief::uniform(20).unwrap());
     let hmm = Hmm::new(prior, measured, LikelihoodVector::linear(20)).unwrap();
     let mut filter = hmm.filter();
@@ -106,7 +106,7 @@ fn products_allocate_nothing_after_the_first() {
     });
     assert_eq!(found, 0, "evidence");
 
-    // One with moves by inputs, near and below the range of doubles.
+    // An operator whose moves depend on inputs, within and below the range of doubles.
     let prior = Prior::AtFirstObservation(Belief::uniform(20).unwrap());
     let hmm = Hmm::new(prior, by_inputs, LikelihoodVector::linear(20)).unwrap();
     let mut filter = hmm.filter();
@@ -120,7 +120,7 @@ fn products_allocate_nothing_after_the_first() {
     });
     assert_eq!(found, 0, "by inputs");
 
-    // One of images, as numbers and as logarithms.
+    // A sensor of images, as numbers and as logarithms.
     let images = Groups::new((0..40).map(|image| image % 20).collect()).unwrap();
     for sensor in [LikelihoodVector::linear(40), LikelihoodVector::log(40)] {
         let sensor = PooledLikelihood::new(sensor, images.clone()).unwrap();
@@ -140,8 +140,7 @@ fn products_allocate_nothing_after_the_first() {
     }
 }
 
-/// By a short series and a long one, and by a matrix; with a filter, and what a step adds to
-/// statistics.
+/// With a short series, a long one, and a matrix; with a filter, and with the statistics of a step.
 fn check_generator() {
     let line = |n: usize| (1..n).flat_map(|i| [(i, i - 1, 1.0), (i - 1, i, 0.5)]);
     let few = GeneratorTransition::from_triplets(20, line(20)).unwrap();
@@ -168,7 +167,7 @@ fn check_generator() {
     assert_eq!(found, 0, "generator");
 }
 
-/// A step within a cell, and one in which scales change, which a filter takes.
+/// A filter's step within a cell, and one in which scales change.
 fn check_wheels() {
     let mut builder = NetworkBuilder::new();
     builder.node(1, PlanePosition { x: 0.0, y: 0.0 }).unwrap();

@@ -1,4 +1,4 @@
-//! Every routine against the sum (or the best) over all paths.
+//! Every routine against the sum (or the maximum) over all paths.
 
 use proptest::prelude::*;
 use wayfix::{
@@ -55,7 +55,7 @@ pub(crate) fn check<A: TransitionEntries<Control = usize>>(
     prop_assert_eq!(path.states().len(), model.steps());
     if model.steps() > 0 {
         close_logs(path.log_probability(), answer.viterbi, 1e-12)?;
-        // Legal, and as probable as it says.
+        // The path is possible, and as probable as stated.
         close_logs(model.log_probability(path.states()), answer.viterbi, 1e-12)?;
     }
     Ok(())
@@ -84,7 +84,7 @@ proptest! {
         check(&model, &hmm, &model.logs, &model.enumerate())?;
     }
 
-    /// As numbers of any scale, at every step the same one.
+    /// As numbers on any scale, the same one at each step.
     #[test]
     fn linear_likelihoods_equal_enumeration(mut model in models(Kind::Plain), scale in -290..300) {
         let factor = 10_f64.powi(scale);
@@ -97,8 +97,7 @@ proptest! {
         check(&model, &hmm, &ys, &model.enumerate())?;
     }
 
-    /// Adding c_k to the log-likelihoods of step k adds Σ c_k to log p, and
-    /// changes nothing else.
+    /// Adding c_k to the log-likelihoods of step k adds Σ c_k to log p, and changes nothing else.
     #[test]
     fn shifts_add_up(model in models(Kind::Plain), shift in prop_oneof![Just(-400.0), Just(-1e5), Just(700.0)]) {
         let mut shifted = model.clone();

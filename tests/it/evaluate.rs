@@ -1,4 +1,4 @@
-//! Scores against counting by hand, naive loops and what must hold for them.
+//! Scores against counts by hand, naive loops and general properties.
 
 use std::ops::RangeInclusive;
 
@@ -16,7 +16,7 @@ fn near(found: f64, expected: f64) {
     assert!((found - expected).abs() <= 1e-12, "{found} instead of {expected}");
 }
 
-/// Few different scores, so that there are ties.
+/// Few distinct scores, so that there are ties.
 fn samples() -> impl Strategy<Value = Vec<(f64, bool)>> {
     let score = prop_oneof![
         8 => (-4..=4_i32).prop_map(f64::from),
@@ -28,7 +28,7 @@ fn samples() -> impl Strategy<Value = Vec<(f64, bool)>> {
     prop::collection::vec((score, any::<bool>()), 0..20)
 }
 
-/// Edges of bins among them.
+/// Probabilities, some at the edges of bins.
 fn forecasts() -> impl Strategy<Value = Vec<(f64, bool)>> {
     let probability = prop_oneof![
         (0..=100_i32).prop_map(|k| f64::from(k) / 100.0),
@@ -99,7 +99,7 @@ fn recall_counts_queries_on_the_map_only() {
     assert_eq!(recall([Some(3), Some(9), Some(3), None, None], 0), Ok(1.0 / 3.0));
     assert_eq!(recall([Some(3), Some(9), Some(3), None, None], 1), Ok(1.0 / 3.0));
     assert_eq!(recall([Some(3), Some(9), Some(3), None, None], 2), Ok(2.0 / 3.0));
-    // "Not on the map" is a miss however wide the tolerance.
+    // "Not on the map" is a miss, however wide the tolerance.
     assert_eq!(recall([None; 5], usize::MAX), Ok(0.0));
 
     says(recall_within(&[None, None], &[Some(1), None], 0), NONE_ON_MAP);
@@ -114,7 +114,7 @@ const NONE_ON_MAP: &str = "no queries on the map to score, expected at least one
 
 #[test]
 fn precision_and_recall_by_hand() {
-    // Six queries have a right answer, one of them got none at all.
+    // Six queries have a right answer; one of them got no answer.
     let answers = [
         (0.3, true),
         (0.9, true),
@@ -215,7 +215,7 @@ fn precision_recall_and_roc_are_one_curve() {
     // A query without an answer loses against the wrong answer.
     let curve = ThresholdCurve::precision_recall(&[(0.9, true), (0.5, false)], 2).unwrap();
     assert_eq!(curve.area(), 0.5);
-    // Nothing is wrong.
+    // There are no wrong answers.
     let curve = ThresholdCurve::precision_recall(&[(0.9, true)], 2).unwrap();
     assert_eq!((curve.area(), curve.points()[0].false_positive_rate), (1.0, 0.0));
 }
@@ -280,11 +280,11 @@ fn log_scores_by_hand() {
     // ln of 1/2 · 3/4 · 1/8
     near(binary_log_score(&forecasts).unwrap(), (3.0 / 64.0_f64).ln() / 3.0);
     near(log_score(&[0.5, 0.75, 0.125]).unwrap(), (3.0 / 64.0_f64).ln() / 3.0);
-    // What is ruled out and happens costs all.
+    // An event of probability 0 that happens costs infinitely much.
     assert_eq!(log_score(&[0.5, 0.0]), Ok(f64::NEG_INFINITY));
     assert_eq!(binary_log_score(&[(0.0, true)]), Ok(f64::NEG_INFINITY));
     assert_eq!(binary_log_score(&[(1.0, false)]), Ok(f64::NEG_INFINITY));
-    // Nothing lost is 0, not −0.
+    // No loss is 0, not −0.
     let certain = binary_log_score(&[(0.0, false), (0.0, false)]).unwrap();
     assert_eq!(certain.to_bits(), 0.0_f64.to_bits());
     assert_eq!(log_score(&[1.0]).unwrap().to_bits(), 0.0_f64.to_bits());
@@ -428,12 +428,12 @@ proptest! {
         near(curve.area(), area);
         prop_assert_eq!(before, (1.0, 1.0));
 
-        // The other way round, what was won is lost.
+        // In the other direction, gains are losses.
         let negated: Vec<_> = samples.iter().map(|&(score, label)| (-score, label)).collect();
         near(ThresholdCurve::roc(&negated).unwrap().area(), 1.0 - curve.area());
     }
 
-    /// Only the order of the scores matters, and not that of the samples.
+    /// Only the order of the scores matters, not that of the samples.
     #[test]
     fn monotone_transforms_change_nothing(samples in samples()) {
         let right = samples.iter().filter(|s| s.1).count();
@@ -490,11 +490,11 @@ proptest! {
         near(brier_score(&forecasts).unwrap(), squares);
         let (ece, mce) = (expected_calibration_error(&diagram), maximum_calibration_error(&diagram));
         prop_assert!(0.0 <= ece && ece <= mce + 1e-12 && mce <= 1.0);
-        // Bins only hide what is off.
+        // Binning can only hide errors.
         prop_assert!(ece <= distance + 1e-12 && distance <= squares.sqrt() + 1e-12);
     }
 
-    /// In each bin, k of n happen that were given k / n.
+    /// In each bin, k of n events with probability k / n happen.
     #[test]
     fn calibrated_bins_have_no_error(counts in prop::collection::vec((0..=4_u32, 0..3_usize), 1..9)) {
         let mut forecasts = vec![(0.5, true), (0.5, false)];

@@ -53,8 +53,8 @@ fn with_controls(draw: &mut Draw<'_>, scene: &Scene, counts: &mut Counts) {
     let (operator, logs) = matrices::driven(draw, scene.states, scene.range);
     counts.note(|| format!("{scene:?}\n{operator:?}\n{logs:?}"));
     for (control, logs) in logs.iter().enumerate() {
-        // Entries far from the smallest double, so that products of doubles keep their digits, also if
-        // they are taken one factor after the other.
+        // Entries far from the smallest double, so that products of doubles keep their digits,
+        // also if they are taken one factor after the other.
         let entries = logs.iter().flatten().filter(|log| **log > f64::NEG_INFINITY);
         if entries.into_iter().all(|log| log.abs() < 200.0) {
             let matrix: Matrix =
@@ -91,7 +91,8 @@ fn one<A: TransitionEntries<Control: Clone + PartialEq>>(
     paths::check(draw, hmm, &sequence, chain, counts);
 }
 
-/// Returns the result if the reference has one; otherwise checks for the same error at the same step.
+/// Returns the result if the reference has one; otherwise checks for the same error at the same
+/// step.
 fn expect<R>(
     what: &str,
     result: Result<R, InferenceError>,

@@ -1,6 +1,6 @@
-//! What the tests of several topics need: random models and their answers by enumeration
-//! of all paths, random matrices, comparisons, and [`assert_operator`], which tries an
-//! operator on everything that there is to do with one.
+//! Helpers for tests of several topics: random models and their answers by enumeration of all
+//! paths, random matrices, comparisons, and [`assert_operator`], which checks everything that an
+//! operator does.
 
 mod cases;
 mod compare;
