@@ -46,7 +46,7 @@ pub(crate) fn check_pairs<A: TransitionEntries<Control = usize>>(
             let moves = step.step() > 1 || (step.step() == 1 && !model.at_first);
             prop_assert_eq!(step.moves().is_some(), moves);
             let Some(listed) = step.moves() else { return Ok(()) };
-            // Two slices: the sums are the posteriors of the two steps.
+            // The sums over either index are the posteriors of the two steps.
             let mut sums = [vec![0.0; model.states], vec![0.0; model.states]];
             let mut found = HashMap::new();
             let mut last = None;
@@ -106,8 +106,8 @@ fn exact(model: &Model, path: &[usize]) -> f64 {
     (1..path.len()).fold(start, |p, k| p * model.matrices[k][path[k]][path[k - 1]] * b(k))
 }
 
-/// All paths of some length that are possible, best first; of equal ones, by
-/// the last state, then the last but one, and so on.
+/// All possible paths of a length, best first; ties by the last state, then the last but one, and
+/// so on.
 fn ranked(model: &Model, steps: usize) -> Vec<(Vec<usize>, f64)> {
     let mut paths: Vec<Vec<usize>> = vec![vec![]];
     for _ in 0..steps {
@@ -130,7 +130,7 @@ fn ranked(model: &Model, steps: usize) -> Vec<(Vec<usize>, f64)> {
     ranked
 }
 
-/// The entropy of the path equals enumeration.
+/// The entropy of the path equals that by enumeration.
 pub(crate) fn check_entropy<A: TransitionEntries<Control = usize>>(
     model: &Model,
     hmm: &Hmm<A, Sensor>,
@@ -184,7 +184,7 @@ pub(crate) fn check_fixed_lag<A: TransitionEntries<Control = usize>>(
     Ok(())
 }
 
-/// The best paths are the best of all.
+/// The best paths are the best of all paths.
 pub(crate) fn check_k_best<A: TransitionEntries<Control = usize>>(
     model: &Model,
     hmm: &Hmm<A, Sensor>,
@@ -238,8 +238,7 @@ pub(crate) fn check_drawn<A: TransitionEntries<Control = usize>>(
     Ok(())
 }
 
-/// The frequencies of drawn paths, by a chi-square test; false if there is too little to
-/// test.
+/// A chi-square test of the frequencies of drawn paths; false if there are too few cells to test.
 pub(crate) fn check_frequencies<A: TransitionEntries<Control = usize>>(
     model: &Model,
     hmm: &Hmm<A, Sensor>,
@@ -318,7 +317,7 @@ proptest! {
         check_k_best(&model, &sparse(&model), count)?;
     }
 
-    /// Where paths tie, the documented order, exactly.
+    /// Ties between paths are in the documented order, exactly.
     #[test]
     fn k_best_and_viterbi_break_ties_as_they_say(model in dyadic_models(), count in 1..60_usize) {
         prop_assume!(model.steps() > 0);
@@ -336,8 +335,8 @@ proptest! {
         }
     }
 
-    /// It commits exactly what all best paths to a possible present state
-    /// share, and with the rest it is the batch decoder, at every step.
+    /// The streaming decoder commits exactly the states that the best paths to all possible present
+    /// states share; together with the rest, it is the batch decoder, at every step.
     #[test]
     fn online_viterbi_commits_as_soon_as_it_can(model in dyadic_models()) {
         let hmm = sparse(&model);
@@ -346,7 +345,7 @@ proptest! {
         for k in 1..=model.steps() {
             let all = ranked(&model, k);
             let before = (decoder.undecided(), decoder.log_probability(), decoder.steps());
-            // Nothing seen is the same as a step without an observation.
+            // A missing observation is the same as a step without one.
             let step = match &model.logs[k - 1] {
                 None => decoder.predict_with(&(k - 1)),
                 seen => decoder.step_with(&(k - 1), seen),
@@ -383,17 +382,16 @@ proptest! {
         }
     }
 
-    /// Only possible paths are drawn, from extremes too, with the same path for
-    /// the same seed.
+    /// Only possible paths are drawn, also for extreme models, and the same path for the same seed.
     #[test]
     fn drawn_paths_are_possible(model in models(Kind::Extreme), seed: u64) {
         check_drawn(&model, &sparse(&model), seed)?;
     }
 }
 
-/// All paths of random models, by one chi-square test each. The seeds are
-/// fixed; for others, a right program fails each test with a probability of
-/// about 1e-4 (Wilson and Hilferty's approximation of the quantile).
+/// All paths of random models, by one chi-square test each. The seeds are fixed; with others, a
+/// correct program fails each test with a probability of about 1e-4 (Wilson and Hilferty's
+/// approximation of the quantile).
 #[test]
 fn drawn_paths_have_their_frequencies() {
     use proptest::strategy::ValueTree;
@@ -408,7 +406,7 @@ fn drawn_paths_have_their_frequencies() {
     }
 }
 
-/// What segments there are does not matter: to the bit, in both orders.
+/// Results do not depend on the segments: they are the same to the bit, in both orders.
 #[test]
 fn checkpoints_change_nothing() {
     let hmm = wayfix::canberra::hmm(5, 1.0).unwrap();

@@ -1,4 +1,4 @@
-//! What is stored comes back to the bit, and what is no model is refused.
+//! Stored values come back to the bit, and invalid ones are refused.
 
 mod damage;
 mod motion;
@@ -29,8 +29,7 @@ fn json<T: Serialize>(value: &T) -> String {
     serde_json::to_string(value).unwrap()
 }
 
-/// There and back. JSON tells any two doubles apart, so that it tells whether
-/// all bits are the same.
+/// There and back. JSON distinguishes any two doubles, so equal texts mean equal bits.
 fn stored<T: Serialize + DeserializeOwned>(value: &T) -> T {
     let text = json(value);
     let back: T = serde_json::from_str(&text).unwrap_or_else(|error| panic!("{error} in {text}"));
@@ -71,7 +70,7 @@ fn operator<A: TransitionEntries + Serialize + DeserializeOwned>(a: &A, u: &A::C
     assert_eq!(outcome(&stored(a), u), outcome(a, u), "{}", json(a));
 }
 
-/// What operators of all kinds are made from.
+/// Parameters of operators of all kinds.
 #[derive(Debug, Clone)]
 struct Parts {
     model: Model,
@@ -83,7 +82,7 @@ struct Parts {
     dwell: Vec<Vec<f64>>,
 }
 
-/// Up to `most` probabilities, 0 and 1e-300 among them.
+/// Up to `most` probabilities, including 0 and 1e-300.
 fn tiny_and_usual(most: usize) -> impl Strategy<Value = Vec<f64>> {
     let weight = || prop_oneof![2 => Just(0.0), 5 => 0.01..1.0, 1 => Just(1e-300)];
     (1..=most).prop_flat_map(move |count| weighted(weight(), count))
@@ -180,7 +179,7 @@ proptest! {
         let leaving = DwellTransition::from_leaving(parts.model.sparse(), &leaving).unwrap();
         operator(&RestartTransition::new(
             leaving.clone(), parts.rate, leaving.arriving(&parts.belief()).unwrap()).unwrap(), &0);
-        // Entries as rates, but for the smallest.
+        // Entries as rates, except for the smallest.
         let moves = parts.sparse();
         let rates = moves.triplets().filter(|&(to, from, p)| to != from && p > 1e-290);
         let rates: Vec<_> = rates.map(|(to, from, p)| (to, from, p / (parts.rate + 0.1))).collect();
@@ -207,8 +206,8 @@ proptest! {
         }
     }
 
-    /// A filter, and a smoother with a lag, that stop after any step, are stored
-    /// with their model, and go on.
+    /// A filter, and a smoother with a lag, that are stored with their model after any step, and
+    /// continue.
     #[test]
     fn to_stop_changes_no_bit(model in models(Kind::Extreme), stop in 0..7_usize, lag in 0..4_usize) {
         let hmm = model.hmm(model.sparse());
@@ -264,7 +263,7 @@ proptest! {
         prop_assert_eq!(states(paths.0), states(paths.1));
     }
 
-    /// Whatever is changed in a file, there is an error or something that works.
+    /// Any change to a file gives an error or a usable value.
     #[test]
     fn damaged_files_are_refused_or_valid(parts in parts(), damage in damage()) {
         let n = parts.model.states;
@@ -284,7 +283,7 @@ proptest! {
         }
         let logit = damage.of(&json(&parts.logit()));
         if let Ok(logit) = serde_json::from_str::<LogitTransition>(&logit) {
-            // Without slopes any number of inputs is valid, also one that memory does not hold.
+            // Without slopes, any number of inputs is valid, even if no memory would hold it.
             let inputs = vec![0.5; logit.inputs().min(9)];
             if logit.check_control(&inputs).is_ok() {
                 check_columns(&logit, &inputs)?;

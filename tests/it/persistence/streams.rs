@@ -1,4 +1,4 @@
-//! What streams know.
+//! States of streams.
 
 use proptest::prelude::*;
 use wayfix::inference::Pruning;
