@@ -62,7 +62,7 @@ def wishart(components, more=0.0):
 
 
 def linear(of, there=same, **options):
-    """Lines, of which `there` changes the order of coefficients, and back."""
+    """Lines; `there` and `back` change the order of their coefficients."""
     return {"of": of, "options": {"emission_dim": 3} | options, "parameters": {
         "coefficients": Parameter("emission_weights", "weights", there, there),
         "intercepts": Parameter("emission_biases", "biases"),

@@ -57,6 +57,7 @@ pub(crate) fn converted<'py>(
     }
     // Nothing follows from the type of an empty array: numpy gives an empty list doubles.
     let is_empty = array.getattr("size")?.extract::<usize>()? == 0;
+    // Numpy's letters: f is floating, i signed, u unsigned, b truth values; O is objects.
     if !kinds.contains(&kind_of(&array)?) && !is_empty {
         let dtype = array.getattr("dtype")?;
         return Err(invalid(format!("{what} have type {dtype}, expected {kind}")));

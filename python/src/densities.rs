@@ -71,6 +71,7 @@ where
 {
     let (count, n) = (rows.shape()[0], family.states());
     let values = matrix(rows, width, "observations")?;
+    // Errors are kept as text, since exceptions need the global lock.
     let computed = py.detach(|| {
         let (mut out, mut scratch) = (Vec::with_capacity(count * n), Scratch::default());
         for (row, observation) in values.chunks_exact(width.max(1)).enumerate() {

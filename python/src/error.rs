@@ -80,6 +80,7 @@ pub(crate) fn of_moves(error: &TransitionError) -> PyErr {
         TransitionError::ColumnSum { column, sum } => {
             invalid(format!("{} sums to {sum}, expected 1", row(column)))
         }
+        // Rows and columns change places in the message, as they did in the matrix.
         TransitionError::RowsSumToOne { column, sum } => invalid(format!(
             "{} sums to {sum}, expected 1, but the columns sum to one: transpose, so that row i, \
              column j has the probability of a move from state i to state j",
@@ -95,6 +96,7 @@ pub(crate) fn of_drive(py: Python<'_>, error: &MatchError) -> PyErr {
         MatchError::Drive(at) => (at.number, &*at.cause),
         one => (0, one),
     };
+    // Points count from 0 in the library, and steps from 1 here.
     let step = match cause {
         MatchError::Point { point, .. } | MatchError::Time { point, .. } => Some(point + 1),
         MatchError::Inference(error) => error.step(),

@@ -14,6 +14,7 @@ use crate::typed::{Size, truths};
 fn judged(scores: &Bound<'_, PyAny>, right: &Bound<'_, PyAny>) -> PyResult<Vec<(f64, bool)>> {
     let (scores, right) = (doubles(scores, "scores")?, truths(right, "truth values")?);
     let (scores, right) = (scores.as_slice().map_err(invalid)?, right.as_slice().map_err(invalid)?);
+    // `zip` below would drop the rest of the longer array.
     if scores.len() != right.len() {
         let (found, expected) = (right.len(), scores.len());
         return Err(invalid(format!("found {found} truth values, expected {expected}")));

@@ -219,6 +219,7 @@ impl Model {
     /// Number of moves of a sparse model.
     pub(crate) fn entries(&self) -> Option<usize> {
         match self {
+            // Counted in O(entries), for `repr` only.
             Self::SparseVector(hmm) => Some(hmm.transition().triplets().count()),
             Self::SparseTable(hmm) => Some(hmm.transition().triplets().count()),
             Self::DenseVector(_) | Self::DenseTable(_) => None,

@@ -94,6 +94,7 @@ impl PyHmm {
         start_before_move: bool,
     ) -> PyResult<Self> {
         let start = array::doubles(start, "start probabilities")?;
+        // The number of states is that of the start; everything else is checked against it.
         let start = contiguous(start.as_slice(), "start")?.to_vec();
         let belief = Belief::new(start).map_err(invalid)?;
         let n = belief.states();

@@ -33,6 +33,7 @@ pub(crate) fn to_python<'py, T: Serialize>(
     py: Python<'py>,
     value: &T,
 ) -> PyResult<Bound<'py, PyAny>> {
+    // Through text, which has the shortest digits of a double: both sides read back the same bits.
     let text = serde_json::to_string(value).map_err(invalid)?;
     py.import("json")?.call_method1("loads", (text,))
 }

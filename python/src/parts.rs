@@ -79,6 +79,7 @@ fn sparse(
     let (from, to) = (array::indices(from, "rows")?, array::indices(to, "columns")?);
     let values = array::doubles(values, "probabilities")?;
     let values = contiguous(values.as_slice(), "probabilities")?;
+    // `zip` below would drop the rest of the longer arrays.
     if from.len() != values.len() || to.len() != values.len() {
         let (rows, columns, count) = (from.len(), to.len(), values.len());
         return Err(invalid(format!(

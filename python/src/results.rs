@@ -93,6 +93,7 @@ pub(crate) struct PyPath {
 /// Returns the states of a path in numpy's type of indices. An iterator of a vector collected into
 /// one whose elements have the same size reuses its memory.
 pub(crate) fn states_of(path: ViterbiPath) -> Vec<i64> {
+    // The library's operators and decoders store states in 32 bits.
     let signed = |state| i64::try_from(state).expect("a state has an index of 32 bits");
     path.into_states().into_iter().map(signed).collect()
 }

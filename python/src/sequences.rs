@@ -193,6 +193,7 @@ pub(crate) fn expectations<'py>(
 {
     let input = Input::new(&start, &transitions, &logs, &lengths)?;
     let n = input.states;
+    // Zero bits are the number 0. Each row is written by the thread that has its sequence.
     let bits: Vec<AtomicU64> = input.values.iter().map(|_| AtomicU64::new(0)).collect();
     let hmm = input.model(Recorder::new(n, input.values, &bits))?;
     let run = |watch: &Watch| hmm.expectations(&input.watched(watch));

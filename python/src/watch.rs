@@ -24,7 +24,7 @@ use crate::error::invalid;
 
 /// Number of observations between two looks at the clock.
 const OFTEN: u32 = 64;
-/// Time between two looks for signals, each of which waits for the global lock.
+/// Time between two looks for signals, since each look waits for the global lock.
 pub(crate) const PAUSE: Duration = Duration::from_millis(100);
 
 /// Looks for signals from time to time. Counts are approximate if threads share it.

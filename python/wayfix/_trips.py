@@ -87,7 +87,7 @@ def taken(columns: OptionalColumns, rows: NDArray[Any]) -> OptionalColumns:
 def sorted_trips(points: Any, trip: str | None) -> tuple[OptionalColumns, list[int]]:
     """Returns the columns of points sorted by trip and time, and the offsets of trips that have a point."""
     columns, _, rows, offsets = order_of(points, trip)
-    # Trips without a point have equal offsets, of which `unique` keeps one.
+    # Trips without a point have equal offsets; `unique` keeps one of them.
     return taken(columns, rows), np.unique(offsets).tolist()
 
 

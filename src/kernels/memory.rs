@@ -17,7 +17,7 @@ const SEVERAL_PAGES: usize = 16 * PAGE;
 /// A large vector begins on a page, and a very large one on a large page, with room to the end of
 /// its last one, so that no part of it comes in small pages.
 pub(crate) struct Aligned {
-    /// End of the vector within the memory.
+    /// Memory up to the end of the vector, which begins at `start`.
     values: Vec<f64>,
     start: usize,
 }

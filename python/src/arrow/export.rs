@@ -52,6 +52,7 @@ fn vector<T: Element + Copy>(values: &Bound<'_, PyAny>, kind: &str) -> PyResult<
 fn array_of(values: &Bound<'_, PyAny>) -> PyResult<ArrayRef> {
     if let Ok(pair) = values.cast::<PyTuple>() {
         let (values, offsets): (Bound<'_, PyAny>, Bound<'_, PyAny>) = pair.extract()?;
+        // The values may be any column, lists again among them.
         let (values, offsets) = (array_of(&values)?, vector::<i64>(&offsets, "int64")?);
         // Offsets that ascend from 0 to the number of values index nothing outside them.
         let ascend = offsets.first() == Some(&0) && offsets.is_sorted();
@@ -84,6 +85,7 @@ fn array_of(values: &Bound<'_, PyAny>) -> PyResult<ArrayRef> {
         "f" if dtype.getattr("itemsize")?.extract::<usize>()? == 4 => {
             Arc::new(Float32Array::from(vector::<f32>(values, "float32")?))
         }
+        // Half floats and long doubles, too, which Arrow or Rust lacks.
         "f" => Arc::new(Float64Array::from(vector::<f64>(values, "float64")?)),
         "i" => Arc::new(Int64Array::from(vector::<i64>(values, "int64")?)),
         "u" => Arc::new(UInt64Array::from(vector::<u64>(values, "uint64")?)),

@@ -34,6 +34,7 @@ where
     LearnedModel<A, B>: Send,
 {
     let progress = progress.map(|progress| progress.clone().unbind());
+    // `Py`, not `Bound`: the closure runs without the global lock, and attaches only for the call.
     let ends = |now: &LearnedModel<A, B>| {
         let Some(progress) = &progress else { return false };
         let called = Python::attach(|py| {
@@ -158,6 +159,7 @@ pub(crate) fn learn(
     };
     let family = family.map(Bound::get);
     let symbols = || -> PyResult<Vec<Vec<usize>>> {
+        // Otherwise the family would be ignored without a word.
         if family.is_some() {
             return Err(invalid("a model with a table is learned without a family"));
         }

@@ -105,6 +105,7 @@ pub(super) fn learned<A: Transition, B: Likelihood>(
     family: Option<PyFamily>,
 ) -> PyResult<PyLearned> {
     let prior = found.model().prior();
+    // A family becomes log-likelihoods: Python's model takes these as observations.
     let named = PyDict::new(py);
     named.set_item("start_before_move", matches!(prior, Prior::BeforeFirstTransition(_)))?;
     named.set_item("logarithms", table.is_none())?;

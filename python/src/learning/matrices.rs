@@ -35,6 +35,7 @@ fn form<'a>(family: &str, parameters: &'a mut Value) -> Option<Form<'a>> {
         }
         _ => return None,
     };
+    // A missing type is left to the family's own error.
     let kind = parameters.get_mut(named)?;
     if kind == "diag" {
         *kind = Value::from("diagonal");

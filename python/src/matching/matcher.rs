@@ -178,6 +178,7 @@ impl PyMatcher {
         progress: Option<Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let estimator = Estimator::of(estimator, lag.map(|lag| lag.0))?;
+        // Counted by the threads that match, and reported by this one, which has the global lock.
         let (count, done) = (offsets.len().saturating_sub(1), Arc::new(AtomicUsize::new(0)));
         let drives = Drives { points: columns.points()?, offsets, estimator, skip };
         let (matcher, told) = (Arc::clone(&self.matcher), Arc::clone(&done));

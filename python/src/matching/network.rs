@@ -132,6 +132,7 @@ impl PyRoadNetwork {
         edges: &Bound<'_, PyAny>,
         cleaning: Vec<Operation>,
     ) -> PyResult<Self> {
+        // Frames do not tell kinds of roads apart, so none is left out.
         let options = options([true; 4], cleaning)?;
         // The texts of two CSV files, so that one reader serves frames and files.
         let texts = py.import("wayfix._frames")?.call_method1("network_texts", (nodes, edges))?;
@@ -179,6 +180,7 @@ impl PyRoadNetwork {
     ) -> PyResult<Self> {
         let kinds = [service_roads, parking_aisles, tracks, private_roads];
         let options = options(kinds, cleaning)?;
+        // Text and bytes are read as they are; other objects are written as JSON by Python.
         let text: Vec<u8> = if let Ok(text) = features.extract::<String>() {
             text.into_bytes()
         } else if let Ok(bytes) = features.extract::<Vec<u8>>() {

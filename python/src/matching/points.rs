@@ -17,6 +17,7 @@ pub(super) fn point(time: f64, position: [f64; 2], others: [f64; 3]) -> TracePoi
 
 /// Reads a time, in seconds or as a date, as in frames.
 pub(super) fn moment(time: &Bound<'_, PyAny>) -> PyResult<f64> {
+    // The usual case of a live vehicle needs no call into Python.
     if let Ok(seconds) = time.extract() {
         return Ok(seconds);
     }
@@ -54,6 +55,7 @@ impl Columns<'_> {
             }
             Ok(values.to_vec())
         };
+        // A missing column is one of unknown values.
         let optional = |values: &Option<Bound<'_, PyAny>>, what: &str| match values {
             Some(values) => read(values, what),
             None => Ok(vec![f64::NAN; count]),

@@ -73,6 +73,7 @@ impl PyStretches {
     /// Length on roads, in metres.
     #[getter]
     fn metres(&self) -> f64 {
+        // Off the road, a stretch has its straight distance, which is not on roads.
         let on_road = self.stretches.iter().filter(|part| part.edge.is_some());
         on_road.fold(0.0, |sum, part| sum + part.metres())
     }

@@ -32,6 +32,7 @@ pub(crate) struct PyAnswer {
 impl From<Answer> for PyAnswer {
     fn from(answer: Answer) -> Self {
         let Answer { place, probability, around, off_map, log_likelihood } = answer;
+        // On a loop, the range may be descending, so it is kept as a pair.
         let around = around.into_inner();
         Self { place, probability, around, off_map, log_likelihood }
     }

@@ -31,6 +31,7 @@ pub(crate) fn places(values: &Bound<'_, PyAny>) -> PyResult<Vec<Option<RangeIncl
 }
 
 fn range(first: i64, last: i64) -> Option<RangeInclusive<usize>> {
+    // Off the map if either is negative. The library refuses an empty range, with its step.
     Some(usize::try_from(first).ok()?..=usize::try_from(last).ok()?)
 }
 

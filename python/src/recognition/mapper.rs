@@ -76,6 +76,7 @@ impl PyMapper {
         odometry: Option<f64>,
     ) -> PyResult<Option<PyAnswer>> {
         let query = self::query(query, false)?;
+        // NaN is a missing reading, as it is in arrays.
         let odometry = odometry.filter(|reading| !reading.is_nan());
         let seen = py.detach(|| self.lock().step(&query, odometry));
         Ok(seen.map_err(|error| recognition(py, &error))?.map(PyAnswer::from))

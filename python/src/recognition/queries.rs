@@ -31,6 +31,7 @@ impl<'py> Queries<'py> {
 
     /// Returns the values in C order.
     pub(super) fn values<'a>(&self, rows: &Rows<'a, f32>) -> Cow<'a, [f32]> {
+        // Only similarities are copied: descriptors may take most of the memory.
         if self.negated {
             rows.values().iter().map(|value| -value).collect()
         } else {

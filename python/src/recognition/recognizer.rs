@@ -92,6 +92,7 @@ impl PyRecognizer {
     ) -> PyResult<Self> {
         let options = options(&Options::default(), given)?;
         check_memory(references, &options)?;
+        // The tables are built in one call, which cannot look for signals.
         let made = in_background(py, move |_| Recognizer::from_distances(references, options))?;
         Ok(Self { recognizer: made.map_err(invalid)?, source: Source::Compared { negated } })
     }
@@ -194,6 +195,7 @@ impl PyRecognizer {
     /// Returns a recogniser of the same references with another result of learning. Values learned
     /// for single references are dropped if the number of references differs.
     fn with_parameters(&self, py: Python<'_>, parameters: &str) -> PyResult<Self> {
+        // Its options may have more speeds than the present ones, and so need more memory.
         let fit: Parameters = serde_json::from_str(parameters)
             .map_err(|error| invalid(format!("parameters: {error}")))?;
         check_memory(self.references(), fit.options())?;
@@ -246,6 +248,7 @@ impl PyRecognizer {
         let rows = queries.rows()?;
         let odometry = optional(odometry, "odometry readings", rows.count())?;
         let values = queries.values(&rows);
+        // Comparing reads the queries one by one, so this thread can look for signals itself.
         let made = computed(py, |watch| {
             of.recognizer.recording(&watch.over_rows(rows.with(&values).iter()), &odometry)
         })?;
@@ -284,6 +287,7 @@ impl PyRecognizer {
         let queries = Queries::new(queries, self.negated())?;
         let rows = queries.rows()?;
         let values = queries.values(&rows);
+        // Without lengths, all steps are one part.
         let parts = Parts {
             places: self::places(places)?,
             odometry: optional(odometry, "odometry readings", rows.count())?,

@@ -109,7 +109,7 @@ fn add<S: Simd, const C: usize>(s: S, columns: [&[Eight]; C], x: &[f64; C], out:
         }
         s.store(sum, block);
     }
-    // The block after the whole ones ends in padding, of which `store_partial` keeps nothing.
+    // The block after the whole ones ends in padding, which `store_partial` leaves out.
     if !rest.is_empty() {
         let mut sum = s.load_partial(rest);
         for c in 0..C {

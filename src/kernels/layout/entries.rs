@@ -203,9 +203,9 @@ impl<V: Value> Factors<'_, V> {
             // remainder saves the check of an index that is below eight anyway.
             let mut row = R::row(&rows, *lane as usize % LANES);
             while start < *end as usize {
-                // SAFETY: `Sliced::push_others` ends lines within the entries, of which there are
-                // as many indices as values (the assertion in `product_with`), and `arranged`
-                // asserts that all indices are below the number of values of x.
+                // SAFETY: `Sliced::push_others` ends lines within the entries, which have as many
+                // indices as values (the assertion in `product_with`), and `arranged` asserts that
+                // all indices are below the number of values of x.
                 let (value, x, j) = unsafe {
                     let j = *matrix.overflow_indices.get_unchecked(start);
                     let value = *values.overflow.get_unchecked(start);

@@ -147,7 +147,7 @@ fn cost_in_groups(lines: usize, length: impl Fn(usize) -> usize) -> usize {
         lengths.clear();
         lengths.extend((start..lines.min(start + WINDOW)).map(&length));
         lengths.sort_unstable();
-        // Groups are built from the longest line on, so count them that way: only the last, with
+        // Groups are built from the longest line down, so count them that way: only the last, with
         // the shortest lines, may have fewer than eight.
         for group in lengths.rchunks(LANES) {
             cost += gathered_depth(&group.iter().copied()).1 + ORDERING_COST;

@@ -135,7 +135,7 @@ impl<S: Simd> RowSums<S> for MaxPlus {
     fn add(self, s: S, sum: &mut Maxima<S>, entry: S::V, x: S::V, index: S::I) {
         let value = s.add(entry, x);
         // Below, not below or equal: of equal scores that with the lower index came first. NaN is
-        // never better. Where there is no way, the index means nothing.
+        // never better. In a row without a way, the index is arbitrary.
         let better = s.lt(sum.value, value);
         sum.value = s.max(value, sum.value);
         sum.index = s.select_index(better, index, sum.index);

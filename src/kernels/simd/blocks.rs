@@ -1,4 +1,4 @@
-//! Slices as blocks of eight, of which the last may be partial.
+//! Slices as blocks of eight; the last one may be partial.
 #![allow(unsafe_code, reason = "a hint that takes an address")]
 
 use super::{Eight, Simd};

@@ -308,7 +308,7 @@ unsafe fn run_unchecked<K: WithSimd>(isa: Isa, kernel: K) -> K::Output {
         // function reads it, and only once.
         unsafe { kernel.read() }.run(Portable)
     }
-    // The function that reads the kernel owns it from there on, and drops it.
+    // The function that reads the kernel owns it afterwards, and drops it.
     let kernel = ManuallyDrop::new(kernel);
     let kernel: *const K = &raw const *kernel;
     // SAFETY: the caller has detected the instructions that the function may use. The address is

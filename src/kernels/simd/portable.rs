@@ -105,7 +105,7 @@ impl Simd for Portable {
     }
     #[inline(always)]
     fn transpose(self, rows: [Eight; LANES]) -> [Eight; LANES] {
-        // Unrolled to 64 moves, of which the target's shuffles combine what they can.
+        // Unrolled to 64 moves, which the compiler combines into the target's shuffles if it can.
         lanes(|r| lanes(|l| rows[l][r]))
     }
     #[inline(always)]
