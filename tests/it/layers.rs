@@ -211,9 +211,16 @@ fn a_path_to_a_room_above_is_found() {
     check_rooms(&folder, "inference", &ROOMS);
 }
 
+/// Files that are one concept: an operator may hand out its stored matrix
+/// (`Transition::stored`), which is an operator itself.
+const ONE_CONCEPT: (&str, [&str; 5]) =
+    ("transition", ["operator", "entries", "stored", "sparse", "dense"]);
+
 /// Fails if files of a folder, or of one below it, use each other in a circle.
 fn check_circles(folder: &Path, module: &str) {
-    let arrows = arrows(folder, module);
+    let is_one = |room: &str| module == ONE_CONCEPT.0 && ONE_CONCEPT.1.contains(&room);
+    let mut arrows = arrows(folder, module);
+    arrows.retain(|[_, from, _, to]| !(is_one(from) && is_one(to)));
     for [_, start, ..] in &arrows {
         let (mut seen, mut waiting) = (Vec::new(), vec![start]);
         while let Some(here) = waiting.pop() {
