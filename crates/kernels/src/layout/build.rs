@@ -3,37 +3,37 @@
 use super::sliced::{
     Arrangement, GATHERED_COST, Overflow, SHIFTED_COST, Slice, Sliced, WINDOW, gathered_depth,
 };
-use super::values::{EntryValues, HalfLine, Value, Width};
+use super::values::{EntryValues, HalfLine, Packed};
 use crate::simd::LANES;
 
 /// Entries of the lines of a window outside shifted slots, in the order of addition.
-struct Others<V> {
-    entries: Vec<(u32, V)>,
+struct Others {
+    entries: Vec<(u32, f64)>,
     /// Starts of lines, and the end.
     starts: Vec<usize>,
 }
 
-impl<V> Others<V> {
-    fn of_line(&self, line: u8) -> &[(u32, V)] {
+impl Others {
+    fn of_line(&self, line: u8) -> &[(u32, f64)] {
         &self.entries[self.starts[line as usize]..self.starts[line as usize + 1]]
     }
 }
 
 /// Entry of a slice.
-struct SlicedEntry<V> {
+struct SlicedEntry {
     /// Number of its diagonal: the index of lane 7 on it.
     diagonal: usize,
     lane: usize,
     index: u32,
-    value: V,
+    value: f64,
 }
 
 impl Sliced {
     /// Builds a matrix in this arrangement, from lines whose indices ascend.
-    pub fn arranged<'a, V: Value + 'a>(
+    pub fn arranged<'a>(
         arrangement: Arrangement,
         lines: usize,
-        line: impl Fn(usize) -> (&'a [u32], &'a [V]),
+        line: impl Fn(usize) -> (&'a [u32], &'a [f64]),
     ) -> Self {
         assert!(i32::try_from(lines).is_ok(), "gathers take indices with a sign");
         let mut sliced = Self {
@@ -44,7 +44,7 @@ impl Sliced {
             indices: Vec::new(),
             overflow: Vec::new(),
             overflow_indices: Vec::new(),
-            values: Width::Double(EntryValues::new()),
+            values: EntryValues::new(),
         };
         let mut stored = EntryValues::new();
         let (mut entries, mut keys) = (Vec::new(), Vec::new());
@@ -60,7 +60,7 @@ impl Sliced {
                     let (indices, values) = line(first + lane);
                     // Products don't check indices again: this assertion is what they rely on.
                     assert!(indices.iter().all(|j| (*j as usize) < lines), "an index is too large");
-                    let entry = |(&index, &value): (&u32, &V)| {
+                    let entry = |(&index, &value): (&u32, &f64)| {
                         let diagonal = index as usize + (LANES - 1) - lane;
                         SlicedEntry { diagonal, lane, index, value }
                     };
@@ -74,7 +74,7 @@ impl Sliced {
         sliced.indices.shrink_to_fit();
         stored.shifted.shrink_to_fit();
         stored.gathered.shrink_to_fit();
-        sliced.values = V::of_width(stored);
+        sliced.values = stored;
         sliced
     }
 
@@ -82,13 +82,13 @@ impl Sliced {
     ///
     /// Groups have no shifted slots. They gather the entries on the same diagonals, before the
     /// others, so that sums are added up in the same order in either arrangement.
-    fn push_shifted<V: Value>(
+    fn push_shifted(
         &mut self,
         arrangement: Arrangement,
-        entries: &[SlicedEntry<V>],
+        entries: &[SlicedEntry],
         keys: &mut Vec<usize>,
-        stored: &mut EntryValues<V>,
-        others: &mut Others<V>,
+        stored: &mut EntryValues,
+        others: &mut Others,
     ) {
         let shifted = self.diagonals(entries, keys);
         let (start, slots) = (self.bases.len(), arrangement == Arrangement::Slices);
@@ -98,8 +98,8 @@ impl Sliced {
             self.bases.extend(shifted.iter().map(|diagonal| (diagonal - (LANES - 1)) as u32));
         }
         // Lanes without an entry on the diagonal keep a 0, which adds nothing.
-        stored.shifted.resize(self.bases.len(), V::Slot::default());
-        let diagonal = |entry: &SlicedEntry<V>| shifted.binary_search(&entry.diagonal);
+        stored.shifted.resize(self.bases.len(), Packed::default());
+        let diagonal = |entry: &SlicedEntry| shifted.binary_search(&entry.diagonal);
         let mut left = entries;
         for lane in 0..LANES {
             let (of_lane, after) = left.split_at(left.partition_point(|e| e.lane == lane));
@@ -120,12 +120,12 @@ impl Sliced {
     }
 
     /// Adds the gathered slots and the overflow of a window, or of the one slice that begins here.
-    fn push_others<V: Value>(
+    fn push_others(
         &mut self,
         arrangement: Arrangement,
         first: usize,
-        others: &Others<V>,
-        stored: &mut EntryValues<V>,
+        others: &Others,
+        stored: &mut EntryValues,
     ) {
         let mut order: [u8; WINDOW] = std::array::from_fn(|line| line as u8);
         let order = &mut order[..others.starts.len() - 1];
@@ -140,7 +140,7 @@ impl Sliced {
             // Lanes without an entry have the index of the first line of the window or slice, which
             // is a valid one, and the value 0.
             self.indices.resize(start + depth, HalfLine([first as u32; LANES]));
-            stored.gathered.resize(start + depth, V::Slot::default());
+            stored.gathered.resize(start + depth, Packed::default());
             for (lane, line) in lines.iter().enumerate() {
                 let entries = others.of_line(*line);
                 let (gathered, deeper) = entries.split_at(depth.min(entries.len()));
@@ -162,7 +162,7 @@ impl Sliced {
     }
 
     /// Chooses the diagonals that are worth a shifted slot, ascending.
-    fn diagonals<V>(&self, entries: &[SlicedEntry<V>], keys: &mut Vec<usize>) -> Vec<usize> {
+    fn diagonals(&self, entries: &[SlicedEntry], keys: &mut Vec<usize>) -> Vec<usize> {
         let mut left = [0_usize; LANES];
         entries.iter().for_each(|entry| left[entry.lane] += 1);
         // Diagonal and lane in one number: sorting entries would take most of the time.

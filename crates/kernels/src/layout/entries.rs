@@ -9,7 +9,7 @@
 use std::ops::Range;
 
 use super::sliced::{Overflow, Slice, Sliced, WINDOW};
-use super::values::{EntryValues, Value, Width};
+use super::values::EntryValues;
 use crate::ops::{RowSums, Sink, SumProduct};
 use crate::parallel::PART;
 use crate::simd::{Eight, LANES, Simd};
@@ -28,20 +28,17 @@ impl Sliced {
         x: &[f64],
         sink: &mut impl Sink<S, S::V>,
     ) {
-        match &self.values {
-            Width::Double(values) => self.product_with(s, SumProduct, slices, values, x, sink),
-            Width::Single(values) => self.product_with(s, SumProduct, slices, values, x, sink),
-        }
+        self.product_with(s, SumProduct, slices, &self.values, x, sink);
     }
 
     /// The same with other values, over any semiring.
     #[inline(always)]
-    pub(crate) fn product_with<S: Simd, V: Value, R: RowSums<S>>(
+    pub(crate) fn product_with<S: Simd, R: RowSums<S>>(
         &self,
         s: S,
         ring: R,
         slices: Range<usize>,
-        values: &EntryValues<V>,
+        values: &EntryValues,
         x: &[f64],
         sink: &mut impl Sink<S, R::Sum>,
     ) {
@@ -98,13 +95,13 @@ impl Sliced {
 
 /// A matrix with values, and a vector, of which `product_with` has asserted that they fit.
 #[derive(Clone, Copy)]
-struct Factors<'a, V: Value> {
+struct Factors<'a> {
     matrix: &'a Sliced,
-    values: &'a EntryValues<V>,
+    values: &'a EntryValues,
     x: &'a [f64],
 }
 
-impl<V: Value> Factors<'_, V> {
+impl Factors<'_> {
     /// Sums over shifted slots.
     #[inline(always)]
     fn shifted<S: Simd, R: RowSums<S>>(self, s: S, ring: R, slots: Range<u32>) -> R::Sum {
@@ -120,7 +117,7 @@ impl<V: Value> Factors<'_, V> {
                 let x = &*x.as_ptr().add(base as usize).cast::<Eight>();
                 (base, values.shifted.get_unchecked(slot), s.load(x))
             };
-            ring.add(s, &mut sum, V::load(s, value), x, s.iota(base));
+            ring.add(s, &mut sum, s.load(value), x, s.iota(base));
             slot += 1;
             // Slices have three or four slots as a rule: a loop unrolled by four would begin with
             // a test that fails, and end with a rest that is all there is.
@@ -166,7 +163,7 @@ impl<V: Value> Factors<'_, V> {
                 let indices = matrix.indices.get_unchecked(slot);
                 (indices, values.gathered.get_unchecked(slot), s.gather::<INSTRUCTION>(x, indices))
             };
-            let (value, indices) = (V::load(s, value), s.load_indices(indices));
+            let (value, indices) = (s.load(value), s.load_indices(indices));
             // An empty lane adds 0 · x to a sum, and offers −∞ to a maximum: a sum stays as it is,
             // and so does a maximum above −∞ with its index.
             if ORDERED {
@@ -209,7 +206,7 @@ impl<V: Value> Factors<'_, V> {
                 let (value, x, j) = unsafe {
                     let j = *matrix.overflow_indices.get_unchecked(start);
                     let value = *values.overflow.get_unchecked(start);
-                    (value.into(), *x.get_unchecked(j as usize), j)
+                    (value, *x.get_unchecked(j as usize), j)
                 };
                 row = ring.add_to_row(row, value, x, j);
                 start += 1;

@@ -12,4 +12,4 @@ pub use panels::{Panels, store_indices};
 #[cfg(test)]
 pub(crate) use sliced::Arrangement;
 pub use sliced::Sliced;
-pub use values::{EntryValues, Packed, Width};
+pub use values::{EntryValues, Packed};

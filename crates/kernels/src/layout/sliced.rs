@@ -20,7 +20,7 @@
 //! (those of shifted slots first, then the others, each by ascending index): results are the same
 //! to the bit.
 
-use super::values::{EntryValues, HalfLine, Value, Width};
+use super::values::{EntryValues, HalfLine};
 use crate::simd::LANES;
 
 /// Relative costs of a shifted and of a gathered slot.
@@ -46,10 +46,10 @@ pub struct Sliced {
     pub(super) order: Vec<[u8; LANES]>,
     /// Index of the first line of each shifted slot.
     pub(super) bases: Vec<u32>,
-    pub(super) indices: Vec<HalfLine<u32>>,
+    pub(super) indices: Vec<HalfLine>,
     pub(super) overflow: Vec<Overflow>,
     pub(super) overflow_indices: Vec<u32>,
-    pub(super) values: Width<EntryValues<f64>, EntryValues<f32>>,
+    pub(super) values: EntryValues,
 }
 
 /// Ends of the slots and overflow lines of a slice, or of a group.
@@ -86,14 +86,14 @@ impl Sliced {
     /// the others 0.96 to 1.15 and 1.03 to 1.17. On a road graph both are slower in groups, as on
     /// Sapphire Rapids. Portable code was for both slower line by line, without slots (Zen 4: 73
     /// instead of 40 µs for a product with that graph, Sapphire Rapids: 242 instead of 75).
-    pub fn new<'a, V: Value + 'a>(
+    pub fn new<'a>(
         lines: usize,
-        line: impl Fn(usize) -> (&'a [u32], &'a [V]),
+        line: impl Fn(usize) -> (&'a [u32], &'a [f64]),
     ) -> Self {
         let slices = Self::arranged(Arrangement::Slices, lines, &line);
         // Smaller matrices stay in the second cache as slices. Groups of such matrices were
         // measured on Zen 4 alone, where they gain as much.
-        let is_large = slices.bytes::<V>() > FEWEST_BYTES_GROUPED;
+        let is_large = slices.bytes() > FEWEST_BYTES_GROUPED;
         if is_large && cost_in_groups(lines, |number| line(number).0.len()) < slices.cost() {
             return Self::arranged(Arrangement::Groups, lines, line);
         }
@@ -101,10 +101,10 @@ impl Sliced {
     }
 
     /// Size of all slots and overflow entries.
-    fn bytes<V: Value>(&self) -> usize {
-        let entry = size_of::<u32>() + size_of::<V>();
+    fn bytes(&self) -> usize {
+        let entry = size_of::<u32>() + size_of::<f64>();
         // A shifted slot has one index for its eight values.
-        self.bases.len() * (size_of::<u32>() + LANES * size_of::<V>())
+        self.bases.len() * (size_of::<u32>() + LANES * size_of::<f64>())
             + (self.indices.len() * LANES + self.overflow_indices.len()) * entry
     }
 
@@ -126,10 +126,7 @@ impl Sliced {
     /// Returns the logarithms of all values, to base 2 as decoders add them; −∞ where there is no
     /// entry.
     pub fn log2(&self) -> EntryValues {
-        match &self.values {
-            Width::Double(values) => values.log2(),
-            Width::Single(values) => values.log2(),
-        }
+        self.values.log2()
     }
 
     /// Number of lines.

@@ -36,8 +36,6 @@ pub trait Simd: Copy {
 
     fn splat(self, x: f64) -> Self::V;
     fn load(self, x: &Eight) -> Self::V;
-    /// Eight values of 32 bits, as doubles: exact.
-    fn load_f32(self, x: &[f32; LANES]) -> Self::V;
     fn store(self, v: Self::V, out: &mut Eight);
     /// Stores past the caches if `out` is a cache line, for results that are not read soon: the
     /// line need not be fetched. [`fence`](Self::fence) must follow the last one.

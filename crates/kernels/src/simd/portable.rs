@@ -64,10 +64,6 @@ impl Simd for Portable {
         *x
     }
     #[inline(always)]
-    fn load_f32(self, x: &[f32; LANES]) -> Eight {
-        lanes(|l| f64::from(x[l]))
-    }
-    #[inline(always)]
     fn store(self, v: Eight, out: &mut Eight) {
         *out = v;
     }

@@ -87,15 +87,6 @@ impl Simd for Avx2 {
         unsafe { (_mm256_loadu_pd(x.as_ptr()), _mm256_loadu_pd(x[4..].as_ptr())) }
     }
     #[inline(always)]
-    fn load_f32(self, x: &[f32; LANES]) -> Pair {
-        // SAFETY: `self` proves AVX2. The reference is to eight floats, of which each load reads
-        // four, at any alignment.
-        unsafe {
-            let (low, high) = (_mm_loadu_ps(x.as_ptr()), _mm_loadu_ps(x[4..].as_ptr()));
-            (_mm256_cvtps_pd(low), _mm256_cvtps_pd(high))
-        }
-    }
-    #[inline(always)]
     fn store(self, v: Pair, out: &mut Eight) {
         // SAFETY: `self` proves AVX2. The reference is to eight doubles and unique; each store
         // writes four of them, at any alignment.

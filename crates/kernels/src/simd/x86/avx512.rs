@@ -82,12 +82,6 @@ impl Simd for Avx512 {
         unsafe { _mm512_loadu_pd(x.as_ptr()) }
     }
     #[inline(always)]
-    fn load_f32(self, x: &[f32; LANES]) -> __m512d {
-        // SAFETY: `self` proves AVX-512 F and AVX2. The load reads the eight floats of the
-        // reference, 32 bytes, at any alignment.
-        unsafe { _mm512_cvtps_pd(_mm256_loadu_ps(x.as_ptr())) }
-    }
-    #[inline(always)]
     fn store(self, v: __m512d, out: &mut Eight) {
         // SAFETY: `self` proves AVX-512 F. The store writes the eight doubles of a unique reference,
         // at any alignment.
