@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 
 use super::{EntryRows, cases, everywhere, in_layouts, numbers, rows, scores, sliced};
-use crate::ops::*;
+use crate::*;
 
 proptest! {
     #![proptest_config(cases())]
