@@ -14,14 +14,14 @@
 //! | `layout` | matrices in memory, and their products | all of these |
 //! | `ops` | steps of the recursions | all of these |
 //!
-//! Sums run in eight lanes, in an order that depends on no instruction set: results are the same
-//! to the bit with each. (Natural logarithms are those of the platform.)
+//! Sums run in eight lanes, in an order that does not depend on the instruction set: all give the
+//! same bits. (Natural logarithms are those of the platform.)
 //!
 //! The range of numbers is derived in [`limits`], the recursions in the guide of `wayfix`,
 //! `src/guide/formulas.md`. Comments in loops name the part of either that they rely on.
 //!
-//! Unsafe code is in `simd` (instructions), `layout/product.rs` (indices that were checked before)
-//! and `memory.rs` (a system call). Each block says which invariant it relies on.
+//! Unsafe code is in `simd` (instructions), `layout/product.rs` (indices that are checked when a
+//! matrix is built) and `memory.rs` (a system call). Each block states its invariant.
 
 #![allow(
     missing_docs,

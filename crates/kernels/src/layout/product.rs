@@ -5,9 +5,9 @@
 //! of its own. Blocks come in the order of rows. Parts begin at multiples of
 //! [`PART`](crate::parallel), which are multiples of eight and of windows.
 //!
-//! Indices are not checked again: checks were a fifth of the time of a product with a small matrix.
+//! Indices are not checked here: checks took a fifth of the time of a product with a small matrix.
 //! Instead, [`Sliced::arranged`] asserts once that they are below the number of lines, and
-//! `product_with` that x has as many values.
+//! `product_with` asserts that x has as many values.
 
 use std::ops::Range;
 
@@ -16,7 +16,7 @@ use crate::parallel::{PART, Splits, run_in_parts};
 use crate::semiring::{MaxPlus, SumProduct};
 use crate::simd::{BlocksMut, Eight, LANES, Simd, WithSimd, store};
 
-/// A semiring, as running sums over the entries of eight rows at a time.
+/// Semiring, as running sums over the entries of eight rows at a time.
 ///
 /// The entries of a row come in ascending order of their indices, but in two runs.
 pub trait RowSums<S: Simd>: Copy {
@@ -24,13 +24,13 @@ pub trait RowSums<S: Simd>: Copy {
     type Sum: Copy;
     /// Sum of one row.
     type Row: Copy;
-    /// Sums of G slices in memory, where each row can be had by itself.
+    /// Sums of G slices in memory, where each row can be accessed by itself.
     type Rows<const G: usize>;
 
     fn zero(self, s: S) -> Self::Sum;
 
-    /// Adds an entry to each row: its value, that of x, and its index, which is above those of the
-    /// run before.
+    /// Adds an entry to each row: its value, the value of x, and its index, which is above those of
+    /// earlier entries of the run.
     fn add(self, s: S, sum: &mut Self::Sum, entry: S::V, x: S::V, index: S::I);
 
     /// Adds an entry to each row, whatever the order of indices.
@@ -68,8 +68,8 @@ pub struct Maxima<S: Simd> {
     pub index: S::I,
 }
 
-/// The same in memory, for G slices. (With values and indices in pairs, a Viterbi step by groups
-/// took 4 to 7% longer.)
+/// Maxima and indices in memory, for G slices. (With values and indices in pairs, a Viterbi step by
+/// groups took 4 to 7% longer.)
 pub struct MaximaRows<const G: usize> {
     values: CacheLines<f64, G>,
     indices: CacheLines<u32, G>,
@@ -147,7 +147,7 @@ impl<S: Simd> RowSums<S> for MaxPlus {
     fn add(self, s: S, sum: &mut Maxima<S>, entry: S::V, x: S::V, index: S::I) {
         let value = s.add(entry, x);
         // Below, not below or equal: of equal scores that with the lower index came first. NaN is
-        // never better. Where there is no way, the index means nothing.
+        // never better. In a row without a way, the index is arbitrary.
         let better = s.lt(sum.value, value);
         sum.value = s.max(value, sum.value);
         sum.index = s.select_index(better, index, sum.index);
@@ -316,7 +316,7 @@ impl Sliced {
     }
 }
 
-/// A matrix with values, and a vector, of which `product_with` has asserted that they fit.
+/// Matrix with values, and a vector, whose sizes `product_with` has found to fit.
 #[derive(Clone, Copy)]
 struct Factors<'a> {
     matrix: &'a Sliced,
@@ -424,9 +424,9 @@ impl Factors<'_> {
             // remainder saves the check of an index that is below eight anyway.
             let mut row = R::row(&rows, *lane as usize % LANES);
             while start < *end as usize {
-                // SAFETY: `Sliced::push_others` ends lines within the entries, of which there are
-                // as many indices as values (the assertion in `product_with`), and `arranged`
-                // asserts that all indices are below the number of values of x.
+                // SAFETY: `Sliced::push_others` ends lines within the entries, which have as many
+                // indices as values (the assertion in `product_with`), and `arranged` asserts that
+                // all indices are below the number of values of x.
                 let (value, x, j) = unsafe {
                     let j = *matrix.overflow_indices.get_unchecked(start);
                     let value = *values.overflow.get_unchecked(start);
@@ -444,14 +444,14 @@ impl Factors<'_> {
 /// Product with a vector, for a step of the filter or the smoother.
 #[derive(Debug, Clone, Copy)]
 pub enum Product<'a> {
-    /// With a stochastic matrix that is stored, and a distribution.
+    /// Product of a stored stochastic matrix with a distribution.
     Sparse { matrix: &'a Sliced, x: &'a [f64] },
-    /// Computed elsewhere, and not known to be that of a distribution.
+    /// Product that was computed elsewhere, and need not sum to one.
     Computed(&'a [f64]),
 }
 
-/// Rows of a product that kernels go through. (A kernel has one type of product, not the choice:
-/// less to copy for a step of few states.)
+/// Rows of a product that a kernel takes. (A kernel is generic over this rather than holding the
+/// enum: less to copy for a step of few states.)
 pub(crate) trait ProductRows: Copy + Send {
     /// True if the product is known to be that of a distribution.
     const KNOWN: bool;

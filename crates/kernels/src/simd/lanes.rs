@@ -1,5 +1,5 @@
 //! Operations on eight doubles that all instruction sets have ([`Simd`]), and slices as blocks of
-//! eight, of which the last may be partial.
+//! eight; the last one may be partial.
 //!
 //! The only unsafe operations are a gather, whose caller vouches for the indices, and a hint to the
 //! caches, which takes an address.
@@ -52,7 +52,7 @@ pub trait Simd: Copy {
     fn all(self, m: Self::M) -> bool {
         self.bits(m) == u8::MAX
     }
-    /// Lanes above 0 and below a limit.
+    /// Mask of the lanes above 0 and below a limit.
     #[inline(always)]
     fn is_small(self, v: Self::V, limit: f64) -> Self::M {
         self.and(self.lt(v, self.splat(limit)), self.lt(self.splat(0.0), v))
@@ -77,8 +77,8 @@ pub trait Simd: Copy {
     #[allow(unsafe_code, reason = "an index is not checked: that would cost a fifth of a product")]
     unsafe fn gather<const INSTRUCTION: bool>(self, x: &[f64], indices: &[u32; LANES]) -> Self::V;
 
-    /// Keeps the compiler from unrolling a loop of few turns: it does not repeat assembly, even if
-    /// empty.
+    /// Keeps the compiler from unrolling a loop of few turns: it does not duplicate assembly, even
+    /// if empty.
     #[inline(always)]
     fn no_unroll(self) {}
 
@@ -143,8 +143,9 @@ pub(crate) fn row_block<S: Simd>(s: S, (blocks, rest): Blocks<'_>, number: usize
 }
 
 /// Loads as [`row_block`], and asks the caches for a block further on: for vectors that are new in
-/// each step and are read beside many other streams, such as those of a matrix, among which the
-/// processor does not see one more. With `BEYOND` it goes on beyond the vector: to the next row, if rows are side by side.
+/// each step and are read beside many other streams, such as those of a matrix, so that the
+/// processor does not detect one more. With `BEYOND` it also asks for blocks beyond the vector,
+/// which belong to the next row if rows are contiguous.
 #[inline(always)]
 pub(crate) fn row_block_ahead<S: Simd, const BEYOND: bool>(
     s: S,
@@ -154,8 +155,8 @@ pub(crate) fn row_block_ahead<S: Simd, const BEYOND: bool>(
     #[cfg(target_arch = "x86_64")]
     {
         use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-        /// Blocks from one that is loaded to one that is asked for: more than the time of a cache
-        /// miss, in steps on a large map (with 16 the least time on Zen 4, with 48 nearly so).
+        /// Distance in blocks from a load to the block that is asked for: more than the time of a
+        /// cache miss, in steps on a large map (16 was fastest on Zen 4, 48 nearly as fast).
         const AHEAD: usize = 16;
         let number = number + AHEAD;
         let number = if BEYOND { number } else { number.min(blocks.0.len()) };

@@ -47,7 +47,7 @@ impl Isa {
     pub(crate) const ALL: [(&'static str, Self); 3] =
         [("plain", Self::Portable), ("avx2", Self::Avx2), ("avx512", Self::Avx512)];
 
-    /// True if the processor has it.
+    /// True if the processor has the instruction set.
     pub(crate) fn is_here(self) -> bool {
         #[cfg(target_arch = "x86_64")]
         match self {
@@ -62,8 +62,8 @@ impl Isa {
         matches!(self, Self::Portable)
     }
 
-    /// Returns the widest one of the machine, or a plainer one if the environment variable
-    /// `WAYFIX_INSTRUCTIONS` names it. Looked up once.
+    /// Returns the widest instruction set of the machine, or a plainer one that the environment
+    /// variable `WAYFIX_INSTRUCTIONS` names. Looked up once.
     #[inline(always)]
     pub(crate) fn chosen() -> Self {
         static CHOSEN: OnceLock<Isa> = OnceLock::new();
@@ -75,7 +75,7 @@ impl Isa {
             let named = std::env::var("WAYFIX_INSTRUCTIONS").unwrap_or_default();
             let widest = Self::ALL.iter().find(|(name, _)| *name == named);
             let widest = widest.map_or(Self::Avx512, |found| found.1);
-            // From the widest: what is named may not be here.
+            // From the widest: the one that is named may not be available.
             let here = Self::ALL.iter().rev().map(|named| named.1);
             here.into_iter().find(|isa| *isa <= widest && isa.is_here()).unwrap_or(Self::Portable)
         })
@@ -97,7 +97,7 @@ fn gathers() -> bool {
     })
 }
 
-/// A computation for any instruction set.
+/// Computation that is written for any instruction set.
 pub trait WithSimd {
     type Output;
 
@@ -114,8 +114,8 @@ pub fn run<K: WithSimd>(kernel: K) -> K::Output {
     unsafe { run_unchecked(Isa::chosen(), kernel) }
 }
 
-/// Defines functions with the arguments of generic ones, but for the first, `s: impl Simd`, that
-/// run these with the chosen instructions. The generic ones are `#[inline(always)]`.
+/// Defines functions that run generic ones with the chosen instructions: they have the same
+/// arguments but the first, `s: impl Simd`. The generic ones are `#[inline(always)]`.
 macro_rules! kernels {
     ($(
         $(#[$doc:meta])*
@@ -148,11 +148,11 @@ pub(crate) use kernels;
 
 #[cfg(test)]
 thread_local! {
-    /// Instructions of kernels on this thread, instead of the chosen ones.
+    /// Overrides the instructions of kernels on this thread.
     static TESTED: std::cell::Cell<Option<Isa>> = const { std::cell::Cell::new(None) };
 }
 
-/// Calls with kernels of this thread on these instructions, which must be here.
+/// Calls a function while kernels of this thread use these instructions, which must be available.
 #[cfg(test)]
 pub(crate) fn with_isa<R>(isa: Isa, call: impl FnOnce() -> R) -> R {
     assert!(isa.is_here());
@@ -196,7 +196,7 @@ unsafe fn run_unchecked<K: WithSimd>(isa: Isa, kernel: K) -> K::Output {
         // function reads it, and only once.
         unsafe { kernel.read() }.run(Portable)
     }
-    // The function that reads the kernel owns it from there on, and drops it.
+    // The function that reads the kernel owns it afterwards, and drops it.
     let kernel = ManuallyDrop::new(kernel);
     let kernel: *const K = &raw const *kernel;
     // SAFETY: the caller has detected the instructions that the function may use. The address is
