@@ -102,7 +102,6 @@ fn free_entries<A: TransitionEntries<Control = ()>>(transition: &A) -> usize {
     columns.map(|from| transition.outgoing(&(), from).count() - 1).sum()
 }
 
-/// Learned values are 64-bit, even if those of the operator are 32-bit.
 impl LearnFromMoves for SparseTransition {
     fn maximize(&self, counts: &MoveCounts, pseudo_count: f64) -> Result<Self, TransitionError> {
         Self::from_triplets(self.states(), free(self, counts, pseudo_count)?)

@@ -52,7 +52,6 @@ mod operator;
 mod reorder;
 mod restart;
 mod shared;
-mod single;
 mod sparse;
 mod stationary;
 mod stored;

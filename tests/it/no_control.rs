@@ -50,10 +50,10 @@ impl<A: TransitionEntries<Control = ()>> TransitionEntries for Driven<A> {
     }
 }
 
-/// Operators of several types that are chosen at run time.
+/// Operators of several types, chosen at run time.
 type Chosen = Box<dyn Transition<Control = ()> + Send + Sync>;
 
-/// A model with symbols, and some sequences of these.
+/// A model with symbols, and sequences of these.
 #[derive(Debug, Clone)]
 struct Case {
     at_first: bool,
@@ -63,7 +63,7 @@ struct Case {
     sequences: Vec<Vec<usize>>,
 }
 
-/// On either side of eight states, with short sequences and long ones, few and many.
+/// Below and above eight states, with short and long sequences, few and many.
 fn instances() -> impl Strategy<Value = Case> {
     (1..=12_usize, 1..=3_usize).prop_flat_map(|(n, symbols)| {
         let row = weighted(prop_oneof![1 => Just(0.0), 12 => 0.01..1.0], symbols);
@@ -132,7 +132,7 @@ impl Case {
         )
     }
 
-    /// A trait object of an operator does the same as the operator, to the bit.
+    /// A trait object of an operator gives the same as the operator, to the bit.
     fn check_trait_object<A>(&self, operator: A) -> TestCaseResult
     where
         A: Transition<Control = ()> + Clone + Send + Sync + 'static,
@@ -158,7 +158,7 @@ impl Case {
         Ok(())
     }
 
-    /// Streams, step by step: the filter to the bit, a pruned one within what it proves.
+    /// Streams, step by step: the filter to the bit, the pruned one within its bound.
     fn check_streams<A>(&self, operator: A, pruning: Pruning) -> TestCaseResult
     where
         A: TransitionEntries<Control = ()> + Clone,
@@ -189,7 +189,7 @@ impl Case {
             let (Ok(certificate), Ok(of_other)) =
                 (pruned.step(y), pruned_of_other.step_with(&0, y))
             else {
-                // A state was dropped from which alone this could be seen.
+                // The only state that explains the observation was dropped.
                 prop_assert!(pruning.tolerance > 0.0);
                 break;
             };
@@ -279,7 +279,7 @@ fn a_bad_operator_with_a_control_is_an_error_of_the_first_step() {
     assert_eq!(pruned.probabilities(), [0.5, 0.5]);
 }
 
-/// Steps with evidence may have any sum, so that it would not be found later.
+/// Steps with evidence may have any sum, so a wrong column would not be found later.
 #[test]
 fn families_and_evidence_check_their_operators() {
     let refused = |error| match error {

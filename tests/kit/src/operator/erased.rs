@@ -1,4 +1,4 @@
-//! Operators of any type as one type, so that what is generic is compiled once.
+//! Operators of any type as one type, so that generic code is compiled once.
 
 use std::fmt::Debug;
 
@@ -86,7 +86,7 @@ impl<A: TransitionEntries<Control: Debug>> Steps for WithControls<A> {
     }
 }
 
-/// The operator of one step, which knows no control.
+/// The operator of one step, without a control.
 #[derive(Clone, Copy)]
 pub struct AtStep<'a> {
     pub operator: &'a dyn Steps,
@@ -97,7 +97,7 @@ pub struct AtStep<'a> {
 #[derive(Clone, Copy)]
 pub struct EachStep<'a>(pub &'a dyn Steps);
 
-/// Both traits, by those of the operator within.
+/// Implements both traits by those of the inner operator.
 macro_rules! delegate {
     ($type:ident, $control:ty, |$self:ident, $u:ident| $operator:expr, $step:expr) => {
         impl Transition for $type<'_> {
