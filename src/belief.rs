@@ -116,7 +116,7 @@ impl Belief {
 
     /// Creates a belief from values that are known to be a distribution.
     #[doc(hidden)]
-    pub fn known(probabilities: Vec<f64>) -> Self {
+    pub fn from_valid(probabilities: Vec<f64>) -> Self {
         Self { probabilities }
     }
 }

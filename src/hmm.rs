@@ -257,7 +257,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         }
         // Reordering changes no number, so that the checks of `new` still hold.
         let probabilities = self.prior.belief().as_slice();
-        let belief = Belief::known(order.iter().map(|&state| probabilities[state]).collect());
+        let belief = Belief::from_valid(order.iter().map(|&state| probabilities[state]).collect());
         Ok(Self {
             prior: self.prior.with_belief(belief),
             transition: self.transition.reordered(order),

@@ -4,7 +4,7 @@
 //! A₂ for each row, then one with A₁ for each column. The same two passes serve the transpose,
 //! logarithms and the max-product, since the parts are independent in all of them.
 
-use super::log::LARGEST;
+use super::log::LARGEST_LINEAR_ENTRY;
 use super::{Transition, TransitionEntries, buffers, check_count, check_slices};
 use crate::error::TransitionError;
 use crate::groups::Groups;
@@ -235,7 +235,7 @@ impl<A1: TransitionEntries, A2: TransitionEntries<Control = A1::Control>> Transi
             // extremes of the products are the products of the extremes.
             let ((least1, most1), (least2, most2)) =
                 (extremes(&self.first, control), extremes(&self.second, control));
-            least1 * least2 < f64::MIN_POSITIVE || most1 * most2 > LARGEST
+            least1 * least2 < f64::MIN_POSITIVE || most1 * most2 > LARGEST_LINEAR_ENTRY
         }
     }
 

@@ -88,7 +88,7 @@ impl Stationary {
             weights[*state] = flow / leaves;
         }
         let sum: f64 = weights.iter().sum();
-        Belief::known(weights.iter().map(|weight| weight / sum).collect())
+        Belief::from_valid(weights.iter().map(|weight| weight / sum).collect())
     }
 
     /// Derivatives of Σ `rewards[i]` `π[i]`: to first order, moving probability ε in column j from
@@ -208,7 +208,7 @@ fn eliminate(
         let mut from_others = Vec::new();
         for from in std::mem::take(&mut into[state]) {
             let column = std::mem::take(&mut out[from as usize]);
-            let (column, p) = through(from, column, k, &shares, |to| into[to as usize].push(from));
+            let (column, p) = bypass(from, column, k, &shares, |to| into[to as usize].push(from));
             out[from as usize] = column;
             from_others.push((from, p));
         }
@@ -233,7 +233,7 @@ fn eliminate(
 
 /// Returns the moves out of a state after those to state k have been passed on to where k leads,
 /// and the probability of the moves to k. Calls `new` for each state that was not reached before.
-fn through(
+fn bypass(
     from: u32,
     column: Vec<(u32, f64)>,
     k: u32,

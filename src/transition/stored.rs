@@ -49,10 +49,10 @@ impl<'a> Stored<'a> {
     }
 
     /// True if all values above 0 are at least 2^-100.
-    pub(crate) fn is_plain(self) -> bool {
+    pub(crate) fn has_no_tiny_entries(self) -> bool {
         match self.0 {
-            Form::Sparse(matrix) => matrix.plain,
-            Form::Dense(matrix) => matrix.plain,
+            Form::Sparse(matrix) => matrix.no_tiny_entries,
+            Form::Dense(matrix) => matrix.no_tiny_entries,
         }
     }
 

@@ -147,7 +147,7 @@ impl<A: Transition> DwellTransition<A> {
         }
         let mut states = vec![0.0; self.states()];
         self.starts.iter().zip(places.values()).for_each(|(&state, &p)| states[state] = p);
-        Ok(Belief::known(states))
+        Ok(Belief::from_valid(states))
     }
 
     fn places(&self) -> usize {
