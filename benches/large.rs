@@ -1,27 +1,21 @@
-//! A filter step on a map of a million places, beside the time that two threads
-//! take to move its bytes.
+//! A filter step on a map of a million places, compared with the time that two threads take to
+//! move its bytes.
 //!
 //! ```text
 //! cargo bench -p wayfix-benches --features rayon --bench large
 //! WAYFIX_PLACES=10000000 cargo bench -p wayfix-benches --features rayon --bench large
-//! WAYFIX_PLACES=10000000 cargo bench -p wayfix-benches --features rayon --bench large -- single
 //! ```
 //!
-//! With the argument `single` or `double` only the matrix with values of 32 or of 64
-//! bits is made, else one after the other: the memory at its peak is then told for the
-//! first alone.
-//!
-//! Bytes are those that a step cannot do without: a value, and an index of 32 bits, for
-//! each road, and the vectors that it reads and writes. The memory is timed with
-//! the triad a = b + s c (McCalpin 1995), over the same number of threads. Times are
-//! the least of many, beside the median.
+//! Bytes are those that a step needs: a value and an index of 32 bits for each road, and the
+//! vectors that it reads and writes. The memory is timed with the triad a = b + s c (McCalpin
+//! 1995), on the same number of threads. Times are the least of many, and the median.
 
 use std::hint::black_box;
 use std::time::Instant;
 
-use wayfix::{Belief, Hmm, LikelihoodVector, Prior, SparseTransition, Transition, TransitionError};
+use wayfix::{Belief, Hmm, LikelihoodVector, Prior, SparseTransition, Transition};
 
-/// The least time of so many runs, in seconds, and the median.
+/// The least time of `runs` runs, in seconds, and the median.
 fn time(runs: usize, mut work: impl FnMut()) -> [f64; 2] {
     let timed = (0..runs).map(|_| {
         let start = Instant::now();
@@ -55,7 +49,7 @@ fn triad() -> f64 {
 }
 
 /// Roads of a town like a grid, numbered street by street: from each place it
-/// stays, or goes to one of four others. Of a hundred roads three lead elsewhere in the
+/// stays, or goes to one of four others. Three of a hundred roads lead elsewhere in the
 /// neighbourhood.
 fn roads(places: usize) -> impl Iterator<Item = (usize, usize, f64)> {
     let width = places.isqrt();
@@ -73,7 +67,7 @@ fn roads(places: usize) -> impl Iterator<Item = (usize, usize, f64)> {
     })
 }
 
-/// Resident memory and its peak, in MB, where the system says so.
+/// Resident memory and its peak, in MB, if the system reports them.
 fn memory() -> String {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let field = |name: &str| {
@@ -87,25 +81,9 @@ fn memory() -> String {
 fn main() {
     let places: usize = std::env::var("WAYFIX_PLACES")
         .map_or(1_000_000, |places| places.parse().expect("WAYFIX_PLACES is a number"));
-    let asked = |bits: &str| std::env::args().any(|argument| argument == bits);
-    if !asked("double") {
-        println!("{places} places, values of 32 bits");
-        measure(places, 4, || SparseTransition::from_triplets_single(places, roads(places)));
-    }
-    if !asked("single") {
-        println!("{places} places, values of 64 bits");
-        measure(places, 8, || SparseTransition::from_triplets(places, roads(places)));
-    }
-}
-
-fn measure(
-    places: usize,
-    value: usize,
-    load: impl FnOnce() -> Result<SparseTransition, TransitionError>,
-) {
     let start = Instant::now();
-    let transition = load().expect("a town");
-    println!("{} roads, changed by at most {:.1e}", transition.entries(), transition.rounding());
+    let transition = SparseTransition::from_triplets(places, roads(places)).expect("a town");
+    println!("{places} places, {} roads", transition.entries());
     println!("loaded in {:.1} s; memory {}", start.elapsed().as_secs_f64(), memory());
     let (x, mut out) = (vec![1.0; places], vec![0.0; places]);
     let product = time(30, || transition.apply(&(), black_box(&x), black_box(&mut out)));
@@ -122,7 +100,7 @@ fn measure(
     println!("triad: {:.1} GB/s", bandwidth / 1e9);
     // The belief and the likelihoods are read; the result is written, then read and
     // written for its sum to be one.
-    let bytes = (value + 4) * entries + (1 + 1 + 1 + 2) * 8 * places;
+    let bytes = (8 + 4) * entries + (1 + 1 + 1 + 2) * 8 * places;
     let moved = bytes as f64 / bandwidth;
     println!("product: {:.3} ms (median {:.3})", product[0] * 1e3, product[1] * 1e3);
     let [step, median] = step;

@@ -2,14 +2,12 @@
 
 use std::collections::BTreeSet;
 
-use wayfix::{
-    Belief, Hmm, LikelihoodVector, Prior, SparseTransition, Transition, TransitionEntries,
-};
+use wayfix::{Belief, Hmm, LikelihoodVector, Prior, SparseTransition, Transition};
 
 /// More than three blocks of lines, and not a multiple of eight.
 const PLACES: usize = 131_071;
 
-/// Stays, goes on, or to some other place.
+/// Moves: a stay, to the next place, or to some other place.
 fn roads() -> Vec<(usize, usize, f64)> {
     let of = |from: usize| {
         let to = BTreeSet::from([from, (from + 1) % PLACES, from * 7919 % PLACES]);
@@ -33,7 +31,7 @@ fn hmm() -> Hmm<SparseTransition, LikelihoodVector> {
     Hmm::new(prior, transition, LikelihoodVector::linear(PLACES)).unwrap()
 }
 
-/// Σ over roads of `out[to]` += p `x[from]`, or the other way.
+/// Adds p `x[from]` to `out[to]` over all roads, or in the other direction.
 fn product(roads: &[(usize, usize, f64)], x: &[f64], transposed: bool) -> Vec<f64> {
     let mut out = vec![0.0; PLACES];
     for &(to, from, p) in roads {
@@ -81,23 +79,7 @@ fn filter_and_smoother_are_as_defined() {
     }
 }
 
-/// Values of 32 bits are those of a matrix of 64 bits, block after block.
-#[test]
-fn values_of_32_bits_are_taken_as_doubles() {
-    let single = SparseTransition::from_triplets_single(PLACES, roads()).unwrap();
-    assert!(single.rounding() > 1e-9 && single.rounding() < 1e-7, "{}", single.rounding());
-    let columns = (0..PLACES).map(|from| (from, single.outgoing(&(), from)));
-    let values = columns.flat_map(|(from, ways)| ways.map(move |(to, p)| (to, from, p)));
-    let double = SparseTransition::from_triplets(PLACES, values).unwrap();
-    let prior = Prior::BeforeFirstTransition(Belief::uniform(PLACES).unwrap());
-    let smoothed = [single, double].map(|transition| {
-        let sensor = LikelihoodVector::linear(PLACES);
-        Hmm::new(prior.clone(), transition, sensor).unwrap().smooth(&seen()[..]).unwrap()
-    });
-    assert_eq!(smoothed[0], smoothed[1]);
-}
-
-/// However many threads there are.
+/// Results are the same for any number of threads.
 #[cfg(feature = "rayon")]
 #[test]
 fn threads_do_not_change_a_bit() {

@@ -35,7 +35,7 @@ impl<'m> EntrySums<'m> {
         if transition.evidence(control).is_some() {
             return None;
         }
-        let (_, columns) = transition.stored(control)?.lines()?;
+        let (_, columns) = transition.stored(control)?.lines();
         let sums = vec![0.0; columns.values().len()];
         Some(Self { columns, states, sums, logs: Vec::new(), powers: Vec::new() })
     }

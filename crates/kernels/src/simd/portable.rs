@@ -4,13 +4,13 @@
 //! Each operation gives the bits that the instructions of AVX2 and AVX-512 give, for NaN, infinite
 //! values and zeros of either sign, too.
 
-use super::{Eight, LANES, Simd};
+use super::lanes::{Eight, LANES, Simd};
 
 /// Arrays.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Portable;
 
-/// One value for each lane. `std::array::from_fn` takes many times as long to compile.
+/// One value for each lane. `std::array::from_fn` takes many times longer to compile.
 #[inline(always)]
 fn lanes<R>(f: impl Fn(usize) -> R) -> [R; LANES] {
     [f(0), f(1), f(2), f(3), f(4), f(5), f(6), f(7)]
@@ -64,10 +64,6 @@ impl Simd for Portable {
         *x
     }
     #[inline(always)]
-    fn load_f32(self, x: &[f32; LANES]) -> Eight {
-        lanes(|l| f64::from(x[l]))
-    }
-    #[inline(always)]
     fn store(self, v: Eight, out: &mut Eight) {
         *out = v;
     }
@@ -105,7 +101,7 @@ impl Simd for Portable {
     }
     #[inline(always)]
     fn transpose(self, rows: [Eight; LANES]) -> [Eight; LANES] {
-        // Unrolled to 64 moves, of which the target's shuffles combine what they can.
+        // Unrolled to 64 moves, which the compiler combines into the target's shuffles if it can.
         lanes(|r| lanes(|l| rows[l][r]))
     }
     #[inline(always)]

@@ -4,10 +4,8 @@ use super::{ZERO_SCORE, everywhere};
 use crate::layout::{Arrangement, Sliced};
 use crate::limits::LIFT;
 use crate::memory::{Aligned, LARGE, LINE, in_large_pages};
-use crate::ops::*;
 use crate::parallel::{PART, Splits, in_turn, run_in_parts};
-use crate::simd::run;
-use crate::vector::{dot, sum};
+use crate::*;
 
 #[test]
 fn log2_is_right_and_adds_one_for_a_doubling() {
@@ -56,7 +54,7 @@ fn sums_and_memory_of_every_length() {
     }
 }
 
-/// Not a multiple of eight, nor of parts; neighbours, some entries far, a few long lines.
+/// Neither a multiple of eight nor of parts; neighbours, some distant entries, a few long lines.
 #[test]
 fn parts_give_the_result_of_all_lines_at_once() {
     const N: usize = 4 * PART + 1003;

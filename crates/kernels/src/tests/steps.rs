@@ -7,7 +7,7 @@ use super::{
     cases, close, everywhere, in_layouts, numbers, product, rows, sliced, some_zero, sum_is,
 };
 use crate::limits::{BACK_LIFT, LIFT};
-use crate::ops::*;
+use crate::*;
 
 /// A step of the filter: results and sums.
 fn forward(
@@ -102,7 +102,7 @@ proptest! {
             close(&normalized, &expected)?;
             prop_assert_eq!(tiny, any_tiny(&expected));
         }
-        // With a lift, what is below the smallest normal double becomes 0.
+        // With a lift, values below the smallest normal double become 0.
         let rounded = |&p: &f64| if p < f64::MIN_POSITIVE { 0.0 } else { p };
         let expected: Vec<f64> = expected.iter().map(rounded).collect();
         let (lifted, out, tiny) = everywhere(|| {

@@ -56,7 +56,7 @@ impl<'m, A: Transition, B: Likelihood> LaneModel<'m, A, B> {
         // No entry is below `LEAST_ENTRY`. With normal beliefs and likelihoods of at least `TINY`,
         // no product then becomes 0 unnoticed.
         let (rows, columns) =
-            hmm.transition().stored(control).filter(|matrix| matrix.is_plain())?.lines()?;
+            hmm.transition().stored(control).filter(|matrix| matrix.is_plain())?.lines();
         // A subnormal prior could let a lifted product become 0 unnoticed.
         let prior = hmm.prior().belief().as_slice();
         if prior.iter().any(|p| 0.0 < *p && *p < f64::MIN_POSITIVE) {
