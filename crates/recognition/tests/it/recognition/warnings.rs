@@ -52,7 +52,11 @@ fn warnings_are_given_where_they_should_be() {
         .iter()
         .any(|w| matches!(w, Warning::Chance { rank } if *rank > 0.5));
     assert!(chance, "{:?}", wrong.parameters().warnings());
-    assert!(wrong.parameters().warnings()[0].to_string().contains("similarities mixed up with distances"));
+    assert!(
+        wrong.parameters().warnings()[0]
+            .to_string()
+            .contains("similarities mixed up with distances")
+    );
     let rows: Vec<Vec<f32>> = rows.iter().map(|row| row.iter().map(|s| -s).collect()).collect();
     let part = LabelledPart { queries: &rows, places: &places, odometry: &[] };
     let fine = matrix.fit(&[part]).unwrap();
