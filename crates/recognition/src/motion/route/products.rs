@@ -91,7 +91,7 @@ impl Step<'_> {
         for end in route.shape.ends().filter(|end| places.contains(end)) {
             for i in route.shape.sources(route.span_of(speed), end) {
                 out[end - places.start] +=
-                    self.move_weight(speed, i, end) * x.starting_at(i.cast_signed())[0];
+                    self.move_entry(speed, i, end) * x.starting_at(i.cast_signed())[0];
             }
         }
     }
@@ -116,7 +116,7 @@ impl Step<'_> {
         }
         for end in route.shape.ends() {
             for i in route.shape.sources(route.span_of(speed), end) {
-                out[i] += self.move_weight(speed, i, end) * x[end];
+                out[i] += self.move_entry(speed, i, end) * x[end];
             }
         }
     }

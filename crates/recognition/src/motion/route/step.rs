@@ -39,7 +39,7 @@ pub(super) struct OffMapFactors {
 }
 
 /// Factors of an entry.
-pub(super) type EntryFactors = [f64; 4];
+type EntryFactors = [f64; 4];
 
 impl RouteTransition {
     /// Calls `work` with the step of a control.
@@ -103,7 +103,7 @@ impl Step<'_> {
 
     /// Factors of the entry between two places at a speed: the weight of the move, and the
     /// likelihood of the view.
-    pub(super) fn move_factors(&self, speed: usize, from: usize, to: usize) -> [f64; 2] {
+    fn move_factors(&self, speed: usize, from: usize, to: usize) -> [f64; 2] {
         let (route, window) = (self.route, self.window(speed));
         let weight = route.move_weight(speed, window, from, to);
         if from != to || route.shape.closed || !route.shape.ends().any(|end| end == to) {
@@ -118,7 +118,7 @@ impl Step<'_> {
     }
 
     /// Product of [`move_factors`](Self::move_factors).
-    pub(super) fn move_weight(&self, speed: usize, from: usize, to: usize) -> f64 {
+    pub(super) fn move_entry(&self, speed: usize, from: usize, to: usize) -> f64 {
         let [weight, seen] = self.move_factors(speed, from, to);
         weight * seen
     }
@@ -132,7 +132,7 @@ impl Step<'_> {
     }
 
     /// Visits the entries out of a state, as states and factors, in ascending order.
-    pub(super) fn column(&self, from: usize, mut work: impl FnMut(usize, EntryFactors)) {
+    fn column(&self, from: usize, mut work: impl FnMut(usize, EntryFactors)) {
         let (route, n, k) = (self.route, self.route.shape.places, self.route.k());
         let (g, i) = (from / n, from % n);
         for new in 0..k {
@@ -157,7 +157,7 @@ impl Step<'_> {
     }
 
     /// Visits the entries into a state, as states and factors, in ascending order.
-    pub(super) fn row(&self, to: usize, mut work: impl FnMut(usize, EntryFactors)) {
+    fn row(&self, to: usize, mut work: impl FnMut(usize, EntryFactors)) {
         let (route, n, k) = (self.route, self.route.shape.places, self.route.k());
         let (new, j) = (to / n, to % n);
         for g in 0..k {
@@ -200,7 +200,7 @@ impl RouteTransition {
 
     /// Weight, at a speed with the weights `window`, of going from one place to another, summed
     /// over all moves that join them.
-    pub(super) fn move_weight(&self, speed: usize, window: &[f64], from: usize, to: usize) -> f64 {
+    fn move_weight(&self, speed: usize, window: &[f64], from: usize, to: usize) -> f64 {
         let RouteShape { places, closed } = self.shape;
         let at = to.cast_signed() - from.cast_signed() - self.speeds.windows[speed].first;
         if closed {
@@ -235,7 +235,7 @@ struct MotionCases {
 impl Step<'_> {
     /// Likelihood of the measurements off the map; `means` has the likelihood of the reading at
     /// each speed.
-    pub(super) fn off_map_likelihood(&self, control: &RouteControl, means: &[f64]) -> f64 {
+    fn off_map_likelihood(&self, control: &RouteControl, means: &[f64]) -> f64 {
         // Without measurements the cases sum to one but for rounding.
         if control.odometry.is_none() && self.factors == ViewFactors::NONE {
             return 1.0;
