@@ -86,7 +86,6 @@ macro_rules! for_all_families {
             of!(weibull, Independent<Weibull>);
             of!(beta, Independent<Beta>);
             of!(wrapped_cauchy, Independent<WrappedCauchy>);
-            of!(skewed_t, Independent<SkewedT>);
             of!(exponential, Independent<Exponential>);
             of!(gamma, Independent<Gamma>);
             of!(log_normal, Independent<LogNormal>);

@@ -1,22 +1,20 @@
 //! Mixtures of Gaussians: their densities b_i(y) = Σ_p w_p N(y; μ_p, Σ_p) (section 1 of the guide's
 //! formulas), summed in logarithms relative to the largest part.
 
-mod check;
-mod learn;
-mod start;
+use std::error::Error;
 
 use rand::Rng;
-
-use self::check::{check_weights, of_parts};
-use super::check::{check_length, flatten};
-use super::normal::{CovarianceType, Normals, Settings, eights, flatten_covariances, settings};
-use super::{EmissionError, Family, Marginals, Tails};
-use wayfix::LikelihoodError;
-use wayfix::ReorderStates;
-use wayfix::internal::index;
-use wayfix::likelihood::SampleObservation;
-use wayfix::{Diagonal, Likelihood, Scratch};
+use wayfix::inference::{Displacement, FreeParameters};
+use wayfix::internal::{SUM_TOLERANCE, index, shares};
+use wayfix::likelihood::{LearnLikelihood, SampleObservation};
+use wayfix::{Diagonal, Likelihood, LikelihoodError, ReorderStates, Scratch};
 use wayfix_kernels::{Eight, log_sum};
+
+use crate::error::{check, check_length, flatten, with_place};
+use crate::normal::{
+    CovarianceType, GaussianStatistics, Normals, Settings, as_blocks, flatten_covariances, settings,
+};
+use crate::{Clusters, EmissionError, Family, Gaussian, Marginals, StartFromClusters, Tails};
 
 /// Mixtures of m Gaussians for each state, with covariances of one of four [types](CovarianceType):
 /// the counterpart of hmmlearn's `GMMHMM`. A tied covariance is shared by all parts of a state.
@@ -30,7 +28,7 @@ use wayfix_kernels::{Eight, log_sum};
 ///
 /// Learning divides the weight of an observation between the parts by their posterior
 /// probabilities (Juang, Levinson and Sondhi 1986) and then estimates each part as a
-/// [`Gaussian`](super::Gaussian), and the weights as shares. The pseudo-count of
+/// [`Gaussian`](crate::Gaussian), and the weights as shares. The pseudo-count of
 /// [learning](wayfix::inference::LearningOptions::likelihood_pseudo_count) is that of a Dirichlet
 /// prior on the weights above 0, so 1 less than hmmlearn's `weights_prior`. The prior of means and
 /// covariances is set by [`with_prior`](Self::with_prior) and is the same for all parts. A weight
@@ -40,7 +38,7 @@ use wayfix_kernels::{Eight, log_sum};
 /// of the previous iteration, which is not a maximum; both have the same fixed points.)
 ///
 /// A step takes O(n m d) for variances, O(n m d²) for matrices, and n m exponentials; it
-/// allocates nothing. Missing components are treated as in a [`Gaussian`](super::Gaussian).
+/// allocates nothing. Missing components are treated as in a [`Gaussian`](crate::Gaussian).
 ///
 /// ```
 /// use wayfix_learn::{GaussianMixture, Rows};
@@ -253,8 +251,8 @@ impl Likelihood for GaussianMixture {
         scratch: &'a mut Scratch,
     ) -> Result<Diagonal<'a>, LikelihoodError> {
         let states = self.states();
-        let values = scratch.values(self.normals.memory() * 8);
-        let logs = self.logs(y, eights(values))?;
+        let values = scratch.values(self.normals.scratch_blocks() * 8);
+        let logs = self.logs(y, as_blocks(values))?;
         for state in 0..states {
             let parts = &logs[state * self.parts..][..self.parts];
             // Relative to the largest part, whose exponential is 1: the sum neither overflows nor
@@ -339,4 +337,175 @@ wayfix::stored! {
 #[cfg(feature = "serde")]
 fn weights_of(family: &GaussianMixture) -> Vec<Vec<f64>> {
     crate::family::by_state(|state| family.weights(state).map(<[f64]>::to_vec))
+}
+
+// Checks of the parameters of mixtures.
+
+/// Checks the weights of all states.
+fn check_weights(weights: &[f64], parts: usize) -> Result<(), EmissionError> {
+    for (state, weights) in weights.chunks_exact(parts).enumerate() {
+        for (part, &weight) in weights.iter().enumerate() {
+            check("weight", weight, weight >= 0.0, "a value of at least 0")
+                .map_err(|error| with_place(error, state, Some(part)))?;
+        }
+        let sum: f64 = weights.iter().sum();
+        check("sum of the weights", sum, (sum - 1.0).abs() <= SUM_TOLERANCE, "1")
+            .map_err(|error| with_place(error, state, None))?;
+    }
+    Ok(())
+}
+
+/// Checks the parameters of each state's parts, and returns them one after the other.
+fn of_parts<M: AsRef<[P]>, P>(
+    what: &'static str,
+    all: &[M],
+    [states, parts]: [usize; 2],
+    flatten: impl Fn(&[P]) -> Result<Vec<f64>, EmissionError>,
+) -> Result<Vec<f64>, EmissionError> {
+    check_length(what, None, all.len(), states)?;
+    let mut flat = Vec::new();
+    for (state, rows) in all.iter().enumerate() {
+        check_length(what, Some(state), rows.as_ref().len(), parts)?;
+        flat.extend(flatten(rows.as_ref()).map_err(|error| error.in_part(Some(state), parts))?);
+    }
+    Ok(flat)
+}
+
+// Learning of Gaussian mixtures: the E step over the parts, and the M step of section 9 of the
+// formulas.
+//
+// With the posterior γ_i of state i, part p has the posterior γ_i w_p N_p(y) / Σ_q w_q N_q(y). So
+// the parts of all states are Gaussians with these weights, and the weights w_p a distribution
+// that is learned from their sums.
+
+impl LearnLikelihood for GaussianMixture {
+    /// The sums are the expected numbers of observations of all parts.
+    type Statistics = GaussianStatistics;
+
+    fn statistics(&self) -> GaussianStatistics {
+        self.normals.statistics(self.weights.len())
+    }
+
+    fn add(&self, statistics: &mut GaussianStatistics, y: &[f64], posterior: &[f64]) {
+        let GaussianStatistics { moments, sums, weights: [weights, _], memory } = statistics;
+        let Ok(logs) = self.logs(y, memory) else {
+            return; // invalid
+        };
+        // Lanes beyond the last part stay at 0.
+        let shares = &mut weights.as_flattened_mut()[..self.weights.len()];
+        let states = logs.chunks_exact(self.parts).zip(shares.chunks_exact_mut(self.parts));
+        for ((logs, shares), p) in states.zip(posterior) {
+            let largest = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            if *p == 0.0 || largest == f64::NEG_INFINITY {
+                shares.fill(0.0);
+                continue;
+            }
+            // Relative to the largest, so that the sum is from 1 to m.
+            let exponentials = shares.iter_mut().zip(logs);
+            exponentials.for_each(|(share, log)| *share = (log - largest).exp());
+            let scale = p / shares.iter().sum::<f64>();
+            shares.iter_mut().for_each(|share| *share *= scale);
+        }
+        sums.iter_mut().zip(shares).for_each(|(sum, share)| *sum += *share);
+        self.normals.add(moments, y, weights, weights, memory);
+    }
+
+    fn merge(&self, statistics: &mut GaussianStatistics, other: &GaussianStatistics) {
+        statistics.merge(other);
+    }
+
+    fn maximize(
+        &self,
+        statistics: &GaussianStatistics,
+        pseudo_count: f64,
+    ) -> Result<Self, Box<dyn Error + Send + Sync>> {
+        let normals = self.normals.maximize(&statistics.moments, None);
+        let tied = self.normals.kind() == CovarianceType::Tied;
+        let normals = normals.map_err(|error| match error.in_part(None, self.parts) {
+            // All parts of the state share the covariance, so the error names no part.
+            EmissionError::Part { cause, .. }
+                if tied && matches!(*cause, EmissionError::TooFew { .. }) =>
+            {
+                *cause
+            }
+            error => error,
+        })?;
+        // Σ S_p ln w_p under Σ w_p = 1 is largest in proportion to S_p (with pseudo-counts).
+        let states = self.weights.chunks_exact(self.parts);
+        let counts = statistics.sums.chunks_exact(self.parts);
+        let weights = states.zip(counts);
+        let weights = weights.flat_map(|(old, counts)| shares(old, counts, pseudo_count));
+        Ok(Self::of(normals, self.parts, weights.collect()))
+    }
+
+    fn log_prior(&self, pseudo_count: f64) -> f64 {
+        let normals = self.normals.log_prior();
+        if pseudo_count == 0.0 {
+            return normals;
+        }
+        let possible = self.log_weights.iter().filter(|log| **log > f64::NEG_INFINITY);
+        normals + pseudo_count * possible.sum::<f64>()
+    }
+
+    fn free_parameters(&self) -> usize {
+        // The weights of a state sum to one, and those of 0 stay so.
+        let weights = self.weights.iter().filter(|weight| **weight > 0.0).count();
+        weights - self.states() + self.normals.free_parameters()
+    }
+}
+
+/// Log-odds of the weights above 0 relative to the largest of the state, state by state; then means
+/// and covariances, except those that learning keeps.
+impl FreeParameters for GaussianMixture {
+    fn displaced(&self, by: &mut Displacement<'_>) -> Result<Self, Box<dyn Error + Send + Sync>> {
+        let mut weights = self.weights.clone();
+        weights.chunks_exact_mut(self.parts).for_each(|weights| by.distribution(weights));
+        Ok(Self::of(self.normals.displaced(by)?, self.parts, weights))
+    }
+}
+
+// Starts of Gaussian mixtures from clusters: the parts of a state are clusters within its own.
+
+impl StartFromClusters for GaussianMixture {
+    /// Takes the parts of each state from clusters within the state's cluster. A part with a weight
+    /// of 0 stays as it is. Fixed means divide the observations of a state between them.
+    fn start<R: Rng + ?Sized>(
+        &self,
+        clusters: &Clusters<'_>,
+        rng: &mut R,
+    ) -> Result<Self, Box<dyn Error + Send + Sync>> {
+        // Fixed means already decide which part an observation belongs to.
+        if self.has_fixed_means() {
+            return clusters.fit(self);
+        }
+        clusters.check(self)?;
+        let m = self.parts;
+        let mut weights = Vec::with_capacity(self.weights.len());
+        let (mut means, mut covariances) = (Vec::new(), Vec::new());
+        for state in 0..self.states() {
+            let is_possible = |part: &usize| self.weights[state * m + part] > 0.0;
+            let possible: Vec<usize> = (0..m).filter(is_possible).collect();
+            let division = clusters.divide(state, &possible, rng)?;
+            let parts: Vec<usize> = (state * m..(state + 1) * m).collect();
+            let parts = Gaussian::of(self.normals.select(&parts));
+            let parts = clusters.fit_parts(&parts, state, &division);
+            let parts = parts.map_err(|error| match error.downcast::<EmissionError>() {
+                Ok(error) => error.in_part(Some(state), m).into(),
+                Err(error) => error,
+            })?;
+            means.extend(parts.means().concat());
+            covariances.extend(parts.covariances().concat());
+            // At least 1 each, since a weight of 0 would stay 0.
+            let counts = division.counts.iter().map(|(part, count)| (*part, *count.max(&1) as f64));
+            let total: f64 = counts.clone().map(|(_, count)| count).sum();
+            weights.resize((state + 1) * m, 0.0);
+            counts.for_each(|(part, count)| weights[state * m + part] = count / total);
+        }
+        let (kind, d) = (self.covariance_type(), self.components());
+        let normals = Normals::new(kind, d, means, covariances, self.normals.settings().clone())
+            .map_err(
+                |error| if kind == CovarianceType::Tied { error } else { error.in_part(None, m) },
+            )?;
+        Ok(Self::of(normals, m, weights))
+    }
 }
