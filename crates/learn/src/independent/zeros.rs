@@ -476,9 +476,9 @@ macro_rules! beside_zeros {
                 Independent<F>: serde::Serialize,
             {
                 fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+                    use serde::ser::SerializeStruct;
                     let inner = self.rows(|part| part.inner().clone());
                     let inner = Independent::from_rows(&inner).map_err(serde::ser::Error::custom)?;
-                    use serde::ser::SerializeStruct;
                     let mut out = serializer.serialize_struct(stringify!($name), 5)?;
                     out.serialize_field("version", &wayfix::internal::Version)?;
                     let probabilities = self.parameters(crate::$name::probability);
