@@ -10,8 +10,8 @@ use std::error::Error;
 use crate::fixed::Fixed;
 
 /// A part of a model (an operator, a sensor) whose free parameters, those that
-/// [learning](crate::Hmm::learn) changes, can be moved: for
-/// [`Hmm::standard_errors`](crate::Hmm::standard_errors).
+/// [learning](crate::Hmm::learn) changes, can be moved: for the standard errors of
+/// [wayfix-learn](https://docs.rs/wayfix-learn).
 ///
 /// All operators and sensors that learn implement it; [`Fixed`](crate::Fixed) has no free
 /// parameters.

@@ -13,7 +13,7 @@
 //! | a function of observation and state | [`LogLikelihoodFn`] |
 //! | a place that is known at some steps (a toll gate, a label) | [`OptionalLikelihood`] of a [`SparseLikelihood`], with [`SparseObservation::known`] |
 //! | observations that may be missing | [`OptionalLikelihood`] |
-//! | several sensors | [`FusedLikelihood`]; for families that are learned, in one row of numbers, `emission::Product` |
+//! | several sensors | [`FusedLikelihood`]; for families that are learned, in one row of numbers, `Product` of wayfix-learn |
 //! | a sensor that sees only part of a state | [`GroupedLikelihood`], with [`Groups`] |
 //! | several references for each state | [`PooledLikelihood`] |
 //!

@@ -76,7 +76,7 @@ impl FreeParameters for ConstrainedTransition {
             }
         });
         let transition = SparseTransition::from_triplets(self.states(), entries)?;
-        if transition.entries() != self.entries() {
+        if transition.entries() != self.transition.entries() {
             // A sparse matrix drops entries of 0, and parameters are matched by position: one that
             // underflows would shift all after it.
             return Err(Parameter::new("a displaced probability", 0.0, "a value above 0").into());

@@ -15,14 +15,12 @@ use crate::error::TransitionError;
 /// | [`SparseTransition`](crate::SparseTransition), [`DenseTransition`](crate::DenseTransition) | each entry above 0 |
 /// | [`ConstrainedTransition`](crate::transition::ConstrainedTransition) | the same, but entries that are fixed, and tied ones together |
 /// | [`DwellTransition`](crate::transition::DwellTransition) | moves and durations |
-/// | [`GeneratorTransition`](crate::transition::GeneratorTransition) | rates |
-/// | [`LogitTransition`](crate::transition::LogitTransition) | coefficients of inputs |
 /// | [`SwitchedTransition`](crate::transition::SwitchedTransition) | each of its operators |
 /// | [`RestartTransition`](crate::transition::RestartTransition), [`EvidenceTransition`](crate::transition::EvidenceTransition) | the operator within |
 /// | [`Fixed`](crate::Fixed) | nothing |
 ///
-/// With [`FreeParameters`](crate::inference::FreeParameters), learned parameters have
-/// [standard errors](crate::Hmm::standard_errors).
+/// With [`FreeParameters`](crate::inference::FreeParameters), learned parameters have standard
+/// errors, in wayfix-learn; operators whose rates or coefficients of inputs are learned are there, too.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not say how it is learned",
     note = "to keep it as it is, wrap it in `wayfix::Fixed`"

@@ -12,13 +12,13 @@
 //! | moves between most pairs of states | [`DenseTransition`] |
 //! | the same moves from every place of a line or a loop | [`WindowTransition`] |
 //! | a matrix for each value of a control | [`SwitchedTransition`] |
-//! | moves that depend on inputs: the time of day, the weather, a dose | [`LogitTransition`] |
+//! | moves that depend on inputs: the time of day, the weather, a dose | `LogitTransition` of wayfix-learn |
 //! | measurements between two steps, by their likelihood for each move | [`EvidenceTransition`] |
 //! | a vehicle that may turn up anywhere | [`RestartTransition`] |
 //! | stays of any distribution (semi-Markov), given or learned | [`DwellTransition`] |
 //! | two chains side by side | [`KroneckerTransition`] |
 //! | observations only every few steps | [`SparseTransition::power`] |
-//! | observations at irregular times, with gaps | [`GeneratorTransition`] |
+//! | observations at irregular times, with gaps | `GeneratorTransition` of wayfix-learn |
 //! | moves that are known, share a parameter or have prior counts, in learning | [`ConstrainedTransition`] |
 //!
 //! Silent states, which emit nothing and take no step, are folded into the moves between emitting

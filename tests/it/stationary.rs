@@ -330,7 +330,7 @@ fn tied_parameters_end_at_a_maximum() {
     let seen = [vec![0, 1, 2], vec![0], vec![0, 0, 1, 1], vec![2, 2, 0], vec![1, 0]];
     let options = LearningOptions { iterations: 2000, tolerance: 1e-13, ..Default::default() };
     let learned = hmm(0.5, 0.5).learn(&seen, &options).unwrap();
-    let a = learned.model().transition();
+    let a = learned.model().transition().inner();
     let (stay, last) = (a.get(0, 0), a.get(2, 2));
     assert_eq!(a.get(1, 1), stay);
     let log = |stay: f64, last: f64| -> f64 {
