@@ -1,9 +1,8 @@
 //! Consistent flows from counts of traffic on the edges of a network.
 
 use wayfix::internal::balance;
-use wayfix::map::MapError;
 
-use crate::RoadNetwork;
+use crate::{NetworkError, RoadNetwork};
 
 impl<P> RoadNetwork<P> {
     /// Flow nearest to counts of traffic, one per edge, such that inflow equals outflow at each
@@ -11,9 +10,10 @@ impl<P> RoadNetwork<P> {
     ///
     /// # Errors
     ///
-    /// As [`RoadMap::consistent_flow`](wayfix::map::RoadMap::consistent_flow).
-    pub fn consistent_flow(&self, counts: &[f64]) -> Result<Vec<f64>, MapError> {
+    /// [`NetworkError::Map`] with the errors of
+    /// [`RoadMap::consistent_flow`](wayfix::map::RoadMap::consistent_flow).
+    pub fn consistent_flow(&self, counts: &[f64]) -> Result<Vec<f64>, NetworkError> {
         let ends: Vec<_> = self.edges().iter().map(|edge| [edge.from, edge.to]).collect();
-        balance(self.nodes().len(), &ends, counts, |i| self.nodes()[i].id)
+        Ok(balance(self.nodes().len(), &ends, counts, |i| self.nodes()[i].id)?)
     }
 }

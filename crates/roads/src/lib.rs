@@ -6,6 +6,7 @@
 #![allow(missing_docs)] // TEMP
 
 pub mod cells;
+mod error;
 mod flow;
 pub mod guide;
 #[cfg(any(feature = "csv", feature = "geojson", feature = "osm"))]
@@ -13,6 +14,7 @@ mod import;
 pub mod matching;
 mod network;
 
+pub use error::NetworkError;
 #[cfg(any(feature = "csv", feature = "geojson", feature = "osm"))]
 pub use import::{ImportNote, ImportOptions, ImportReport};
 #[cfg(feature = "geojson")]

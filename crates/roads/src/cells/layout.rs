@@ -1,8 +1,7 @@
 //! Numbering of cells: in the order of the edges, and along each from its start.
 
+use crate::NetworkError;
 use std::ops::Range;
-
-use wayfix::map::MapError;
 
 /// Cells of directed edges.
 #[derive(Debug, Clone, PartialEq)]
@@ -19,16 +18,16 @@ impl Layout {
     pub(super) fn new(
         lengths: impl Iterator<Item = f64> + Clone,
         spacing: f64,
-    ) -> Result<Self, MapError> {
+    ) -> Result<Self, NetworkError> {
         let count = |metres: f64| (metres / spacing).round().max(1.0);
         let total: f64 = lengths.clone().map(count).sum();
         if total == 0.0 {
-            return Err(MapError::NoRoads);
+            return Err(NetworkError::NoRoads);
         }
         // Checked as a double before anything is allocated: lengths over a tiny spacing are huge or
         // infinite.
         if !(1.0..=f64::from(u32::MAX)).contains(&total) {
-            return Err(MapError::Cells { cells: total, spacing });
+            return Err(NetworkError::Cells { cells: total, spacing });
         }
         let (mut starts, mut edges) = (vec![0], Vec::with_capacity(total as usize));
         for (edge, metres) in (0..).zip(lengths) {

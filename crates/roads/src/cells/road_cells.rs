@@ -4,9 +4,9 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use super::layout::Layout;
-use wayfix::map::{Coordinates, MapError, Position};
+use wayfix::map::{Coordinates, Position};
 
-use crate::{NearEdge, RoadNetwork};
+use crate::{NearEdge, NetworkError, RoadNetwork};
 use wayfix::error::Parameter;
 
 /// Cells of a road network: each directed edge is cut into equal pieces of about a given length,
@@ -51,7 +51,7 @@ use wayfix::error::Parameter;
 /// // Both directions of a stretch are one place.
 /// let places = cells.by_place();
 /// assert_eq!(places.group_of(2), places.group_of(5));
-/// # Ok::<(), wayfix::map::MapError>(())
+/// # Ok::<(), wayfix_roads::NetworkError>(())
 /// ```
 #[derive(Debug, Clone)]
 pub struct RoadCells<P = Position> {
@@ -67,10 +67,13 @@ impl<P> RoadCells<P> {
     ///
     /// # Errors
     ///
-    /// [`MapError::Parameter`] unless the spacing and the total length of all edges are above 0 and
-    /// finite, [`MapError::NoRoads`] for a network without edges, and [`MapError::Cells`] for more
+    /// [`NetworkError::Parameter`] unless the spacing and the total length of all edges are above 0 and
+    /// finite, [`NetworkError::NoRoads`] for a network without edges, and [`NetworkError::Cells`] for more
     /// cells than 32-bit indices address.
-    pub fn new(network: impl Into<Arc<RoadNetwork<P>>>, spacing: f64) -> Result<Self, MapError> {
+    pub fn new(
+        network: impl Into<Arc<RoadNetwork<P>>>,
+        spacing: f64,
+    ) -> Result<Self, NetworkError> {
         let network = network.into();
         let wrong = || Parameter::new("the spacing of cells", spacing, "metres above 0");
         if !(spacing > 0.0 && spacing.is_finite()) {

@@ -4,8 +4,7 @@ use std::path::Path;
 
 use super::options::ImportOptions;
 use super::report::ImportReport;
-use crate::RoadNetwork;
-use wayfix::map::MapError;
+use crate::{NetworkError, RoadNetwork};
 
 impl RoadNetwork {
     /// Reads a network from a path: a folder with `nodes.csv` and `edges.csv` or with
@@ -19,20 +18,20 @@ impl RoadNetwork {
     /// let options = ImportOptions { cleaning, ..ImportOptions::default() };
     /// let (network, report) = RoadNetwork::from_path("city.osm.pbf", &options)?;
     /// println!("{report}");
-    /// # Ok::<(), wayfix::map::MapError>(())
+    /// # Ok::<(), wayfix_roads::NetworkError>(())
     /// ```
     ///
     /// # Errors
     ///
-    /// [`MapError::Read`] for any other path and for a format whose feature (`csv`, `geojson`,
+    /// [`NetworkError::Read`] for any other path and for a format whose feature (`csv`, `geojson`,
     /// `osm`) is not enabled; otherwise those of the function for the format.
     pub fn from_path(
         path: impl AsRef<Path>,
         options: &ImportOptions,
-    ) -> Result<(Self, ImportReport), MapError> {
+    ) -> Result<(Self, ImportReport), NetworkError> {
         let path = path.as_ref();
         let cannot = |reason: &str| {
-            Err(MapError::Read { file: path.display().to_string(), reason: reason.to_owned() })
+            Err(NetworkError::Read { file: path.display().to_string(), reason: reason.to_owned() })
         };
         if path.is_dir() {
             let pairs = [["nodes.csv", "edges.csv"], ["places.csv", "roads.csv"]];
@@ -65,7 +64,7 @@ impl RoadNetwork {
 
 /// Error for a format whose feature is not enabled.
 #[cfg(not(all(feature = "csv", feature = "geojson", feature = "osm")))]
-fn needs(feature: &str, path: &Path) -> Result<(RoadNetwork, ImportReport), MapError> {
+fn needs(feature: &str, path: &Path) -> Result<(RoadNetwork, ImportReport), NetworkError> {
     let reason = format!("this format needs the feature `{feature}`");
-    Err(MapError::Read { file: path.display().to_string(), reason })
+    Err(NetworkError::Read { file: path.display().to_string(), reason })
 }

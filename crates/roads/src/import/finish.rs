@@ -2,9 +2,9 @@
 
 use super::options::ImportOptions;
 use super::report::ImportReport;
-use crate::{NetworkBuilder, RoadNetwork};
+use crate::{NetworkBuilder, NetworkError, RoadNetwork};
 use wayfix::internal::Number;
-use wayfix::map::{MapError, Position};
+use wayfix::map::Position;
 
 /// Length in metres that replaces shorter straight lines.
 pub(super) const LEAST_METRES: f64 = 0.1;
@@ -14,7 +14,7 @@ pub(super) fn finish(
     builder: NetworkBuilder,
     mut report: ImportReport,
     options: &ImportOptions,
-) -> Result<(RoadNetwork, ImportReport), MapError> {
+) -> Result<(RoadNetwork, ImportReport), NetworkError> {
     let network = builder.build()?;
     report.nodes = network.nodes().len();
     report.edges = network.edges().len();

@@ -15,9 +15,9 @@ use super::options::ImportOptions;
 use super::report::{ImportNote, ImportReport};
 use super::tags::{RoadTags, road_of};
 use super::words::{class_of, directions, speed_of};
-use crate::{LONGEST_ROAD, NetworkBuilder, RoadNetwork};
+use crate::{LONGEST_ROAD, NetworkBuilder, NetworkError, RoadNetwork};
 use wayfix::internal::{excerpt, open, shortened, text_of};
-use wayfix::map::{MapError, Position};
+use wayfix::map::Position;
 
 /// Largest number of characters of the parser's message, which quotes the text.
 const LONGEST_PROBLEM: usize = 300;
@@ -35,14 +35,14 @@ impl RoadNetwork {
     ///
     /// # Errors
     ///
-    /// [`MapError::Line`] with the line where the text is not GeoJSON; [`MapError::Feature`] with
+    /// [`NetworkError::Line`] with the line where the text is not GeoJSON; [`NetworkError::Feature`] with
     /// the feature for a point not on Earth (with a hint if latitude and longitude seem swapped) or
-    /// an invalid property; [`MapError::Read`] if the file can't be read; [`MapError::Empty`] if no
+    /// an invalid property; [`NetworkError::Read`] if the file can't be read; [`NetworkError::Map`] if no
     /// road is left; and those of [`cleaned`](Self::cleaned).
     pub fn from_geojson_file(
         path: impl AsRef<Path>,
         options: &ImportOptions,
-    ) -> Result<(Self, ImportReport), MapError> {
+    ) -> Result<(Self, ImportReport), NetworkError> {
         let (file, reader) = open(path.as_ref())?;
         read(&file, reader, options)
     }
@@ -62,7 +62,7 @@ impl RoadNetwork {
     /// let (network, report) = RoadNetwork::from_geojson(text.as_bytes(), &ImportOptions::default())?;
     /// assert_eq!(report.to_string(), "read 4 nodes, 5 edges");
     /// assert_eq!(network.edges()[0].speed, Some(60.0 / 3.6));
-    /// # Ok::<(), wayfix::map::MapError>(())
+    /// # Ok::<(), wayfix_roads::NetworkError>(())
     /// ```
     ///
     /// # Errors
@@ -71,7 +71,7 @@ impl RoadNetwork {
     pub fn from_geojson(
         reader: impl Read,
         options: &ImportOptions,
-    ) -> Result<(Self, ImportReport), MapError> {
+    ) -> Result<(Self, ImportReport), NetworkError> {
         read("features", reader, options)
     }
 }
@@ -80,7 +80,7 @@ fn read(
     file: &str,
     reader: impl Read,
     options: &ImportOptions,
-) -> Result<(RoadNetwork, ImportReport), MapError> {
+) -> Result<(RoadNetwork, ImportReport), NetworkError> {
     let parsed = parse_geojson(file, reader)?;
     let mut roads = Roads {
         lines: Lines { numbered: true, ..Lines::default() },
@@ -88,7 +88,7 @@ fn read(
         report: ImportReport::default(),
     };
     let none = JsonObject::new();
-    let at = |feature, problem| MapError::Feature { file: file.to_owned(), feature, problem };
+    let at = |feature, problem| NetworkError::Feature { file: file.to_owned(), feature, problem };
     let mut take = |number: usize, feature: &Feature| {
         let Some(geometry) = &feature.geometry else {
             roads.report.note(ImportNote::OtherGeometry);
@@ -116,8 +116,8 @@ fn read(
 }
 
 /// Parses a file; errors name the line where it is not GeoJSON.
-pub(crate) fn parse_geojson(file: &str, reader: impl Read) -> Result<GeoJson, MapError> {
-    let at = |line, problem| MapError::Line { file: file.to_owned(), line, problem };
+pub(crate) fn parse_geojson(file: &str, reader: impl Read) -> Result<GeoJson, NetworkError> {
+    let at = |line, problem| NetworkError::Line { file: file.to_owned(), line, problem };
     text_of(file, reader)?.parse().map_err(|error: Error| match &error {
         Error::MalformedGeoJson(json) => {
             let problem = shortened(&json.to_string(), LONGEST_PROBLEM).into_owned();

@@ -32,7 +32,7 @@ impl RoadNetwork {
     /// let text = builder.build()?.to_geojson();
     /// assert!(text.contains(r#""oneway":"no""#));
     /// assert!(text.contains(r#"{"type":"LineString","coordinates":[[0.5,0],[0.75,0]]}"#));
-    /// # Ok::<(), wayfix::map::MapError>(())
+    /// # Ok::<(), wayfix_roads::NetworkError>(())
     /// ```
     #[must_use]
     pub fn to_geojson(&self) -> String {

@@ -2,7 +2,8 @@
 
 use super::cleaning_step::{Cleaning, CleaningStep};
 use super::road_network::RoadNetwork;
-use wayfix::map::{Coordinates, MapError};
+use crate::NetworkError;
+use wayfix::map::Coordinates;
 
 impl<P: Coordinates> RoadNetwork<P> {
     /// Cleans a network by a sequence of operations. Returns the counts of each.
@@ -28,17 +29,17 @@ impl<P: Coordinates> RoadNetwork<P> {
     /// let (network, steps) = builder.build()?.cleaned(&[Cleaning::Merging { metres: 30.0 }])?;
     /// assert_eq!(network.nodes().len(), 3);
     /// assert_eq!(steps[0].to_string(), "merged within 30 m: 5 → 3 nodes, 8 → 4 edges");
-    /// # Ok::<(), wayfix::map::MapError>(())
+    /// # Ok::<(), wayfix_roads::NetworkError>(())
     /// ```
     ///
     /// # Errors
     ///
-    /// [`MapError::EmptyBox`] and [`MapError::Parameter`], as [`within`](Self::within) and
+    /// [`NetworkError::EmptyBox`] and [`NetworkError::Parameter`], as [`within`](Self::within) and
     /// [`merged`](Self::merged).
     pub fn cleaned(
         self,
         operations: &[Cleaning<P>],
-    ) -> Result<(Self, Vec<CleaningStep<P>>), MapError> {
+    ) -> Result<(Self, Vec<CleaningStep<P>>), NetworkError> {
         let (mut network, mut steps) = (self, Vec::new());
         for operation in operations {
             let (cleaned, step) = match *operation {

@@ -33,7 +33,7 @@ impl<P: Coordinates> RoadNetwork<P> {
     /// assert_eq!(network.nodes().len(), 2);
     /// assert_eq!(network.edges()[0].metres, 200.0);
     /// assert_eq!(network.shape(0)[1], PlanePosition { x: 100.0, y: 0.0 });
-    /// # Ok::<(), wayfix::map::MapError>(())
+    /// # Ok::<(), wayfix_roads::NetworkError>(())
     /// ```
     #[must_use]
     pub fn contracted(&self) -> (Self, CleaningStep<P>) {

@@ -2,8 +2,9 @@
 
 use super::cleaning_step::{Cleaning, CleaningStep};
 use super::road_network::RoadNetwork;
+use crate::NetworkError;
 use wayfix::internal::Number;
-use wayfix::map::{Coordinates, MapError};
+use wayfix::map::Coordinates;
 
 impl<P: Coordinates> RoadNetwork<P> {
     /// Nodes in the box between two opposite corners, borders included, and the edges between them
@@ -25,13 +26,13 @@ impl<P: Coordinates> RoadNetwork<P> {
     /// let (west, step) = network.within(corners)?;
     /// assert_eq!(west.nodes().len(), 2);
     /// assert_eq!(step.to_string(), "cut to a box: 3 → 2 nodes, 4 → 2 edges");
-    /// # Ok::<(), wayfix::map::MapError>(())
+    /// # Ok::<(), wayfix_roads::NetworkError>(())
     /// ```
     ///
     /// # Errors
     ///
-    /// [`MapError::EmptyBox`] if no node lies in the box.
-    pub fn within(&self, corners: [P; 2]) -> Result<(Self, CleaningStep<P>), MapError> {
+    /// [`NetworkError::EmptyBox`] if no node lies in the box.
+    pub fn within(&self, corners: [P; 2]) -> Result<(Self, CleaningStep<P>), NetworkError> {
         let [a, b] = corners.map(P::values);
         let (low, high) = ([a[0].min(b[0]), a[1].min(b[1])], [a[0].max(b[0]), a[1].max(b[1])]);
         // `min` and `max` skip NaN, but a box with NaN must be empty.
@@ -51,7 +52,7 @@ impl<P: Coordinates> RoadNetwork<P> {
                 }
             }
             let (asked, extent) = (in_words::<P>([a, b]), in_words::<P>(extent));
-            return Err(MapError::EmptyBox { asked, extent });
+            return Err(NetworkError::EmptyBox { asked, extent });
         }
         let network = self.mapped(nodes, &target, |_| true);
         let step = CleaningStep::of(Cleaning::Within(corners), self, &network);

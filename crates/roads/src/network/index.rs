@@ -36,7 +36,7 @@ use wayfix::map::Coordinates;
 /// let mut near = vec![];
 /// index.near(&network, here, 50.0, &mut near);
 /// assert_eq!([near[0].edge, near[1].edge], [1, 2]);
-/// # Ok::<(), wayfix::map::MapError>(())
+/// # Ok::<(), wayfix_roads::NetworkError>(())
 /// ```
 #[derive(Debug, Clone)]
 pub struct EdgeIndex {

@@ -51,7 +51,7 @@ pub struct Edge {
 /// // From edge 1 → 2: on to 3, or back.
 /// let next: Vec<_> = network.next(out).map(|e| network.edges()[e].to).collect();
 /// assert_eq!(next, [0, 2]);
-/// # Ok::<(), wayfix::map::MapError>(())
+/// # Ok::<(), wayfix_roads::NetworkError>(())
 /// ```
 #[derive(Debug, Clone)]
 pub struct RoadNetwork<P = Position> {

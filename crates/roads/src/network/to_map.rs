@@ -1,7 +1,7 @@
 //! Maps whose places are the nodes of a network.
 
-use crate::{Edge, RoadNetwork};
-use wayfix::map::{Coordinates, MapError, Road, RoadMap};
+use crate::{Edge, NetworkError, RoadNetwork};
+use wayfix::map::{Coordinates, Road, RoadMap};
 
 impl<P: Coordinates> RoadNetwork<P> {
     /// Map with the nodes as places, with the shortest of parallel edges and without loops.
@@ -9,13 +9,13 @@ impl<P: Coordinates> RoadNetwork<P> {
     ///
     /// # Errors
     ///
-    /// [`MapError::Empty`] if there are no nodes.
-    pub fn to_map(&self) -> Result<RoadMap<P>, MapError> {
+    /// [`NetworkError::Map`] if there are no nodes.
+    pub fn to_map(&self) -> Result<RoadMap<P>, NetworkError> {
         let road = |edge: &Edge| {
             let [from, to] = [edge.from, edge.to].map(|node| self.nodes()[node].id);
             Road { from, to, class: edge.class, metres: edge.metres }
         };
         let cleaned = RoadMap::cleaned(self.nodes().iter().cloned(), self.edges().iter().map(road));
-        cleaned.map(|cleaned| cleaned.0)
+        Ok(cleaned?.0)
     }
 }

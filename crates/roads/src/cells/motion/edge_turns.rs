@@ -3,8 +3,8 @@
 
 use super::turns::Turns;
 use super::{CellTransition, TurnWeights};
-use crate::RoadNetwork;
 use crate::cells::RoadCells;
+use crate::{NetworkError, RoadNetwork};
 use wayfix::TransitionError;
 use wayfix::error::Parameter;
 use wayfix::map::{FittedTurn, MapError};
@@ -120,13 +120,13 @@ impl EdgeTurns {
     ///
     /// # Errors
     ///
-    /// [`MapError`] for invalid counts, if there is no consistent flow, or if it cannot pass the
+    /// [`NetworkError`] for invalid counts, if there is no consistent flow, or if it cannot pass the
     /// turns with weights above 0 at some node.
     pub fn fit_traffic<P>(
         network: &RoadNetwork<P>,
         counts: &[f64],
         weights: &TurnWeights,
-    ) -> Result<Self, MapError> {
+    ) -> Result<Self, NetworkError> {
         let mut turns = Turns::new(network, weights)?;
         let flow = network.consistent_flow(counts)?;
         let mut into = vec![Vec::new(); network.nodes().len()];

@@ -7,6 +7,7 @@ mod points;
 use std::marker::PhantomData;
 use std::sync::Arc;
 
+use crate::NetworkError;
 use crate::cells::RoadCells;
 use points::Points;
 use wayfix::LikelihoodError;
@@ -14,7 +15,6 @@ use wayfix::error::Parameter;
 use wayfix::internal::turned;
 use wayfix::likelihood::LocalLikelihood;
 use wayfix::map::{Coordinates, Position};
-use wayfix::observation::ObservationError;
 use wayfix::{Diagonal, Likelihood, Scratch};
 
 /// Distance, in deviations, within which cells stand out.
@@ -110,8 +110,8 @@ impl<P: Coordinates> PositionLikelihood<P> {
     ///
     /// # Errors
     ///
-    /// [`ObservationError::Parameter`] unless they are from 1 to 1,000.
-    pub fn with_degrees(self, degrees: f64) -> Result<Self, ObservationError> {
+    /// [`NetworkError::Parameter`] unless they are from 1 to 1,000.
+    pub fn with_degrees(self, degrees: f64) -> Result<Self, NetworkError> {
         if !(1.0..=1000.0).contains(&degrees) {
             let (what, expected) = ("the degrees of freedom", "a value from 1 to 1000");
             return Err(Parameter::new(what, degrees, expected).into());
@@ -122,7 +122,7 @@ impl<P: Coordinates> PositionLikelihood<P> {
     fn look(&self, fix: &PositionFix<P>) -> Result<Look<'_>, LikelihoodError> {
         let PositionFix { position, deviation, ahead } = *fix;
         let parameter = |what, value, expected| {
-            let error = ObservationError::Parameter(Parameter::new(what, value, expected));
+            let error = NetworkError::Parameter(Parameter::new(what, value, expected));
             Err(LikelihoodError::sensor(error))
         };
         for ((what, limit), value) in P::AXES.into_iter().zip(position.values()) {
@@ -214,7 +214,7 @@ impl<P: Coordinates> Likelihood for PositionLikelihood<P> {
 
     /// # Errors
     ///
-    /// [`LikelihoodError::Sensor`] with an [`ObservationError::Parameter`] for a fix that is not
+    /// [`LikelihoodError::Sensor`] with an [`NetworkError::Parameter`] for a fix that is not
     /// on Earth (or in the plane), or a deviation that is not above 0.
     fn diagonal<'a>(
         &'a self,

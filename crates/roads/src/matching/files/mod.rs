@@ -14,8 +14,8 @@ use std::io::Read;
 use std::path::Path;
 
 use super::TracePoint;
+use crate::NetworkError;
 use wayfix::internal::open;
-use wayfix::map::MapError;
 
 /// Drive read from a file. [`Matcher::learn`](super::Matcher::learn) takes it as it is, and
 /// [`Matcher::match_drive`](super::Matcher::match_drive) its `points`.
@@ -94,12 +94,12 @@ impl fmt::Display for TraceReport {
 ///
 /// # Errors
 ///
-/// [`MapError::Read`] if the file cannot be opened or read, or the feature for its format (`csv`,
-/// `gpx`, `geojson`) is not enabled; otherwise [`MapError::Line`] with file and line, or
-/// [`MapError::Feature`] with the feature of GeoJSON, for a missing column, attribute or property,
+/// [`NetworkError::Read`] if the file cannot be opened or read, or the feature for its format (`csv`,
+/// `gpx`, `geojson`) is not enabled; otherwise [`NetworkError::Line`] with file and line, or
+/// [`NetworkError::Feature`] with the feature of GeoJSON, for a missing column, attribute or property,
 /// a value that cannot be parsed or is out of range, a drive whose points are not contiguous or
 /// mostly go back in time, text not in the format, and a file without points.
-pub fn read_traces(path: impl AsRef<Path>) -> Result<(Vec<Trace>, TraceReport), MapError> {
+pub fn read_traces(path: impl AsRef<Path>) -> Result<(Vec<Trace>, TraceReport), NetworkError> {
     let (name, file) = open(path.as_ref())?;
     read_traces_from(&name, file)
 }
@@ -125,7 +125,7 @@ pub fn read_traces(path: impl AsRef<Path>) -> Result<(Vec<Trace>, TraceReport), 
 ///     error.to_string(),
 ///     "drive, line 3: the point has latitude -95, expected a latitude from -90 to 90 degrees"
 /// );
-/// # Ok::<(), wayfix::map::MapError>(())
+/// # Ok::<(), wayfix_roads::NetworkError>(())
 /// ```
 ///
 /// # Errors
@@ -134,7 +134,7 @@ pub fn read_traces(path: impl AsRef<Path>) -> Result<(Vec<Trace>, TraceReport), 
 pub fn read_traces_from(
     name: &str,
     reader: impl Read,
-) -> Result<(Vec<Trace>, TraceReport), MapError> {
+) -> Result<(Vec<Trace>, TraceReport), NetworkError> {
     let end = Path::new(name).extension().unwrap_or_default();
     let is = |extension: &str| end.eq_ignore_ascii_case(extension);
     if is("gpx") {
@@ -157,7 +157,7 @@ pub fn read_traces_from(
 
 /// Error for a format whose feature is not enabled.
 #[cfg(not(all(feature = "csv", feature = "geojson", feature = "gpx")))]
-fn needs(feature: &str, name: &str) -> Result<(Vec<Trace>, TraceReport), MapError> {
+fn needs(feature: &str, name: &str) -> Result<(Vec<Trace>, TraceReport), NetworkError> {
     let reason = format!("this format needs the feature `{feature}`");
-    Err(MapError::Read { file: name.to_owned(), reason })
+    Err(NetworkError::Read { file: name.to_owned(), reason })
 }

@@ -1,7 +1,7 @@
 //! Files that are no networks.
 
 use wayfix::map::{MapError, Position, RoadMap};
-use wayfix_roads::{Cleaning, ImportNote, ImportOptions, RoadNetwork};
+use wayfix_roads::{Cleaning, ImportNote, ImportOptions, NetworkError, RoadNetwork};
 
 use super::pbf::{Extract, blob, header, stored};
 use super::{Read, csv, geojson, osm};
@@ -80,7 +80,7 @@ fn csv_errors_name_the_line_after_fields_of_several() {
 #[test]
 fn geojson_errors_name_line_or_feature() {
     let error = geojson("{\"type\": \"FeatureCollection\",\n\"features\": [\n").unwrap_err();
-    assert!(matches!(error, MapError::Line { line: 3 | 2, .. }), "{error}");
+    assert!(matches!(error, NetworkError::Line { line: 3 | 2, .. }), "{error}");
     assert!(geojson("<osm/>").unwrap_err().to_string().starts_with("features, line 1: "));
     let feature = |properties: &str, line: &str| {
         geojson(&format!(
@@ -167,7 +167,7 @@ fn what_is_not_taken_is_counted() {
 #[test]
 fn a_file_that_cannot_be_read() {
     let options = ImportOptions::default();
-    let is_read = |read: Read| matches!(read, Err(MapError::Read { .. }));
+    let is_read = |read: Read| matches!(read, Err(NetworkError::Read { .. }));
     // A folder opens as a file does, and then can't be read.
     assert!(is_read(RoadNetwork::from_csv_files(".", ".", &options)));
     assert!(is_read(RoadNetwork::from_geojson_file(".", &options)));
@@ -189,7 +189,7 @@ fn blocks_that_claim_more_than_there_is() {
         // Nothing, data of 4 GiB less 1, and compressed data of as much.
         for data in [&[][..], &[10, 255, 255, 255, 255, 15], &[26, 255, 255, 255, 255, 15]] {
             let result = osm(&claims(length, data));
-            assert!(matches!(result, Err(MapError::Block { block: 2, .. })), "{result:?}");
+            assert!(matches!(result, Err(NetworkError::Block { block: 2, .. })), "{result:?}");
         }
     }
 }
@@ -252,13 +252,13 @@ fn a_truncated_extract_is_an_error_at_every_byte() {
     let mut in_blocks = 0;
     for end in 0..bytes.len() {
         match osm(&bytes[..end]) {
-            Err(MapError::Block { file, byte, .. }) => {
+            Err(NetworkError::Block { file, byte, .. }) => {
                 assert_eq!(file, "extract");
                 assert!(byte as usize <= end);
                 in_blocks += 1;
             }
             // Between two blocks a file may end; without ways no road is left.
-            Err(MapError::Empty) => {}
+            Err(NetworkError::Map(MapError::Empty)) => {}
             other => panic!("{end}: {other:?}"),
         }
     }
@@ -293,7 +293,7 @@ fn other_files_are_no_extracts() {
     let text = osm(b"<?xml version='1.0'?>").unwrap_err().to_string();
     assert!(text.starts_with("extract, block 1 (from byte 0): "), "{text}");
     assert!(text.ends_with("expected an OpenStreetMap extract (.osm.pbf)"), "{text}");
-    assert!(matches!(osm(b""), Err(MapError::Block { block: 1, .. })));
+    assert!(matches!(osm(b""), Err(NetworkError::Block { block: 1, .. })));
     let history = [header(&["HistoricalInformation"]), extract().bytes()].concat();
     let text = osm(&history).unwrap_err().to_string();
     assert!(
