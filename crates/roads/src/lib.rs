@@ -7,7 +7,6 @@
 
 pub mod cells;
 mod error;
-mod flow;
 pub mod guide;
 #[cfg(any(feature = "csv", feature = "geojson", feature = "osm"))]
 mod import;
@@ -19,10 +18,6 @@ pub use error::NetworkError;
 pub use import::{ImportNote, ImportOptions, ImportReport};
 #[cfg(feature = "geojson")]
 pub(crate) use import::{line_string, parse_geojson};
-#[cfg(any(feature = "csv", feature = "geojson", feature = "osm"))]
-use network::FASTEST_ROAD;
-#[cfg(feature = "geojson")]
-use network::LONGEST_ROAD;
 pub use network::{
     Cleaning, CleaningStep, Edge, EdgeIndex, EdgeOptions, NearEdge, NetworkBuilder, Reached,
     RoadNetwork, RouteCosts, RouteMeasures, RouteSearch,

@@ -6,10 +6,9 @@ use std::cmp::Reverse;
 
 use crate::NetworkError;
 use crate::cells::RoadCells;
-use wayfix::LikelihoodError;
 use wayfix::error::Parameter;
 use wayfix::likelihood::{Groups, LocalLikelihood, SparseObservation};
-use wayfix::{Diagonal, Likelihood, Scratch, SparseLikelihood};
+use wayfix::{Diagonal, Likelihood, LikelihoodError, Scratch, SparseLikelihood};
 
 /// Tag that a cell is in range of, with the part of the cell that is; `None` out of range.
 type InRange = Option<(usize, f32)>;

@@ -8,10 +8,10 @@ use std::path::Path;
 
 use csv::StringRecord;
 
-use super::finish::{LEAST_METRES, finish, position_problem};
-use super::options::ImportOptions;
-use super::report::{ImportNote, ImportReport};
-use super::words::{class_of, directions, speed_of};
+use super::report::{
+    ImportNote, ImportOptions, ImportReport, LEAST_METRES, finish, position_problem,
+};
+use super::tags::{class_of, directions, speed_of};
 use crate::{EdgeOptions, NetworkBuilder, NetworkError, RoadNetwork};
 use wayfix::internal::{Row, Text, each_row, excerpt, open, unknown};
 use wayfix::map::{Place, Position};

@@ -6,8 +6,7 @@
 
 use std::collections::HashMap;
 
-use super::finish::LEAST_METRES;
-use super::report::{ImportNote, ImportReport};
+use super::report::{ImportNote, ImportReport, LEAST_METRES};
 use super::tags::RoadTags;
 use crate::{EdgeOptions, NetworkBuilder, NetworkError};
 use wayfix::map::Position;

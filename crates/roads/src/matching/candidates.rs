@@ -5,7 +5,7 @@
 //! position, and with the log-likelihood of the heading; both lists have the order of the
 //! candidates.
 
-use super::place::Place;
+use super::receiver::Place;
 use super::sighting::{SLOPE, Sighting, logistic};
 use super::{MatchModel, TracePoint};
 use crate::{EdgeIndex, NearEdge, RoadNetwork};

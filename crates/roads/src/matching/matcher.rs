@@ -2,7 +2,7 @@
 //! steps.
 
 use super::moves::Move;
-use super::place::{ByReception, Place};
+use super::receiver::{ByReception, Place};
 use super::sighting::Sighting;
 use super::{MatchError, MatchModel};
 use crate::cells::{EdgeTurns, TurnWeights};

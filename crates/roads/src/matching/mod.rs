@@ -85,31 +85,25 @@
 //! a matcher, which adds its candidates and moves to a trellis; and on top of the step, vehicles,
 //! learning, and drives with their distinct routes.
 
-mod across;
 mod answer;
 mod candidates;
-mod counts;
 mod drive;
 mod error;
 #[cfg(any(feature = "csv", feature = "geojson", feature = "gpx"))]
 mod files;
-#[cfg(feature = "geojson")]
-mod geojson;
 mod lasting;
 mod learn;
 mod matcher;
 mod model;
 mod moves;
-mod place;
 mod point;
 mod receiver;
+mod route;
 mod routes;
 mod sighting;
 mod snapshot;
 mod step;
 mod vehicle;
-mod ways;
-mod weigh;
 #[cfg(feature = "csv")]
 mod writer;
 

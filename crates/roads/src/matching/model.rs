@@ -2,9 +2,10 @@
 //! them.
 
 use super::MatchError;
-use super::receiver::POOR;
-
 use wayfix::error::Parameter;
+
+/// Factor of the standard deviation in poor reception.
+pub(super) const POOR_FACTOR: f64 = 4.0;
 
 /// Parameters of the model of a drive: the receiver, the routes that drivers take, and stretches
 /// off the road.
@@ -96,8 +97,8 @@ impl MatchModel {
 
     /// Standard deviation averaged over usual and poor reception, given the one in usual reception.
     pub(super) fn over_all_time(&self, usual: f64) -> f64 {
-        // Variances add: (1 − poor) σ² + poor (POOR σ)².
-        usual * (1.0 + self.poor * (POOR * POOR - 1.0)).sqrt()
+        // Variances add: (1 − poor) σ² + poor (4 σ)².
+        usual * (1.0 + self.poor * (POOR_FACTOR * POOR_FACTOR - 1.0)).sqrt()
     }
 
     /// Probability of leaving the road within some seconds.

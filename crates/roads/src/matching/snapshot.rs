@@ -5,11 +5,10 @@
 //! smoothed. Only whether its edges exist is left to the matcher, which knows the network.
 
 use super::candidates::Candidate;
-use super::place::{ByReception, Place};
+use super::receiver::{ByReception, Place};
 use super::vehicle::{Progress, Window};
 use super::{TracePoint, Vehicle};
-use wayfix::inference::SnapshotError;
-use wayfix::inference::Trellis;
+use wayfix::inference::{SnapshotError, Trellis};
 use wayfix::internal::LogSum;
 use wayfix::internal::bytes::{Kind, Reader, Writer, contents};
 use wayfix::map::Coordinates;

@@ -5,7 +5,7 @@
 //! keeps its first.
 
 use super::builder::NetworkBuilder;
-use super::cleaning_step::{Cleaning, CleaningStep};
+use super::cleaning::{Cleaning, CleaningStep};
 use super::road_network::{Edge, NONE, RoadNetwork};
 use wayfix::map::Coordinates;
 

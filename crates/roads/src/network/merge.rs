@@ -1,6 +1,6 @@
 //! Merging of intersections, by clustering their nodes, nearest pairs first.
 
-use super::cleaning_step::{Cleaning, CleaningStep};
+use super::cleaning::{Cleaning, CleaningStep};
 use super::road_network::{Edge, RoadNetwork};
 use crate::NetworkError;
 use wayfix::error::Parameter;

@@ -6,9 +6,8 @@ use std::io::Read;
 
 use csv::StringRecord;
 
-use super::collect::Collector;
+use super::collect::{Collector, Trace, TraceReport};
 use super::time::{TIMES, seconds_of};
-use super::{Trace, TraceReport};
 use crate::NetworkError;
 use crate::matching::TracePoint;
 use wayfix::internal::{Row, Text, each_row, excerpt, unknown};

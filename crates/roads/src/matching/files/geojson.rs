@@ -4,9 +4,8 @@ use std::io::Read;
 
 use geojson::{Feature, GeoJson, GeometryValue, JsonObject, JsonValue};
 
-use super::collect::Collector;
+use super::collect::{Collector, Trace, TraceReport};
 use super::time::{TIMES, seconds_of};
-use super::{Trace, TraceReport};
 use crate::matching::TracePoint;
 use crate::{NetworkError, parse_geojson};
 use wayfix::internal::excerpt;

@@ -10,9 +10,8 @@ use quick_xml::Reader;
 use quick_xml::escape::resolve_predefined_entity;
 use quick_xml::events::{BytesRef, BytesStart, Event};
 
-use super::collect::{Collector, Problem};
+use super::collect::{Collector, Problem, Trace, TraceReport};
 use super::time::{TIMES, seconds_of};
-use super::{Trace, TraceReport};
 use crate::NetworkError;
 use crate::matching::TracePoint;
 use wayfix::internal::{excerpt, shortened, text_of};

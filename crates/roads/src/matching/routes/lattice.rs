@@ -7,10 +7,10 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use super::rules::{Link, Mode, RouteExtension, RouteRules, links};
 use crate::RoadNetwork;
 use crate::matching::MatchedDrive;
 use crate::matching::candidates::{Candidate, OFF_ROAD};
+use crate::matching::route::{Link, Mode, RouteExtension, RouteRules, links};
 use crate::matching::step::MatchStep;
 use wayfix::map::Coordinates;
 
@@ -179,5 +179,51 @@ impl Lattice {
     pub(super) fn arcs(&self, node: u32) -> &[Arc] {
         let arcs = &self.arcs_of[node as usize];
         &self.arcs[arcs.start as usize..arcs.end as usize]
+    }
+
+    /// Most probable states of a route, one per step, given its words. Ties go to the lowest node.
+    pub(super) fn best_states(&self, route: &[u32]) -> Vec<u32> {
+        let mut words = route.to_vec();
+        words.push(END);
+        // Viterbi over pairs of a node and the number of words spelled so far: for each pair of a
+        // step, the probability of the best way and the pair before.
+        let mut steps = vec![BTreeMap::from([((0_u32, 0_usize), (1.0_f64, (0_u32, 0_usize)))])];
+        let end = ((self.states.len() - 1) as u32, words.len());
+        while steps.last().is_some_and(|step| !step.is_empty() && !step.contains_key(&end)) {
+            let mut next = BTreeMap::new();
+            let before = &steps[steps.len() - 1];
+            // Divided by the largest of the step: products over a long drive would underflow, and
+            // only ratios matter.
+            let scale = before.values().map(|way| way.0).fold(0.0, f64::max);
+            for (&(node, done), way) in before {
+                for arc in self.arcs(node) {
+                    let said = &self.words[arc.words[0] as usize..arc.words[1] as usize];
+                    // Only arcs that spell the next words of this route.
+                    if !words[done..].starts_with(said) {
+                        continue;
+                    }
+                    let probability = way.0 / scale * arc.probability;
+                    let best =
+                        next.entry((arc.to, done + said.len())).or_insert((0.0, (node, done)));
+                    // Strictly: pairs ascend by node, so a tie keeps the lowest.
+                    if probability > best.0 {
+                        *best = (probability, (node, done));
+                    }
+                }
+            }
+            // A pair whose ratio to the best underflowed could only lead to 0 / 0.
+            next.retain(|_, way| way.0 > 0.0);
+            steps.push(next);
+        }
+        let (mut states, mut at) = (Vec::new(), end);
+        for step in steps.iter().skip(1).rev() {
+            let Some(way) = step.get(&at) else { break };
+            at = way.1;
+            states.push(self.states[at.0 as usize]);
+        }
+        // The last is the start.
+        states.pop();
+        states.reverse();
+        states
     }
 }

@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use proptest::collection::vec;
 use proptest::prelude::*;
 
+use super::RouteSearcher;
 use super::lattice::Lattice;
-use super::search::RouteSearcher;
 use crate::matching::candidates::{Candidate, OFF_ROAD};
 use crate::matching::step::MatchStep;
 use crate::matching::{MatchModel, MatchedDrive, Matcher, Stretch, TracePoint};
