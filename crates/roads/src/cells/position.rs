@@ -118,7 +118,7 @@ impl<P: Coordinates> PositionLikelihood<P> {
         Ok(Self { degrees, ..self })
     }
 
-    fn look(&self, fix: &PositionFix<P>) -> Result<Look<'_>, LikelihoodError> {
+    fn density_of(&self, fix: &PositionFix<P>) -> Result<FixDensity<'_>, LikelihoodError> {
         let PositionFix { position, deviation, ahead } = *fix;
         let parameter = |what, value, expected| {
             let error = NetworkError::Parameter(Parameter::new(what, value, expected));
@@ -139,12 +139,12 @@ impl<P: Coordinates> PositionLikelihood<P> {
         let (points, degrees) = (&*self.points, self.degrees);
         let metres = P::scale(at);
         let variance = deviation * deviation;
-        Ok(Look { points, at, metres, turn: P::TURN, variance, ahead, degrees })
+        Ok(FixDensity { points, at, metres, turn: P::TURN, variance, ahead, degrees })
     }
 }
 
 /// A fix, compared with cells.
-struct Look<'a> {
+struct FixDensity<'a> {
     points: &'a Points,
     at: [f64; 2],
     /// Metres per unit of the plane.
@@ -156,7 +156,7 @@ struct Look<'a> {
     degrees: f64,
 }
 
-impl Look<'_> {
+impl FixDensity<'_> {
     /// Logarithm of the likelihood of a cell, at most 0.
     fn log(&self, cell: usize) -> f64 {
         let ([x, y], [u, v]) = (self.points.middles[cell], self.points.directions[cell]);
@@ -220,10 +220,10 @@ impl<P: Coordinates> Likelihood for PositionLikelihood<P> {
         fix: &'a PositionFix<P>,
         scratch: &'a mut Scratch,
     ) -> Result<Diagonal<'a>, LikelihoodError> {
-        let look = self.look(fix)?;
+        let density = self.density_of(fix)?;
         let logs = scratch.values(self.states());
-        logs.iter_mut().enumerate().for_each(|(cell, log)| *log = look.log(cell));
-        Ok(Diagonal::log(logs).with_log_factor(look.log_factor()))
+        logs.iter_mut().enumerate().for_each(|(cell, log)| *log = density.log(cell));
+        Ok(Diagonal::log(logs).with_log_factor(density.log_factor()))
     }
 }
 
@@ -237,23 +237,23 @@ impl<P: Coordinates> LocalLikelihood for PositionLikelihood<P> {
         states: &[usize],
         scratch: &'a mut Scratch,
     ) -> Result<(Diagonal<'a>, f64), LikelihoodError> {
-        let look = self.look(fix)?;
+        let density = self.density_of(fix)?;
         let out = scratch.values(states.len());
-        out.iter_mut().zip(states).for_each(|(out, &cell)| *out = look.log(cell));
+        out.iter_mut().zip(states).for_each(|(out, &cell)| *out = density.log(cell));
         // Cells that are not near are beyond ten deviations: this bounds them. Near ones that were
         // not asked for are looked at.
-        let mut largest = look.tail(NEAR * NEAR);
-        look.near(|cell| {
+        let mut largest = density.tail(NEAR * NEAR);
+        density.near(|cell| {
             if states.binary_search(&cell).is_err() {
-                largest = largest.max(look.log(cell));
+                largest = largest.max(density.log(cell));
             }
         });
-        Ok((Diagonal::log(out).with_log_factor(look.log_factor()), largest))
+        Ok((Diagonal::log(out).with_log_factor(density.log_factor()), largest))
     }
 
     fn listed_states(&self, fix: &PositionFix<P>, states: &mut Vec<usize>) {
-        if let Ok(look) = self.look(fix) {
-            look.near(|cell| states.push(cell));
+        if let Ok(density) = self.density_of(fix) {
+            density.near(|cell| states.push(cell));
         }
     }
 }

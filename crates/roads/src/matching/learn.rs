@@ -124,7 +124,7 @@ impl<P: Coordinates> Matcher<P> {
         iterations: usize,
     ) -> Result<LearnedMatchModel, MatchError> {
         let drives: Vec<&[TracePoint<P>]> = drives.iter().map(AsRef::as_ref).collect();
-        let mut learned = self.climb(&drives, iterations)?;
+        let mut learned = self.learn_unchecked(&drives, iterations)?;
         if learned.iterations > 0 {
             // The model to be returned has seen all drives and cannot be tested on them, so two
             // others, each learned from one half, stand for it.
@@ -137,7 +137,7 @@ impl<P: Coordinates> Matcher<P> {
     }
 
     /// Learns from drives without a test of whether it pays.
-    fn climb(
+    fn learn_unchecked(
         &self,
         drives: &[&[TracePoint<P>]],
         iterations: usize,
@@ -178,8 +178,8 @@ impl<P: Coordinates> Matcher<P> {
             if number % 2 == 0 { &mut even } else { &mut odd }.push(drive);
         }
         let mut gain = 0.0;
-        for [taught, held_out] in [[&even, &odd], [&odd, &even]] {
-            let model = self.climb(taught, iterations)?.model;
+        for [training, held_out] in [[&even, &odd], [&odd, &even]] {
+            let model = self.learn_unchecked(training, iterations)?.model;
             gain += self.count_all(&model, held_out)?.log_likelihood;
             gain -= self.count_all(&self.model, held_out)?.log_likelihood;
         }
@@ -242,22 +242,22 @@ pub(super) const LIMITS: [Limits; 7] = [
 /// weight of the terms that it is the mean of.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Counts {
-    ratios: [Ratio; 7],
+    means: [Mean; 7],
     lasting: LastingErrors,
     pub(super) log_likelihood: f64,
     pub(super) points: usize,
 }
 
 #[derive(Debug, Clone, Copy, Default)]
-struct Ratio {
+struct Mean {
     sum: f64,
-    of: f64,
+    weight: f64,
 }
 
-impl Ratio {
-    fn add(&mut self, sum: f64, of: f64) {
+impl Mean {
+    fn add(&mut self, sum: f64, weight: f64) {
         self.sum += sum;
-        self.of += of;
+        self.weight += weight;
     }
 }
 
@@ -287,15 +287,18 @@ impl<P: Coordinates> Matcher<P> {
         points: &[TracePoint<P>],
     ) -> Result<Counts, MatchError> {
         let (mut sightings, mut moves, mut stops_by_point) = (Vec::new(), Vec::new(), Vec::new());
-        let drive = MatchStep::new(self, model).smooth(points, |of_states, of_step, stood| {
-            sightings.push(of_states.to_vec());
-            stops_by_point.push(stood);
-            moves.extend_from_slice(of_step);
-        })?;
+        let drive = MatchStep::new(self, model).smooth(
+            points,
+            |sightings_now, moves_now, p_stationary| {
+                sightings.push(sightings_now.to_vec());
+                stops_by_point.push(p_stationary);
+                moves.extend_from_slice(moves_now);
+            },
+        )?;
         let SmoothedDrive { states, trellis, smoothed } = drive;
         let log_likelihood = smoothed.log_likelihood();
         let mut counts = Counts { log_likelihood, points: points.len(), ..Counts::default() };
-        let [noise, outliers, detours, stops, leaves, returns, poor] = &mut counts.ratios;
+        let [noise, outliers, detours, stops, leaves, returns, poor] = &mut counts.means;
         let (mut moves, mut errors) = (moves.iter(), Vec::with_capacity(points.len()));
         for (number, (states_now, point)) in states.iter().zip(points).enumerate() {
             let step = number + 1;
@@ -365,9 +368,9 @@ impl<P: Coordinates> Matcher<P> {
                     if off_road == [true, false] {
                         outliers.sum += p * (1.0 - state.inlier);
                     }
-                    if let Move::Along { stood, outlier, detour } = moved {
+                    if let Move::Along { p_stationary, outlier, detour } = moved {
                         outliers.sum += p * outlier;
-                        stops.add(shown * p * stood, shown * p);
+                        stops.add(shown * p * p_stationary, shown * p);
                         detours.add(shown * p * detour, shown * p);
                     }
                 }
@@ -380,8 +383,8 @@ impl<P: Coordinates> Matcher<P> {
 
 impl Counts {
     pub(super) fn add(&mut self, other: &Self) {
-        let ratios = self.ratios.iter_mut().zip(&other.ratios);
-        ratios.for_each(|(ratio, other)| ratio.add(other.sum, other.of));
+        let means = self.means.iter_mut().zip(&other.means);
+        means.for_each(|(mean, other)| mean.add(other.sum, other.weight));
         self.lasting.add(&other.lasting);
         self.log_likelihood += other.log_likelihood;
         self.points += other.points;
@@ -389,8 +392,8 @@ impl Counts {
 
     /// Model that maximises the probability of the counts and the prior.
     pub(super) fn maximize(&self, now: &MatchModel, prior: &MatchModel) -> MatchModel {
-        let mean = |value: f64, of: f64| Ratio { sum: value * of, of };
-        let points = |value: f64| mean(value, PRIOR_POINTS);
+        let mean_of = |value: f64, weight: f64| Mean { sum: value * weight, weight };
+        let points = |value: f64| mean_of(value, PRIOR_POINTS);
         let usual = MatchModel::default().noise;
         let priors = [
             // The noise is drawn to the default's, whatever the prior's: a vehicle that is mostly
@@ -399,15 +402,15 @@ impl Counts {
             points(prior.outliers),
             points(prior.deviation),
             points(prior.stop),
-            mean(prior.leave_road, PRIOR_SECONDS),
-            Ratio { sum: PRIOR_RETURNS, of: PRIOR_RETURNS / prior.return_to_road },
-            mean(prior.poor, PRIOR_RECEPTIONS * REDRAWN_AFTER),
+            mean_of(prior.leave_road, PRIOR_SECONDS),
+            Mean { sum: PRIOR_RETURNS, weight: PRIOR_RETURNS / prior.return_to_road },
+            mean_of(prior.poor, PRIOR_RECEPTIONS * REDRAWN_AFTER),
         ];
         let mut model = *now;
-        for ((ratio, prior), (_, value, _)) in self.ratios.iter().zip(priors).zip(LIMITS) {
-            *value(&mut model) = (ratio.sum + prior.sum) / (ratio.of + prior.of);
+        for ((mean, prior), (_, value, _)) in self.means.iter().zip(priors).zip(LIMITS) {
+            *value(&mut model) = (mean.sum + prior.sum) / (mean.weight + prior.weight);
         }
-        // Its ratio was a mean of squares.
+        // It was a mean of squares.
         model.noise = model.noise.sqrt();
         [model.lasting, model.lasts] = self.lasting.fit(prior, PRIOR_LASTING);
         if model.lasting < LASTING_IN_FINE {
@@ -442,12 +445,12 @@ mod tests {
     fn limits() {
         let prior = MatchModel::default();
         let many = 1e15;
-        let none = Counts { ratios: [Ratio { sum: 0.0, of: many }; 7], ..Counts::default() };
+        let none = Counts { means: [Mean { sum: 0.0, weight: many }; 7], ..Counts::default() };
         let mut all = none;
-        for (ratio, sum) in all.ratios.iter_mut().zip([1e30, many, 1e30, many, many, many, many]) {
-            ratio.sum = sum;
+        for (mean, sum) in all.means.iter_mut().zip([1e30, many, 1e30, many, many, many, many]) {
+            mean.sum = sum;
         }
-        all.ratios[5].of = 1.0;
+        all.means[5].weight = 1.0;
         for (limit, counts) in [none, all].into_iter().enumerate() {
             let mut model = counts.maximize(&prior, &prior);
             for (name, value, limits) in LIMITS {

@@ -117,6 +117,6 @@ impl MatchModel {
 /// Probability within some seconds of an event that has this probability within one; at most 0.9.
 fn within(in_a_second: f64, seconds: f64) -> f64 {
     // 1 − (1 − p)^t; `ln_1p` and `exp_m1` keep the digits of p down to the smallest rates.
-    let never = seconds * (-in_a_second).ln_1p();
-    (-never.exp_m1()).min(0.9)
+    let log_survival = seconds * (-in_a_second).ln_1p();
+    (-log_survival.exp_m1()).min(0.9)
 }

@@ -37,7 +37,7 @@ const RECEIVER_LASTS: f64 = 3600.0;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Receiver {
     /// Variances of the error that lasts, in each direction, by reception.
-    lasting: ByReception,
+    lasting_variances: ByReception,
     /// Variances of the white noise, in each direction, by reception.
     pub(super) white: ByReception,
     /// Long-run shares of the kinds of reception.
@@ -52,22 +52,22 @@ impl Receiver {
     pub(super) fn new(model: &MatchModel, deviation: f64) -> Self {
         let fine = 1.0 - ROUGH;
         let shares = [fine * (1.0 - model.poor), fine * model.poor, ROUGH];
-        let mut lasting = [model.lasting; RECEPTIONS];
-        lasting[ROUGH_AT] = model.lasting.min(LASTING_IN_ROUGH);
-        let (mut lasts, mut white) = (lasting, lasting);
+        let mut lasting_shares = [model.lasting; RECEPTIONS];
+        lasting_shares[ROUGH_AT] = model.lasting.min(LASTING_IN_ROUGH);
+        let (mut lasting_variances, mut white) = (lasting_shares, lasting_shares);
         for (number, factor) in FACTORS.iter().enumerate() {
             let variance = (factor * deviation).powi(2);
-            lasts[number] = lasting[number] * variance;
-            white[number] = (1.0 - lasting[number]) * variance;
+            lasting_variances[number] = lasting_shares[number] * variance;
+            white[number] = (1.0 - lasting_shares[number]) * variance;
         }
-        Self { lasting: lasts, white, shares, inlier: 1.0 - model.outliers }
+        Self { lasting_variances, white, shares, inlier: 1.0 - model.outliers }
     }
 
     /// Variances of the change of an error when the share `redrawn` of the lasting part is drawn
     /// anew, for a receiver created with the standard deviation of a difference.
     pub(super) fn changes(&self, redrawn: f64) -> ByReception {
         let mut changes = self.white;
-        for (change, lasting) in changes.iter_mut().zip(self.lasting) {
+        for (change, lasting) in changes.iter_mut().zip(self.lasting_variances) {
             *change += redrawn * lasting;
         }
         changes
@@ -76,7 +76,7 @@ impl Receiver {
     /// Error before any position, at no place.
     pub(super) fn unknown(&self) -> Place {
         let zero = [0.0; RECEPTIONS];
-        let covariance = [zero, zero, zero, self.lasting, zero, self.lasting];
+        let covariance = [zero, zero, zero, self.lasting_variances, zero, self.lasting_variances];
         Place { mean: [zero; 3], covariance, shares: self.shares }
     }
 
@@ -114,7 +114,7 @@ impl Receiver {
         for r in 0..RECEPTIONS {
             // The Gauss–Markov step o → κ o + noise of variance (1 − κ²) ρσ²: means and covariances
             // with o scale by κ, those within o by κ².
-            let new = (1.0 - squared) * self.lasting[r];
+            let new = (1.0 - squared) * self.lasting_variances[r];
             (x[r], y[r]) = (kept * x[r], kept * y[r]);
             (ax[r], ay[r]) = (kept * ax[r], kept * ay[r]);
             (xx[r], yy[r]) = (squared * xx[r] + new, squared * yy[r] + new);
@@ -200,15 +200,15 @@ impl Place {
     /// Updates a reception by the likelihood of a linear function h, given the first two
     /// derivatives of its logarithm at the mean.
     #[inline]
-    pub(super) fn learn(&mut self, number: usize, h: [f64; 3], first: f64, second: f64) {
+    pub(super) fn update(&mut self, number: usize, h: [f64; 3], first: f64, second: f64) {
         // Moments after a likelihood with a quadratic logarithm: μ + P h g' and P + (P h)(P h)'
         // g''. Exact if it is Gaussian, where this is Kalman's update.
-        let by = self.times(h, number);
-        for (mean, by) in self.mean.iter_mut().zip(by) {
-            mean[number] += by * first;
+        let gain = self.times(h, number);
+        for (mean, gain) in self.mean.iter_mut().zip(gain) {
+            mean[number] += gain * first;
         }
-        for (covariance, by) in self.covariance.iter_mut().zip(products(by)) {
-            covariance[number] += by * second;
+        for (covariance, product) in self.covariance.iter_mut().zip(products(gain)) {
+            covariance[number] += product * second;
         }
     }
 

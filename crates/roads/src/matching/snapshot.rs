@@ -98,7 +98,7 @@ impl<const N: usize> Stored for [f64; N] {
     }
 }
 
-stored_fields!(Progress<P> { network, lag, points, point, speed, stood, log_likelihood, last });
+stored_fields!(Progress<P> { network, lag, points, point, speed, p_stationary, log_likelihood, last });
 stored_fields!(Place { mean, covariance, shares });
 stored_fields!(Candidate { edge, along, point, place, inlier });
 
@@ -224,9 +224,11 @@ impl<P: Coordinates> Vehicle<P> {
             return Err(SnapshotError::Kind { found, expected });
         }
         let progress = Progress::read(&mut reader)?;
-        let Progress { lag, points, speed, stood, log_likelihood, last, .. } = progress;
-        if !(0.0..=1.0).contains(&stood) {
-            return Err(contents(format!("the probability of a stop is {stood}, expected 0 to 1")));
+        let Progress { lag, points, speed, p_stationary, log_likelihood, last, .. } = progress;
+        if !(0.0..=1.0).contains(&p_stationary) {
+            return Err(contents(format!(
+                "the probability of a stop is {p_stationary}, expected 0 to 1"
+            )));
         }
         if !(0.0..=1e9).contains(&speed) {
             return Err(contents(format!("the speed is {speed}, expected 0 to 1e9")));

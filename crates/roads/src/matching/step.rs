@@ -41,7 +41,7 @@ pub(super) struct PreviousStep<'a, P> {
     /// Speed in metres per second at which vehicles continue unseen.
     pub(super) speed: f64,
     /// Probability that the vehicle was stationary.
-    pub(super) stood: f64,
+    pub(super) p_stationary: f64,
 }
 
 impl<P> PreviousStep<'_, P> {
@@ -67,7 +67,7 @@ pub(super) struct ForwardStep {
     pub(super) scale: Scale,
     pub(super) speed: f64,
     /// Probability that the vehicle was stationary.
-    pub(super) stood: f64,
+    pub(super) p_stationary: f64,
 }
 
 /// Distributions of the states of all points of a drive.
@@ -101,8 +101,10 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
         trellis.begin_step();
         let [leaves, returns] = [self.model.leaves(1.0), self.model.returns(1.0)];
         // All moves of the first step come from one start, number 0, with its weight.
-        for (log, log_heading) in log_likelihoods.iter().zip(&self.memory.log_headings) {
-            trellis.state(log + log_heading, [(0, 0.0)])?;
+        for (log, log_heading_likelihood) in
+            log_likelihoods.iter().zip(&self.memory.log_heading_likelihoods)
+        {
+            trellis.state(log + log_heading_likelihood, [(0, 0.0)])?;
         }
         // The stationary distribution of the chain that leaves the road and returns to it.
         let off_road = (leaves / (leaves + returns)).ln();
@@ -114,7 +116,7 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
             log_filtered,
             scale,
             speed: point.speed.unwrap_or(0.0),
-            stood: self.model.stop,
+            p_stationary: self.model.stop,
         })
     }
 
@@ -126,7 +128,7 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
         point: &TracePoint<P>,
         trellis: &mut Trellis,
     ) -> Result<ForwardStep, MatchError> {
-        let known = [before.stood, before.rough()];
+        let known = [before.p_stationary, before.rough()];
         let interval = Interval::new(self.model, before.point, point, known);
         let mut states = self.near(point);
         // The state off the road comes after all others: sightings and headings have one entry for
@@ -135,15 +137,20 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
         states.push(Candidate::off_road(point));
         self.weigh(before, point, &mut states, &interval);
         trellis.begin_step();
-        let Memory { entries, moves, log_headings, .. } = &mut self.memory;
+        let Memory { entries, moves, log_heading_likelihoods, .. } = &mut self.memory;
         moves.clear();
         // Off the road all headings are equally likely. The zero also lines up the last state,
         // which has no sighting, with its entries.
-        let log_headings = log_headings.iter().copied().chain([0.0]);
-        let added = log_headings.zip(&*entries).try_for_each(|(log_heading, entries)| {
-            moves.extend(entries.iter().map(|entry| entry.kind));
-            trellis.state(log_heading, entries.iter().map(|entry| (entry.from, entry.log)))
-        });
+        let log_heading_likelihoods = log_heading_likelihoods.iter().copied().chain([0.0]);
+        let added = log_heading_likelihoods.zip(&*entries).try_for_each(
+            |(log_heading_likelihood, entries)| {
+                moves.extend(entries.iter().map(|entry| entry.kind));
+                trellis.state(
+                    log_heading_likelihood,
+                    entries.iter().map(|entry| (entry.from, entry.log)),
+                )
+            },
+        );
         if let Err(error) = added {
             trellis.remove_last();
             return Err(error.into());
@@ -161,7 +168,13 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
         let speed = point
             .speed
             .unwrap_or_else(|| shown().map_or(before.speed, |shown| 0.5 * (before.speed + shown)));
-        Ok(ForwardStep { states, log_filtered, scale, speed, stood: interval.stood() })
+        Ok(ForwardStep {
+            states,
+            log_filtered,
+            scale,
+            speed,
+            p_stationary: interval.p_stationary(),
+        })
     }
 
     /// Filters and smooths a whole drive. `visit` receives, for each step, the sightings of its
@@ -183,14 +196,14 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
         let mut states = Vec::with_capacity(points.len());
         let mut last = self.first(first, &mut trellis)?;
         forward.push(&last.log_filtered, last.scale)?;
-        visit(&self.memory.sightings, &[], last.stood);
+        visit(&self.memory.sightings, &[], last.p_stationary);
         for pair in points.windows(2) {
-            let ForwardStep { states: before, log_filtered, scale: _, speed, stood } = &last;
-            let (point, speed, stood) = (&pair[0], *speed, *stood);
-            let before = PreviousStep { point, states: before, log_filtered, speed, stood };
+            let ForwardStep { states: before, log_filtered, scale: _, speed, p_stationary } = &last;
+            let (point, speed, p_stationary) = (&pair[0], *speed, *p_stationary);
+            let before = PreviousStep { point, states: before, log_filtered, speed, p_stationary };
             let next = self.next(&before, &pair[1], &mut trellis)?;
             forward.push(&next.log_filtered, next.scale)?;
-            visit(&self.memory.sightings, &self.memory.moves, next.stood);
+            visit(&self.memory.sightings, &self.memory.moves, next.p_stationary);
             states.push(std::mem::replace(&mut last, next).states);
         }
         states.push(last.states);
@@ -219,12 +232,17 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
 
     /// Finds the states on roads near a point, with their sightings.
     fn near(&mut self, point: &TracePoint<P>) -> Vec<Candidate> {
-        let Memory { near, sightings, log_headings, .. } = &mut self.memory;
+        let Memory { near, sightings, log_heading_likelihoods, .. } = &mut self.memory;
         sightings.clear();
-        log_headings.clear();
+        log_heading_likelihoods.clear();
         let network = &self.matcher.network;
-        let mut search =
-            CandidateSearch { network, model: self.model, point, sightings, log_headings };
+        let mut search = CandidateSearch {
+            network,
+            model: self.model,
+            point,
+            sightings,
+            log_heading_likelihoods,
+        };
         search.near(&self.matcher.index, near)
     }
 
@@ -236,10 +254,15 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
         interval: &Interval,
         states: &mut Vec<Candidate>,
     ) {
-        let Memory { sightings, log_headings, .. } = &mut self.memory;
+        let Memory { sightings, log_heading_likelihoods, .. } = &mut self.memory;
         let network = &self.matcher.network;
-        let mut search =
-            CandidateSearch { network, model: self.model, point, sightings, log_headings };
+        let mut search = CandidateSearch {
+            network,
+            model: self.model,
+            point,
+            sightings,
+            log_heading_likelihoods,
+        };
         let metres = before.speed * interval.seconds;
         search.carry((before.states, before.log_filtered), metres, interval.spread, states);
     }
@@ -284,7 +307,7 @@ impl<P: Coordinates> MatchStep<'_, P> {
         let states = states.iter_mut().zip(&self.memory.sightings);
         let place = |(state, sighting): (&mut Candidate, &Sighting)| {
             let fit = sighting.fit(&unknown, 0.0, &receiver);
-            let Fit { density, log_factor, inlier, share, shares, .. } = fit;
+            let Fit { density, log_factor, inlier, on_edge, shares, .. } = fit;
             let error = sighting.across(&unknown, shares, &receiver);
             let moved = sighting.moved(&error, &receiver);
             // Either the position belongs to the road and tells the place, or it is an outlier, and
@@ -295,7 +318,7 @@ impl<P: Coordinates> MatchStep<'_, P> {
             (state.place, state.inlier) = (mixture.merged().unwrap_or(unknown).rounded(), inlier);
             // Given the position, `inlier` is the probability that it belongs to the road. That
             // part counts only as far as its place along lies on the edge.
-            (density * (1.0 - inlier + inlier * share)).ln() + log_factor
+            (density * (1.0 - inlier + inlier * on_edge)).ln() + log_factor
         };
         states.map(place).collect()
     }
@@ -323,8 +346,8 @@ impl<P: Coordinates> MatchStep<'_, P> {
             if is_left { receiver.predicted(&state.place, seconds, kept) } else { state.place }
         }));
         let (off_road, by_area) = (states.len() - 1, interval.off_road(model));
-        let (into_off_road, stays) = (by_area + leaves.ln(), (-leaves).ln_1p());
-        let onto_road = by_area + returns.ln() - METRES_OF_ROAD.ln();
+        let (log_weight_leaving, stays) = (by_area + leaves.ln(), (-leaves).ln_1p());
+        let log_weight_returning = by_area + returns.ln() - METRES_OF_ROAD.ln();
         let Matcher { network, measures, .. } = matcher;
         let mut ways = Ways { network, measures, search };
         ways.set_targets(states, model, interval);
@@ -346,10 +369,10 @@ impl<P: Coordinates> MatchStep<'_, P> {
                 let is_likely = *log >= NEGLIGIBLE;
                 for ((_, sighting), list) in targets.zip(entries.iter_mut()).filter(|_| is_likely) {
                     let fit = sighting.fit(&unknown, 0.0, &receiver);
-                    let Fit { density, log_factor, inlier, share, shares, .. } = fit;
-                    let position = density * (1.0 - inlier + inlier * share);
+                    let Fit { density, log_factor, inlier, on_edge, shares, .. } = fit;
+                    let position = density * (1.0 - inlier + inlier * on_edge);
                     let log = position.ln() + log_factor;
-                    list.push(entry(onto_road + log, inlier, shares));
+                    list.push(entry(log_weight_returning + log, inlier, shares));
                 }
                 let stays = by_area + (-returns).ln_1p();
                 entries[off_road].push(entry(stays, 0.0, unknown.shares));
@@ -360,7 +383,7 @@ impl<P: Coordinates> MatchStep<'_, P> {
             }
             // Any state can be left for the state off the road, so that every step has an allowed
             // move.
-            entries[off_road].push(entry(into_off_road, 0.0, from.place.shares));
+            entries[off_road].push(entry(log_weight_leaving, 0.0, from.place.shares));
             ways.search_from(from, interval);
             for ((to, sighting), list) in targets.zip(entries.iter_mut()) {
                 let Some(way) = ways.way(from, to, interval.spread) else { continue };
@@ -414,17 +437,18 @@ impl<P: Coordinates> MatchStep<'_, P> {
                     continue;
                 }
                 let Entry { from, inlier, starts, shares, .. } = *entry;
-                let stood = match entry.kind {
-                    Move::Along { stood, .. } => stood,
+                let p_stationary = match entry.kind {
+                    Move::Along { p_stationary, .. } => p_stationary,
                     Move::OffRoad => 0.0,
                 };
                 let place = places[from].counted_from(starts.unwrap_or(0.0));
                 let error = sighting.across(&place, shares, receiver);
-                let [still, moving] = [stood, 1.0 - stood].map(|share| p * inlier * share);
+                let [still, moving] =
+                    [p_stationary, 1.0 - p_stationary].map(|share| p * inlier * share);
                 if still > LEAST_SHARE {
                     // A stationary vehicle is where it was, so its position is one more measurement
                     // of that place.
-                    mixture.add(still, &sighting.within(&sighting.stood(&error, receiver)));
+                    mixture.add(still, &sighting.within(&sighting.stationary(&error, receiver)));
                 }
                 // For a moving vehicle the place before does not matter, only the error: these are
                 // merged first, and placed by the position once for all moves.

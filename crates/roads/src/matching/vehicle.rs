@@ -32,7 +32,7 @@ pub(super) struct Progress<P> {
     /// The last point.
     pub(super) point: TracePoint<P>,
     pub(super) speed: f64,
-    pub(super) stood: f64,
+    pub(super) p_stationary: f64,
     pub(super) log_likelihood: LogSum,
     /// ln p(last point | all before).
     pub(super) last: f64,
@@ -58,12 +58,12 @@ impl<P: Coordinates> Matcher<P> {
         point.check(0, None)?;
         let mut trellis = Trellis::new();
         let taken = MatchStep::new(self, &self.model).first(point, &mut trellis)?;
-        let ForwardStep { states, log_filtered, scale, speed, stood } = taken;
+        let ForwardStep { states, log_filtered, scale, speed, p_stationary } = taken;
         let mut log_likelihood = LogSum::default();
         scale.add_to(&mut log_likelihood);
         let (network, point, last) = (self.fingerprint, *point, scale.log());
         let progress =
-            Progress { network, lag, points: 1, point, speed, stood, log_likelihood, last };
+            Progress { network, lag, points: 1, point, speed, p_stationary, log_likelihood, last };
         let window = Window { trellis, states: vec![states], log_filtered };
         Ok(Vehicle { progress, window })
     }
@@ -84,11 +84,12 @@ impl<P: Coordinates> Matcher<P> {
         // exist, which would panic in the search.
         self.check(window.last())?;
         let states = window.states.last().map_or(&[][..], |states| states);
-        let (log_filtered, speed, stood) =
-            (&window.log_filtered[..], progress.speed, progress.stood);
-        let before = PreviousStep { point: &progress.point, states, log_filtered, speed, stood };
+        let (log_filtered, speed, p_stationary) =
+            (&window.log_filtered[..], progress.speed, progress.p_stationary);
+        let before =
+            PreviousStep { point: &progress.point, states, log_filtered, speed, p_stationary };
         let mut step = MatchStep::new(self, &self.model);
-        let ForwardStep { mut states, log_filtered, scale, speed, stood } =
+        let ForwardStep { mut states, log_filtered, scale, speed, p_stationary } =
             step.next(&before, point, &mut window.trellis)?;
         states.shrink_to_fit();
         // Nothing can fail from here on: until now the vehicle was only read, and `next` restored
@@ -100,7 +101,7 @@ impl<P: Coordinates> Matcher<P> {
         }
         scale.add_to(&mut progress.log_likelihood);
         progress.last = scale.log();
-        (progress.point, progress.speed, progress.stood) = (*point, speed, stood);
+        (progress.point, progress.speed, progress.p_stationary) = (*point, speed, p_stationary);
         progress.points = progress.points.saturating_add(1);
         Ok(progress.last)
     }

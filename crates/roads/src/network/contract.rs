@@ -125,13 +125,13 @@ impl<P: Coordinates> RoadNetwork<P> {
             neighbors.dedup();
             // Two edges into the node come from different neighbours, and the edges out are their
             // reverses.
-            let apart = into.len() == 1
+            let is_two_way_through = into.len() == 1
                 || (self.edges[into[0]].from != self.edges[into[1]].from
                     && into
                         .iter()
                         .all(|&edge| self.reverse(edge).is_some_and(|back| out.contains(&back))));
             neighbors.len() == 2
-                && apart
+                && is_two_way_through
                 && !neighbors.contains(&n)
                 && into.iter().all(|&edge| {
                     let from = self.edges[edge].from;

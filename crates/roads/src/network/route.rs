@@ -176,11 +176,11 @@ impl RouteSearch {
     ) {
         let Self { neighbourhood, search, costs, targets } = self;
         search.start(neighbourhood.len());
-        let (most, mut left) = (most.max(0.0), *targets);
+        let (most, mut targets_left) = (most.max(0.0), *targets);
         // A metre and a billionth exceed the rounding of the sums and of the bound: pruning never
         // costs a route.
         let farthest = most * (1.0 + 1e-9) + 1.0;
-        if left == 0 {
+        if targets_left == 0 {
             return;
         }
         let start = neighbourhood.meet(network, measures, from) as usize;
@@ -194,8 +194,8 @@ impl RouteSearch {
             if let Some(Label { cost: up_to, way: reached, .. }) = label {
                 // Each vertex is settled once, so each target is counted once. The first edge may
                 // be a target, too: it counts when a loop comes back to it.
-                left -= usize::from(edge.is_target);
-                if left == 0 {
+                targets_left -= usize::from(edge.is_target);
+                if targets_left == 0 {
                     return;
                 }
                 let (metres, chords) = (reached.metres + edge.metres, reached.chords + edge.chord);
@@ -203,7 +203,7 @@ impl RouteSearch {
             }
             // All costs are at least the length, so what is left in metres is a lower bound of what
             // is left in costs.
-            if cost <= most && cost + edge.left <= farthest {
+            if cost <= most && cost + edge.least_to_target <= farthest {
                 let turns = neighbourhood.turns(network, measures, number, *costs);
                 for turn in turns {
                     let cost = cost + turn.cost;
@@ -276,7 +276,7 @@ pub(super) struct MetEdge {
     /// Straight distance between its ends.
     pub(super) chord: f64,
     /// Least metres from its end to a target.
-    pub(super) left: f64,
+    pub(super) least_to_target: f64,
     /// Turns out of it, once a search has left it.
     turns: Option<Range<u32>>,
 }
@@ -359,9 +359,17 @@ impl Neighbourhood {
             // Every target's start is in the ball, so it is at least the distance to the centre
             // less the radius away, and a route to it at least the network's bound for that
             // distance.
-            let left = measures.bound.at(distance(measures.nodes[found.to], centre) - radius);
+            let least_to_target =
+                measures.bound.at(distance(measures.nodes[found.to], centre) - radius);
             let (edge, metres) = (edge as u32, found.metres);
-            self.edges.push(MetEdge { edge, is_target: false, metres, chord, left, turns: None });
+            self.edges.push(MetEdge {
+                edge,
+                is_target: false,
+                metres,
+                chord,
+                least_to_target,
+                turns: None,
+            });
         }
         met.1
     }

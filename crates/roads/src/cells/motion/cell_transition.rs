@@ -241,17 +241,17 @@ impl Transition for CellTransition {
 
 impl TransitionEntries for CellTransition {
     fn incoming(&self, travel: &Travel, to: usize) -> impl Iterator<Item = (usize, f64)> {
-        self.behind(travel, to)
+        self.incoming_entries(travel, to)
     }
 
     fn outgoing(&self, travel: &Travel, from: usize) -> impl Iterator<Item = (usize, f64)> {
-        self.ahead(travel, from)
+        self.outgoing_entries(travel, from)
     }
 }
 
 impl CellTransition {
     /// Computes `out = M x`, one cell ahead.
-    fn one_ahead(&self, x: &[f64], out: &mut [f64]) {
+    fn apply_one_cell(&self, x: &[f64], out: &mut [f64]) {
         // Cells are numbered along the edges. The shift is right but for the first cell of each
         // edge, which gets that of another edge and is overwritten by the turns.
         out[1..].copy_from_slice(&x[..x.len() - 1]);
@@ -270,7 +270,7 @@ impl CellTransition {
     }
 
     /// Computes `out = M' x`.
-    fn one_behind(&self, x: &[f64], out: &mut [f64]) {
+    fn apply_one_cell_transpose(&self, x: &[f64], out: &mut [f64]) {
         // As above, with the last cell of each edge overwritten.
         out[..x.len() - 1].copy_from_slice(&x[1..]);
         for edge in 0..self.layout.edge_count() {
@@ -320,11 +320,11 @@ impl CellTransition {
     }
 
     pub(super) fn product(&self, travel: &Travel, x: &[f64], out: &mut [f64]) {
-        self.polynomial(travel, x, out, Self::one_ahead);
+        self.polynomial(travel, x, out, Self::apply_one_cell);
     }
 
     pub(super) fn transposed_product(&self, travel: &Travel, x: &[f64], out: &mut [f64]) {
-        self.polynomial(travel, x, out, Self::one_behind);
+        self.polynomial(travel, x, out, Self::apply_one_cell_transpose);
     }
 }
 
@@ -366,7 +366,7 @@ impl Ord for Arrival {
 
 impl CellTransition {
     /// Lists the entries out of a cell, in ascending order.
-    pub(super) fn ahead(
+    pub(super) fn outgoing_entries(
         &self,
         travel: &Travel,
         from: usize,
@@ -384,7 +384,7 @@ impl CellTransition {
     }
 
     /// Lists the entries into a cell, in ascending order.
-    pub(super) fn behind(
+    pub(super) fn incoming_entries(
         &self,
         travel: &Travel,
         to: usize,

@@ -13,7 +13,7 @@ const DEVIATIONS: f64 = 3.0;
 /// Cells over which a vehicle that may be anywhere in its cell keeps its place there. Chosen on
 /// simulated grids: with 1, a belief between rare fixes is far too wide; with 16, sets of 95% hold
 /// 94% where cells are as large as the range of a tag.
-const TOGETHER: f64 = 4.0;
+const CELLS_ROUNDED_TOGETHER: f64 = 4.0;
 
 /// Odometer of a vehicle on cells: adds up readings of any size, and releases whole cells.
 ///
@@ -102,11 +102,12 @@ impl Odometer {
             let travel = match &self.slips {
                 None => Travel::measured(cells, all, &[1.0])?,
                 Some(slips) => {
-                    let lost = slips.lost(cells * self.cell, self.cell);
-                    // `TOGETHER` cells are rounded at once, and a release of n cells counts as n /
-                    // TOGETHER of them: the sum is the same whether cells are released together or
+                    let lost = slips.loss_distribution(cells * self.cell, self.cell);
+                    // `CELLS_ROUNDED_TOGETHER` cells are rounded at once, and a release of n cells counts as n /
+                    // CELLS_ROUNDED_TOGETHER of them: the sum is the same whether cells are released together or
                     // one by one.
-                    let all = cells / TOGETHER * rounded(TOGETHER * all / cells);
+                    let all = cells / CELLS_ROUNDED_TOGETHER
+                        * cell_change_variance(CELLS_ROUNDED_TOGETHER * all / cells);
                     Travel::measured(cells, all, &lost)?
                 }
             };
@@ -160,7 +161,7 @@ pub(super) struct Slips {
 impl Slips {
     /// Probabilities of the number of whole cells lost over a distance; they sum to one, up to
     /// the tail. O(largest number).
-    pub(super) fn lost(&self, driven: f64, cell: f64) -> Vec<f64> {
+    pub(super) fn loss_distribution(&self, driven: f64, cell: f64) -> Vec<f64> {
         // A slip loses j cells with probability (1 − q) q^j. So slips that lose any cells come q
         // times as often, and lose 1 + j.
         let q = self.metres / (self.metres + cell);
@@ -205,7 +206,7 @@ impl Slips {
 /// An error of x cells becomes ⌊x⌋ with probability 1 − f and ⌊x⌋ + 1 with f, the fraction of x, so
 /// f (1 − f) adds to the variance. On average over a Gaussian the total is E|x| if the error is
 /// small, and 1/6 more than its variance if it is large.
-pub(super) fn rounded(variance: f64) -> f64 {
+pub(super) fn cell_change_variance(variance: f64) -> f64 {
     let deviation = variance.sqrt();
     // f (1 − f) = |x| − x² for |x| ≤ 1, which is seven deviations here: the total is E|x| = σ √(2 /
     // π).
@@ -226,7 +227,7 @@ mod tests {
     fn losses_are_those_of_the_sum_over_numbers_of_slips() {
         let slips = Slips { rate: 0.3, metres: 0.7 };
         let (driven, cell) = (4.0, 0.5);
-        let found = slips.lost(driven, cell);
+        let found = slips.loss_distribution(driven, cell);
         let q: f64 = 0.7 / 1.2;
         let events = slips.rate * driven;
         // Poisson number of slips, each with a geometric loss, which may be 0.
@@ -252,7 +253,7 @@ mod tests {
     fn mean_and_variance_are_those_of_the_model() {
         for (rate, metres, driven) in [(0.02, 0.1, 1.0), (1.0, 3.0, 50.0), (500.0, 0.1, 2000.0)] {
             let slips = Slips { rate, metres };
-            let lost = slips.lost(driven, 0.5);
+            let lost = slips.loss_distribution(driven, 0.5);
             let cells = |k: usize| k as f64;
             let mean: f64 = lost.iter().enumerate().map(|(k, p)| p * cells(k)).sum();
             let off = |(k, p): (usize, &f64)| p * (cells(k) - mean).powi(2);
@@ -278,9 +279,9 @@ mod tests {
                 sum += p;
                 expected += p * (x * x + f * (1.0 - f));
             }
-            let found = rounded(deviation * deviation);
+            let found = cell_change_variance(deviation * deviation);
             assert!((found / (expected / sum) - 1.0).abs() < 1e-6, "{deviation}: {found}");
         }
-        assert_eq!(rounded(0.0), 0.0);
+        assert_eq!(cell_change_variance(0.0), 0.0);
     }
 }

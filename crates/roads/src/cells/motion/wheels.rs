@@ -103,7 +103,7 @@ impl Wheels {
 
     /// Stationary probabilities of the scales.
     pub(super) fn shares(&self) -> Vec<f64> {
-        if self.scale == 0.0 { vec![1.0] } else { heads(COINS, 0.5) }
+        if self.scale == 0.0 { vec![1.0] } else { binomial(COINS, 0.5) }
     }
 
     /// Probabilities of a scale after some metres, given the scale before: `[to * count + from]`.
@@ -118,7 +118,7 @@ impl Wheels {
         let mut changes = vec![0.0; count * count];
         for from in 0..count {
             // Heads after the step: those of the `from` heads that stay, and the tails that turn.
-            let (kept, new) = (heads(from, 1.0 - turned), heads(COINS - from, turned));
+            let (kept, new) = (binomial(from, 1.0 - turned), binomial(COINS - from, turned));
             for (a, p) in kept.iter().enumerate() {
                 for (b, q) in new.iter().enumerate() {
                     changes[(a + b) * count + from] += p * q;
@@ -130,7 +130,7 @@ impl Wheels {
 }
 
 /// Probabilities of the number of heads among some coins.
-fn heads(coins: usize, p: f64) -> Vec<f64> {
+fn binomial(coins: usize, p: f64) -> Vec<f64> {
     let mut all = vec![0.0; coins + 1];
     all[0] = 1.0;
     for last in 1..=coins {

@@ -10,7 +10,7 @@ use std::ops::Range;
 use crate::RoadNetwork;
 use crate::matching::MatchedDrive;
 use crate::matching::candidates::{Candidate, OFF_ROAD};
-use crate::matching::route::{Link, Mode, RouteExtension, RouteRules, links};
+use crate::matching::route::{Link, RouteEnd, RouteExtension, RouteRules, links};
 use crate::matching::step::MatchStep;
 use wayfix::map::Coordinates;
 
@@ -19,7 +19,7 @@ const LEAST_MOVE: f64 = 1e-30;
 /// Word after the last edge of a route.
 pub(super) const END: u32 = OFF_ROAD - 1;
 
-/// Lattice of a drive: nodes are states, one for each [`Mode`] in which a state is reached, between
+/// Lattice of a drive: nodes are states, one for each [`RouteEnd`] in which a state is reached, between
 /// a start and an end. Arcs carry p(state | previous state, all points) and the words that they add
 /// to the route: edges, off the road, and the end. All paths with the same words are one route.
 #[derive(Debug, Default)]
@@ -63,7 +63,7 @@ impl Arc {
 }
 
 /// Nodes of a step by state and mode.
-type Nodes = Vec<BTreeMap<Mode, u32>>;
+type Nodes = Vec<BTreeMap<RouteEnd, u32>>;
 
 impl Lattice {
     /// Builds the lattice of a drive. O(moves) time, and that of the searches for their ways.
@@ -89,8 +89,8 @@ impl Lattice {
         }
         let end = lattice.node(0);
         let last = &drive.states[drive.states.len() - 1];
-        for (state, modes) in last.iter().zip(&nodes) {
-            for (mode, node) in modes {
+        for (state, ends) in last.iter().zip(&nodes) {
+            for (mode, node) in ends {
                 let (mut added, first) = (RouteExtension::default(), lattice.arcs.len());
                 RouteRules::<P>::finish(*mode, state, &mut added);
                 lattice.arc(end, 1.0, &added);
@@ -134,7 +134,7 @@ impl Lattice {
             targets.clear();
             targets.extend(moves.iter().map(|to| states[to.0]).filter(|to| !to.is_off_road()));
             let ways = links(from, &targets, points, search);
-            // The next state depends on the state alone, so all its modes share the moves and ways.
+            // The next state depends on the state alone, so all its ends share the moves and ways.
             for (mode, node) in &nodes[number] {
                 let first = self.arcs.len();
                 let mut links = ways.iter();
@@ -144,7 +144,7 @@ impl Lattice {
                     // none at all if the vehicle is off the road; then no link is looked at.
                     let link = if to.is_off_road() { None } else { links.next() };
                     let link = link.unwrap_or(&Link::SameEdge);
-                    let mode = rules.go(*mode, [from, to], link, &mut added);
+                    let mode = rules.advance(*mode, [from, to], link, &mut added);
                     let to = self.node_of(&mut next, state, mode);
                     self.arc(to, probability / sum, &added);
                 }
@@ -160,7 +160,7 @@ impl Lattice {
         (self.states.len() - 1) as u32
     }
 
-    fn node_of(&mut self, nodes: &mut Nodes, state: usize, mode: Mode) -> u32 {
+    fn node_of(&mut self, nodes: &mut Nodes, state: usize, mode: RouteEnd) -> u32 {
         *nodes[state].entry(mode).or_insert_with(|| self.node(state))
     }
 

@@ -148,9 +148,9 @@ struct RouteSearcher<'a> {
     /// Prefixes with the bits of their bounds, which have the order of the bounds, since these are
     /// not negative.
     open: BinaryHeap<(u64, Reverse<u32>)>,
-    arcs: usize,
+    arcs_visited: usize,
     /// Probability at each node for the prefix being expanded; all zero in between.
-    at: Vec<f64>,
+    mass: Vec<f64>,
 }
 
 impl<'a> RouteSearcher<'a> {
@@ -159,8 +159,8 @@ impl<'a> RouteSearcher<'a> {
         let start = Share { to: 0, words: [0; 2], probability: 1.0 };
         let prefixes = vec![Prefix { before: 0, word: END, shares: vec![start] }];
         let open = BinaryHeap::from([(1_f64.to_bits(), Reverse(0))]);
-        let at = vec![0.0; lattice.states.len()];
-        Self { lattice, bounds, prefixes, open, arcs: 0, at }
+        let mass = vec![0.0; lattice.states.len()];
+        Self { lattice, bounds, prefixes, open, arcs_visited: 0, mass }
     }
 
     /// Finds the most probable routes, best first. After `most_arcs` arcs it heads straight for
@@ -178,7 +178,7 @@ impl<'a> RouteSearcher<'a> {
                 }
                 // A prefix leaves the queue once, and its shares are moved on to its children.
                 let mut children = self.expand(prefix);
-                if self.arcs >= most_arcs {
+                if self.arcs_visited >= most_arcs {
                     // Too many to prove an order: follow the best child down to a whole route.
                     is_exact = false;
                     let best = (0..children.len()).max_by_key(|child| children[*child]);
@@ -199,33 +199,34 @@ impl<'a> RouteSearcher<'a> {
         let mut next: Vec<(u32, Share)> = Vec::new();
         let mut nodes = BinaryHeap::new();
         let lattice = self.lattice;
-        let go = |at: &mut [f64], nodes: &mut BinaryHeap<_>, next: &mut Vec<_>, share: Share| {
-            if share.has_arrived() {
-                let at = &mut at[share.to as usize];
-                // A node enters the heap with its first probability, so it is there once.
-                if *at == 0.0 && share.probability > 0.0 {
-                    nodes.push(Reverse(share.to));
+        let advance =
+            |mass: &mut [f64], nodes: &mut BinaryHeap<_>, next: &mut Vec<_>, share: Share| {
+                if share.has_arrived() {
+                    let mass = &mut mass[share.to as usize];
+                    // A node enters the heap with its first probability, so it is there once.
+                    if *mass == 0.0 && share.probability > 0.0 {
+                        nodes.push(Reverse(share.to));
+                    }
+                    *mass += share.probability;
+                } else {
+                    let [word, end] = share.words;
+                    next.push((
+                        lattice.words[word as usize],
+                        Share { words: [word + 1, end], ..share },
+                    ));
                 }
-                *at += share.probability;
-            } else {
-                let [word, end] = share.words;
-                next.push((
-                    lattice.words[word as usize],
-                    Share { words: [word + 1, end], ..share },
-                ));
-            }
-        };
+            };
         for share in std::mem::take(&mut self.prefixes[prefix as usize].shares) {
-            go(&mut self.at, &mut nodes, &mut next, share);
+            advance(&mut self.mass, &mut nodes, &mut next, share);
         }
         // Arcs lead to higher nodes, so everything that reaches a node has arrived when its turn
         // comes. Taking the probability leaves a zero for the next prefix.
         while let Some(Reverse(node)) = nodes.pop() {
-            let probability = std::mem::take(&mut self.at[node as usize]);
+            let probability = std::mem::take(&mut self.mass[node as usize]);
             for arc in lattice.arcs(node) {
-                go(&mut self.at, &mut nodes, &mut next, arc.share(probability));
+                advance(&mut self.mass, &mut nodes, &mut next, arc.share(probability));
             }
-            self.arcs += lattice.arcs(node).len();
+            self.arcs_visited += lattice.arcs(node).len();
         }
         next.sort_by_key(|next| next.0);
         let mut children = Vec::new();
@@ -266,49 +267,49 @@ const WORDS: usize = 12;
 struct RouteBounds {
     nodes: Vec<Bound>,
     /// Next words in ascending order, with the excess of their bounds over that for any word.
-    beyond: Vec<(u32, f64)>,
+    excess: Vec<(u32, f64)>,
 }
 
 #[derive(Debug, Clone, Default)]
 struct Bound {
     /// Bound for any word that is not listed.
-    any: f64,
+    bound_any: f64,
     best: f64,
-    beyond: Range<u32>,
+    excess: Range<u32>,
 }
 
 impl RouteBounds {
     /// Computes the bounds of all nodes, from the last to the first. O(arcs).
     fn new(lattice: &Lattice) -> Self {
         let nodes = lattice.states.len();
-        let mut bounds = Self { nodes: vec![Bound::default(); nodes], beyond: Vec::new() };
-        let (mut shares, mut beyond) = (Vec::new(), Vec::new());
+        let mut bounds = Self { nodes: vec![Bound::default(); nodes], excess: Vec::new() };
+        let (mut shares, mut excess) = (Vec::new(), Vec::new());
         // Arcs lead to higher nodes, whose bounds are there already.
         for node in (0..nodes).rev() {
             // Nothing follows the end: what arrives there is a whole route.
-            let mut any = 1.0;
-            beyond.clear();
+            let mut bound_any = 1.0;
+            excess.clear();
             if node + 1 < nodes {
                 shares.clear();
                 shares.extend(lattice.arcs(node as u32).iter().map(|arc| arc.share(1.0)));
-                any = bounds.spread(lattice, &mut shares, &mut beyond);
+                bound_any = bounds.bound_by_word(lattice, &mut shares, &mut excess);
             }
-            if beyond.len() > WORDS {
-                beyond.sort_unstable_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+            if excess.len() > WORDS {
+                excess.sort_unstable_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
                 // The largest excess that is dropped goes to the bound for any word, and comes off
                 // the listed ones, which are at least as large: their bounds stay the same, and
                 // those of dropped words can only grow.
-                let most = beyond[WORDS].1;
-                beyond.truncate(WORDS);
-                beyond.iter_mut().for_each(|word| word.1 -= most);
-                any += most;
-                beyond.sort_unstable_by_key(|word| word.0);
+                let most = excess[WORDS].1;
+                excess.truncate(WORDS);
+                excess.iter_mut().for_each(|word| word.1 -= most);
+                bound_any += most;
+                excess.sort_unstable_by_key(|word| word.0);
             }
-            let first = bounds.beyond.len() as u32;
-            bounds.beyond.extend_from_slice(&beyond);
-            let best = any + most_of(&beyond);
-            let beyond = first..bounds.beyond.len() as u32;
-            bounds.nodes[node] = Bound { any, best, beyond };
+            let first = bounds.excess.len() as u32;
+            bounds.excess.extend_from_slice(&excess);
+            let best = bound_any + most_of(&excess);
+            let excess = first..bounds.excess.len() as u32;
+            bounds.nodes[node] = Bound { bound_any, best, excess };
         }
         bounds
     }
@@ -320,14 +321,19 @@ impl RouteBounds {
             // certain, so the best at its end bounds it, whether or not it has arrived.
             return share.probability * self.nodes[share.to as usize].best;
         }
-        let mut beyond = Vec::new();
-        let any = self.spread(lattice, shares, &mut beyond);
-        any + most_of(&beyond)
+        let mut excess = Vec::new();
+        let bound_any = self.bound_by_word(lattice, shares, &mut excess);
+        bound_any + most_of(&excess)
     }
 
     /// Computes the bound of shares for any next word, and the excess for some words.
-    fn spread(&self, lattice: &Lattice, shares: &mut [Share], beyond: &mut Vec<(u32, f64)>) -> f64 {
-        let mut any = 0.0;
+    fn bound_by_word(
+        &self,
+        lattice: &Lattice,
+        shares: &mut [Share],
+        excess: &mut Vec<(u32, f64)>,
+    ) -> f64 {
+        let mut bound_any = 0.0;
         // Arrived shares first, then the others by their next word, for chunks of one word each.
         let next = |share: &Share| lattice.words[share.words[0] as usize];
         shares.sort_by_key(|share| if share.has_arrived() { (0, 0) } else { (1, next(share)) });
@@ -336,29 +342,29 @@ impl RouteBounds {
         for share in arrived {
             let bound = &self.nodes[share.to as usize];
             // B(w) is linear in the shares: excesses of one word add up below.
-            any += share.probability * bound.any;
-            let words = &self.beyond[bound.beyond.start as usize..bound.beyond.end as usize];
-            beyond.extend(words.iter().map(|(word, more)| (*word, share.probability * more)));
+            bound_any += share.probability * bound.bound_any;
+            let words = &self.excess[bound.excess.start as usize..bound.excess.end as usize];
+            excess.extend(words.iter().map(|(word, more)| (*word, share.probability * more)));
         }
         for shares in on_the_way.chunk_by_mut(|a, b| next(a) == next(b)) {
             // All paths with this word in common, one word further: their sum with the best next
             // word.
             let word = next(&shares[0]);
             shares.iter_mut().for_each(|share| share.words[0] += 1);
-            beyond.push((word, self.of(lattice, shares)));
+            excess.push((word, self.of(lattice, shares)));
         }
-        beyond.sort_by_key(|word| word.0);
+        excess.sort_by_key(|word| word.0);
         // `dedup_by` drops `next` if the closure is true, after its excess was added to the one
         // kept.
-        beyond.dedup_by(|next, word| {
+        excess.dedup_by(|next, word| {
             let is_same = next.0 == word.0;
             word.1 += if is_same { next.1 } else { 0.0 };
             is_same
         });
-        any
+        bound_any
     }
 }
 
-fn most_of(beyond: &[(u32, f64)]) -> f64 {
-    beyond.iter().fold(0.0, |most, word| f64::max(most, word.1))
+fn most_of(excess: &[(u32, f64)]) -> f64 {
+    excess.iter().fold(0.0, |most, word| f64::max(most, word.1))
 }
