@@ -1,5 +1,5 @@
-//! A filter step on a map of a million places, beside the time that two threads
-//! take to move its bytes.
+//! A filter step on a map of a million places, compared with the time that two threads take to
+//! move its bytes.
 //!
 //! ```text
 //! cargo bench -p wayfix-benches --features rayon --bench large
@@ -7,21 +7,20 @@
 //! WAYFIX_PLACES=10000000 cargo bench -p wayfix-benches --features rayon --bench large -- single
 //! ```
 //!
-//! With the argument `single` or `double` only the matrix with values of 32 or of 64
-//! bits is made, else one after the other: the memory at its peak is then told for the
-//! first alone.
+//! With the argument `single` or `double`, only the matrix with values of 32 or of 64 bits is
+//! made. Otherwise both are made one after the other, and the peak of memory is reported for
+//! the first alone.
 //!
-//! Bytes are those that a step cannot do without: a value, and an index of 32 bits, for
-//! each road, and the vectors that it reads and writes. The memory is timed with
-//! the triad a = b + s c (McCalpin 1995), over the same number of threads. Times are
-//! the least of many, beside the median.
+//! Bytes are those that a step needs: a value and an index of 32 bits for each road, and the
+//! vectors that it reads and writes. The memory is timed with the triad a = b + s c (McCalpin
+//! 1995), on the same number of threads. Times are the least of many, and the median.
 
 use std::hint::black_box;
 use std::time::Instant;
 
 use wayfix::{Belief, Hmm, LikelihoodVector, Prior, SparseTransition, Transition, TransitionError};
 
-/// The least time of so many runs, in seconds, and the median.
+/// The least time of `runs` runs, in seconds, and the median.
 fn time(runs: usize, mut work: impl FnMut()) -> [f64; 2] {
     let timed = (0..runs).map(|_| {
         let start = Instant::now();
@@ -55,7 +54,7 @@ fn triad() -> f64 {
 }
 
 /// Roads of a town like a grid, numbered street by street: from each place it
-/// stays, or goes to one of four others. Of a hundred roads three lead elsewhere in the
+/// stays, or goes to one of four others. Three of a hundred roads lead elsewhere in the
 /// neighbourhood.
 fn roads(places: usize) -> impl Iterator<Item = (usize, usize, f64)> {
     let width = places.isqrt();
@@ -73,7 +72,7 @@ fn roads(places: usize) -> impl Iterator<Item = (usize, usize, f64)> {
     })
 }
 
-/// Resident memory and its peak, in MB, where the system says so.
+/// Resident memory and its peak, in MB, if the system reports them.
 fn memory() -> String {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let field = |name: &str| {

@@ -1,13 +1,14 @@
-//! One long sequence beside the same steps in a thousand sequences, for learning and smoothing:
+//! One long sequence compared with the same steps in a thousand sequences, for learning and
+//! smoothing:
 //!
 //! ```text
 //! cargo bench -p wayfix-benches --bench long
 //! WAYFIX_STEPS=100000 cargo bench -p wayfix-benches --bench long -- learn
 //! ```
 //!
-//! The cut by hand loses what steps beyond a cut say; the long sequence must not. Times are the
-//! least of five, in turn, and the last column is their ratio. The last model never forgets: it
-//! is taken in one piece, and in logarithms where one of its halves has become too improbable.
+//! The thousand sequences lose the information across their ends; the long one must not. Times
+//! are the least of five, in turn, and the last column is their ratio. The last model never
+//! forgets: it is taken in one piece, and in logarithms once one of its halves is too improbable.
 
 #[path = "models/mod.rs"]
 mod models;
@@ -67,7 +68,7 @@ where
     }
 }
 
-/// A table model with moves that are given by their probability.
+/// A table model with the moves that a function gives.
 fn table(
     n: usize,
     steps: usize,

@@ -1,5 +1,5 @@
 //! Map matching: whole drives, and live points, in a made-up city of 40 × 40 junctions, or on the
-//! network in the folder WAYFIX_ROADS. A point each 5 s, 10 m of noise; the unit is points.
+//! network in the folder WAYFIX_ROADS. One point every 5 s, 10 m of noise; the unit is points.
 #![allow(missing_docs)]
 
 use std::hint::black_box;

@@ -6,9 +6,8 @@
 //! cargo bench -p wayfix-benches --bench place_recognition --features faer
 //! ```
 //!
-//! For descriptors, the name says how many references there are, of which dimension; bytes per
-//! second are those of the references, 4 N d, for each query. Times are for all
-//! the queries of a call.
+//! For descriptors, the name has the number and the dimension of the references; bytes per second
+//! are those of the references, 4 N d, for each query. Times are for all queries of a call.
 
 use std::hint::black_box;
 use std::time::Duration;
@@ -53,7 +52,7 @@ fn descriptors(criterion: &mut Criterion) {
     }
 }
 
-/// Steps of a filter on 3,576 references, in a number of ways.
+/// Steps of a filter on 3,576 references, in several ways.
 fn live(criterion: &mut Criterion) {
     const PLACES: usize = 3576;
     let mut rng = ChaCha8Rng::seed_from_u64(2);

@@ -5,8 +5,8 @@
 //! cargo bench -p wayfix-benches --bench pruned
 //! ```
 //!
-//! The country takes some 3 GB and half a minute. From anywhere, the first steps go
-//! through all places: three of them, beside those of the exact filter, and then a step thereafter.
+//! The country takes about 3 GB and half a minute. From a start anywhere, the first steps go
+//! through all places: three of them are compared with the exact filter, and then later steps.
 
 use std::hint::black_box;
 use std::time::{Duration, Instant};
@@ -20,7 +20,7 @@ use wayfix::{Belief, Hmm, Prior, SparseLikelihood, SparseTransition};
 
 type Model = Hmm<SparseTransition, SparseLikelihood>;
 
-/// Streets of a grid: stop with 0.1, else go on to any neighbour alike.
+/// Streets of a grid: stop with 0.1, or go on to any neighbour with equal probability.
 fn streets(places: usize, width: usize) -> SparseTransition {
     let neighbors = move |at: usize| {
         let column = at % width;
@@ -59,8 +59,8 @@ fn drive(steps: usize) -> Vec<(isize, isize)> {
     way
 }
 
-/// Eight places named at each step: the right one and its neighbours, but for one
-/// step in twenty, and any others.
+/// Eight places named at each step: the right one and its neighbours (except at one step in
+/// twenty), and random others.
 fn sightings(way: &[(isize, isize)], places: usize, width: usize) -> Vec<SparseObservation> {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     let centre = places / 2 / width * width + width / 2;
@@ -121,7 +121,7 @@ fn tracking(criterion: &mut Criterion) {
         });
         group.finish();
         drop(exact);
-        // To where few places are active again.
+        // Runs until few places are active again.
         seen[3..100].iter().for_each(|y| _ = black_box(filter.step(y)));
         let begun = Instant::now();
         let found = hmm.beam_viterbi(&seen, 60.0).expect("no place is ruled out");

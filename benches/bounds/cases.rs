@@ -17,10 +17,10 @@ pub(crate) struct Row {
     pub(crate) bound: Bound,
 }
 
-/// The rows so far.
+/// Rows so far.
 struct Report<'m> {
     machine: &'m Machine,
-    /// Part of the name of what is to be measured.
+    /// Part of the names of the cases to measure.
     only: Option<&'m str>,
     rows: Vec<Row>,
 }
@@ -130,9 +130,9 @@ impl Report<'_> {
             }
             let model = models::table(n, steps);
             let seen = (size_of::<usize>(), size_of_val(&model.seen[..]));
-            // A sum of n, or the largest, takes so many additions one after another.
+            // Dependent additions of a sum of n values, or of their maximum.
             let sum = f64::from(n.ilog2());
-            // So many segments of the sequence go side by side.
+            // Segments of the sequence that run side by side.
             let segments = if n == 2 { 8.0 } else { 1.0 };
             let needs = |operations, chain, fresh| {
                 let fresh = Some((1, fresh * steps));
@@ -197,7 +197,7 @@ impl Report<'_> {
             let a = models::town(1_000_000);
             let matrix = Matrix::sparse(&a);
             let model = models::given(a, 2);
-            // All of it is beyond the caches.
+            // Everything exceeds the caches.
             let bytes = matrix.bytes + 24 * matrix.states;
             let mut needs = matrix.filter(2);
             (needs.bytes, needs.threads) = (vec![(bytes, bytes)], processors());
@@ -206,7 +206,7 @@ impl Report<'_> {
     }
 }
 
-/// How many the largest map is gone through on.
+/// Number of processors for the largest map.
 fn processors() -> usize {
     #[cfg(feature = "rayon")]
     return rayon::current_num_threads();
@@ -214,7 +214,7 @@ fn processors() -> usize {
     1
 }
 
-/// For what would take all that there are.
+/// Number of threads of a measurement that may use all processors.
 struct OneProcessor {
     #[cfg(feature = "rayon")]
     pool: rayon::ThreadPool,
@@ -239,7 +239,7 @@ impl OneProcessor {
     }
 }
 
-/// Measures them.
+/// Measures the ceilings.
 pub(crate) fn all(machine: &Machine, only: Option<&str>) -> Vec<Row> {
     let mut report = Report { machine, only, rows: Vec::new() };
     report.few();

@@ -1,19 +1,19 @@
-//! What the machine can do at most.
+//! Ceilings of the machine: the best rates of memory, loads and arithmetic.
 //!
-//! Nothing here calls the loops of the library. Of memory, each rate is that of the fastest
-//! of three loops over as many bytes as a case works on: comparing two halves, which reads,
-//! and copying one to the other, both by the system's C library with the widest
-//! instructions there are, and the triad a = b + s c (McCalpin 1995), which the compiler
-//! makes vectors of for the target that it builds for.
+//! Nothing here calls the loops of the library. The rate of memory is that of the fastest of
+//! three loops over as many bytes as a case works on: comparing two halves, which reads, and
+//! copying one to the other, both by the system's C library with the widest available
+//! instructions, and the triad a = b + s c (McCalpin 1995), which the compiler vectorises for
+//! the target that it builds for.
 
 use std::hint::black_box;
 use std::iter::zip;
 use std::time::{Duration, Instant};
 
-/// So many that to begin and to end doesn't count.
+/// Number of turns for which the beginning and the end of a loop don't count.
 const MANY: usize = 10_000;
 
-/// Seconds that it takes: the median of nine, each of as many times as fill 10 ms.
+/// Seconds per call: the median of nine measurements, each over as many calls as fill 10 ms.
 pub(crate) fn seconds(mut work: impl FnMut()) -> f64 {
     let mut times = |count: usize| {
         let start = Instant::now();
@@ -27,7 +27,7 @@ pub(crate) fn seconds(mut work: impl FnMut()) -> f64 {
     timed[4].as_secs_f64() / count as f64
 }
 
-/// Bytes a second.
+/// Bytes per second.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Bandwidth {
     pub(crate) compare: f64,
@@ -36,7 +36,7 @@ pub(crate) struct Bandwidth {
 }
 
 impl Bandwidth {
-    /// With a working set of so many bytes, shared by so many threads.
+    /// Measures a working set of this many bytes, divided among this many threads.
     pub(crate) fn of(bytes: usize, threads: usize) -> Self {
         let each = (bytes / threads).max(1536);
         let of_halves = |work: fn(&mut [u8], &[u8])| {
@@ -63,7 +63,7 @@ impl Bandwidth {
     }
 }
 
-/// Bytes a second of what each thread does with its part.
+/// Bytes per second when each thread works on its part.
 fn rate<P: Send>(bytes: usize, mut parts: Vec<P>, work: impl Fn(&mut P) + Sync) -> f64 {
     let work = &work;
     let moved = (bytes * parts.len()) as f64;
@@ -103,12 +103,12 @@ pub(crate) fn random_gather(n: usize) -> f64 {
     gathers(n, &indices) / indices.len() as f64
 }
 
-/// What does not depend on a case.
+/// Ceilings that do not depend on a case.
 pub(crate) struct Machine {
-    /// Seconds of one that waits for the last one.
+    /// Seconds of an operation that waits for the one before.
     pub(crate) multiplication: f64,
     pub(crate) addition: f64,
-    /// Of both together, a second; infinite if unknown.
+    /// Additions and multiplications per second; infinite if unknown.
     pub(crate) peak: f64,
 }
 
@@ -127,8 +127,8 @@ fn link(next: impl Fn(f64) -> f64) -> f64 {
     seconds / MANY as f64
 }
 
-/// Additions and multiplications a second, by a product of faer's that is large enough.
-/// It fuses them.
+/// Additions and multiplications per second, by a sufficiently large product of faer's, which
+/// fuses them.
 fn peak() -> f64 {
     #[cfg(feature = "faer")]
     {
@@ -146,7 +146,7 @@ fn peak() -> f64 {
     f64::INFINITY
 }
 
-/// Seconds to allocate so many results of so many bytes each, to write and to free them.
+/// Seconds to allocate results of this number and size, to write and to free them.
 pub(crate) fn fresh(count: usize, bytes: usize) -> f64 {
     seconds(|| {
         let results: Vec<Vec<f64>> = (0..count)

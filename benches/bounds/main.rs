@@ -1,5 +1,5 @@
-//! What limits each routine, and how close it is: the machine's ceilings are measured, and
-//! routines beside the time that they can't do without.
+//! The limits of each routine, and how close it comes: measures the machine's ceilings, and
+//! compares routines with the time that they take at least.
 //!
 //! ```text
 //! cargo bench -p wayfix-benches --bench bounds
@@ -9,41 +9,41 @@
 //!
 //! With faer there is a ceiling of operations, with rayon the largest map is on all
 //! processors; everything else is on one. A part of a case's name, or `ceilings`,
-//! does that alone.
+//! restricts the run to it.
 //! Both tables are printed, and written to `target/bounds`.
 //!
 //! # Bounds
 //!
-//! A step takes at least the longest of these, for what it can't do without may overlap, and
-//! then the time that fresh memory takes, in which the processor is the system's:
+//! A step takes at least the longest of these, since they may overlap, plus the time for fresh
+//! memory, during which the processor is the system's:
 //!
 //! - **Bytes**, at the rate measured with a working set of the same size. A sparse product
 //!   reads 8 E bytes of values and 4 G of indices, for E entries that take G
 //!   loads of x; a dense one 8 n². A filter reads a belief, writes one (16 n), and reads
-//!   likelihoods (8 n), which come from where all that is seen fits. The smoother does so
-//!   twice, and reads and writes a row of the result (16 n). A decoder has scores for the
-//!   belief. What differs in where it fits is counted apart; the longest counts.
+//!   likelihoods (8 n), which come from the cache that holds all observations. The smoother does
+//!   so twice, and reads and writes a row of the result (16 n). A decoder has scores in place of
+//!   the belief. Data in different caches are counted separately; the longest time counts.
 //! - **Gathers**: loads at indices that are loaded first. G counts the diagonals that eight rows
-//!   have, each of which takes a load of x however many entries lie on it: those can be loaded side
+//!   have. Each takes one load of x however many entries lie on it, since these can be loaded side
 //!   by side. They are timed with the case's own indices.
 //! - **Operations**: two for each entry and product, of a decoder four (add, compare, and
-//!   select a value and a state), of learning two more, at half of faer's peak: it fuses two
-//!   to one, which the library doesn't, so as to give the same bits everywhere.
-//! - **Chain**: x_k waits for x_{k-1}. Up to eight states are kept in registers, and then
-//!   nothing else is in the way of a step but a multiplication with A, log2 n additions and a
-//!   multiplication with the likelihood, or log2 n + 2 additions of a decoder. With
-//!   two states, eight segments go side by side: an eighth of that.
+//!   select a value and a state), of learning two more, at half of faer's peak: faer fuses two
+//!   into one, which the library doesn't, so that it gives the same bits everywhere.
+//! - **Chain**: x_k waits for x_{k-1}. Up to eight states are kept in registers, and a step then
+//!   waits only for a multiplication with A, log2 n additions and a multiplication with the
+//!   likelihood, or log2 n + 2 additions of a decoder. With two states, eight segments run side
+//!   by side: an eighth of that.
 //! - **Fresh**: results are allocated, written and freed (8 n a step of the smoother, 4 n of
-//!   the decoder for the way back); pages that are new are cleared by the system.
+//!   the decoder for the way back); the system clears new pages.
 //!
 //! In lock-step eight sequences share the reads of the matrix, but each has its own loads of
-//! x: of a sparse one 8 E bytes a product, from the first cache. Beliefs and likelihoods of a
+//! x: for a sparse one 8 E bytes per product, from the first cache. Beliefs and likelihoods of a
 //! group are written once and read once (32 n). Their results come in large pages, so that
-//! to clear them counts as bytes: likelihoods are read, results cleared and written (24 n).
+//! clearing them counts as bytes: likelihoods are read, results cleared and written (24 n).
 //!
-//! The first cache gives more than the loops here take from it, so that bounds of what fits
-//! it may be too high; they are too low for steps that wait for one another, beyond eight
-//! states, which no formula here counts.
+//! The first cache is faster than the loops here show, so that bounds of data that fit into it
+//! may be too high; they are too low for dependent steps with more than eight states, which no
+//! formula here covers.
 
 mod cases;
 mod ceilings;
@@ -69,7 +69,7 @@ impl Table {
         Self(vec![heading.map(String::from).to_vec()])
     }
 
-    /// Prints it as Markdown, and writes it as CSV.
+    /// Prints a table as Markdown, and writes it as CSV.
     fn show(&self, name: &str) -> std::io::Result<()> {
         let mut text = String::new();
         for (number, cells) in self.0.iter().enumerate() {
@@ -85,7 +85,7 @@ impl Table {
     }
 }
 
-/// The ceilings by themselves.
+/// Table of the ceilings alone.
 fn ceilings(machine: &Machine) -> Table {
     let mut table = Table::new(["ceiling", "working set", "rate", "unit"]);
     let mut row = |what: &str, set: &str, rate: f64, unit: &str| {

@@ -1,4 +1,4 @@
-//! What a step can't do without, and how long that takes at least.
+//! The needs of a step, and the least time that they take.
 
 use std::collections::HashSet;
 
@@ -6,7 +6,7 @@ use wayfix::{SparseTransition, Transition, TransitionEntries};
 
 use crate::ceilings::{Bandwidth, Machine, fresh, gathers};
 
-/// Of a step; the results are those of all steps.
+/// Needs of a step; the results are those of all steps.
 #[derive(Default)]
 pub(crate) struct Needs {
     /// Bytes, and the working set that they are of.
@@ -22,9 +22,9 @@ pub(crate) struct Needs {
     pub(crate) threads: usize,
 }
 
-/// The same in seconds.
+/// Needs in seconds.
 pub(crate) struct Bound {
-    /// What may overlap.
+    /// Longest of the times that may overlap.
     pub(crate) parts: [(&'static str, f64); 4],
     pub(crate) fresh: f64,
 }
@@ -48,7 +48,7 @@ impl Needs {
     }
 }
 
-/// A matrix, as a product has to read it.
+/// Matrix, as a product has to read it.
 #[derive(Clone, Copy)]
 pub(crate) struct Matrix {
     pub(crate) states: usize,
@@ -70,14 +70,14 @@ impl Matrix {
         Self { states: n, bytes, entries, gathers: gathers(n, &gathered) }
     }
 
-    /// A step of the filter, where so many steps are seen.
+    /// A step of the filter, in a sequence of this many steps.
     pub(crate) fn filter(self, seen: usize) -> Needs {
         let Self { states: n, bytes, entries, gathers } = self;
         let bytes = vec![(bytes + 16 * n, bytes + 16 * n), (8 * n, 8 * n * seen)];
         Needs { bytes, gathers, operations: 2 * entries, ..Needs::default() }
     }
 
-    /// One of the smoother, there and back.
+    /// A step of the smoother, there and back.
     pub(crate) fn smooth(self, steps: usize) -> Needs {
         let Self { states: n, bytes, entries, gathers } = self;
         let (products, result) = (2 * bytes + 32 * n, 8 * n * (steps + 1));
@@ -86,7 +86,7 @@ impl Matrix {
         Needs { bytes, gathers, operations: 4 * entries, fresh, ..Needs::default() }
     }
 
-    /// One of the decoder, with scores of observations in so many bytes.
+    /// A step of the decoder, with scores of observations of this many bytes.
     pub(crate) fn viterbi(self, steps: usize, scores: usize) -> Needs {
         let Self { states: n, bytes, entries, gathers } = self;
         let bytes = vec![(bytes + 16 * n, bytes + 16 * n), (8 * n, scores)];
@@ -94,14 +94,14 @@ impl Matrix {
         Needs { bytes, gathers, operations: 4 * entries, fresh, ..Needs::default() }
     }
 
-    /// One of the smoother in lock-step, of so many sequences of so many steps.
+    /// A step of the smoother in lock-step, for this number of sequences and steps.
     pub(crate) fn smooth_all(self, count: usize, steps: usize) -> Needs {
         let Self { states: n, entries, .. } = self;
         let kept = 2 * 64 * n * (steps + 1);
         // Likelihoods are read, results cleared by the system and written.
         let bytes = vec![(32 * n, kept), (24 * n, 16 * n * count * steps)];
-        // Beside the products, for each state: times the likelihood, over the sum, over
-        // the prediction, times the likelihood again, times the belief.
+        // Beside the products, for each state: a multiplication by the likelihood, divisions by the
+        // sum and the prediction, and multiplications by the likelihood again and by the belief.
         let operations = 4 * entries + 5 * n;
         Needs { bytes, operations, ..Needs::default() }
     }

@@ -1,5 +1,4 @@
-//! The models that are measured, and observations for them. All random numbers come
-//! from fixed seeds.
+//! Models for the benchmarks, and observations for them. All random numbers come from fixed seeds.
 #![allow(dead_code, reason = "each bench uses its part")]
 
 use std::path::{Path, PathBuf};
@@ -11,17 +10,17 @@ use wayfix::{
     TableLikelihood, Transition, canberra,
 };
 
-/// Likelihoods from elsewhere; there is nothing in them to learn.
+/// Given likelihoods, which have no parameters to learn.
 pub(crate) type Given = Fixed<LikelihoodVector<Vec<f64>>>;
 
-/// A model, and what is seen at as many steps as the longest measurement takes.
+/// Model with observations for as many steps as the longest measurement takes.
 pub(crate) struct Model<A, B: Likelihood<Observation: Sized>> {
     pub(crate) hmm: Hmm<A, B>,
     pub(crate) seen: Vec<B::Observation>,
 }
 
 impl<A: Transition<Control = ()>, B: Likelihood<Observation: Sized>> Model<A, B> {
-    /// So many sequences of so many steps, one after another in what is seen.
+    /// Sequences of one length, one after another in the observations.
     pub(crate) fn sequences(&self, count: usize, steps: usize) -> Vec<&[B::Observation]> {
         self.seen.chunks_exact(steps).take(count).collect()
     }
@@ -35,15 +34,15 @@ fn uniform(n: usize) -> Belief {
     Belief::uniform(n).expect("there are states")
 }
 
-/// Independent exponential weights, but none near 0, that sum to one.
+/// Independent exponential weights that sum to one, none of them near 0.
 pub(crate) fn weights(count: usize, rng: &mut ChaCha8Rng) -> Vec<f64> {
     let mut weight = || -> f64 { Exp1.sample(rng) };
     let weights = (0..count).map(|_| 0.05 + weight()).collect();
     Belief::from_weights(weights).expect("weights are positive").into_vec()
 }
 
-/// The model with these moves, from anywhere, with a vector of likelihoods for each of so
-/// many steps.
+/// The model with these moves, which starts anywhere, with a vector of likelihoods for each of
+/// `steps` steps.
 pub(crate) fn given<A: Transition>(transition: A, steps: usize) -> Model<A, Given> {
     let (n, mut rng) = (transition.states(), random(2));
     let sensor = Fixed(LikelihoodVector::linear(n).owned());
@@ -84,12 +83,12 @@ pub(crate) fn dense(n: usize) -> DenseTransition {
     DenseTransition::from_fn(n, |to, from| columns[from][to]).expect("a matrix")
 }
 
-/// Where a road graph of your own is.
+/// Folder with a road graph of your own.
 pub(crate) fn graph_folder() -> Option<PathBuf> {
     std::env::var_os("WAYFIX_GRAPH").map(PathBuf::from)
 }
 
-/// A random walk on a road graph: stop with 0.1, else any road alike. The folder holds
+/// A random walk on a road graph: stops with 0.1, and takes all roads alike. The folder has
 /// `nodes.csv` and `edges.csv` (from, to, …), with nodes numbered from 0.
 pub(crate) fn graph(folder: &Path) -> SparseTransition {
     let read = |name: &str| csv::Reader::from_path(folder.join(name)).expect("the file opens");
@@ -111,7 +110,7 @@ pub(crate) fn graph(folder: &Path) -> SparseTransition {
 }
 
 /// A town like a grid, numbered street by street: from each place it stays, or
-/// goes to one of four others. Of a hundred roads three lead elsewhere in the
+/// goes to one of four others. Three of a hundred roads lead elsewhere in the
 /// neighbourhood.
 pub(crate) fn town(places: usize) -> SparseTransition {
     let width = places.isqrt();

@@ -9,17 +9,17 @@ import with_hmmlearn
 from models import Case, of_distributions, of_numbers, of_paths, worst
 from race import elapsed, within
 
-# What logarithms of paths that tie may differ by, relatively.
+# Relative tolerance of the logarithms of paths that tie.
 TIE = 1e-13
 
-# All cases, those of both libraries first.
+# All cases; those that both libraries have come first.
 NAMES = [*with_hmmlearn.FAMILIES,
          *(name for name in with_dynamax.FAMILIES | with_dynamax.GIVEN
            if name not in with_hmmlearn.FAMILIES)]
 
 
 def run(name, times, out):
-    """Compares all re-estimations, what they end at and its paths, and times one."""
+    """Compares all re-estimations, the final parameters and their paths, and times one re-estimation."""
     case = Case(out, name)
     learners = {who: module.Learner(case) for who, module in
                 (("hmmlearn", with_hmmlearn), ("dynamax", with_dynamax)) if name in module.FAMILIES}
@@ -31,7 +31,7 @@ def run(name, times, out):
     seconds = {who: [] for who in learners}
     for _ in range(times.repetitions):
         for who, learner in learners.items():
-            # One re-estimation is what some more of them take longer.
+            # The time of one re-estimation is the slope over their number.
             one, all_ = (elapsed(partial(learner.fit, count), 1) for count in (1, 1 + more))
             seconds[who].append((all_ - one) / more / steps)
     for who in learners:
@@ -39,7 +39,7 @@ def run(name, times, out):
 
 
 def compare(case, who, learner):
-    """How far what is learned is off."""
+    """Relative error of the learned parameters."""
     iterations = 1 + case.sizes["more"]
     learned = learner.learn(iterations)
     expected = case.sizes["log_likelihoods"][:iterations]
@@ -54,7 +54,7 @@ def compare(case, who, learner):
 
 
 def untied(case, paths):
-    """Paths found and expected, but for those that are equally probable.
+    """Found and expected paths, without those that are equally probable.
 
     Counts repeat, and paths through the same factors in another order tie: rounding chooses one.
     """
@@ -82,7 +82,7 @@ def of_events(case, rows):
     return rows @ np.log(p).T + (1 - rows) @ np.log1p(-p).T
 
 
-# The same, up to what is common to all states.
+# The same, up to a constant for all states.
 OF_COUNTS = {
     "learning": lambda case, rows: np.log(case["learned_probabilities"]).T[rows[:, :, 0]],
     "poisson": lambda case, rows: (
@@ -93,7 +93,7 @@ OF_COUNTS = {
 
 
 def given(case, answers):
-    """How far answers under the parameters of the start, and those learned, are off."""
+    """Relative error of answers under the initial and the learned parameters."""
     log_likelihoods, smoothed, paths = answers
     ends = [case.sizes["log_likelihoods"][at] for at in (0, -1)]
     return worst(of_numbers(log_likelihoods, ends), of_distributions(smoothed, case["smoothed"]),

@@ -1,4 +1,4 @@
-"""Each library's routines for given likelihoods, by wayfix's names of them.
+"""Each library's routines for given likelihoods, under wayfix's names.
 
 What a library takes besides (logarithms, rows for columns, its own array) is
 made before anything is timed.
@@ -34,7 +34,7 @@ def smooth_by_hmmlearn(prior, rows, likelihoods):
 
 
 def of_dynamax(case):
-    """Compiled once; what is not returned is not computed."""
+    """Compiled once; values that are not returned are not computed."""
     given = [jax.device_put(array) for array in (case["prior"], case.rows, case.logs())]
 
     def compiled(routine):

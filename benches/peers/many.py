@@ -9,9 +9,9 @@ from models import Case, of_distributions, of_numbers, worst
 from race import Contender
 
 NAME = "road map 2000 x 50"
-# The sequences that go through numpy's products together: all, and what caches hold.
+# Numbers of sequences that numpy multiplies together: all, and as many as fit into the caches.
 ALL, FEWER = 2000, 250
-# The sequences that hmmlearn takes: enough for a time a step.
+# Number of sequences for hmmlearn, enough to measure the time per step.
 FEW = 100
 
 
@@ -66,7 +66,7 @@ def run(times, out):
 
 
 def smooth_block(prior, matrix, transposed, likelihoods):
-    """Smooths sequences of one length; the arrays are steps x states x sequences."""
+    """Smooths sequences of one length; the arrays have axes (steps, states, sequences)."""
     smoothed = np.empty_like(likelihoods)
     scales = np.empty((likelihoods.shape[0], 1, likelihoods.shape[2]))
     for step, likelihood in enumerate(likelihoods):

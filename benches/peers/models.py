@@ -1,4 +1,4 @@
-"""Models, observations and answers as the Rust program wrote them."""
+"""Models, observations and answers that the Rust program wrote."""
 
 import json
 import math
@@ -10,7 +10,7 @@ import scipy.sparse
 
 
 class Case:
-    """One case; its arrays are items."""
+    """One case, with its arrays as items."""
 
     def __init__(self, out, name):
         folder = out / name
@@ -28,16 +28,16 @@ class Case:
 
     @property
     def rows(self):
-        """The transition matrix as hmmlearn and dynamax take it: rows sum to one."""
+        """The transition matrix for hmmlearn and dynamax, whose rows sum to one."""
         return np.ascontiguousarray(self.sparse.toarray().T)
 
     def logs(self):
-        """The likelihoods as dynamax takes them."""
+        """The likelihoods in dynamax's form."""
         with np.errstate(divide="ignore"):
             return np.log(self["likelihoods"])
 
     def check(self, routine):
-        """How far an answer of this routine is off."""
+        """Error of an answer of this routine."""
         log = partial(of_numbers, expected=self.sizes["log_likelihood"])
 
         def both(distributions):
@@ -53,7 +53,7 @@ class Case:
 
 
 class Learned(NamedTuple):
-    """Log-likelihoods before each re-estimation, and what the last one ends at."""
+    """Log-likelihoods before each re-estimation and after the last, and the final parameters."""
 
     log_likelihoods: list
     parameters: dict
@@ -61,24 +61,24 @@ class Learned(NamedTuple):
 
 
 def of_numbers(found, expected):
-    """How far numbers are off, relatively to those expected."""
+    """Largest error of numbers, relative to the expected ones."""
     found, expected = np.asarray(found, float), np.asarray(expected, float)
     assert found.shape == expected.shape, (found.shape, expected.shape)
     return float(np.max(np.abs(found - expected) / np.abs(expected)))
 
 
 def of_distributions(found, expected):
-    """How far distributions are off, relatively to the largest probability of each."""
+    """Largest error of distributions, relative to the largest probability of each."""
     found = np.asarray(found)
     assert found.shape == expected.shape, (found.shape, expected.shape)
     return float(np.max(np.abs(found - expected).max(-1) / expected.max(-1)))
 
 
 def of_paths(found, expected):
-    """0 for the same path, else infinite."""
+    """0 for the same path, and infinity for another."""
     return 0.0 if np.array_equal(found, expected) else math.inf
 
 
 def worst(*differences):
-    """The largest; not a number if one is none, which `max` may overlook."""
+    """The largest number; NaN if one is NaN, which `max` may overlook."""
     return float(np.max(differences))

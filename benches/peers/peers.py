@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Times hmmlearn, dynamax, statsmodels, scipy and numpy beside wayfix: one table of ratios.
+"""Times wayfix against hmmlearn, dynamax, statsmodels, scipy and numpy, in one table of ratios.
 
 Builds the Rust program beside this file and runs it before and after each case,
 on the same core; reads its models, observations and answers; and times nothing
@@ -66,7 +66,7 @@ from race import Contender, Times  # noqa: E402
 
 
 def run_rust(case):
-    """What wayfix and the crates take: {(case, routine, who): numbers}."""
+    """Times of wayfix and the crates: {(case, routine, who): numbers}."""
     command = [HERE / "target" / "release" / "peers", "--out", ARGUMENTS.out, "--case", case,
                "--repetitions", str(ARGUMENTS.repetitions)]
     if ARGUMENTS.graph:
@@ -79,7 +79,7 @@ def run_rust(case):
 
 
 def given(name, routines, libraries, times, out):
-    """A model with given likelihoods, and the routines that are compared."""
+    """Compares the routines of a model with given likelihoods."""
     case = Case(out, name)
     offered = {who: library(case) for who, library in libraries.items()}
     for routine in routines:
@@ -123,7 +123,7 @@ def main():
         rust |= report.both(before, run_rust(name))
 
     rows = list(report.ratios(rust, times.rows))
-    # Before this run's files take the place of an earlier one's.
+    # Read before this run overwrites the files of an earlier one.
     compared = "\n".join(report.beside(rows, ARGUMENTS.beside)) + "\n" if ARGUMENTS.beside else ""
     with (ARGUMENTS.out / "ratios.csv").open("w", newline="") as file:
         writer = csv.writer(file)

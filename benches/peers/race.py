@@ -1,4 +1,4 @@
-"""Routines take turns at being timed, after their answers were compared."""
+"""Times routines in turn, after comparing their answers."""
 
 import math
 import statistics
@@ -7,14 +7,14 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple
 
-# What an answer may differ by, relatively.
+# Relative tolerance of answers.
 TOLERANCE = 1e-9
-# What a repetition takes at least, in seconds; a shorter routine is called often.
+# Least duration of a repetition in seconds; shorter routines are called repeatedly.
 REPETITION = 0.02
 
 
 class Contender(NamedTuple):
-    """A library's routine, the steps that a call goes through, and how far its answer is off."""
+    """A library's routine, the number of steps of a call, and the error of its answer."""
 
     work: Callable
     steps: int
@@ -22,7 +22,7 @@ class Contender(NamedTuple):
 
 
 class Times:
-    """What each library took, in microseconds a step."""
+    """Times of each library, in microseconds per step."""
 
     def __init__(self, repetitions):
         self.repetitions = repetitions
@@ -42,7 +42,7 @@ class Times:
             self.add(case, routine, who, off[who], times[who])
 
     def add(self, case, routine, who, off, times):
-        """Adds times, in seconds a step."""
+        """Adds times, in seconds per step."""
         times = [1e6 * seconds for seconds in times]
         median = statistics.median(times)
         self.rows.append((case, routine, who, median, min(times), max(times), off))
@@ -50,14 +50,14 @@ class Times:
 
 
 def within(what, difference):
-    """The difference, unless it is larger than the tolerance."""
+    """Returns the difference, and raises if it exceeds the tolerance."""
     if not difference <= TOLERANCE:
         sys.exit(f"{what}: differs by {difference:.1e}, more than {TOLERANCE:.0e}")
     return difference
 
 
 def elapsed(work, calls):
-    """The seconds that so many calls take."""
+    """Seconds for a number of calls."""
     start = time.perf_counter()
     for _ in range(calls):
         work()

@@ -1,4 +1,4 @@
-"""The table of ratios, and on what it was measured."""
+"""The table of ratios, and the machine and versions that it was measured with."""
 
 import csv
 import os
@@ -12,7 +12,7 @@ COLUMNS = ["case", "routine", "wayfix_us", "wayfix_min_us", "wayfix_max_us", "pe
 
 
 def both(before, after):
-    """Two runs as one: the mean of the medians, the least and the most."""
+    """Merges two runs: the mean of the medians, the least and the most."""
     return {key: ((before[key][0] + after[key][0]) / 2, min(before[key][1], after[key][1]),
                   max(before[key][2], after[key][2]), before[key][3]) for key in before}
 
@@ -61,12 +61,12 @@ def setting(here, repetitions):
 
 
 def processor():
-    """Name, instructions and caches, as far as the system tells."""
+    """Name, instructions and caches, as far as the system reports them."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
         lines = []
-    # Of the first processor.
+    # The entries of the first processor.
     of = {name.strip(): value.strip() for name, _, value in
           (line.partition(":") for line in reversed(lines))}
     name = of.get("model name") or platform.processor() or platform.machine()
@@ -78,7 +78,7 @@ def processor():
 
 
 def caches():
-    """Those of data of the first core, from the smallest."""
+    """Data caches of the first core, from the smallest."""
     for index in sorted(Path("/sys/devices/system/cpu/cpu0/cache").glob("index*")):
         level, kind, size = ((index / name).read_text().strip()
                              for name in ("level", "type", "size"))
@@ -87,7 +87,7 @@ def caches():
 
 
 def beside(rows, earlier):
-    """The lines of a table of ratios here and of earlier files, with the least and the most."""
+    """Lines of a table of ratios from this run and earlier files, with the least and the most."""
     tables = [{tuple(row[:2]) + (row[5],): row[9] for row in rows}]
     for path in earlier:
         with path.open(newline="") as file:

@@ -1,4 +1,4 @@
-"""dynamax's families, by wayfix's names of cases and parameters."""
+"""dynamax's families, under wayfix's names of cases and parameters."""
 
 from functools import partial
 from typing import NamedTuple
@@ -16,7 +16,7 @@ def same(array):
 
 
 class Parameter(NamedTuple):
-    """An argument of `initialize`, a field of the emissions, and the ways there and back."""
+    """An argument of `initialize`, a field of the emissions, and conversions to and from dynamax's form."""
 
     argument: str
     field: str
@@ -25,7 +25,7 @@ class Parameter(NamedTuple):
 
 
 class Family(NamedTuple):
-    """A class with its arguments but for the states, parameters, and observations of rows.
+    """A class with its arguments except the number of states, its parameters, and its observations from rows.
 
     Observations are emissions, and inputs where there are any.
     """
@@ -36,12 +36,12 @@ class Family(NamedTuple):
     observed: callable = lambda model, rows: (rows,)
 
 
-# Dirichlet priors of 1 are none.
+# Dirichlet priors of 1 are flat.
 NO_PRIOR = {"initial_probs_concentration": 1.0, "transition_matrix_concentration": 1.0}
 
 
 def gaussian(of, components, parameter, **options):
-    """Those with a mean for each state."""
+    """Families with a mean for each state."""
     parameters = {"means": Parameter("emission_means", "means"), "covariances": parameter}
     return Family(of, {"emission_dim": components} | options, parameters)
 
@@ -56,13 +56,13 @@ def mixture(of, covariances, **options):
 
 
 def wishart(components, more=0.0):
-    """The prior whose mode is the maximum of the likelihood, though none that is proper."""
+    """The (improper) prior whose posterior mode is the maximum of the likelihood."""
     return {"emission_prior_concentration": 0.0, "emission_prior_scale": 0.0,
             "emission_prior_extra_df": -2.0 * components - more}
 
 
 def linear(of, there=same, **options):
-    """Lines, of which `there` changes the order of coefficients, and back."""
+    """Lines; `there` and `back` change the order of their coefficients."""
     return {"of": of, "options": {"emission_dim": 3} | options, "parameters": {
         "coefficients": Parameter("emission_weights", "weights", there, there),
         "intercepts": Parameter("emission_biases", "biases"),
@@ -70,14 +70,14 @@ def linear(of, there=same, **options):
 
 
 def lags_reversed(coefficients):
-    """Those of the last observation first, where wayfix has those of the first one."""
+    """Coefficients with those of the last observation first; wayfix has those of the first one first."""
     states, outputs, inputs = coefficients.shape
     lags = coefficients.reshape(states, outputs, inputs // outputs, outputs)
     return lags[:, :, ::-1].reshape(coefficients.shape)
 
 
 def lagged(model, rows):
-    """The first rows are given, as wayfix takes them; by default they would be zeros."""
+    """Conditions on the first rows, as wayfix does; by default they would be zeros."""
     first, rest = rows[:, :model.num_lags], rows[:, model.num_lags:]
     return rest, jax.vmap(model.compute_inputs)(rest, first)
 
@@ -124,7 +124,7 @@ FAMILIES = {
         **linear(hmm.LinearAutoregressiveHMM, lags_reversed, num_lags=2), observed=lagged),
 }
 
-# Their M-step goes some way along a gradient, and not to the maximum.
+# Their M-step follows a gradient for a number of steps, and does not reach the maximum.
 GIVEN = {
     "spherical gaussian": gaussian(
         hmm.SphericalGaussianHMM, 3, Parameter("emission_scales", "scales", np.sqrt)),
@@ -150,13 +150,13 @@ def started(case, family, prefix=""):
     rows = rows.astype(np.int64) if rows.dtype.kind == "u" else rows
     observed = family.observed(model, jax.numpy.asarray(rows))
     if "means" in family.parameters:
-        # Nothing is drawn from a prior that is none.
+        # No parameters are drawn from an improper prior.
         given |= {"method": "kmeans", "emissions": observed[0][0]}
     return model, *model.initialize(jax.random.PRNGKey(0), **given), observed
 
 
 class Learner:
-    """Learns from a case's start, as often as it is asked."""
+    """Learns from a case's start, for any number of re-estimations."""
 
     def __init__(self, case):
         self.family = FAMILIES[case.name]
@@ -173,7 +173,7 @@ class Learner:
         self.start = params, self.model.initialize_m_step_state(params, props)
 
     def fit(self, iterations):
-        """So many re-estimations."""
+        """Runs a number of re-estimations."""
         at, logs = self.start, []
         for _ in range(iterations):
             *at, log = self.iterate(*at)
@@ -181,7 +181,7 @@ class Learner:
         return jax.block_until_ready((at[0], logs))
 
     def learn(self, iterations):
-        """The same, with all answers."""
+        """Runs the re-estimations and returns all answers."""
         params, logs = self.fit(iterations)
         found = {name: parameter.back(np.asarray(getattr(params.emissions, parameter.field)))
                  for name, parameter in self.family.parameters.items()}
@@ -192,7 +192,7 @@ class Learner:
 
 
 def expectation(case, check):
-    """The E-step from the start, after answers under given parameters were checked."""
+    """Times the E-step from the start, after checking answers under given parameters."""
     family = GIVEN[case.name]
     model, params, _, observed = started(case, family)
     e_step = jax.jit(lambda params: jax.vmap(partial(model.e_step, params))(*observed))

@@ -1,4 +1,4 @@
-"""hmmlearn's families, by wayfix's names of cases and parameters."""
+"""hmmlearn's families, under wayfix's names of cases and parameters."""
 
 import logging
 import math
@@ -8,12 +8,12 @@ import numpy as np
 from hmmlearn import hmm
 from models import Learned
 
-# hmmlearn tells at each start that MultinomialHMM is no longer CategoricalHMM.
+# hmmlearn warns at each start that MultinomialHMM is no longer CategoricalHMM.
 logging.getLogger("hmmlearn").setLevel(logging.ERROR)
 
 
 class Mixture(hmm.GMMHMM):
-    """hmmlearn's, with covariances about the new means; its own are about the old ones."""
+    """hmmlearn's mixture, with covariances about the new means instead of the old ones."""
 
     def _do_mstep(self, stats):
         before = self.means_.copy()
@@ -57,18 +57,18 @@ FAMILIES = {
     "multinomial": Family(hmm.MultinomialHMM, {"n_trials": 8}, {"probabilities": "emissionprob_"}),
 }
 
-# Covariances of a GaussianHMM, which gives matrices, in wayfix's form.
+# Covariances of a GaussianHMM, which returns matrices, in wayfix's form.
 OF_MATRICES = {
     "full": lambda matrices: matrices,
     "tied": lambda matrices: matrices[:1],
     "diag": lambda matrices: np.einsum("kii->ki", matrices),
-    # After learning, one for each state and component.
+    # After learning, there is one for each state and component.
     "spherical": lambda matrices: matrices[::matrices.shape[1], 0, 0],
 }
 
 
 class Learner:
-    """Learns from a case's start, as often as it is asked."""
+    """Learns from a case's start, for any number of re-estimations."""
 
     def __init__(self, case):
         self.case, self.family = case, FAMILIES[case.name]
@@ -78,7 +78,7 @@ class Learner:
         self.lengths = [rows.shape[1]] * len(rows)
 
     def fit(self, iterations):
-        """So many re-estimations, through the public class."""
+        """Runs a number of re-estimations through the public class."""
         of, options, attributes = self.family
         model = of(self.case.states, n_iter=iterations, tol=-math.inf, init_params="",
                    implementation="scaling", **options)
@@ -90,7 +90,7 @@ class Learner:
         return model.fit(self.together, self.lengths)
 
     def learn(self, iterations):
-        """The same, with all answers."""
+        """Runs the re-estimations and returns all answers."""
         of, options, attributes = self.family
         model = self.fit(iterations)
         found = {name: getattr(model, attribute) for name, attribute in attributes.items()}

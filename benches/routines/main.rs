@@ -8,12 +8,11 @@
 //! WAYFIX_GRAPH=path/to/folder cargo bench -p wayfix-benches --bench routines -- metro
 //! ```
 //!
-//! `benches/compare OLD [NEW]` holds two commits, or a commit and the working tree, against
-//! each other.
+//! `benches/compare OLD [NEW]` compares two commits, or a commit with the working tree.
 //!
-//! A name is `model/routine/single` or `model/routine/batch`; criterion takes any
-//! part of it, as a regular expression, and only what it lets through is made. Times are
-//! for all steps of a measurement; elements a second are steps a second.
+//! A name is `model/routine/single` or `model/routine/batch`; criterion takes a regular
+//! expression that matches any part of it, and only models with a match are made. Times are for
+//! all steps of a measurement; elements per second are steps per second.
 //!
 //! | model | states, entries | sensor | single | batch |
 //! |---|---|---|---|---|
@@ -26,20 +25,20 @@
 //! | `metro` | a road graph of your own | likelihoods given | 50 | 16 × 5 |
 //! | `sparse 1000000` | a made-up town, 5,000,000 | likelihoods given | 4 | 4 × 1 |
 //!
-//! | routine | what is timed |
+//! | routine | measurement |
 //! |---|---|
-//! | `product` | A x alone: what a step can't do without |
+//! | `product` | A x alone, which every step needs |
 //! | `filter`, `fixed lag` | a step of a stream, with a lag of 10: single only |
 //! | `forward`, `score`, `smooth`, `viterbi` | one sequence; in a batch, the verb in `_all` |
-//! | `scalar filter` | a loop over compressed rows beside it (`scalar.rs`): sparse models only |
+//! | `scalar filter` | a plain loop over compressed rows for comparison (`scalar.rs`): sparse models only |
 //! | `learn` | one iteration of Baum–Welch: two E-steps and an M-step, so that elements are twice the steps |
 //!
-//! Left out are a fixed lag and learning with 1,000,000 places, which take seconds; and the
-//! batches there, and of few states, have nothing to do in lock-step: they go one by one. Then
-//! there are the rarer routines with `sparse 105` and `metro` (`rarer.rs`), and products with
-//! structured operators, whose names begin with `operator` (`operators.rs`). With the feature
-//! `rayon` batches, and steps with 1,000,000 places, run on all processors. All of it takes
-//! some five minutes.
+//! With 1,000,000 places, the fixed lag and learning are left out, since they take seconds.
+//! Batches of that model and of models of few states don't run in lock-step, but one by one.
+//! Further benches are rarer routines with `sparse 105` and `metro` (`rarer.rs`), and products
+//! with structured operators, whose names begin with `operator` (`operators.rs`). With the
+//! feature `rayon`, batches, and steps with 1,000,000 places, run on all processors. All benches
+//! together take about five minutes.
 //!
 //! The graph's folder holds `nodes.csv` (node, longitude, latitude) and `edges.csv`
 //! (from, to, class, metres), with nodes numbered from 0.
@@ -65,7 +64,7 @@ use wayfix::{Hmm, Likelihood, TransitionEntries};
 use models::Model;
 use timed::{Group, POSSIBLE};
 
-/// How many steps are measured at once.
+/// Number of steps of one measurement.
 #[derive(Clone, Copy)]
 struct Sizes {
     single: usize,
@@ -78,13 +77,13 @@ impl Sizes {
         Self { single, batch }
     }
 
-    /// How many steps have to be seen.
+    /// Number of observations that are needed.
     fn seen(self) -> usize {
         self.single.max(self.batch.0 * self.batch.1)
     }
 }
 
-/// The steps of streams, and the verbs.
+/// Benches of the steps of streams, and of the verbs.
 fn verbs<A, B, F>(group: &mut Group<'_>, sizes: Sizes, model: &LazyCell<Model<A, B>, F>)
 where
     A: TransitionEntries<Control = ()> + Sync,
@@ -141,7 +140,7 @@ where
     });
 }
 
-/// What takes too long with the largest model.
+/// Benches that take too long with the largest model.
 fn longer<A, B, F>(group: &mut Group<'_>, sizes: Sizes, model: &LazyCell<Model<A, B>, F>)
 where
     A: LearnTransition<Control = ()> + TransitionEntries + Clone + Sync,

@@ -16,7 +16,7 @@ use wayfix_recognition::motion::{
 
 use crate::timed::Group;
 
-/// All of them, with 1,050 places.
+/// Benches of all operators, with 1,050 places.
 pub(crate) fn all(criterion: &mut Criterion) {
     let n = 1050;
     let window = WindowTransition::new(n, 0, &[0.1, 0.6, 0.2, 0.1], true).expect("a window");

@@ -1,4 +1,4 @@
-//! Routines that few programs spend their time in.
+//! Routines that take little of most programs' time.
 
 use std::cell::LazyCell;
 use std::hint::black_box;

@@ -1,5 +1,5 @@
-//! A peer that anyone would write: the filter as a loop over compressed rows, one number at a time,
-//! without a check. Portable code should be no slower (`WAYFIX_INSTRUCTIONS=plain`).
+//! A baseline that anyone would write: the filter as a loop over compressed rows, one number at a
+//! time, without checks. Portable code should not be slower (`WAYFIX_INSTRUCTIONS=plain`).
 
 use std::cell::LazyCell;
 use std::hint::black_box;
@@ -9,7 +9,7 @@ use wayfix::SparseTransition;
 use crate::models::{Given, Model};
 use crate::timed::Group;
 
-/// Rows of A: entries from `starts[i]` to `starts[i + 1]`.
+/// Rows of A: row i has the entries `starts[i]..starts[i + 1]`.
 struct Rows {
     starts: Vec<u32>,
     indices: Vec<u32>,

@@ -1,4 +1,4 @@
-//! How routines are timed and named.
+//! Timing and names of routines.
 
 use std::hint::black_box;
 
@@ -37,7 +37,7 @@ impl<'c> Group<'c> {
         self.bench(routine, "batch", steps, prepare);
     }
 
-    /// Nothing is prepared if the filter of names does not let it through.
+    /// Nothing is prepared for a name that the filter excludes.
     fn bench<W: FnMut() -> R, R>(
         &mut self,
         routine: &str,

@@ -1,13 +1,13 @@
-//! How much was checked, and what with.
+//! Counts of checks, and printing of inputs.
 
 use std::collections::BTreeMap;
 use std::fmt;
 
-/// Numbers of checks by their names.
+/// Numbers of checks by name.
 #[derive(Debug, Clone, Default)]
 pub struct Counts {
     numbers: BTreeMap<&'static str, u64>,
-    /// Whether to print what a target makes of its bytes.
+    /// True if targets print the input that they make of their bytes.
     pub verbose: bool,
 }
 
@@ -17,7 +17,7 @@ impl Counts {
         *self.numbers.entry(what).or_default() += 1;
     }
 
-    /// Prints something, if that is wanted.
+    /// Prints a value, if printing is on.
     pub fn note(&self, text: impl FnOnce() -> String) {
         if self.verbose {
             println!("{}", text());

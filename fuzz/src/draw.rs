@@ -1,8 +1,8 @@
-//! Choices made by bytes.
+//! Choices made from bytes.
 
 use arbitrary::Unstructured;
 
-/// Draws from bytes. Once they are used up, the first of all choices is made.
+/// Draws from bytes. Once they are used up, each draw is the first choice.
 #[derive(Debug)]
 pub(crate) struct Draw<'a>(Unstructured<'a>);
 
@@ -16,7 +16,7 @@ impl<'a> Draw<'a> {
         self.0.int_in_range(0..=n - 1).unwrap_or(0)
     }
 
-    /// True about once in `n` times; false when the bytes are used up.
+    /// True about once in `n` draws; false when the bytes are used up.
     pub(crate) fn one_in(&mut self, n: usize) -> bool {
         self.below(n) == n - 1
     }
@@ -38,7 +38,7 @@ impl<'a> Draw<'a> {
     ) -> Vec<f64> {
         let mut weights: Vec<f64> = (0..n).map(|_| weight(self)).collect();
         if weights.iter().sum::<f64>() < 1e-6 {
-            // Not to divide by next to nothing.
+            // Avoids a division by a tiny sum.
             weights[self.below(n)] = 1.0;
         }
         let sum: f64 = weights.iter().sum();

@@ -1,10 +1,10 @@
-//! Fuzz targets of wayfix: functions of any bytes, which panic if the library
-//! does what it must not.
+//! Fuzz targets of wayfix: functions of arbitrary bytes, which panic if the library breaks a
+//! promise.
 //!
 //! `cargo fuzz` calls them with bytes that it evolves, the binary `seeded` with
-//! pseudo-random ones; CONTRIBUTING.md says how to run both. Bytes are not read
-//! as a format: they are the choices from which a model or a document is made,
-//! and whatever they are, they make one.
+//! pseudo-random ones; CONTRIBUTING.md says how to run both. The bytes are not in
+//! a format: they are the choices by which a model or a document is made, and any
+//! bytes make one.
 #![forbid(unsafe_code)]
 
 mod counts;
@@ -21,11 +21,10 @@ pub use counts::Counts;
 pub use differential::differential;
 pub use readers::{csv, json_models, json_snapshots, roads};
 
-/// A target: makes an input of bytes, checks what the library does with it, and
-/// counts what was checked.
+/// Target: makes an input of bytes, checks what the library does with it, and counts the checks.
 pub type Target = fn(&[u8], &mut Counts);
 
-/// All targets with their names, and how many bytes at most they make use of.
+/// All targets with their names, and the largest number of bytes that each uses.
 pub const TARGETS: [(&str, Target, usize); 5] = [
     ("differential", differential, 6000),
     ("csv", csv, 800),

@@ -21,8 +21,8 @@ fn sparse(matrix: &Matrix) -> SparseTransition {
     SparseTransition::from_rows(matrix).expect("a stochastic matrix")
 }
 
-/// What an operator lists, where its definition is too long to repeat here. Its
-/// products are checked against this.
+/// The entries that an operator lists, if its definition is too long to repeat here. Its products
+/// are checked against these.
 fn listed<A: TransitionEntries>(a: &A, control: &A::Control) -> Matrix {
     let n = a.states();
     let mut matrix = vec![vec![0.0; n]; n];
@@ -92,8 +92,8 @@ pub(crate) fn driven(draw: &mut Draw<'_>, n: usize, range: Range) -> (Driven, Ve
         2 => {
             let lengths = [0.0, 1.0, 2.5, 100.0];
             let lengths: Vec<f64> = (0..n * n).map(|_| draw.pick(&lengths)).collect();
-            // Times a density, entries beyond ordinary ones would be beyond doubles, where
-            // products in logarithms have more than the matrix.
+            // Multiplied by a density, entries outside the ordinary range would leave that of
+            // doubles, where products in logarithms keep more than the matrix.
             let base = sparse(&matrix(draw, n, Range::Plain));
             let distance = DistanceTransition::new(base, |to, from| lengths[to * n + from]);
             let distance = distance.expect("valid lengths");
@@ -155,7 +155,7 @@ fn measurement(draw: &mut Draw<'_>, n: usize, range: Range) -> Measurement {
 type MovesOfTwo = fn(&[Measurement; 2], usize, usize) -> f64;
 type FactorOfTwo = fn(&[Measurement; 2]) -> f64;
 
-/// Two chains side by side, each with evidence of its own. Entries may be beyond doubles, where
+/// Two chains side by side, each with its own evidence. Entries may be beyond doubles although
 /// neither chain's are.
 fn pairs(draw: &mut Draw<'_>, n: usize, range: Range, count: usize) -> (Driven, Vec<Matrix>) {
     let sizes = [2, n / 2];
@@ -186,8 +186,8 @@ fn pairs(draw: &mut Draw<'_>, n: usize, range: Range, count: usize) -> (Driven, 
     (Driven::Pairs(both, controls), matrices)
 }
 
-/// Any evidence on the moves of a matrix, with restarts or without. Likelihoods are beyond
-/// ordinary ones, but not beyond doubles.
+/// Arbitrary evidence on the moves of a matrix, with restarts or without. Likelihoods are outside
+/// the ordinary range, but within that of doubles.
 fn measured(draw: &mut Draw<'_>, n: usize, range: Range, count: usize) -> (Driven, Vec<Matrix>) {
     let base = matrix(draw, n, Range::Plain);
     let controls: Vec<Measurement> = (0..count).map(|_| measurement(draw, n, range)).collect();
@@ -223,8 +223,8 @@ fn measured(draw: &mut Draw<'_>, n: usize, range: Range, count: usize) -> (Drive
     (Driven::Restart(restart, controls), matrices)
 }
 
-/// So many speeds in ascending order: usual ones, or any, some of them nearly equal and others far
-/// apart.
+/// Speeds in ascending order: the usual ones, or arbitrary ones, some of them nearly equal and
+/// others far apart.
 fn grid(draw: &mut Draw<'_>, count: usize) -> Vec<f64> {
     let usual = [0.0, 1.0, -0.4, 0.5, -1.0, 2.0, 0.25, 3.0, 0.95, 0.99];
     let (even, farthest) = (draw.one_in(2), draw.pick(&[1.5, 4.0, 64.0]));
@@ -245,8 +245,8 @@ fn grid(draw: &mut Draw<'_>, count: usize) -> Vec<f64> {
     grid
 }
 
-/// A route with `n` states: of `n` places at one speed, or of fewer at several, or off the
-/// map.
+/// A route with `n` states: `n` places at one speed, or fewer places at several speeds, with or
+/// without a state off the map.
 fn route(draw: &mut Draw<'_>, n: usize) -> RouteTransition {
     let fits: Vec<usize> = (1..=6).filter(|layers| n.is_multiple_of(*layers)).collect();
     let layers = draw.pick(&fits);

@@ -1,4 +1,4 @@
-//! Random small models and what is observed of them.
+//! Random small models and observations.
 
 use wayfix::{Belief, Hmm, LikelihoodVector, OptionalLikelihood, Prior, Transition};
 
@@ -10,23 +10,23 @@ pub(crate) type Matrix = Vec<Vec<f64>>;
 pub(crate) type Observation = Option<Vec<f64>>;
 pub(crate) type Sensor = OptionalLikelihood<LikelihoodVector<Vec<f64>>>;
 
-/// How numbers of a model are drawn.
+/// Range of the numbers of a model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Range {
-    /// Zeros among ordinary ones, so that the fast routines hold.
+    /// Zeros and ordinary numbers, which the fast routines hold.
     Plain,
-    /// Some beyond the range of those.
+    /// Also numbers outside that range.
     Wide,
 }
 
-/// All of a model but its transitions.
+/// A model without its transitions.
 #[derive(Debug)]
 pub(crate) struct Scene {
     pub(crate) states: usize,
     pub(crate) range: Range,
     pub(crate) at_first: bool,
     pub(crate) prior: Vec<f64>,
-    /// Whether observations are logarithms.
+    /// True if observations are logarithms.
     pub(crate) logs: bool,
     pub(crate) drives: Vec<Vec<Observation>>,
 }

@@ -1,5 +1,5 @@
-//! Operators of several kinds as one type, so that inference is compiled once; each
-//! call goes to the operator itself.
+//! Operators of several kinds as one type, so that inference is compiled once; each call is
+//! forwarded to the operator.
 
 use wayfix::motion::{DistanceTransition, OdometryReading};
 use wayfix_recognition::motion::{RouteControl, RouteTransition};

@@ -1,24 +1,24 @@
-//! Exact inference in the plainest way: dense, in logarithms, one definition after
-//! another. Nothing here is shared with the library.
+//! Exact inference in the plainest way: dense, in logarithms, one definition after another. No
+//! code is shared with the library.
 
 use crate::model::{Matrix, Observation, Scene};
 
-/// Why a sequence ends early, and at which step.
+/// Reason for an early end of a sequence, and its step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Stop {
     Impossible(usize),
     Invalid(usize),
-    /// An invalid observation after a move that cannot have been measured: either is an answer.
+    /// An invalid observation after an impossible measurement of a move: either error is right.
     Either(usize),
 }
 
 impl Stop {
-    /// True if an impossible observation or move is an answer.
+    /// True if the error "impossible observation or move" is right.
     pub(crate) fn is_impossible(self, step: usize) -> bool {
         matches!(self, Self::Impossible(at) | Self::Either(at) if at == step)
     }
 
-    /// True if an invalid observation is an answer.
+    /// True if the error "invalid observation" is right.
     pub(crate) fn is_invalid(self, step: usize) -> bool {
         matches!(self, Self::Invalid(at) | Self::Either(at) if at == step)
     }
@@ -28,12 +28,12 @@ impl Stop {
 #[derive(Debug)]
 pub(crate) struct Chain {
     prior: Vec<f64>,
-    /// `moves[k - 1][to][from]` leads to step k; the identity where nothing moves.
+    /// `moves[k - 1][to][from]` leads to step k; the identity at steps without a move.
     moves: Vec<Matrix>,
-    /// Log-likelihoods of each step, without the largest.
+    /// Log-likelihoods of each step, less the largest.
     seen: Vec<Vec<f64>>,
     largest: Vec<f64>,
-    /// What is taken out of the evidence on moves.
+    /// Log factors taken out of the evidence on moves.
     log_factors: Vec<f64>,
     /// The beliefs of steps 0 to the last possible one, normalised.
     pub(crate) filtered: Vec<Vec<f64>>,
@@ -66,8 +66,8 @@ fn identity(n: usize) -> Matrix {
 }
 
 impl Chain {
-    /// `moves(k)` is the logarithm of the matrix that leads to step k, with the log factor
-    /// of the evidence on the move, if there is some.
+    /// `moves(k)` is the logarithm of the matrix that leads to step k, with the log factor of the
+    /// evidence on the move, if any.
     pub(crate) fn new<'a>(
         scene: &Scene,
         moves: impl Fn(usize) -> (&'a Matrix, Option<f64>),
@@ -135,14 +135,13 @@ impl Chain {
         self.steps.iter().sum()
     }
 
-    /// What is left out of the logarithms of the first steps.
+    /// Sum of the terms that are taken out of the logarithms of the first steps.
     fn left_out(&self, steps: usize) -> f64 {
         self.largest.iter().zip(&self.log_factors).take(steps).map(|(a, b)| a + b).sum()
     }
 
-    /// How large the numbers are that a logarithm is a sum of. Each factor counts a little:
-    /// decoders round its logarithm to a grid, by up to 1e-14, and the same way wherever
-    /// it comes back.
+    /// Total size of the terms that a logarithm is a sum of. Each factor adds a little: decoders
+    /// round its logarithm to a grid, by up to 1e-14, and in the same direction each time.
     pub(crate) fn size(&self) -> f64 {
         1.0 + 0.05 * self.steps.len() as f64
             + self.largest.iter().chain(&self.steps).map(|log| log.abs()).sum::<f64>()
@@ -169,8 +168,8 @@ impl Chain {
             pairs[k - 1] = normalized(&all).chunks(n).map(<[f64]>::to_vec).collect();
             let back = |j: usize| (0..n).map(|i| matrix[i][j] + after[i]).collect::<Vec<_>>();
             beta = (0..n).map(|j| sum(&back(j))).collect();
-            // Only ratios matter. Where the vehicle may be they stay near 0, with all
-            // their digits; where nothing leads they may be far above.
+            // Only ratios matter. For possible states they stay near 0, with all their digits;
+            // for states that nothing leads to they may be far above.
             let joint: Vec<f64> = before.iter().zip(&beta).map(|(a, b)| a + b).collect();
             let total = sum(&joint);
             beta.iter_mut().for_each(|log| *log -= total);
@@ -191,7 +190,7 @@ impl Chain {
         total + self.left_out(path.len())
     }
 
-    /// The `count` largest of those, over all paths of the first `last` steps.
+    /// The `count` largest log-probabilities of paths of the first `last` steps.
     pub(crate) fn best(&self, last: usize, count: usize) -> Vec<f64> {
         if last == 0 {
             return vec![0.0; count.min(1)];

@@ -1,8 +1,9 @@
-"""Times wayfix.hmmlearn beside hmmlearn: the same models, observations and starts.
+"""Times wayfix.hmmlearn against hmmlearn, with the same models, observations and starts.
 
     OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 python benches/beside_hmmlearn.py [log | scaling] [STATES...]
 
-The first argument is hmmlearn's implementation; 3, 10 and 30 states by default. Ratios above 1: wayfix is faster. Scores are compared first.
+The first argument is hmmlearn's implementation; the numbers of states are 3, 10 and 30 by default. Where a ratio is
+above 1, wayfix is faster. Scores are compared first.
 """
 
 import copy
@@ -22,7 +23,7 @@ VERBS = ["score", "score_samples", "decode", "fit"]
 
 
 def case(module, name, options, n, rows, implementation):
-    """A model with a start, and observations."""
+    """Returns a model with its parameters set, and observations."""
     rng, d = np.random.RandomState(1), 3
     more = {} if module is ours else {"implementation": implementation}
     model = getattr(module, name)(n, init_params="", n_iter=20, tol=-np.inf, **options, **more)
@@ -46,7 +47,7 @@ def case(module, name, options, n, rows, implementation):
 
 
 def seconds(work):
-    """Least time of several, of as many calls as fill a hundredth of a second."""
+    """Returns the least of several times per call, each over as many calls as fill a hundredth of a second."""
     def timed(count):
         begin = time.perf_counter()
         for _ in range(count):
@@ -74,7 +75,7 @@ def main():
                 for verb in VERBS:
                     times = []
                     for model in (a, b):
-                        # From the same start each time; a copy takes as long for both.
+                        # From the same start each time; copies take the same time on both sides.
                         fit = lambda m=model: copy.copy(m).fit(X, lengths)  # noqa: E731
                         call = fit if verb == "fit" else lambda m=model: getattr(m, verb)(X, lengths)
                         try:

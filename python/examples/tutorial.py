@@ -1,7 +1,7 @@
-"""wayfix in four parts: weather, hmmlearn's models, places of a route by their images, and GPS on roads.
+"""wayfix in four parts: weather, hmmlearn's models, places on a route by their images, and GPS on roads.
 
-Run it as a whole (pictures go to the folder that is named, or `tutorial`), or cell by cell in an
-editor that knows `# %%`. Needs matplotlib and scikit-learn, and pandas for the last part.
+Run it as a whole (pictures go to the folder given as its argument, or `tutorial`), or cell by cell in an editor that
+knows `# %%`. Needs matplotlib and scikit-learn, and pandas for the last part.
 """
 
 # %% Preparation
@@ -11,11 +11,11 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-# The editor's own arguments are none of ours.
+# In an editor, `sys.argv` holds the editor's arguments.
 OUT = Path(sys.argv[1] if len(sys.argv) == 2 and not sys.argv[1].startswith("-") else "tutorial")
 OUT.mkdir(parents=True, exist_ok=True)
 
-# Colours of Okabe and Ito, which everyone can tell apart.
+# The palette of Okabe and Ito, which colour-blind readers can tell apart.
 BLUE, ORANGE, GREEN, PURPLE, GREY = "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#999999"
 plt.rcParams.update({"figure.dpi": 110, "font.size": 10, "axes.spines.top": False, "axes.spines.right": False})
 
@@ -29,11 +29,11 @@ def save(figure, name):
 # %% Weather: a model in ten lines
 import wayfix
 
-# Sun or rain, behind the curtain. A guest brings an umbrella (1) or none (0).
+# Sun or rain, behind the curtain. A guest brings an umbrella (1) or does not (0).
 weather = wayfix.Hmm(start=[0.5, 0.5], moves=[[0.9, 0.1], [0.2, 0.8]], table=[[0.8, 0.2], [0.1, 0.9]])
 umbrellas = [0, 0, 1, 0, 0, 1, 1, 1, 0, 1, 1, 0, 0, 0]
-live = weather.forward(umbrellas).probabilities[:, 1]         # what is known on the day
-afterwards = weather.smooth(umbrellas).probabilities[:, 1]    # what is known in the end
+live = weather.forward(umbrellas).probabilities[:, 1]         # as known on the day
+afterwards = weather.smooth(umbrellas).probabilities[:, 1]    # as known at the end
 path = weather.viterbi(umbrellas).states                      # the most probable story
 
 figure, axes = plt.subplots(figsize=(7, 3), layout="constrained")
@@ -67,12 +67,12 @@ bottom.set(xlabel="day", ylabel="probability of\nthe wild regime", ylim=(0, 1.02
 figure.legend(loc="outside upper right", ncols=2, frameon=False)
 save(figure, "regimes.png")
 
-# %% Places of a route by their images
+# %% Places on a route by their images
 from wayfix.evaluate import ThresholdCurve, recall_within
 from wayfix.recognition import Recognizer
 
-# A route of 300 references, driven again in another season, with a stop and a detour. Descriptors would
-# come from a network, and two files: np.load("references.npy"), np.load("queries.npy").
+# A route of 300 references, driven again in another season, with a stop and a detour. Real descriptors would come from a
+# neural network, in two files: np.load("references.npy"), np.load("queries.npy").
 parts = [np.arange(20, 110), np.full(25, 110), np.arange(110, 170), np.full(40, -1), np.arange(200, 280)]
 truth = np.concatenate(parts)
 smooth = np.exp(-0.5 * (np.arange(-8, 9) / 2.0) ** 2)
@@ -94,9 +94,9 @@ def cosine(queries, references):
 
 
 def judged(noise, seed):
-    """Beliefs, and for each method: recall within two references, recall at 100 % precision, and the curve."""
+    """Returns beliefs, and for each method recall within two references, recall at 100 % precision, and the curve."""
     references, queries = drive(noise, seed)
-    recording = Recognizer(references, off_map=True).recording(queries)   # off_map: it may leave the route
+    recording = Recognizer(references, off_map=True).recording(queries)   # the vehicle may leave the route
     filtered, smoothed = recording.filtered(), recording.smoothed()
     similarity = cosine(queries, references)
     found = {}
@@ -105,15 +105,15 @@ def judged(noise, seed):
         ("filter", filtered.places, filtered.probability),
         ("smoother", smoothed.places, smoothed.probability),
     ]:
-        # An answer is right within two references, or off the map where the truth is.
+        # An answer is right within two references, or if both it and the truth are off the map.
         right = (np.abs(places - truth) <= 2) & ((places < 0) == (truth < 0))
         curve = ThresholdCurve.precision_recall(confidence, right)
         found[name] = recall_within(truth, places, 2), curve.recall_at_precision(1.0), curve
     return recording, smoothed, similarity, found
 
 
-# With noise of 2.6, single images say little. That is where a filter helps: the noise was 1.6 at first, and
-# the nearest image then beat the filter in recall at 100 % precision, 0.40 to 0.17. So look at several.
+# With a noise of 2.6, single images say little, and a filter helps. The noise was 1.6 at first, and the nearest image
+# then beat the filter in recall at 100 % precision, 0.40 to 0.17. So several noises are compared below.
 recording, smoothed, similarity, found = judged(noise=2.6, seed=2)
 print("doubts:", recording.doubts() or "none")
 for name, (within, sure, _) in found.items():
@@ -137,7 +137,7 @@ right.set(xlabel="recall", ylabel="precision", xlim=(0, 1.02), ylim=(0, 1.05))
 right.legend(title="recall at 100 % precision", loc="lower left", frameon=False)
 save(figure, "places.png")
 
-# %% Where which of them wins: means and extremes of ten drives at each noise
+# %% Which of them wins at which noise: means and extremes of ten drives each
 NOISES, SEEDS = [0.8, 1.2, 1.6, 2.0, 2.6, 3.2], range(2, 12)
 scores = np.array([[[[*of[:2]] for of in judged(noise, seed)[3].values()] for seed in SEEDS] for noise in NOISES])
 print("noise  recall within 2             recall at 100 % precision")
@@ -171,7 +171,7 @@ ends = [(a, b) for a in nodes["node"] for b in (a + 1, a + 10) if b in set(nodes
 edges = pd.DataFrame(ends, columns=["from", "to"]).assign(oneway="no", speed_kmh=50)
 matcher = Matcher(RoadNetwork(nodes, edges))
 
-# Two vehicles, a point every three seconds; the error of a receiver lasts for a while.
+# Two vehicles with a point every three seconds; errors of a receiver last for a while.
 def trip(name, stops, seed):
     rng = np.random.default_rng(seed)
     corners = np.array([(stop % 10, stop // 10) for stop in stops]) * 120.0

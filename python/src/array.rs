@@ -1,4 +1,5 @@
-//! Arrays as slices.
+//! Arrays of 64-bit numbers as slices: an array of the right type in C order is borrowed, and
+//! anything else that numpy can convert without loss of meaning is copied once.
 
 use numpy::ndarray::Dimension;
 use numpy::{
@@ -15,7 +16,7 @@ pub(crate) fn contiguous<'a, T, E>(slice: Result<&'a [T], E>, what: &str) -> PyR
     slice.map_err(|_| invalid(format!("{what} are not contiguous in C order")))
 }
 
-/// Returns the values of an array with so many columns.
+/// Returns the values of an array, which must have this number of columns.
 pub(crate) fn matrix<'a>(
     array: &'a PyReadonlyArray2<'_, f64>,
     columns: usize,
@@ -31,8 +32,8 @@ pub(crate) fn matrix<'a>(
     contiguous(array.as_slice(), what)
 }
 
-/// Returns values as an array of so many axes and of one type, in C order; one that is so already
-/// is not copied.
+/// Returns values as an array with this number of axes, of one type, in C order. An array that is
+/// all of that already is not copied.
 pub(crate) fn converted<'py>(
     values: &Bound<'py, PyAny>,
     what: &str,
@@ -41,6 +42,7 @@ pub(crate) fn converted<'py>(
 ) -> PyResult<Bound<'py, PyAny>> {
     let py = values.py();
     let numpy = py.import("numpy")?;
+    // `asarray` would drop the mask and return the numbers beneath it.
     if is_masked(values, &numpy)? {
         return Err(invalid(format!("{what} have masked values, expected numbers")));
     }
@@ -48,13 +50,14 @@ pub(crate) fn converted<'py>(
     let kind_of = |array: &Bound<'py, PyAny>| -> PyResult<String> {
         array.getattr("dtype")?.getattr("kind")?.extract()
     };
-    // A column of lists.
+    // An Arrow column of lists, which numpy makes an array of objects.
     let is_arrow = values.hasattr("__arrow_c_stream__")? || values.hasattr("__arrow_c_array__")?;
     if axes == 2 && kind_of(&array)? == "O" && is_arrow {
         array = py.import("wayfix.arrow")?.call_method1("matrix", (values,))?;
     }
-    // An empty list has some type.
+    // Nothing follows from the type of an empty array: numpy gives an empty list doubles.
     let is_empty = array.getattr("size")?.extract::<usize>()? == 0;
+    // Numpy's letters: f is floating, i signed, u unsigned, b truth values; O is objects.
     if !kinds.contains(&kind_of(&array)?) && !is_empty {
         let dtype = array.getattr("dtype")?;
         return Err(invalid(format!("{what} have type {dtype}, expected {kind}")));
@@ -65,17 +68,18 @@ pub(crate) fn converted<'py>(
         let found = if found == 0 { "one value".into() } else { format!("{found} axes") };
         return Err(invalid(format!("{what} have {found}, expected {axes}: {expected}")));
     }
-    // Doubles beyond the range of floats become infinite, which the library reports.
+    // Doubles beyond the range of floats become infinite, which the library reports with the step
+    // and the element; numpy's warning would say neither.
     let over = [("over", "ignore")].into_py_dict(py)?;
     let quiet = numpy.call_method("errstate", (), Some(&over))?;
     quiet.call_method0("__enter__")?;
+    // "C": in C order, "A": aligned; slices need both.
     let result = numpy.call_method1("require", (array, kind, ["C", "A"])).map_err(invalid);
     quiet.call_method1("__exit__", (py.None(), py.None(), py.None()))?;
     result
 }
 
-/// Returns true if something is masked, which numpy takes for a value, in the array or in one of a
-/// list of arrays.
+/// True if an element is masked in the array, or in one of a list of arrays.
 fn is_masked(values: &Bound<'_, PyAny>, numpy: &Bound<'_, PyModule>) -> PyResult<bool> {
     let ma = numpy.getattr("ma")?;
     let class = ma.getattr("MaskedArray")?;
@@ -116,13 +120,14 @@ pub(crate) fn rows<'py>(
     converted(values, what, ("fiub", "float64"), 2)?.extract()
 }
 
-/// Borrows an array that is as it should be. One of a subclass may have a mask.
+/// Borrows an array that needs no conversion, or returns `None`.
 pub(crate) fn borrowed<'py, T: Element, D: Dimension>(
     values: &Bound<'py, PyAny>,
 ) -> Option<PyReadonlyArray<'py, T, D>> {
+    // Exactly numpy's class: a subclass may have a mask.
     let array = values.cast_exact::<PyUntypedArray>().ok()?;
     let array = array.cast::<PyArray<T, D>>().ok()?.try_readonly().ok()?;
-    // In C order: a slice may be in Fortran's.
+    // `as_slice` alone would also accept Fortran's order.
     (array.is_c_contiguous() && array.as_slice().is_ok()).then_some(array)
 }
 
@@ -149,6 +154,8 @@ pub(crate) fn indices(values: &Bound<'_, PyAny>, what: &str) -> PyResult<Vec<usi
 pub(crate) fn symbols(values: &Bound<'_, PyAny>, lengths: &[usize]) -> PyResult<Vec<usize>> {
     let array = integers(values, "symbols")?;
     let error = |at: usize, value: i64| {
+        // `step` counts from the start of `sequence`: full sequences are taken off until the rest
+        // lies within one. Lengths are not checked yet, so the last takes whatever remains.
         let (mut sequence, mut step) = (0, at + 1);
         while sequence + 1 < lengths.len() && step > lengths[sequence] {
             step -= lengths[sequence];

@@ -1,4 +1,5 @@
-//! Log densities of all rows in all states.
+//! Log densities of all rows in all states, by the library's families, for `wayfix.hmmlearn` and
+//! `Family.log_likelihoods`.
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -9,7 +10,8 @@ use wayfix::likelihood::Scratch;
 use crate::array::matrix;
 use crate::error::{invalid, of_step};
 
-/// Returns log densities of Gaussians without covariances, from a row of variances for each state.
+/// Returns log densities of Gaussians with diagonal covariances, from a row of variances for each
+/// state.
 #[pyfunction]
 pub(crate) fn diagonal_log_densities<'py>(
     py: Python<'py>,
@@ -22,7 +24,7 @@ pub(crate) fn diagonal_log_densities<'py>(
     log_densities(py, &Gaussian::diagonal(&means, &variances).map_err(invalid)?, &rows, d)
 }
 
-/// Returns log densities of Gaussians, from a covariance matrix for each state, row by row.
+/// Returns log densities of Gaussians, from a covariance matrix for each state, flattened by rows.
 #[pyfunction]
 pub(crate) fn gaussian_log_densities<'py>(
     py: Python<'py>,
@@ -57,7 +59,7 @@ fn states<'a>(
     Ok(matrix(array, width, what)?.chunks_exact(width.max(1)).collect())
 }
 
-/// Returns log densities of rows of so many numbers, by any family.
+/// Returns log densities of rows of `width` numbers under any family.
 pub(crate) fn log_densities<'py, B>(
     py: Python<'py>,
     family: &B,
@@ -69,12 +71,15 @@ where
 {
     let (count, n) = (rows.shape()[0], family.states());
     let values = matrix(rows, width, "observations")?;
+    // Errors are kept as text, since exceptions need the global lock.
     let computed = py.detach(|| {
         let (mut out, mut scratch) = (Vec::with_capacity(count * n), Scratch::default());
         for (row, observation) in values.chunks_exact(width.max(1)).enumerate() {
             let diagonal = family
                 .diagonal(observation, &mut scratch)
                 .map_err(|error| (row + 1, format!("step {}: {error}", row + 1)))?;
+            // b is known up to a factor that the family took out; here it is put back. A b of 0
+            // becomes minus infinity.
             let factor = diagonal.log_factor();
             let log = |b: &f64| if diagonal.is_log() { b + factor } else { b.ln() + factor };
             out.extend(diagonal.as_slice().iter().map(log));

@@ -1,4 +1,5 @@
-//! Exceptions: all are `wayfix.Error`, which is a `ValueError`.
+//! Exceptions: the library's errors as `wayfix.Error`, a `ValueError` with the attributes `step`
+//! (from 1) and `sequence` (from 0). Memory that is not there is Python's own `MemoryError`.
 
 use pyo3::create_exception;
 use pyo3::exceptions::{PyMemoryError, PyValueError};
@@ -12,8 +13,8 @@ create_exception!(
     wayfix,
     Error,
     PyValueError,
-    "An input that is not valid; the message says which, and what was expected. If it is about one \
-     step, `step` is its number, from 1, and `sequence` that of its sequence, from 0."
+    "Invalid input; the message says which, and what was expected. If the error is about one step, \
+     `step` is the number of the step, from 1, and `sequence` that of its sequence, from 0."
 );
 create_exception!(
     wayfix,
@@ -22,14 +23,15 @@ create_exception!(
     "Observations that the model rules out: the log-likelihood is minus infinity."
 );
 
-/// Makes an exception of an error that is none of a step.
+/// Makes an exception of an error that is not about one step.
 pub(crate) fn invalid(error: impl std::fmt::Display) -> PyErr {
     Error::new_err(words(&error.to_string()))
 }
 
-/// Raises MemoryError if there are not so many bytes, where the library would end the process; a
-/// system that promises more memory than it has promises these, too.
+/// Raises MemoryError if this many bytes cannot be allocated, where the library would abort the
+/// process. A system that overcommits memory grants these, too.
 pub(crate) fn reserve(bytes: usize, what: impl FnOnce() -> String) -> PyResult<()> {
+    // Reserved and freed at once: a probe of the allocator, not a guarantee.
     let reserved = Vec::<u8>::new().try_reserve_exact(bytes);
     reserved.map_err(|_| PyMemoryError::new_err(format!("{} need up to {bytes} bytes", what())))
 }
@@ -44,7 +46,7 @@ pub(crate) fn of_sequence(py: Python<'_>, error: &SequenceError) -> PyErr {
     noted(py, error.sequence, &error.source, error.to_string())
 }
 
-/// Makes an exception of an error of the step of a sequence that it is about.
+/// Makes an exception of an error about one step of a sequence.
 pub(crate) fn of_step(py: Python<'_>, sequence: usize, step: usize, message: String) -> PyErr {
     placed(py, invalid(message), sequence, Some(step))
 }
@@ -61,9 +63,11 @@ pub(crate) fn placed(
     set.map_or_else(|error| error, |()| exception)
 }
 
-/// Makes an exception of an error of one of several sequences that was found without the others.
+/// Makes an exception of an error of one of several sequences that were read one by one, so that
+/// the error does not know its sequence yet.
 pub(crate) fn of_several(py: Python<'_>, sequence: usize, error: &PyErr) -> PyErr {
     let value = error.value(py);
+    // KeyboardInterrupt, MemoryError and whatever else Python raised keep their types.
     if !error.is_instance_of::<Error>(py) {
         return error.clone_ref(py);
     }
@@ -71,13 +75,14 @@ pub(crate) fn of_several(py: Python<'_>, sequence: usize, error: &PyErr) -> PyEr
     placed(py, invalid(format!("sequence {sequence}: {value}")), sequence, step)
 }
 
-/// Makes an exception of an error of moves, whose columns are rows in Python.
+/// Makes an exception of an error in the moves: a column of the library's matrix is a row here.
 pub(crate) fn of_moves(error: &TransitionError) -> PyErr {
     let row = |state: &usize| format!("row {state} of moves (those from state {state})");
     match error {
         TransitionError::ColumnSum { column, sum } => {
             invalid(format!("{} sums to {sum}, expected 1", row(column)))
         }
+        // Rows and columns change places in the message, as they did in the matrix.
         TransitionError::RowsSumToOne { column, sum } => invalid(format!(
             "{} sums to {sum}, expected 1, but the columns sum to one: transpose, so that row i, \
              column j has the probability of a move from state i to state j",
@@ -93,6 +98,7 @@ pub(crate) fn of_drive(py: Python<'_>, error: &MatchError) -> PyErr {
         MatchError::Drive(at) => (at.number, &*at.cause),
         one => (0, one),
     };
+    // Points count from 0 in the library, and steps from 1 here.
     let step = match cause {
         MatchError::Point { point, .. } | MatchError::Time { point, .. } => Some(point + 1),
         MatchError::Inference(error) => error.step(),
@@ -107,6 +113,7 @@ pub(crate) fn recognition(py: Python<'_>, error: &RecognitionError) -> PyErr {
     match error {
         RecognitionError::Descriptor(at) | RecognitionError::Query(at) => placed(Some(at.number)),
         RecognitionError::Inference(failed) => placed(failed.cause.step()),
+        // The library counts steps of labels from 0, and this package from 1.
         RecognitionError::Label { part, step, place, references } => {
             let (step, last) = (step + 1, references.saturating_sub(1));
             let message = format!(
@@ -115,6 +122,7 @@ pub(crate) fn recognition(py: Python<'_>, error: &RecognitionError) -> PyErr {
             );
             of_step(py, *part, step, message)
         }
+        // The cause knows its step, the wrapper its part; the message of the wrapper has both.
         RecognitionError::Part(at) => {
             let cause = recognition(py, &at.cause);
             let step = cause.value(py).getattr("step").and_then(|step| step.extract());
@@ -124,8 +132,9 @@ pub(crate) fn recognition(py: Python<'_>, error: &RecognitionError) -> PyErr {
     }
 }
 
-/// Says in Python's words what the library says in Rust's.
+/// Replaces the words of Rust and serde in a message by Python's.
 fn words(message: &str) -> String {
+    // Replaced one after another, so that "invalid type: floating point `" loses its middle first.
     const WORDS: [(&str, &str); 14] = [
         ("Options::", "the option "),
         ("`with_missing`", "`missing=True`"),
@@ -146,13 +155,14 @@ fn words(message: &str) -> String {
     for (rust, python) in WORDS {
         words = words.replace(rust, python);
     }
+    // Serde names the Rust type after these words, and nothing of use follows.
     match words.split_once("expected struct ") {
         Some((before, _)) => format!("{before}expected a dictionary"),
         None => words,
     }
 }
 
-/// True if the model rules something out.
+/// True if the error says that the model rules the observations out.
 pub(crate) fn is_impossible(error: &InferenceError) -> bool {
     matches!(error, InferenceError::Impossible { .. } | InferenceError::ImpossibleMove { .. })
 }
@@ -163,7 +173,7 @@ fn noted(py: Python<'_>, sequence: usize, error: &InferenceError, message: Strin
     placed(py, exception, sequence, error.step())
 }
 
-/// Gives exceptions without a step or a sequence the attributes all the same.
+/// Gives the class the attributes `step` and `sequence`, for exceptions that set neither.
 pub(crate) fn add_attributes(py: Python<'_>) -> PyResult<()> {
     let class = py.get_type::<Error>();
     class.setattr("step", py.None())?;

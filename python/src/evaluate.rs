@@ -15,20 +15,21 @@ use crate::typed::{Size, truths};
 fn judged(scores: &Bound<'_, PyAny>, right: &Bound<'_, PyAny>) -> PyResult<Vec<(f64, bool)>> {
     let (scores, right) = (doubles(scores, "scores")?, truths(right, "truth values")?);
     let (scores, right) = (scores.as_slice().map_err(invalid)?, right.as_slice().map_err(invalid)?);
+    // `zip` below would drop the rest of the longer array.
     if scores.len() != right.len() {
         let (found, expected) = (right.len(), scores.len());
-        return Err(invalid(format!("truth values are {found}, expected {expected}")));
+        return Err(invalid(format!("found {found} truth values, expected {expected}")));
     }
     Ok(scores.iter().copied().zip(right.iter().copied()).collect())
 }
 
-/// Returns the share of the steps on the map whose answer is within `within` references of the
+/// Returns the share of the steps on the map with an answer within `within` references of the
 /// truth.
 ///
 /// Parameters
 /// ----------
 /// truth : array of int, shape (steps,) or (steps, 2)
-///     The true reference, or first and last of those that show the place; -1 off the map.
+///     The true reference, or the first and last of those that show the place; -1 off the map.
 /// places : array of int, shape (steps,)
 ///     The answers; -1 is off the map.
 /// within : int
@@ -49,20 +50,21 @@ pub(crate) fn recall_within(
     let truth = self::places(truth)?;
     let answers = integers(places, "places")?;
     let answers = answers.as_slice().map_err(invalid)?;
+    // -1 and any other negative number is off the map.
     let answers: Vec<_> = answers.iter().map(|place| usize::try_from(*place).ok()).collect();
     evaluate::recall_within(&truth, &answers, within.0).map_err(invalid)
 }
 
-/// Returns a reliability diagram of probabilities: a dictionary of arrays `lower`, `upper`,
-/// `count`, `mean_probability`, `fraction_true` of the bins that are not empty, and the
-/// `expected_calibration_error` and `maximum_calibration_error`.
+/// Returns a reliability diagram of probabilities: a dictionary with the arrays `lower`, `upper`,
+/// `count`, `mean_probability` and `fraction_true` over the bins that are not empty, and the
+/// numbers `expected_calibration_error` and `maximum_calibration_error`.
 ///
 /// Parameters
 /// ----------
 /// probabilities : array, shape (n,)
 ///     Probabilities of the answers.
 /// right : array of bool, shape (n,)
-///     True for those that are right.
+///     True for each answer that is right.
 /// bins : int
 ///     Number of bins of equal width (10).
 ///
@@ -126,8 +128,8 @@ impl PyThresholdCurve {
 
 #[pymethods]
 impl PyThresholdCurve {
-    /// Returns the curve of answers, each with a confidence and whether it is right. `positives` is
-    /// the number of queries that have a right answer, by default all.
+    /// Returns the curve of answers, from their confidences and truth values. `positives` is the
+    /// number of queries that have a right answer, by default all.
     #[staticmethod]
     #[pyo3(signature = (confidence, right, positives=None))]
     fn precision_recall(
@@ -140,8 +142,8 @@ impl PyThresholdCurve {
         Ok(Self(ThresholdCurve::precision_recall(&answers, positives).map_err(invalid)?))
     }
 
-    /// Returns the receiver operating characteristic of scores, each with whether it is that of a
-    /// positive.
+    /// Returns the receiver operating characteristic of scores, from truth values that are true for
+    /// positives.
     #[staticmethod]
     fn roc(scores: &Bound<'_, PyAny>, positive: &Bound<'_, PyAny>) -> PyResult<Self> {
         Ok(Self(ThresholdCurve::roc(&judged(scores, positive)?).map_err(invalid)?))
@@ -152,7 +154,7 @@ impl PyThresholdCurve {
         self.0.recall_at_precision(level).map_err(invalid)
     }
 
-    /// Thresholds, falling.
+    /// Thresholds, from the highest down.
     #[getter]
     fn thresholds<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         self.column(py, |point| point.threshold)
@@ -182,7 +184,7 @@ impl PyThresholdCurve {
         self.0.area()
     }
 
-    /// Mean of the precisions at which each right answer is found.
+    /// Average precision: the precision at each threshold, weighted by its gain in recall.
     #[getter]
     fn average_precision(&self) -> f64 {
         self.0.average_precision()

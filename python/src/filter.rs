@@ -1,4 +1,4 @@
-//! A live filter, as Python sees it.
+//! The class `Filter`: the library's filter over a model of any kind. Its verbs are in `live`.
 
 use std::sync::Arc;
 
@@ -20,7 +20,7 @@ type Streams = Live<
     Of<SparseTransition, TableLikelihood>,
 >;
 
-/// Live filter, made by `Hmm.filter()`: what is known of the present state.
+/// Live filter, made by `Hmm.filter()`: the distribution of the present state.
 ///
 /// Examples
 /// --------
@@ -49,7 +49,7 @@ impl PyFilter {
 }
 
 live_methods!(PyFilter, FilterSnapshot, |live| live, {
-    /// What a pickle keeps: the model and the state.
+    /// Pickles the model and the state.
     fn __reduce__<'py>(
         &self,
         py: Python<'py>,

@@ -1,4 +1,5 @@
-//! A fixed-lag smoother, as Python sees it.
+//! The class `FixedLag`: the library's fixed-lag smoother over a model of any kind. Its verbs are
+//! in `live`.
 
 use std::sync::Arc;
 
@@ -23,14 +24,14 @@ type Streams = Live<
 
 /// Live smoother: after each step, the beliefs of the last steps given all observations so far.
 ///
-/// Can be copied and pickled, and goes on to the bit.
+/// Can be copied and pickled; a copy continues with the same bits.
 ///
 /// Parameters
 /// ----------
 /// hmm : Hmm
 ///     The model.
 /// lag : int
-///     Number of steps that it looks back; with 0 it is the filter.
+///     Number of steps that it looks back; 0 is the filter.
 ///
 /// Examples
 /// --------
@@ -57,14 +58,15 @@ live_methods!(PyFixedLag, FixedLagSnapshot<()>, |live| live.filter(), {
         Self { live, hmm: hmm.clone().unbind() }
     }
 
-    /// Probabilities of all states `lag` steps ago, or at the first step there was: a copy.
+    /// Probabilities of all states `lag` steps ago, or at the first step if there were fewer: a
+    /// copy.
     #[getter]
     fn lagged<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         with_live!(&self.live, |live| live.lagged().as_slice().to_pyarray(py))
     }
 
-    /// Returns the probabilities of all states at a step, from 1 (0 is before the first), or None if
-    /// it is not among the last.
+    /// Returns the probabilities of all states at a step, from 1 (0 is before the first), or None
+    /// if that step is not kept.
     #[pyo3(name = "get")]
     fn at<'py>(&self, py: Python<'py>, step: Size) -> Option<Bound<'py, PyArray1<f64>>> {
         with_live!(&self.live, |live| live.get(step.0).map(|p| p.as_slice().to_pyarray(py)))
@@ -76,15 +78,16 @@ live_methods!(PyFixedLag, FixedLagSnapshot<()>, |live| live.filter(), {
         with_live!(&self.live, |live| live.lag())
     }
 
-    /// Makes what a pickle kept.
+    /// Restores a pickle.
     #[staticmethod]
     fn _from_bytes(hmm: &Bound<'_, PyHmm>, lag: Size, bytes: &[u8]) -> PyResult<Self> {
+        // The state has the lag, too; `restore` takes it over.
         let mut live = Self::new(hmm, lag);
         live.restore(bytes)?;
         Ok(live)
     }
 
-    /// What a pickle keeps: the model, the lag and the state.
+    /// Pickles the model, the lag and the state.
     #[expect(clippy::type_complexity, reason = "what Python expects")]
     fn __reduce__<'py>(
         &self,

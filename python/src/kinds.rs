@@ -1,4 +1,7 @@
-//! Kinds of models, and observations for their sensors.
+//! The four kinds of models as one type, and observations for their sensors.
+//!
+//! The library is generic over operator and sensor, and Python is not: a macro matches on the kind
+//! and compiles its body once for each, so that no call within a routine is dynamic.
 
 use std::sync::Arc;
 
@@ -10,7 +13,7 @@ use wayfix::{DenseTransition, Hmm, LikelihoodVector, Prior, SparseTransition, Ta
 use crate::array::{self, matrix};
 use crate::error::{invalid, of_several};
 
-/// A model with one of the operators and one of the sensors.
+/// Model with one of the two operators and one of the two sensors.
 #[derive(Debug, Clone)]
 pub(crate) enum Model {
     DenseVector(Arc<Hmm<DenseTransition, LikelihoodVector>>),
@@ -25,7 +28,7 @@ pub(crate) enum Observed<'py> {
     Symbols(Vec<usize>),
 }
 
-/// Calls code with the model, and the sequence for its sensor.
+/// Evaluates an expression with the model and the sequence in the type of its sensor.
 macro_rules! with_sequence {
     ($model:expr, $observed:expr, |$hmm:ident, $ys:ident| $body:expr) => {
         match ($model, $observed) {
@@ -52,7 +55,7 @@ macro_rules! with_sequence {
     };
 }
 
-/// The same for many sequences.
+/// Evaluates an expression with the model and many sequences in the type of its sensor.
 macro_rules! with_sequences {
     ($model:expr, $all:expr, |$hmm:ident, $ys:ident| $body:expr) => {
         match $model {
@@ -78,7 +81,7 @@ macro_rules! with_sequences {
 
 pub(crate) const OTHER_SENSOR: &str = "observations are not those of the model's sensor";
 
-/// Observations of many sequences: of each by itself, or in one array, with their lengths.
+/// Observations of many sequences: each by itself, or all in one array with their lengths.
 pub(crate) enum Many<'py> {
     Each(Vec<Observed<'py>>),
     Joined(Observed<'py>, Vec<usize>),
@@ -103,13 +106,14 @@ impl Many<'_> {
     }
 }
 
-/// Returns the parts of these lengths, in rows of so many values.
+/// Splits values into parts of these lengths, counted in rows of `width` values.
 pub(crate) fn split<'a, T>(
     values: &'a [T],
     lengths: &[usize],
     width: usize,
 ) -> PyResult<Vec<&'a [T]>> {
     let rows = values.len() / width;
+    // Checked before anything is split: lengths come from outside, and their sum may overflow.
     let sum = lengths.iter().try_fold(0_usize, |sum, length| sum.checked_add(*length));
     if sum != Some(rows) {
         let count = lengths.len();
@@ -117,6 +121,7 @@ pub(crate) fn split<'a, T>(
     }
     let mut rest = values;
     let part = |length: &usize| {
+        // The lengths sum to the rows, so that neither the product overflows nor the split panics.
         let (part, after) = rest.split_at(length * width);
         rest = after;
         part
@@ -214,6 +219,7 @@ impl Model {
     /// Number of moves of a sparse model.
     pub(crate) fn entries(&self) -> Option<usize> {
         match self {
+            // Counted in O(entries), for `repr` only.
             Self::SparseVector(hmm) => Some(hmm.transition().triplets().count()),
             Self::SparseTable(hmm) => Some(hmm.transition().triplets().count()),
             Self::DenseVector(_) | Self::DenseTable(_) => None,

@@ -1,5 +1,5 @@
-//! The compiled part of the Python package `wayfix`: arrays in, arrays out, and the global lock
-//! released meanwhile. What it does is the library's; nothing is computed here.
+//! The compiled part of the Python package `wayfix`: arrays in, arrays out, with the global lock
+//! released in between. All computation is the library's; this crate only converts and checks.
 
 mod array;
 mod arrow;

@@ -1,10 +1,11 @@
-//! What live filters and smoothers have in common: their verbs, over a model of any kind.
+//! The verbs that live filters and smoothers share, over a model of any kind. PyO3 has no generic
+//! classes, so a macro writes the methods into each class.
 
 use pyo3::prelude::*;
 
 use crate::array::{contiguous, doubles};
 
-/// A stream over a model with one of the operators and one of the sensors.
+/// Stream over a model with one of the two operators and one of the two sensors.
 #[derive(Debug, Clone)]
 pub(crate) enum Live<DenseVector, DenseTable, SparseVector, SparseTable> {
     DenseVector(DenseVector),
@@ -25,7 +26,7 @@ macro_rules! live_of {
     };
 }
 
-/// Calls code with the stream.
+/// Evaluates an expression with the stream in its own type.
 macro_rules! with_live {
     ($live:expr, |$stream:ident| $body:expr) => {
         match $live {
@@ -37,12 +38,13 @@ macro_rules! with_live {
     };
 }
 
-/// Gives a class with the fields `live` and `hmm` the methods of all streams, and some of its own;
-/// the expression is the filter of a stream.
+/// Gives a class with the fields `live` and `hmm` the methods of all streams, and those in braces.
+/// The expression returns the filter of a stream.
 macro_rules! live_methods {
     ($class:ident, $snapshot:ty, |$stream:ident| $filter:expr, { $($own:tt)* }) => {
         impl $class {
             fn observe(&mut self, observation: &Bound<'_, PyAny>, moves: bool) -> PyResult<f64> {
+                // For the error of a symbol, which is read before the stream sees it.
                 let step = self.steps() + 1;
                 let done = match &mut self.live {
                     Live::DenseVector(live) => $crate::live::row(observation, |y| {
@@ -69,13 +71,13 @@ macro_rules! live_methods {
             $($own)*
 
             /// Takes a step: a move, then an observation. Returns the log-likelihood of the
-            /// observation given those before; one that raises leaves all as it was.
+            /// observation given those before. A step that raises changes nothing.
             fn step(&mut self, observation: &Bound<'_, PyAny>) -> PyResult<f64> {
                 self.observe(observation, true)
             }
 
             /// Takes a further observation without a move. Returns its log-likelihood given all
-            /// before.
+            /// earlier ones.
             fn update(&mut self, observation: &Bound<'_, PyAny>) -> PyResult<f64> {
                 self.observe(observation, false)
             }
@@ -120,7 +122,7 @@ macro_rules! live_methods {
                 PyBytes::new(py, &with_live!(&self.live, |live| live.snapshot().to_bytes()))
             }
 
-            /// Restores the state that `to_bytes` returned; it goes on to the bit.
+            /// Restores the state that `to_bytes` returned; it continues with the same bits.
             pub(crate) fn restore(&mut self, bytes: &[u8]) -> PyResult<()> {
                 let snapshot = <$snapshot>::from_bytes(bytes).map_err(invalid)?;
                 with_live!(&mut self.live, |live| live.restore(&snapshot)).map_err(invalid)
@@ -137,7 +139,7 @@ macro_rules! live_methods {
     };
 }
 
-/// Calls code with the likelihoods of all states.
+/// Calls `then` with the likelihoods of all states, borrowed from the array if possible.
 pub(crate) fn row<T>(
     observation: &Bound<'_, PyAny>,
     then: impl FnOnce(&[f64]) -> T,

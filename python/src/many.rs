@@ -1,4 +1,7 @@
-//! Many sequences, on as many threads as asked, with their results in order.
+//! Many sequences on several threads, with their results in order.
+//!
+//! The threads work without the global lock. The thread that called waits for them and looks for
+//! signals meanwhile, since Python handles these on its main thread only.
 
 use std::ops::ControlFlow;
 use std::sync::Mutex;
@@ -15,7 +18,7 @@ use crate::watch::{PAUSE, Watch, Watched, caught, computed, defect};
 pub(crate) type Visit<'v, R> =
     dyn FnMut(usize, Result<R, SequenceError>) -> ControlFlow<SequenceError> + 'v;
 
-/// Returns a visitor that keeps a part of each result, until there is an error.
+/// Returns a visitor that keeps a part of each result and stops at the first error.
 pub(crate) fn collect<R, T>(
     results: &mut Vec<T>,
     mut make: impl FnMut(R) -> T,
@@ -29,7 +32,7 @@ pub(crate) fn collect<R, T>(
     }
 }
 
-/// Raises the error that the results ended with.
+/// Raises the error that ended the visits, if one did.
 pub(crate) fn check(py: Python<'_>, ended: ControlFlow<SequenceError>) -> PyResult<()> {
     match ended {
         ControlFlow::Continue(()) => Ok(()),
@@ -37,13 +40,13 @@ pub(crate) fn check(py: Python<'_>, ended: ControlFlow<SequenceError>) -> PyResu
     }
 }
 
-/// Parts that a thread takes, on average: some take longer than others.
+/// Average number of parts for each thread, so that threads with short sequences take more parts.
 const PARTS: usize = 8;
 
-/// Threads and progress, as the user asks for them.
+/// Threads and progress that the user asked for.
 pub(crate) struct Way<'a, 'py> {
     pub(crate) jobs: usize,
-    /// Called with the number of sequences that are done, and of all.
+    /// Called with the number of sequences done and the number of all.
     pub(crate) progress: Option<&'a Bound<'py, PyAny>>,
 }
 
@@ -65,6 +68,7 @@ pub(crate) fn results<S: Send, R, T: Send>(
         let ended = run(watch.over_all(sequences), &mut collect(&mut kept, count));
         ended.break_value().map_or(Ok(kept), Err)
     };
+    // One thread without progress needs no other thread: the sequences themselves look for signals.
     if way.jobs <= 1 && way.progress.is_none() {
         let found = computed(py, |watch| part(sequences, watch))?;
         return found.map_err(|error| of_sequence(py, &error));
@@ -79,6 +83,8 @@ pub(crate) fn results<S: Send, R, T: Send>(
         match found {
             Ok(found) => kept.extend(found),
             Err(error) => {
+                // Parts are contiguous and come in order, and those before were kept whole, so
+                // `kept` has as many results as there are sequences before this part.
                 let sequence = kept.len() + error.sequence;
                 return Err(of_sequence(py, &SequenceError { sequence, ..error }));
             }
@@ -87,8 +93,8 @@ pub(crate) fn results<S: Send, R, T: Send>(
     Ok(kept)
 }
 
-/// Works on contiguous parts of the sequences, and returns what was made of each, in order. This
-/// thread meanwhile looks for signals, and reports.
+/// Works on contiguous parts of the sequences and returns the result of each part, in order. The
+/// calling thread meanwhile looks for signals and reports.
 fn on_threads<S: Send, T: Send>(
     py: Python<'_>,
     jobs: usize,
@@ -103,6 +109,8 @@ fn on_threads<S: Send, T: Send>(
     let mut found: Vec<Option<T>> = parts.iter().map(|_| None).collect();
     let queue = Mutex::new(parts.into_iter().enumerate());
     let watch = Watch::new();
+    // The scope joins all threads before it returns, also after an error: `watch.stop()` makes
+    // those that still work unwind at their next look.
     std::thread::scope(|scope| {
         let (sender, mut receiver) = mpsc::channel();
         for _ in 0..jobs.min(found.len()) {
@@ -111,12 +119,14 @@ fn on_threads<S: Send, T: Send>(
                 let next = || queue.lock().ok()?.next();
                 while let Some((number, part)) = next() {
                     let made = caught(|| work(part, watch));
+                    // The receiver is gone after an error or a signal.
                     if sender.send((number, made)).is_err() {
                         return;
                     }
                 }
             });
         }
+        // Only the threads keep senders now, so that a wait ends if all threads have.
         drop(sender);
         let mut missing = found.len();
         while missing > 0 {

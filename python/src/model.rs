@@ -1,4 +1,8 @@
-//! Models, as Python sees them.
+//! The class `Hmm`: a model of any of four kinds (dense or sparse moves, a table or vectors of
+//! likelihoods), with the batch routines.
+//!
+//! Python's matrices have a *row* for the state that a move leaves, as in hmmlearn; the library's
+//! have a column for it. The transpose is taken in `parts`, and nowhere else.
 
 use numpy::{PyArray1, ToPyArray};
 use pyo3::prelude::*;
@@ -17,8 +21,8 @@ use crate::watch::computed;
 
 /// Hidden Markov model: where it starts, how it moves, and how likely each observation is.
 ///
-/// Without a table, an observation is an array of the likelihoods of all states (of any scale), or
-/// of their logarithms; with one, it is a symbol, an integer from 0.
+/// With a table, an observation is a symbol, an integer from 0. Without one, it is an array of the
+/// likelihoods of all states (on any scale), or of their logarithms.
 ///
 /// Parameters
 /// ----------
@@ -26,13 +30,15 @@ use crate::watch::computed;
 ///     Probabilities of the first state; they sum to one.
 /// moves : array or scipy.sparse matrix of shape (n, n), or three arrays
 ///     Probabilities of moves from the state of the row to that of the column; rows sum to one.
-///     Three arrays are rows, columns and probabilities of a sparse matrix, as `moves` has them.
+///     Three arrays are the rows, columns and probabilities of a sparse matrix, as in the
+///     attribute `moves`.
 /// table : array, shape (n, m), optional
 ///     Probabilities of m symbols in each state; rows sum to one.
 /// logarithms : bool
 ///     True if observations are logarithms of likelihoods.
 /// start_before_move : bool
-///     True if the first state is that before a first move, and not that of the first observation.
+///     True if `start` is the distribution before a first move, rather than at the first
+///     observation.
 ///
 /// Examples
 /// --------
@@ -61,14 +67,17 @@ impl PyHmm {
     }
 }
 
-/// Raises MemoryError if so many paths are more than there is memory, which would end the process.
+/// Raises MemoryError if the paths would not fit into memory, where the library would abort.
 fn paths_fit(states: usize, steps: usize, count: usize) -> PyResult<()> {
     let (mut bytes, mut paths) = (0_usize, 1);
     for _ in 0..steps {
-        // Paths to each state, of 16 bytes; there are no more than those to all states before.
+        // The routine keeps up to `paths` back-pointers of 16 bytes for each state of this step.
+        // A state has no more paths into it than there are paths into all states of the step
+        // before, so the lists grow from 1 by a factor of n until `count` caps them.
         bytes = bytes.saturating_add(states.saturating_mul(paths).saturating_mul(16));
         paths = states.saturating_mul(paths).min(count);
     }
+    // The paths themselves, a state of 8 bytes for each step.
     bytes = bytes.saturating_add(paths.saturating_mul(steps).saturating_mul(8));
     reserve(bytes, || format!("{count} paths of {steps} steps"))
 }
@@ -85,6 +94,7 @@ impl PyHmm {
         start_before_move: bool,
     ) -> PyResult<Self> {
         let start = array::doubles(start, "start probabilities")?;
+        // The number of states is that of the start; everything else is checked against it.
         let start = contiguous(start.as_slice(), "start")?.to_vec();
         let belief = Belief::new(start).map_err(invalid)?;
         let n = belief.states();
@@ -105,9 +115,10 @@ impl PyHmm {
         Ok(Self { model, logarithms })
     }
 
-    /// What a pickle keeps: the arguments.
+    /// Pickles the arguments of the constructor.
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
         let arguments = (self.start(py), self.moves(py)?);
+        // A plain `__reduce__` has no keyword arguments; `copyreg.__newobj_ex__` takes them.
         let named = PyDict::new(py);
         named.set_item("table", self.table(py)?)?;
         named.set_item("logarithms", self.logarithms)?;
@@ -147,7 +158,7 @@ impl PyHmm {
         self.model.table().map(|table| rows(py, table)).transpose()
     }
 
-    /// True if the first state is that before a first move.
+    /// True if `start` is the distribution before a first move.
     #[getter]
     fn start_before_move(&self) -> bool {
         matches!(self.model.prior(), Prior::BeforeFirstTransition(_))
@@ -196,7 +207,7 @@ impl PyHmm {
     }
 
     /// Returns the `count` most probable paths, best first. Raises MemoryError for more paths than
-    /// there is memory.
+    /// fit into memory.
     fn k_best(
         &self,
         py: Python<'_>,
@@ -213,21 +224,21 @@ impl PyHmm {
         Ok(paths.into_iter().map(|path| PyPath::of(py, path)).collect())
     }
 
-    /// Returns the log-likelihoods of many sequences, of any lengths; some five times as fast as
-    /// one by one if they are short.
+    /// Returns the log-likelihoods of many sequences, of any lengths. Short sequences take about a
+    /// fifth of the time that `score` would need one by one.
     ///
     /// Parameters
     /// ----------
     /// sequences : list of observations, or observations with `lengths`
-    ///     A list has a sequence in each place. With lengths, sequences follow one another in one
-    ///     array.
+    ///     Without lengths, a list with one sequence in each place; with lengths, one array in
+    ///     which the sequences follow one another.
     /// lengths : array of int, optional
     ///     Number of observations of each sequence.
     /// n_jobs : int
-    ///     Number of threads (1); -1 for one on each processor, and no more than these.
+    ///     Number of threads (1), at most one on each processor; -1 for one on each.
     /// progress : callable, optional
-    ///     Called with the number of sequences that are done, and of all, ten times a second and at
-    ///     the end.
+    ///     Called with the number of sequences done and the number of all, ten times a second and
+    ///     at the end.
     #[pyo3(signature = (sequences, lengths=None, *, n_jobs=1, progress=None))]
     fn score_all<'py>(
         &self,
@@ -245,8 +256,8 @@ impl PyHmm {
         Ok(PyArray1::from_vec(py, scores))
     }
 
-    /// Returns the probabilities of all states at each step of many sequences, of any lengths.
-    /// Arguments are those of `score_all`.
+    /// Returns the probabilities of all states at each step of many sequences, of any lengths. The
+    /// arguments are those of `score_all`.
     #[pyo3(signature = (sequences, lengths=None, *, n_jobs=1, progress=None))]
     fn smooth_all<'py>(
         &self,
@@ -264,8 +275,8 @@ impl PyHmm {
         smoothed.into_iter().map(|smoothed| PySmoothed::smoothed(py, smoothed)).collect()
     }
 
-    /// Returns the most probable paths of many sequences, of any lengths. Arguments are those of
-    /// `score_all`.
+    /// Returns the most probable paths of many sequences, of any lengths. The arguments are those
+    /// of `score_all`.
     #[pyo3(signature = (sequences, lengths=None, *, n_jobs=1, progress=None))]
     fn viterbi_all<'py>(
         &self,

@@ -1,4 +1,7 @@
-//! Parts of a model from arrays, and back.
+//! Parts of a model from arrays, and back to arrays.
+//!
+//! Python's moves have a row for the state that is left; the library's operators have a column for
+//! it. Every function here that reads or writes moves transposes.
 
 use std::sync::Arc;
 
@@ -13,7 +16,7 @@ use crate::array::{self, contiguous, matrix};
 use crate::error::{invalid, of_moves};
 use crate::typed::index;
 
-/// An operator that is stored.
+/// Operator of a model, in the form in which its moves were given.
 pub(crate) enum Operator {
     Dense(DenseTransition),
     Sparse(Box<SparseTransition>),
@@ -32,17 +35,21 @@ where
 pub(crate) fn table_of(values: &Bound<'_, PyAny>) -> PyResult<TableLikelihood> {
     let table = array::rows(values, "rows of the table")?;
     let width = table.shape()[1];
+    // A table without symbols has no rows here, and is refused by the library.
     let rows: Vec<&[f64]> = matrix(&table, width, "table")?.chunks_exact(width.max(1)).collect();
     TableLikelihood::from_rows(&rows).map_err(invalid)
 }
 
-/// Reads moves in any of their forms.
+/// Reads moves in any of their forms: a matrix of scipy, three arrays, or a dense array.
 pub(crate) fn operator(moves: &Bound<'_, PyAny>, n: usize) -> PyResult<Operator> {
+    // All of scipy's sparse classes have this method.
     if moves.hasattr("tocoo")? {
         let shape: (usize, usize) = moves.getattr("shape")?.extract()?;
         if shape != (n, n) {
             return Err(invalid(format!("moves have shape {shape:?}, expected ({n}, {n})")));
         }
+        // A copy, since `sum_duplicates` works in place. Scipy's matrices add up entries of one
+        // place by definition, while the library refuses them.
         let entries = moves.call_method1("tocoo", (true,))?;
         entries.call_method0("sum_duplicates")?;
         let part = |name: &str| entries.getattr(name);
@@ -72,23 +79,26 @@ fn sparse(
     let (from, to) = (array::indices(from, "rows")?, array::indices(to, "columns")?);
     let values = array::doubles(values, "probabilities")?;
     let values = contiguous(values.as_slice(), "probabilities")?;
+    // `zip` below would drop the rest of the longer arrays.
     if from.len() != values.len() || to.len() != values.len() {
         let (rows, columns, count) = (from.len(), to.len(), values.len());
         return Err(invalid(format!(
             "moves have {rows} rows, {columns} columns and {count} values"
         )));
     }
+    // The library's triplets are (row, column, value), and its rows are the states moved to.
     let triplets = to.into_iter().zip(from).zip(values).map(|((to, from), p)| (to, from, *p));
     let sparse = SparseTransition::from_triplets(n, triplets).map_err(|error| of_moves(&error))?;
     Ok(Operator::Sparse(Box::new(sparse)))
 }
 
-/// Returns the moves of a dense operator as an array, from the state of the row.
+/// Returns the moves of a dense operator as an array with a row for each state that is left.
 pub(crate) fn dense_moves<'py>(
     py: Python<'py>,
     operator: &DenseTransition,
 ) -> PyResult<Bound<'py, PyAny>> {
     let n = operator.states();
+    // Row-major: `at / n` is the state that is left, `at % n` the one moved to.
     let entries = (0..n * n).map(|at| operator.get(at % n, at / n)).collect();
     Ok(PyArray1::from_vec(py, entries).reshape([n, n])?.into_any())
 }

@@ -1,4 +1,4 @@
-//! Results, as Python sees them.
+//! The results `Smoothed` and `Path`: arrays that take over the memory of the library's results.
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
@@ -25,13 +25,15 @@ pub(crate) struct PySmoothed {
 }
 
 impl PySmoothed {
-    /// Creates the result over the numbers of all steps from 0 on, of which the first is left out.
+    /// Creates the result from the rows of steps 0 to T. Step 0, before the first observation, is
+    /// left out.
     fn over(
         py: Python<'_>,
         mut rows: Vec<f64>,
         states: usize,
         log_likelihood: f64,
     ) -> PyResult<Self> {
+        // Moves the rest to the front in place; a second vector might not fit into memory.
         rows.drain(..states);
         let steps = rows.len() / states;
         let probabilities = PyArray1::from_vec(py, rows).reshape([steps, states])?.unbind();
@@ -71,14 +73,14 @@ impl PySmoothed {
     }
 }
 
-/// A path.
+/// Path through the states.
 ///
 /// Attributes
 /// ----------
 /// states : array of int, shape (steps,)
 ///     The state of each observation.
 /// log_probability : float
-///     Logarithm of the probability of path and observations together.
+///     Logarithm of the joint probability of the path and the observations.
 #[pyclass(name = "Path", module = "wayfix", frozen)]
 #[derive(Debug)]
 pub(crate) struct PyPath {
@@ -88,8 +90,10 @@ pub(crate) struct PyPath {
     log_probability: f64,
 }
 
-/// Returns the states of a path in numpy's type of indices, in the same memory.
+/// Returns the states of a path in numpy's type of indices. An iterator of a vector collected into
+/// one whose elements have the same size reuses its memory.
 pub(crate) fn states_of(path: ViterbiPath) -> Vec<i64> {
+    // The library's operators and decoders store states in 32 bits.
     let signed = |state| i64::try_from(state).expect("a state has an index of 32 bits");
     path.into_states().into_iter().map(signed).collect()
 }

@@ -1,5 +1,8 @@
-//! Functions of a dense model and the log-likelihoods of all states at each step of several
-//! sequences, one after another: what `wayfix.hmmlearn` is built on.
+//! Functions beneath `wayfix.hmmlearn`: inference by a dense model, given the log-likelihoods of
+//! all states at each step of several sequences, which follow one another in one array.
+//!
+//! The Python classes compute the log-likelihoods, or `densities` does; so their families of
+//! observations, and those that a user derives from them, need nothing of the library.
 
 use std::sync::atomic::AtomicU64;
 
@@ -36,7 +39,7 @@ impl<'a> Input<'a> {
         let start = contiguous(start.as_slice(), "start probabilities")?;
         let states = start.len();
         if states == 0 {
-            return Err(invalid("there is no state, expected at least one"));
+            return Err(invalid("there are no states, expected at least one"));
         }
         let transitions = matrix(transitions, states, "transitions")?;
         if transitions.len() != states * states {
@@ -50,14 +53,16 @@ impl<'a> Input<'a> {
         Ok(Self { states, start, transitions, values, sequences })
     }
 
-    /// Creates a model with this sensor; rows of transitions are divided by their sums, which are
-    /// one up to 1e-5.
+    /// Creates a model with this sensor. Rows of transitions are divided by their sums: hmmlearn
+    /// accepts rows that sum to one up to 1e-5, and the library is stricter.
     fn model<B: Likelihood>(&self, sensor: B) -> PyResult<Hmm<DenseTransition, B>> {
         let n = self.states;
+        // The start is divided by its sum for the same reason.
         let belief = Belief::from_weights(self.start.to_vec()).map_err(invalid)?;
         let mut rows = self.transitions.to_vec();
         for row in rows.chunks_exact_mut(n) {
             let sum: f64 = row.iter().sum();
+            // A row of zeros becomes NaN, which the operator refuses.
             for p in row {
                 *p /= sum;
             }
@@ -83,10 +88,11 @@ impl<'a> Input<'a> {
     }
 }
 
-/// Returns true if each row is a distribution: no number below 0, and a sum of one up to 1e-5.
+/// True if each row is a distribution: no number below 0, and a sum of one up to 1e-5.
 #[pyfunction]
 pub(crate) fn are_distributions(rows: PyReadonlyArray2<'_, f64>) -> bool {
     let array = rows.as_array();
+    // Both comparisons are false for NaN.
     let is_one = |row: &[f64]| {
         row.iter().all(|p| *p >= 0.0) && (row.iter().sum::<f64>() - 1.0).abs() <= 1e-5
     };
@@ -127,14 +133,15 @@ pub(crate) fn smooth<'py>(
     let mut scores = Vec::with_capacity(lengths.len());
     let mut posteriors = Vec::new();
     let run = |watch: &Watch| {
-        // Step 0 is before the first observation. One result is kept as it is: a copy may be more
-        // than the memory holds.
+        // The first row of a result is step 0, before the first observation. A single result is
+        // kept in its own memory: a copy beside it may be more than fits.
         let keep = |smoothed: SmoothedSequence| {
             let log_likelihood = smoothed.log_likelihood();
             if lengths.len() == 1 {
                 posteriors = smoothed.into_posteriors().into_vec();
                 posteriors.drain(..n);
             } else {
+                // Reserves room for all sequences at the first, and nothing later.
                 posteriors.reserve_exact(input.values.len() - posteriors.len());
                 posteriors.extend_from_slice(&smoothed.posteriors().as_slice()[n..]);
             }
@@ -172,8 +179,8 @@ pub(crate) fn viterbi<'py>(
     Ok((PyArray1::from_vec(py, scores), PyArray1::from_vec(py, states)))
 }
 
-/// Returns what a re-estimation needs: the log-likelihood of all sequences, the probabilities of
-/// all states at each step, and the expected numbers of starts and of moves (from, to).
+/// Returns the expectations for an M-step: the log-likelihood of all sequences, the probabilities
+/// of all states at each step, and the expected numbers of starts and of moves (from, to).
 #[pyfunction]
 #[expect(clippy::type_complexity, reason = "a tuple of arrays, as Python's callers take it")]
 pub(crate) fn expectations<'py>(
@@ -186,10 +193,12 @@ pub(crate) fn expectations<'py>(
 {
     let input = Input::new(&start, &transitions, &logs, &lengths)?;
     let n = input.states;
+    // Zero bits are the number 0. Each row is written by the thread that has its sequence.
     let bits: Vec<AtomicU64> = input.values.iter().map(|_| AtomicU64::new(0)).collect();
     let hmm = input.model(Recorder::new(n, input.values, &bits))?;
     let run = |watch: &Watch| hmm.expectations(&input.watched(watch));
     let (expected, failed) = computed(py, run)?;
+    // hmmlearn has no notion of leaving a sequence out: the first that fails raises.
     if let Some(error) = failed.first() {
         return Err(of_sequence(py, error));
     }

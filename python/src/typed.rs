@@ -1,4 +1,4 @@
-//! Arrays of other types than doubles, and columns whose entries may be missing.
+//! Arrays of other types than doubles, columns with missing entries, and counts.
 
 use std::num::NonZero;
 
@@ -10,7 +10,8 @@ use pyo3::prelude::*;
 use crate::array::{borrowed, converted};
 use crate::error::invalid;
 
-/// Rows of a matrix, which may have no columns.
+/// Rows of a matrix, which may have no columns; so the number of rows is kept, since it does not
+/// follow from the values.
 #[derive(Debug)]
 pub(crate) struct Rows<'a, T> {
     values: &'a [T],
@@ -27,7 +28,7 @@ impl<'a, T: Element> Rows<'a, T> {
 }
 
 impl<'a, T> Rows<'a, T> {
-    /// Creates rows of values that were made from such an array.
+    /// Creates rows of the same shape over other values, one for each of these.
     pub(crate) fn with<'b, U>(&self, values: &'b [U]) -> Rows<'b, U> {
         Rows { values, count: self.count, width: self.width }
     }
@@ -59,7 +60,8 @@ pub(crate) fn floats<'py>(
     values: &Bound<'py, PyAny>,
     what: &str,
 ) -> PyResult<PyReadonlyArray1<'py, f32>> {
-    // The usual one, of a live camera.
+    // The usual case is the array of a live camera, for which the conversion would cost more than
+    // the step.
     if let Some(array) = borrowed(values) {
         return Ok(array);
     }
@@ -82,7 +84,7 @@ pub(crate) fn integer_rows<'py>(
     converted(values, what, ("iu", "int64"), 2)?.extract()
 }
 
-/// Reads doubles of which some may be missing, as NaN; nothing at all is no value.
+/// Reads doubles with NaN for missing ones; `None` is an empty vector.
 pub(crate) fn optional(
     values: Option<&Bound<'_, PyAny>>,
     what: &str,
@@ -92,12 +94,12 @@ pub(crate) fn optional(
     let array = crate::array::doubles(values, what)?;
     let values = array.as_slice().map_err(invalid)?;
     if values.len() != expected {
-        return Err(invalid(format!("{what} are {}, expected {expected}", values.len())));
+        return Err(invalid(format!("found {} {what}, expected {expected}", values.len())));
     }
     Ok(values.iter().map(|value| (!value.is_nan()).then_some(*value)).collect())
 }
 
-/// A number of something, from Python: at least 0.
+/// Count from Python: an integer of at least 0.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Size(pub(crate) usize);
 
@@ -106,11 +108,9 @@ impl FromPyObject<'_, '_> for Size {
 
     fn extract(value: Borrowed<'_, '_, PyAny>) -> PyResult<Self> {
         value.extract().map(Self).map_err(|error: PyErr| {
+            // A negative or a huge integer overflows; a value of another type keeps its TypeError.
             if error.is_instance_of::<PyOverflowError>(value.py()) {
-                return invalid(format!(
-                    "{} is no number of anything, expected 0 or more",
-                    &*value
-                ));
+                return invalid(format!("{} is not a valid count, expected 0 or more", &*value));
             }
             error
         })
@@ -124,8 +124,9 @@ pub(crate) fn threads(n_jobs: isize) -> PyResult<usize> {
         return Err(invalid("n_jobs is 0, expected a number of threads, or -1 for all processors"));
     }
     let processors = std::thread::available_parallelism().map_or(1, NonZero::get);
+    // `unsigned_abs` holds the smallest integer, too.
     let count = n_jobs.unsigned_abs();
-    // More threads than processors gain nothing, and there may be no more.
+    // More threads than processors gain nothing, and the system may refuse to start them.
     Ok(if n_jobs < 0 {
         (processors + 1).saturating_sub(count).max(1)
     } else {
@@ -133,7 +134,7 @@ pub(crate) fn threads(n_jobs: isize) -> PyResult<usize> {
     })
 }
 
-/// Returns an index as Python's integers.
+/// Returns an index as numpy's integer; `None` is -1.
 pub(crate) fn index(value: Option<usize>) -> i64 {
     value.map_or(-1, |value| i64::try_from(value).unwrap_or(i64::MAX))
 }

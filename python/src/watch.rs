@@ -1,13 +1,13 @@
-//! Ctrl-C while something is computed, without the global lock.
+//! Ctrl-C during a computation without the global lock.
 //!
-//! Routines that ask for their input piece by piece look for signals as they do: a [`Watch`] looks
-//! when an observation or a query is read. A handler that raises (that of Ctrl-C does) ends the
-//! routine by unwinding, which the library's results and models do not notice: nothing of a batch
-//! routine outlives it. [`computed`] does that.
+//! Routines that read their input piece by piece look for signals as they read: a [`Watch`] looks
+//! when an observation or a query is asked for. A handler that raises (that of Ctrl-C does) ends
+//! the routine by unwinding. That is sound since nothing of a batch routine outlives it: models are
+//! only read, and a result exists only once it is complete. [`computed`] does that.
 //!
 //! Routines that are given all of their input at once cannot look. [`in_background`] runs them on
-//! another thread while this one looks: after Ctrl-C the caller goes on at once, and the other
-//! thread goes on unseen, until it is done or notices that its watch is stopped.
+//! another thread while this one looks: after Ctrl-C the caller continues at once, and the other
+//! thread continues unseen, until it is done or notices that its watch is stopped.
 
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
@@ -24,10 +24,10 @@ use crate::error::invalid;
 
 /// Number of observations between two looks at the clock.
 const OFTEN: u32 = 64;
-/// Time between two looks for signals, each of which waits for the global lock.
+/// Time between two looks for signals, since each look waits for the global lock.
 pub(crate) const PAUSE: Duration = Duration::from_millis(100);
 
-/// Looks for signals, now and then. Counts are approximate if threads share it.
+/// Looks for signals from time to time. Counts are approximate if threads share it.
 #[derive(Debug)]
 pub(crate) struct Watch {
     start: Instant,
@@ -51,7 +51,7 @@ impl Watch {
         self.stopped.store(true, Ordering::Relaxed);
     }
 
-    /// True if nobody waits for the result any longer.
+    /// True if the result is no longer wanted.
     pub(crate) fn is_stopped(&self) -> bool {
         self.stopped.load(Ordering::Relaxed)
     }
@@ -76,6 +76,8 @@ impl Watch {
 
     #[inline]
     fn read(&self) {
+        // A load and a store, where `fetch_add` would lock the line at each observation: a count
+        // that a race loses only delays the next look.
         let reads = self.reads.load(Ordering::Relaxed).wrapping_add(1);
         self.reads.store(reads, Ordering::Relaxed);
         if reads.is_multiple_of(OFTEN) {
@@ -85,10 +87,13 @@ impl Watch {
 
     #[cold]
     fn look(&self) {
+        // `resume_unwind` rather than `panic!`: the panic hook would print a message.
         if self.is_stopped() {
             resume_unwind(Box::new(()));
         }
         let now = millis(self.start.elapsed());
+        // Attaching waits for the global lock, which another thread may hold for long; so it is
+        // done ten times a second at most.
         if now >= self.next.load(Ordering::Relaxed) {
             self.next.store(now + millis(PAUSE), Ordering::Relaxed);
             let looked = Python::attach(|py| {
@@ -106,12 +111,13 @@ fn millis(time: Duration) -> u64 {
     u64::try_from(time.as_millis()).unwrap_or(u64::MAX)
 }
 
-/// Ends what is computed, which then raises the exception.
+/// Ends the computation, which then raises the exception.
 pub(crate) fn unwind(exception: PyErr) -> ! {
     resume_unwind(Box::new(exception))
 }
 
-/// A query that looks for signals as it is read: each may be compared with many references.
+/// Query that looks for signals as it is read. It looks each time, not each 64th, since a query may
+/// be compared with many references.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct WatchedRow<'a> {
     row: &'a [f32],
@@ -125,7 +131,7 @@ impl AsRef<[f32]> for WatchedRow<'_> {
     }
 }
 
-/// A sequence that looks for signals as it is read.
+/// Sequence that looks for signals as it is read.
 #[derive(Debug)]
 pub(crate) struct Watched<'w, S> {
     sequence: S,
@@ -148,7 +154,7 @@ impl<U, Y: ?Sized, S: Sequence<U, Y>> Sequence<U, Y> for Watched<'_, S> {
     }
 }
 
-/// Computes without the global lock. Raises what a signal handler raised, and `Error` for a
+/// Computes without the global lock. Raises the exception of a signal handler, and `Error` for a
 /// panic, which is a defect.
 pub(crate) fn computed<T: Send>(
     py: Python<'_>,
@@ -158,8 +164,8 @@ pub(crate) fn computed<T: Send>(
     py.detach(|| caught(|| compute(&watch))).map_err(defect)
 }
 
-/// Computes on another thread. Raises what a signal handler raised at once; the watch of the
-/// other thread is then stopped.
+/// Computes on another thread. Raises the exception of a signal handler at once, and stops the
+/// watch of the other thread.
 pub(crate) fn in_background<T: Send + 'static>(
     py: Python<'_>,
     compute: impl FnOnce(&Watch) -> T + Send + 'static,
@@ -167,7 +173,8 @@ pub(crate) fn in_background<T: Send + 'static>(
     in_background_with(py, compute, || Ok(()))
 }
 
-/// Computes as `in_background`, and reports from time to time; an error of that ends it, too.
+/// Computes as `in_background` does, and reports from time to time; an error of the report ends the
+/// wait, too.
 pub(crate) fn in_background_with<T: Send + 'static>(
     py: Python<'_>,
     compute: impl FnOnce(&Watch) -> T + Send + 'static,
@@ -177,12 +184,14 @@ pub(crate) fn in_background_with<T: Send + 'static>(
     let watch = Arc::new(Watch::new());
     let own = Arc::clone(&watch);
     let work = move || {
-        // Nobody listens after Ctrl-C.
+        // After Ctrl-C there is no receiver, and the result is dropped.
         let _ = sender.send(caught(|| compute(&own)));
     };
     Builder::new().spawn(work).map_err(invalid)?;
     loop {
         let next;
+        // Without the lock only values that are `Send` may be used. A receiver is, a shared
+        // reference to it is not: the receiver goes in and comes back.
         (next, receiver) = py.detach(move || (receiver.recv_timeout(PAUSE), receiver));
         match next {
             Ok(done) => return done.map_err(defect),
@@ -197,14 +206,16 @@ pub(crate) fn in_background_with<T: Send + 'static>(
     }
 }
 
-/// Computes; returns the payload if that unwinds.
+/// Computes, and returns the payload if that unwinds.
 pub(crate) fn caught<T>(compute: impl FnOnce() -> T) -> Result<T, Box<dyn Any + Send>> {
+    // Unwind safe by the argument at the top: nothing that was being changed is seen again.
     catch_unwind(AssertUnwindSafe(compute))
 }
 
-/// Makes an exception of the payload of what unwound.
+/// Makes an exception of the payload of an unwinding.
 pub(crate) fn defect(payload: Box<dyn Any + Send>) -> PyErr {
     match payload.downcast::<PyErr>() {
+        // From `unwind`: not a panic at all.
         Ok(raised) => *raised,
         Err(other) => {
             let text = other.downcast_ref::<String>().map(String::as_str);

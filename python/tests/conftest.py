@@ -1,4 +1,4 @@
-"""Help for several tests."""
+"""Fixtures for several tests."""
 
 import _thread
 import threading
@@ -9,15 +9,15 @@ import pytest
 
 
 def threads():
-    """Number of threads of this process, of which other tests may have left some, or 0 where nobody tells."""
+    """Number of threads of this process, including those left by other tests; 0 on systems that do not tell."""
     tasks = Path("/proc/self/task")
     return len(list(tasks.iterdir())) if tasks.is_dir() else 0
 
 
 @pytest.fixture
 def interrupted():
-    """Calls something that takes long, with Ctrl-C after a while; it must raise within a second, and, unless it
-    `goes_on` in the background, end."""
+    """Makes a long call and presses Ctrl-C after a while. The call must raise within a second, and its threads must
+    end unless it `goes_on` in the background."""
 
     def call(work, goes_on=False):
         pressed, before = [], threads()

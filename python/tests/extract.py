@@ -1,4 +1,4 @@
-"""A small OpenStreetMap extract (.osm.pbf), written by hand."""
+"""Writes small OpenStreetMap extracts (.osm.pbf) without a library."""
 
 import struct
 import zlib
@@ -13,7 +13,7 @@ def varint(value):
 
 
 def field(number, value):
-    """A field of a message: an integer, or bytes."""
+    """Returns a field of a message: an integer, or bytes."""
     if isinstance(value, int):
         return varint(number << 3) + varint(value)
     return varint(number << 3 | 2) + varint(len(value)) + value
@@ -24,7 +24,7 @@ def packed(number, values):
 
 
 def deltas(values):
-    """Differences, in the zigzag form of signed numbers."""
+    """Returns differences, as zigzag-encoded signed numbers."""
     steps = [b - a for a, b in zip([0, *values], values)]
     return [step << 1 if step >= 0 else (-step << 1) - 1 for step in steps]
 
@@ -36,7 +36,7 @@ def blob(kind, message):
 
 
 def extract(nodes, ways, relations=()):
-    """Bytes of a file.
+    """Returns the bytes of a file.
 
     Nodes are (id, lat, lon), ways (id, ids of nodes, tags), relations (tags, members), and members (role,
     0 for a node or 1 for a way, id).

@@ -1,4 +1,4 @@
-"""Runs the tests that hmmlearn ships in its wheel, with `wayfix.hmmlearn` in its place.
+"""Runs the tests that hmmlearn ships in its wheel, with `wayfix.hmmlearn` in place of hmmlearn.
 
     python tests/hmmlearn_suite.py
 
@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-#: Tests of what is not of the interface, or of answers that differ on purpose.
+#: Tests of internals, and of answers that differ on purpose.
 DIFFERENT = {
     "test_do_forward_scaling_pass": "a function of hmmlearn's compiled part",
     "test_do_forward_pass": "a function of hmmlearn's compiled part",
@@ -22,12 +22,12 @@ DIFFERENT = {
     "test_underflow_from_scaling[scaling]": "expects an error where likelihoods underflow; they do not",
     "test_chunked[full]": "after ten iterations, two different models are 0.002 apart, 0.001 is allowed",
 }
-#: Files of variational inference, which there is none of here.
+#: Files about variational inference, which is not included here.
 LEFT_OUT = ["test_kl_divergence.py", "test_variational_categorical.py", "test_variational_gaussian.py"]
 
 
 class Outcomes:
-    """Failures that are not meant, and differences that are none."""
+    """Plugin of pytest that counts outcomes, and collects unexpected failures and expected ones that did not occur."""
 
     def __init__(self):
         self.wrong = []
@@ -53,14 +53,14 @@ def main():
     import wayfix.hmmlearn
     from wayfix.hmmlearn import base, hmm, utils
 
-    # `_hmmc` stands for the compiled part, of which there is nothing.
+    # `_hmmc` stands for hmmlearn's compiled part, and is empty here.
     wayfix.hmmlearn._hmmc = utils
     stands_in = {"": wayfix.hmmlearn, ".base": base, ".hmm": hmm, ".utils": utils, "._hmmc": utils}
     for name in [name for name in sys.modules if name.split(".")[0] == "hmmlearn"]:
         del sys.modules[name]
     for name, module in stands_in.items():
         sys.modules["hmmlearn" + name] = module
-    # The tests are found as a package of the one that stands in.
+    # The tests are found as a package within `wayfix.hmmlearn`.
     wayfix.hmmlearn.__path__.append(str(tests.parent))
     outcomes = Outcomes()
     ignored = [f"--ignore={tests / name}" for name in LEFT_OUT]

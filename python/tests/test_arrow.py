@@ -1,4 +1,4 @@
-"""Arrow's columns through the PyCapsule interface, beside what polars and pyarrow make of them."""
+"""Arrow columns through the PyCapsule interface, compared with polars and pyarrow."""
 
 import datetime
 import decimal
@@ -19,7 +19,7 @@ from wayfix.recognition import Recognizer
 
 
 class Stream:
-    """A table of a package that wayfix has never heard of; it can be read once."""
+    """A table of a package unknown to wayfix; it can be read once."""
 
     def __init__(self, table):
         self._stream = table.__arrow_c_stream__()
@@ -125,7 +125,7 @@ def test_memory_outlives_its_makers():
     del made
     gc.collect()
     assert sums == pytest.approx([values.sum() for values in read])
-    # Also where the process ends first.
+    # Also if the process ends first.
     program = "import polars as pl, pyarrow as pa, wayfix.arrow as a; t = a.Table(x=[1.0]); f, g = pl.DataFrame(t), pa.table(t); s = t.__arrow_c_stream__()"
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
 
@@ -162,7 +162,7 @@ def test_descriptors_in_a_column_of_lists():
     for column in (pl.Series(rows.tolist()), pa.array(rows.tolist()), pl.Series(rows)):
         found = Recognizer(column).recording(column[5:20]).filtered().probabilities
         np.testing.assert_allclose(found, expected, atol=1e-6)
-    with pytest.raises(wayfix.Error, match="list 1 has 1 values, expected 2 as the first"):
+    with pytest.raises(wayfix.Error, match="list 1 has 1 values, expected 2, the length of the first"):
         Recognizer(pl.Series([[1.0, 2.0], [3.0]]))
 
 
@@ -190,11 +190,11 @@ def test_points_from_a_stream():
     (lambda: matrix(pa.array([decimal.Decimal(1)])), "type Decimal128"),
     (lambda: (lambda stream: [columns(stream) for _ in range(2)])(Stream(TABLE)), "taken before"),
     (lambda: columns(type("Odd", (), {"__arrow_c_stream__": lambda self, _=None: TABLE.schema.__arrow_c_schema__()})()), "incorrect name"),
-    (lambda: columns(type("Odd", (), {"__arrow_c_stream__": lambda self, _=None: 3})()), "is no capsule"),
+    (lambda: columns(type("Odd", (), {"__arrow_c_stream__": lambda self, _=None: 3})()), "is not a capsule"),
     (lambda: Table(x=[1, 2], y=[1]).__arrow_c_stream__(), "column \"y\" has 1 rows, expected 2"),
     (lambda: Table(x=np.zeros((1, 1, 1))).__arrow_c_stream__(), "3 axes"),
-    (lambda: Table(x=Lists(np.zeros(2), np.array([0, 3]))).__arrow_c_stream__(), "offsets do not lead"),
-    (lambda: Table(x=Lists(np.zeros(2), np.array([0, 2, 1, 2]))).__arrow_c_stream__(), "offsets do not lead"),
+    (lambda: Table(x=Lists(np.zeros(2), np.array([0, 3]))).__arrow_c_stream__(), "offsets do not ascend"),
+    (lambda: Table(x=Lists(np.zeros(2), np.array([0, 2, 1, 2]))).__arrow_c_stream__(), "offsets do not ascend"),
     (lambda: sequences({"x": [1]}, "y"), "column 'y' cannot be read"),
     (lambda: sequences({"x": [1], "id": [1, 2]}, "x", by="id"), "2 rows, expected 1"),
     (lambda: Lists.of([[[1]]]), "more than one axis"),

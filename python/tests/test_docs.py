@@ -32,7 +32,7 @@ def test_every_public_method_is_documented():
         if isinstance(public, type):
             assert public.__doc__, name
             for method in [m for m in vars(public) if not m.startswith("_")]:
-                # Attributes of exceptions and results stand in the text of the class.
+                # Attributes of exceptions and results are documented in the class's docstring.
                 if name not in ("Error", "Path", "Smoothed"):
                     assert getattr(public, method).__doc__, f"{name}.{method}"
 

@@ -1,4 +1,4 @@
-"""Examples of the docstrings of all that is for vehicles run, and each method has a docstring."""
+"""Examples in the docstrings of the modules for vehicles run, and each method has a docstring."""
 
 import doctest
 import inspect

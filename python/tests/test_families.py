@@ -1,4 +1,4 @@
-"""Families of several numbers, of directions, and beside zeros: densities of scipy, and steps of learning in numpy."""
+"""Families of several numbers, of directions, and with zeros, against densities of scipy and M-steps in numpy."""
 
 import functools
 import pickle
@@ -50,7 +50,7 @@ def beside(law, p, kind):
 
 
 def points_and_zeros(law, p):
-    """A point mass at 0 beside a density."""
+    """A point mass at 0 mixed with a density."""
     return lambda y: np.where(y[:, 0] == 0, np.log(p), np.log1p(-p) + law.logpdf(np.maximum(y[:, 0], 1e-300)))
 
 
@@ -179,7 +179,7 @@ def test_learning_ends_at_a_maximum(kind):
 
 
 def copied(parameters, names):
-    """The parameters of these names alone."""
+    """Only the parameters with these names."""
     return {name: copied(parameters[name], of) if isinstance(of, dict) else [list(row) for row in parameters[name]]
             for name, of in names.items()}
 
@@ -227,7 +227,7 @@ def test_a_step_of_learning_in_closed_form():
         mean = np.average(rows, axis=0, weights=weights)
         length = np.linalg.norm(mean)
         np.testing.assert_allclose(found["means"][k], mean / length, rtol=1e-9)
-        # In three dimensions, coth(x) - 1/x is the length.
+        # In three dimensions, the mean resultant length is coth(x) - 1/x.
         x = found["concentrations"][k]
         assert 1 / np.tanh(x) - 1 / x == pytest.approx(length, rel=1e-9)
 

@@ -1,4 +1,4 @@
-"""Columns of points as they come: what is missing, dates of all kinds, names that clash, and threads."""
+"""Columns of points as users have them: missing values, dates of all types, clashing names, and threads."""
 
 import datetime
 import pickle
@@ -86,7 +86,7 @@ KINDS = {"pandas": lambda frame: frame, "polars": pl.from_pandas, "pyarrow": pa.
 def test_columns_are_not_overwritten(matcher, frame, kind):
     given = KINDS[kind](frame.assign(edge=7, probability=0.5))
     matched = matcher.match_trips(given, "id")
-    with pytest.raises(wayfix.Error, match="points have a column 'edge', as the answers do: give these a prefix"):
+    with pytest.raises(wayfix.Error, match="both the points and the answers have a column 'edge': give the answers a prefix"):
         matched.points()
     points = matched.points(prefix="road_")
     assert set(np.asarray(points["edge"])) == {7}
@@ -161,7 +161,7 @@ def test_what_is_no_frame_or_column(matcher, frame):
 
 
 def test_times_and_names_of_roads(matcher, frame):
-    """The lines of the README."""
+    """The pandas example of the README."""
     _, edges = town()
     edges = pd.DataFrame(edges).assign(name=lambda edges: "street " + edges["from"].astype(str))
     frame = matcher.match_trips(frame, "id").points()

@@ -1,4 +1,4 @@
-"""`wayfix.Hmm` against the enumeration of all paths, and what arrays may be."""
+"""`wayfix.Hmm` against the enumeration of all paths, and the arrays that it accepts."""
 
 import copy
 import itertools
@@ -22,7 +22,7 @@ def random_model(rng, zeros=0.3):
 
 
 def enumerate_paths(start, moves, likelihoods, before):
-    """All paths with a probability, by the probability of path and observations."""
+    """All possible paths, sorted by the joint probability of path and observations."""
     steps, n = likelihoods.shape
     found = {}
     for path in itertools.product(range(n), repeat=steps + before):
@@ -70,7 +70,7 @@ def test_all_paths(seed):
         forward = hmm.forward(ys)
         np.testing.assert_allclose(forward.probabilities[-1], marginals[-1], atol=1e-12)
         best = hmm.viterbi(ys)
-        # A state before the first observation is summed over.
+        # The state before the first observation is summed out.
         scores = {}
         for path, p in paths.items():
             scores[path[before:]] = scores.get(path[before:], 0) + p

@@ -1,4 +1,4 @@
-"""`wayfix.hmmlearn` beside hmmlearn, and as an estimator of scikit-learn."""
+"""`wayfix.hmmlearn` compared with hmmlearn, and as scikit-learn estimators."""
 
 import copy
 import inspect
@@ -25,7 +25,7 @@ CASES = [("GaussianHMM", {"covariance_type": kind}) for kind in COVARIANCES] + [
 
 
 def case(module, name, options, seed=0, n=4, **more):
-    """A model with a start, and data of five sequences."""
+    """A model with its parameters set, and five sequences."""
     rng = np.random.RandomState(seed)
     lengths, d = [60, 1, 45, 120, 30], 3
     rows = sum(lengths)
@@ -65,12 +65,12 @@ def test_inference_is_the_same(name, options):
     for algorithm in ["viterbi", "map"]:
         found, expected = (m.decode(X, lengths, algorithm) for m in (b, a))
         assert found[0] == pytest.approx(expected[0], rel=1e-11)
-        # Counts repeat, and paths of the same probability with them.
+        # Counts repeat, so that paths may tie.
         same = found[1] == expected[1]
         assert same.mean() > 0.95 if name == "MultinomialHMM" else same.all()
     assert (b.predict(X, lengths) == b.decode(X, lengths)[1]).all()
     if name != "GMMHMM":
-        # A mixture's weights are counted once there, whatever the number of states.
+        # hmmlearn counts a mixture's weights once, whatever the number of states.
         assert b.aic(X, lengths) == pytest.approx(a.aic(X, lengths), rel=1e-10)
         assert b.bic(X, lengths) == pytest.approx(a.bic(X, lengths), rel=1e-10)
     np.testing.assert_allclose(b.get_stationary_distribution(), a.get_stationary_distribution(), atol=1e-12)
@@ -97,7 +97,7 @@ def test_twenty_iterations_are_the_same(name, options, prior):
         if hasattr(a, parameter):
             found, expected = getattr(b, parameter), getattr(a, parameter)
             if parameter == "covars_" and a.covariance_type == "spherical":
-                # Fitted, there is a matrix for each column of each state.
+                # After `fit`, hmmlearn has a matrix for each column of each state.
                 expected = expected[::3]
             np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-8)
 
@@ -116,7 +116,7 @@ def test_expectations_of_any_lengths_are_the_same(lengths):
     for length in lengths:
         rows = X[begin:begin + length]
         begin += length
-        # Moves by the definition, with logarithms.
+        # Expected moves by their definition, in logarithms.
         logs = model._compute_log_likelihood(rows)
         with np.errstate(divide="ignore"):
             start, moves = np.log(model.startprob_), np.log(model.transmat_)
@@ -141,7 +141,7 @@ def test_a_mixture_never_gets_worse(kind):
     model.fit(X, lengths)
     history = np.array(model.monitor_.history)
     assert (np.diff(history) > -1e-8).all() and history[-1] > history[0] + 10
-    # Each part is where its weights have their mean, with the covariance about that.
+    # The mean of each part is the weighted mean of the rows, and its covariance is about that mean.
     stats, _ = model._do_estep(X, lengths)
     before = copy.deepcopy(model)
     model._do_mstep(stats)
@@ -251,7 +251,7 @@ def test_hmmlearns_own_suite():
 
 
 #: Checks of scikit-learn that hmmlearn passes and this does not.
-DIFFERENT_CHECKS = {("PoissonHMM", "check_fit2d_1sample"): "counts that are no whole numbers are an error before the number of rows is"}
+DIFFERENT_CHECKS = {("PoissonHMM", "check_fit2d_1sample"): "counts that are not whole numbers are reported before the number of rows"}
 
 
 @pytest.mark.filterwarnings("ignore")

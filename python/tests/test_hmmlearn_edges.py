@@ -1,4 +1,4 @@
-"""`wayfix.hmmlearn` where data are few, narrow, or not what they should be."""
+"""`wayfix.hmmlearn` with little data, narrow types, and invalid data."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What arrays may not be, memory that ends, and signals."""
+"""Invalid arrays, exhausted memory, and signals."""
 
 import copy
 import pickle
@@ -160,7 +160,7 @@ def test_sizes_that_nobody_means():
 
 
 def long_calls():
-    """Calls of some seconds each."""
+    """Calls that take a few seconds each."""
     from wayfix import _wayfix
 
     rng = np.random.default_rng(3)

@@ -116,7 +116,7 @@ def test_families(kind):
     np.testing.assert_allclose(found, np.array([log(values) for log in density]).T, rtol=1e-9, atol=1e-12)
     again = pickle.loads(pickle.dumps(family))
     assert (again.kind, again.parameters) == (kind, family.parameters)
-    # Learned from two states that stay for long, the likelihood never falls.
+    # Learned from two persistent states; the likelihood never falls.
     rng = np.random.default_rng(2)
     states = np.repeat([0, 1, 0, 1], 60)
     drawn = np.where(states == 0, laws[0].rvs(240, random_state=rng), laws[1].rvs(240, random_state=rng))

@@ -1,4 +1,4 @@
-"""Roads and GPS points against a simulated town and geometry in numpy, and frames of all kinds."""
+"""Roads and GPS points in a simulated town, checked by geometry in numpy; frames of all types."""
 
 import copy
 import csv
@@ -77,7 +77,7 @@ def test_network(tmp_path, matcher):
         back = edges["reverse"][edge]
         assert (edges["from"][back], edges["to"][back]) == (edges["to"][edge], edges["from"][edge])
         np.testing.assert_allclose(network.shape(edge), [place[edges[end][edge]] for end in ("from", "to")])
-    # The same from its own columns, from files, and from frames of all kinds.
+    # The same network from its own columns, from files, and from frames of all types.
     again = RoadNetwork(nodes, edges)
     np.testing.assert_array_equal(again.edges["length_m"], edges["length_m"])
     assert again.report == network.report and "not known" not in again.report
@@ -122,13 +122,13 @@ def test_a_drive(matcher, seed):
     inside = (rest > 15) & (rest < BLOCK - 15)
     assert (roads.edge == truth)[inside].mean() > 0.95
     assert roads.probability[inside & (roads.edge == truth)].mean() > 0.8
-    # Where the road is right, the answer is the foot of the position, up to the noise along it.
+    # If the road is right, the answer is the projection of the position, up to the noise along the road.
     right = inside & (roads.edge == truth)
     assert np.abs(roads.metres_along - rest)[right].max() < 15
     lat, lon = roads.positions.T
     off = np.hypot((lat - points["lat"]) * DEGREE, (lon - points["lon"]) * DEGREE * np.cos(np.radians(LAT)))
     assert off[right].max() < 15
-    # Probabilities of a point sum to one, and give its entropy.
+    # The probabilities of a point sum to one, and their entropy is that of the answer.
     for k in range(0, len(found), 7):
         edges, p = found.edges(k)
         every = np.append(p, roads.off_road[k])
@@ -139,7 +139,7 @@ def test_a_drive(matcher, seed):
         inner = found.credible(k, 0.9)
         assert inner.probability >= 0.9 and (inner.exit > inner.enter).all()
     assert found.log_likelihood == pytest.approx(found.log_normalizers.sum())
-    # The route is connected, as long as the drive, and the first of several.
+    # The route is connected, is as long as the drive, and comes first among several.
     route, edges = found.route, matcher.network.edges
     assert (edges["to"][route.edge[:-1]] == edges["from"][route.edge[1:]]).all()
     assert route.metres == pytest.approx(880, abs=40) == found.metres
@@ -207,7 +207,7 @@ def test_trips_of_a_frame(matcher, kind):
     np.testing.assert_array_equal(column(points, "from"), edges["from"][column(points, "edge")])
     assert len(matched) == 9 and matched.skipped == 0 and not matched.failed
     np.testing.assert_array_equal(column(points, "lat"), pandas["lat"].to_numpy())
-    # One by one, sorted by hand.
+    # The same as one by one, sorted by hand.
     routes = {name: column(matched.routes(), name) for name in ("vehicle", "seq", "edge", "enter_m", "exit_m")}
     assert list(dict.fromkeys(routes["vehicle"])) == list(dict.fromkeys(pandas["vehicle"]))
     for name, trip in pandas.reset_index(drop=True).groupby("vehicle"):
@@ -268,7 +268,7 @@ def test_columns_with_nulls_and_zones(matcher):
 def test_learning(matcher):
     rng = np.random.default_rng(0)
     frames = frame_of(matcher.network, range(12), 1)
-    # Twelve metres of noise without memory.
+    # Twelve metres of independent noise.
     frames["lat"] += rng.normal(scale=12 / DEGREE, size=len(frames))
     frames["lon"] += rng.normal(scale=12 / DEGREE / np.cos(np.radians(LAT)), size=len(frames))
     learned = matcher.learn(frames, "vehicle", iterations=8)
@@ -308,7 +308,7 @@ ONE = {"time": [0.0, 1.0], "lat": [LAT, LAT], "lon": [LON, LON]}
 @pytest.mark.parametrize(("call", "message"), [
     (lambda m: m.match_drive({}), "no column time or timestamp"),
     (lambda m: m.match_drive(3), "a frame is a int"),
-    (lambda m: m.match_drive(ONE | {"lat": [LAT]}), "latitudes are 1, expected 2"),
+    (lambda m: m.match_drive(ONE | {"lat": [LAT]}), "found 1 latitudes, expected 2"),
     (lambda m: m.match_drive(ONE | {"lat": [[LAT, LAT]]}), "has 2 axes"),
     (lambda m: m.match_drive(ONE | {"lat": ["a", "b"]}), "latitudes have type"),
     (lambda m: m.match_drive(ONE | {"lat": [[1], [1, 2]]}), "column 'lat' cannot be read"),
@@ -324,7 +324,7 @@ ONE = {"time": [0.0, 1.0], "lat": [LAT, LAT], "lon": [LON, LON]}
     (lambda m: m.match_trips(ONE, estimator="best"), "the estimator is"),
     (lambda m: m.match_trips(ONE, errors="ignore"), "expected 'raise' or 'skip'"),
     (lambda m: m.match_trips(ONE, lag=-1), "-1"),
-    (lambda m: m.match_drive(ONE).edges(2), "point 2 of 2"),
+    (lambda m: m.match_drive(ONE).edges(2), "no point 2"),
     (lambda m: m.match_drive(ONE).credible(0, 1.5), "mass is 1.5"),
     (lambda m: m.start(0, 100, 0), "latitude 100"),
     (lambda m: m.start(0, LAT, LON).step(0, LAT, LON), "time 0"),
@@ -334,8 +334,8 @@ ONE = {"time": [0.0, 1.0], "lat": [LAT, LAT], "lon": [LON, LON]}
     (lambda m: m.with_model(noise=-1), "noise is -1"),
     (lambda m: m.with_model(nois=1), "unknown field `nois`"),
     (lambda m: m.learn(ONE | {"lat": [LAT, 100.0]}), "drive 0.*latitude 100"),
-    (lambda m: m.network.shape(10**6), "edge 1000000 of 120"),
-    (lambda m: m.network.edge_between(-1, 0), "-1 is no number"),
+    (lambda m: m.network.shape(10**6), "no edge 1000000"),
+    (lambda m: m.network.edge_between(-1, 0), "-1 is not a valid count"),
     (lambda m: RoadNetwork(NODES, {"from": [1], "to": [9]}), "row 0 of edges.*place 9"),
     (lambda m: RoadNetwork(NODES, {"from": [1]}), "no column to"),
     (lambda m: RoadNetwork(NODES, {"from": [1, 2], "to": [2]}), "'to' has 1 rows, expected 2"),

@@ -20,7 +20,7 @@ NOTHING_ELSE = dict(noise=SIGMA, outliers=1e-12, leave_road=1e-12, stop=1e-9)
 
 @pytest.fixture(scope="module")
 def network():
-    """One-way roads to the east, 6 km long, so many metres north of the equator."""
+    """One-way roads to the east, 6 km long, at these distances in metres north of the equator."""
     ids = np.arange(2 * len(ROADS))
     nodes = {"node": ids, "lat": np.repeat(ROADS, 2) / DEGREE, "lon": np.tile([-3000, 3000], len(ROADS)) / DEGREE}
     return RoadNetwork(nodes, {"from": ids[::2], "to": ids[1::2]})
@@ -53,8 +53,8 @@ def test_one_point(network, seed, poor):
 
 @pytest.mark.parametrize("seed", range(8))
 def test_white_errors(network, seed):
-    """The forward pass of a hidden Markov model of six states: a road, and a receiver that is rough or not and
-    is exchanged once an hour."""
+    """The forward pass of a hidden Markov model of six states: a road, and a receiver that is rough or not and is
+    exchanged once an hour."""
     y = np.random.default_rng(seed).normal(6, 5, 6)
     sigma = np.array([SIGMA, 2 * SIGMA])
     share = np.array([1 - ROUGH, ROUGH])
@@ -65,14 +65,14 @@ def test_white_errors(network, seed):
         belief = (belief if k == 0 else belief @ moves) * normal(at - ROADS[:, None], sigma)
         belief /= belief.sum()
     found = probabilities(network, y, lasting=0.0, poor=1e-9)
-    # Distances along the road tell something of the reception, too: 0.0105 at most here.
+    # Distances along the road say something about the reception, too: 0.0105 at most here.
     np.testing.assert_allclose(found, belief.sum(axis=1), atol=0.02)
 
 
 @pytest.mark.parametrize("seed", range(8))
 @pytest.mark.parametrize(("lasting", "lasts"), [(0.5, 20.0), (0.9, 20.0), (0.995, 60.0)])
 def test_errors_that_last(network, seed, lasting, lasts):
-    """Joint normal densities of all points, of a receiver that stays what it is."""
+    """Joint normal densities of all points, for a receiver that does not change."""
     rng = np.random.default_rng(seed)
     time = 10.0 * np.arange(6)
     decay = np.exp(-np.abs(time[:, None] - time) / lasts)

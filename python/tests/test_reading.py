@@ -1,4 +1,4 @@
-"""What was learned can be read, and results pickled; families take matrices."""
+"""Learned parameters can be read, results can be pickled, and families take matrices."""
 
 import pickle
 
@@ -85,7 +85,7 @@ def test_covariances_are_matrices(kind):
     expected = [scipy.stats.multivariate_t(MEANS[i], full[i], df=(3, 5)[i]).logpdf(rows) for i in (0, 1)]
     np.testing.assert_allclose(student.log_likelihoods(rows), np.stack(expected, axis=1))
     np.testing.assert_array_equal(student.parameters["scales"], given)
-    # One state of the two as its parts.
+    # One state with the two as its parts.
     given = [given]
     mixture = Family("gaussian_mixture", covariance_type=kind, weights=[[0.5, 0.5]], means=[MEANS], covariances=given)
     parts = np.stack([scipy.stats.multivariate_normal(MEANS[i], full[i]).pdf(rows) for i in (0, 1)])

@@ -1,4 +1,4 @@
-"""Place recognition against a plain hidden Markov model in numpy, and what arrays may be."""
+"""Place recognition against a plain hidden Markov model in numpy, and the arrays that it accepts."""
 
 import copy
 import pickle
@@ -10,7 +10,7 @@ import wayfix
 from wayfix.evaluate import ThresholdCurve, recall_within, reliability
 from wayfix.recognition import Mapper, Recognizer
 
-# Nothing but motion at one speed and the odds of single images.
+# Only motion at one speed, and the odds of single images.
 PLAIN = {
     "closed": True,
     "speeds": {"values": [1.0], "shares": [1.0], "nearby": 0.0, "anywhere": 0.0, "slack": 0.1},
@@ -23,7 +23,7 @@ PLAIN = {
 
 
 def odds(distances, temperature):
-    """The odds of each place by a row of distances, as the library's documentation has them."""
+    """The odds of each place given a row of distances, as the library documents them."""
     centre = np.sort(distances)[len(distances) // 2]
     off = np.abs(distances - centre)
     z = (distances - centre) / (1.4826 * np.sort(off)[len(off) // 2])
@@ -44,7 +44,7 @@ def test_plain_model(seed):
     rows, _ = drive(seed)
     steps, n = rows.shape
     recognizer = Recognizer.from_distances(n, **PLAIN)
-    # The distribution of a move, from a place that a first image leaves no doubt about.
+    # The distribution of a move, from a place about which the first image leaves no doubt.
     first = recognizer.track()
     first.step(np.where(np.arange(n) == 0, 0, np.inf))
     first.predict()
@@ -75,7 +75,7 @@ def test_plain_model(seed):
         np.testing.assert_allclose(beliefs.probabilities, expected, atol=2e-5)
     single /= single.sum(axis=1, keepdims=True)
     np.testing.assert_allclose(recording.single().probabilities, single, atol=2e-5)
-    # By similarities, and live.
+    # From similarities, and live.
     track = Recognizer.from_similarities(n, **PLAIN).track()
     for k, row in enumerate(rows):
         answer = track.step(-row)
@@ -85,7 +85,7 @@ def test_plain_model(seed):
     assert answer.log_likelihood == filtered.log_likelihoods[-1]
     assert track.log_likelihood == pytest.approx(filtered.log_likelihoods.sum())
 
-    # Answers by the sums of windows, on the loop.
+    # Answers from the sums over windows, on the loop.
     p = filtered.probabilities
     near = p + np.roll(p, 1, axis=1) + np.roll(p, -1, axis=1)
     np.testing.assert_array_equal(filtered.places, near.argmax(axis=1))
@@ -215,19 +215,19 @@ REFERENCES = np.random.default_rng(0).normal(size=(20, 4)).astype(np.float32)
     (lambda r: Recognizer.from_distances(2**70), "1180591620717411303424"),
     (lambda r: r.recording(REFERENCES[:, :3]), "query of step 1"),
     (lambda r: r.recording(np.where(np.arange(20)[:, None] == 7, np.nan, REFERENCES)), "step 8"),
-    (lambda r: r.recording(REFERENCES, odometry=[1.0]), "odometry readings are 1, expected 20"),
+    (lambda r: r.recording(REFERENCES, odometry=[1.0]), "found 1 odometry readings, expected 20"),
     (lambda r: r.recording(REFERENCES, odometry=np.full(20, 1e9)), "step 1"),
     (lambda r: r.track().step(REFERENCES), "have 2 axes"),
     (lambda r: r.track().step(None), "have type object"),
     (lambda r: r.track().step([1.0, 2.0]), "2 elements, expected 4"),
-    (lambda r: r.fit(REFERENCES, np.arange(19)), "places are 19, expected 20"),
+    (lambda r: r.fit(REFERENCES, np.arange(19)), "found 19 places, expected 20"),
     (lambda r: r.fit(REFERENCES, np.arange(20) + 9), "references up to 20"),
     (lambda r: r.fit(REFERENCES, np.full(20, -1)), "0 labelled steps"),
     (lambda r: r.fit(REFERENCES, np.zeros((20, 3), int)), "3 columns"),
     (lambda r: r.fit(REFERENCES, np.arange(20), lengths=[2**64 - 1, 9]), "lengths of parts"),
     (lambda r: r.with_parameters("{}"), "parameters: missing field"),
     (lambda r: r.recording(REFERENCES).filtered().mass_near([20] * 20), "places have 20 at 0"),
-    (lambda r: r.recording(REFERENCES).filtered().credible_set(20, 0.5), "step 20 of 20"),
+    (lambda r: r.recording(REFERENCES).filtered().credible_set(20, 0.5), "no step 20"),
     (lambda r: r.recording(REFERENCES).filtered().credible_set(0, 2), "level is 2"),
     (lambda r: Mapper("cosine", speeds=[]), "at least one state, found none"),
     (lambda r: Mapper().step([np.inf]), "inf"),
@@ -247,7 +247,7 @@ def test_no_queries():
 
 
 def test_an_answer_is_the_middle_of_the_most_probable_window():
-    """And not the most probable place: next to that, the one ahead is more probable than the one behind."""
+    """It is not the most probable place: the place ahead of that is more probable than the one behind."""
     recognizer, rows = Recognizer.from_similarities(30), np.eye(30)[5:20]
     for window in (0, 1, 2):
         found = recognizer.with_options(window=window).recording(rows).filtered()

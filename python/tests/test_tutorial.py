@@ -1,4 +1,4 @@
-"""The tutorial runs, draws its pictures, and finds what its author planted."""
+"""The tutorial runs, draws its pictures, and recovers the truth of its simulations."""
 
 import os
 import re
@@ -22,11 +22,11 @@ def test_tutorial(tmp_path):
     assert all(path.read_bytes()[:4] == b"\x89PNG" for path in tmp_path.iterdir())
     recall = dict(re.findall(r"^(.+): recall within 2 ([\d.]+)", done.stdout, re.MULTILINE))
     assert float(recall["smoother"]) > 0.95 > float(recall["nearest image"])
-    # Of recall at 100 % precision, the filter has less than the nearest image where noise is low.
+    # At low noise, the filter has less recall at 100 % precision than the nearest image.
     rows = {row[0]: [*map(float, row[1:])] for row in map(str.split, re.findall(r"^ *\d\.\d(?: +\d\.\d\d){6}$", done.stdout, re.MULTILINE))}
     assert rows["1.6"][3] > rows["1.6"][4] and rows["2.6"][3] < rows["2.6"][4]
     assert all(row[2] > row[1] for row in rows.values()) and rows["2.6"][1] > rows["2.6"][0]
     assert int(re.search(r"(\d+)% right", done.stdout)[1]) > 90
-    # Streets that the van and the bus were sent along.
+    # The streets that the van and the bus drove.
     roads = dict(re.findall(r"^(van|bus) +(\d+)$", done.stdout, re.MULTILINE))
     assert int(roads["van"]) in range(13, 16) and int(roads["bus"]) in range(8, 11)

@@ -1,4 +1,4 @@
-"""A program that types are checked in."""
+"""A program for the type checker."""
 
 import numpy as np
 import wayfix

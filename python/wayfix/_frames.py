@@ -1,6 +1,7 @@
 """Columns of data frames of any kind, and frames of the same kind from columns.
 
-Nothing here needs pandas, polars or pyarrow: their frames are asked for what they are.
+Nothing here needs pandas, polars or pyarrow: a frame is recognised by its class's module, and a package is used only
+if a frame of it was given, so that it is imported already.
 """
 
 from __future__ import annotations
@@ -18,13 +19,13 @@ from numpy.typing import NDArray
 from . import arrow
 from ._wayfix import Error
 
-# Packages whose frames are made for an answer of the same kind.
+# Packages for which answers are frames of the same kind.
 OUTPUTS = ("pandas", "polars", "pyarrow")
 
 Columns = dict[str, NDArray[Any]]
 OptionalColumns = dict[str, NDArray[Any] | None]
 
-# Columns of points, by the names that they may have.
+# Columns of points, with the names that each may have.
 POINTS = {
     "time": ("time", "timestamp"),
     "lat": ("lat", "latitude"),
@@ -35,15 +36,17 @@ POINTS = {
 }
 NEEDED = ("time", "lat", "lon")
 
-# Those of networks, and those of `RoadNetwork.edges` that an import has no use for.
+# Columns of networks, and columns of `RoadNetwork.edges` that an import does not use.
 NODES = ("node", "id", "lat", "latitude", "lon", "longitude", "name")
 EDGES = ("from", "to", "class", "length_m", "metres", "oneway", "speed_kmh")
 OWN = ("roundabout", "reverse")
 
 
 def opened(frame: Any) -> Any:
-    """The frame, or the columns of one that has no other way than Arrow's interface; a stream can be read but
-    once."""
+    """Returns the frame itself, or the columns of one that can be read only through Arrow's interface.
+
+    A stream can be read only once, so callers open a frame before they look at its names.
+    """
     if type(frame).__name__ == "LazyFrame":
         raise Error("a frame is a LazyFrame, expected a DataFrame: collect() it first")
     if (isinstance(frame, (Mapping, np.ndarray, arrow.Table)) or package(frame) in OUTPUTS
@@ -53,7 +56,7 @@ def opened(frame: Any) -> Any:
 
 
 def names(frame: Any) -> list[str]:
-    """Names of the columns of a frame."""
+    """Returns the names of the columns of a frame."""
     if isinstance(frame, Mapping):
         return [str(name) for name in frame]
     for attribute in ("column_names", "columns"):  # pyarrow's `columns` are the arrays
@@ -66,14 +69,15 @@ def names(frame: Any) -> list[str]:
 
 
 def column(frame: Any, name: str) -> NDArray[Any]:
-    """One column as an array; dates with a zone are in UTC."""
+    """Returns one column as an array; dates with a zone are in UTC."""
     try:
         values = frame[name]
+        # Numpy has no zones: pandas would give an array of Timestamps.
         dates: Any = getattr(values, "dt", None)
         if getattr(dates, "tz", None) is not None:
             values = dates.tz_convert("UTC").dt.tz_localize(None)
         array = np.asarray(values)
-        # Columns of pandas with its own nulls, which are objects otherwise.
+        # Pandas' columns with its own nulls (Int64, Float64, …) become objects in `asarray`.
         kind = getattr(getattr(values, "dtype", None), "kind", "O")
         if array.dtype.kind == "O" and kind in "iuf":
             array = values.to_numpy("float64", na_value=np.nan)
@@ -94,8 +98,9 @@ def is_missing(value: Any) -> bool:
 
 
 def ids(frame: Any, name: str) -> NDArray[Any]:
-    """A column that tells what each row belongs to, in which nothing may be missing."""
+    """Returns a column that groups the rows; a missing value is an error."""
     values = column(frame, name)
+    # Integers and numpy's own texts have no missing values.
     if values.dtype.kind in "OfM":
         missing = (np.array([is_missing(value) for value in values.tolist()], bool)
                    if values.dtype.kind == "O" else values != values)
@@ -105,7 +110,7 @@ def ids(frame: Any, name: str) -> NDArray[Any]:
 
 
 def numbers(values: NDArray[Any], name: str) -> NDArray[Any]:
-    """Numbers; NaN where they are missing."""
+    """Returns numbers, with NaN for missing ones."""
     if values.dtype.kind != "O":
         return values
     try:
@@ -115,7 +120,7 @@ def numbers(values: NDArray[Any], name: str) -> NDArray[Any]:
 
 
 def moment(value: Any) -> float:
-    """One time in seconds, of a number, a date or a text in ISO 8601; in UTC unless it has a zone."""
+    """Returns a time in seconds, from a number, a date or a text in ISO 8601; in UTC unless it has a zone."""
     if is_missing(value):
         return np.nan
     if isinstance(value, str):
@@ -134,8 +139,9 @@ def moment(value: Any) -> float:
 
 
 def seconds(times: NDArray[Any]) -> NDArray[Any]:
-    """Times in seconds; dates and texts count from 1970."""
+    """Returns times in seconds; those of dates and texts count from 1970."""
     if times.dtype.kind == "M":
+        # "Not a time" is the smallest integer, which must not become a year.
         missing = np.isnat(times)
         found = times.astype("datetime64[ns]").astype(np.int64) / 1e9
         return np.where(missing, np.nan, found)
@@ -147,7 +153,7 @@ def seconds(times: NDArray[Any]) -> NDArray[Any]:
 
 
 def point_columns(points: Any) -> OptionalColumns:
-    """Columns of points, with all names; those that are not known are None."""
+    """Returns the columns of points under their first names; columns that are not there are None."""
     points = opened(points)
     there = names(points)
     found: dict[str, Any] = {}
@@ -164,12 +170,12 @@ def point_columns(points: Any) -> OptionalColumns:
 
 
 def network_texts(nodes: Any, edges: Any) -> tuple[str, str]:
-    """Nodes and edges as the texts of two CSV files."""
+    """Returns nodes and edges as the texts of two CSV files."""
     return text(nodes, NODES), text(edges, EDGES)
 
 
 def text(frame: Any, known: tuple[str, ...]) -> str:
-    """A frame as CSV; the columns that are not known are there by name, to be reported."""
+    """Returns a frame as CSV. Unknown columns have names and no values, so that the import can report them."""
     frame = opened(frame)
     there = [name for name in names(frame) if name not in OWN]
     columns = [words(column(frame, name)) if name in known else None for name in there]
@@ -185,9 +191,9 @@ def text(frame: Any, known: tuple[str, ...]) -> str:
 
 
 def words(values: NDArray[Any]) -> list[str]:
-    """Values as the words of a CSV file; nothing for those that are missing."""
+    """Returns values as the words of a CSV file; missing ones are empty."""
     if values.dtype.kind == "f" and np.isfinite(values).all() and (values % 1 == 0).all():
-        # Whole numbers, as from a frame that keeps integers as floats.
+        # Ids of a frame that keeps integers as floats: "3.0" would not be read as an id.
         return [str(int(value)) for value in values.tolist()]
     return [word(value) for value in values.tolist()]
 
@@ -197,11 +203,12 @@ def word(value: Any) -> str:
         return ""
     if isinstance(value, bool):
         return "yes" if value else "no"
+    # `repr` of a float is the shortest text that is read back as the same bits.
     return repr(value) if isinstance(value, float) else str(value)
 
 
 def frame_like(frame: Any, columns: Columns) -> Any:
-    """A new frame of the same kind."""
+    """Returns a new frame of the same kind as `frame`."""
     match package(frame):
         case "pyarrow":
             return sys.modules["pyarrow"].table(columns)
@@ -212,7 +219,7 @@ def frame_like(frame: Any, columns: Columns) -> Any:
 
 
 def with_columns(frame: Any, columns: Columns) -> Any:
-    """The frame with more columns."""
+    """Returns the frame with additional columns."""
     check_new(names(frame), columns)
     match package(frame):
         case "pandas":
@@ -229,11 +236,11 @@ def with_columns(frame: Any, columns: Columns) -> Any:
 
 
 def check_new(there: list[str], columns: Columns) -> None:
-    """Raises an error if an answer has the name of a column that is there."""
+    """Raises an error if a new column has the name of an existing one."""
     if clash := next((name for name in columns if name in there), None):
-        raise Error(f"points have a column {clash!r}, as the answers do: give these a prefix")
+        raise Error(f"both the points and the answers have a column {clash!r}: give the answers a prefix")
 
 
 def package(frame: Any) -> str:
-    """The package that a frame is of."""
+    """Returns the name of the package that a frame belongs to."""
     return type(frame).__module__.partition(".")[0]

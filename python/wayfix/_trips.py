@@ -21,9 +21,12 @@ Order = tuple[OptionalColumns, NDArray[Any], NDArray[Any], NDArray[Any]]
 
 
 def order_of(points: Any, trip: str | None) -> Order:
-    """Columns of points; names of the trips, in the order of their first rows; rows by trip and time,
-    without those that have no time or position, or the trip and time of another; and where each trip begins
-    and ends there."""
+    """Sorts points by trip and time.
+
+    Returns the columns of the points; the names of the trips, in the order of their first rows; the rows by trip and
+    time; and the offsets of the trips among these rows. Rows without a time or a position are left out, and so are
+    rows with the trip and time of an earlier row.
+    """
     points = _frames.opened(points)
     columns = _frames.point_columns(points)
     time = required(columns)
@@ -42,25 +45,28 @@ def order_of(points: Any, trip: str | None) -> Order:
         names, codes = numbered(values)
     missing = [np.isnan(values) for name, values in columns.items() if name in _frames.NEEDED and values is not None]
     rows = np.flatnonzero(~np.logical_or.reduce(missing))
+    # By trip, then by time. `lexsort` is stable, so of equal times the first row stays first.
     rows = rows[np.lexsort((time[rows], codes[rows]))]
     times, sorted_codes = time[rows], codes[rows]
     same = np.zeros(len(rows), bool)
     same[1:] = (times[1:] == times[:-1]) & (sorted_codes[1:] == sorted_codes[:-1])
     rows, sorted_codes = rows[~same], sorted_codes[~same]
+    # A trip whose rows were all left out has two equal offsets: it is matched as a drive without points.
     trips = len(names) if count else 0
     return columns, names[:trips], rows, np.searchsorted(sorted_codes, np.arange(trips + 1))
 
 
 def numbered(values: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Distinct values, in the order in which they come, and the number of each value."""
+    """Returns the distinct values in the order of their first rows, and for each row the number of its value."""
     try:
         distinct, first, codes = np.unique(values, return_index=True, return_inverse=True)
-    except TypeError:  # of several types, as with None among words
+    except TypeError:  # values of several types cannot be sorted, as with None among texts
         numbers: dict[Any, int] = {}
         codes = np.array([numbers.setdefault(value, len(numbers)) for value in values.tolist()], int)
         distinct = np.empty(len(numbers), object)
         distinct[:] = list(numbers)
         return distinct, codes
+    # `unique` sorts; `rank` is the inverse permutation of the order of first rows.
     order = np.argsort(first, kind="stable")
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
@@ -68,7 +74,7 @@ def numbered(values: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
 
 
 def required(columns: OptionalColumns) -> NDArray[Any]:
-    """Times, which are always there."""
+    """Returns the times, a column that `point_columns` requires."""
     time = columns["time"]
     assert time is not None
     return time
@@ -79,13 +85,14 @@ def taken(columns: OptionalColumns, rows: NDArray[Any]) -> OptionalColumns:
 
 
 def sorted_trips(points: Any, trip: str | None) -> tuple[OptionalColumns, list[int]]:
-    """Columns of points by trip and time, and where trips with a point begin and end."""
+    """Returns the columns of points sorted by trip and time, and the offsets of trips that have a point."""
     columns, _, rows, offsets = order_of(points, trip)
+    # Trips without a point have equal offsets; `unique` keeps one of them.
     return taken(columns, rows), np.unique(offsets).tolist()
 
 
 def ends_of(edges: Columns, edge: NDArray[Any]) -> Columns:
-    """Ids of the nodes of edges; -1 off the road."""
+    """Returns the ids of the nodes of edges; -1 off the road."""
     on_road = edge >= 0
     ends = {}
     for name in ("from", "to"):
@@ -98,26 +105,26 @@ def ends_of(edges: Columns, edge: NDArray[Any]) -> Columns:
 class MatchedTrips:
     """Trips on roads, made by `Matcher.match_trips(points, trip)`.
 
-    Arrays with an entry for each row that was given, in its order:
+    Arrays have an entry for each row that was given, in the order of the rows:
 
     Attributes
     ----------
     edge : array of int
-        Number of the most probable edge; -1 off the road, and where there is no answer.
+        Number of the most probable edge; -1 off the road, and for rows without an answer.
     metres_along, probability, entropy, off_road, positions
-        As in `RoadAnswers`; NaN where there is no answer.
+        As in `RoadAnswers`; NaN for rows without an answer.
     log_normalizers : array
-        Log-density of each point given all before, in metres.
+        Log-density of each point given all earlier points, with lengths in metres.
     log_likelihoods : dict
         Log-likelihood of each trip.
     skipped : int
-        Number of rows without an answer because they have no time or position, or another of their trip has
-        the same time.
+        Number of rows without an answer because they have no time or no position, or because an earlier row of
+        their trip has the same time.
     failed : dict
-        What was wrong with the trips that could not be matched.
+        Reason for each trip that could not be matched.
     unmatched : list
-        Trips of which no point is on a road: at edge -1, with the probability that the model gives to that,
-        which is 1 where no road is near.
+        Trips without a point on a road: all edges are -1, with the probability of being off the road, which is 1
+        if no road is near.
     """
 
     def __init__(self, matcher: Matcher, points: Any, trip: str | None, estimator: str, lag: int | None,
@@ -129,11 +136,13 @@ class MatchedTrips:
         found = matcher._match(taken(columns, rows), offsets.tolist(), estimator, lag, errors == "skip",
                                 *threads)
         named = names.tolist()
+        # Offsets count sorted rows; `rows` leads back to the rows that were given.
         self.failed: dict[Any, str] = {}
         for number, point, problem in found["failed"]:
             at = "" if point is None else f" (row {rows[offsets[number] + point]})"
             self.failed[named[number]] = problem + at
         if errors == "raise" and self.failed:
+            # Drives fail in order, so this is the first, whatever the number of threads.
             name, problem = next(iter(self.failed.items()))
             error = Error(problem if trip is None else f"trip {name!r}: {problem}")
             error.sequence, point, _ = found["failed"][0]
@@ -144,6 +153,7 @@ class MatchedTrips:
         answers: RoadAnswers = found["answers"]
         self.skipped = count - len(rows)
 
+        # Answers are in the order of the sorted rows; here they return to the order of the frame.
         def spread(values: NDArray[Any], nothing: float = np.nan) -> NDArray[Any]:
             out = np.full((count, *values.shape[1:]), nothing, values.dtype)
             out[rows] = values
@@ -157,6 +167,7 @@ class MatchedTrips:
         self.off_road = spread(answers.off_road)
         self.log_normalizers = spread(found["log_normalizers"])
         self.log_likelihoods = dict(zip(named, found["log_likelihoods"].tolist(), strict=True))
+        # `repeat` gives the trip of each sorted row, since `diff` of the offsets is its number of rows.
         on_road = np.zeros(len(names), bool)
         on_road[np.repeat(np.arange(len(names)), np.diff(offsets))[answers.edge >= 0]] = True
         self.unmatched = [name for name in names[~on_road].tolist() if name not in self.failed]
@@ -164,6 +175,7 @@ class MatchedTrips:
         self._ends = ends_of(edges, self.edge)
         drive, edge = found["route_drive"], found["route_edge"]
         self._drive = drive
+        # `drive` ascends, so the first position of a value is where its route begins, and `seq` counts from there.
         self._routes: Columns = {
             "seq": np.arange(len(drive)) - np.searchsorted(drive, drive),
             "edge": edge,
@@ -180,7 +192,7 @@ class MatchedTrips:
         Parameters
         ----------
         prefix : str
-            Beginning of the names of these columns, where some of the points have such a name.
+            Prefix of the names of these columns, for points that have a column of the same name.
         """
         columns = {
             "edge": self.edge,
@@ -194,9 +206,11 @@ class MatchedTrips:
         return _frames.with_columns(self._points, {prefix + name: column for name, column in columns.items()})
 
     def routes(self, prefix: str = "") -> Any:
-        """Returns the most probable routes in a frame of the same kind, a row for each edge or
-        stretch off the road: the trip, `seq` from 0, `edge` (-1 off the road), `from`, `to`, and
-        `enter_m`, `exit_m`, metres from the start of the edge. `prefix` is that of `points`."""
+        """Returns the most probable routes in a frame of the same kind.
+
+        There is a row for each edge or stretch off the road: the trip, `seq` from 0, `edge` (-1 off the road),
+        `from`, `to`, and `enter_m`, `exit_m`, in metres from the start of the edge. `prefix` is as in `points`.
+        """
         trips: Columns = {} if self._trip is None else {self._trip: self._names[self._drive]}
         columns = {prefix + name: column for name, column in self._routes.items()}
         _frames.check_new(list(trips), columns)

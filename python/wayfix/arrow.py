@@ -1,5 +1,5 @@
-"""Columns of Arrow, from and for any package with the PyCapsule interface: polars, pandas, pyarrow,
-duckdb and others, none of which is needed.
+"""Arrow columns from and for any package with the PyCapsule interface: polars, pandas, pyarrow, duckdb and others.
+None of them is required.
 
     import polars as pl
     frame = pl.DataFrame({"frames": [[0, 0, 1], [1]]})
@@ -23,14 +23,14 @@ __all__ = ["Lists", "Table", "columns", "matrix", "sequences"]
 
 
 class Lists:
-    """A column of lists: the values of all, and where each begins and ends.
+    """Column of lists: the values of all lists, and the offsets of each.
 
     Attributes
     ----------
     values : array
         Values of all lists, one after another.
     offsets : array of int, shape (lists + 1,)
-        List i has the values from `offsets[i]` to before `offsets[i + 1]`.
+        List i is `values[offsets[i]:offsets[i + 1]]`.
 
     Examples
     --------
@@ -46,11 +46,11 @@ class Lists:
 
     @classmethod
     def of(cls, arrays: Sequence[Any]) -> Lists:
-        """Returns the column of some arrays, each with one axis."""
+        """Returns a column of arrays with one axis each."""
         parts = [np.asarray(array) for array in arrays]
         if any(part.ndim != 1 for part in parts):
             raise Error("a list has more than one axis, expected 1")
-        # An empty list has some type, which is not that of the others.
+        # The type of an empty list says nothing, and would change that of the others.
         typed = [part for part in parts if part.size] or parts[:1]
         values = np.concatenate(typed) if typed else np.zeros(0)
         return cls(values, np.cumsum([0, *map(len, parts)], dtype=np.int64))
@@ -59,6 +59,7 @@ class Lists:
         return len(self.offsets) - 1
 
     def __getitem__(self, index: int) -> NDArray[Any]:
+        # A range counts negative indices from the end, and raises IndexError beyond it.
         index = range(len(self))[index]
         return self.values[self.offsets[index]:self.offsets[index + 1]]
 
@@ -70,7 +71,7 @@ class Lists:
 
 
 class Table:
-    """Columns by name that other packages take as a table (`__arrow_c_stream__`).
+    """Columns by name, which other packages read as a table (`__arrow_c_stream__`).
 
     A column is an array of numbers, truth values, dates or texts, a matrix (lists of one length), or
     `Lists`; a list of arrays, of paths or of anything with `states` becomes `Lists`.
@@ -101,7 +102,7 @@ class Table:
     def __getitem__(self, name: str) -> Any:
         return self._columns[name]
 
-    # No mapping: packages would take it for a dictionary, and not ask for the stream.
+    # The class is not a Mapping: packages would take it for a dictionary, and not ask for the stream.
     def __arrow_c_stream__(self, requested_schema: object | None = None) -> object:
         return arrow_stream({name: exported(values) for name, values in self._columns.items()})
 
@@ -110,7 +111,7 @@ class Table:
 
 
 def exported(values: Any) -> Any:
-    """A column as the compiled part takes it."""
+    """Returns a column in a form that the compiled part accepts."""
     if isinstance(values, Lists):
         return values.values, values.offsets
     if isinstance(values, (list, tuple)) and values and not isinstance(values[0], (str, bytes)):
@@ -126,8 +127,8 @@ def exported(values: Any) -> Any:
 def columns(data: Any) -> Table:
     """Returns the columns of a table with `__arrow_c_stream__`: arrays, matrices and `Lists`.
 
-    Nulls are NaN, NaT or None, and an empty list; dates are in UTC. A column of another type, such as
-    decimals or structures, is None.
+    Nulls become NaN, NaT or None, and empty lists; dates are in UTC. A column of another type, such as decimals or
+    structures, is None.
     """
     found = read_arrow(data)
     if not isinstance(found, dict):
@@ -140,7 +141,7 @@ def opened(values: Any) -> Any:
 
 
 def one_column(data: Any) -> Any:
-    """One column: an array, a matrix or `Lists`."""
+    """Returns one column: an array, a matrix or `Lists`."""
     if isinstance(data, (np.ndarray, Lists)):
         return data
     found = read_arrow(data)
@@ -150,7 +151,7 @@ def one_column(data: Any) -> Any:
 
 
 def matrix(data: Any) -> NDArray[Any]:
-    """Returns a column of lists of one length, such as descriptors, as a matrix: one row a list."""
+    """Returns a column of lists of one length, such as descriptors, as a matrix with a row for each list."""
     found = one_column(data)
     if not isinstance(found, Lists):
         return np.asarray(found)
@@ -159,7 +160,7 @@ def matrix(data: Any) -> NDArray[Any]:
         return found.values.reshape(0, 0)
     if (other := np.flatnonzero(lengths != lengths[0])).size:
         row = int(other[0])
-        raise Error(f"list {row} has {lengths[row]} values, expected {lengths[0]} as the first")
+        raise Error(f"list {row} has {lengths[row]} values, expected {lengths[0]}, the length of the first")
     return found.values.reshape(len(found), lengths[0])
 
 
@@ -170,12 +171,12 @@ def sequences(data: Any, column: str | Sequence[str] | None = None, *, by: str |
     Parameters
     ----------
     data : column or table
-        A column of lists, one sequence each; a column of numbers, one sequence in all; or a table.
+        A column of lists, each of which is a sequence; a column of numbers, which is one sequence; or a table.
     column : str or list of str
-        Name of the table's column; of several numbers at each step, their names.
+        Name of the table's column, or names for several numbers at each step.
     by : str, optional
-        Name of the column that tells the sequence of each row, whose rows may stand apart; they are in the order
-        of their first rows. One sequence without it.
+        Name of the column with the sequence of each row. The rows of a sequence need not be consecutive; sequences
+        are in the order of their first rows. Without it, all rows are one sequence.
 
     Examples
     --------
@@ -198,24 +199,25 @@ def sequences(data: Any, column: str | Sequence[str] | None = None, *, by: str |
     _, codes = _trips.numbered(_frames.ids(data, by))
     if len(codes) != len(values):
         raise Error(f"column {by!r} has {len(codes)} rows, expected {len(values)}")
+    # Stable, so that rows keep their order within a sequence; a sequence ends where the code changes.
     rows = np.argsort(codes, kind="stable")
     return np.split(values[rows], np.flatnonzero(np.diff(codes[rows])) + 1) if len(rows) else []
 
 
 def as_sequences(data: Any) -> list[NDArray[Any]]:
-    """Lists of a column, or the column as the only sequence."""
+    """Returns the lists of a column, or the column as the only sequence."""
     found = one_column(data)
     return list(found) if isinstance(found, Lists) else [np.asarray(found)]
 
 
 def as_lists(frame: Any, name: str) -> Any:
-    """A column of lists as `Lists`; None for any other."""
+    """Returns a column of lists as `Lists`, and None for any other column."""
     if name not in _frames.names(frame):
         return None
     values = frame[name]
     if isinstance(values, Lists):
         return values
-    # Those of pandas need pyarrow for the interface.
+    # Columns of pandas have the interface only with pyarrow.
     if hasattr(values, "__arrow_c_stream__") and _frames.package(values) != "pandas":
         found = one_column(values)
         return found if isinstance(found, Lists) else None

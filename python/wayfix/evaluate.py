@@ -1,4 +1,4 @@
-"""Scores of answers: recall, precision at each confidence, and calibration of probabilities."""
+"""Scores of answers: recall, precision and recall by confidence, and calibration of probabilities."""
 
 from ._wayfix import ThresholdCurve, recall_within, reliability
 

@@ -1,6 +1,6 @@
 """Baum–Welch for `wayfix.Hmm`: start, moves, and a table or a family of observations.
 
-With a table, `learn(hmm, sequences)`; with numbers, a model without one and a family::
+With a table, call `learn(hmm, sequences)`; for numbers, a model without a table, and a family::
 
     hmm = wayfix.Hmm(start, moves, logarithms=True)
     family = Family("gamma", shapes=[[1.0], [4.0]], scales=[[1.0], [2.0]])

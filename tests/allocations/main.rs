@@ -1,5 +1,5 @@
-//! How often memory is asked for, and how much of it is held. The counters count for
-//! each thread by itself, so that tests may run beside each other.
+//! Numbers of allocations, and peaks of memory. Each thread has its own counters, so that tests
+//! may run side by side.
 
 mod memory;
 mod operators;
@@ -7,12 +7,12 @@ mod pruned;
 mod scratch;
 mod streams;
 
-/// How often this thread asks for memory meanwhile.
+/// Number of allocations of this thread during a call.
 fn allocations(work: impl FnOnce()) -> usize {
     allocation_counter::measure(work).count_total.try_into().unwrap()
 }
 
-/// The most bytes that this thread holds meanwhile beyond those held before.
+/// Peak of this thread's memory during a call, beyond what it held before, in bytes.
 fn peak<R>(work: impl FnOnce() -> R) -> usize {
     let held = allocation_counter::measure(|| drop(std::hint::black_box(work()))).bytes_max;
     held.try_into().unwrap()

@@ -1,4 +1,4 @@
-//! Memory beyond the inputs, at its peak.
+//! Peak of memory beyond the inputs.
 
 use std::ops::ControlFlow;
 
@@ -21,7 +21,7 @@ fn memory_is_what_the_docs_say() {
     // A few vectors of n numbers, and a constant.
     let small = 16 * 8 * n + 4096;
     let steps = 20_000;
-    // A number a step besides: log-likelihoods or normalisers.
+    // One more number for each step: log-likelihoods or normalisers.
     let found = peak(|| hmm.smooth(&ys[..steps]).unwrap());
     assert!((block(steps)..block(steps) + 8 * steps + small).contains(&found), "smooth: {found}");
     let found = peak(|| hmm.forward(&ys[..steps]).unwrap());
@@ -83,7 +83,7 @@ fn a_confusion_takes_what_its_entries_do() {
     assert_eq!(allocations(|| drop(filter.step(&8))), 0);
 }
 
-/// Work in a pool of this one thread, if there are pools: the counters count for each thread.
+/// Runs work in a pool of one thread, if there are pools, since each thread has its own counters.
 fn in_a_pool<R: Send>(work: impl FnOnce() -> R + Send) -> R {
     #[cfg(feature = "rayon")]
     return rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap().install(work);
@@ -112,7 +112,7 @@ fn visits_of_many_sequences_take_memory_for_some() {
     // Chunks of 56 or 64 drives, of 2.7 MB: four and one more; not 42 and 210 MB.
     assert!(few < 20 << 20 && many < few + (1 << 20), "{few} {many}");
 
-    // A few vectors for each chunk of 64, and no more for each sequence.
+    // A few vectors for each chunk of 64, and nothing for each sequence.
     let count = 6400;
     let found = in_a_pool(|| {
         allocations(|| {

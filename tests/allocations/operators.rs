@@ -74,7 +74,7 @@ fn products_allocate_nothing_after_the_first() {
     let found = found + allocations(|| _ = filter.step(&known).unwrap());
     assert_eq!(found, 0, "filter");
 
-    // One with evidence on moves, near and far beyond doubles.
+    // An operator with evidence on moves, within and far beyond doubles.
     let prior = Prior::AtFirstObservation(Belief::uniform(20).unwrap());
     let hmm = Hmm::new(prior, measured, LikelihoodVector::linear(20)).unwrap();
     let mut filter = hmm.filter();
@@ -88,7 +88,7 @@ fn products_allocate_nothing_after_the_first() {
     });
     assert_eq!(found, 0, "evidence");
 
-    // One of images, as numbers and as logarithms.
+    // An of images, as numbers and as logarithms.
     let images = Groups::new((0..40).map(|image| image % 20).collect()).unwrap();
     for sensor in [LikelihoodVector::linear(40), LikelihoodVector::log(40)] {
         let sensor = PooledLikelihood::new(sensor, images.clone()).unwrap();

@@ -52,11 +52,11 @@ fn a_pruned_step_allocates_nothing_after_the_first_ones() {
         for y in &ys {
             filter.step(y).unwrap();
         }
-        // An observation that is not possible takes none, either.
+        // An impossible observation allocates nothing, either.
         assert!(filter.step(&impossible).is_err());
         filter.restart();
     };
-    // Twice, since two beliefs change places at every step.
+    // Twice, since two beliefs are swapped at each step.
     run();
     run();
     assert_eq!(allocations(&mut run), 0, "composed sensors");

@@ -1,10 +1,10 @@
-//! Memory lent to operators of a user's own.
+//! Scratch memory for a user's own operators.
 
 use wayfix::transition::with_scratch;
 
 use crate::allocations;
 
-/// Fills a buffer, then others within it, and sees that each has kept its own.
+/// Fills a buffer and others nested within it, and checks that each kept its values.
 fn nested(depth: usize, count: usize) -> f64 {
     with_scratch(count, |own| {
         assert_eq!(own.len(), count);

@@ -13,7 +13,7 @@ fn a_step_allocates_nothing() {
     let mut filter = plain.filter();
     let found = allocations(|| {
         for y in &ys {
-            // An impossible observation is no reason to allocate either.
+            // An impossible observation allocates nothing, either.
             if filter.step(y).is_err() {
                 filter.predict().unwrap();
             }
@@ -42,7 +42,7 @@ fn a_step_allocates_nothing() {
     });
     assert_eq!(found, 0, "fixed lag, once the window is full");
     let elsewhere = plain.prior().belief();
-    smoother.relocate(elsewhere).unwrap(); // the first makes a list of what it leaves
+    smoother.relocate(elsewhere).unwrap(); // the first one allocates a list
     drive.observations()[..30].iter().for_each(|y| _ = smoother.step(y));
     let found = allocations(|| {
         smoother.relocate(elsewhere).unwrap();
@@ -52,14 +52,14 @@ fn a_step_allocates_nothing() {
         }
         smoother.relocate(elsewhere).unwrap();
         for y in &drive.observations()[1100..1200] {
-            // (Where it has been put may not go with what is seen.)
+            // (The new position may contradict the observations.)
             if smoother.step(y).is_err() {
                 smoother.relocate(elsewhere).unwrap();
             }
         }
     });
     assert_eq!(found, 0, "updates and relocations");
-    // A level of the tree is two vectors, and levels are used again.
+    // A level of the tree has two vectors, and levels are reused.
     let mut most = [0, 0];
     let mut other = plain.online_viterbi();
     for (k, y) in drive.observations().iter().enumerate() {
@@ -74,7 +74,7 @@ fn a_step_allocates_nothing() {
     let grown = 2 * most[1].saturating_sub(most[0]);
     assert!(found <= grown + 4, "online Viterbi: {found}, for a tree of {most:?} levels");
 
-    // Sensors that fill memory of their own have it after the first step.
+    // Sensors that fill their own memory have it after the first step.
     let n = canberra::PLACES;
     let camera = OptionalLikelihood::new(canberra::sensor(1.0).unwrap());
     let odometer = LogLikelihoodFn::new(n, |&y: &f64, i| -(y - i as f64).powi(2) * 1e-3);
@@ -94,7 +94,7 @@ fn a_step_allocates_nothing() {
     });
     assert_eq!(found, 0, "fused sensors, after the first step");
 
-    // One that lists a few states has it once it has seen the longest list.
+    // A sensor that lists a few states has it after the longest list.
     let lists: Vec<_> = (0..n).map(|i| (vec![(i, 0.9), ((i + 7) % n, 0.1)], 1e-3)).collect();
     let tags = SparseTableLikelihood::from_lists(n, &lists).unwrap();
     let hmm = Hmm::new(plain.prior().clone(), canberra::turning().into_transition(), tags).unwrap();

@@ -1,4 +1,4 @@
-//! What is wrong is said, with its place.
+//! Errors say what is wrong, and where.
 
 use std::error::Error;
 
@@ -68,7 +68,7 @@ fn transitions() {
     let none = "a transition operator needs at least one state, found none";
     says(DenseTransition::from_rows::<[f64; 1]>(&[]), none);
     says(SparseTransition::from_rows::<[f64; 1]>(&[]), none);
-    // The rows of the books, p(to j | from i) at i, j.
+    // Rows as in textbooks, p(to j | from i) at i, j.
     let rows = [[0.9, 0.1], [0.5, 0.5]];
     let transposed = "column 0 (the transitions out of state 0) sums to 1.4, expected 1, but the rows sum to one: transpose, so that the entry at row i and column j is p(to i | from j)";
     says(DenseTransition::from_rows(&rows), transposed);
@@ -129,7 +129,7 @@ fn tables() {
     );
 }
 
-/// An operator of a user that loses a tenth.
+/// A user's operator whose columns sum to 0.9.
 struct Leaky;
 
 impl Transition for Leaky {
@@ -148,7 +148,7 @@ impl Transition for Leaky {
     }
 }
 
-/// An operator of a user that mixes up the matrix and its transpose.
+/// A user's operator that confuses the matrix and its transpose.
 struct Twisted;
 
 impl Transition for Twisted {
@@ -235,7 +235,7 @@ fn operators_that_break_their_contract_give_errors_and_no_nan() {
         filter.predict_with(&2.0),
         "at step 1 the transition operator predicts -1 for state 0, expected a probability",
     );
-    // Its transpose is wrong, which the smoother notices.
+    // Its transposed product is wrong, which the smoother notices.
     let error = hmm.smooth(&Controlled::new(&[0.5, 0.5], &[y, y]).unwrap()).unwrap_err();
     assert!(matches!(error, InferenceError::PredictedSum { .. }), "{error}");
 }
@@ -293,7 +293,7 @@ fn observations() {
     );
 }
 
-/// A sensor of a user's own, behind which there is another error.
+/// A user's sensor whose error has a source.
 #[test]
 fn the_text_ends_with_the_cause_and_the_source_is_what_is_behind_it() {
     #[derive(Debug)]
@@ -437,7 +437,7 @@ fn maps_from_files() {
         read("id,latitude,longitude,name\n", "from,to,class,length_m\n"),
         "a map needs at least one place, found none",
     );
-    // However long a line is, its error is short.
+    // Errors are short, however long the line.
     let long = "x".repeat(1_000_000);
     let header = format!("id{}\n", ",y".repeat(1_000_000));
     says(
@@ -537,7 +537,7 @@ fn turning_and_sensors() {
         "the symbol probabilities of state 0 sum to 0.9, expected 1",
     );
     says(entries(&[(0, 1, 1.0)]), "the symbol probabilities of state 1 sum to 0, expected 1");
-    // What is seen need not sum to one, and it is no hint if it does.
+    // Likelihoods need not sum to one, and a sum of one is not a hint.
     says(
         entries(&[(0, 0, 0.5), (1, 0, 0.5), (0, 1, 0.25), (1, 1, 0.75)]),
         "the symbol probabilities of state 0 sum to 0.75, expected 1",

@@ -30,7 +30,7 @@ fn check(model: &Model, width: f64) -> Result<(), TestCaseError> {
         (Ok(best), Ok(found)) => {
             let (log, bound) = (found.path().log_probability(), found.upper_bound());
             let rounding = 1e-12 * (1.0 + best.log_probability().abs());
-            // The path is what it is said to be, and the best is below the bound.
+            // The path has the stated probability, and the best one is below the bound.
             let own = model.log_probability(found.path().states());
             prop_assert!((log - own).abs() <= rounding, "{log}, expected {own}");
             prop_assert!(log <= best.log_probability() + rounding);
@@ -101,7 +101,7 @@ fn a_beam_that_is_too_narrow_does_not_claim_to_prove() {
     let found = hmm.beam_viterbi(drive.observations(), 0.5).unwrap();
     assert!(found.path().log_probability() < best.log_probability());
     assert!(!found.is_optimal() && found.upper_bound() >= best.log_probability());
-    // NaN and what is below 0 are as 0.
+    // NaN and negative numbers count as 0.
     let narrowest = hmm.beam_viterbi(&[4, 4], 0.0).unwrap();
     assert_eq!(hmm.beam_viterbi(&[4, 4], f64::NAN).unwrap(), narrowest);
     assert_eq!(hmm.beam_viterbi(&[4, 4], -1.0).unwrap(), narrowest);

@@ -1,4 +1,4 @@
-//! What the paper says of its map and its results, held by the reconstruction.
+//! Statements of the paper about its map and its results, which the reconstruction fulfils.
 
 use wayfix::map::{RoadClass, RoadMap};
 use wayfix::observation::Confusion;
@@ -23,7 +23,7 @@ fn there_are_105_places_numbered_from_1_and_315_roads_on_which_all_can_be_reache
     assert_eq!(map.roads().len(), 315);
     assert!(map.places().iter().zip(1..).all(|(place, id)| place.id == id));
     assert!(map.is_strongly_connected());
-    // A road is not shorter than the line between its ends (rounded to metres).
+    // No road is shorter than the line between its ends (rounded to metres).
     for (i, _) in map.places().iter().enumerate() {
         for (j, road) in map.roads_from(i) {
             assert!(road.metres >= map.metres_between(i, j).unwrap() - 2.0, "{road:?}");
@@ -95,7 +95,7 @@ fn the_mean_diagonal_of_p_c_is_0_7_and_only_neighbours_are_confused() {
         for j in 0..105 {
             let p = confusion.probability(i, j).unwrap();
             assert_eq!(p > 0.0, i == j || joined.contains(&j));
-            // Much likelier right than any one wrong.
+            // The right place is much likelier than any single wrong one.
             assert!(i == j || p < 0.25 * confusion.probability(i, i).unwrap());
         }
     }
@@ -133,8 +133,8 @@ fn a_place_that_is_not_there_and_a_sigma_of_zero_are_errors() {
 /// central 95% of single drives; smoother beats filter beats sensor by more
 /// than four standard errors; more noise is worse.
 ///
-/// The differences are about ten and more standard errors, so that a right
-/// program would fail here for fewer than one seed in a million.
+/// The differences are about ten standard errors or more, so that a correct program would fail here
+/// for fewer than one seed in a million.
 #[test]
 fn table_1() {
     let (runs, steps) = (500, 50);

@@ -13,7 +13,7 @@ use wayfix::{
 
 use crate::kit::rng;
 
-/// Control 0 stays, control 1 moves one on around three places.
+/// Control 0 stays, control 1 moves to the next of three places on a loop.
 fn hmm(prior: Prior) -> Hmm<SwitchedTransition<DenseTransition>, LikelihoodVector> {
     let stay = DenseTransition::from_fn(3, |i, j| f64::from(i == j)).unwrap();
     let go = DenseTransition::from_fn(3, |i, j| f64::from(i == (j + 1) % 3)).unwrap();
@@ -129,7 +129,7 @@ fn in_every_routine_a_control_drives_the_step_to_its_observation() {
         }
         let ahead = hmm.filter().forecast_with(&controls).unwrap();
         assert_eq!(ahead.mode(), expected[3]);
-        // Learned, each operator from the steps that it drove.
+        // Each operator is learned from the steps that it drove.
         let table = TableLikelihood::from_rows(&[[0.5, 0.5]; 3]).unwrap();
         let loose = |stay: f64| {
             DenseTransition::from_fn(3, |i, j| match (i + 3 - j) % 3 {

@@ -24,9 +24,8 @@ fn identity(n: usize) -> DenseTransition {
     DenseTransition::from_fn(n, |i, j| f64::from(i == j)).unwrap()
 }
 
-/// All paths by their probability, best first, then by the last state, the
-/// last but one, and so on: the stated order of ties. Products of powers of
-/// two are exact.
+/// All paths by probability, best first, and ties by the last state, then the last but one, and so
+/// on, as documented. Products of powers of two are exact.
 fn first_best(prior: &[f64], a: &[[f64; 3]; 3], ys: &[[f64; 3]]) -> Vec<usize> {
     let mut best = (0.0, Vec::new());
     for number in 0..3_usize.pow(ys.len() as u32) {
@@ -74,8 +73,8 @@ fn viterbi_ties_go_to_the_lowest_last_state_then_the_last_but_one() {
     check_ties(|a| SparseTransition::from_rows(a).unwrap());
 }
 
-/// Two states that see the same factors in another order, and never change:
-/// the lower one, whatever the factors.
+/// Two states that never change, and have the same factors in different orders: the path is in the
+/// lower one, whatever the factors.
 #[test]
 fn the_same_factors_in_another_order_tie() {
     for prior in [before(uniform(2)), Prior::AtFirstObservation(uniform(2))] {
@@ -153,7 +152,7 @@ impl Likelihood for Factored {
 #[test]
 fn log_factors_are_added_back_wherever_the_step_is_taken() {
     let hmm = Hmm::new(before(Belief::certain(2, 0).unwrap()), identity(2), Factored).unwrap();
-    // The second contradicts the belief so much that it is taken in logarithms.
+    // The second observation contradicts the belief so much that the step is taken in logarithms.
     let ys = [([0.5, 0.5], 3.0), ([1e-200, 1.0], -7.0), ([1e-250, 1e-250], 1.0)];
     let expected = 0.5_f64.ln() + 3.0 + 1e-200_f64.ln() - 7.0 + 1e-250_f64.ln() + 1.0;
     let close = |found: f64| assert!((found - expected).abs() <= 1e-11, "{found} {expected}");
@@ -213,7 +212,7 @@ fn large_shifts_cost_no_digits() {
     }
 }
 
-/// What underflows in a step that is otherwise an ordinary one.
+/// Values that underflow in an otherwise ordinary step.
 #[test]
 fn small_likelihoods_of_a_step_keep_their_digits() {
     let prior = Belief::new(vec![0.4, 1e-9, 0.6 - 1e-9]).unwrap();
@@ -233,7 +232,7 @@ fn small_likelihoods_of_a_step_keep_their_digits() {
     assert!((filter.belief().as_slice()[0] / 3e-308 - 1.0).abs() <= 1e-12);
 }
 
-/// What passes through 1e-600 within a step comes out right.
+/// Values that pass through 1e-600 within a step come out right.
 #[test]
 fn a_step_through_numbers_beyond_a_double_is_exact() {
     let prior = Belief::new(vec![1.0, 1e-300]).unwrap();
@@ -251,9 +250,9 @@ fn a_step_through_numbers_beyond_a_double_is_exact() {
     assert_eq!(hmm.viterbi(&[[0.0, 0.0, 0.5]]).unwrap().states(), [2]);
 }
 
-/// A parked car, a position sensor with Gaussian log-likelihoods, one fix that
-/// is a kilometre off (more than doubles hold), and then good ones: the filter
-/// comes back, and so does the log-likelihood.
+/// A parked car, a position sensor with Gaussian log-likelihoods, one fix that is a kilometre off
+/// (more than doubles hold), and then good ones: the filter recovers, and so does the
+/// log-likelihood.
 #[test]
 fn one_large_outlier_is_forgotten() {
     let places = 40;
@@ -278,7 +277,7 @@ fn one_large_outlier_is_forgotten() {
     assert_eq!(smoothing.posteriors().modes(), [15; 31]);
     close(hmm.viterbi(&ys).unwrap().log_probability());
 
-    // It goes on from a snapshot, too, where doubles alone would have lost it.
+    // It continues from a snapshot, too, where doubles alone would have lost it.
     let mut first = hmm.filter();
     first.step(&ys[0]).unwrap();
     assert_eq!(first.belief().as_slice()[15], 0.0);
@@ -288,7 +287,7 @@ fn one_large_outlier_is_forgotten() {
         second.step(y).unwrap();
     }
     assert_eq!(second.snapshot(), filter.snapshot());
-    // A prediction in between keeps it as well.
+    // A prediction in between keeps it, too.
     first.predict().unwrap();
     for y in &ys[1..] {
         first.step(y).unwrap();
@@ -298,11 +297,11 @@ fn one_large_outlier_is_forgotten() {
     assert_eq!(first.belief().mode(), 3);
 }
 
-/// Log-likelihoods so far apart that their sums are rounded to hundredths:
-/// less exact, but no error.
+/// Log-likelihoods so far apart that their sums are rounded to hundredths: less exact, but not an
+/// error.
 #[test]
 fn a_centimetre_sensor_may_be_wrong_by_kilometres() {
-    // 0 and 1 are one component, 2 another; each can be left to itself only.
+    // 0 and 1 are one component, 2 another; neither can be left.
     let a = SparseTransition::from_rows(&[[0.3, 0.6, 0.0], [0.7, 0.4, 0.0], [0.0, 0.0, 1.0]]);
     let hmm = Hmm::new(before(uniform(3)), a.unwrap(), LikelihoodVector::log(3)).unwrap();
     for far in [1e8, 1e10, 1.3e12, 1e14] {
@@ -363,8 +362,8 @@ fn a_filter_restarts_at_the_prior() {
     assert_eq!(filter.snapshot(), fresh);
 }
 
-/// A table whose symbols speak against a state by 1e-300 each, time and again,
-/// and then for it: nothing that was possible has been lost.
+/// A table whose symbols speak against a state by 1e-300 each, again and again, and then for it: no
+/// possible state has been lost.
 #[test]
 fn a_table_erases_nothing() {
     let table = TableLikelihood::from_rows(&[[1.0, 0.0, 1e-300], [1e-300, 1.0, 0.0]]).unwrap();
@@ -423,8 +422,8 @@ fn every_routine_has_an_answer_for_next_to_nothing() {
     }
 }
 
-/// A state of a fixed lag in logarithms, restored into a model that does not
-/// know one of its controls: an error, and the smoother is as before.
+/// Restoring a fixed lag in logarithms with a model that does not know one of its controls is an
+/// error, and leaves the smoother as it was.
 #[test]
 fn a_snapshot_with_an_unknown_control_is_refused() {
     let model = |operators: usize| {
@@ -464,7 +463,7 @@ fn entries_beyond_a_double_are_right() {
     assert_eq!(hmm.path_sampler(&ys).unwrap().draw(&mut rng(1)).unwrap(), [0, 3]);
 }
 
-/// The first step of a decoder, through numbers beyond a double.
+/// The first step of a decoder, with numbers beyond the range of doubles.
 #[test]
 fn a_tiny_prior_keeps_its_digits_in_decoders() {
     let least = 2.3e-308;
@@ -519,7 +518,7 @@ fn numbers_beyond_reason_are_errors() {
     );
 }
 
-/// A negative prediction is found even where it is small.
+/// A negative prediction is found even if it is small.
 #[test]
 fn a_slightly_negative_prediction_is_an_error() {
     struct Negative;
@@ -543,7 +542,7 @@ fn a_slightly_negative_prediction_is_an_error() {
 
 #[test]
 fn a_missing_sighting_rounds_tails_too() {
-    // State 1 keeps 1e-30 of itself at each step: from 1e-300 to below a double.
+    // State 1 keeps 1e-30 of itself at each step, from 1e-300 to below the range of doubles.
     let fade =
         SparseTransition::from_triplets(2, [(0, 0, 1.0), (0, 1, 1.0), (1, 1, 1e-30)]).unwrap();
     let prior = || Prior::AtFirstObservation(Belief::new(vec![1.0, 1e-300]).unwrap());

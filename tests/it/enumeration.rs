@@ -1,4 +1,4 @@
-//! Every routine against the sum (or the best) over all paths.
+//! Every routine against the sum (or the maximum) over all paths.
 
 use proptest::prelude::*;
 use wayfix::{Hmm, LikelihoodVector, OptionalLikelihood};
@@ -28,7 +28,7 @@ proptest! {
         check_enumeration(&model, &hmm, &model.logs, &model.enumerate())?;
     }
 
-    /// As numbers of any scale, at every step the same one.
+    /// As numbers on any scale, the same one at each step.
     #[test]
     fn linear_likelihoods_equal_enumeration(mut model in models(Kind::Plain), scale in -290..300) {
         let factor = 10_f64.powi(scale);
@@ -41,8 +41,7 @@ proptest! {
         check_enumeration(&model, &hmm, &ys, &model.enumerate())?;
     }
 
-    /// Adding c_k to the log-likelihoods of step k adds Σ c_k to log p, and
-    /// changes nothing else.
+    /// Adding c_k to the log-likelihoods of step k adds Σ c_k to log p, and changes nothing else.
     #[test]
     fn shifts_add_up(model in models(Kind::Plain), shift in prop_oneof![Just(-400.0), Just(-1e5), Just(700.0)]) {
         let mut shifted = model.clone();

@@ -1,4 +1,4 @@
-//! Scores against counting by hand, naive loops and what must hold for them.
+//! Scores against counts by hand, naive loops and general properties.
 
 use std::ops::RangeInclusive;
 
@@ -16,7 +16,7 @@ fn near(found: f64, expected: f64) {
     assert!((found - expected).abs() <= 1e-12, "{found} instead of {expected}");
 }
 
-/// Edges of bins among them.
+/// Edges at the edges of bins.
 fn forecasts() -> impl Strategy<Value = Vec<(f64, bool)>> {
     let probability = prop_oneof![
         (0..=100_i32).prop_map(|k| f64::from(k) / 100.0),
@@ -69,7 +69,7 @@ fn recall_counts_queries_on_the_map_only() {
     assert_eq!(recall([Some(3), Some(9), Some(3), None, None], 0), Ok(1.0 / 3.0));
     assert_eq!(recall([Some(3), Some(9), Some(3), None, None], 1), Ok(1.0 / 3.0));
     assert_eq!(recall([Some(3), Some(9), Some(3), None, None], 2), Ok(2.0 / 3.0));
-    // "Not on the map" is a miss however wide the tolerance.
+    // "Not on the map" is a miss, however wide the tolerance.
     assert_eq!(recall([None; 5], usize::MAX), Ok(0.0));
 
     says(recall_within(&[None, None], &[Some(1), None], 0), NONE_ON_MAP);
@@ -273,11 +273,11 @@ proptest! {
         near(brier_score(&forecasts).unwrap(), squares);
         let (ece, mce) = (expected_calibration_error(&diagram), maximum_calibration_error(&diagram));
         prop_assert!(0.0 <= ece && ece <= mce + 1e-12 && mce <= 1.0);
-        // Bins only hide what is off.
+        // Binning can only hide errors.
         prop_assert!(ece <= distance + 1e-12 && distance <= squares.sqrt() + 1e-12);
     }
 
-    /// In each bin, k of n happen that were given k / n.
+    /// In each bin, k of n events with probability k / n happen.
     #[test]
     fn calibrated_bins_have_no_error(counts in prop::collection::vec((0..=4_u32, 0..3_usize), 1..9)) {
         let mut forecasts = vec![(0.5, true), (0.5, false)];

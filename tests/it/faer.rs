@@ -26,7 +26,7 @@ fn dense_and_sparse_operators_take_faer_views() {
             assert_eq!(dense.as_faer()[(i, j)], a[(i, j)]);
         }
     }
-    // A transposed view has other strides, and is another matrix.
+    // A transposed view has different strides, and is a different matrix.
     let error = DenseTransition::from_faer(a.transpose()).unwrap_err();
     assert!(matches!(error, TransitionError::RowsSumToOne { column: 0, .. }));
 }

@@ -1,4 +1,4 @@
-//! What holds for every model, without knowing the answer.
+//! Properties of every model that hold whatever the answer.
 
 use proptest::prelude::*;
 use wayfix::TransitionEntries;
@@ -35,7 +35,7 @@ proptest! {
         }
     }
 
-    /// The sum over all paths is at least the best of them.
+    /// The sum over all paths is at least the best path.
     #[test]
     fn the_best_path_is_no_likelier_than_all(model in models(Kind::Extreme)) {
         let hmm = model.hmm(model.own());
@@ -100,8 +100,7 @@ proptest! {
         }
     }
 
-    /// Predict and update are the two halves of a step, wherever the first
-    /// transition is.
+    /// Predict and update are the two halves of a step, in both conventions.
     #[test]
     fn a_step_is_a_prediction_and_an_update(model in models(Kind::Plain)) {
         let hmm = model.hmm(model.sparse());
@@ -139,7 +138,7 @@ proptest! {
         prop_assert_eq!(first.snapshot(), second.snapshot());
     }
 
-    /// h steps ahead is h predictions.
+    /// A forecast h steps ahead is h predictions.
     #[test]
     fn a_forecast_is_repeated_prediction(model in models(Kind::Plain)) {
         let hmm = model.hmm(model.sparse());

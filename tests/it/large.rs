@@ -9,7 +9,7 @@ use wayfix::{
 /// More than three blocks of lines, and not a multiple of eight.
 const PLACES: usize = 131_071;
 
-/// Stays, goes on, or to some other place.
+/// Moves: a stay, to the next place, or to some other place.
 fn roads() -> Vec<(usize, usize, f64)> {
     let of = |from: usize| {
         let to = BTreeSet::from([from, (from + 1) % PLACES, from * 7919 % PLACES]);
@@ -33,7 +33,7 @@ fn hmm() -> Hmm<SparseTransition, LikelihoodVector> {
     Hmm::new(prior, transition, LikelihoodVector::linear(PLACES)).unwrap()
 }
 
-/// Σ over roads of `out[to]` += p `x[from]`, or the other way.
+/// Adds p `x[from]` to `out[to]` over all roads, or in the other direction.
 fn product(roads: &[(usize, usize, f64)], x: &[f64], transposed: bool) -> Vec<f64> {
     let mut out = vec![0.0; PLACES];
     for &(to, from, p) in roads {
@@ -97,7 +97,7 @@ fn values_of_32_bits_are_taken_as_doubles() {
     assert_eq!(smoothed[0], smoothed[1]);
 }
 
-/// However many threads there are.
+/// Results are the same for any number of threads.
 #[cfg(feature = "rayon")]
 #[test]
 fn threads_do_not_change_a_bit() {

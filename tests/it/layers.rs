@@ -1,10 +1,10 @@
-//! Modules stand on modules of lower layers, and the rooms of a module on lower rooms: no path points
-//! upward, nor to a neighbour.
+//! Modules use only modules of lower layers, and the parts of a module only lower parts: no path
+//! points upward or to a neighbour.
 
 use std::fs;
 use std::path::Path;
 
-/// From the lowest up; modules of one layer don't know each other.
+/// Layers from the lowest up; modules of one layer don't use each other.
 const LAYERS: [&[&str]; 13] = [
     &["error", "random", "limits", "files", "standard_normal"],
     &["kernels", "sequence", "fixed", "reorder"],
@@ -26,7 +26,7 @@ fn layer(module: &str) -> usize {
     found.unwrap_or_else(|| panic!("the module {module} is in no layer"))
 }
 
-/// The modules after `crate::` in code, those in braces too.
+/// Returns the modules after `crate::` in code, including those in braces.
 fn imports(code: &str) -> Vec<String> {
     let first_word = |text: &str| {
         text.trim().split(|c: char| !c.is_alphanumeric() && c != '_').next().map(String::from)
@@ -81,8 +81,7 @@ fn a_path_upward_is_found() {
     check(folder.parent().unwrap(), None, &mut 0);
 }
 
-/// The rooms of modules that have some, from the lowest up; those of one line may use each other
-/// only if they are the same.
+/// Parts ("rooms") of modules, from the lowest up; those on one line may not use each other.
 const ROOMS: [(&str, &[&[&str]]); 2] = [
     (
         "inference",
@@ -119,7 +118,7 @@ const ROOMS: [(&str, &[&[&str]]); 2] = [
     ),
 ];
 
-/// Rust files below a folder, with the path of each as a module in the folder.
+/// Returns the Rust files below a folder, each with its path as a module of the folder.
 fn modules(folder: &Path, at: &[String], found: &mut Vec<(Vec<String>, String)>) {
     for entry in fs::read_dir(folder).unwrap().map(Result::unwrap) {
         let path = entry.path();
@@ -137,7 +136,7 @@ fn modules(folder: &Path, at: &[String], found: &mut Vec<(Vec<String>, String)>)
     }
 }
 
-/// The first words after a path that ends in `::`, those in braces too.
+/// Returns the first words after a path that ends in `::`, including those in braces.
 fn words_after<'a>(code: &'a str, path: &str) -> Vec<&'a str> {
     let is_word = |c: char| c.is_alphanumeric() || c == '_';
     let word = |text: &'a str| text.trim().split(|c| !is_word(c)).next().unwrap_or("");
@@ -171,7 +170,7 @@ fn words_after<'a>(code: &'a str, path: &str) -> Vec<&'a str> {
     found
 }
 
-/// Names that the root of a module takes from its rooms, with the room of each.
+/// Returns the names that the root of a module re-exports, with the room of each.
 fn taken_from_rooms(root: &str) -> Vec<(String, String)> {
     let mut found = Vec::new();
     for item in root.split(';').filter_map(|item| item.split_once("use ")) {
@@ -198,7 +197,7 @@ fn check_rooms(folder: &Path, module: &str, rooms: &[&[&str]]) -> usize {
         for word in words {
             let named = names.iter().find(|(name, _)| name == word);
             let room = named.map_or(word, |(_, room)| room);
-            // Items of the root itself have no room.
+            // Items of the root itself belong to no room.
             let Some(below) = floor(room) else { continue };
             arrows += usize::from(room != at[0]);
             assert!(

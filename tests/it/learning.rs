@@ -110,7 +110,7 @@ impl Case {
         };
         for (index, (us, ys)) in self.sequences.iter().enumerate() {
             if us.is_empty() {
-                continue; // it says nothing
+                continue; // an impossible sequence adds no counts
             }
             let model = self.unrolled(index);
             let answer = model.enumerate();
@@ -136,7 +136,7 @@ impl Case {
     }
 }
 
-/// Weights where something is allowed, with a pseudo-count, as a distribution.
+/// Normalises weights, with a pseudo-count for allowed entries.
 fn share(old: &[f64], seen: &[f64], pseudo_count: f64) -> Vec<f64> {
     let weights: Vec<f64> = old
         .iter()
@@ -167,7 +167,7 @@ fn learn<A: LearnTransition<Control = usize> + Clone + Sync>(
     Some(result.unwrap())
 }
 
-/// The matrix of the operator, found out by its product with unit vectors.
+/// The matrix of the operator, by its products with unit vectors.
 fn entry<A: LearnTransition<Control = usize>>(a: &A, u: usize, to: usize, from: usize) -> f64 {
     let (mut x, mut out) = (vec![0.0; a.states()], vec![0.0; a.states()]);
     x[from] = 1.0;
@@ -202,7 +202,7 @@ fn check_one_step<A: LearnTransition<Control = usize> + Clone + Sync>(
             }
         }
     }
-    // The sensor shows what it has learned by what it expects to see.
+    // The sensor's parameters show in its likelihoods.
     let mut objective = counts.log_likelihood;
     let log_prior = |values: &mut dyn Iterator<Item = f64>, pseudo_count: f64| {
         let sum: f64 = values.filter(|p| *p > 0.0).map(f64::ln).sum();
@@ -214,7 +214,7 @@ fn check_one_step<A: LearnTransition<Control = usize> + Clone + Sync>(
     objective += log_prior(&mut case.table.iter().flatten().copied(), case.pseudo_counts[2]);
     close(learned.objectives()[0], objective, 1e-10, 1e-2)?;
 
-    // A state may be seen so seldom that doubles hold nothing of it: its row stays as it was.
+    // A state may be so rare that doubles hold none of its counts: its row stays as it was.
     let seen = |symbols: &Vec<f64>| symbols.iter().sum::<f64>();
     if counts.symbols.iter().map(seen).any(|seen| 0.0 < seen && seen < 1e-290) {
         return Ok(());
@@ -258,7 +258,7 @@ proptest! {
         check_one_step(&case, case.model.dense(), entry)?;
     }
 
-    /// What was measured between steps is no part of what is learned.
+    /// Evidence on moves is not learned.
     #[test]
     fn one_step_with_evidence_on_moves_equals_enumeration(case in instances_of(measured_models(Kind::Plain, false))) {
         let base = |a: &SwitchedTransition<EvidenceTransition<_, _, _, _>>, u: usize, to, from| {
@@ -267,7 +267,7 @@ proptest! {
         check_one_step(&case, case.model.measured(), base)?;
     }
 
-    /// The objective never falls, and structure stays.
+    /// The objective never falls, and zeros stay.
     #[test]
     fn learning_climbs_and_keeps_the_structure(case in instances(Kind::Plain)) {
         let Some(learned) = learn(&case, case.model.sparse(), 25) else { return Ok(()) };
@@ -289,8 +289,8 @@ proptest! {
         close(learned.log_likelihood(), again, 1e-10, 1e-2)?;
     }
 
-    /// Moves with the same label, out of states with the same labels, are one
-    /// parameter: one step against the counts by enumeration.
+    /// Moves with the same label, out of states with the same labels, are one parameter: one step
+    /// against the counts by enumeration.
     #[test]
     fn tied_parameters_equal_enumeration(case in instances(Kind::Plain), labels in vec(0..3_usize, 25)) {
         let n = case.model.states;
@@ -452,7 +452,7 @@ fn tied_turning_probabilities_are_found_again() {
     let mut rng = rng(4);
     let drives: Vec<Vec<usize>> =
         (0..100).map(|_| source.simulate(50, &mut rng).observations().to_vec()).collect();
-    // From every turn alike.
+    // From equal turns.
     let alike = (0..canberra::PLACES).flat_map(|from| {
         let ways: Vec<usize> = canberra::turning().row(from).map(|way| way.0).collect();
         let share = 1.0 / ways.len() as f64;
@@ -518,8 +518,8 @@ fn a_sequence_that_cannot_be_is_left_out_and_named() {
     );
 }
 
-/// Where every state is known, one step of Baum–Welch is counting; and a sensor
-/// that sees groups of one state each learns as one that sees states.
+/// If every state is known, one step of Baum–Welch is counting; and a sensor of groups of one state
+/// each learns as one of states.
 #[test]
 fn learning_from_known_states_is_counting() {
     let source = Hmm::new(

@@ -1,4 +1,4 @@
-//! Many sequences in lock-step give what each gives by itself.
+//! Many sequences in lock-step have the results of each by itself.
 
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -13,7 +13,7 @@ use crate::kit::{Sensor, all_close, cases_of, close, prior, rng, same_results, v
 
 type Drive = Vec<Option<Vec<f64>>>;
 
-/// A model of states enough for lock-step, and drives through it.
+/// Model with enough states for lock-step, and drives through it.
 #[derive(Debug, Clone)]
 struct Case {
     states: usize,
@@ -25,7 +25,7 @@ struct Case {
     log: bool,
 }
 
-/// Plain ones, or with numbers that lock-step leaves to others here and there.
+/// Ordinary models, or some numbers that lock-step leaves to other routines.
 fn instances(extreme: bool) -> impl Strategy<Value = Case> {
     (9..=20_usize, any::<bool>(), any::<bool>(), 0..=20_usize).prop_flat_map(
         move |(n, at_first, log, count)| {
@@ -114,7 +114,7 @@ where
     B: Likelihood<Observation = Option<Vec<f64>>> + Sync,
 {
     let filtered = hmm.forward_all(drives);
-    // The groups are the same, since there are no more than a chunk.
+    // The groups are the same, since the sequences fit into one chunk.
     let passed = visited(|visit| hmm.forward_map_all(drives, visit));
     same_results(
         &passed,
@@ -130,7 +130,7 @@ where
         |i| smoothed[i].clone().map_err(|e| e.source),
         PartialEq::eq,
     )?;
-    // Some share a block.
+    // Some results share a block.
     for (moved, kept) in hmm.smooth_all(drives).into_iter().zip(&smoothed) {
         if let (Ok(moved), Ok(kept)) = (moved, kept) {
             let moved = moved.into_posteriors().into_vec();
@@ -176,7 +176,7 @@ where
     )
 }
 
-/// Drives of symbols, a table for them, and what else there is to a model.
+/// Drives of symbols, with a table and the other parts of a model.
 fn symbols() -> impl Strategy<Value = (Case, Vec<Vec<f64>>, Vec<Vec<usize>>)> {
     (instances(false), 2..=4_usize).prop_flat_map(|(case, m)| {
         let row = weighted(prop_oneof![1 => Just(0.0), 4 => 0.01..1.0], m);
@@ -185,7 +185,7 @@ fn symbols() -> impl Strategy<Value = (Case, Vec<Vec<f64>>, Vec<Vec<usize>>)> {
     })
 }
 
-/// The counts of all drives, each by itself: X_0, moves (from, to), symbols.
+/// Expected counts of each drive by itself, summed: X_0, moves (from, to), symbols.
 #[derive(Debug)]
 struct Counts {
     first: Vec<f64>,
@@ -225,7 +225,7 @@ fn counts<A: LearnTransition<Control = ()>>(
     counts
 }
 
-/// Rows made distributions; those of nothing are as they were.
+/// Normalises rows; empty ones stay as they were.
 fn shares(counts: &[f64], width: usize, old: impl Fn(usize, usize) -> f64) -> Vec<f64> {
     let rows = counts.chunks(width).enumerate();
     rows.flat_map(|(row, counts)| {
@@ -236,7 +236,7 @@ fn shares(counts: &[f64], width: usize, old: impl Fn(usize, usize) -> f64) -> Ve
     .collect()
 }
 
-/// One re-estimation is that from the counts of each drive by itself.
+/// One re-estimation follows from the counts of each drive by itself.
 fn check_learning<A>(
     hmm: &Hmm<A, TableLikelihood>,
     drives: &[Vec<usize>],
@@ -282,7 +282,7 @@ proptest! {
         check(&Hmm::new(case.prior(), case.dense(), case.sensor()).unwrap(), &case.drives)?;
     }
 
-    /// Also where some are impossible, not valid, or beyond doubles.
+    /// Also if some are impossible, invalid, or beyond doubles.
     #[test]
     fn extremes_are_left_to_who_knows_them(case in instances(true)) {
         check(&Hmm::new(case.prior(), case.sparse(), case.sensor()).unwrap(), &case.drives)?;
@@ -299,7 +299,7 @@ proptest! {
         check_learning(&dense, &drives, DenseTransition::get)?;
     }
 
-    /// How many threads there are does not matter, to the bit.
+    /// Results are the same to the bit for any number of threads.
     #[cfg(feature = "rayon")]
     #[test]
     fn threads_do_not_change_a_bit(case in instances(true)) {
@@ -313,8 +313,8 @@ proptest! {
     }
 }
 
-/// The second of the first eight sequences is ruled out, and so leaves no numbers in its
-/// lane. Of the next group, the sequence in that lane is shorter than the longest.
+/// The second of the first eight sequences is impossible, and so leaves no numbers in its lane. In
+/// the next group, the sequence in that lane is shorter than the longest.
 #[test]
 fn a_lane_that_does_not_hold_costs_no_other_sequence_its_counts() {
     let hmm = Hmm::new(
@@ -344,8 +344,7 @@ fn a_lane_that_does_not_hold_costs_no_other_sequence_its_counts() {
     }
 }
 
-/// More than caches hold: results share pieces of memory, and are written past the
-/// caches.
+/// More than caches hold: results share blocks of memory, and are written past the caches.
 #[test]
 fn many_results_stay_apart() {
     let hmm = wayfix::canberra::hmm(5, 1.0).unwrap();
@@ -362,7 +361,7 @@ fn many_results_stay_apart() {
         let pairs = together.posteriors().as_slice().iter().zip(alone.posteriors().as_slice());
         assert!(pairs.into_iter().all(|(a, b)| (a - b).abs() <= 1e-12));
     }
-    // A result outlives the others, and so does a copy.
+    // A result outlives the others of its block, and so does a copy.
     let last = smoothed.swap_remove(7).unwrap();
     drop(smoothed);
     assert_eq!(last.posteriors().modes(), own.posteriors().modes());

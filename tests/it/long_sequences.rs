@@ -21,8 +21,8 @@ fn a_million_steps_on_the_map_keep_every_belief_a_distribution() {
     assert!(filter.log_likelihood().is_finite());
 }
 
-/// Two states, symmetric: the log-likelihood of T equal observations has a
-/// closed form, since the filter is at its fixed point from the start.
+/// Two symmetric states: the log-likelihood of T equal observations has a closed form, since the
+/// filter is at its fixed point from the start.
 #[test]
 fn the_log_likelihood_of_a_million_steps_has_all_its_digits() {
     let hmm = Hmm::new(
@@ -46,15 +46,15 @@ fn the_log_likelihood_of_a_million_steps_has_all_its_digits() {
         assert!((smoothing.posteriors().get(k).unwrap().as_slice()[0] - 0.5).abs() <= 1e-12);
     }
     let path = hmm.viterbi(&vec![y; STEPS]).unwrap();
-    // One start, then stay: ties go to the lowest state.
+    // Stays where it starts; ties go to the lowest state.
     assert!(path.states().iter().all(|&state| state == 0));
     let best = 0.5_f64.ln() + expected + (STEPS - 1) as f64 * 0.9_f64.ln();
     let error = (path.log_probability() - best).abs() / best.abs();
     assert!(error <= 1e-14, "relative error {error}");
 }
 
-/// Nothing seen for a million steps: predictions alone must not drift, even
-/// with columns whose sums are off by a rounding.
+/// A million steps without observations: predictions must not drift, even if sums of columns are
+/// off by a rounding.
 #[test]
 fn a_million_predictions_do_not_drift() {
     let third = 1.0 / 3.0;
@@ -80,7 +80,7 @@ fn a_million_predictions_do_not_drift() {
     assert_eq!(filter.log_likelihood(), 0.0);
 }
 
-/// The streams at length: what they say at the end is what the batch says.
+/// Streams over long sequences agree with the batch routines at the end.
 #[test]
 fn streams_of_a_hundred_thousand_steps_are_the_batch() {
     let hmm = canberra::hmm(90, 2.0).unwrap();

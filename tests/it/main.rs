@@ -1,7 +1,7 @@
-//! Tests of the public interface. What several topics need is in `kit`.
+//! Tests of the public interface. Helpers for several topics are in `kit`.
 //!
-//! Properties run on 256 random cases each, or as many as the environment variable
-//! `WAYFIX_CASES` says.
+//! Properties run on 256 random cases each, or on the number in the environment variable
+//! `WAYFIX_CASES`.
 
 use wayfix_test_kit as kit;
 

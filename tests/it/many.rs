@@ -1,4 +1,4 @@
-//! Many sequences at once, forecasts, and what streams do at length.
+//! Many sequences at once, forecasts, and streams over long sequences.
 
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -11,7 +11,7 @@ use crate::kit::{Kind, Model, cases, models, rng, same_results, visited};
 proptest! {
     #![proptest_config(cases())]
 
-    /// To the bit what they give one by one, in order, whichever fail.
+    /// Results are the same to the bit as one by one, in order, whichever sequences fail.
     #[test]
     fn many_sequences_are_each_by_itself(model in models(Kind::Shifted), lengths in vec(0..=6_usize, 0..5)) {
         let hmm = model.hmm(model.sparse());
@@ -37,8 +37,8 @@ proptest! {
         same_results(&passed, drives.len(), |i| hmm.viterbi(&drives[i]), PartialEq::eq)?;
     }
 
-    /// Under controls, from any point, from extremes too: what a filter would
-    /// believe after steps without observations.
+    /// Forecasts are the beliefs of a filter after steps without observations: under controls, from
+    /// any point, also from extreme beliefs.
     #[test]
     fn forecasts_equal_enumeration(model in models(Kind::Extreme), seen in 0..=6_usize) {
         let mut model = model;
@@ -82,8 +82,7 @@ proptest! {
     }
 }
 
-/// Which threads do the work does not matter, for more sequences than are gone
-/// through together.
+/// Results do not depend on the threads, for more sequences than one chunk.
 #[test]
 fn learning_does_not_depend_on_the_threads() {
     let source = canberra::hmm(5, 1.0).unwrap();
@@ -130,9 +129,9 @@ fn moves_are_counted_under_their_controls() {
     assert_eq!(error.to_string(), "control 1 is not valid: operator 9, expected one of 2 (0 to 1)");
 }
 
-/// What is drawn ahead of a filter has the forecast's frequencies. The seed is
-/// fixed; for another, a right program fails one of the three tests with a
-/// probability below 3e-4 (99.99% quantiles for 1 and 2 degrees of freedom).
+/// Draws ahead of a filter have the forecast's frequencies. The seed is fixed; with another one, a
+/// correct program fails one of the three tests with a probability below 3e-4 (99.99% quantiles for
+/// 1 and 2 degrees of freedom).
 #[test]
 fn what_may_come_next_is_drawn_as_it_is_forecast() {
     let hmm = Hmm::new(

@@ -1,5 +1,5 @@
-//! Graph facts, against a small map that can be checked by hand and against
-//! brute force on Canberra.
+//! Facts about graphs, on a small map that can be checked by hand, and against brute force on
+//! Canberra.
 
 use wayfix::canberra;
 use wayfix::map::{Place, Position, Road, RoadClass, RoadMap, TurningProbabilities, TurningRule};
@@ -13,7 +13,7 @@ fn road(from: u64, to: u64, class: RoadClass, metres: f64) -> Road {
     Road { from, to, class, metres }
 }
 
-/// 10 → 20 → 30 → 10 one way, 20 ↔ 40; 50 can be left to 10 only.
+/// 10 → 20 → 30 → 10 one way, 20 ↔ 40; 50 leads only to 10.
 fn small() -> RoadMap {
     use RoadClass::{Arterial, Main, Street};
     RoadMap::new(
@@ -46,7 +46,7 @@ fn neighbours_and_hops() {
     assert_eq!(map.hops_from(0), [Some(0), Some(1), Some(2), Some(2), None]);
     assert_eq!(map.hops_either_way(0), [Some(0), Some(1), Some(1), Some(2), Some(1)]);
     assert!(!map.is_strongly_connected());
-    // No place, no facts, and no panic.
+    // A place that does not exist has no facts, and does not panic.
     assert_eq!(map.neighbors(9).count(), 0);
     assert_eq!(map.roads_from(usize::MAX).count(), 0);
     assert_eq!(map.hops_from(9), [None; 5]);
@@ -129,7 +129,7 @@ fn distances_on_canberra_agree_with_brute_force() {
     }
 }
 
-/// Rows sum to one in each metric, and what is nearer is likelier to be seen.
+/// Rows sum to one in each metric, and nearer places are likelier to be seen.
 #[test]
 fn sensors_in_three_metrics() {
     let map = small();

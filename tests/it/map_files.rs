@@ -1,4 +1,4 @@
-//! Maps of a plane, and maps from files that are not clean.
+//! Maps of a plane, and maps from messy files.
 
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -32,11 +32,11 @@ fn a_plane_is_euclidean() {
     assert_eq!(map.road_metres_from(0), [Some(0.0), Some(5.0), Some(17.0)]);
     assert_eq!(map.shortest_path(0, 2).unwrap().metres(), 17.0);
     assert_eq!(map.nearest(PlanePosition { x: 9.0, y: -2.1 }), Some(2));
-    // As far from 2 as from 3: the lower one.
+    // At the same distance from 2 and 3: the lower one.
     assert_eq!(map.nearest(PlanePosition { x: 9.0, y: -2.0 }), Some(1));
     assert_eq!(map.nearest(PlanePosition { x: f64::NAN, y: 0.0 }), None);
 
-    // All that is made of a map is made of this one.
+    // Everything that a map can make works for this one.
     let turning = TurningProbabilities::by_rule(&map, &TurningRule::default()).unwrap();
     assert_eq!(turning.clone().tied(&map).entries(), 5);
     assert_eq!(turning.get(2, 2), 1.0);
@@ -94,7 +94,7 @@ fn all(report: &CleaningReport) -> Vec<(usize, Road)> {
 proptest! {
     #![proptest_config(cases())]
 
-    /// What is left makes a map by the strict constructor, and is what is shortest.
+    /// The remaining roads are accepted by the strict constructor, and are the shortest ones.
     #[test]
     fn the_shortest_roads_are_left(given in vec((0..4_u64, 0..4_u64, 1..4_u8), 0..30)) {
         let places = || (0..4_u64).map(|id| shelf(id, id as f64, 0.0));
@@ -158,7 +158,7 @@ fn planes_and_unclean_files() {
         "places, line 1: header \"id,latitude,longitude,name\", expected \"id,x,y,name\"",
     );
 
-    // On Earth lengths must be given.
+    // On Earth, lengths must be given.
     let places = "id,latitude,longitude,name\n1,0,0,\n2,0,1e-3,\n";
     let earth =
         |roads: &str| RoadMap::<Position>::cleaned_from_csv(places.as_bytes(), roads.as_bytes());
@@ -194,12 +194,12 @@ fn errors_name_the_line() {
         let text = error.to_string();
         assert!(text.starts_with(&format!("places, line {line}: ")), "{text}, expected {line}");
     }
-    // What is read stays as it is, in quotes as well.
+    // Fields are kept as they are, also in quotes.
     let text = "id,latitude,longitude,name\r\n1,0,0,\"a\r\nb\"\r\n2,0,1e-3,\r\n";
     let (map, _) =
         RoadMap::<Position>::cleaned_from_csv(text.as_bytes(), roads.as_bytes()).unwrap();
     assert_eq!(map.places()[0].name, "a\r\nb");
-    // Bytes that are no text, beyond what is read at once.
+    // Bytes that are not UTF-8, beyond the first buffer.
     let lines = "1,0,0,\r\n".repeat(5000);
     let text = [places.as_bytes(), lines.as_bytes(), b"2,0,0,ab\xff\r\n"].concat();
     says(

@@ -1,4 +1,4 @@
-//! Operators that have no control: those that declare it, and those that do not.
+//! Operators without a control, whether they declare it or not.
 
 use std::rc::Rc;
 use std::sync::Arc;
@@ -97,7 +97,7 @@ fn wrappers_declare_what_their_operator_does() {
     check(&Box::new(PowerTransition::new(Arc::new(still()), 2)), true);
     check(&gears(), false);
     check(&Undeclared(still()), false);
-    // One of two.
+    // A choice of two.
     assert!(!declares(KroneckerTransition::new(still(), Undeclared(still())).unwrap()));
     assert!(!declares(KroneckerTransition::new(Undeclared(still()), still()).unwrap()));
 }
@@ -111,7 +111,7 @@ fn gears() -> SwitchedTransition<SparseTransition> {
     SwitchedTransition::new(vec![still(), still()]).unwrap()
 }
 
-/// Operators of several types that are chosen at run time.
+/// Operators of several types, chosen at run time.
 type Chosen = Box<dyn Transition<Control = ()> + Send + Sync>;
 
 #[test]
@@ -128,7 +128,7 @@ fn a_trait_object_declares_what_its_operator_does() {
     }
 }
 
-/// A model with symbols, and some sequences of these.
+/// A model with symbols, and sequences of these.
 #[derive(Debug, Clone)]
 struct Case {
     at_first: bool,
@@ -138,7 +138,7 @@ struct Case {
     sequences: Vec<Vec<usize>>,
 }
 
-/// On either side of eight states, with short sequences and long ones, few and many.
+/// Below and above eight states, with short and long sequences, few and many.
 fn instances() -> impl Strategy<Value = Case> {
     (1..=12_usize, 1..=3_usize).prop_flat_map(|(n, symbols)| {
         let row = weighted(prop_oneof![1 => Just(0.0), 12 => 0.01..1.0], symbols);
@@ -204,7 +204,7 @@ impl Case {
         )
     }
 
-    /// A trait object of an operator does the same as the operator, to the bit.
+    /// A trait object of an operator gives the same as the operator, to the bit.
     fn check_trait_object<A>(&self, operator: A) -> TestCaseResult
     where
         A: Transition<Control = ()> + Clone + Send + Sync + 'static,
@@ -230,7 +230,7 @@ impl Case {
         Ok(())
     }
 
-    /// Streams, step by step: the filter to the bit, a pruned one within what it proves.
+    /// Streams, step by step: the filter to the bit, the pruned one within its bound.
     fn check_streams<A>(&self, operator: A, pruning: Pruning) -> TestCaseResult
     where
         A: TransitionEntries<Control = ()> + Clone,
@@ -259,7 +259,7 @@ impl Case {
             let belief = filter.belief();
             prop_assert_eq!(bits(belief.as_slice()), bits(filter_of_other.belief().as_slice()));
             let (Ok(certificate), Ok(of_other)) = (pruned.step(y), pruned_of_other.step(y)) else {
-                // A state was dropped from which alone this could be seen.
+                // The only state that explains the observation was dropped.
                 prop_assert!(pruning.tolerance > 0.0);
                 break;
             };
@@ -335,7 +335,7 @@ fn a_bad_operator_is_an_error_of_the_first_step_if_it_is_not_declared() {
         InferenceError::PredictedSum { step: 1, sum } => assert!((sum - 0.95).abs() < 1e-15),
         error => panic!("{error}"),
     };
-    // As many as models of few states take at once.
+    // As many steps as models of few states take at once.
     let ys = vec![[0.5, 0.5]; 3000];
     found(hmm.forward(&ys).unwrap_err());
     found(hmm.smooth(&ys).unwrap_err());
@@ -351,7 +351,7 @@ fn a_bad_operator_is_an_error_of_the_first_step_if_it_is_not_declared() {
     assert_eq!(pruned.probabilities(), [0.5, 0.5]);
 }
 
-/// Steps with evidence may have any sum, so that it would not be found later.
+/// Steps with evidence may have any sum, so a wrong column would not be found later.
 #[test]
 fn families_and_evidence_check_operators_that_are_not_declared() {
     let refused = |error| match error {

@@ -1,5 +1,5 @@
-//! The pruned filter against the exact one: the bound that it proves holds, and it
-//! leaves out nothing that it must not.
+//! The pruned filter against the exact one: its bound holds, and it drops nothing that it must
+//! keep.
 
 use std::ops::RangeInclusive;
 use std::sync::Arc;
@@ -16,13 +16,13 @@ use wayfix::{
 
 use crate::kit::{Own, cases_of, matrix, prior, rng, weighted};
 
-/// A model of a few states, and what is seen of it: an optional symbol, and a list.
+/// A model of a few states, and observations: an optional symbol, and a list.
 #[derive(Debug, Clone)]
 struct Case {
     states: usize,
     at_first: bool,
     prior: Vec<f64>,
-    /// `columns[from]` is where it leads.
+    /// `columns[from]` lists the moves out of a state.
     columns: Vec<Vec<f64>>,
     /// `table[state][symbol]`.
     table: Vec<Vec<f64>>,
@@ -51,7 +51,7 @@ impl Case {
         FusedLikelihood::new(camera, SparseLikelihood::new(self.states)).unwrap()
     }
 
-    /// The same with an operator of which there is no matrix.
+    /// The model with a matrix-free operator.
     fn by_lists(&self) -> Hmm<Own, Sensor> {
         let own = Own(matrix(self.states, |to, from| self.columns[from][to]));
         Hmm::new(self.prior(), own, self.sensor()).unwrap()
@@ -92,7 +92,7 @@ fn weight() -> impl Strategy<Value = f64> {
     prop_oneof![4 => Just(0.0), 3 => 0.05..1.0, 1 => Just(1e-6), 1 => Just(1e-12)]
 }
 
-/// Models of few states, and of as many as exact steps are for while these are active.
+/// Models of few states, and of enough for exact steps while many are active.
 fn instances() -> impl Strategy<Value = Case> {
     prop_oneof![3 => models(2..=9), 1 => models(17..=40)]
 }
@@ -143,7 +143,7 @@ proptest! {
         check_bound(&case, &case.hmm())?;
     }
 
-    /// The same by lists alone, also from many states.
+    /// Models that use only lists, also from many states.
     #[test]
     fn the_bound_holds_at_each_step_by_lists(case in instances()) {
         check_bound(&case, &case.by_lists())?;
@@ -183,7 +183,7 @@ where
         let before = (pruned.active().to_vec(), pruned.probabilities().to_vec());
         let step = pruned.step(seen);
         let Some((belief, log)) = exact.get(k) else {
-            // What is impossible is never taken for possible.
+            // An impossible observation is never taken for possible.
             let impossible = InferenceError::Impossible { step: k + 1 }.to_string();
             let dropped = InferenceError::Pruned { step: k + 1 }.to_string();
             let error = step.unwrap_err().to_string();
@@ -211,7 +211,7 @@ where
                 prop_assert_eq!(pruned.steps(), k + 1);
             }
             Err(error) => {
-                // The observation is possible, so this must not be denied.
+                // The observation is possible, so it must not be reported as impossible.
                 let expected = InferenceError::Pruned { step: k + 1 }.to_string();
                 prop_assert_eq!(error.to_string(), expected);
                 prop_assert!(case.prunes());
@@ -235,7 +235,7 @@ where
         match exact.step(seen) {
             Ok(_) => {
                 let bound = pruned.step(seen).unwrap().bound();
-                // It counts roundings, which unlikely observations magnify.
+                // The bound includes rounding, which unlikely observations magnify.
                 prop_assert!(bound < 1e-6, "{bound:e}");
                 for (i, p) in exact.belief().as_slice().iter().enumerate() {
                     let found = pruned.probability(i).unwrap();
@@ -293,7 +293,7 @@ where
         let certificate = match found {
             Ok(certificate) => certificate,
             Err(error) => {
-                // (Of the possible, only that is said which may have been dropped.)
+                // (A possible observation may only be reported as possibly dropped.)
                 let dropped = matches!(error, InferenceError::Pruned { .. });
                 prop_assert!(dropped || !possible, "{}", error);
                 prop_assert_eq!(pruned.snapshot(), before);
@@ -302,7 +302,7 @@ where
         };
         let bound = certificate.bound();
         let distance = distance(&pruned, &belief);
-        // (What it is compared with has its own roundings.)
+        // (The reference has rounding errors of its own.)
         prop_assert!(distance <= bound + 1e-14, "{k}, verb {verb}: {distance:e} > {bound:e}");
         prop_assert_eq!(certificate, pruned.certificate());
         prop_assert_eq!(pruned.steps(), steps);
@@ -313,7 +313,7 @@ where
             prop_assert_eq!(snapshot.certificate(), certificate);
             let state = PrunedFilterSnapshot::from_bytes(&snapshot.to_bytes()).unwrap();
             prop_assert_eq!(&state, &snapshot);
-            // Into one that knows something else.
+            // Into a filter with another state.
             let mut other = hmm.pruned_filter(Pruning::default());
             let _ = other.step(&case.seen[0]);
             other.restore(&state).unwrap();
@@ -334,7 +334,7 @@ where
     Ok(())
 }
 
-/// From a wide belief, products with the whole matrix and lists say the same.
+/// From a wide belief, products with the whole matrix and lists agree.
 #[test]
 fn a_wide_start_goes_over_to_lists() {
     let n = 3000;
@@ -350,7 +350,7 @@ fn a_wide_start_goes_over_to_lists() {
         let (mut one, mut other) = (whole.pruned_filter(pruning), lists.pruned_filter(pruning));
         let mut counts = Vec::new();
         for k in 0..40_usize {
-            // At first little is seen, then the place.
+            // Observations are vague at first, then show the place.
             let sharp = 0.02 * (k as f64 - 3.0).max(0.0);
             let like = |i: usize| {
                 let off = i.abs_diff(700 + k * 3 / 4) as f64;
@@ -382,7 +382,7 @@ fn a_wide_start_goes_over_to_lists() {
     }
 }
 
-/// Entries by row, with no matrix to be found in them.
+/// Entries by row, without a stored matrix.
 struct Listed(Vec<Vec<(usize, f64)>>);
 
 impl wayfix::Transition for Listed {
@@ -411,7 +411,7 @@ impl TransitionEntries for Listed {
         self.0[to].iter().copied()
     }
     fn outgoing(&self, (): &(), from: usize) -> impl Iterator<Item = (usize, f64)> {
-        // (Of the ring: stay or go one on.)
+        // (On the ring: stay or go on to the next.)
         let n = self.0.len();
         let to = [from, (from + 1) % n];
         to.into_iter().flat_map(move |i| {
@@ -434,7 +434,7 @@ fn a_snapshot_of_another_model_is_refused() {
     assert_eq!(other.snapshot(), before);
 }
 
-/// A loop of places: stay or go one on.
+/// A loop of places: stay or go on to the next.
 fn ring(n: usize) -> SparseTransition {
     let moves = (0..n).flat_map(|j| [(j, j, 0.25), ((j + 1) % n, j, 0.75)]);
     SparseTransition::from_triplets(n, moves).unwrap()
@@ -475,7 +475,7 @@ fn what_cannot_be_held_is_said_and_comes_back() {
     let hmm = Hmm::new(certain(n, 100), ring(n), SparseLikelihood::new(n)).unwrap();
     let pruning = Pruning { most_active: 5, ..Pruning::default() };
     let (mut exact, mut pruned) = (hmm.filter(), hmm.pruned_filter(pruning));
-    // Nothing is seen, and the belief spreads to more places than are allowed.
+    // Without observations, the belief spreads to more places than are allowed.
     let blind = SparseObservation::new(vec![], 1.0).unwrap();
     for _ in 0..40 {
         exact.step(&blind).unwrap();
@@ -485,7 +485,7 @@ fn what_cannot_be_held_is_said_and_comes_back() {
     }
     let lost = pruned.certificate();
     assert!(matches!(lost, Certificate::Exceeded(bound) if bound > 0.5), "{lost:?}");
-    // Then the vehicle is seen again, each time one place on.
+    // Then the vehicle is seen again, each time at the next place.
     for place in 130..140 {
         exact.step(&seen(place, 1e-6)).unwrap();
         let certificate = pruned.step(&seen(place, 1e-6)).unwrap();
@@ -509,7 +509,7 @@ fn a_place_where_nothing_led_is_not_denied() {
         "the observation of step 3 is impossible in all states that were not pruned"
     );
     assert_eq!((pruned.active().to_vec(), pruned.log_likelihood(), pruned.certificate()), before);
-    // Nothing at all can be seen so.
+    // The observation is impossible everywhere.
     let nothing = SparseObservation::new(vec![], 0.0).unwrap();
     assert_eq!(
         pruned.step(&nothing).unwrap_err().to_string(),
@@ -575,7 +575,7 @@ fn likelihoods_of_any_scale_and_far_tails_are_held() {
     assert!((range.start() - log).abs() < 1e-3 && (range.end() - log).abs() < 1e-3, "{range:?}");
 }
 
-/// What a sensor says of a few states is what it says of all of them.
+/// A sensor's local likelihoods are those of its full diagonal.
 fn check_local<B: LocalLikelihood>(sensor: &B, y: &B::Observation) {
     let n = sensor.states();
     let model = |sensor| {
@@ -630,7 +630,7 @@ fn local_likelihoods_are_those_of_the_diagonal() {
     check_local(&FusedLikelihood::new(linear(), linear()).unwrap(), &(small.clone(), small));
     check_local(&SparseLikelihood::new(6), &SparseObservation::new(vec![(2, 0.5)], 0.1).unwrap());
     check_local(&SparseLikelihood::new(6), &SparseObservation::known(3));
-    // Of more states than stand out, too.
+    // Also for more states than those that stand out.
     let rows: Vec<_> = (0..20).map(|i| [0.01 * f64::from(i), 1.0 - 0.01 * f64::from(i)]).collect();
     let table = TableLikelihood::from_rows(&rows).unwrap();
     let ask = |states: &[usize]| table.local(&0, states, &mut Scratch::default()).unwrap().1;
@@ -657,7 +657,7 @@ fn errors_of_a_sensor_say_what_is_wrong() {
     );
 }
 
-/// A sensor of one's own that says nonsense.
+/// A user's sensor that returns nonsense.
 struct Wrong {
     value: f64,
     others: f64,

@@ -52,7 +52,7 @@ impl Case {
         SparseTransition::from_triplets(n, all).unwrap()
     }
 
-    /// The matrix that drives each step, by its number.
+    /// Number of the matrix that drives each step.
     fn controls(&self) -> Vec<usize> {
         let of = |step: usize| {
             if self.transitions.len() == 1 { 0 } else { step.saturating_sub(1) }
@@ -87,7 +87,7 @@ impl Case {
 
         let mut moves = vec![vec![0.0; n]; n];
         hmm.smooth_each(&drive, Order::Forward, |step| {
-            // From observation to observation: not that from X_0.
+            // Moves between observations, without that from X_0.
             let found = step.moves().filter(|_| step.step() > 1);
             found.into_iter().flatten().for_each(|m| moves[m.from][m.to] += m.weight);
         })

@@ -47,7 +47,7 @@ proptest! {
         check_k_best(&model, &sparse(&model), count)?;
     }
 
-    /// Where paths tie, the documented order, exactly.
+    /// Ties between paths are in the documented order, exactly.
     #[test]
     fn k_best_and_viterbi_break_ties_as_they_say(model in dyadic_models(), count in 1..60_usize) {
         prop_assume!(model.steps() > 0);
@@ -65,8 +65,8 @@ proptest! {
         }
     }
 
-    /// It commits exactly what all best paths to a possible present state
-    /// share, and with the rest it is the batch decoder, at every step.
+    /// The streaming decoder commits exactly the states that the best paths to all possible present
+    /// states share; together with the rest, it is the batch decoder, at every step.
     #[test]
     fn online_viterbi_commits_as_soon_as_it_can(model in dyadic_models()) {
         let hmm = sparse(&model);
@@ -75,7 +75,7 @@ proptest! {
         for k in 1..=model.steps() {
             let all = ranked(&model, k);
             let before = (decoder.undecided(), decoder.log_probability(), decoder.steps());
-            // Nothing seen is the same as a step without an observation.
+            // A missing observation is the same as a step without one.
             let step = match &model.logs[k - 1] {
                 None => decoder.predict_with(&(k - 1)),
                 seen => decoder.step_with(&(k - 1), seen),
@@ -112,17 +112,16 @@ proptest! {
         }
     }
 
-    /// Only possible paths are drawn, from extremes too, with the same path for
-    /// the same seed.
+    /// Only possible paths are drawn, also for extreme models, and the same path for the same seed.
     #[test]
     fn drawn_paths_are_possible(model in models(Kind::Extreme), seed: u64) {
         check_drawn(&model, &sparse(&model), seed)?;
     }
 }
 
-/// All paths of random models, by one chi-square test each. The seeds are
-/// fixed; for others, a right program fails each test with a probability of
-/// about 1e-4 (Wilson and Hilferty's approximation of the quantile).
+/// All paths of random models, by one chi-square test each. The seeds are fixed; with others, a
+/// correct program fails each test with a probability of about 1e-4 (Wilson and Hilferty's
+/// approximation of the quantile).
 #[test]
 fn drawn_paths_have_their_frequencies() {
     use proptest::strategy::ValueTree;
@@ -137,7 +136,7 @@ fn drawn_paths_have_their_frequencies() {
     }
 }
 
-/// What segments there are does not matter: to the bit, in both orders.
+/// Results do not depend on the segments: they are the same to the bit, in both orders.
 #[test]
 fn checkpoints_change_nothing() {
     let hmm = wayfix::canberra::hmm(5, 1.0).unwrap();

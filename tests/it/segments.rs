@@ -1,4 +1,4 @@
-//! A long sequence that is cut into segments gives what it gives in one piece.
+//! A long sequence that is cut into segments has the results of one piece.
 
 use std::error::Error;
 use std::ops::{Range, RangeInclusive};
@@ -62,7 +62,7 @@ impl LearnLikelihood for Readings {
     }
 }
 
-/// Observations that note how often they are asked for, and how often elsewhere than before.
+/// Observations that count how often they are read, and how often not next to the read before.
 struct Noted<'a, Y> {
     ys: &'a [Y],
     last: AtomicUsize,
@@ -94,8 +94,8 @@ impl<Y> Sequence<(), Y> for Noted<'_, Y> {
     }
 }
 
-/// True if all observations were asked for in the order of lanes, nearly always elsewhere than
-/// before. After a routine that starts over in one piece it is false.
+/// True if observations were read in the order of lanes, nearly always not next to the read before.
+/// False after a routine that starts over in one piece.
 fn in_lanes<Y>(ys: &[Y], routine: impl FnOnce(&[Noted<'_, Y>; 1])) -> bool {
     let noted = [Noted::new(ys)];
     routine(&noted);
@@ -110,13 +110,13 @@ fn in_lanes<Y>(ys: &[Y], routine: impl FnOnce(&[Noted<'_, Y>; 1])) -> bool {
 enum Moves {
     /// Any moves.
     Full,
-    /// Half of the moves are not possible.
+    /// Half of the moves are impossible.
     Sparse,
-    /// From each state to the next, but once in `10^-n` steps to any.
+    /// From each state to the next, and with probability `10^-n` to any.
     Ring(i32),
-    /// To itself, but once in a thousand steps to any.
+    /// To itself, and once in a thousand steps to any.
     Rare,
-    /// Between states of the same half only.
+    /// Only between states of the same half.
     Apart,
     /// To itself, and to states with higher numbers.
     Upward,
@@ -141,7 +141,7 @@ impl Moves {
     }
 }
 
-/// A model and what is seen.
+/// A model and its observations.
 #[derive(Debug, Clone)]
 struct Case {
     matrix: Matrix,
@@ -200,7 +200,7 @@ impl Case {
     }
 }
 
-/// Expectations by the routine that takes any sequence in one piece; errors as text.
+/// Expectations by the routine that takes every sequence in one piece; errors as text.
 fn in_one_piece<A, B>(
     hmm: &Hmm<A, B>,
     ys: &[B::Observation],
@@ -317,7 +317,7 @@ proptest! {
         check_smoother(&hmm.with_rounded_tails(), &seen)?;
     }
 
-    /// What is impossible, not valid or beyond doubles is left to who knows it.
+    /// Impossible, invalid or extreme observations are left to the general routine.
     #[test]
     fn errors_are_those_of_one_piece(
         (case, (at, b)) in prop_oneof![instances(9..=12), instances_of(2..=8, 1..2048)].prop_flat_map(|case| {
@@ -339,7 +339,8 @@ proptest! {
     }
 }
 
-/// A model of n states that see their own symbol with probability 0.7, and others alike.
+/// A model of n states that show their own symbol with probability 0.7, and the others equally
+/// often.
 fn example(n: usize, moves: Moves) -> Hmm<DenseTransition, TableLikelihood> {
     let weight = |to: usize, from: usize| (to * 7 + from * 3) as f64 % 11.0 / 11.0;
     let entry = |to: usize, from: usize| moves.entry(n, to, from, weight(to, from));
@@ -351,7 +352,7 @@ fn example(n: usize, moves: Moves) -> Hmm<DenseTransition, TableLikelihood> {
     Hmm::new(prior, transition, TableLikelihood::from_rows(&table).unwrap()).unwrap()
 }
 
-/// Long sequences run in lanes where the model forgets, and in one piece where it does not.
+/// Long sequences run in lanes if the model forgets, and in one piece if it does not.
 #[test]
 fn models_that_forget_run_in_lanes() {
     let learns = |moves, steps| {
@@ -374,13 +375,13 @@ fn models_that_forget_run_in_lanes() {
     assert!(!smooths(12, Moves::Apart) && !smooths(8, Moves::Full));
 }
 
-/// Nothing is seen for 150 steps of each 1,000: a warm-up that suffices elsewhere does not there.
+/// 150 of each 1,000 steps are uninformative: a warm-up that suffices elsewhere does not there.
 #[test]
 fn a_warm_up_that_is_too_short_is_made_longer() -> Result<(), TestCaseError> {
     let simulated = example(8, Moves::Rare).simulate(60_000, &mut rng(3));
     let mut seen = simulated.observations().to_vec();
     let stay = |to, from| if to == from { 0.93 } else { 0.01 };
-    // The last symbol says nothing.
+    // The last symbol is uninformative.
     let value = |i, y| [0.03, 0.69, 0.1][usize::from(y == i) + 2 * usize::from(y == 8)];
     let table: Matrix = (0..8).map(|i| (0..9).map(|y| value(i, y)).collect()).collect();
     let prior = Prior::BeforeFirstTransition(Belief::certain(8, 2).unwrap());
@@ -410,7 +411,7 @@ fn each_of_several_long_sequences_is_cut() {
     let near = |a: &[f64], b: &[f64]| all_close(a, b, 1e-10, 1e-280).unwrap();
     near(together.sensor(), sum.sensor());
     near(together.first(), sum.first());
-    // An empty sequence beside a long one says nothing.
+    // An empty sequence beside a long one has no influence.
     let (beside, errors) = hmm.expectations(&[&seen[0][..], &[]]);
     assert!(errors.is_empty());
     assert_eq!(beside.sensor(), hmm.expectations(&[&seen[0]]).0.sensor());
@@ -420,12 +421,12 @@ fn each_of_several_long_sequences_is_cut() {
     let two = [Noted::new(&seen[..9_000]), Noted::new(&seen[9_000..])];
     assert!(hmm.expectations(&two).1.is_empty());
     for noted in two {
-        // Warm-ups are asked for again; in a lane, each observation is asked for twice.
+        // Warm-ups are read again; in a lane, each observation is read twice.
         assert!(noted.asked.load(Ordering::Relaxed) > 2 * noted.ys.len() + 100);
     }
 }
 
-/// How many threads there are does not matter, to the bit.
+/// Results are the same to the bit for any number of threads.
 #[cfg(feature = "rayon")]
 #[test]
 fn threads_do_not_change_a_bit_of_segments() {

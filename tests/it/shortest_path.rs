@@ -22,7 +22,7 @@ fn map(places: usize, roads: &[(usize, usize, u8)]) -> RoadMap<PlanePosition> {
     RoadMap::cleaned((0..places).map(place), within.map(road)).unwrap().0
 }
 
-/// All ways on from the last of `places`, to `to`.
+/// All ways from the last of `places` to `to`.
 fn drives(
     map: &RoadMap<PlanePosition>,
     to: usize,
@@ -32,7 +32,7 @@ fn drives(
 ) {
     let here = *places.last().unwrap();
     if here == to {
-        // As ties are resolved: from the end.
+        // Ties are resolved from the end.
         found.push((metres, places.iter().rev().copied().collect()));
         return;
     }
@@ -78,7 +78,7 @@ fn ends_that_do_not_exist_and_lengths_beyond_a_double() {
     assert_eq!(two.shortest_path(2, 2), None);
     assert_eq!(two.shortest_path(1, 1).unwrap().places(), [1]);
 
-    // Lengths that change no sum lead in no circle.
+    // Lengths that do not change a sum do not lead into a loop.
     let place = |id, x| Place { id, position: PlanePosition { x, y: 0.0 }, name: String::new() };
     let road = |from, to, metres| Road { from, to, class: RoadClass::Street, metres };
     let places = [place(0, 0.0), place(1, 1.0), place(2, 2.0), place(3, 3.0)];

@@ -1,5 +1,5 @@
 //! Silent states that are composed into the moves (guide, silent states), against the enumeration
-//! of all ways, silent states among them, and against the formula.
+//! of all ways with their silent states, and against the formula.
 
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -7,7 +7,7 @@ use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
 
 use crate::kit::{Matrix, all_close, cases, close_logs, distribution, transposed};
 
-/// Removes the silent states, the last of the matrix, until `left` are there.
+/// Removes the silent states, which are last in the matrix, until `left` states remain.
 fn without_silent(a: &mut Matrix, left: usize) {
     for s in (left..a.len()).rev() {
         let leaving: f64 = (0..s).map(|to| a[to][s]).sum();
@@ -32,8 +32,8 @@ fn ways(a: &Matrix, table: &Matrix, emitting: usize, from: usize, ys: &[usize]) 
     (0..a.len()).map(step).sum()
 }
 
-/// Emitting states, then begin, then silent ones, of which each leads to later ones alone (or to
-/// any, with `loops`) and to some emitting state; nothing leads to begin.
+/// Emitting states, then the begin state, then silent ones, each of which leads only to later
+/// silent ones (or to any, with `loops`) and to some emitting state; no state leads to begin.
 fn models(loops: bool) -> impl Strategy<Value = (usize, Matrix)> {
     (1..=3_usize, 1..=3_usize).prop_flat_map(move |(emitting, silent)| {
         let n = emitting + 1 + silent;
@@ -86,7 +86,7 @@ proptest! {
         let mut composed = a.clone();
         without_silent(&mut composed, emitting + 1);
         for from in 0..=emitting {
-            // What is in silent states after 0, 1, 2 … silent steps, and where it leaves them to.
+            // Mass in silent states after 0, 1, 2 … silent steps, and the mass that leaves them.
             let mut silent: Vec<f64> = (0..a.len()).map(|to| a[to][from]).collect();
             let mut expected = vec![0.0; emitting];
             for _ in 0..200 {

@@ -28,10 +28,9 @@ fn transition() -> SparseTransition {
     SparseTransition::from_triplets(3, entries).unwrap()
 }
 
-/// Moves out of each state, and symbols shown in it, by chi-square tests. The
-/// seed is fixed; for another, a right program fails one of these seven tests
-/// with a probability below 7 in 10,000 (99.99% quantiles for 1, 2 and 3
-/// degrees of freedom: 15.1, 18.4, 21.1).
+/// Moves out of each state, and symbols in it, by chi-square tests. The seed is fixed; with another
+/// one, a correct program fails one of these seven tests with a probability below 7 in 10,000
+/// (99.99% quantiles for 1, 2 and 3 degrees of freedom: 15.1, 18.4, 21.1).
 #[test]
 fn moves_and_symbols_have_their_frequencies() {
     let hmm = Hmm::new(

@@ -1,5 +1,5 @@
-//! Sparse matrices with values of 32 bits: what rounding keeps, that all routines take
-//! them as doubles, and how far beliefs may be from those of the exact matrix.
+//! Sparse matrices with values of 32 bits: properties of their rounding, all routines, which take
+//! them as doubles, and distances of beliefs from those of the exact matrix.
 
 use proptest::collection::{btree_map, vec};
 use proptest::prelude::*;
@@ -13,8 +13,8 @@ use crate::kit::{bits, cases_of, rng};
 
 type Triplets = Vec<(usize, usize, f64)>;
 
-/// Columns of up to ten entries; of many sizes, alike, or so far apart that small ones
-/// are lost in 32 bits.
+/// Columns of up to ten entries, of various sizes, equal, or so far apart that small ones are lost
+/// in 32 bits.
 fn triplets(spread: i32) -> impl Strategy<Value = (usize, Triplets)> {
     (1..40_usize).prop_flat_map(move |n| {
         let weight = prop_oneof![
@@ -46,7 +46,7 @@ fn told<R>(result: Result<R, InferenceError>) -> Result<R, String> {
     result.map_err(|error| error.to_string())
 }
 
-/// What is checked of any rounding.
+/// Checks the properties of any rounding.
 fn check_rounding(exact: &SparseTransition) -> Result<(), TestCaseError> {
     let single = exact.clone().with_single_values();
     prop_assert_eq!(exact.rounding(), 0.0);
@@ -78,7 +78,7 @@ fn check_rounding(exact: &SparseTransition) -> Result<(), TestCaseError> {
     let again = single.clone().with_single_values();
     prop_assert_eq!(entries(&again), after.clone());
     prop_assert_eq!(again.rounding(), single.rounding());
-    // Nor does it change what has been rounded, unless it is lifted to 2^-60.
+    // Rounding again changes nothing, except entries that are raised to 2^-60.
     if after.iter().any(|entry| entry.2 < 2_f64.powi(-60)) {
         return Ok(());
     }
@@ -88,15 +88,14 @@ fn check_rounding(exact: &SparseTransition) -> Result<(), TestCaseError> {
     Ok(())
 }
 
-/// A model with this matrix, and likelihoods as they are.
+/// A model with this matrix and given likelihoods.
 fn hmm(a: SparseTransition) -> Hmm<SparseTransition, LikelihoodVector> {
     let n = a.states();
     let prior = Prior::BeforeFirstTransition(Belief::uniform(n).unwrap());
     Hmm::new(prior, a, LikelihoodVector::linear(n)).unwrap()
 }
 
-/// That a belief and a log-likelihood are as near as they have been said to be, but
-/// for rounding in doubles.
+/// Checks that a belief and a log-likelihood are within their bounds, up to rounding in doubles.
 fn within(
     e: f64,
     steps: usize,
@@ -123,7 +122,7 @@ proptest! {
         check_rounding(&SparseTransition::from_triplets(n, triplets).unwrap())?;
     }
 
-    /// Of sums that are only about one.
+    /// Columns whose sums are only about one.
     #[test]
     fn sums_become_one((n, mut triplets) in triplets(20), off in -9e-10..9e-10) {
         triplets.iter_mut().for_each(|entry| entry.2 *= 1.0 + off);
@@ -137,7 +136,7 @@ proptest! {
         prop_assert_eq!(single.rounding(), direct.rounding());
     }
 
-    /// All routines give what they give with the same values in 64 bits.
+    /// All routines give the same as with these values in 64 bits.
     #[test]
     fn they_are_taken_as_doubles(
         (n, triplets) in prop_oneof![triplets(3), triplets(1000)],
@@ -170,7 +169,7 @@ proptest! {
         prop_assert_eq!(told(single.k_best(&ys[..], 3)), told(double.k_best(&ys[..], 3)));
     }
 
-    /// Many sequences come one by one.
+    /// Many sequences are the same as one by one.
     #[test]
     fn many_sequences((n, triplets) in triplets(3), seen in vec(vec(0.01..1.0, 40), 12)) {
         let ys: Vec<Vec<f64>> = seen.iter().map(|b| b[..n].to_vec()).collect();
@@ -274,7 +273,7 @@ fn what_32_bits_hold_stays() {
         assert_eq!(single.rounding(), 0.0, "{values:?}");
         assert_eq!(entries(&single), entries(&exact));
     }
-    // Three that are the same can't stay so.
+    // Three equal entries can't stay equal.
     let third = (0..9).map(|at| (at % 3, at / 3, 1.0 / 3.0));
     let single = SparseTransition::from_triplets_single(3, third).unwrap();
     let step = 2_f64.powi(-25);
@@ -283,7 +282,7 @@ fn what_32_bits_hold_stays() {
     assert!(up + up + (up - step) == 1.0);
 }
 
-/// What is small beside the others gets a step at least.
+/// An entry that is small beside the others gets at least one step of the grid.
 #[test]
 fn nothing_becomes_zero() {
     let step = 2_f64.powi(-24);

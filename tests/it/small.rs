@@ -1,5 +1,5 @@
-//! Models of a few states over whole sequences, against enumeration and
-//! against the streams, which take every step by itself.
+//! Models of a few states over whole sequences, against enumeration and the streams, which take
+//! each step by itself.
 
 use std::cell::Cell;
 
@@ -17,7 +17,7 @@ use crate::kit::{
     transposed, with_causes,
 };
 
-/// The whole-sequence routines against the streams: errors too.
+/// Compares whole-sequence routines with the streams, including errors.
 fn check<A, B>(hmm: &Hmm<A, B>, ys: &[B::Observation]) -> Result<(), TestCaseError>
 where
     A: TransitionEntries<Control = ()>,
@@ -108,8 +108,7 @@ where
     Ok(())
 }
 
-/// One matrix at all steps, and observations over and over: as long as
-/// enumeration allows.
+/// One matrix at all steps, and repeated observations, for as long as enumeration allows.
 fn longer(kind: Kind) -> impl Strategy<Value = Model> {
     let few = models(kind).prop_filter("few states", |m| m.states <= 3 && m.steps() > 0);
     few.prop_map(|mut model| {
@@ -135,7 +134,7 @@ proptest! {
         check(&hmm, &model.logs)?;
         let answer = model.enumerate();
         if answer.impossible_at.is_some() {
-            return Ok(()); // the same error as that of the stream
+            return Ok(()); // the same error as from the stream
         }
         close_logs(hmm.log_likelihood(&model.logs).unwrap(), answer.log_likelihood, 1e-12)?;
         let smoothing = hmm.smooth(&model.logs).unwrap();
@@ -151,7 +150,7 @@ proptest! {
     }
 }
 
-/// Columns that are distributions, with zeros and small entries among them.
+/// Columns that are distributions, with zeros and small entries.
 fn draw_matrix(n: usize, zeros: bool, rng: &mut impl Rng) -> Matrix {
     let columns: Vec<Vec<f64>> = (0..n)
         .map(|j| {
@@ -180,8 +179,8 @@ fn draw_prior(n: usize, rng: &mut impl Rng) -> Prior {
     }
 }
 
-/// Log-likelihoods with missing ones, levels far from 0, and now and then what
-/// a double hardly holds.
+/// Log-likelihoods, some of them missing, with levels far from 0, and occasionally at the limits of
+/// doubles.
 fn sightings(n: usize, steps: usize, wild: f64, rng: &mut impl Rng) -> Vec<Option<Vec<f64>>> {
     let level = [0.0, -400.0, 700.0, -1e5][rng.random_range(0..4)];
     (0..steps)
@@ -200,7 +199,7 @@ fn sightings(n: usize, steps: usize, wild: f64, rng: &mut impl Rng) -> Vec<Optio
 proptest! {
     #![proptest_config(cases_of(400))]
 
-    /// Long enough to cross whatever blocks there are.
+    /// Long enough to cross all block boundaries.
     #[test]
     fn small_models_equal_the_streams(
         n in 1..=8_usize,
@@ -225,7 +224,7 @@ proptest! {
         check(&Hmm::new(start, restart, sensor).unwrap(), &ys)?;
     }
 
-    /// As numbers, at any level, and from a table with zeros.
+    /// Likelihoods as numbers, at any level, and from a table with zeros.
     #[test]
     fn numbers_and_symbols_equal_the_streams(
         n in 1..=8_usize,
@@ -281,8 +280,8 @@ proptest! {
 proptest! {
     #![proptest_config(cases_of(120))]
 
-    /// Around the ends of segments, eight of 8 to 128 steps; likelihoods of any
-    /// range, of which some can't be looked at every few steps only, and some are 0.
+    /// Around the ends of segments, eight of 8 to 128 steps; likelihoods of any range, some of
+    /// which need a check at every step, and some of which are 0.
     #[test]
     fn segments_equal_the_streams(
         n in 1..=8_usize,
@@ -321,7 +320,7 @@ proptest! {
     }
 }
 
-/// From left to right: states that are left behind fall behind without end.
+/// A left-to-right model: the probability of abandoned states falls without bound.
 #[test]
 fn what_falls_behind_is_not_lost() {
     [2, 3, 4, 5].into_iter().for_each(falls_behind);
@@ -341,7 +340,7 @@ fn falls_behind(n: usize) {
     for pause in [3, 40, 400, 3000] {
         let mut ys: Vec<Vec<f64>> = (0..n).flat_map(|i| vec![at(i); pause]).collect();
         check(&hmm, &ys).unwrap();
-        // It was in the first place all the time, after all.
+        // In the end, it was at the first place all the time.
         ys.push((0..n).map(|i| f64::from(i == 0)).collect());
         check(&hmm, &ys).unwrap();
         assert_eq!(hmm.viterbi(&ys).unwrap().states(), vec![0; ys.len()]);
@@ -385,7 +384,7 @@ impl<A: Transition<Control = ()>> Transition for Counting<A> {
     }
 }
 
-/// The matrix of a small operator is asked for once, not at each step.
+/// The matrix of a small operator is read once, not at each step.
 #[test]
 fn long_sequences_take_few_products() {
     let rng = &mut rng(1);
@@ -401,7 +400,7 @@ fn long_sequences_take_few_products() {
     }
 }
 
-/// They go the same way, but for a few sizes, whatever is stored on the way.
+/// For most sizes, score and smoother run the same recursion, whatever they store on the way.
 #[test]
 fn score_and_smoother_agree() {
     let rng = &mut rng(3);

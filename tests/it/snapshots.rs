@@ -1,4 +1,4 @@
-//! What streams know, as bytes: back to the bit, and damage is found.
+//! States of streams as bytes: they come back to the bit, and damage is detected.
 
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -21,7 +21,7 @@ fn its_control(bytes: &[u8]) -> Option<usize> {
     bytes.iter().all(|byte| *byte == 7).then_some(bytes.len())
 }
 
-/// As the format says.
+/// The checksum of the format.
 fn checksum(bytes: &[u8]) -> u64 {
     let mut padded = bytes.to_vec();
     padded.resize((bytes.len() / 8 + 1) * 8, 0);
@@ -31,7 +31,7 @@ fn checksum(bytes: &[u8]) -> u64 {
     })
 }
 
-/// With the sum that it should have.
+/// Bytes with their right checksum.
 fn sealed(mut bytes: Vec<u8>) -> Vec<u8> {
     bytes.extend(checksum(&bytes).to_le_bytes());
     bytes
@@ -50,7 +50,7 @@ proptest! {
             let state = FilterSnapshot::from_bytes(&bytes).unwrap();
             prop_assert_eq!(&state, &filter.snapshot());
             prop_assert_eq!(&state.to_bytes(), &bytes);
-            // Into one that held something else.
+            // Into a stream with another state.
             filter.snapshot_to(&mut kept);
             prop_assert_eq!(&kept, &state);
             let (n, p) = (hmm.states(), state.belief().as_slice());
@@ -69,7 +69,7 @@ proptest! {
         }
     }
 
-    /// A decoder that goes on from a snapshot commits the same states, to the end.
+    /// A decoder that continues from a snapshot commits the same states, to the end.
     #[test]
     fn a_decoder_goes_on_as_if_it_had_never_stopped(
         model in models(Kind::Extreme),
@@ -90,7 +90,7 @@ proptest! {
                 prop_assert_eq!(other.snapshot().to_bytes(), snapshot.to_bytes());
                 prop_assert_eq!(other.undecided(), decoder.undecided());
             } else {
-                // (It knows something else until then.)
+                // (It has another state until then.)
                 let _ = other.predict_with(&k);
             }
             let step = decoder.step_with(&k, &model.logs[k]).map(<[usize]>::to_vec);
@@ -109,8 +109,8 @@ proptest! {
         prop_assert_eq!(path, batch.states());
     }
 
-    /// Whatever happens to bytes, there is an error or a state that a stream can go on
-    /// from. With the sum of the damaged bytes, too, as if they were written so.
+    /// Damaged bytes are an error or a state from which a stream can continue, also with the
+    /// checksum of the damaged bytes, as if they were written so.
     #[test]
     fn damaged_bytes_are_refused_or_work(
         model in models(Kind::Extreme),
@@ -283,7 +283,7 @@ fn bytes_of_something_else_say_what_they_are() {
     );
     refused(&sealed(within[..within.len() - 8].to_vec()), &expected);
     refused(&sealed([within, &[0; 3]].concat()), "3 bytes after the snapshot, expected 0");
-    // A length that no memory holds.
+    // A length beyond any memory.
     let mut long = within.to_vec();
     long[40..48].copy_from_slice(&(1_u64 << 60).to_le_bytes());
     assert!(matches!(FilterSnapshot::from_bytes(&sealed(long)), Err(SnapshotError::Length { .. })));

@@ -20,7 +20,7 @@ fn stationary<A: TransitionEntries>(a: &A) -> Vec<f64> {
     Prior::stationary(a).unwrap().belief().as_slice().to_vec()
 }
 
-/// True for each pair (i, j) if j leads to i in any number of steps.
+/// True at `[i][j]` if j leads to i in any number of steps.
 fn reaches(m: &Matrix) -> Vec<Vec<bool>> {
     let n = m.len();
     let mut reach: Vec<Vec<bool>> =
@@ -87,7 +87,7 @@ proptest! {
         }
     }
 
-    /// All routines take it as the same numbers at the first observation.
+    /// All routines give the same as with these numbers at the first observation.
     #[test]
     fn inference_is_that_at_the_first_observation(case in instances(true)) {
         let hmm = case.hmm(dense(&case.matrix));
@@ -121,7 +121,7 @@ proptest! {
         };
         is_a_maximum(&next.transition().to_rows(), objective)?;
 
-        // The counts are those of the moves within.
+        // Counts of the moves within the closed class.
         let hmm = case.hmm(case.restarts(&case.matrix));
         let (expected, _) = hmm.expectations(&case.sequences);
         let next = hmm.maximize(&expected, &options).unwrap();
@@ -188,7 +188,7 @@ fn expected_log(moves: &MoveCounts, first: &[f64], m: &Matrix, starts: &[f64]) -
     first + moves + log_prior(m)
 }
 
-/// The derivative vanishes along each direction that moves a column towards one of its entries.
+/// Checks that the derivative vanishes in each direction that moves a column towards an entry.
 fn is_a_maximum(m: &Matrix, objective: impl Fn(&Matrix) -> f64) -> Result<(), TestCaseError> {
     let n = m.len();
     for from in 0..n {
@@ -211,7 +211,7 @@ fn table(states: usize) -> TableLikelihood {
     TableLikelihood::from_rows(&vec![[0.5, 0.5]; states]).unwrap()
 }
 
-/// A chain that gets everywhere, a table and several sequences.
+/// An irreducible chain, a table and several sequences.
 #[derive(Debug, Clone)]
 struct Case {
     matrix: Matrix,
@@ -270,9 +270,9 @@ impl Case {
     }
 }
 
-/// By hand: π = (b, a) / (a + b), with moves a from 0 to 1 and b back. Of a path that starts in
-/// state 0, has n = 3 moves from 0 to 0, one to 1 and two from 1 to 1, the likelihood is
-/// (1 − a)³ a (1 − b)² b / (a + b).
+/// By hand: π = (b, a) / (a + b), with moves a from 0 to 1 and b back. A path that starts in state
+/// 0, and has three moves from 0 to 0, one to 1 and two from 1 to 1, has the likelihood (1 − a)³ a
+/// (1 − b)² b / (a + b).
 #[test]
 fn counting_takes_account_of_the_start() {
     let hmm = Hmm::new(
@@ -297,14 +297,14 @@ fn counting_takes_account_of_the_start() {
     // Plain counting would give 1/4 and 0.
     assert!(a < 0.25 && b > 0.1, "{a}, {b}");
 
-    // Kept, it is the same numbers at the first observation.
+    // If it is kept, it equals these numbers at the first observation.
     let keep = LearningOptions { keep_prior: true, ..Default::default() };
     let learned = hmm.fit(&[drive()], &keep).unwrap();
     assert_eq!(learned.prior(), &Prior::AtFirstObservation(Belief::uniform(2).unwrap()));
     assert_eq!(learned.transition().to_rows(), [[0.75, 0.0], [0.25, 1.0]]);
 }
 
-/// Tied entries, against differences of the likelihood by the parameters.
+/// Tied entries, against finite differences of the likelihood.
 #[test]
 fn tied_parameters_end_at_a_maximum() {
     let build = |stay: f64, last: f64| {
@@ -386,7 +386,8 @@ fn operators_without_one_stationary_distribution_are_refused() {
     ));
 }
 
-/// Operators that do not say how probable their moves are do not learn wrongly.
+/// Operators that do not give the probabilities of their moves are refused rather than learned
+/// wrongly.
 #[test]
 fn operators_that_cannot_learn_it_say_so() {
     let moves = SparseTransition::from_rows(&[[0.0, 1.0], [1.0, 0.0]]).unwrap();
@@ -398,7 +399,7 @@ fn operators_that_cannot_learn_it_say_so() {
     assert!(matches!(error, LearnError::Stationary), "{error}");
     let keep = LearningOptions { keep_prior: true, ..Default::default() };
     assert!(hmm.learn(&[[0, 1, 1]], &keep).is_ok());
-    // What is fixed need not say it.
+    // A fixed operator need not give them.
     let (prior, dwell, table) = hmm.into_parts();
     let hmm = Hmm::new(prior, Fixed(dwell), table).unwrap();
     let learned = hmm.learn(&[[0, 1, 1]], &LearningOptions::default()).unwrap();
@@ -428,19 +429,19 @@ fn learning_in_other_ways_takes_it() {
     assert_eq!(order.prior(), &Prior::Stationary(Belief::new(vec![p[1], p[0]]).unwrap()));
 }
 
-/// A loop of places: elimination fills in little, and the distribution is known.
+/// A loop of places: elimination has little fill-in, and the distribution is known.
 #[test]
 fn a_long_road_has_its_distribution() {
     let n = 20_000;
     let stay = |j: usize| 0.1 + 0.8 * (j % 7) as f64 / 7.0;
     let entries = (0..n).flat_map(|j| [(j, j, stay(j)), ((j + 1) % n, j, 1.0 - stay(j))]);
     let p = stationary(&SparseTransition::from_triplets(n, entries).unwrap());
-    // What flows through each place is the same.
+    // The flow through each place is the same.
     let flow = p[0] * (1.0 - stay(0));
     assert!((0..n).all(|j| (p[j] * (1.0 - stay(j)) / flow - 1.0).abs() < 1e-11));
 }
 
-/// A file says that the prior is stationary, and is checked for it.
+/// A file stores that the prior is stationary, and this is checked when it is read.
 #[cfg(feature = "serde")]
 #[test]
 fn files_keep_it() {

@@ -7,7 +7,7 @@ use crate::kit::{rng, still};
 
 type Standing = Hmm<wayfix::SparseTransition, LikelihoodVector<Vec<f64>>>;
 
-/// Nothing moves, so that log-odds of the two states add up.
+/// A model without moves, so that log-odds of the two states add up.
 fn standing() -> Standing {
     let prior = Prior::AtFirstObservation(Belief::uniform(2).unwrap());
     Hmm::new(prior, still(2), LikelihoodVector::log(2).owned()).unwrap()
@@ -51,7 +51,7 @@ fn each_is_counted_once() {
     assert_eq!(counts, [0, 1, 2, 3, 3]);
     assert_eq!(exact.forward(&ys).unwrap().steps_in_logs(), 3);
     assert_eq!(exact.smooth(&ys).unwrap().steps_in_logs(), 3);
-    // Only the step that contradicts all before by more than a double can weigh.
+    // Only the step that contradicts all earlier ones by more than the range of a double.
     let rounded = exact.with_rounded_tails();
     assert_eq!(rounded.forward(&ys).unwrap().steps_in_logs(), 1);
     assert_eq!(rounded.smooth(&ys).unwrap().steps_in_logs(), 1);
@@ -78,7 +78,7 @@ fn predictions_and_updates_count_too_and_a_snapshot_knows() {
     assert_eq!(filter.steps_in_logs(), 3);
 }
 
-/// Of many sequences those that doubles do not hold are redone by themselves.
+/// Among many sequences, those that doubles do not hold are redone by themselves.
 #[test]
 fn of_many_sequences_each_has_its_own_count() {
     let n = 9;
@@ -95,8 +95,8 @@ fn of_many_sequences_each_has_its_own_count() {
     assert_eq!(smoothed.collect::<Vec<_>>(), [0, 0, 2, 0, 0]);
 }
 
-/// Few states over many steps have routines of their own, which leave such sequences to
-/// the others.
+/// Few states over many steps have routines of their own, which leave such sequences to the general
+/// ones.
 #[test]
 fn of_few_states_too() {
     let hmm = standing();
@@ -123,7 +123,7 @@ fn the_choice_stays_with_a_model() {
     assert!(learned(&hmm.with_rounded_tails()));
 }
 
-/// As a missing sighting does.
+/// A prediction, as for a missing sighting, rounds tails, too.
 #[test]
 fn a_prediction_rounds_tails_too() {
     let fade = DenseTransition::from_rows(&[[1.0, 1.0], [0.0, 1e-30]]);

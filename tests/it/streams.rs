@@ -1,4 +1,4 @@
-//! All streams have the same verbs, and mean the same by them.
+//! All streams have the same verbs, with the same meaning.
 
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -6,7 +6,7 @@ use wayfix::{Belief, Hmm, InferenceError, LikelihoodVector, Prior, SparseTransit
 
 use crate::kit::{Kind, Model, all_close, cases, close_logs, models, weighted};
 
-/// What a second sensor says before step 1, and at each of up to six steps.
+/// Observations of a second sensor before step 1, and at each of up to six steps.
 pub(crate) fn more(states: usize) -> impl Strategy<Value = Vec<Option<Vec<f64>>>> {
     let log = prop_oneof![1 => Just(f64::NEG_INFINITY), 5 => (0.001..1.0).prop_map(f64::ln)];
     let logs = vec(log, states);
@@ -30,7 +30,7 @@ fn with_more(kind: Kind) -> impl Strategy<Value = (Model, Vec<Option<Vec<f64>>>)
 proptest! {
     #![proptest_config(cases())]
 
-    /// A second sensor at a step is as if the two were one, for all steps of the window.
+    /// A second sensor at a step equals one combined sensor, for all steps of the window.
     #[test]
     fn an_update_of_the_smoother_is_smoothing_with_both_sensors(
         (model, more) in with_more(Kind::Plain),
@@ -116,7 +116,7 @@ proptest! {
         }
     }
 
-    /// After a relocation the smoother is one of a drive that begins there.
+    /// After a relocation, the smoother is that of a drive that begins there.
     #[test]
     fn a_relocation_begins_a_new_stretch(
         (model, place) in models(Kind::Plain).prop_flat_map(|model| {
@@ -204,7 +204,7 @@ fn posteriors_are_beside_observations_or_from_the_start() {
     assert_eq!(posteriors.iter().next_back(), posteriors.get(3));
     let last = all[3].peak();
     assert_eq!((last.0, Some(last.1)), (1, all[3].probability(1)));
-    // Of no observations there is the start.
+    // Without observations, it is the start.
     let nothing = hmm.smooth::<[[f64; 2]]>(&[]).unwrap();
     assert_eq!(
         (nothing.posteriors().iter().len(), nothing.posteriors().with_start().len()),

@@ -1,4 +1,4 @@
-//! Trellises against the sum, and the best, over all paths.
+//! Trellises against the sum and the maximum over all paths.
 
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -104,7 +104,7 @@ fn steps_of(
     })
 }
 
-/// Logarithms of probabilities, of evidence above one, and of what cannot be.
+/// Logarithms of probabilities, of evidence above one, and of impossible moves.
 fn logs() -> impl Strategy<Value = f64> + Clone {
     prop_oneof![1 => Just(NEVER), 6 => -8.0..0.0, 1 => 0.0..5.0, 1 => -200.0..-30.0]
 }
@@ -127,7 +127,8 @@ fn impossible<T: std::fmt::Debug>(result: Result<T, InferenceError>) -> Option<u
     }
 }
 
-/// Order of paths: the most probable first, ties by the last state, then by the one before.
+/// Order of paths: the most probable first, ties by the last state, then by the one before, and so
+/// on.
 fn sorted(mut paths: Vec<(Vec<usize>, f64)>) -> Vec<(Vec<usize>, f64)> {
     paths.sort_by(|a, b| b.1.total_cmp(&a.1).then_with(|| a.0.iter().rev().cmp(b.0.iter().rev())));
     paths
@@ -155,7 +156,7 @@ proptest! {
         close_logs(smoothed.log_likelihood(), steps.log_likelihood(), 1e-12)?;
         for step in 1..=all {
             prop_assert_eq!(trellis.states(step), steps.0[step - 1].len());
-            // Logarithms of 1e5 have 11 digits behind the point.
+            // Logarithms of size 1e5 have 11 digits after the point.
             let filtered = steps.prefix(step).posterior(step);
             all_close(smoothed.filtered(step), &filtered, 1e-9, 1e-290)?;
             all_close(smoothed.smoothed(step), &steps.posterior(step), 1e-9, 1e-290)?;
@@ -184,7 +185,7 @@ proptest! {
         let best = steps.paths().iter().map(|path| path.1).fold(NEVER, f64::max);
         let path = trellis.viterbi().unwrap();
         close_logs(path.log_probability(), best, 1e-12)?;
-        // Legal, and as probable as it says.
+        // The path is possible, and as probable as stated.
         let score = steps.paths().iter().find(|other| other.0 == path.states()).map(|path| path.1);
         close_logs(score.unwrap_or(NEVER), best, 1e-12)?;
     }
@@ -369,7 +370,8 @@ fn a_step_without_states_is_impossible() {
     assert_eq!(impossible(trellis.k_best(0)), Some(2));
 }
 
-/// No path asked for: none, but what is impossible is an error as for one path or many.
+/// A request for no paths returns none; impossible observations are an error as for one path or
+/// many.
 #[test]
 fn no_path_of_an_impossible_model_is_an_error() {
     let table = TableLikelihood::from_rows(&[[1.0, 0.0], [1.0, 0.0]]).unwrap();
@@ -405,7 +407,7 @@ fn same_answers(
     assert_eq!(say(one), say(other));
 }
 
-/// Differences of 1e-7 between likelihoods after one of e^1e11, or weights, or both, as in a model
+/// Differences of 1e-7 between likelihoods, weights or both, after one of e^1e11, as in a model
 /// with the same evidence.
 #[test]
 fn small_differences_survive_what_came_before() {
@@ -420,7 +422,7 @@ fn small_differences_survive_what_came_before() {
                 let before = if step == 0 { 0 } else { state };
                 trellis.state(better + large.0, [(before, large.1)]).unwrap();
             }
-            trellis.state(1e12, [(0, NEVER)]).unwrap(); // not to be reached
+            trellis.state(1e12, [(0, NEVER)]).unwrap(); // unreachable
         }
         let case = format!("{common} {weight}");
         let best = trellis.viterbi().unwrap();

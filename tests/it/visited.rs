@@ -1,4 +1,4 @@
-//! Results of many sequences, passed to a visitor: in order, of any number, with nothing kept.
+//! Results of many sequences, passed to a visitor: in order, for any number, without keeping them.
 
 use std::cell::Cell;
 use std::ops::ControlFlow;
@@ -10,7 +10,7 @@ use wayfix::{Belief, Hmm, Prior, canberra};
 
 use crate::kit::{all_close, close, rng, same_results, still, visited};
 
-/// Drives of 0 to 36 steps, more than a few chunks of them; every 50th has a symbol that does not exist.
+/// Drives of 0 to 36 steps, in several chunks; every 50th has a symbol that does not exist.
 fn drives() -> Vec<Vec<usize>> {
     let hmm = canberra::hmm(5, 1.0).unwrap();
     let mut rng = rng(7);
@@ -21,7 +21,7 @@ fn drives() -> Vec<Vec<usize>> {
     (0..700).map(drive).collect()
 }
 
-/// The same work in pools of one thread and of three, and outside of a pool.
+/// Runs the same work in pools of one thread and of three, and outside of a pool.
 fn on_threads<R: Send>(work: impl Fn() -> R + Send + Sync) -> Vec<R> {
     #[cfg(feature = "rayon")]
     {
@@ -73,7 +73,7 @@ fn results_are_those_of_each_and_of_all() {
     });
 }
 
-/// Memory serves again only if nobody has kept what is in it.
+/// Memory is reused only if no one has kept the result in it.
 #[test]
 fn a_result_that_is_kept_stays_as_it_is() {
     let hmm = canberra::hmm(5, 1.0).unwrap();
@@ -98,7 +98,7 @@ fn a_result_that_is_kept_stays_as_it_is() {
     });
 }
 
-/// An endless source is taken a few chunks ahead, and not beyond.
+/// An endless source is read a few chunks ahead, and not further.
 #[test]
 fn a_visitor_stops() {
     let (hmm, small) = (canberra::hmm(5, 1.0).unwrap(), canberra::hmm(5, 1.0).unwrap());
@@ -122,7 +122,7 @@ fn a_visitor_stops() {
     });
 }
 
-/// A panic of a sensor, or of the visitor, reaches the caller, who does not wait for ever.
+/// A panic of a sensor or of the visitor reaches the caller, without a deadlock.
 #[test]
 fn panics_are_passed_on() {
     let sensor = LogLikelihoodFn::new(9, |y: &f64, _| {

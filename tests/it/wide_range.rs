@@ -1,5 +1,5 @@
-//! What pruned tracking and beams prove where likelihoods of a step are further apart
-//! than a double's range, against all of it in logarithms.
+//! Bounds of pruned tracking and beams if likelihoods of a step are further apart than the range of
+//! doubles, against exact results in logarithms.
 
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -10,19 +10,19 @@ use wayfix::{Belief, FusedLikelihood, Hmm, InferenceError, LikelihoodVector, Pri
 
 use crate::kit::{Matrix, NEVER, cases, log_sum, prior, sparse, still, transposed, weighted};
 
-/// A model in logarithms, and what is seen of it by two sensors.
+/// A model in logarithms, and observations of it by two sensors.
 #[derive(Debug, Clone)]
 struct Case {
     at_first: bool,
     prior: Vec<f64>,
-    /// `None` for the operator that moves nothing.
+    /// `None` for the identity.
     matrix: Option<Matrix>,
     /// Log-likelihoods of each sensor, at each step.
     seen: Vec<(Vec<f64>, Vec<f64>)>,
 }
 
-/// What is exact: log-probabilities of the states, ln p(y_1 … y_k), and that of the best
-/// path to each state.
+/// Exact results: log-probabilities of the states, ln p(y_1 … y_k), and that of the best path to
+/// each state.
 struct Exact {
     belief: Vec<f64>,
     log: f64,
@@ -39,7 +39,8 @@ impl Case {
         (0..self.prior.len()).map(|from| p(from).ln()).collect()
     }
 
-    /// Of each step up to the first impossible one, `seen` being what all sensors say.
+    /// Exact results of each step up to the first impossible one; `seen` has the observations of
+    /// all sensors.
     fn exact(&self, seen: &[Vec<f64>]) -> Vec<Exact> {
         let n = self.prior.len();
         let mut belief: Vec<f64> = self.prior.iter().map(|p| p.ln()).collect();
@@ -189,7 +190,7 @@ proptest! {
     }
 }
 
-/// Two places between which nothing moves.
+/// Two places without moves between them.
 fn two_places(prior: [f64; 2]) -> Hmm<wayfix::SparseTransition, LikelihoodVector> {
     let prior = crate::kit::prior(&prior, true);
     Hmm::new(prior, still(2), LikelihoodVector::log(2)).unwrap()
@@ -228,7 +229,7 @@ fn what_the_sensor_speaks_against_is_not_impossible() {
 
 #[test]
 fn a_scale_that_underflows_has_a_logarithm() {
-    // A place with 1e-280 of the belief is all that is left, at 1e-40.
+    // Only a place with 1e-280 of the belief is left, at 1e-40.
     let prior = [1.0 - 1e-280, 1e-280, 0.0];
     let hmm = Hmm::new(crate::kit::prior(&prior, true), still(3), LikelihoodVector::linear(3));
     let hmm = hmm.unwrap();
@@ -242,7 +243,7 @@ fn a_scale_that_underflows_has_a_logarithm() {
 
 #[test]
 fn a_prior_and_a_move_beyond_a_double_are_a_way() {
-    // 1e-300 of the prior goes on with 1e-300, and only that place is seen.
+    // 1e-300 of the prior moves with 1e-300, and only that place is possible.
     let prior = Belief::new(vec![1.0 - 1e-300, 1e-300, 0.0]).unwrap();
     let matrix = [[1.0, 0.0, 0.0], [0.0, 1.0 - 1e-300, 0.0], [0.0, 1e-300, 1.0]];
     let motion = wayfix::SparseTransition::from_rows(&matrix).unwrap();
@@ -253,7 +254,7 @@ fn a_prior_and_a_move_beyond_a_double_are_a_way() {
     assert!(found.is_unrivalled());
 }
 
-/// Stays where it is, and says that its entries need no lift.
+/// An operator that stays, and reports that its entries need no lift.
 struct Stay(usize);
 
 impl Transition for Stay {
@@ -275,7 +276,7 @@ impl Transition for Stay {
     }
 }
 
-/// With rounded tails, only what is below 2.2e-308 becomes 0, also in a step block by block.
+/// With rounded tails, only values below 2.2e-308 become 0, also in a step block by block.
 #[test]
 fn rounded_tails_of_groups_reach_as_far() {
     let small = 2.0_f64.powi(-800);

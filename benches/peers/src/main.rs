@@ -1,4 +1,4 @@
-//! Times wayfix beside the crates bio, hmmm and faer, in one process, and
+//! Times wayfix against the crates bio, hmmm and faer, in one process, and
 //! writes the models, the observations and the answers for `peers.py`.
 
 mod cases;
@@ -13,10 +13,10 @@ use clap::Parser;
 
 use race::Races;
 
-/// Why nothing is reported.
+/// Reason for not reporting anything.
 type Failure = Box<dyn std::error::Error>;
 
-/// Where a case writes to, and reads from.
+/// Folders that a case writes to and reads from.
 struct Folders {
     out: PathBuf,
     graph: PathBuf,
@@ -25,8 +25,7 @@ struct Folders {
 /// Answers, compares and times.
 type Run = fn(&mut Races, &Folders) -> Result<(), Failure>;
 
-/// Times wayfix beside the crates bio, hmmm and faer, after their answers were
-/// compared.
+/// Times wayfix against the crates bio, hmmm and faer, after comparing their answers.
 #[derive(Parser)]
 struct Arguments {
     /// The folder for models, answers and times.csv.
@@ -36,10 +35,10 @@ struct Arguments {
     /// edges.csv (from, to, class, metres), with nodes numbered from 0.
     #[arg(long)]
     graph: Option<PathBuf>,
-    /// Only the case of this name.
+    /// Run only the case of this name.
     #[arg(long)]
     case: Option<String>,
-    /// How often each routine is timed.
+    /// Number of repetitions for each routine.
     #[arg(long, default_value_t = 9, value_parser = clap::value_parser!(u32).range(7..))]
     repetitions: u32,
 }

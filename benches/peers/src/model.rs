@@ -1,5 +1,4 @@
-//! A model with given likelihoods, as numbers that any library can be made of,
-//! and its files.
+//! A model with given likelihoods, as numbers that any library can use, and its files.
 
 use std::fs;
 use std::path::Path;
@@ -21,7 +20,7 @@ pub(crate) type Entry = (usize, usize, f64);
 pub(crate) struct Numbers {
     pub(crate) states: usize,
     pub(crate) entries: Vec<Entry>,
-    /// At the first observation.
+    /// Distribution at the first observation.
     pub(crate) prior: Vec<f64>,
     /// T × n.
     pub(crate) likelihoods: Vec<f64>,
@@ -95,7 +94,7 @@ pub(crate) fn write_model(
     Ok(npy::doubles(&folder.join("prior.npy"), &[states], prior)?)
 }
 
-/// The answers to a sequence of observations.
+/// Answers for a sequence of observations.
 pub(crate) struct Answers {
     pub(crate) log_likelihood: f64,
     /// T × n.

@@ -1,18 +1,17 @@
-//! Routines take turns at being timed, so that what else the machine does
-//! meets all alike.
+//! Times routines in turn, so that other load on the machine affects all of them equally.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
 
 use crate::Failure;
 
-/// What a repetition takes at least; a shorter routine is called often.
+/// Least duration of a repetition; shorter routines are called repeatedly.
 const REPETITION: Duration = Duration::from_millis(20);
 
-/// One library's routine.
+/// Routine of one library.
 pub(crate) struct Contender<'a> {
     who: &'static str,
-    /// How far its answer is from that of wayfix.
+    /// Difference of its answer from that of wayfix.
     difference: f64,
     work: Box<dyn FnMut() + 'a>,
 }
@@ -37,12 +36,12 @@ struct Row {
     case: &'static str,
     routine: &'static str,
     who: &'static str,
-    /// Microseconds a step, rising.
+    /// Microseconds per step, in ascending order.
     times: Vec<f64>,
     difference: f64,
 }
 
-/// The times of all.
+/// Times of all contenders.
 pub(crate) struct Races {
     repetitions: u32,
     rows: Vec<Row>,
@@ -53,7 +52,7 @@ impl Races {
         Self { repetitions, rows: Vec::new() }
     }
 
-    /// Times each contender in turn; a call of one goes through so many steps.
+    /// Times each contender in turn; a call takes this many steps.
     pub(crate) fn run(
         &mut self,
         case: &'static str,
@@ -86,7 +85,7 @@ impl Races {
         self.repetitions
     }
 
-    /// Adds times, in microseconds a step.
+    /// Adds times, in microseconds per step.
     pub(crate) fn add(
         &mut self,
         case: &'static str,

@@ -1,4 +1,4 @@
-//! Loops over vectors, for the instruction set of the machine.
+//! Loops over vectors, compiled for each instruction set and chosen by what the machine has.
 //!
 //! | folder | |
 //! |---|---|
@@ -7,15 +7,15 @@
 //! | `ops` | steps of the recursions, over the semirings |
 //! | `memory`, `parallel` | alignment and large pages; parts for several threads |
 //!
-//! Sums run in eight lanes, in an order that depends on no instruction set: results are the same
-//! to the bit with each. (Natural logarithms are those of the platform.)
+//! Sums run in eight lanes, in an order that does not depend on the instruction set: all give the
+//! same bits. (Natural logarithms are those of the platform.)
 //!
-//! Which numbers can come up, and why no digit of one is lost unnoticed, is proved in
-//! [`limits`]; what loops compute is derived in the guide, `src/guide/formulas.md`.
-//! Comments in loops name the part of either that they rely on.
+//! [`limits`](crate::limits) proves which numbers can occur, and why no digit is lost unnoticed;
+//! [`limits`]; what loops compute is derived in the guide, `src/guide/formulas.md`, derives the formulas. Comments in loops name the part of
+//! either that they rely on.
 //!
-//! Unsafe code is in `simd` (instructions), `layout/entries` (indices that were checked before)
-//! and `memory` (a system call). Each block says which invariant it relies on.
+//! Unsafe code is in `simd` (instructions), `layout/entries` (indices that are checked when a
+//! matrix is built) and `memory` (a system call). Each block states its invariant.
 
 #![allow(
     missing_docs,

@@ -1,23 +1,23 @@
-//! Memory of vectors: aligned to cache lines, and in large pages where it is large.
+//! Memory of vectors: aligned to cache lines, and in large pages if the vector is large.
 #![allow(unsafe_code, reason = "a system call with the address of a vector")]
 
 use std::ops::{Deref, DerefMut};
 
-/// Sizes of a cache line, a page and a large page, as a rule, in bytes.
+/// Usual sizes of a cache line, a page and a large page, in bytes.
 pub(super) const LINE: usize = 64;
 const PAGE: usize = 4096;
 const LARGE_PAGE: usize = 2 << 20;
-/// Smallest size of a large vector; others are left alone.
+/// Smallest size of a vector that asks for large pages.
 pub(super) const LARGE: usize = 2 * LARGE_PAGE;
-/// Vectors of this size begin on a page: a load waits for an earlier store if their addresses
-/// differ by pages alone, as those of neighbouring places in two vectors otherwise might.
+/// Size from which vectors begin on a page. A load waits for an earlier store if their addresses
+/// differ by whole pages; without this, that could happen to neighbouring places of two vectors.
 const SEVERAL_PAGES: usize = 16 * PAGE;
 
-/// Doubles from the beginning of a cache line on: loads of eight that straddle two lines take
-/// twice as long. Many begin on a page, very many on a large page, with room to the end of the
-/// last one, so that none has to come in small pages.
+/// Doubles that begin on a cache line: loads of eight that straddle two lines take twice as long.
+/// A large vector begins on a page, and a very large one on a large page, with room to the end of
+/// its last one, so that no part of it comes in small pages.
 pub struct Aligned {
-    /// Up to the end of the vector.
+    /// Memory up to the end of the vector, which begins at `start`.
     values: Vec<f64>,
     start: usize,
 }
@@ -43,14 +43,14 @@ impl Aligned {
         Self { values, start }
     }
 
-    /// Number of values that there is memory for.
+    /// Number of values that fit into the memory.
     pub fn capacity(&self) -> usize {
         self.values.capacity()
     }
 }
 
 impl From<Vec<f64>> for Aligned {
-    /// Takes values as they are, wherever they begin: for values at rest, which take no more memory
+    /// Takes values as they are, without alignment: for values at rest, which take no more memory
     /// than their numbers.
     fn from(values: Vec<f64>) -> Self {
         Self { values, start: 0 }
@@ -94,11 +94,11 @@ impl std::fmt::Debug for Aligned {
     }
 }
 
-/// Returns the same vector; if it is large, its memory comes in large pages from now on, where the
-/// system has them.
+/// Returns the same vector; if it is large, asks for large pages for the memory that is not yet
+/// written to.
 ///
-/// A system provides memory at the first write, as a rule 4 KB at a time, each of which costs as
-/// much as 2,000 additions. Linux can provide 2 MB at a time, on most machines only on request.
+/// A system provides memory at the first write, usually 4 KB at a time, and each page costs as much
+/// as 2,000 additions. Linux can provide 2 MB at a time, on most machines only on request.
 pub fn in_large_pages<T>(vec: Vec<T>) -> Vec<T> {
     let bytes = vec.capacity() * size_of::<T>();
     if bytes >= LARGE {
@@ -117,13 +117,13 @@ fn request(start: usize, bytes: usize) {
     }
     /// `MADV_HUGEPAGE`, on these architectures.
     const HUGE_PAGE: c_int = 14;
-    // The call takes whole pages. The first may begin before the vector: more memory is advised,
-    // which harms nothing. On machines with pages above 4 KB the call may fail.
+    // The call takes whole pages. The first may begin before the vector; advice on more memory is
+    // harmless. On machines with pages above 4 KB the call may fail.
     let first = start & !(PAGE - 1);
     let end = (start + bytes) & !(PAGE - 1);
     // SAFETY: the signature is that of the C library's function. This advice changes how memory is
-    // provided, not what is in it, whosever it is, and the system checks the addresses: no range can
-    // be a wrong one. A failure (older systems have no such pages) does not matter.
+    // provided, never its contents, whoever owns it, and the system checks the addresses, so every
+    // range is sound. A failure (older systems have no such pages) does not matter.
     unsafe {
         madvise(std::ptr::without_provenance_mut(first), end - first, HUGE_PAGE);
     }

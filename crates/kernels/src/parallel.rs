@@ -1,8 +1,8 @@
 //! Loops over many lines, in parts that several threads can share.
 //!
-//! The ends of parts, and the order in which their results are joined, depend on the number of
-//! lines alone: results are the same to the bit for any number of threads, and without the
-//! feature `rayon`.
+//! The ends of parts, and the order in which their results are joined, depend only on the number of
+//! lines: results are the same to the bit for any number of threads, and without the feature
+//! `rayon`.
 
 use super::simd::{LANES, WithSimd, run};
 
@@ -13,7 +13,7 @@ pub(super) const PART: usize = 4096 * LANES;
 #[cfg(feature = "rayon")]
 const PARALLEL: usize = 3 * PART;
 
-/// A kernel over lines that do not depend on each other.
+/// Kernel over independent lines.
 pub(crate) trait Splits: WithSimd<Output: Send> + Sized + Send {
     /// Number of lines.
     fn lines(&self) -> usize;
@@ -42,8 +42,8 @@ pub(crate) fn run_in_parts<K: Splits>(kernel: K) -> K::Output {
 
 /// Splits in the middle, at the end of a part.
 fn halves<K: Splits>(kernel: K) -> (K, K) {
-    // Half of the parts, rounded up: at least one, and less than all, as there are two or more. By the
-    // number of lines alone, so that sums are added in one order with any number of threads.
+    // Half of the parts, rounded up: at least one, and less than all, as there are two or more. It
+    // depends only on the number of lines, so that any number of threads adds sums in one order.
     let middle = kernel.lines().div_ceil(2 * PART) * PART;
     kernel.split(middle)
 }
@@ -52,7 +52,7 @@ pub(super) fn in_turn<K: Splits>(kernel: K) -> K::Output {
     if kernel.lines() <= PART {
         return run(kernel);
     }
-    // Not all lines in one run: sums would be added in another order than by threads.
+    // Not all lines in one run: that would add sums in another order than threads do.
     let (first, second) = halves(kernel);
     K::join(in_turn(first), in_turn(second))
 }

@@ -1,7 +1,7 @@
-//! Sums and scales of vectors, in plain loops: they run once in a while, not in each step.
+//! Sums and scales of vectors, in plain loops: they are called rarely, not in each step.
 //!
-//! Sums have eight lanes, joined by [`total`], and then the rest in order, as those of kernels have:
-//! the compiler vectorises them without a licence to reorder.
+//! As in kernels, sums have eight lanes, joined by [`total`], followed by the rest in order: so the
+//! compiler can vectorise them without a licence to reorder.
 
 use super::simd::{LANES, total};
 use crate::limits::{LIFT, TINY};
@@ -30,7 +30,7 @@ pub fn dot(x: &[f64], y: &[f64]) -> f64 {
     total(lanes) + x_rest.iter().zip(y_rest).map(|(x, y)| x * y).sum::<f64>()
 }
 
-/// ln Σ e^x, in logarithms that may be out of the range of sums: ±∞ if the largest x is.
+/// ln Σ eˣ without overflow or underflow; ±∞ if the largest x is.
 pub fn log_sum(terms: impl Iterator<Item = f64> + Clone) -> f64 {
     let largest = terms.clone().fold(f64::NEG_INFINITY, f64::max);
     if largest.is_infinite() {
@@ -58,7 +58,7 @@ pub fn any_tiny(x: &[f64]) -> bool {
     x.iter().any(|&x| 0.0 < x && x < TINY)
 }
 
-/// Makes what sums to `sum` a distribution. What would be below the smallest normal double becomes
+/// Divides a vector by its sum, `sum`. Values that would be below the smallest normal double become
 /// 0: the far tails of a Gaussian sensor alone would double the time of a step.
 pub fn normalize(x: &mut [f64], sum: f64) {
     let (factor, least) = (1.0 / sum, f64::MIN_POSITIVE * sum);

@@ -1,4 +1,4 @@
-//! Runs a target on pseudo-random bytes for a time, and says what was checked.
+//! Runs a target on pseudo-random bytes for a given time, and reports what was checked.
 #![forbid(unsafe_code)]
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -74,7 +74,7 @@ fn options(mut arguments: impl Iterator<Item = String>) -> Result<Options, Strin
     Ok(options)
 }
 
-/// Returns how many inputs failed.
+/// Returns the number of inputs that failed.
 fn run(arguments: impl Iterator<Item = String>) -> Result<u64, String> {
     let options = options(arguments)?;
     let Options { target, name, most, seed, .. } = options;
@@ -111,7 +111,7 @@ fn run(arguments: impl Iterator<Item = String>) -> Result<u64, String> {
     Ok(failed)
 }
 
-/// The bytes of an input: any length up to `most`, more often a long one.
+/// Returns the bytes of an input, of any length up to `most`; long ones are more frequent.
 fn bytes(seed: u64, number: u64, most: usize) -> Vec<u8> {
     let mut state = mix(seed).wrapping_add(number.wrapping_mul(0x9e37_79b9_7f4a_7c15));
     let mut next = || {

@@ -1,4 +1,4 @@
-//! One step of Baum–Welch against counts by the reference.
+//! One step of Baum–Welch against the reference's expected counts.
 
 use wayfix::inference::{LearnError, LearnedModel, LearningOptions};
 use wayfix::likelihood::LearnLikelihood;
@@ -12,10 +12,10 @@ use crate::model::{Matrix, Range, Scene, weight};
 use crate::operators::Plain;
 use crate::reference::{Chain, logarithms};
 
-/// A column of which less was seen is not looked at.
+/// Columns with a smaller expected count are not compared.
 const LEAST_SEEN: f64 = 1e-280;
 
-/// What is expected of the hidden states, over all sequences that are possible.
+/// Expected counts of the hidden states, over all possible sequences.
 struct Expected {
     first: Vec<f64>,
     moves: Matrix,
@@ -65,7 +65,7 @@ pub(super) fn check(
     symbols(draw, scene, operator, matrix, pseudo, counts);
 }
 
-/// The same with a table, which is learned, too.
+/// One step with a table, which is learned, too.
 fn symbols(
     draw: &mut Draw<'_>,
     scene: &Scene,
@@ -179,7 +179,7 @@ fn compare<B>(
     }
 }
 
-/// The maximum of the likelihood of counts, with a pseudo-count for what is above 0.
+/// Maximum of the likelihood of counts, with a pseudo-count for entries above 0.
 fn distribution(what: &str, found: &[f64], old: &[f64], seen: &[f64], pseudo: f64) {
     let weight = |(old, seen): (&f64, &f64)| if *old > 0.0 { seen + pseudo } else { 0.0 };
     let weights: Vec<f64> = old.iter().zip(seen).map(weight).collect();

@@ -18,7 +18,7 @@ use crate::matrices;
 use crate::model::{Matrix, Observation, Scene, Sensor};
 use crate::reference::{Chain, Stop, logarithms};
 
-/// Everything about a random model of 2 to 12 states.
+/// Checks everything about a random model of 2 to 12 states.
 pub fn differential(bytes: &[u8], counts: &mut Counts) {
     let mut draw = Draw::new(bytes);
     let states = 2 + draw.below(11);
@@ -53,8 +53,8 @@ fn with_controls(draw: &mut Draw<'_>, scene: &Scene, counts: &mut Counts) {
     let (operator, logs) = matrices::driven(draw, scene.states, scene.range);
     counts.note(|| format!("{scene:?}\n{operator:?}\n{logs:?}"));
     for (control, logs) in logs.iter().enumerate() {
-        // Products of doubles are those of entries that are far from the smallest double, also where
-        // these are taken one factor after the other.
+        // Entries far from the smallest double, so that products of doubles keep their digits,
+        // also if they are taken one factor after the other.
         let entries = logs.iter().flatten().filter(|log| **log > f64::NEG_INFINITY);
         if entries.into_iter().all(|log| log.abs() < 200.0) {
             let matrix: Matrix =
@@ -75,7 +75,7 @@ fn with_controls(draw: &mut Draw<'_>, scene: &Scene, counts: &mut Counts) {
     }
 }
 
-/// All routines for one sequence.
+/// Checks all routines for one sequence.
 fn one<A: TransitionEntries<Control: Clone + PartialEq>>(
     draw: &mut Draw<'_>,
     hmm: &Hmm<A, Sensor>,
@@ -91,7 +91,8 @@ fn one<A: TransitionEntries<Control: Clone + PartialEq>>(
     paths::check(draw, hmm, &sequence, chain, counts);
 }
 
-/// The result, if the reference has one; or else the same error at the same step.
+/// Returns the result if the reference has one; otherwise checks for the same error at the same
+/// step.
 fn expect<R>(
     what: &str,
     result: Result<R, InferenceError>,
@@ -108,7 +109,7 @@ fn expect<R>(
     None
 }
 
-/// True if an error is that which the reference expects, at the same step.
+/// True if an error is the one that the reference expects, at the same step.
 fn stops(error: &InferenceError, expected: Option<Stop>) -> bool {
     expected.is_some_and(|stop| match *error {
         InferenceError::Impossible { step } | InferenceError::ImpossibleMove { step } => {

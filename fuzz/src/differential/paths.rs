@@ -35,7 +35,7 @@ pub(super) fn check<A: TransitionEntries, S: Drive<A>>(
     }
 }
 
-/// A path that the model allows, and as probable as it says.
+/// Checks that the model allows a path, and that it is as probable as stated.
 pub(super) fn legal(what: &str, path: &ViterbiPath, chain: &Chain) {
     assert_eq!(path.states().len(), chain.len(), "{what}");
     let log = if chain.len() == 0 { 0.0 } else { chain.log_probability(path.states()) };

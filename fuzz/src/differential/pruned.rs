@@ -1,4 +1,4 @@
-//! What pruned routines say that they have proven.
+//! The bounds that pruned routines prove.
 
 use wayfix::inference::Pruning;
 use wayfix::likelihood::{LocalLikelihood, SparseObservation};
@@ -10,7 +10,7 @@ use crate::draw::Draw;
 use crate::model::{Observation, Scene, Sensor};
 use crate::reference::Chain;
 
-/// What the reference itself may be wrong by.
+/// Possible error of the reference itself.
 const ROUNDING: f64 = 1e-12;
 
 pub(super) fn check<A: TransitionEntries + Clone>(
@@ -36,7 +36,7 @@ pub(super) fn check<A: TransitionEntries + Clone>(
     beam(draw, &hmm, &sequence, chain, counts);
 }
 
-/// The same as a list of states that are more likely than the others.
+/// The observation as a list of states that are more likely than the others.
 fn list(scene: &Scene, observation: &Observation) -> Option<SparseObservation> {
     scene.logs(observation)?;
     let ones = vec![1.0; scene.states];

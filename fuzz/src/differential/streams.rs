@@ -8,7 +8,7 @@ use crate::draw::Draw;
 use crate::model::{Observation, Sensor};
 use crate::reference::Chain;
 
-/// So many steps of the smoother are checked; the reference goes back at each.
+/// Number of steps of the smoother that are checked; the reference goes back at each.
 const MOST_STEPS: usize = 12;
 
 pub(super) fn check<A: TransitionEntries<Control: Clone + PartialEq>>(
@@ -32,7 +32,7 @@ pub(super) fn check<A: TransitionEntries<Control: Clone + PartialEq>>(
             assert!(smoother.snapshot() == before.1, "the smoother after an error");
             return;
         }
-        // In one step or two: the second leaves the log-likelihood to the update, but for
+        // In one step or two: the second leaves the log-likelihood to the update, except for
         // that of evidence on the move.
         let log = if draw.one_in(4) {
             let before = filter.log_likelihood();

@@ -1,4 +1,4 @@
-//! Routines for a whole sequence, but for those of paths.
+//! Routines for a whole sequence, except those for paths.
 
 use wayfix::inference::{Order, Posteriors};
 use wayfix::{Hmm, TransitionEntries};
@@ -70,7 +70,7 @@ pub(super) fn check<A: TransitionEntries, S: Drive<A>>(
         counts.add("expected moves");
     }
     if let Some(entropy) = expect("path_entropy", hmm.path_entropy(sequence), chain, counts) {
-        // A difference of logarithms of this size, so it may be off by their rounding.
+        // A difference of logarithms of this size, which may err by their rounding.
         let (expected, slack) = (chain.path_entropy(), 1e-15 * (1e3 + size));
         let near = (entropy - expected).abs() <= 1e-6 * expected.abs() + slack;
         assert!(near, "path_entropy: {entropy:e}, expected {expected:e}");

@@ -2,7 +2,7 @@
 
 use crate::draw::Draw;
 
-/// What stands in place of a number.
+/// Replacements of a number.
 const NUMBERS: [&str; 28] = [
     "0",
     "-0",
@@ -65,7 +65,7 @@ pub(super) fn damaged(draw: &mut Draw<'_>, document: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// Puts another number in place of the one at or after a place.
+/// Replaces the number at or after a position.
 fn number(draw: &mut Draw<'_>, bytes: &mut Vec<u8>, at: usize) {
     let numeric = |byte: &u8| byte.is_ascii_digit() || b"+-.eE".contains(byte);
     let first = bytes[..at].iter().rposition(|byte| !numeric(byte)).map_or(0, |before| before + 1);

@@ -19,10 +19,10 @@ use crate::matrices;
 use crate::model::{Matrix, Range, weight};
 use crate::operators::{Driven, Plain};
 
-/// What is larger is not gone through.
+/// Larger models are not checked.
 const MOST_STATES: usize = 200;
 
-/// A model or a part of one, damaged.
+/// Reads a damaged model, or a part of one.
 pub fn json_models(bytes: &[u8], counts: &mut Counts) {
     let mut draw = Draw::new(bytes);
     let n = 1 + draw.below(6);
@@ -129,7 +129,7 @@ fn parts(draw: &mut Draw<'_>, n: usize, belief: Belief, counts: &mut Counts) {
     match draw.below(4) {
         0 => {
             if let Some(belief) = read(draw, &belief, counts) {
-                // Probabilities that sum to a little more than one have less.
+                // Probabilities that sum to slightly more than one have a smaller entropy.
                 assert!(belief.entropy() >= -2e-9 && belief.mode() < belief.states());
                 assert!((belief.as_slice().iter().sum::<f64>() - 1.0).abs() < 2e-9);
             }
@@ -240,7 +240,7 @@ fn usable<A: TransitionEntries>(a: &A, control: &A::Control, counts: &mut Counts
     counts.add("operators used");
 }
 
-/// A sensor that takes an observation, or says why not.
+/// Checks that a sensor takes an observation, or returns an error.
 fn sensor<B>(draw: &mut Draw<'_>, sensor: &B, observation: &B::Observation, counts: &mut Counts)
 where
     B: Likelihood + Serialize + DeserializeOwned,

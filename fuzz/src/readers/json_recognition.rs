@@ -1,4 +1,4 @@
-//! What a recogniser has learned, and what a track knows, from JSON.
+//! The fit of a recogniser and the state of a track, from JSON.
 
 use wayfix_recognition::motion::OffMap;
 use wayfix_recognition::{Options, Recognizer, Track};
@@ -7,7 +7,7 @@ use super::read;
 use crate::counts::Counts;
 use crate::draw::Draw;
 
-/// A fit or the state of a track, damaged.
+/// Reads a damaged fit, or the damaged state of a track.
 pub(super) fn recognition(draw: &mut Draw<'_>, n: usize, counts: &mut Counts) {
     let mut options = Options::default();
     options.off_map = draw.one_in(2).then(OffMap::default);

@@ -9,14 +9,14 @@ use crate::draw::Draw;
 use crate::matrices;
 use crate::model::{Observation, Scene, Sensor};
 
-/// The snapshot of a filter or a smoother on its way through a drive, damaged.
+/// Reads the damaged snapshot of a filter or a smoother on its way through a drive.
 pub fn json_snapshots(bytes: &[u8], counts: &mut Counts) {
     let mut draw = Draw::new(bytes);
     let states = 2 + draw.below(5);
     let (filter, lag) = (draw.one_in(2), draw.below(4));
     let steps = draw.below(6);
     let controls: Vec<usize> = (0..steps).map(|_| draw.below(2)).collect();
-    // What is done to the document, and then the model.
+    // First the damage to the document, then the model.
     let scene = Scene::draw(&mut draw, states);
     let nothing = vec![None; steps];
     let drive = scene.drives.iter().find(|drive| drive.len() >= steps).unwrap_or(&nothing);
@@ -46,7 +46,7 @@ fn filters<A: TransitionEntries<Control = usize>>(
         return check_message(&error);
     }
     for turn in 0..3 {
-        // Where the filter was, what was seen need not be possible.
+        // In the restored state, the observation need not be possible.
         let stepped = match (turn, steps.first()) {
             (0, _) | (_, None) => other.predict_with(&0),
             (_, Some((control, y))) => other.step_with(control, y).map(|_| ()),
@@ -96,7 +96,7 @@ fn check(belief: &[f64], log_likelihood: f64) {
     assert!(!log_likelihood.is_nan(), "a log-likelihood that is NaN");
 }
 
-/// What a filter knows can be stored and read.
+/// Checks that the state of a filter can be stored and read.
 fn again<T: serde::Serialize + serde::de::DeserializeOwned>(state: &T) {
     let text = serde_json::to_string(state).expect("a document");
     let back: T = serde_json::from_str(&text)

@@ -8,7 +8,7 @@ use super::{check_message, damage::damaged};
 use crate::counts::Counts;
 use crate::draw::Draw;
 
-/// Two files of places and roads, damaged.
+/// Reads damaged files of places and roads.
 pub fn csv(bytes: &[u8], counts: &mut Counts) {
     let mut draw = Draw::new(bytes);
     let count = 1 + draw.below(8);
@@ -52,7 +52,7 @@ pub fn csv(bytes: &[u8], counts: &mut Counts) {
     }
 }
 
-/// All that can be asked of a map, and drives on it.
+/// Checks all queries of a map, and drives on it.
 fn check(map: &RoadMap, counts: &mut Counts) {
     let n = map.places().len();
     for (index, place) in map.places().iter().enumerate() {

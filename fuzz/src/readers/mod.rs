@@ -1,5 +1,4 @@
-//! Readers of files: what they accept is usable, and what they refuse is refused
-//! in a few words.
+//! Readers of files: everything that they accept is usable, and errors are short.
 
 mod damage;
 mod json_models;
@@ -20,7 +19,7 @@ use serde::{Serialize, de::DeserializeOwned};
 use crate::counts::Counts;
 use crate::draw::Draw;
 
-/// More than this tells a person nothing, and fills logs.
+/// Longest error: more helps nobody, and fills logs.
 const LONGEST_MESSAGE: usize = 1000;
 /// Numbers of this size can be those of states, which may cost a lot of memory.
 const LARGE: std::ops::RangeInclusive<u64> = 20_000..=1 << 36;
@@ -31,15 +30,15 @@ fn check_message(error: &dyn Error) {
     assert!(text.len() <= LONGEST_MESSAGE, "a message of {} bytes: {start}…", text.len());
 }
 
-/// Whether a document may ask for more memory than there is: "a file can be as
+/// True if a document may ask for more memory than there is: "a file can be as
 /// costly as what it describes".
 fn is_costly(text: &str) -> bool {
     let large = |token: &&str| token.parse().is_ok_and(|number: u64| LARGE.contains(&number));
     text.split(|c: char| !c.is_ascii_alphanumeric() && c != '.').filter(large).count() > 0
 }
 
-/// Damages a document, reads it, and checks that what comes out is written and
-/// read again to the same bytes.
+/// Damages a document, reads it, and checks that the result is written, read and written again to
+/// the same bytes.
 fn read<T: Serialize + DeserializeOwned>(
     draw: &mut Draw<'_>,
     written: &T,
@@ -65,7 +64,7 @@ fn read<T: Serialize + DeserializeOwned>(
         }
         Err(error) => {
             counts.add("refused");
-            // Its words are those of serde, which repeats the names of fields.
+            // Such errors are serde's, which repeats the names of fields.
             assert!(damaged != text.as_bytes(), "a valid document is refused: {error}");
             None
         }

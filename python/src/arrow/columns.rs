@@ -1,4 +1,7 @@
-//! Arrow's arrays as numpy's.
+//! Arrow's arrays as numpy's: the chunks of a column become one array.
+//!
+//! Numpy has no nulls. They become NaN in numbers (integers turn into doubles), "not a time" in
+//! dates, `None` in texts, and an empty list in lists.
 
 use arrow_array::cast::AsArray;
 use arrow_array::types::{
@@ -23,7 +26,7 @@ pub(super) fn read(py: Python<'_>, chunks: Chunks) -> PyResult<Bound<'_, PyAny>>
     for (number, field) in fields.iter().enumerate() {
         let parts: Vec<ArrayRef> =
             arrays.iter().map(|table| table.as_struct().column(number).clone()).collect();
-        // A column that nobody needs may be of any type.
+        // A column of a type that is not supported is an error only for the caller who needs it.
         let values = match column(py, field.data_type(), &parts) {
             Ok(values) => values,
             Err(_) => py.None().into_bound(py),
@@ -68,6 +71,7 @@ fn column<'py>(
         DataType::LargeList(field) => lists::<i64>(py, field.data_type(), arrays),
         DataType::FixedSizeList(field, size) => {
             let parts = arrays.iter().map(|array| {
+                // A null takes up a row of values here, which hold anything.
                 if array.null_count() > 0 {
                     return Err(invalid("a list column of one length has nulls"));
                 }
@@ -87,7 +91,7 @@ fn nulls(arrays: &[ArrayRef]) -> usize {
     arrays.iter().map(arrow_array::Array::null_count).sum()
 }
 
-/// Numbers, with another for each null.
+/// Returns numbers, with `null` in place of nulls.
 fn numbers<'py, T>(py: Python<'py>, arrays: &[ArrayRef], null: T::Native) -> Bound<'py, PyAny>
 where
     T: ArrowPrimitiveType<Native: Element>,
@@ -96,6 +100,7 @@ where
     for array in arrays {
         let array = array.as_primitive::<T>();
         match array.nulls() {
+            // The usual column is copied as a whole.
             None => out.extend_from_slice(array.values()),
             Some(_) => out.extend(array.iter().map(|value| value.unwrap_or(null))),
         }
@@ -103,7 +108,7 @@ where
     PyArray1::from_vec(py, out).into_any()
 }
 
-/// Integers, as doubles with NaN if there are nulls.
+/// Returns integers, or doubles with NaN if there are nulls.
 fn whole<'py, T>(
     py: Python<'py>,
     arrays: &[ArrayRef],
@@ -120,7 +125,7 @@ where
     PyArray1::from_vec(py, values).into_any()
 }
 
-/// Python's objects, with None for nulls.
+/// Returns an array of Python's objects, with None for nulls.
 fn objects<'py>(
     py: Python<'py>,
     arrays: &[ArrayRef],
@@ -147,7 +152,7 @@ fn narrowed<'py>(
     if narrow { values.call_method1("astype", (kind,)) } else { Ok(values) }
 }
 
-/// Dates in UTC.
+/// Returns dates, in UTC.
 fn dates<'py>(py: Python<'py>, unit: TimeUnit, arrays: &[ArrayRef]) -> PyResult<Bound<'py, PyAny>> {
     let word = match unit {
         TimeUnit::Second => "datetime64[s]",
@@ -157,7 +162,8 @@ fn dates<'py>(py: Python<'py>, unit: TimeUnit, arrays: &[ArrayRef]) -> PyResult<
     };
     let mut out = Vec::new();
     for array in arrays {
-        // The same bits without a unit, whose smallest value is numpy's "not a time".
+        // The same bits as integers, so that one branch serves all units. The smallest integer is
+        // numpy's "not a time".
         let data = array.to_data().into_builder().data_type(DataType::Int64).build();
         let array = arrow_array::make_array(data.map_err(invalid)?);
         out.extend(array.as_primitive::<Int64Type>().iter().map(|time| time.unwrap_or(i64::MIN)));
@@ -175,12 +181,14 @@ fn dictionary<'py>(
     for array in arrays {
         let array = array.as_any_dictionary();
         let words = column(py, values, std::slice::from_ref(array.values()))?;
+        // All entries are null then, and `take` has nothing to index.
         if array.values().is_empty() {
             let nothing = PyList::new(py, (0..array.len()).map(|_| py.None()))?;
             parts.append(numpy.call_method1("array", (nothing, "object"))?)?;
             continue;
         }
         let keys: Vec<u64> = array.normalized_keys().into_iter().map(|key| key as u64).collect();
+        // The normalized key of a null is 0, a word like any other, which is overwritten.
         let taken = words.call_method1("take", (PyArray1::from_vec(py, keys),))?;
         if array.keys().null_count() > 0 {
             let taken = taken.call_method1("astype", ("object",))?;
@@ -192,19 +200,22 @@ fn dictionary<'py>(
             parts.append(taken)?;
         }
     }
+    // `concatenate` needs at least one array; without chunks, this gives an empty one of the type.
     if parts.is_empty() {
         return column(py, values, &[]);
     }
     numpy.call_method1("concatenate", (parts,))
 }
 
-/// Values and offsets of lists; a null is an empty one.
+/// Returns the values and offsets of lists; a null is an empty list.
 fn lists<'py, O: OffsetSizeTrait>(
     py: Python<'py>,
     values: &DataType,
     arrays: &[ArrayRef],
 ) -> PyResult<Bound<'py, PyAny>> {
     let (mut parts, mut offsets, mut end) = (Vec::new(), vec![0_i64], 0_usize);
+    // `end` is the number of values of all rows so far, over all chunks; `parts` has just these
+    // values, so that the offsets are those of their concatenation.
     for array in arrays {
         let array = array.as_list::<O>();
         for row in 0..array.len() {
@@ -215,6 +226,8 @@ fn lists<'py, O: OffsetSizeTrait>(
             }
             offsets.push(i64::try_from(end).map_err(invalid)?);
         }
+        // A sliced chunk has values outside its rows, and a null may have values of its own; both
+        // are left out.
         if array.null_count() == 0 {
             let bounds = [0, array.len()].map(|at| array.value_offsets()[at].as_usize());
             parts.push(array.values().slice(bounds[0], bounds[1] - bounds[0]));

@@ -1,4 +1,5 @@
-//! Numpy's arrays as a stream of Arrow's: one table.
+//! Numpy's arrays as a stream of Arrow's arrays: one table in one batch. All columns are copied, so
+//! that the consumer's memory does not depend on Python's.
 
 use std::sync::Arc;
 
@@ -17,7 +18,7 @@ use pyo3::types::{PyCapsule, PyDict, PyTuple};
 use crate::error::invalid;
 
 /// Returns a capsule with the columns of a dictionary: arrays of numbers, truth values, dates or
-/// texts, matrices (lists of one length), and pairs of values and offsets (lists).
+/// texts, matrices (as lists of one length), and pairs of values and offsets (as lists).
 #[pyfunction]
 pub(crate) fn arrow_stream<'py>(columns: &Bound<'py, PyDict>) -> PyResult<Bound<'py, PyCapsule>> {
     let (mut fields, mut arrays) = (Vec::new(), Vec::new());
@@ -35,6 +36,7 @@ pub(crate) fn arrow_stream<'py>(columns: &Bound<'py, PyDict>) -> PyResult<Bound<
     }
     let schema = Arc::new(Schema::new(fields));
     let rows = arrays.first().map_or(0, |array| array.len());
+    // Without columns, the number of rows does not follow from them.
     let options = arrow_array::RecordBatchOptions::new().with_row_count(Some(rows));
     let batch = RecordBatch::try_new_with_options(Arc::clone(&schema), arrays, &options);
     let reader = RecordBatchIterator::new([Ok(batch.map_err(invalid)?)], schema);
@@ -50,11 +52,13 @@ fn vector<T: Element + Copy>(values: &Bound<'_, PyAny>, kind: &str) -> PyResult<
 fn array_of(values: &Bound<'_, PyAny>) -> PyResult<ArrayRef> {
     if let Ok(pair) = values.cast::<PyTuple>() {
         let (values, offsets): (Bound<'_, PyAny>, Bound<'_, PyAny>) = pair.extract()?;
+        // The values may be any column, lists again among them.
         let (values, offsets) = (array_of(&values)?, vector::<i64>(&offsets, "int64")?);
+        // Offsets that ascend from 0 to the number of values index nothing outside them.
         let ascend = offsets.first() == Some(&0) && offsets.is_sorted();
         let end = offsets.last().and_then(|last| usize::try_from(*last).ok());
         if !ascend || end != Some(values.len()) {
-            return Err(invalid(format!("offsets do not lead from 0 to {}", values.len())));
+            return Err(invalid(format!("offsets do not ascend from 0 to {}", values.len())));
         }
         let field = Arc::new(Field::new("item", values.data_type().clone(), true));
         let offsets = OffsetBuffer::new(ScalarBuffer::from(offsets));
@@ -81,11 +85,13 @@ fn array_of(values: &Bound<'_, PyAny>) -> PyResult<ArrayRef> {
         "f" if dtype.getattr("itemsize")?.extract::<usize>()? == 4 => {
             Arc::new(Float32Array::from(vector::<f32>(values, "float32")?))
         }
+        // Half floats and long doubles, too, which Arrow or Rust lacks.
         "f" => Arc::new(Float64Array::from(vector::<f64>(values, "float64")?)),
         "i" => Arc::new(Int64Array::from(vector::<i64>(values, "int64")?)),
         "u" => Arc::new(UInt64Array::from(vector::<u64>(values, "uint64")?)),
         "b" => Arc::new(BooleanArray::from(vector::<bool>(values, "bool")?)),
         "M" => dates(values)?,
+        // Texts, objects, and whatever else `str` can write; None is null.
         _ => {
             let words: Vec<Bound<'_, PyAny>> = values.call_method0("tolist")?.extract()?;
             let word = |value: &Bound<'_, PyAny>| {
@@ -101,10 +107,13 @@ fn dates(values: &Bound<'_, PyAny>) -> PyResult<ArrayRef> {
     let numpy = values.py().import("numpy")?;
     let unit: (String, i64) =
         numpy.call_method1("datetime_data", (values.getattr("dtype")?,))?.extract()?;
+    // Numpy also has multiples of units, and days or months; Arrow has these four. The rest become
+    // nanoseconds.
     let unit = if unit.1 == 1 { unit.0 } else { "ns".to_owned() };
     let unit = if ["s", "ms", "us"].contains(&&unit[..]) { unit } else { "ns".to_owned() };
     let values = values.call_method1("astype", (format!("datetime64[{unit}]"),))?;
     let times = vector::<i64>(&values, "int64")?;
+    // The smallest integer is numpy's "not a time".
     let times = times.into_iter().map(|time| (time != i64::MIN).then_some(time));
     Ok(match &unit[..] {
         "s" => Arc::new(times.collect::<TimestampSecondArray>()),

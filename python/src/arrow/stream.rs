@@ -1,7 +1,7 @@
-//! Chunks of arrays from another package's memory: the only code here that is not safe.
+//! Chunks of arrays from another package's memory: the only unsafe code of this crate.
 //!
-//! The objects promise what Arrow's C interfaces ask for; whoever breaks that can break any reader.
-//! What they hold is checked before it is read.
+//! That pointers and lengths are right is the producer's promise by Arrow's C interfaces, which no
+//! reader can check. What they point to (offsets, UTF-8, alignment) is checked before it is read.
 
 use std::ffi::CStr;
 
@@ -24,12 +24,13 @@ pub(super) struct Chunks {
 pub(super) fn chunks(data: &Bound<'_, PyAny>) -> PyResult<Chunks> {
     if data.hasattr("__arrow_c_stream__")? {
         let capsule = data.call_method0("__arrow_c_stream__")?.cast_into::<PyCapsule>();
-        return from_stream(&capsule.map_err(|_| invalid("__arrow_c_stream__ is no capsule"))?);
+        return from_stream(&capsule.map_err(|_| invalid("__arrow_c_stream__ is not a capsule"))?);
     }
     if data.hasattr("__arrow_c_array__")? {
         let pair: Result<(Bound<'_, PyCapsule>, Bound<'_, PyCapsule>), _> =
             data.call_method0("__arrow_c_array__")?.extract();
-        let (schema, array) = pair.map_err(|_| invalid("__arrow_c_array__ are no two capsules"))?;
+        let (schema, array) =
+            pair.map_err(|_| invalid("__arrow_c_array__ is not a pair of capsules"))?;
         return from_array(&schema, &array);
     }
     let name = data.get_type().name()?;
@@ -40,11 +41,13 @@ fn type_of(schema: &FFI_ArrowSchema) -> PyResult<DataType> {
     Ok(Field::try_from(schema).map_err(invalid)?.data_type().clone())
 }
 
-/// Takes an array whose memory its release callback keeps, and checks what is in it.
+/// Takes ownership of an array, whose release callback keeps its memory, and checks its contents.
 fn checked(array: FFI_ArrowArray, data_type: &DataType) -> PyResult<ArrayRef> {
-    // SAFETY: the array comes from a producer of the C data interface, with a schema of this type.
+    // SAFETY: the producer promises by the C data interface that the array has the layout of the
+    // schema that came with it, and `data_type` was read from that schema.
     #[expect(unsafe_code, reason = "memory of another package")]
     let mut data = unsafe { from_ffi_and_data_type(array, data_type.clone()) }.map_err(invalid)?;
+    // Producers need not align; readers of typed values must have it.
     data.align_buffers();
     data.validate_full().map_err(invalid)?;
     Ok(make_array(data))
@@ -53,8 +56,9 @@ fn checked(array: FFI_ArrowArray, data_type: &DataType) -> PyResult<ArrayRef> {
 fn from_array(schema: &Bound<'_, PyCapsule>, array: &Bound<'_, PyCapsule>) -> PyResult<Chunks> {
     let schema = schema.pointer_checked(Some(c"arrow_schema")).map_err(invalid)?;
     let array = array.pointer_checked(Some(c"arrow_array")).map_err(invalid)?;
-    // SAFETY: capsules of these names hold these structs, by the interface; both are moved out, so that the
-    // capsules find them released.
+    // SAFETY: by the interface, capsules of these names hold these structs, and `pointer_checked`
+    // compared the names. Both are moved out, which marks them released in the capsules, so that
+    // nothing is released twice.
     #[expect(unsafe_code, reason = "memory of another package")]
     let (schema, array) = unsafe {
         (
@@ -62,6 +66,7 @@ fn from_array(schema: &Bound<'_, PyCapsule>, array: &Bound<'_, PyCapsule>) -> Py
             FFI_ArrowArray::from_raw(array.cast().as_ptr()),
         )
     };
+    // A second consumer of one capsule finds what the first left.
     if array.is_released() {
         return Err(invalid("the arrow array was taken before"));
     }
@@ -72,15 +77,16 @@ fn from_array(schema: &Bound<'_, PyCapsule>, array: &Bound<'_, PyCapsule>) -> Py
 
 fn from_stream(capsule: &Bound<'_, PyCapsule>) -> PyResult<Chunks> {
     let pointer = capsule.pointer_checked(Some(c"arrow_array_stream")).map_err(invalid)?;
-    // SAFETY: a capsule of this name holds this struct, by the interface; it is moved out, so that the capsule
-    // finds it released.
+    // SAFETY: by the interface, a capsule of this name holds this struct, and `pointer_checked`
+    // compared the name. It is moved out, which marks it released in the capsule.
     #[expect(unsafe_code, reason = "memory of another package")]
     let mut stream = unsafe { FFI_ArrowArrayStream::from_raw(pointer.cast().as_ptr()) };
     let (Some(get_schema), Some(get_next)) = (stream.get_schema, stream.get_next) else {
         return Err(invalid("the arrow stream was taken before"));
     };
     let mut schema = FFI_ArrowSchema::empty();
-    // SAFETY: the stream was not released, and `schema` is there to be written.
+    // SAFETY: the stream is not released, since it has its callbacks, and `schema` is a valid place
+    // to write to.
     #[expect(unsafe_code, reason = "memory of another package")]
     let code = unsafe { get_schema(&raw mut stream, &raw mut schema) };
     check(&mut stream, code)?;
@@ -88,10 +94,11 @@ fn from_stream(capsule: &Bound<'_, PyCapsule>) -> PyResult<Chunks> {
     let mut arrays = Vec::new();
     loop {
         let mut array = FFI_ArrowArray::empty();
-        // SAFETY: as above.
+        // SAFETY: as for `get_schema`, with `array` as the place.
         #[expect(unsafe_code, reason = "memory of another package")]
         let code = unsafe { get_next(&raw mut stream, &raw mut array) };
         check(&mut stream, code)?;
+        // The stream ends with a released array.
         if array.is_released() {
             return Ok(Chunks { data_type, arrays });
         }
@@ -99,14 +106,15 @@ fn from_stream(capsule: &Bound<'_, PyCapsule>) -> PyResult<Chunks> {
     }
 }
 
-/// Returns the error of a stream.
+/// Returns an error if a callback of the stream returned a code other than 0.
 fn check(stream: &mut FFI_ArrowArrayStream, code: i32) -> PyResult<()> {
     if code == 0 {
         return Ok(());
     }
     let mut text = format!("error {code}");
     if let Some(last) = stream.get_last_error {
-        // SAFETY: the stream was not released; its text is valid until the next call.
+        // SAFETY: the stream is not released. Its text ends in a zero byte and is valid until the
+        // next call of a callback; it is copied before.
         #[expect(unsafe_code, reason = "memory of another package")]
         unsafe {
             let found = last(std::ptr::from_mut(stream));

@@ -1,4 +1,4 @@
-//! Baum–Welch.
+//! The function `learn`: Baum–Welch for a model of any kind, with progress and Ctrl-C.
 
 use std::ops::ControlFlow;
 
@@ -20,10 +20,10 @@ use crate::parts::{dense_moves, rows, sparse_moves};
 use crate::typed::Size;
 use crate::watch::{Watch, computed, unwind};
 
-/// A learned model, or why there is none.
+/// Learned model, or the reason why there is none.
 type Learning<A, B> = Result<LearnedModel<A, B>, LearnError>;
 
-/// Learns, and tells of each iteration.
+/// Learns, and reports each iteration.
 fn run<A, B>(
     py: Python<'_>,
     progress: Option<&Bound<'_, PyAny>>,
@@ -34,14 +34,18 @@ where
     LearnedModel<A, B>: Send,
 {
     let progress = progress.map(|progress| progress.clone().unbind());
+    // `Py`, not `Bound`: the closure runs without the global lock, and attaches only for the call.
     let ends = |now: &LearnedModel<A, B>| {
         let Some(progress) = &progress else { return false };
         let called = Python::attach(|py| {
             progress.bind(py).call1((now.iterations(), now.objective()))?.is_truthy()
         });
+        // The library's callback has no way to return an exception; `computed` catches this one.
         called.unwrap_or_else(|raised| unwind(raised))
     };
     let mut tell = |now: &_| {
+        // The first pass knows of invalid sequences; without this, learning would go on without
+        // them and the user would hear of it only at the end.
         if not_valid(now).is_some() || ends(now) {
             ControlFlow::Break(())
         } else {
@@ -58,12 +62,13 @@ where
     Ok(found)
 }
 
-/// The first sequence that was left out for another reason than that the model rules it out.
+/// Returns the first sequence that was left out because it is invalid, not because the model rules
+/// it out.
 fn not_valid<A, B>(found: &LearnedModel<A, B>) -> Option<&SequenceError> {
     found.left_out().iter().find(|out| !is_impossible(&out.source))
 }
 
-/// Reads rows of sequences, all of one width.
+/// Reads the rows of each sequence. That all have one width is checked in `rows_of`.
 fn read<'py>(sequences: &[Bound<'py, PyAny>]) -> PyResult<Vec<PyReadonlyArray2<'py, f64>>> {
     let rows = |(number, sequence): (usize, &Bound<'py, PyAny>)| {
         array::rows(sequence, "observations")
@@ -79,7 +84,7 @@ fn rows_of<'a>(arrays: &'a [PyReadonlyArray2<'_, f64>]) -> PyResult<Vec<Rows<'a>
     arrays.iter().map(rows).collect()
 }
 
-/// Model of the moves of another, with a family for its sensor.
+/// Returns a model with the moves of `hmm` and a family as its sensor.
 fn with_family<A: Transition + Clone, B: Likelihood>(
     hmm: &Hmm<A, B>,
     family: Option<&PyFamily>,
@@ -90,31 +95,31 @@ fn with_family<A: Transition + Clone, B: Likelihood>(
     Hmm::new(hmm.prior().clone(), hmm.transition().clone(), family.0.clone()).map_err(invalid)
 }
 
-/// Learns start, moves and table or family from sequences, of any lengths: Baum–Welch, to a local
+/// Learns start, moves and table or family from sequences of any lengths, by Baum–Welch: to a local
 /// maximum of the likelihood.
 ///
-/// Probabilities of 0 stay 0, and states that are alike stay alike. Ctrl-C ends it.
+/// Probabilities of 0 stay 0, and states with equal parameters stay equal. Ctrl-C ends it.
 ///
 /// Parameters
 /// ----------
 /// hmm : Hmm
-///     The model to begin with. With a table, the table is learned; without one, the `family`.
+///     The initial model. With a table, the table is learned; without one, the `family`.
 /// sequences : list of arrays
-///     Symbols, or rows of numbers for a family. One that is not valid raises, with its number and
-///     step; those that the model rules out are left out.
+///     Symbols, or rows of numbers for a family. An invalid sequence raises, with its number and
+///     step; sequences that the model rules out are left out.
 /// family : Family, optional
-///     Family to begin with.
+///     The initial family.
 /// iterations : int
 ///     Largest number of iterations (100).
 /// tolerance : float
 ///     Gain of an iteration below which learning ends, in nats.
 /// keep_start : bool
-///     True to keep the start as it is.
+///     True to keep the start probabilities as they are.
 /// start_count, move_count, table_count : float
 ///     Pseudo-counts of Dirichlet priors: 0 for maximum likelihood, 1 for Laplace's rule.
 /// progress : callable, optional
-///     Called with the number of each iteration and its objective; learning ends once it returns
-///     something true.
+///     Called with the number and the objective of each iteration; learning ends once it returns a
+///     true value.
 ///
 /// Examples
 /// --------
@@ -154,6 +159,7 @@ pub(crate) fn learn(
     };
     let family = family.map(Bound::get);
     let symbols = || -> PyResult<Vec<Vec<usize>>> {
+        // Otherwise the family would be ignored without a word.
         if family.is_some() {
             return Err(invalid("a model with a table is learned without a family"));
         }
@@ -163,6 +169,8 @@ pub(crate) fn learn(
         sequences.iter().enumerate().map(read).collect()
     };
     match hmm.get().model() {
+        // The branches differ in types alone: the learned moves go back in the form in which they
+        // were given, and beside them either a table or a family.
         Model::DenseTable(hmm) => {
             let symbols = symbols()?;
             let found = run(py, progress, |watch, tell| {

@@ -1,4 +1,4 @@
-//! Families of observations, as Python sees them.
+//! The class `Family`: a family of observations of any kind, with its parameters as a dictionary.
 
 use numpy::PyArray2;
 use pyo3::prelude::*;
@@ -12,7 +12,7 @@ use crate::array;
 use crate::densities::log_densities;
 use crate::options::{from_python, to_python};
 
-/// Family of observations, with parameters for each state, for `learn`.
+/// Family of observations for `learn`, with parameters for each state.
 ///
 /// Parameters
 /// ----------
@@ -20,15 +20,16 @@ use crate::options::{from_python, to_python};
 ///     "bernoulli", "beta", "binomial", "exponential", "gamma", "gaussian", "gaussian_mixture",
 ///     "linear_regression", "log_normal", "multinomial", "negative_binomial", "poisson",
 ///     "skewed_t", "student_t", "von_mises", "von_mises_fisher", "weibull" or "wrapped_cauchy";
-///     "zero_inflated_" before "binomial", "gamma", "log_normal", "negative_binomial", "poisson" or
-///     "weibull", and "hurdle_" before one of those that count, with `probabilities` of 0 and the
-///     parameters of the others in a dictionary, `inner`.
+///     or "zero_inflated_" before "binomial", "gamma", "log_normal", "negative_binomial",
+///     "poisson" or "weibull"; or "hurdle_" before "binomial", "negative_binomial" or "poisson".
+///     The last two take `probabilities` and, in a dictionary `inner`, the parameters of the family
+///     whose name follows.
 /// **parameters
 ///     Parameters by name, as below. `missing=True` takes NaN for a missing number.
 ///
 /// Notes
 /// -----
-/// Parameters of n states and rows of d numbers; all have shape (n, d) but those with another.
+/// Parameters for n states and rows of d numbers. Their shape is (n, d) unless another is given.
 ///
 /// =================== ============================================================================
 /// kind                parameters
@@ -40,8 +41,9 @@ use crate::options::{from_python, to_python};
 /// gamma               shapes, scales
 /// gaussian            covariance_type, means, covariances (see below)
 /// gaussian_mixture    covariance_type, weights (n, m), means (n, m, d), covariances (see below)
-/// linear_regression   coefficients (n, d q), of each number those of the q inputs, which come first
-///                     in a row; intercepts; covariances: variances, or with full=True (n, d, d)
+/// linear_regression   coefficients (n, d q), the q of the first number first; the q inputs precede
+///                     the d numbers in a row; intercepts; covariances: variances, or (n, d, d)
+///                     with full=True
 /// log_normal          means, deviations, of the logarithms
 /// multinomial         probabilities; trials, a number (1)
 /// negative_binomial   means, dispersions
@@ -52,11 +54,11 @@ use crate::options::{from_python, to_python};
 /// von_mises_fisher    means, concentrations (n,)
 /// weibull             shapes, scales
 /// wrapped_cauchy      means, concentrations
-/// zero_inflated_…     probabilities of a further 0; inner, a dictionary of the others
-/// hurdle_…            probabilities of 0; inner, a dictionary of the others
+/// zero_inflated_…     probabilities of an extra 0; inner, a dictionary
+/// hurdle_…            probabilities of 0; inner, a dictionary
 /// =================== ============================================================================
 ///
-/// Covariances have these shapes by their type, and of a mixture of m parts the second ones:
+/// Covariances have these shapes by type; those of a mixture of m parts are in the last column:
 ///
 /// =================== ================= ==================
 /// covariance_type
@@ -110,7 +112,7 @@ impl PyFamily {
         self.0.states()
     }
 
-    /// Returns the log-likelihoods of rows in all states, which are observations of an `Hmm` with
+    /// Returns the log-likelihoods of rows in all states: observations for an `Hmm` with
     /// `logarithms=True`.
     fn log_likelihoods<'py>(
         &self,
@@ -121,7 +123,7 @@ impl PyFamily {
         log_densities(py, &self.0, &rows, self.0.components())
     }
 
-    /// What a pickle keeps: the parameters.
+    /// Pickles the parameters.
     #[expect(clippy::type_complexity, reason = "what Python expects")]
     fn __reduce__<'py>(
         &self,
@@ -131,7 +133,7 @@ impl PyFamily {
         Ok((made, (self.kind(), self.parameters(py)?)))
     }
 
-    /// Makes what a pickle kept.
+    /// Restores a pickle.
     #[staticmethod]
     fn _from_parameters(kind: &str, parameters: &Bound<'_, PyDict>) -> PyResult<Self> {
         Self::new(kind, Some(parameters))

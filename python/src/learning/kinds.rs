@@ -1,4 +1,7 @@
-//! Families of all kinds as one type, by their names and the parameters that the library stores.
+//! Families of all kinds as one type, read from a name and parameters in the library's stored form.
+//!
+//! The stored form has fields that a user should not have to know (a version, priors, flags). They
+//! are filled in from [`USUAL`] and the like before the library's own checks read all of them.
 
 use std::error::Error;
 
@@ -12,9 +15,9 @@ use wayfix::likelihood::{Diagonal, LearnLikelihood, Scratch};
 use crate::error::invalid;
 use crate::options::merge;
 
-/// Fields that may be left out, of families of single numbers.
+/// Fields that may be left out, in families of single numbers.
 const USUAL: &str = r#"{"missing": false, "prior": null}"#;
-/// The same, where the others are those of a family of single numbers.
+/// Fields that may be left out, in families with more zeros around a family of single numbers.
 const BESIDE_ZEROS: &str =
     r#"{"missing": false, "prior": null, "inner": {"missing": false, "prior": null}}"#;
 const GAUSSIAN: &str =
@@ -24,7 +27,8 @@ const STUDENT: &str = r#"{"missing": false, "prior": null, "fixed_means": false,
 const REGRESSION: &str = r#"{"missing": false, "ridge": 0, "noise_prior": null, "full": false}"#;
 const MULTINOMIAL: &str = r#"{"missing": false, "trials": 1}"#;
 
-/// One type for all families, so that learning is compiled once for each kind of moves.
+/// Defines one type for all families, so that learning is compiled once for each kind of moves
+/// rather than for each family. Its cost is one match for each observation.
 macro_rules! families {
     ($($name:ident, $word:literal, $type:ty, $defaults:expr;)*) => {
         #[derive(Debug, Clone)]
@@ -101,7 +105,7 @@ macro_rules! families {
                     $((Self::$name(family), Statistics::$name(sum)) => {
                         family.add(sum, observation, posterior);
                     })*
-                    // Statistics are those that this family made.
+                    // Not reached: `statistics` made them, and a model keeps its kind of family.
                     _ => {}
                 }
             }
@@ -177,10 +181,11 @@ families! {
     ZeroInflatedWeibull, "zero_inflated_weibull", Independent<ZeroInflated<Weibull>>, BESIDE_ZEROS;
 }
 
-/// Reads a family from its fields.
+/// Reads a family from its fields, over the defaults.
 fn read<F: serde::de::DeserializeOwned>(given: Value, defaults: &str) -> PyResult<F> {
     let failed = |error: serde_json::Error| invalid(format!("parameters of a family: {error}"));
     let mut all: Value = serde_json::from_str(defaults).map_err(failed)?;
+    // Without parameters it is null; the error is then that of the first missing field.
     if given.is_object() {
         merge(&mut all, given);
     }
@@ -188,7 +193,7 @@ fn read<F: serde::de::DeserializeOwned>(given: Value, defaults: &str) -> PyResul
     serde_json::from_value(all).map_err(failed)
 }
 
-/// Gives each part the number of the present format.
+/// Gives each object, at any depth, the version of the present format.
 fn number(value: &mut Value) {
     match value {
         Value::Object(fields) => {

@@ -1,4 +1,4 @@
-//! Learned models, as Python sees them.
+//! The class `Learned`: the result of `learn`.
 
 use numpy::{PyArray1, PyUntypedArrayMethods, ToPyArray};
 use pyo3::prelude::*;
@@ -9,25 +9,27 @@ use wayfix::{Likelihood, Prior, Transition};
 use super::family::PyFamily;
 use crate::model::PyHmm;
 
-/// Model that `learn` learned.
+/// Result of `learn`.
 ///
 /// Attributes
 /// ----------
 /// hmm : Hmm
-///     The model. With a family, its observations are those of `family.log_likelihoods(rows)`.
+///     The learned model. With a family, its observations are `family.log_likelihoods(rows)`.
 /// family : Family or None
-///     The family with what was learned of it.
+///     The learned family.
 /// objectives : array
-///     The objective before learning and after each iteration: the log-likelihood, and the
-///     logarithm of the priors that pseudo-counts stand for.
+///     The objective before learning and after each iteration: the log-likelihood plus the
+///     logarithm of the priors that the pseudo-counts stand for.
 /// log_likelihood : float
-///     Log-likelihood of all sequences that were not left out.
-/// converged, stopped : bool
-///     True if the last iteration gained less than the tolerance, or `progress` ended learning.
+///     Log-likelihood of all sequences but those left out.
+/// converged : bool
+///     True if the last iteration gained less than the tolerance.
+/// stopped : bool
+///     True if `progress` ended learning.
 /// cause : str or None
-///     Reason for an end before that.
+///     Reason for an earlier end.
 /// left_out : list of tuple
-///     Sequences that the first model rules out: their indices, and why.
+///     Sequences that the initial model rules out: index and reason of each.
 /// aic, bic : float
 ///     Information criteria.
 #[pyclass(name = "Learned", module = "wayfix.learning", frozen, get_all)]
@@ -53,7 +55,7 @@ impl PyLearned {
         self.objectives.bind(py).len() - 1
     }
 
-    /// What a pickle keeps: all attributes.
+    /// Pickles all attributes.
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
         let family = self.family.as_ref().map(|family| family.clone_ref(py));
         let (hmm, objectives) = (self.hmm.clone_ref(py), self.objectives.clone_ref(py));
@@ -63,7 +65,7 @@ impl PyLearned {
         Ok((made, parts.into_pyobject(py)?.into_any()))
     }
 
-    /// Makes what a pickle kept.
+    /// Restores a pickle.
     #[staticmethod]
     fn _from_parts(
         hmm: Py<PyAny>,
@@ -94,7 +96,7 @@ impl PyLearned {
     }
 }
 
-/// Returns the learned model with its moves as arrays.
+/// Returns the result with its model made anew from arrays, by the constructor that users call.
 pub(super) fn learned<A: Transition, B: Likelihood>(
     py: Python<'_>,
     found: &LearnedModel<A, B>,
@@ -103,6 +105,7 @@ pub(super) fn learned<A: Transition, B: Likelihood>(
     family: Option<PyFamily>,
 ) -> PyResult<PyLearned> {
     let prior = found.model().prior();
+    // A family becomes log-likelihoods: Python's model takes these as observations.
     let named = PyDict::new(py);
     named.set_item("start_before_move", matches!(prior, Prior::BeforeFirstTransition(_)))?;
     named.set_item("logarithms", table.is_none())?;

@@ -1,20 +1,24 @@
-//! Covariances as matrices, of which the library stores the rows one after another.
+//! Covariances: nested lists of numbers in Python, flattened by rows in the library's stored form.
+//!
+//! The stored form has a list for each state, and in it, for a mixture, one for each part:
+//! `[v]` if spherical, d variances if diagonal, d² numbers if full. Tied covariances are one list
+//! for all states (or parts), so they lack that axis in Python.
 
 use serde_json::Value;
 
 use crate::error::invalid;
 use pyo3::prelude::*;
 
-/// Where the covariances of a family are, and in which form.
+/// Place and form of the covariances among the parameters of a family.
 pub(super) struct Form<'a> {
     /// Name of their field.
     field: &'static str,
     kind: &'a str,
-    /// Axes before those of one covariance: states, and in a mixture parts.
+    /// Number of axes before those of one covariance: states, and in a mixture parts.
     axes: usize,
 }
 
-/// Finds the covariances among the parameters of a family, and has hmmlearn's "diag" stand for
+/// Finds the covariances among the parameters of a family, and replaces hmmlearn's "diag" by
 /// "diagonal".
 fn form<'a>(family: &str, parameters: &'a mut Value) -> Option<Form<'a>> {
     let (named, field, axes) = match family {
@@ -31,6 +35,7 @@ fn form<'a>(family: &str, parameters: &'a mut Value) -> Option<Form<'a>> {
         }
         _ => return None,
     };
+    // A missing type is left to the family's own error.
     let kind = parameters.get_mut(named)?;
     if kind == "diag" {
         *kind = Value::from("diagonal");
@@ -38,7 +43,7 @@ fn form<'a>(family: &str, parameters: &'a mut Value) -> Option<Form<'a>> {
     Some(Form { field, kind: kind.as_str()?, axes })
 }
 
-/// Replaces matrices by rows as they are stored.
+/// Replaces matrices by their stored form.
 pub(super) fn pack(family: &str, parameters: &mut Value) -> PyResult<()> {
     changed(family, parameters, &|one, kind| match (kind, &*one) {
         ("spherical", Value::Number(_)) => {
@@ -48,6 +53,7 @@ pub(super) fn pack(family: &str, parameters: &mut Value) -> PyResult<()> {
         ("spherical", _) => Err("a number"),
         ("diagonal", _) => Ok(()),
         (_, Value::Array(rows)) => {
+            // Square, and of numbers alone: flattened, a ragged matrix might pass for another.
             let values = |row: &Value| {
                 let row = row.as_array()?;
                 (row.len() == rows.len() && row.iter().all(Value::is_number)).then(|| row.clone())
@@ -61,15 +67,17 @@ pub(super) fn pack(family: &str, parameters: &mut Value) -> PyResult<()> {
     })
 }
 
-/// Replaces rows as they are stored by matrices.
+/// Replaces the stored form by matrices: the inverse of [`pack`].
 pub(super) fn unpack(family: &str, parameters: &mut Value) -> PyResult<()> {
     changed(family, parameters, &|one, kind| {
         let Value::Array(values) = one else { return Ok(()) };
+        // Both have a list of one around the number or the matrix.
         if matches!(kind, "spherical" | "tied") {
             *one = values.first_mut().map_or(Value::Null, Value::take);
         }
         if matches!(kind, "full" | "tied") {
             let Value::Array(values) = one else { return Ok(()) };
+            // d² numbers in d rows.
             let rows = values.chunks(values.len().isqrt().max(1));
             *one = Value::Array(rows.map(|row| Value::Array(row.to_vec())).collect());
         }
@@ -84,7 +92,7 @@ fn changed(family: &str, parameters: &mut Value, change: Change<'_>) -> PyResult
     let Some(Form { field, kind, axes }) = form(family, parameters) else { return Ok(()) };
     let kind = kind.to_owned();
     let Some(all) = parameters.get_mut(field) else { return Ok(()) };
-    // One matrix is that of all states, or of all parts.
+    // A tied matrix serves all states, or all parts of a state.
     let axes = if kind == "tied" { axes - 1 } else { axes };
     each(all, axes, &|one| change(one, &kind)).map_err(|expected| {
         let count = ["", " for each state", " for each part of each state"][axes];

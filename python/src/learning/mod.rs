@@ -1,4 +1,4 @@
-//! Learning of models of the package's own interface.
+//! Learning of an `Hmm` and of families of observations, for `wayfix.learning`.
 
 mod baum_welch;
 mod family;

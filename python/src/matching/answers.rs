@@ -1,4 +1,5 @@
-//! The road at a point, and those at all points of drives.
+//! The classes `RoadAnswer` and `RoadAnswers`: the road at one point, and at all points of drives
+//! as columns.
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
@@ -17,7 +18,7 @@ use crate::typed::index;
 /// metres_along : float
 ///     Metres from the start of the edge at the most probable point; 0 off the road.
 /// position : tuple of float or None
-///     Latitude and longitude of that point; None off the road.
+///     Latitude and longitude of the most probable point; None off the road.
 /// probability : float
 ///     Probability of the edge, or of being off the road.
 /// entropy : float
@@ -82,8 +83,9 @@ impl Answers {
         self.off_road.push(answer.off_road);
     }
 
-    /// Points that were not matched.
+    /// Appends points that were not matched.
     pub(super) fn push_missing(&mut self, count: usize) {
+        // All columns keep one length, so that a row is one point also after a drive that failed.
         let all = self.edge.len() + count;
         self.edge.resize(all, -1);
         self.positions.resize(2 * all, f64::NAN);
@@ -126,7 +128,7 @@ impl Answers {
 /// metres_along : array
 ///     Metres from the start of the edge at the most probable point; 0 off the road.
 /// positions : array, shape (points, 2)
-///     Latitude and longitude of that point; NaN off the road.
+///     Latitude and longitude of the most probable point; NaN off the road.
 /// probability : array
 ///     Probability of the edge, or of being off the road.
 /// entropy : array

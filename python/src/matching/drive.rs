@@ -1,4 +1,4 @@
-//! Matched drives, as Python sees them.
+//! The class `MatchedDrive`: a whole drive, with its answers and its routes.
 
 use std::sync::Arc;
 
@@ -30,6 +30,7 @@ impl PyMatchedDrive {
     fn answers(&self, py: Python<'_>, estimator: Estimator) -> PyResult<PyRoadAnswers> {
         let network = self.matcher.get().matcher.network();
         let found = py.detach(|| {
+            // Late answers are computed here, point by point; the others are stored in the drive.
             let mut answers = Answers::default();
             (0..self.drive.points().len())
                 .for_each(|point| answers.push(network, &estimator.answer(&self.drive, point)));
@@ -43,30 +44,31 @@ impl PyMatchedDrive {
         if point < points {
             return Ok(point);
         }
-        Err(invalid(format!("point {point} of {points}, expected one below that")))
+        Err(invalid(format!("there is no point {point}, expected a number below {points}")))
     }
 }
 
 #[pymethods]
 impl PyMatchedDrive {
-    /// Returns answers for all points, each from the points up to it.
+    /// Returns the answers for all points, each given the points up to it.
     fn live(&self, py: Python<'_>) -> PyResult<PyRoadAnswers> {
         self.answers(py, Estimator::Live)
     }
 
-    /// Returns answers for all points, each from the points up to it and `lag` more.
+    /// Returns the answers for all points, each given the points up to it and `lag` more.
     fn late(&self, py: Python<'_>, lag: Size) -> PyResult<PyRoadAnswers> {
         self.answers(py, Estimator::Late(lag.0))
     }
 
-    /// Returns answers for all points from all points.
+    /// Returns the answers for all points, each given all points.
     fn smoothed(&self, py: Python<'_>) -> PyResult<PyRoadAnswers> {
         self.answers(py, Estimator::Smoothed)
     }
 
-    /// Most probable route: edges that follow each other, and stretches off the road.
+    /// Most probable route: consecutive edges, and stretches off the road.
     #[getter]
     fn route(&self, py: Python<'_>) -> PyResult<PyStretches> {
+        // Its probability takes a search of its own, which `routes` does.
         let stretches = self.drive.route().to_vec();
         let route = Stretches { stretches, probabilities: Vec::new(), probability: f64::NAN };
         PyStretches::new(self.matcher.bind(py), route)
@@ -80,7 +82,7 @@ impl PyMatchedDrive {
         PyRankedRoutes::new(self.matcher.bind(py), found.map_err(invalid)?)
     }
 
-    /// Returns the edges at a point, from 0, with their probabilities, the most probable first; off
+    /// Returns the edges at a point, from 0, with their probabilities, the most probable first. Off
     /// the road is not among them.
     #[expect(clippy::type_complexity, reason = "a pair of arrays, as Python's callers take it")]
     fn edges<'py>(
@@ -97,15 +99,15 @@ impl PyMatchedDrive {
         Ok((edges.to_pyarray(py), probabilities.to_pyarray(py)))
     }
 
-    /// Returns stretches of roads that held the vehicle at a point with a probability of at least
-    /// `mass`, or all possible edges where the roads hold less.
+    /// Returns stretches of roads that hold the vehicle at a point with a probability of at least
+    /// `mass`, or all possible edges if the roads hold less than that.
     fn credible(&self, py: Python<'_>, point: Size, mass: f64) -> PyResult<PyStretches> {
         let (matcher, point) = (self.matcher.bind(py), self.check(point)?);
         let found = self.drive.credible(&matcher.get().matcher, point, mass);
         PyStretches::new(matcher, found.map_err(invalid)?)
     }
 
-    /// Log-density of each point given all before, in metres.
+    /// Log-density of each point given all earlier points, with lengths in metres.
     #[getter]
     fn log_normalizers<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         let points = 0..self.drive.points().len();

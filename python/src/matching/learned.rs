@@ -1,11 +1,11 @@
-//! Learned models, as Python sees them.
+//! The class `LearnedMatchModel`: the result of `Matcher.learn`.
 
 use pyo3::prelude::*;
 use wayfix_roads::matching::LearnedMatchModel;
 
 use crate::options::to_python;
 
-/// Model that `Matcher.learn` learned, for `matcher.with_model(**learned.model)`.
+/// Result of `Matcher.learn`, for `matcher.with_model(**learned.model)`.
 ///
 /// Attributes
 /// ----------
@@ -16,16 +16,16 @@ use crate::options::to_python;
 /// converged : bool
 ///     True if the last iteration changed no parameter by more than a hundredth.
 /// log_likelihood : float
-///     Log-likelihood of all points before the last iteration.
+///     Log-likelihood of all points under the model before the last iteration.
 /// points : int
 ///     Number of points.
 /// held_out : float
-///     Gain in log-likelihood of each half of the drives by what the other half teaches; below 7,
-///     the model is the one that learning started with.
+///     Gain in log-likelihood when each half of the drives is scored under the model learned from
+///     the other half; below 7, `model` is the one that learning started with.
 /// median_interval : float
-///     Median of the seconds between two points.
+///     Median number of seconds between two points.
 /// at_limits : list of str
-///     Parameters that ended at a limit of their range: look at the drives first.
+///     Parameters that ended at a limit of their range: inspect the drives before using the model.
 #[pyclass(name = "LearnedMatchModel", module = "wayfix.matching", frozen, get_all)]
 #[derive(Debug)]
 pub(crate) struct PyLearnedMatchModel {
@@ -56,7 +56,7 @@ impl PyLearnedMatchModel {
 
 #[pymethods]
 impl PyLearnedMatchModel {
-    /// What a pickle keeps: all attributes.
+    /// Pickles all attributes.
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
         let numbers = (self.log_likelihood, self.points, self.held_out, self.median_interval);
         let ended = (self.iterations, self.converged);
@@ -65,7 +65,7 @@ impl PyLearnedMatchModel {
         Ok((made, parts.into_pyobject(py)?.into_any()))
     }
 
-    /// Makes what a pickle kept.
+    /// Restores a pickle.
     #[staticmethod]
     fn _from_parts(
         model: Py<PyAny>,

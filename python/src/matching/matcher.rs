@@ -1,4 +1,7 @@
-//! Matchers, as Python sees them.
+//! The class `Matcher`: roads and a model, which match one drive, many, or a live vehicle.
+//!
+//! Whole drives are matched on another thread (`in_background`), since the library takes all of
+//! their points at once and cannot look for Ctrl-C in between.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -17,28 +20,28 @@ use crate::options::{replaced, to_python};
 use crate::typed::{Size, threads};
 use crate::watch::{Watch, in_background, in_background_with};
 
-/// Matcher of the positions of vehicles to the roads of a network.
+/// Matcher of vehicles' positions to the roads of a network.
 ///
 /// Can be copied and pickled, with its network.
 ///
 /// Points are a data frame (pandas, polars, pyarrow, anything with `__arrow_c_stream__`) or a
-/// dictionary of arrays, with columns `time` (seconds, or dates), `lat`, `lon` in degrees, and if
-/// known `accuracy` (standard deviation in each direction in metres; phones often tell a radius of
-/// 68%, which is 1.5 times as much), `heading` (degrees clockwise from north) and `speed` (metres
-/// per second), with NaN where they are not known.
+/// dictionary of arrays, with the columns `time` (seconds, or dates), `lat` and `lon` (degrees),
+/// and optionally `accuracy` (standard deviation in each direction, in metres; phones often report
+/// the radius that holds 68%, which is 1.5 times as much), `heading` (degrees clockwise from north)
+/// and `speed` (metres per second), with NaN for unknown values.
 ///
 /// Parameters
 /// ----------
 /// network : RoadNetwork
 ///     The roads.
 /// **model
-///     Parameters of the model by name, above all `noise`, the standard deviation of a position in
-///     each direction in metres (4), which should be learned where it is not that; `model` has them
-///     all.
+///     Parameters of the model by name; the attribute `model` lists them all. The most important
+///     one is `noise`, the standard deviation of a position in each direction in metres (4): learn
+///     it if your receivers differ.
 ///
 /// Examples
 /// --------
-/// Two streets, 55 m apart, joined at both ends, and four points on the southern one.
+/// Two streets 55 m apart, joined at both ends, and four points on the southern one:
 ///
 /// >>> import numpy as np
 /// >>> from wayfix.matching import Matcher, RoadNetwork
@@ -55,7 +58,7 @@ use crate::watch::{Watch, in_background, in_background_with};
 /// >>> bool(roads.probability.min() > 0.9)
 /// True
 ///
-/// The same live, point by point.
+/// The same live, point by point:
 ///
 /// >>> vehicle = matcher.start(0, -35.28045, 149.131)
 /// >>> surprise = -vehicle.step(10, -35.2804, 149.132)
@@ -95,7 +98,7 @@ impl PyMatcher {
         self.network.clone_ref(py)
     }
 
-    /// Parameters of the model: a dictionary.
+    /// Parameters of the model, as a dictionary.
     #[getter]
     fn model<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         to_python(py, self.matcher.model())
@@ -110,7 +113,7 @@ impl PyMatcher {
         Ok(Self { matcher, network: self.network.clone_ref(py) })
     }
 
-    /// Matches a whole drive, whose times ascend.
+    /// Matches a whole drive, with ascending times.
     fn match_drive(this: &Bound<'_, Self>, points: &Bound<'_, PyAny>) -> PyResult<PyMatchedDrive> {
         let points = Columns::read(points)?.points()?;
         let matcher = Arc::clone(&this.get().matcher);
@@ -119,29 +122,29 @@ impl PyMatcher {
         Ok(PyMatchedDrive::new(this, drive))
     }
 
-    /// Matches the drives of a data frame or a dictionary of arrays, of which a column names the
-    /// trip. Rows may stand in any order; of rows of one trip and time the first counts.
+    /// Matches the drives of a data frame or a dictionary of arrays with a column that names the
+    /// trip. Rows may be in any order; among rows of one trip with the same time, the first counts.
     ///
     /// Parameters
     /// ----------
     /// points : data frame or dict of arrays
     ///     As for all methods.
     /// trip : str, optional
-    ///     Name of the column with the trip of each row; all rows are one trip without it.
+    ///     Name of the column with the trip of each row; without it, all rows are one trip.
     /// estimator : {"smoothed", "live", "late"}
-    ///     Answers from all points of a trip, from those up to each, or from `lag` more.
+    ///     Answers given all points of a trip, given the points up to each, or given `lag` more.
     /// lag : int, optional
-    ///     Number of points that late answers wait for, which need it.
+    ///     Number of points that late answers wait for; required for these.
     /// errors : {"raise", "skip"}
-    ///     What becomes of trips that cannot be matched, such as those with a point not on Earth:
-    ///     an exception, or no answers and an entry in `failed`.
+    ///     For trips that cannot be matched, for example with a point that is not on Earth: raise
+    ///     an exception, or give no answers and add an entry to `failed`.
     /// n_jobs, progress
-    ///     As for `Hmm.score_all`, of trips.
+    ///     As for `Hmm.score_all`, counting trips.
     ///
     /// Returns
     /// -------
     /// MatchedTrips
-    ///     With `points()` and `routes()`, data frames of the kind that was given.
+    ///     Its `points()` and `routes()` are data frames of the kind that was given.
     #[pyo3(signature = (points, trip=None, *, estimator="smoothed", lag=None, errors="raise",
                         n_jobs=1, progress=None))]
     #[expect(clippy::too_many_arguments, reason = "options, by name")]
@@ -155,12 +158,13 @@ impl PyMatcher {
         n_jobs: isize,
         progress: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyAny>> {
+        // Frames are sorted and put together in Python, which comes back to `_match`.
         let trips = this.py().import("wayfix._trips")?;
         let threads = (n_jobs, progress);
         trips.call_method1("match_trips", (this, points, trip, estimator, lag, errors, threads))
     }
 
-    /// Matches sorted points, cut into drives at offsets.
+    /// Matches sorted points, split into drives at the offsets.
     #[expect(clippy::too_many_arguments, reason = "those of `match_trips`")]
     fn _match<'py>(
         &self,
@@ -174,6 +178,7 @@ impl PyMatcher {
         progress: Option<Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let estimator = Estimator::of(estimator, lag.map(|lag| lag.0))?;
+        // Counted by the threads that match, and reported by this one, which has the global lock.
         let (count, done) = (offsets.len().saturating_sub(1), Arc::new(AtomicUsize::new(0)));
         let drives = Drives { points: columns.points()?, offsets, estimator, skip };
         let (matcher, told) = (Arc::clone(&self.matcher), Arc::clone(&done));
@@ -184,12 +189,13 @@ impl PyMatcher {
             call.call1((done.load(Ordering::Relaxed), count)).map(|_| ())
         };
         let found = in_background_with(py, work, report)?;
+        // Once more: the last drives ended after the last report.
         report()?;
         found.into_python(py)
     }
 
-    /// Learns the model from drives without labels. Takes some `iterations` times as long as
-    /// matching, and as much again to see if it is worth it.
+    /// Learns the model from drives without labels. Takes about `iterations` times as long as
+    /// matching, and as much again to test the gain on held-out drives.
     ///
     /// Parameters
     /// ----------
@@ -217,8 +223,8 @@ impl PyMatcher {
         PyLearnedMatchModel::new(py, learned.map_err(|error| of_drive(py, &error))?)
     }
 
-    /// Starts a vehicle at the first point of its drive. It keeps `lag` points beside the last for
-    /// late answers; 0 by default. `time` is in seconds, or a date.
+    /// Starts a vehicle at the first point of its drive. It keeps `lag` points (0) before the last
+    /// one, for late answers. `time` is in seconds, or a date.
     #[pyo3(signature = (time, lat, lon, *, lag=Size(0), accuracy=f64::NAN, heading=f64::NAN, speed=f64::NAN))]
     #[expect(clippy::too_many_arguments, reason = "those of a point, by name")]
     fn start(
@@ -250,7 +256,7 @@ impl PyMatcher {
         self.__copy__(py)
     }
 
-    /// What a pickle keeps: the network and the parameters of the model.
+    /// Pickles the network and the parameters of the model.
     #[expect(clippy::type_complexity, reason = "what Python expects")]
     fn __reduce__<'py>(
         &self,
@@ -260,7 +266,7 @@ impl PyMatcher {
         Ok((made, (self.network(py), self.model(py)?)))
     }
 
-    /// Makes what a pickle kept.
+    /// Restores a pickle.
     #[staticmethod]
     fn _from_parts(
         network: &Bound<'_, PyRoadNetwork>,
@@ -274,10 +280,10 @@ impl PyMatcher {
     }
 }
 
-/// Reads drives from a file: GPX, GeoJSON, or CSV with `trace,time,longitude,latitude` and if known
-/// `accuracy,heading,speed`. Returns a dictionary of arrays `trip`, `time`, `lat`, `lon`,
-/// `accuracy`, `heading`, `speed`, for `match_trips(points, "trip")`, and a report of what was left
-/// out.
+/// Reads drives from a file: GPX, GeoJSON, or CSV with the columns `trace`, `time`, `longitude` and
+/// `latitude`, and optionally `accuracy`, `heading` and `speed`. Returns a dictionary with the
+/// arrays `trip`, `time`, `lat`, `lon`, `accuracy`, `heading` and `speed`, for
+/// `match_trips(points, "trip")`, and a report of what was left out.
 #[pyfunction]
 pub(crate) fn read_traces(py: Python<'_>, path: PathBuf) -> PyResult<(Bound<'_, PyDict>, String)> {
     let read = in_background(py, move |_| wayfix_roads::matching::read_traces(path))?;
@@ -290,6 +296,7 @@ pub(crate) fn read_traces(py: Python<'_>, path: PathBuf) -> PyResult<(Bound<'_, 
         .iter()
         .flat_map(|trace| std::iter::repeat_n(trace.name.as_str(), trace.points.len()))
         .collect();
+    // Objects: numpy's own texts take the width of the longest name for each.
     columns.set_item("trip", py.import("numpy")?.call_method1("array", (names, "object"))?)?;
     columns.set_item("time", column(|point| point.time).to_pyarray(py))?;
     columns.set_item("lat", column(|point| point.position.latitude).to_pyarray(py))?;

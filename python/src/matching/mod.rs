@@ -1,4 +1,4 @@
-//! GPS points on roads.
+//! Matching of GPS points to roads, for `wayfix.matching`.
 
 mod answers;
 mod drive;

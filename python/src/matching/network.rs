@@ -1,4 +1,4 @@
-//! Road networks, as Python sees them.
+//! The class `RoadNetwork`: made from frames, files or GeoJSON, and read as columns.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -23,11 +23,12 @@ use crate::watch::in_background;
 /// nodes : data frame or dict of arrays
 ///     Columns `node` (an integer), `lat`, `lon` in degrees.
 /// edges : data frame or dict of arrays
-///     Columns `from`, `to`, and if known `class` (main, arterial, collector, street, or 3 to 0),
-///     `length_m` (otherwise straight), `speed_kmh`, and `oneway` (yes, no, -1, or a truth value).
-///     Without `oneway` edges lead in one direction; with it, in both where it says no.
+///     Columns `from`, `to`, and optionally `class` (main, arterial, collector, street, or 3 to 0),
+///     `length_m` (by default the straight distance), `speed_kmh`, and `oneway` (yes, no, -1, or a
+///     truth value). Without `oneway`, edges lead in one direction; with it, those with no lead in
+///     both.
 /// service_roads, parking_aisles, tracks, private_roads : bool
-///     Kinds of roads that an import takes, of files that tell them apart.
+///     Kinds of roads to import from files that tell them apart.
 /// cleaning : list
 ///     Operations after the import: "largest_component", "dead_ends", "contraction",
 ///     ("merging", metres), ("within", (lat, lon), (lat, lon)).
@@ -35,7 +36,7 @@ use crate::watch::in_background;
 /// Attributes
 /// ----------
 /// report : str
-///     Counts of the import, of what was skipped or replaced, and columns that are not known.
+///     Counts of what was imported, skipped and replaced, and unknown columns.
 ///
 /// Examples
 /// --------
@@ -55,7 +56,7 @@ pub(crate) struct PyRoadNetwork {
     report: String,
 }
 
-/// Choices of an import, from Python's arguments.
+/// Operation after an import, as Python gives it: a name, or a tuple of a name and its arguments.
 #[derive(Debug, FromPyObject)]
 enum Operation {
     #[pyo3(transparent)]
@@ -110,7 +111,7 @@ impl PyRoadNetwork {
         if edge < edges {
             return Ok(edge);
         }
-        Err(invalid(format!("edge {edge} of {edges}, expected one below that")))
+        Err(invalid(format!("there is no edge {edge}, expected a number below {edges}")))
     }
 
     fn column<'py, T: numpy::Element>(
@@ -132,8 +133,9 @@ impl PyRoadNetwork {
         edges: &Bound<'_, PyAny>,
         cleaning: Vec<Operation>,
     ) -> PyResult<Self> {
+        // Frames do not tell kinds of roads apart, so none is left out.
         let options = options([true; 4], cleaning)?;
-        // The texts of two CSV files, so that frames and files are read alike.
+        // The texts of two CSV files, so that one reader serves frames and files.
         let texts = py.import("wayfix._frames")?.call_method1("network_texts", (nodes, edges))?;
         let (nodes, edges): (String, String) = texts.extract()?;
         Self::imported(py, move || {
@@ -162,8 +164,8 @@ impl PyRoadNetwork {
         Self::imported(py, move || RoadNetwork::from_path(path, &options))
     }
 
-    /// Reads a network from GeoJSON: a text, bytes, or an object with `__geo_interface__`, such as
-    /// a GeoDataFrame in degrees. Lines join where they share a point.
+    /// Reads a network from GeoJSON: text, bytes, or an object with `__geo_interface__`, such as a
+    /// GeoDataFrame in degrees. Lines are joined where they share a point.
     #[staticmethod]
     #[expect(clippy::fn_params_excessive_bools, reason = "each is a kind of road, by name")]
     #[pyo3(signature = (features, *, service_roads=true, parking_aisles=true, tracks=false,
@@ -179,6 +181,7 @@ impl PyRoadNetwork {
     ) -> PyResult<Self> {
         let kinds = [service_roads, parking_aisles, tracks, private_roads];
         let options = options(kinds, cleaning)?;
+        // Text and bytes are read as they are; other objects are written as JSON by Python.
         let text: Vec<u8> = if let Ok(text) = features.extract::<String>() {
             text.into_bytes()
         } else if let Ok(bytes) = features.extract::<Vec<u8>>() {
@@ -187,12 +190,12 @@ impl PyRoadNetwork {
             let value = features.getattr("__geo_interface__")?;
             py.import("json")?.call_method1("dumps", (value,))?.extract::<String>()?.into_bytes()
         } else {
-            return Err(invalid("expected GeoJSON as a text, or an object with __geo_interface__"));
+            return Err(invalid("expected GeoJSON as text, or an object with __geo_interface__"));
         };
         Self::imported(py, move || RoadNetwork::from_geojson(&text[..], &options))
     }
 
-    /// Nodes: a dictionary of arrays `node` (ids), `lat`, `lon`.
+    /// Nodes: a dictionary with the arrays `node` (ids), `lat` and `lon`.
     #[getter]
     fn nodes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let nodes = self.network.nodes();
@@ -207,9 +210,9 @@ impl PyRoadNetwork {
         Ok(columns)
     }
 
-    /// Directed edges, in the order of their numbers: a dictionary of arrays `from`, `to` (ids of
-    /// nodes), `class`, `length_m`, `speed_kmh` (NaN if not known), `roundabout`, and `reverse`, the
-    /// number of the same road in the other direction, or -1.
+    /// Directed edges, in the order of their numbers: a dictionary with the arrays `from`, `to`
+    /// (ids of nodes), `class`, `length_m`, `speed_kmh` (NaN if unknown), `roundabout`, and
+    /// `reverse`, the number of the same road in the other direction, or -1.
     #[getter]
     fn edges<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let network = &self.network;
@@ -219,8 +222,10 @@ impl PyRoadNetwork {
         columns.set_item("to", self.column(py, |edge| id(edge.to)))?;
         let classes: Vec<String> =
             network.edges().iter().map(|edge| edge.class.to_string()).collect();
+        // "collector", the longest class, has nine letters.
         columns.set_item("class", py.import("numpy")?.call_method1("array", (classes, "U9"))?)?;
         columns.set_item("length_m", self.column(py, |edge| edge.metres))?;
+        // Metres per second to kilometres per hour.
         let speed = |edge: &wayfix_roads::Edge| edge.speed.map_or(f64::NAN, |speed| 3.6 * speed);
         columns.set_item("speed_kmh", self.column(py, speed))?;
         columns.set_item("roundabout", self.column(py, |edge| edge.roundabout))?;
@@ -230,19 +235,19 @@ impl PyRoadNetwork {
         Ok(columns)
     }
 
-    /// Returns the number of the shortest edge from one node to another, by their ids, or None.
+    /// Returns the number of the shortest edge from one node to another, given by id, or None.
     #[pyo3(signature = (start, end, /))]
     fn edge_between(&self, start: Size, end: Size) -> Option<usize> {
         let [start, end] = [start, end].map(|id| self.network.index_of_id(id.0 as u64));
         self.network.edge_between(start?, end?)
     }
 
-    /// Returns the line of an edge, by its number: latitudes and longitudes, of shape (points, 2).
+    /// Returns the line of an edge, given by number: latitudes and longitudes, shape (points, 2).
     fn shape<'py>(&self, py: Python<'py>, edge: Size) -> PyResult<Bound<'py, PyArray2<f64>>> {
         line(py, self.network.shape(self.check_edge(edge.0)?))
     }
 
-    /// Returns the network as GeoJSON; ids of nodes and forbidden turns are not in it.
+    /// Returns the network as GeoJSON, without the ids of nodes and forbidden turns.
     fn to_geojson(&self, py: Python<'_>) -> String {
         py.detach(|| self.network.to_geojson())
     }
@@ -255,7 +260,7 @@ impl PyRoadNetwork {
         self.__copy__()
     }
 
-    /// What a pickle keeps: nodes, edges and forbidden turns (JSON), and the report.
+    /// Pickles nodes, edges and forbidden turns (as JSON), and the report.
     #[expect(clippy::type_complexity, reason = "what Python expects")]
     fn __reduce__<'py>(
         &self,
@@ -266,9 +271,10 @@ impl PyRoadNetwork {
         Ok((py.get_type::<Self>().getattr("_from_bytes")?, (bytes, self.report.clone())))
     }
 
-    /// Makes what a pickle kept.
+    /// Restores a pickle.
     #[staticmethod]
     fn _from_bytes(py: Python<'_>, bytes: &[u8], report: String) -> PyResult<Self> {
+        // Built by the library's own builder, which checks it: a pickle may be of any origin.
         let made = py.detach(|| {
             let stored = serde_json::from_slice::<Stored>(bytes).map_err(|e| e.to_string())?;
             stored.network()
@@ -283,9 +289,10 @@ impl PyRoadNetwork {
     }
 }
 
-/// An error that names the row of a frame rather than the line of its text, which has a header.
+/// Makes an error name the row of a frame rather than the line of its text.
 fn in_frame(error: MapError) -> MapError {
     match error {
+        // Line 1 is the header, so row 0 is in line 2.
         MapError::Line { file, line: line @ 2.., problem } => {
             MapError::Read { file: format!("row {} of {file}", line - 2), reason: problem }
         }
@@ -293,7 +300,7 @@ fn in_frame(error: MapError) -> MapError {
     }
 }
 
-/// Latitudes and longitudes, as rows.
+/// Returns positions as an array with a row of latitude and longitude for each.
 pub(super) fn line<'py>(py: Python<'py>, line: &[Position]) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let values = line.iter().flat_map(|point| [point.latitude, point.longitude]).collect();
     PyArray1::from_vec(py, values).reshape([line.len(), 2])

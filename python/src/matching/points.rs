@@ -8,22 +8,23 @@ use wayfix_roads::matching::TracePoint;
 use crate::array::doubles;
 use crate::error::invalid;
 
-/// Point from its numbers; NaN is a number that is not known, but of time and place.
+/// Creates a point. NaN is unknown in `others`; in time and position the library refuses it.
 pub(super) fn point(time: f64, position: [f64; 2], others: [f64; 3]) -> TracePoint {
     let [latitude, longitude] = position;
     let [accuracy, heading, speed] = others.map(|value| (!value.is_nan()).then_some(value));
     TracePoint { time, position: Position { latitude, longitude }, accuracy, heading, speed }
 }
 
-/// Reads a time: seconds, or a date, as in frames.
+/// Reads a time, in seconds or as a date, as in frames.
 pub(super) fn moment(time: &Bound<'_, PyAny>) -> PyResult<f64> {
+    // The usual case of a live vehicle needs no call into Python.
     if let Ok(seconds) = time.extract() {
         return Ok(seconds);
     }
     time.py().import("wayfix._frames")?.call_method1("moment", (time,))?.extract()
 }
 
-/// Columns of points, as Python has them.
+/// Columns of points, before their types are checked.
 #[derive(Debug, FromPyObject)]
 #[pyo3(from_item_all)]
 pub(super) struct Columns<'py> {
@@ -36,7 +37,7 @@ pub(super) struct Columns<'py> {
 }
 
 impl Columns<'_> {
-    /// Reads the columns of a data frame, a dictionary or the like.
+    /// Finds the columns in a data frame, a dictionary or the like.
     pub(super) fn read<'py>(points: &Bound<'py, PyAny>) -> PyResult<Columns<'py>> {
         let frames = points.py().import("wayfix._frames")?;
         frames.call_method1("point_columns", (points,))?.extract()
@@ -50,10 +51,11 @@ impl Columns<'_> {
             let array: PyReadonlyArray1<'_, f64> = doubles(values, what)?;
             let values = array.as_slice().map_err(invalid)?;
             if values.len() != count {
-                return Err(invalid(format!("{what} are {}, expected {count}", values.len())));
+                return Err(invalid(format!("found {} {what}, expected {count}", values.len())));
             }
             Ok(values.to_vec())
         };
+        // A missing column is one of unknown values.
         let optional = |values: &Option<Bound<'_, PyAny>>, what: &str| match values {
             Some(values) => read(values, what),
             None => Ok(vec![f64::NAN; count]),

@@ -1,4 +1,5 @@
-//! Networks as pickles keep them.
+//! The form of a network in a pickle: what a `NetworkBuilder` needs to build it again. GeoJSON
+//! would not do, since it has no ids and no forbidden turns.
 
 use serde::{Deserialize, Serialize};
 use wayfix_roads::{EdgeOptions, NetworkBuilder, RoadNetwork};
@@ -6,19 +7,20 @@ use wayfix::map::{Place, Position, RoadClass};
 
 type Point = (f64, f64);
 
-/// All of a network but what is computed from it; numbers are kept to the bit.
+/// Network without what is computed from it. Numbers are kept to the bit.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Stored {
     /// Id, position and name.
     nodes: Vec<(u64, Point, String)>,
     edges: Vec<StoredEdge>,
-    /// Edges that are the same road in either direction.
+    /// Edges that are the two directions of one road.
     pairs: Vec<(usize, usize)>,
+    /// Forbidden turns, from edge to edge.
     forbidden: Vec<(usize, usize)>,
 }
 
-/// Ids of the ends, class, metres, speed, whether it is of a roundabout, and the points between.
+/// Ids of the ends, class, metres, speed, true on a roundabout, and the points between the ends.
 type StoredEdge = (u64, u64, String, f64, Option<f64>, bool, Vec<Point>);
 
 fn point(position: &Position) -> Point {
@@ -34,11 +36,13 @@ impl Stored {
         let (nodes, edges) = (network.nodes(), network.edges());
         let edge = |(number, edge): (usize, &wayfix_roads::Edge)| {
             let [from, to] = [edge.from, edge.to].map(|end| nodes[end].id);
+            // The first and the last point of a line are its nodes.
             let line = network.shape(number);
             let between = line[1..line.len() - 1].iter().map(point).collect();
             let class = edge.class.to_string();
             (from, to, class, edge.metres, edge.speed, edge.roundabout, between)
         };
+        // Each pair once, from its lower number; an edge may be its own reverse.
         let pair =
             |edge| network.reverse(edge).filter(|back| edge <= *back).map(|back| (edge, back));
         Self {
@@ -63,11 +67,12 @@ impl Stored {
             builder.edge(from, to, options).map_err(text)?;
             ends.push((from, to));
         }
-        // The builder takes edges that exist, and pairs that are opposite.
+        // The builder panics on edges that do not exist and on pairs that are not opposite; a
+        // pickle from outside promises neither.
         for (edge, back) in self.pairs {
             let opposite = ends.get(edge).map(|&(from, to)| (to, from));
             if opposite.is_none() || opposite.as_ref() != ends.get(back) {
-                return Err(format!("edges {edge} and {back} are no pair"));
+                return Err(format!("edges {edge} and {back} are not opposite"));
             }
             builder.pair(edge, back);
         }

@@ -1,4 +1,5 @@
-//! Stretches of roads, as Python sees them.
+//! The classes `Stretches` and `RankedRoutes`: stretches of roads as columns, and the best routes
+//! of a drive.
 
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, ToPyArray};
 use pyo3::prelude::*;
@@ -9,22 +10,22 @@ use super::PyMatcher;
 use super::network::line;
 use crate::typed::index;
 
-/// Stretches of roads: a route, or where a vehicle is.
+/// Stretches of roads: a route, or the set that holds a vehicle.
 ///
 /// Attributes
 /// ----------
 /// edge : array of int
 ///     Number of the edge of each stretch; -1 off the road.
 /// enter, exit : array
-///     Metres from the start of the edge to the start and the end of the stretch; off the road, 0
-///     and the straight distance.
+///     Metres from the start of the edge to both ends of the stretch; off the road, 0 and the
+///     straight distance.
 /// ends : array, shape (stretches, 2, 2)
 ///     Latitude and longitude of both ends.
 /// probabilities : array
-///     Probability of each stretch that holds a vehicle; empty for a route.
+///     Probability that the vehicle is on each stretch; empty for a route.
 /// probability : float
-///     Probability of the route, or that the vehicle is on one of the stretches; NaN for the most
-///     probable path of a drive, whose probability `routes` tells.
+///     Probability of the route, or that the vehicle is on one of the stretches; NaN for
+///     `MatchedDrive.route`, whose probability is in `MatchedDrive.routes(1)`.
 #[pyclass(name = "Stretches", module = "wayfix.matching", frozen)]
 #[derive(Debug)]
 pub(crate) struct PyStretches {
@@ -72,12 +73,13 @@ impl PyStretches {
     /// Length on roads, in metres.
     #[getter]
     fn metres(&self) -> f64 {
+        // Off the road, a stretch has its straight distance, which is not on roads.
         let on_road = self.stretches.iter().filter(|part| part.edge.is_some());
         on_road.fold(0.0, |sum, part| sum + part.metres())
     }
 
     /// Returns the line of all stretches, one after another: latitudes and longitudes, of shape
-    /// (points, 2). A point where two stretches meet is in it once.
+    /// (points, 2). A point where two stretches meet appears once.
     fn line<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let matcher = &self.matcher.get().matcher;
         let mut points: Vec<Position> =
@@ -86,7 +88,7 @@ impl PyStretches {
         line(py, &points)
     }
 
-    /// Returns the stretches as GeoJSON, with the ids of nodes.
+    /// Returns the stretches as GeoJSON, with node ids.
     fn to_geojson(&self) -> String {
         self.matcher.get().matcher.route_to_geojson(&self.stretches)
     }
@@ -109,7 +111,7 @@ impl PyStretches {
 /// remaining : float
 ///     Probability of all other routes together.
 /// is_exact : bool
-///     True if these are proven to be the most probable ones.
+///     True if the routes are proven to be the most probable ones.
 #[pyclass(name = "RankedRoutes", module = "wayfix.matching", frozen, get_all)]
 #[derive(Debug)]
 pub(crate) struct PyRankedRoutes {

@@ -1,4 +1,7 @@
-//! Many drives, on as many threads as asked.
+//! Many drives on several threads, with results as columns.
+//!
+//! Threads take parts of consecutive drives from one counter. Their results are put in order at the
+//! end, so that the output does not depend on the number of threads.
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -14,7 +17,7 @@ use crate::error::invalid;
 use crate::typed::index;
 use crate::watch::Watch;
 
-/// Which answer of a point is wanted.
+/// Points that the answer for a point is given.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Estimator {
     Smoothed,
@@ -51,17 +54,17 @@ impl Estimator {
 pub(super) struct Matched {
     answers: Answers,
     log_normalizers: Vec<f64>,
-    /// Drive of each stretch, and its columns.
+    /// Drive of each stretch.
     drives: Vec<i64>,
     stretches: Vec<Stretch>,
     log_likelihoods: Vec<f64>,
     failed: Vec<(usize, Option<usize>, String)>,
 }
 
-/// Drives of a data frame, and what is wanted of them.
+/// Drives of a data frame, and the answers that are wanted.
 pub(super) struct Drives {
     pub(super) points: Vec<TracePoint>,
-    /// Where each begins, and the last ends.
+    /// Start of each drive in `points`, and the end of the last.
     pub(super) offsets: Vec<usize>,
     pub(super) estimator: Estimator,
     /// True to go on after a drive that cannot be matched.
@@ -70,12 +73,12 @@ pub(super) struct Drives {
 
 /// Largest number of drives that a thread takes at a time.
 const AT_ONCE: usize = 16;
-/// Parts that a thread takes, on average: some take longer than others.
+/// Average number of parts for each thread, so that threads with short drives take more parts.
 const PARTS: usize = 8;
 
 impl Drives {
-    /// Matches all drives on so many threads; the first error ends them unless it is to be skipped.
-    /// Their number is told to `done` as they go.
+    /// Matches all drives on `jobs` threads. The first error ends them, unless errors are skipped.
+    /// `done` counts the drives as they are matched.
     pub(super) fn match_all(
         &self,
         matcher: &Matcher,
@@ -87,7 +90,8 @@ impl Drives {
         let at_once = (count / (jobs * PARTS)).clamp(1, AT_ONCE);
         let (next, ended) = (AtomicUsize::new(0), AtomicBool::new(false));
         let found = Mutex::new(Vec::new());
-        // Parts are begun in order, and what is begun is ended: the first error is always the same.
+        // Parts are begun in order, and a part that is begun is finished. So when a drive fails,
+        // all drives before it are matched too, and the first error does not depend on threads.
         let work = || {
             while !ended.load(Ordering::Relaxed) && !watch.is_stopped() {
                 let part = next.fetch_add(at_once, Ordering::Relaxed);
@@ -99,9 +103,11 @@ impl Drives {
                 if !self.skip && !made.failed.is_empty() {
                     ended.store(true, Ordering::Relaxed);
                 }
+                // A push that panics leaves the vector as it was, so a poisoned lock is harmless.
                 found.lock().unwrap_or_else(PoisonError::into_inner).push((part, made));
             }
         };
+        // This thread is one of the `jobs`; it is not the one that holds Python's lock.
         std::thread::scope(|scope| {
             for _ in 1..jobs {
                 scope.spawn(work);
@@ -145,7 +151,7 @@ impl Drives {
     }
 }
 
-/// Index in its drive of the point that is not valid.
+/// Returns the index of the invalid point in its drive.
 fn point_of(error: &MatchError) -> Option<usize> {
     match error {
         MatchError::Point { point, .. } | MatchError::Time { point, .. } => Some(*point),
@@ -176,6 +182,7 @@ impl Matched {
             self.log_normalizers.push(drive.log_normalizer(point));
         }
         self.log_likelihoods.push(drive.log_likelihood());
+        // One entry in `drives` for each of the stretches that are new.
         self.stretches.extend_from_slice(drive.route());
         self.drives.resize(self.stretches.len(), index(Some(number)));
     }

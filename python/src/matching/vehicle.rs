@@ -1,4 +1,4 @@
-//! Vehicles, as Python sees them.
+//! The class `Vehicle`: a live drive, point by point.
 
 use std::sync::{Mutex, MutexGuard};
 
@@ -12,13 +12,13 @@ use super::{PyMatcher, PyRoadAnswer, PyStretches};
 use crate::error::{invalid, of_drive, placed};
 use crate::typed::{Size, index};
 
-/// Vehicle on the road, made by `Matcher.start(...)` and moved point by point.
+/// Vehicle on the road, made by `Matcher.start(...)` and updated point by point.
 ///
 /// Can be copied and pickled, with its matcher.
 #[pyclass(name = "Vehicle", module = "wayfix.matching", frozen)]
 #[derive(Debug)]
 pub(crate) struct PyVehicle {
-    /// Moved without the global lock, by whatever thread has the next point.
+    /// Updated without the global lock, by the thread that has the next point.
     vehicle: Mutex<Vehicle>,
     matcher: Py<PyMatcher>,
 }
@@ -30,16 +30,19 @@ impl PyVehicle {
 
     pub(super) fn from_bytes(matcher: &Bound<'_, PyMatcher>, bytes: &[u8]) -> PyResult<Self> {
         let vehicle = Vehicle::from_bytes(bytes).map_err(invalid)?;
-        // That it is one of this network shows here rather than at the next point.
+        // Fails for a vehicle of another network: here, rather than at its next point.
         vehicle.credible(&matcher.get().matcher, 0.5).map_err(invalid)?;
         Ok(Self::new(matcher, vehicle))
     }
 
     fn lock(&self) -> MutexGuard<'_, Vehicle> {
+        // A call that panicked has raised an exception; it does not make later calls fail.
         self.vehicle.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
     }
 
     fn with<T: Send>(&self, py: Python<'_>, work: impl FnOnce(&mut Vehicle) -> T + Send) -> T {
+        // The global lock is released first: a thread that waited for the vehicle with it would
+        // block the one that has the vehicle and waits for the global lock.
         py.detach(|| work(&mut self.lock()))
     }
 
@@ -50,8 +53,8 @@ impl PyVehicle {
 
 #[pymethods]
 impl PyVehicle {
-    /// Takes the next point; `time` is in seconds, or a date. Returns its log-density given all before; an error leaves the vehicle
-    /// as it was.
+    /// Takes the next point; `time` is in seconds, or a date. Returns its log-density given all
+    /// earlier points. An error leaves the vehicle as it was.
     #[pyo3(signature = (time, lat, lon, *, accuracy=f64::NAN, heading=f64::NAN, speed=f64::NAN))]
     #[expect(clippy::too_many_arguments, reason = "those of a point, by name")]
     fn step(
@@ -66,37 +69,38 @@ impl PyVehicle {
     ) -> PyResult<f64> {
         let point = point(moment(time)?, [lat, lon], [accuracy, heading, speed]);
         let matcher = &self.matcher.get().matcher;
+        // The number of points is read under the same lock: another thread may take a step.
         let (points, done) =
             self.with(py, |vehicle| (vehicle.points(), matcher.step(vehicle, &point)));
         done.map_err(|error| placed(py, of_drive(py, &error), 0, Some(points + 1)))
     }
 
-    /// Answer for the last point, from all points so far.
+    /// Answer for the last point, given all points so far.
     #[getter]
     fn live(&self, py: Python<'_>) -> PyRoadAnswer {
         self.answer(self.with(py, |vehicle| vehicle.live()))
     }
 
-    /// Answer for the point `lag` points ago, from all points so far.
+    /// Answer for the point `lag` points ago, given all points so far.
     #[getter]
     fn late(&self, py: Python<'_>) -> PyRoadAnswer {
         self.answer(self.with(py, |vehicle| vehicle.late()))
     }
 
-    /// Returns the answer for the point so many points ago, or None if it is no longer kept.
+    /// Returns the answer for the point `points` points ago, or None if it is no longer kept.
     fn ago(&self, py: Python<'_>, points: Size) -> Option<PyRoadAnswer> {
         self.with(py, |vehicle| vehicle.ago(points.0)).map(|found| self.answer(found))
     }
 
     /// Returns stretches of roads that hold the vehicle now with a probability of at least `mass`,
-    /// or all possible edges where the roads hold less.
+    /// or all possible edges if the roads hold less than that.
     fn credible(&self, py: Python<'_>, mass: f64) -> PyResult<PyStretches> {
         let matcher = self.matcher.bind(py);
         let found = self.with(py, |vehicle| vehicle.credible(&self.matcher.get().matcher, mass));
         PyStretches::new(matcher, found.map_err(invalid)?)
     }
 
-    /// Returns the edges with their probabilities, the most probable first; off the road is not
+    /// Returns the edges with their probabilities, the most probable first. Off the road is not
     /// among them.
     fn edges<'py>(
         &self,
@@ -120,7 +124,7 @@ impl PyVehicle {
         self.with(py, |vehicle| vehicle.log_likelihood())
     }
 
-    /// Returns the state as bytes, for `Matcher.vehicle_from_bytes` of the same network.
+    /// Returns the state as bytes, for `vehicle_from_bytes` of a matcher with the same network.
     fn to_bytes<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
         PyBytes::new(py, &self.with(py, |vehicle| vehicle.to_bytes()))
     }
@@ -134,7 +138,7 @@ impl PyVehicle {
         self.__copy__(py)
     }
 
-    /// What a pickle keeps: the matcher and the state.
+    /// Pickles the matcher and the state.
     fn __reduce__<'py>(
         &self,
         py: Python<'py>,

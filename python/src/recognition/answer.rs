@@ -1,4 +1,4 @@
-//! The answer of one step.
+//! The class `Answer`: the answer of one step.
 
 use pyo3::prelude::*;
 use wayfix_recognition::Answer;
@@ -8,12 +8,13 @@ use wayfix_recognition::Answer;
 /// Attributes
 /// ----------
 /// place : int or None
-///     The reference, from 0; None if the vehicle is more probably off the map than on it.
+///     Number of the reference, from 0; None if the vehicle is more probably off the map than on
+///     it.
 /// probability : float
 ///     Probability that the vehicle is within `window` references of `place`, or off the map.
 /// around : tuple of int
-///     First and last of the references around `place` that hold 90% of the belief on the map; on
-///     a loop, the first may be above the last.
+///     First and last of the references around `place` that hold 90% of the belief on the map. On
+///     a loop, the first may be larger than the last.
 /// off_map : float
 ///     Probability of being off the map.
 /// log_likelihood : float
@@ -31,6 +32,7 @@ pub(crate) struct PyAnswer {
 impl From<Answer> for PyAnswer {
     fn from(answer: Answer) -> Self {
         let Answer { place, probability, around, off_map, log_likelihood } = answer;
+        // On a loop, the range may be descending, so it is kept as a pair.
         let around = around.into_inner();
         Self { place, probability, around, off_map, log_likelihood }
     }
@@ -38,7 +40,7 @@ impl From<Answer> for PyAnswer {
 
 #[pymethods]
 impl PyAnswer {
-    /// What a pickle keeps: all attributes.
+    /// Pickles all attributes.
     #[expect(clippy::type_complexity, reason = "what Python expects")]
     fn __reduce__<'py>(
         &self,
@@ -49,7 +51,7 @@ impl PyAnswer {
         Ok((made, (place, probability, around, off_map, log_likelihood)))
     }
 
-    /// Makes what a pickle kept.
+    /// Restores a pickle.
     #[staticmethod]
     fn _from_parts(
         place: Option<usize>,

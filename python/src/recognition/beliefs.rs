@@ -1,4 +1,4 @@
-//! Beliefs and answers of a drive, as arrays.
+//! The class `PlaceBeliefs`: beliefs and answers of a drive, as arrays.
 
 use numpy::{
     PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods, ToPyArray,
@@ -11,7 +11,8 @@ use crate::array::integers;
 use crate::error::invalid;
 use crate::typed::{Size, index};
 
-/// Answers of all steps, and the rows of their beliefs.
+/// Answers of all steps and the rows of their beliefs, as vectors: made on the thread that computed
+/// them, without Python's lock.
 pub(super) struct Answers {
     rows: Vec<f64>,
     steps: usize,
@@ -23,7 +24,8 @@ pub(super) struct Answers {
 }
 
 impl Answers {
-    // The beliefs are dropped before their rows are copied again.
+    // Taken by value so that the beliefs are dropped here. Their rows, the largest part of a
+    // recording, are in memory twice only while they are copied.
     #[expect(clippy::needless_pass_by_value, reason = "see above")]
     pub(super) fn new(beliefs: PlaceBeliefs) -> Self {
         let answers = beliefs.answers();
@@ -46,6 +48,7 @@ impl Answers {
         recognizer: Recognizer,
     ) -> PyResult<PyPlaceBeliefs> {
         let off_map = usize::from(recognizer.options().off_map.is_some());
+        // The state off the map comes after the references.
         let width = recognizer.references() + off_map;
         let probabilities = PyArray1::from_vec(py, self.rows).reshape([self.steps, width])?;
         Ok(PyPlaceBeliefs {
@@ -60,20 +63,21 @@ impl Answers {
     }
 }
 
-/// Beliefs over places, one for each step of a drive, and the answers that they give.
+/// Beliefs over places, one for each step of a drive, and the answers that follow from them.
 ///
 /// Attributes
 /// ----------
 /// probabilities : array, shape (steps, n) or (steps, n + 1)
-///     A row for each step, with a last column for off the map if that is modelled.
+///     A row for each step; if off the map is modelled, its probability is in the last column.
 /// places : array of int, shape (steps,)
-///     The reference of each answer, from 0: the middle of the most probable `2 window + 1`, which
-///     need not be the most probable one; -1 if the vehicle is more probably off the map.
+///     The reference of each answer, from 0: the middle of the most probable `2 window + 1`
+///     references, which need not be the most probable one; -1 if the vehicle is more probably off
+///     the map.
 /// probability : array, shape (steps,)
 ///     Probability that the vehicle is within `window` references of the place, or off the map.
 /// around : array of int, shape (steps, 2)
-///     First and last of the references around the place that hold 90% of the belief on the map;
-///     on a loop, the first may be above the last.
+///     First and last of the references around the place that hold 90% of the belief on the map.
+///     On a loop, the first may be larger than the last.
 /// off_map : array, shape (steps,)
 ///     Probability of being off the map.
 /// log_likelihoods : array, shape (steps,)
@@ -98,15 +102,16 @@ pub(crate) struct PyPlaceBeliefs {
 
 impl PyPlaceBeliefs {
     fn read<'py>(&self, py: Python<'py>) -> PyResult<PyReadonlyArray2<'py, f64>> {
+        // The array is the user's, too, who may be writing to it.
         self.probabilities.bind(py).try_readonly().map_err(invalid)
     }
 }
 
-/// Row of a step.
+/// Returns the row of a step.
 fn row<'a>(array: &'a PyReadonlyArray2<'_, f64>, step: usize) -> PyResult<&'a [f64]> {
     let &[steps, width] = array.shape() else { return Err(invalid("expected two axes")) };
     if step >= steps {
-        return Err(invalid(format!("step {step} of {steps}, expected one below that")));
+        return Err(invalid(format!("there is no step {step}, expected a number below {steps}")));
     }
     Ok(&array.as_slice().map_err(invalid)?[step * width..][..width])
 }
@@ -118,7 +123,7 @@ impl PyPlaceBeliefs {
     /// Parameters
     /// ----------
     /// places : array of int, shape (steps,)
-    ///     For example the true ones; -1 is off the map.
+    ///     For example the true places; -1 is off the map.
     /// within : int
     ///     Number of references on either side (0).
     #[pyo3(signature = (places, within=Size(0)))]
@@ -132,7 +137,7 @@ impl PyPlaceBeliefs {
         let (places, n) = (places.as_slice().map_err(invalid)?, self.recognizer.references());
         let steps = rows.shape()[0];
         if places.len() != steps {
-            return Err(invalid(format!("places are {}, expected {steps}", places.len())));
+            return Err(invalid(format!("found {} places, expected {steps}", places.len())));
         }
         let mut masses = Vec::with_capacity(steps);
         for (step, place) in places.iter().enumerate() {
@@ -143,6 +148,7 @@ impl PyPlaceBeliefs {
                     let what = format!("places have {place} at {step}, expected below {n}");
                     return Err(invalid(what));
                 }
+                // Off the map: the entry after the references, or 0 if it is not modelled.
                 Err(_) => belief.get(n).copied().unwrap_or(0.0),
             });
         }
@@ -164,8 +170,7 @@ impl PyPlaceBeliefs {
         Ok(set.to_pyarray(py))
     }
 
-    /// What a pickle keeps: the arrays, and of the recogniser the number of references and the
-    /// options.
+    /// Pickles the arrays, and the recogniser's number of references and options.
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
         let of_places = (self.places.clone_ref(py), self.probability.clone_ref(py));
         let others = (self.off_map.clone_ref(py), self.log_likelihoods.clone_ref(py));
@@ -177,7 +182,7 @@ impl PyPlaceBeliefs {
         Ok((made, parts.into_pyobject(py)?.into_any()))
     }
 
-    /// Makes what a pickle kept.
+    /// Restores a pickle.
     #[staticmethod]
     fn _from_parts(
         probabilities: Py<PyArray2<f64>>,
@@ -188,7 +193,8 @@ impl PyPlaceBeliefs {
     ) -> PyResult<Self> {
         let ((places, probability), (off_map, log_likelihoods)) = (of_places, others);
         let (references, options) = recognizer;
-        // The masses of windows are those of any recogniser with these options.
+        // Only `mass_near` and the width need a recogniser, and any with these options gives the
+        // same: so the references are not in the pickle.
         let options = serde_json::from_str(&options).map_err(invalid)?;
         let recognizer = Recognizer::from_distances(references, options).map_err(invalid)?;
         Ok(Self {

@@ -1,4 +1,4 @@
-//! Labelled parts of drives.
+//! Labels of drives: the true places of steps, in one or several parts.
 
 use std::ops::RangeInclusive;
 
@@ -10,8 +10,8 @@ use crate::array::integers;
 use crate::error::invalid;
 use crate::typed::{Rows, integer_rows};
 
-/// Places of labelled steps: an integer for each, or the first and last of a range; below 0 is off
-/// the map.
+/// Reads the places of labelled steps: an integer for each, or the first and last of a range. A
+/// negative number is off the map, which is `None`.
 pub(crate) fn places(values: &Bound<'_, PyAny>) -> PyResult<Vec<Option<RangeInclusive<usize>>>> {
     let axes = values.py().import("numpy")?.call_method1("ndim", (values,))?;
     if axes.extract::<usize>()? == 2 {
@@ -31,6 +31,7 @@ pub(crate) fn places(values: &Bound<'_, PyAny>) -> PyResult<Vec<Option<RangeIncl
 }
 
 fn range(first: i64, last: i64) -> Option<RangeInclusive<usize>> {
+    // Off the map if either is negative. The library refuses an empty range, with its step.
     Some(usize::try_from(first).ok()?..=usize::try_from(last).ok()?)
 }
 
@@ -47,10 +48,11 @@ impl Parts {
         let labels = self.places.len();
         if labels != steps {
             return Err(invalid(format!(
-                "places are {labels}, expected {steps}, one for each query"
+                "found {labels} places, expected {steps}, one for each query"
             )));
         }
-        // Lengths that overflow are too many.
+        // `with` slices by these lengths, so they must sum to the steps; a sum that overflows
+        // cannot.
         let sum = self.lengths.iter().try_fold(0_usize, |sum, length| sum.checked_add(*length));
         if sum != Some(steps) {
             let sum = sum.map_or("more".to_owned(), |sum| sum.to_string());
@@ -59,12 +61,13 @@ impl Parts {
         Ok(())
     }
 
-    /// Returns the parts of as many queries.
+    /// Returns the parts with their queries, which [`check`](Self::check) found to be as many.
     pub(super) fn with<'a, Q>(&'a self, queries: &'a [Q]) -> Vec<LabelledPart<'a, Q>> {
         let mut end = 0;
         let part = |length: &usize| {
             let steps = end..end + length;
             end = steps.end;
+            // There is a reading for each step, or none at all.
             let odometry = self.odometry.get(steps.clone()).unwrap_or(&[]);
             LabelledPart { queries: &queries[steps.clone()], places: &self.places[steps], odometry }
         };

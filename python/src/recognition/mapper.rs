@@ -1,4 +1,4 @@
-//! Mapping while driving, as Python sees it.
+//! The class `Mapper`: references that are collected while the vehicle drives.
 
 use std::sync::{Mutex, MutexGuard};
 
@@ -15,17 +15,18 @@ use super::{PyAnswer, PyRecognizer};
 use crate::error::{invalid, recognition};
 use crate::typed::Size;
 
-/// Builder of references while the vehicle drives, which tells a new place from one seen before.
+/// Builder of references while the vehicle drives, which distinguishes new places from those seen
+/// before.
 ///
-/// Can be copied, but not pickled, since the library has no stored form of its way through the
-/// map; its `recognizer()` and `references` can.
+/// Can be copied, but not pickled: the library has no stored form of the vehicle's way through the
+/// map. Its `recognizer()` and `references` can be pickled.
 ///
 /// Parameters
 /// ----------
 /// distance : {"cosine", "euclidean"}
 ///     Comparison of descriptors.
 /// gap : int
-///     Least number of steps between two views of the same place (30).
+///     Smallest number of steps between two visits to one place (30).
 /// **options
 ///     As for `Recognizer`.
 ///
@@ -49,6 +50,7 @@ pub(crate) struct PyMapper {
 
 impl PyMapper {
     fn lock(&self) -> MutexGuard<'_, Mapper> {
+        // A call that panicked has raised an exception; it does not make later calls fail.
         self.mapper.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
     }
 }
@@ -64,8 +66,8 @@ impl PyMapper {
         Ok(Self { mapper: Mutex::new(mapper), distance })
     }
 
-    /// Takes the next descriptor, and the distance driven since the last one, in references, if
-    /// that is known. Returns the answer at a place that was seen before, or None at a new one.
+    /// Takes the next descriptor and, if known, the distance driven since the last one, in
+    /// references. Returns the answer at a place that was seen before, and None at a new place.
     #[pyo3(signature = (query, odometry=None))]
     fn step(
         &self,
@@ -74,6 +76,7 @@ impl PyMapper {
         odometry: Option<f64>,
     ) -> PyResult<Option<PyAnswer>> {
         let query = self::query(query, false)?;
+        // NaN is a missing reading, as it is in arrays.
         let odometry = odometry.filter(|reading| !reading.is_nan());
         let seen = py.detach(|| self.lock().step(&query, odometry));
         Ok(seen.map_err(|error| recognition(py, &error))?.map(PyAnswer::from))
@@ -86,6 +89,7 @@ impl PyMapper {
             let mapper = self.lock();
             (mapper.references().len(), mapper.references().concat())
         });
+        // All references have one width, since the mapper refuses others.
         let width = values.len() / count.max(1);
         PyArray1::from_vec(py, values).reshape([count, width])
     }
@@ -112,12 +116,12 @@ impl PyMapper {
         self.__copy__(py)
     }
 
-    /// Raises TypeError rather than what Python says of a class without a stored form.
+    /// Raises a TypeError that says what to pickle instead.
     #[expect(clippy::unused_self, reason = "a method of Python's")]
     fn __reduce__(&self) -> PyResult<()> {
         Err(PyTypeError::new_err(
-            "a Mapper cannot be pickled: where it is on the map has no stored form; copy it, or \
-             pickle its recognizer()",
+            "a Mapper cannot be pickled, since its position on the map has no stored form: copy \
+             it, or pickle its recognizer()",
         ))
     }
 

@@ -1,4 +1,4 @@
-//! Place recognition: from descriptors or similarities to answers.
+//! Place recognition, from descriptors or similarities to answers, for `wayfix.recognition`.
 
 mod answer;
 mod beliefs;

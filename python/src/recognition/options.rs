@@ -1,4 +1,5 @@
-//! Options of a recogniser, and how descriptors are compared.
+//! Options of a recogniser, with short forms for `off_map` and `speeds`; distances of descriptors
+//! by name.
 
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -14,11 +15,13 @@ use crate::options::replaced;
 pub(super) fn options(before: &Options, given: Option<&Bound<'_, PyDict>>) -> PyResult<Options> {
     let mut before = before.clone();
     let off_map = before.off_map.unwrap_or_default();
-    // Rates may be given in part, over those of before.
+    // Rates may be given in part. If none are set yet, the rest are the defaults: merged into null,
+    // the part alone would remain.
     if given.is_some_and(|given| given.contains("off_map").unwrap_or(false)) {
         before.off_map = Some(off_map);
     }
     replaced(&before, given, |given| {
+        // True and False stand for the rates of before, and for none.
         match given.get_mut("off_map") {
             Some(value @ Value::Bool(true)) => *value = stored(&off_map)?,
             Some(value @ Value::Bool(false)) => *value = Value::Null,
@@ -31,7 +34,8 @@ pub(super) fn options(before: &Options, given: Option<&Bound<'_, PyDict>>) -> Py
         };
         match given.get_mut("speeds") {
             Some(value @ Value::Array(_)) => *value = usual(value.take())?,
-            // Shares of another grid are none of this one.
+            // A grid without shares gets the usual ones: those of before belong to another grid,
+            // and may be of another length.
             Some(Value::Object(parts)) if !parts.contains_key("shares") => {
                 if let Some(values) = parts.get("values") {
                     parts.insert("shares".into(), usual(values.clone())?["shares"].take());
@@ -47,18 +51,20 @@ fn stored<T: serde::Serialize>(value: &T) -> PyResult<Value> {
     serde_json::to_value(value).map_err(invalid)
 }
 
-/// Raises MemoryError for more references than there is memory, which would end the process.
+/// Raises MemoryError if the tables for the references would not fit into memory, where the library
+/// would abort.
 pub(super) fn check_memory(references: usize, options: &Options) -> PyResult<()> {
     let speeds = options.speeds.values().len();
-    // What is beyond the library's indices it refuses by itself.
+    // Beyond the range of its indices, the library returns an error before it allocates.
     if references.saturating_mul(speeds + 1) > u32::MAX as usize {
         return Ok(());
     }
-    // Three numbers for each speed at each reference, and some more.
+    // Three numbers of 8 bytes for each speed at each reference, and as much as for two more
+    // speeds. Below the limit above, the product does not overflow.
     reserve(references * 24 * (speeds + 2), || format!("{references} references"))
 }
 
-/// Returns the comparison of a name.
+/// Returns the distance with this name.
 pub(super) fn distance(name: &str) -> PyResult<Distance> {
     match name {
         "cosine" => Ok(Distance::Cosine),
@@ -67,7 +73,7 @@ pub(super) fn distance(name: &str) -> PyResult<Distance> {
     }
 }
 
-/// Returns the name of a comparison.
+/// Returns the name of a distance.
 pub(super) fn name(distance: Distance) -> &'static str {
     match distance {
         Distance::Cosine => "cosine",

@@ -1,4 +1,5 @@
-//! Queries as the library takes them.
+//! Queries in the library's form: rows of 32-bit numbers, smaller for more alike. Similarities are
+//! negated, which turns them into distances up to scale and offset.
 
 use std::borrow::Cow;
 
@@ -19,7 +20,7 @@ impl<'py> Queries<'py> {
         Ok(Self { array: float_rows(values, "queries")?, negated })
     }
 
-    /// Returns the array as Python gave it.
+    /// Returns the array that was given, before any negation.
     pub(super) fn array(&self) -> Py<PyArray2<f32>> {
         (*self.array).clone().unbind()
     }
@@ -30,6 +31,7 @@ impl<'py> Queries<'py> {
 
     /// Returns the values in C order.
     pub(super) fn values<'a>(&self, rows: &Rows<'a, f32>) -> Cow<'a, [f32]> {
+        // Only similarities are copied: descriptors may take most of the memory.
         if self.negated {
             rows.values().iter().map(|value| -value).collect()
         } else {

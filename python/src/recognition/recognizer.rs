@@ -1,4 +1,4 @@
-//! Recognisers, as Python sees them.
+//! The class `Recognizer`: references of a route, options, and the result of learning.
 
 use numpy::{PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
@@ -16,11 +16,11 @@ use crate::options::to_python;
 use crate::typed::{Rows, Size, float_rows, optional};
 use crate::watch::{computed, in_background};
 
-/// Recogniser of the places of a route by images of an earlier pass.
+/// Recogniser of the places of a route, by images of an earlier pass.
 ///
 /// References are the rows of a matrix, in order along the route: descriptors of images by any
-/// method, in 32 bits. Queries are descriptors like them. Where something else compares the
-/// images, `from_distances` and `from_similarities` take the number of references alone, and
+/// method, in 32 bits. Queries are descriptors of the same kind. If something else compares the
+/// images, `from_distances` and `from_similarities` take only the number of references, and
 /// queries are rows of distances or similarities.
 ///
 /// Then `track()` follows a vehicle live, and `recording(queries)` takes a whole drive.
@@ -32,11 +32,11 @@ use crate::watch::{computed, in_background};
 /// distance : {"cosine", "euclidean"}
 ///     Cosine suits networks, Euclidean pixels.
 /// **options
-///     Any of the library's options by name; those that are dictionaries may be given in part.
-///     Above all `closed=True` for references that form a loop, `off_map=True` (or its rates
-///     `leave`, `back`, `near`, `within`) for a vehicle that may leave the route, `window`, the
-///     number of references on either side that count as the same place (1), and `speeds`, in
-///     references a step (-2 to 3). `options` has them all.
+///     Any of the library's options by name; those that are dictionaries may be given in part. The
+///     attribute `options` lists them all. The most important ones: `closed=True` for references
+///     that form a loop, `off_map=True` (or its rates `leave`, `back`, `near`, `within`) for a
+///     vehicle that may leave the route, `window`, the number of references on either side that
+///     count as the same place (1), and `speeds`, in references per step (-2 to 3).
 ///
 /// Examples
 /// --------
@@ -72,6 +72,7 @@ impl PyRecognizer {
         options: Options,
     ) -> PyResult<Self> {
         let all: Vec<Rows<'_, f32>> = traverses.iter().map(Rows::of).collect::<PyResult<_>>()?;
+        // All passes have as many rows as the first; the library refuses others.
         check_memory(all.first().map_or(0, Rows::count), &options)?;
         let made = py.detach(|| {
             let rows: Vec<Vec<&[f32]>> = all.iter().map(|rows| rows.iter().collect()).collect();
@@ -91,11 +92,12 @@ impl PyRecognizer {
     ) -> PyResult<Self> {
         let options = options(&Options::default(), given)?;
         check_memory(references, &options)?;
+        // The tables are built in one call, which cannot look for signals.
         let made = in_background(py, move |_| Recognizer::from_distances(references, options))?;
         Ok(Self { recognizer: made.map_err(invalid)?, source: Source::Compared { negated } })
     }
 
-    /// Another recogniser of the same references.
+    /// Returns another recogniser of the same references.
     fn with(&self, py: Python<'_>, recognizer: Recognizer) -> Self {
         Self { recognizer, source: self.source.clone_ref(py) }
     }
@@ -105,7 +107,7 @@ impl PyRecognizer {
         self.source.negated()
     }
 
-    /// A recogniser of references that a mapper made.
+    /// Creates a recogniser of the references of a mapper.
     pub(super) fn of_mapped(
         recognizer: Recognizer,
         array: Py<PyArray2<f32>>,
@@ -130,8 +132,8 @@ impl PyRecognizer {
         Self::made(py, vec![rows], self::distance(distance)?, options)
     }
 
-    /// Creates a recogniser from several passes along the route, in other seasons or weather: a
-    /// list of matrices, of which row i shows place i.
+    /// Creates a recogniser from several passes along the route, in different seasons or weather: a
+    /// list of matrices whose rows i show place i.
     #[staticmethod]
     #[pyo3(signature = (traverses, distance="cosine", **options))]
     fn from_traverses(
@@ -146,9 +148,9 @@ impl PyRecognizer {
         Self::made(py, rows, self::distance(distance)?, options)
     }
 
-    /// Creates a recogniser for queries that are rows of distances to so many references, smaller
-    /// for more alike, by any comparison: scale and offset do not matter. Raises MemoryError for
-    /// more references than there is memory: with the default speeds, they take 400 bytes each.
+    /// Creates a recogniser for queries that are rows of distances to the references, smaller for
+    /// more alike, by any comparison; scale and offset do not matter. Raises MemoryError for more
+    /// references than fit into memory; with the default speeds, each takes 400 bytes.
     #[staticmethod]
     #[pyo3(signature = (references, **options))]
     fn from_distances(
@@ -159,8 +161,8 @@ impl PyRecognizer {
         Self::compared(py, references.0, false, options)
     }
 
-    /// Creates a recogniser for queries that are rows of similarities to so many references, larger
-    /// for more alike.
+    /// Creates a recogniser for queries that are rows of similarities to the references, larger for
+    /// more alike.
     #[staticmethod]
     #[pyo3(signature = (references, **options))]
     fn from_similarities(
@@ -177,28 +179,30 @@ impl PyRecognizer {
         self.recognizer.references()
     }
 
-    /// Options, as given or learned: a dictionary.
+    /// Options, given or learned, as a dictionary.
     #[getter]
     fn options<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         to_python(py, self.recognizer.options())
     }
 
-    /// Result of learning as a text (JSON), for `with_parameters`: the options if nothing was learned.
+    /// Result of learning as JSON, for `with_parameters`; before learning, it holds the options
+    /// alone.
     #[getter]
     fn parameters(&self) -> PyResult<String> {
         serde_json::to_string(self.recognizer.parameters()).map_err(invalid)
     }
 
-    /// Returns a recogniser of the same references with another result of learning. What was
-    /// learned of single references is dropped if their number differs.
+    /// Returns a recogniser of the same references with another result of learning. Values learned
+    /// for single references are dropped if the number of references differs.
     fn with_parameters(&self, py: Python<'_>, parameters: &str) -> PyResult<Self> {
+        // Its options may have more speeds than the present ones, and so need more memory.
         let fit: Parameters = serde_json::from_str(parameters)
             .map_err(|error| invalid(format!("parameters: {error}")))?;
         check_memory(self.references(), fit.options())?;
         Ok(self.with(py, self.recognizer.with_parameters(fit).map_err(invalid)?))
     }
 
-    /// Returns a recogniser with some options replaced, and all that was learned kept.
+    /// Returns a recogniser with some options replaced, which keeps everything that was learned.
     #[pyo3(signature = (**options))]
     fn with_options(&self, py: Python<'_>, options: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
         let options = self::options(self.recognizer.options(), options)?;
@@ -207,13 +211,13 @@ impl PyRecognizer {
         Ok(self.with(py, self.recognizer.with_parameters(fit).map_err(invalid)?))
     }
 
-    /// Reasons to doubt the fit, as texts; empty for parameters read from a text.
+    /// Reasons to doubt the fit, as texts; empty for parameters that were read from JSON.
     #[getter]
     fn doubts(&self) -> Vec<String> {
         self.recognizer.parameters().doubts().iter().map(ToString::to_string).collect()
     }
 
-    /// Starts to track a vehicle, which may be anywhere at first.
+    /// Starts to track a vehicle, which may be anywhere on the route at first.
     fn track(this: &Bound<'_, Self>) -> PyTrack {
         PyTrack::new(this)
     }
@@ -244,6 +248,7 @@ impl PyRecognizer {
         let rows = queries.rows()?;
         let odometry = optional(odometry, "odometry readings", rows.count())?;
         let values = queries.values(&rows);
+        // Comparing reads the queries one by one, so this thread can look for signals itself.
         let made = computed(py, |watch| {
             of.recognizer.recording(&watch.over_rows(rows.with(&values).iter()), &odometry)
         })?;
@@ -256,19 +261,20 @@ impl PyRecognizer {
     }
 
     /// Learns from labelled parts of drives: speeds, odometry, rates of leaving the map, the usual
-    /// scores of each reference, and the temperature. Returns another recogniser, whose `doubts`
-    /// should be read.
+    /// scores of each reference, and the temperature. Returns another recogniser; read its
+    /// `doubts`.
     ///
     /// Parameters
     /// ----------
     /// queries : array, shape (steps, d) or (steps, n)
     ///     A hundred or more, as `recording` takes them.
     /// places : array of int, shape (steps,) or (steps, 2)
-    ///     The reference of each, or first and last of those that show its place; -1 off the map.
+    ///     The reference of each query, or the first and last of those that show its place; -1 off
+    ///     the map.
     /// odometry : array, shape (steps,), optional
     ///     As in `recording`.
     /// lengths : list of int, optional
-    ///     Lengths of several parts that follow each other; they sum to the number of steps.
+    ///     Lengths of several parts, one after another; they sum to the number of steps.
     #[pyo3(signature = (queries, places, odometry=None, lengths=None))]
     fn fit(
         &self,
@@ -281,6 +287,7 @@ impl PyRecognizer {
         let queries = Queries::new(queries, self.negated())?;
         let rows = queries.rows()?;
         let values = queries.values(&rows);
+        // Without lengths, all steps are one part.
         let parts = Parts {
             places: self::places(places)?,
             odometry: optional(odometry, "odometry readings", rows.count())?,
@@ -295,7 +302,7 @@ impl PyRecognizer {
         Ok(self.with(py, fitted.map_err(|error| recognition(py, &error))?))
     }
 
-    /// What a pickle keeps: the references and the result of learning.
+    /// Pickles the references and the result of learning.
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
         let (arrays, kind) = self.source.stored(py)?;
         let arguments = (arrays, kind, self.references(), self.parameters()?);
@@ -303,7 +310,7 @@ impl PyRecognizer {
         Ok((made, arguments.into_pyobject(py)?.into_any()))
     }
 
-    /// Makes what a pickle kept.
+    /// Restores a pickle.
     #[staticmethod]
     fn _from_parts(
         py: Python<'_>,
@@ -312,6 +319,7 @@ impl PyRecognizer {
         references: usize,
         parameters: &str,
     ) -> PyResult<Self> {
+        // The parameters have the options; the defaults here are replaced at the end.
         let made = match kind {
             "distances" => Self::compared(py, references, false, None)?,
             "similarities" => Self::compared(py, references, true, None)?,

@@ -1,4 +1,7 @@
-//! Whole drives, as Python sees them.
+//! The class `Recording`: a whole drive compared with the references.
+//!
+//! The recursions over a recording take all of it at once, so they run in the background, and
+//! Ctrl-C leaves them behind.
 
 use std::sync::Arc;
 
@@ -15,10 +18,10 @@ use crate::watch::in_background;
 /// Drive compared with the references, made by `Recognizer.recording(queries)`: to be filtered,
 /// smoothed or decoded.
 ///
-/// Can be copied and pickled, which compares the queries again. Their array is kept for that: do
-/// not change it.
+/// Can be copied and pickled. A pickle has the array of the queries, which are compared again when
+/// it is loaded: do not change the array.
 ///
-/// Ctrl-C returns at once from each method; what was under way ends unseen.
+/// Ctrl-C returns from each method at once; the computation ends unseen in the background.
 ///
 /// Examples
 /// --------
@@ -39,7 +42,7 @@ pub(crate) struct PyRecording {
 }
 
 impl PyRecording {
-    /// Creates a recording of queries as Python gave them.
+    /// Creates a recording; the queries and readings are kept for pickles.
     pub(super) fn new(
         recording: Recording,
         recognizer: &Bound<'_, PyRecognizer>,
@@ -71,31 +74,31 @@ impl PyRecording {
         self.recording.steps()
     }
 
-    /// Returns beliefs of each step given the queries up to it.
+    /// Returns the belief of each step given the queries up to it.
     fn filtered(&self, py: Python<'_>) -> PyResult<PyPlaceBeliefs> {
         self.beliefs(py, Recording::filtered)
     }
 
-    /// Returns beliefs of each step given all queries.
+    /// Returns the belief of each step given all queries.
     fn smoothed(&self, py: Python<'_>) -> PyResult<PyPlaceBeliefs> {
         self.beliefs(py, Recording::smoothed)
     }
 
-    /// Returns beliefs of each step given the queries up to `lag` steps later.
+    /// Returns the belief of each step given the queries up to `lag` steps later.
     fn lagged(&self, py: Python<'_>, lag: Size) -> PyResult<PyPlaceBeliefs> {
         self.beliefs(py, move |recording| {
-            // One for each lag.
+            // The routine returns beliefs for each lag that it is given.
             recording.lagged(&[lag.0]).map(|mut all| all.swap_remove(0))
         })
     }
 
-    /// Returns beliefs of each step given its query alone: a baseline.
+    /// Returns the belief of each step given its query alone: a baseline.
     fn single(&self, py: Python<'_>) -> PyResult<PyPlaceBeliefs> {
         self.beliefs(py, |recording| Ok(recording.single()))
     }
 
-    /// Returns the path with the most steps expected to be right: a reference for each step, -1 off
-    /// the map.
+    /// Returns the path with the largest expected number of right steps: a reference for each step,
+    /// -1 off the map.
     fn decoded<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<i64>>> {
         let recording = Arc::clone(&self.recording);
         let path = in_background(py, move |_| recording.decoded())?;
@@ -104,8 +107,8 @@ impl PyRecording {
         Ok(path.to_pyarray(py))
     }
 
-    /// Returns reasons to doubt the views and readings of the drive, or that they suit the fit, as
-    /// texts. Costs as much as `filtered`.
+    /// Returns reasons to doubt the views and readings of the drive, or their match with the fit,
+    /// as texts. Costs as much as `filtered`.
     fn doubts(&self, py: Python<'_>) -> PyResult<Vec<String>> {
         let recording = Arc::clone(&self.recording);
         in_background(py, move |_| recording.doubts().iter().map(ToString::to_string).collect())
@@ -124,7 +127,7 @@ impl PyRecording {
         self.__copy__(py)
     }
 
-    /// What a pickle keeps: the recogniser, the queries and the odometry.
+    /// Pickles the recogniser, the queries and the odometry.
     #[expect(clippy::type_complexity, reason = "what Python expects")]
     fn __reduce__<'py>(
         &self,
@@ -132,6 +135,7 @@ impl PyRecording {
     ) -> PyResult<(Bound<'py, PyAny>, (Py<PyArray2<f32>>, Option<Bound<'py, PyArray1<f64>>>))> {
         let readings = self.odometry.iter().map(|reading| reading.unwrap_or(f64::NAN));
         let readings = readings.collect::<Vec<f64>>().to_pyarray(py);
+        // No readings at all are an empty vector, which `optional` made of None.
         let odometry = (!self.odometry.is_empty()).then_some(readings);
         let made = self.recognizer.bind(py).getattr("recording")?;
         Ok((made, (self.queries.clone_ref(py), odometry)))

@@ -1,4 +1,4 @@
-//! What recognisers were made from, as pickles keep it.
+//! The arguments that a recogniser was made from, which pickles keep.
 
 use numpy::{PyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -36,7 +36,7 @@ impl Source {
         matches!(self, Self::Compared { negated: true })
     }
 
-    /// Arrays, and the name of what they are compared by.
+    /// Returns the arrays of references, and the name of the comparison.
     pub(super) fn stored<'py>(
         &self,
         py: Python<'py>,
@@ -50,7 +50,7 @@ impl Source {
         })
     }
 
-    /// What queries are.
+    /// Describes the queries, for `repr`.
     pub(super) fn described(&self, py: Python<'_>) -> String {
         match self {
             Self::Descriptors { traverses, .. } => {

@@ -1,4 +1,4 @@
-//! Live tracks, as Python sees them.
+//! The class `Track`: a live vehicle, query by query.
 
 use std::sync::{Mutex, MutexGuard};
 
@@ -13,7 +13,7 @@ use crate::error::{invalid, recognition};
 
 /// Vehicle tracked step by step, made by `Recognizer.track()`.
 ///
-/// Can be copied and pickled, and goes on to the bit.
+/// Can be copied and pickled; a copy continues with the same bits.
 ///
 /// Examples
 /// --------
@@ -29,7 +29,7 @@ use crate::error::{invalid, recognition};
 #[pyclass(name = "Track", module = "wayfix.recognition", frozen)]
 #[derive(Debug)]
 pub(crate) struct PyTrack {
-    /// Taken without the global lock, by whatever thread has the next query.
+    /// Updated without the global lock, by the thread that has the next query.
     track: Mutex<Track>,
     recognizer: Py<PyRecognizer>,
     negated: bool,
@@ -43,19 +43,21 @@ impl PyTrack {
     }
 
     fn with<T: Send>(&self, py: Python<'_>, work: impl FnOnce(&mut Track) -> T + Send) -> T {
+        // The global lock is released before this one is taken, so that no thread waits for the
+        // track with the global lock in its hands.
         py.detach(|| work(&mut self.lock()))
     }
 
     fn lock(&self) -> MutexGuard<'_, Track> {
-        // A track is valid after each call.
+        // A track is valid after each call, so a poisoned lock is used as it is.
         self.track.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
     }
 }
 
 #[pymethods]
 impl PyTrack {
-    /// Takes the next query, and the distance driven since the last one, in references, if that is
-    /// known. Returns the answer; an error leaves the track as it was.
+    /// Takes the next query and, if known, the distance driven since the last one, in references.
+    /// Returns the answer. An error leaves the track as it was.
     #[pyo3(signature = (query, odometry=None))]
     fn step(
         &self,
@@ -77,12 +79,12 @@ impl PyTrack {
         Ok(answer.map_err(|error| recognition(py, &error))?.into())
     }
 
-    /// Forgets the position and the last view, but nothing learned of the references.
+    /// Forgets the position and the last view, but nothing that was learned of the references.
     fn relocate(&self, py: Python<'_>) {
         self.with(py, Track::relocate);
     }
 
-    /// Probabilities of all places, with a last one for off the map if that is modelled: a copy.
+    /// Probabilities of all places, and last that of off the map if it is modelled: a copy.
     #[getter]
     fn places<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         self.with(py, |track| track.places().as_slice().to_vec()).to_pyarray(py)
@@ -94,7 +96,7 @@ impl PyTrack {
         self.with(py, |track| track.steps())
     }
 
-    /// Log-likelihood of all queries and measurements.
+    /// Log-likelihood of all queries and measurements so far.
     #[getter]
     fn log_likelihood(&self, py: Python<'_>) -> f64 {
         self.with(py, |track| track.log_likelihood())
@@ -136,7 +138,7 @@ impl PyTrack {
         self.__copy__(py)
     }
 
-    /// What a pickle keeps: the recogniser and the state.
+    /// Pickles the recogniser and the state.
     fn __reduce__<'py>(
         &self,
         py: Python<'py>,

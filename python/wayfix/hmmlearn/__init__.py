@@ -1,4 +1,4 @@
-"""hmmlearn's classes, with wayfix inside: ``from wayfix.hmmlearn import hmm``.
+"""hmmlearn's classes on top of wayfix: ``from wayfix.hmmlearn import hmm``.
 
 Constructors, attributes and methods are those of hmmlearn 0.3.3. The README of the package lists
 where answers differ, and why.

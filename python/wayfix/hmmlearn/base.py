@@ -1,4 +1,8 @@
-"""Estimator that all families share: parameters of the chain, inference, re-estimation."""
+"""Base of all estimators: the parameters of the chain, inference, and re-estimation.
+
+Python computes the log-likelihoods of all rows in all states, and the M-step. Between the two, the compiled part runs
+the recursions, in one call for all sequences.
+"""
 
 import logging
 import math
@@ -21,12 +25,11 @@ DECODER_ALGORITHMS = frozenset(("viterbi", "map"))
 
 
 class BaseHMM(BaseEstimator):
-    """Hidden Markov model whose observations a subclass describes.
+    """Hidden Markov model without a family of observations, which subclasses add.
 
-    A family of your own overrides ``_compute_log_likelihood(X)`` (or ``_compute_likelihood(X)``),
-    which returns an array of shape (n_samples, n_components); to be learned, it also overrides
-    ``_initialize_sufficient_statistics``, ``_accumulate_sufficient_statistics`` and ``_do_mstep``,
-    and to be sampled ``_generate_sample_from_state``.
+    A family of your own overrides ``_compute_log_likelihood(X)`` (or ``_compute_likelihood(X)``), which returns an
+    array of shape (n_samples, n_components). For ``fit`` it also overrides ``_initialize_sufficient_statistics``,
+    ``_accumulate_sufficient_statistics`` and ``_do_mstep``, and for ``sample`` ``_generate_sample_from_state``.
 
     Parameters
     ----------
@@ -39,12 +42,12 @@ class BaseHMM(BaseEstimator):
     random_state : RandomState, int or None
         Source of random numbers.
     n_iter, tol, verbose
-        Of the ``ConvergenceMonitor``.
+        Parameters of the ``ConvergenceMonitor``.
     params, init_params : str
-        Letters of the parameters that are re-estimated, and that are given a start by ``fit``:
-        s for ``startprob_``, t for ``transmat_``, others by family.
+        Letters of the parameters that ``fit`` re-estimates, and of those that it initialises: s for ``startprob_``,
+        t for ``transmat_``, others by family.
     implementation : {"log", "scaling"}
-        Taken for compatibility: there is one implementation, which holds what either does.
+        Accepted for compatibility: there is one implementation, and it does not underflow.
 
     Attributes
     ----------
@@ -56,7 +59,7 @@ class BaseHMM(BaseEstimator):
         Log-likelihoods of the iterations of ``fit``.
     """
 
-    #: True if the class's statistics may be added for all sequences at once.
+    #: True if the class's statistics are sums over rows, so that all sequences may be added at once.
     _adds_all_at_once = False
 
     def __init__(self, n_components=1, startprob_prior=1.0, transmat_prior=1.0,
@@ -102,9 +105,9 @@ class BaseHMM(BaseEstimator):
         return self.score_samples(X, lengths)[1]
 
     def decode(self, X, lengths=None, algorithm=None):
-        """Returns the log-probability of the decoded states, and these states.
+        """Returns the log-probability of the decoded states, and the states.
 
-        Of the decoder "map", the first is the sum of the largest probability at each step.
+        With the decoder "map", the first value is the sum of the largest probabilities of all steps, as in hmmlearn.
         """
         algorithm = algorithm or self.algorithm
         if algorithm not in DECODER_ALGORITHMS:
@@ -140,7 +143,8 @@ class BaseHMM(BaseEstimator):
         start, moves = np.cumsum(self.startprob_), np.cumsum(self.transmat_, axis=1)
 
         def draw(cumulative):
-            # The last number may be below one by rounding.
+            # Rounding may leave the last sum below one, so the draw is scaled by it. Strictly above, so that a state
+            # of probability 0 is never drawn.
             return int((cumulative > rng.rand() * cumulative[-1]).argmax())
 
         state = draw(start) if currstate is None else currstate
@@ -152,22 +156,23 @@ class BaseHMM(BaseEstimator):
         return np.atleast_2d(rows), np.array(states, dtype=int)
 
     def get_stationary_distribution(self):
-        """Returns the distribution of the states that moves leave as it is."""
+        """Returns the stationary distribution of the states."""
         check_is_fitted(self, "transmat_")
         transmat = np.asarray(self.transmat_, dtype=float)
         n = len(transmat)
-        # p A = p, with the sum of p in place of what one equation says again.
+        # p (A - I) = 0 and Σ p = 1, by least squares, since one of the n + 1 equations is redundant.
         equations = np.vstack([transmat.T - np.eye(n), np.ones(n)])
         found = np.linalg.lstsq(equations, np.append(np.zeros(n), 1.0), rcond=None)[0]
+        # Rounding may leave a transient state slightly below 0.
         found = np.maximum(found, 0)
         return found / found.sum()
 
     def aic(self, X, lengths=None):
-        """Returns the Akaike information criterion: the lower, the better."""
+        """Returns the Akaike information criterion; lower is better."""
         return -2 * self.score(X, lengths) + 2 * self._free_parameters()
 
     def bic(self, X, lengths=None):
-        """Returns the Bayesian information criterion: the lower, the better."""
+        """Returns the Bayesian information criterion; lower is better."""
         return -2 * self.score(X, lengths) + self._free_parameters() * np.log(len(X))
 
     def _free_parameters(self):
@@ -217,7 +222,8 @@ class BaseHMM(BaseEstimator):
         return stats, log_prob
 
     def _may_add_all_at_once(self):
-        # A subclass with statistics of its own gets the sequences one by one.
+        # The flag counts only in the class that defines the method: a user's subclass that overrides the method
+        # inherits the flag, but expects one sequence at a time, as in hmmlearn.
         name = "_accumulate_sufficient_statistics"
         owner = next(kind for kind in type(self).__mro__ if name in vars(kind))
         return vars(owner).get("_adds_all_at_once", False)
@@ -228,13 +234,13 @@ class BaseHMM(BaseEstimator):
 
     def _accumulate_sufficient_statistics(
             self, stats, X, lattice, posteriors, fwdlattice, bwdlattice):
-        """Adds the observations of a sequence; those of the chain have been added.
+        """Adds the statistics of the observations of a sequence; those of the chain are added already.
 
-        ``lattice`` has log-likelihoods; the last two are None.
+        ``lattice`` has the log-likelihoods of all states at each step; ``fwdlattice`` and ``bwdlattice`` are None.
         """
 
     def _do_mstep(self, stats):
-        # What is 0 is a structure that stays.
+        # Probabilities of 0 are structure, and stay 0 whatever the prior would add.
         if "s" in self.params:
             start = np.where(self.startprob_ == 0, 0, self.startprob_prior - 1 + stats["start"])
             self.startprob_ = distributions(start, self.startprob_)
@@ -295,9 +301,10 @@ class BaseHMM(BaseEstimator):
                              f"found sums {values.sum(axis=-1)}, least {values.min()}")
 
     def _get_n_fit_scalars_per_param(self):
-        raise NotImplementedError("a family says how many parameters it has")
+        raise NotImplementedError("a family returns the numbers of its parameters")
 
     def _compute_log_likelihood(self, X):
+        # A family overrides one of the two methods; each calls the other, so neither would call both forever.
         if type(self)._compute_likelihood is BaseHMM._compute_likelihood:
             raise NotImplementedError("a family says how likely its observations are")
         with np.errstate(divide="ignore"):
@@ -334,7 +341,9 @@ class BaseHMM(BaseEstimator):
 
 
 def _rows(X):
-    """Returns a checked array of observations; one that is valid already takes no time."""
+    """Returns a checked array of observations, without sklearn's checks if it is evidently valid."""
+    # NaN and infinity survive in the sum; a finite sum has only finite terms. (A sum that overflows is only checked
+    # once more.)
     if type(X) is np.ndarray and X.ndim == 2 and X.size and X.dtype.kind in "fiu":
         if X.dtype.kind != "f" or math.isfinite(X.sum(dtype=np.float64)):
             return X

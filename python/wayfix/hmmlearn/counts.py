@@ -18,7 +18,7 @@ def _are_counts(X):
 
 
 class _EmissionHMM(BaseHMM):
-    """Hidden Markov model with a table ``emissionprob_``, a row for each state; letter e."""
+    """Hidden Markov model with a table ``emissionprob_`` that has a row for each state; letter e."""
 
     emissionprob_prior = 1.0
 
@@ -63,7 +63,7 @@ class CategoricalHMM(_EmissionHMM):
     emissionprob_prior : array or float
         Parameters of the Dirichlet priors of the rows of ``emissionprob_``.
     n_features : int, optional
-        Number of symbols; by default the largest one that is seen, and one.
+        Number of symbols; by default one more than the largest symbol in ``fit``.
 
     Attributes
     ----------
@@ -109,6 +109,7 @@ class CategoricalHMM(_EmissionHMM):
             self, stats, X, lattice, posteriors, fwdlattice, bwdlattice):
         if "e" in self.params:
             symbols = self._symbols(X)
+            # Sum of the posteriors at each symbol.
             for state in range(self.n_components):
                 stats["obs"][state] += np.bincount(
                     symbols, weights=posteriors[:, state], minlength=self.n_features)
@@ -119,12 +120,12 @@ class CategoricalHMM(_EmissionHMM):
 
 
 class MultinomialHMM(_EmissionHMM):
-    """Hidden Markov model of counts of outcomes in a number of trials.
+    """Hidden Markov model of the counts of outcomes in a number of trials.
 
     Parameters
     ----------
     n_trials : int or array of int, optional
-        Numbers of trials; those of the data by default. Sampling needs one.
+        Number of trials of each row, or of all; by default that of the data. ``sample`` needs a single number.
 
     Attributes
     ----------
@@ -158,12 +159,13 @@ class MultinomialHMM(_EmissionHMM):
             raise ValueError("n_trials must be set")
 
     def _compute_log_likelihood(self, X):
-        # As doubles, since a narrow integer would overflow.
+        # Doubles, since sums of narrow integers would overflow.
         X = np.asarray(X, dtype=np.float64)
         if (X < 0).any() or (X != np.floor(X)).any():
             raise ValueError("counts must be integers from 0")
+        # The multinomial coefficient, in logarithms: n! / (x_1! x_2! …).
         orders = special.gammaln(X.sum(axis=1) + 1) - special.gammaln(X + 1).sum(axis=1)
-        # An outcome of probability 0 that does not occur rules nothing out.
+        # `xlogy`, since 0 log 0 is 0: an outcome of probability 0 that does not occur rules nothing out.
         logs = [special.xlogy(X, row).sum(axis=1) for row in self.emissionprob_]
         return orders[:, None] + np.stack(logs, axis=1)
 
@@ -214,7 +216,7 @@ class PoissonHMM(BaseHMM):
         super()._init(X, lengths)
         self.random_state = check_random_state(self.random_state)
         if self._needs_init("l", "lambdas_"):
-            # A gamma distribution with the mean and the variance of the data.
+            # Draws from a gamma distribution with the mean and the variance of the data.
             mean, variance, shape = X.mean(), X.var(), (self.n_components, self.n_features)
             if variance > 0:
                 self.lambdas_ = self.random_state.gamma(mean**2 / variance, variance / mean, shape)
@@ -249,6 +251,7 @@ class PoissonHMM(BaseHMM):
     def _do_mstep(self, stats):
         super()._do_mstep(stats)
         if "l" in self.params:
+            # The mean of the gamma posterior. A state without weight keeps its rates.
             weight = self.lambdas_weight + stats["post"][:, None]
             shown = weight[:, 0] > 0
             rates = np.array(self.lambdas_, dtype=float)

@@ -8,16 +8,16 @@ from .base import BaseHMM
 from .utils import check_covars, fill_covars
 
 COVARIANCE_TYPES = frozenset(("spherical", "diag", "full", "tied"))
-#: Variance below which no density is computed.
+#: Smallest variance for which a density is computed.
 _LEAST = np.finfo(float).tiny
-#: Added to the variances of a matrix that is singular up to rounding.
+#: Added to the diagonal of a matrix that is singular up to rounding.
 _RIDGE = 1e-7
 
 
 def log_densities(X, means, covars, covariance_type):
     """Returns log densities, shape (n_samples, len(means)), of Gaussians with these means.
 
-    ``covars`` has a variance, variances or a matrix for each mean, or one matrix if tied.
+    ``covars`` has a variance, a row of variances or a matrix for each mean, or one matrix if tied.
     """
     covars = np.asarray(covars, dtype=np.float64)
     n, d = np.shape(means)
@@ -33,7 +33,8 @@ def log_densities(X, means, covars, covariance_type):
     try:
         return _wayfix.gaussian_log_densities(rows, means, covars.reshape(n, -1))
     except _wayfix.Error:
-        # The state has too few observations, but may come back.
+        # A state with too few observations has a singular covariance. hmmlearn adds the same ridge; so the state
+        # keeps a density, and may gain observations again.
         least = np.linalg.eigvalsh(covars)[:, :1, None]
         largest = np.abs(covars).max(axis=(1, 2), keepdims=True)
         covars = covars + _RIDGE * (least <= 1e-12 * largest) * np.eye(covars.shape[-1])
@@ -41,7 +42,7 @@ def log_densities(X, means, covars, covariance_type):
 
 
 def covariance_of_all(X, least):
-    """Returns the covariance of all rows, with more on its diagonal."""
+    """Returns the covariance of all rows, with ``least`` added to its diagonal."""
     count, d = X.shape
     if count < 2:
         raise ValueError(f"X has {count} sample, expected at least 2 to start covariances from")
@@ -49,14 +50,14 @@ def covariance_of_all(X, least):
 
 
 class GaussianHMM(BaseHMM):
-    """Hidden Markov model of vectors with a Gaussian distribution.
+    """Hidden Markov model with a Gaussian distribution of vectors in each state.
 
     Parameters
     ----------
     covariance_type : {"spherical", "diag", "full", "tied"}
-        One variance a state, one for each column, a matrix a state, or one matrix for all states.
+        For each state one variance, a variance for each column, or a matrix; or one matrix for all states.
     min_covar : float
-        Added to the variances of the start.
+        Added to the initial variances.
     means_prior, means_weight : array or float
         Mean of the Gaussian prior of the means, and its weight in observations.
     covars_prior, covars_weight : array or float
@@ -139,7 +140,7 @@ class GaussianHMM(BaseHMM):
     def _compute_log_likelihood(self, X):
         covars = self._covars_
         if self.covariance_type == "spherical":
-            # One a state, or the same for each column.
+            # A variance for each state, or a row of equal ones.
             covars = covars.reshape(self.n_components, -1)[:, 0]
         return log_densities(X, self.means_, covars, self.covariance_type)
 
@@ -160,7 +161,7 @@ class GaussianHMM(BaseHMM):
         if "c" not in self.params:
             return
         if self.covariance_type in ("spherical", "diag"):
-            # A narrow integer would overflow.
+            # In doubles, since squares of narrow integers would overflow.
             stats["obs**2"] += posteriors.T @ np.square(X, dtype=np.float64)
             return
         for state, weights in enumerate(posteriors.T):
@@ -175,6 +176,8 @@ class GaussianHMM(BaseHMM):
             self.means_ = np.where(shown > 0, sums / np.where(shown > 0, shown, 1), self.means_)
         if "c" not in self.params:
             return
+        # hmmlearn's update under its normal inverse gamma (or inverse Wishart) prior.
+        # Sums of squares are about the new means: Σ γ (x - μ)² = Σ γ x² - 2 μ Σ γ x + μ² Σ γ.
         means, off = self.means_, self.means_ - self.means_prior
         if self.covariance_type in ("spherical", "diag"):
             sums = (self.means_weight * off**2 + stats["obs**2"] - 2 * means * stats["obs"]

@@ -20,9 +20,9 @@ class GMMHMM(BaseHMM):
     Parameters
     ----------
     n_mix : int
-        Number of Gaussians of a state.
+        Number of Gaussians in each state.
     min_covar : float
-        Added to the variances of the start.
+        Added to the initial variances.
     weights_prior : array or float
         Parameters of the Dirichlet priors of the weights.
     means_prior, means_weight : array or float
@@ -30,8 +30,8 @@ class GMMHMM(BaseHMM):
     covars_prior, covars_weight : array or float, optional
         Parameters of the inverse gamma or inverse Wishart priors; no prior by default.
     covariance_type : {"spherical", "diag", "full", "tied"}
-        One variance, one for each column, or a matrix for each Gaussian; or a matrix that the
-        Gaussians of a state share.
+        For each Gaussian one variance, a variance for each column, or a matrix; or one matrix that the Gaussians of a
+        state share.
 
     Attributes
     ----------
@@ -40,8 +40,8 @@ class GMMHMM(BaseHMM):
     means_ : array, shape (n_components, n_mix, n_features)
         Means; letter m.
     covars_ : array
-        Covariances; letter c. Its shape is (n_components, n_mix), with n_features once for "diag"
-        and twice for "full"; (n_components, n_features, n_features) for "tied".
+        Covariances; letter c. The shape is (n_components, n_mix) for "spherical", followed by n_features once for
+        "diag" and twice for "full"; for "tied" it is (n_components, n_features, n_features).
     """
 
     _adds_all_at_once = True
@@ -96,7 +96,7 @@ class GMMHMM(BaseHMM):
             self.covars_ = np.broadcast_to(start, self._shape()).copy()
 
     def _starts(self, X):
-        """Centres of clusters within clusters."""
+        """Returns initial means: the centres of clusters within the cluster of each state."""
         X = np.asarray(X, dtype=float)
         clusters = KMeans(self.n_components, random_state=self.random_state, n_init=10)
         labels = clusters.fit_predict(X)
@@ -108,15 +108,18 @@ class GMMHMM(BaseHMM):
                 parts = KMeans(self.n_mix, random_state=self.random_state, n_init=10).fit(rows)
                 means.append(parts.cluster_centers_)
             else:
+                # Too few rows to cluster: draws from a Gaussian about all of them.
                 centre = clusters.cluster_centers_.mean(axis=0)
                 of_all = covariance_of_all(X, self.min_covar)
                 means.append(rng.multivariate_normal(centre, of_all, self.n_mix))
         return np.stack(means)
 
     def _fill_priors(self):
-        """Gives priors the shape of what they are of; by default they change nothing."""
+        """Gives each prior the shape of its parameters; the default priors change nothing."""
         n, m, d = self.n_components, self.n_mix, self.n_features
         kind = self.covariance_type
+        # (prior, weight) for which the terms in `_maximize_covars` cancel: the estimate is then that of maximum
+        # likelihood.
         flat = {"spherical": (-(d + 2) / 2, 0.0), "diag": (-1.5, 0.0), "full": (0.0, -(d + 2.0)),
                 "tied": (0.0, -(m + d + 1.0))}
         weight = {"spherical": (n, m), "diag": (n, m, d), "full": (n, m), "tied": (n,)}
@@ -150,7 +153,7 @@ class GMMHMM(BaseHMM):
             if not np.allclose(self.covars_, np.swapaxes(self.covars_, -1, -2)):
                 raise ValueError("covariance matrices must be symmetric")
             least = np.linalg.eigvalsh(self.covars_).min()
-            # Of a matrix that is singular up to rounding.
+            # Rounding may leave the least eigenvalue of a singular matrix below 0.
             least = 0 if -1e-12 * np.abs(self.covars_).max() < least < 0 else least
         if least < 0:
             raise ValueError("covariances must be positive definite")
@@ -158,7 +161,7 @@ class GMMHMM(BaseHMM):
             _log.warning("A covariance of the mixture is singular.")
 
     def _parts(self, X):
-        """Log densities of all Gaussians, times their weights; shape (n_samples, n, n_mix)."""
+        """Returns log densities of all Gaussians plus their log weights; shape (n_samples, n_components, n_mix)."""
         n, m, d = self.n_components, self.n_mix, self.n_features
         covars, kind = self.covars_, self.covariance_type
         if kind == "tied":
@@ -176,7 +179,8 @@ class GMMHMM(BaseHMM):
         n, m, d = self.n_components, self.n_mix, self.n_features
         stats["post_mix_sum"] = np.zeros((n, m))
         stats["obs"] = np.zeros((n, m, d))
-        # About the means as they are, from which the new ones are not far.
+        # Sums of squares about the present means. The new means are near these, so that the shift in
+        # `_maximize_covars` cancels few digits; sums about 0 might lose all of them.
         tail = {"spherical": (), "diag": (d,)}.get(self.covariance_type, (d, d))
         stats["about"] = np.zeros((n, m, *tail))
         return stats
@@ -184,6 +188,8 @@ class GMMHMM(BaseHMM):
     def _accumulate_sufficient_statistics(
             self, stats, X, lattice, posteriors, fwdlattice, bwdlattice):
         logs = self._parts(X)
+        # The share of each Gaussian is w N(x) / Σ w N(x), and the denominator is the state's likelihood. Where that
+        # is 0, the posterior is 0 too; the 0 for -inf avoids a NaN.
         finite = np.where(np.isfinite(lattice), lattice, 0)
         with np.errstate(under="ignore"):
             weights = np.exp(logs - finite[:, :, None]) * posteriors[:, :, None]
@@ -218,7 +224,7 @@ class GMMHMM(BaseHMM):
 
     def _maximize_covars(self, stats, before):
         shown, d, kind = stats["post_mix_sum"], self.n_features, self.covariance_type
-        # From sums about the means before to sums about the new ones.
+        # With δ = new - old mean: Σ γ (x - new)² = Σ γ (x - old)² - 2 δ Σ γ (x - old) + δ² Σ γ.
         moved = self.means_ - before
         first = stats["obs"] - shown[:, :, None] * before
         off = self.means_ - self.means_prior
@@ -246,9 +252,10 @@ class GMMHMM(BaseHMM):
         else:
             sums = sums.sum(axis=1) + np.swapaxes(prior, -1, -2)
             total = (shown.sum(axis=1) + self.n_mix + weight + d + 1)[:, None, None]
-        # A Gaussian that nothing was seen of stays as it is.
+        # A Gaussian without weight keeps its covariance.
         covars = np.where(total > 0, sums / np.where(total > 0, total, 1), self.covars_)
         if kind in ("spherical", "diag"):
+            # The difference above may fall below 0 by rounding.
             covars = np.maximum(covars, 0)
         self.covars_ = covars
 

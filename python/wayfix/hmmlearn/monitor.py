@@ -1,4 +1,4 @@
-"""What re-estimation reports, and when it ends."""
+"""Progress of the re-estimation, and the test for its end."""
 
 import logging
 import sys
@@ -7,14 +7,14 @@ from collections import deque
 import numpy as np
 
 _log = logging.getLogger(__name__)
-# A log-likelihood may fall by so much from rounding.
+# A log-likelihood may fall by up to this much from rounding alone.
 _ROUNDING = np.finfo(float).eps ** 0.5
 
 
 class ConvergenceMonitor:
     """Log-likelihoods of the iterations so far.
 
-    An estimator's ``monitor_`` may be replaced by one of a subclass with another ``converged``.
+    For another test of convergence, set ``monitor_`` to an instance of a subclass that overrides ``converged``.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class ConvergenceMonitor:
         self.history.clear()
 
     def report(self, log_prob):
-        """Notes an iteration, whose log-likelihood this is."""
+        """Records an iteration with its log-likelihood."""
         gain = log_prob - self.history[-1] if self.history else np.nan
         if self.verbose:
             line = self._template.format(iter=self.iter + 1, log_prob=log_prob, delta=gain)

@@ -4,7 +4,7 @@ import numpy as np
 
 
 def normalize(a, axis=None):
-    """Divides an array by its sum, or its sums along an axis, in place; sums of 0 stay."""
+    """Divides an array in place by its sum, or by its sums along an axis, where a sum of 0 leaves zeros."""
     sums = np.asarray(a.sum(axis, keepdims=axis is not None))
     if axis is not None:
         sums[sums == 0] = 1
@@ -12,9 +12,11 @@ def normalize(a, axis=None):
 
 
 def distributions(weights, before):
-    """Returns weights, of which those below 0 are 0, divided by the sum of their row; a row without
-    any stays as it was before."""
-    # A prior below one may leave less than nothing.
+    """Returns weights divided by the sums of their rows, with 0 for negative ones.
+
+    A row without a positive weight is that of ``before``.
+    """
+    # The mode of a Dirichlet posterior: a prior below one may make a weight negative, and the mode is then at 0.
     weights = np.maximum(weights, 0)
     sums = weights.sum(axis=-1, keepdims=True)
     return np.where(sums > 0, weights / np.where(sums > 0, sums, 1), before)
@@ -29,12 +31,12 @@ def fill_covars(covars, covariance_type="full", n_components=1, n_features=1):
         return np.tile(covars, (n_components, 1, 1))
     if covariance_type == "diag":
         return np.stack([np.diag(variances) for variances in covars])
-    # One a state, or the same for each column.
+    # A variance for each state, or a row of equal ones, as hmmlearn keeps them.
     return covars.reshape(len(covars), -1)[:, 0, None, None] * np.eye(n_features)
 
 
 def check_covars(covars, covariance_type, n_components):
-    """Raises ValueError unless covariances have the shape of their type, and are valid."""
+    """Raises ValueError unless covariances have the shape of their type and are positive definite."""
     shapes = {"spherical": 1, "diag": 2, "tied": 2, "full": 3}
     if covariance_type not in shapes:
         raise ValueError(f"covariance_type is {covariance_type!r}, expected one of {sorted(shapes)}")

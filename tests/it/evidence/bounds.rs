@@ -1,4 +1,4 @@
-//! What pruned routines prove, with evidence on moves.
+//! Bounds of pruned routines, with evidence on moves.
 
 use proptest::prelude::*;
 use wayfix::inference::Pruning;
@@ -10,7 +10,7 @@ use wayfix::{
 
 use crate::kit::{Kind, Model, cases, measured_models};
 
-/// Along a beam: no path is above the bound, and what is proven is so.
+/// Along a beam, no path is above the bound, and a path that is proven best is best.
 fn check_beam(model: &Model, width: f64) -> Result<(), TestCaseError> {
     if model.steps() == 0 {
         return Ok(());
@@ -36,7 +36,7 @@ fn check_beam(model: &Model, width: f64) -> Result<(), TestCaseError> {
         }
         (exact, Err(error)) => {
             let pruned = matches!(error, InferenceError::Pruned { .. });
-            // (Where both are, either the move or the observation may be named.)
+            // (If both are impossible, either the move or the observation may be named.)
             let step = |error: &InferenceError| match error {
                 InferenceError::Impossible { step } | InferenceError::ImpossibleMove { step } => {
                     Some(*step)
@@ -52,7 +52,7 @@ fn check_beam(model: &Model, width: f64) -> Result<(), TestCaseError> {
     Ok(())
 }
 
-/// What is proven of a pruned belief holds for the exact one.
+/// The exact belief is within the bounds of the pruned one.
 fn check_pruned(model: &Model, pruning: Pruning) -> Result<(), TestCaseError> {
     let hmm = model.hmm(model.measured());
     let answer = model.enumerate();
@@ -90,7 +90,7 @@ fn check_pruned(model: &Model, pruning: Pruning) -> Result<(), TestCaseError> {
                 break;
             }
             Err(error) => {
-                // Also whether the move or the observation is named.
+                // The error names the same of move and observation.
                 prop_assert_eq!(Some(error.to_string()), same.err().map(|e| e.to_string()));
                 prop_assert_eq!(answer.impossible_at, Some(k));
                 break;
@@ -126,7 +126,7 @@ proptest! {
     }
 }
 
-/// Two states that stay, and evidence on both moves with these logarithms.
+/// Two states that stay, and evidence on both stays with these logarithms.
 fn staying(logs: [f64; 2]) -> Hmm<impl TransitionEntries<Control = ()>, LikelihoodVector> {
     let still = SparseTransition::from_triplets(2, [(0, 0, 1.0), (1, 1, 1.0)]).unwrap();
     let moves = EvidenceTransition::new(still, move |(): &(), to, _| logs[to]).unwrap();
@@ -168,7 +168,7 @@ fn logarithms_of_large_evidence_count_with_their_rounding() {
             largest = largest.max(distance);
             bounds.push(bound);
         }
-        // The bound says something: it is of the size of the rounding.
+        // The bound is useful: it is of the size of the rounding.
         let bound = bounds.iter().copied().fold(0.0, f64::max);
         assert!(bound <= 1e-12 + 1e-14 * at, "{at:e}: {bound:e}, seen {largest:e}");
     }

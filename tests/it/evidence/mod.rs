@@ -1,5 +1,4 @@
-//! Evidence on moves: every routine against the enumeration of all paths, and cases by
-//! hand.
+//! Evidence on moves: every routine against the enumeration of all paths, and cases by hand.
 
 mod bounds;
 mod pairs;
@@ -27,8 +26,8 @@ proptest! {
         check_evidence(&model, model.measured(), of)?;
     }
 
-    /// Likelihoods of one step 1e400 apart, and log factors that leave all of them beyond
-    /// doubles.
+    /// Likelihoods of one step 1e400 apart, and log factors that take all of them out of the range
+    /// of doubles.
     #[test]
     fn evidence_of_wide_ranges_equals_enumeration(model in measured_models(Kind::Shifted, true), of in (0..8_usize, 0..40_usize, any::<u64>())) {
         check_evidence(&model, model.measured(), of)?;
@@ -51,7 +50,7 @@ proptest! {
         check_enumeration(&model, &hmm, &ys, &model.enumerate())?;
     }
 
-    /// An operator with the required methods alone.
+    /// An operator with only the required methods.
     #[test]
     fn evidence_of_an_own_operator_equals_enumeration(model in measured_models(Kind::Shifted, false), of in (0..8_usize, 0..40_usize, any::<u64>())) {
         check_evidence(&model, model.own_measured(), of)?;
@@ -96,7 +95,7 @@ fn the_sum_of_a_prediction_is_the_probability_of_the_measurement() {
     let log = filter.update(&[0.5, 0.25]).unwrap();
     let seen = (0.218_75 * 0.5 + 0.343_75 * 0.25) / 0.562_5;
     assert!((log - f64::ln(seen)).abs() < 1e-15);
-    // Evidence that is the same for all moves says nothing of them.
+    // Evidence that is the same for all moves changes no belief.
     let mut other = hmm.filter();
     assert!((other.step_with(&0.5, &[1.0, 1.0]).unwrap() - 0.5_f64.ln()).abs() < 1e-15);
     assert_eq!(other.belief().as_slice(), [0.375, 0.625]);
@@ -128,11 +127,11 @@ fn what_cannot_have_been_measured_is_an_error_with_its_step() {
         pruned.step_with(&1.0, &seen[0]).unwrap();
         says(pruned.step_with(&0.0, &seen[1]), expected);
         says(pruned.predict_with(&0.0), expected);
-        // Where the move is possible, and the observation rules out all that it leads to.
+        // A possible move, and an observation that rules out all states that it leads to.
         let ruled_out = "the observation of step 2 is impossible under the model";
         says(pruned.step_with(&1.0, &[0.0, 0.0]), ruled_out);
     }
-    // The sighting that is impossible by itself is another error.
+    // A sighting that is impossible by itself is a different error.
     says(
         filter.step_with(&1.0, &[0.0, 0.0]),
         "the observation of step 2 is impossible under the model",

@@ -1,5 +1,5 @@
-//! Evidence on the moves of two chains side by side, whose products leave the range of doubles where
-//! none of their factors do.
+//! Evidence on the moves of two chains side by side: products leave the range of doubles though no
+//! factor does.
 
 use wayfix::inference::Pruning;
 use wayfix::transition::{EvidenceTransition, KroneckerTransition};
@@ -12,7 +12,7 @@ use crate::kit::{NEVER, close_logs, log_sum, rng};
 type Both = KroneckerTransition<Measured, Measured>;
 type Measured = EvidenceTransition<DenseTransition, (), fn(&(), usize, usize) -> f64>;
 
-/// A chain of two states or one, all moves as probable, with a likelihood of moves.
+/// A chain of one or two states with equally probable moves, and a likelihood of moves.
 fn chain(states: usize, log: fn(&(), usize, usize) -> f64) -> Measured {
     let all = DenseTransition::from_fn(states, |_, _| 1.0 / states as f64).unwrap();
     EvidenceTransition::new(all, log).unwrap()
@@ -24,7 +24,7 @@ fn pair(first: Measured, second: Measured, prior: Prior) -> Hmm<Both, Likelihood
     Hmm::new(prior, both, sensor).unwrap()
 }
 
-/// The pruned filter and the beam say what filter and decoder do.
+/// The pruned filter and the beam agree with filter and decoder.
 fn proven<A: TransitionEntries<Control = ()>>(
     hmm: &Hmm<A, LikelihoodVector<Vec<f64>>>,
     seen: &[Vec<f64>],

@@ -1,4 +1,4 @@
-//! Evidence on moves of an operator with restarts, whose likelihood is their own.
+//! Evidence on moves of an operator with restarts, which have their own likelihood.
 
 use proptest::prelude::*;
 use wayfix::inference::{LearningOptions, Order};
@@ -10,8 +10,7 @@ use crate::kit::{
     rate, restart, sensor,
 };
 
-/// The model whose moves are those of another or restarts, as one matrix and one likelihood of
-/// moves for each step.
+/// A model with restarts as one matrix, with one likelihood of moves for each step.
 fn with_restarts(model: &Model, rate: f64, r: &[f64], log: Option<f64>) -> Model {
     let mut all = model.clone();
     for (m, evidence) in all.matrices.iter_mut().zip(&mut all.evidence) {
@@ -40,7 +39,7 @@ type Restarts = (f64, Vec<f64>, Option<f64>);
 fn restarts(wide: bool) -> impl Strategy<Value = (Model, Restarts)> {
     measured_models(Kind::Shifted, wide).prop_flat_map(|mut model| {
         let n = model.states;
-        // The sums that are expected would lose digits beside 1e5.
+        // The expected sums would lose digits beside 1e5.
         for evidence in model.evidence.iter_mut().filter(|evidence| evidence.log_factor < -9e4) {
             evidence.logs.iter_mut().flatten().for_each(|log| *log += 1e5);
             evidence.log_factor += 1e5;
@@ -83,7 +82,7 @@ proptest! {
     }
 }
 
-/// What learning counts of each step: the part of each expected move that is no restart.
+/// Counts of learning at each step: the part of each expected move that is not a restart.
 fn check_counts(model: &Model, (rate, r, log): &Restarts) -> Result<(), TestCaseError> {
     let n = model.states;
     let all = with_restarts(model, *rate, r, *log);
@@ -155,7 +154,7 @@ fn learning_with_restarts_takes_no_more_than_the_moves_within() {
     assert_eq!(learned.model().transition().incoming(&(), 4).count(), n);
 }
 
-/// A robot on a loop that measures how far it went, and is carried elsewhere once.
+/// A robot on a loop that measures the distance it went, and is carried elsewhere once.
 #[test]
 fn a_robot_that_was_carried_away_is_found_again() {
     let n = 60;

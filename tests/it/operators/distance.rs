@@ -1,4 +1,4 @@
-//! Road maps, with the metres driven as control.
+//! Operators of road maps, with the metres driven as control.
 
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -41,9 +41,8 @@ fn by_distance(m: &Matrix, lengths: &Matrix, odometry: Option<OdometryReading>) 
     matrix(m.len(), |i, j| (logs[i][j] - log_factor.unwrap_or(0.0)).exp())
 }
 
-/// A base, the length of each move, and what three steps have driven. Lengths
-/// are whole quarters and variances powers of two, 2^least or more, so that
-/// squares are exact.
+/// A base operator, the length of each move, and the metres of three steps. Lengths are multiples
+/// of a quarter and variances powers of two, 2^least or more, so that squares are exact.
 fn road_network(
     most: usize,
     least: i32,
@@ -85,7 +84,7 @@ proptest! {
         assert_operator(a, Expected::each(&controls, &expected).with_evidence(&factors))?;
     }
 
-    /// With densities as far apart as a double does not hold.
+    /// With densities further apart than the range of doubles.
     #[test]
     fn densities_of_any_size_are_known((m, lengths, controls) in road_network(6, -6)) {
         let a = on_roads(&m, &lengths);
@@ -94,7 +93,7 @@ proptest! {
         }
     }
 
-    /// Lengths so alike on either side of the distance that rounding decides.
+    /// Lengths on either side of the distance, so similar that rounding decides.
     #[test]
     fn lengths_that_differ_by_a_bit_have_densities_up_to_the_largest(
         (distance, off) in (0.0..1000.0, prop_oneof![0.0..1e-9, 0.0..500.0]),
@@ -111,7 +110,7 @@ proptest! {
         prop_assert!(found.iter().all(|way| way.1 > 0.0 && way.1 <= most), "{:?}", found);
     }
 
-    /// Its listed entries are those that its products have, to the bit.
+    /// The listed entries are those of the products, to the bit.
     #[test]
     fn listed_entries_are_those_of_products((m, lengths, controls) in road_network(6, -6)) {
         let a = on_roads(&m, &lengths);
@@ -154,7 +153,7 @@ proptest! {
     }
 }
 
-/// Ways from state 0 of these lengths, to states 1, 2, …, all alike.
+/// Moves of these lengths from state 0 to states 1, 2, …, equally probable.
 pub(crate) fn fork(lengths: &[f64]) -> DistanceTransition {
     let (n, p) = (lengths.len() + 1, 1.0 / lengths.len() as f64);
     let ways = (1..n).flat_map(|i| [(i, 0, p), (i, i, 1.0)]);
@@ -176,7 +175,7 @@ fn entries_are_densities_over_that_of_the_nearest_length() {
         a.outgoing(&control, 0).collect::<Vec<_>>(),
         [(1, 0.5 * (-4.5_f64).exp()), (2, 0.5)]
     );
-    // To stay in state 1 has the length 0, which 130 m speak against as much.
+    // A stay in state 1 has the length 0, which is improbable given 130 m.
     assert_eq!(a.outgoing(&control, 1).collect::<Vec<_>>(), [(1, (-84.5_f64).exp())]);
     let density = -0.5 * (200.0 * std::f64::consts::PI).ln();
     assert!((a.evidence(&control).unwrap() - density).abs() < 1e-15);
@@ -187,7 +186,7 @@ fn entries_are_densities_over_that_of_the_nearest_length() {
 
 #[test]
 fn a_distance_speaks_against_places_without_such_a_way() {
-    // One of two loops of two places, of 100 m and of 500 m; nothing is seen.
+    // Two loops of two places, of 100 m and of 500 m; there are no observations.
     let moves = [(1, 0, 1.0), (0, 1, 1.0), (3, 2, 1.0), (2, 3, 1.0)];
     let base = SparseTransition::from_triplets(4, moves).unwrap();
     let a = DistanceTransition::new(base, |_, from| if from < 2 { 100.0 } else { 500.0 }).unwrap();
@@ -237,7 +236,7 @@ fn numbers_at_the_limits_give_distributions_or_errors() {
                     let sum: f64 = filter.belief().as_slice().iter().sum();
                     assert!((sum - 1.0).abs() < 1e-12 && filter.log_likelihood().is_finite());
                 }
-                // The density of a distance that far off is not a number.
+                // The density of a distance that far off would be NaN.
                 Err(error) => {
                     assert!(
                         matches!(error, InferenceError::EvidenceFactor { step: 1, .. }),
@@ -249,10 +248,10 @@ fn numbers_at_the_limits_give_distributions_or_errors() {
     }
 }
 
-/// A camera that sees nothing, and two ways to the same end.
+/// An uninformative camera, and two ways to the same end.
 #[test]
 fn odometry_tells_ways_apart() {
-    // From 0 by 1 (100 m, 300 m) or by 2 (300 m, 100 m) to 3, and on to itself.
+    // From 0 via 1 (100 m, 300 m) or via 2 (300 m, 100 m) to 3, which leads to itself.
     let base = [(1, 0, 0.5), (2, 0, 0.5), (3, 1, 1.0), (3, 2, 1.0), (3, 3, 1.0)];
     let base = SparseTransition::from_triplets(4, base).unwrap();
     let metres = |to: usize, from: usize| match (from, to) {

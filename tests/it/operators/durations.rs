@@ -58,8 +58,8 @@ fn around(n: usize) -> SparseTransition {
     SparseTransition::from_triplets(n, moves).unwrap()
 }
 
-/// Places that last so long, up to an age beyond which hazards are constant. A gamma distribution
-/// has a maximum, which must lie before that age.
+/// Places with these durations, up to an age beyond which hazards are constant. A gamma
+/// distribution has a maximum, which must be before that age.
 fn lasting() -> impl Strategy<Value = (Vec<Durations>, usize)> {
     let valid = |(all, longest): &(Vec<Durations>, usize)| {
         DwellTransition::from_durations(around(all.len()), all, *longest).is_ok()
@@ -90,7 +90,7 @@ proptest! {
         prop_assert_eq!(a.leaving(0, longest + 9), a.leaving(0, longest));
     }
 
-    /// Statistics without listed moves are those of the moves between states.
+    /// Statistics without listed moves equal those of the moves between states.
     #[test]
     fn statistics_are_sums_over_moves_between_states(
         (parameters, longest) in lasting(),
@@ -102,7 +102,7 @@ proptest! {
         } else {
             around(n)
         };
-        // Whoever leaves may turn up anywhere, which no move is learned from.
+        // A vehicle that leaves may turn up anywhere; these moves are not learned.
         let moves = RestartTransition::new(moves, 1.0 - keep, Belief::uniform(n).unwrap()).unwrap();
         let a = DwellTransition::from_durations(moves, &parameters, longest).unwrap();
         let sensor = GroupedLikelihood::new(LikelihoodVector::linear(n).owned(), a.groups().clone()).unwrap();
@@ -155,7 +155,7 @@ proptest! {
     }
 }
 
-/// From labelled stays of 3 and 5 steps, and one of at least 2 that the end cuts off.
+/// From labelled stays of 3 and 5 steps, and one of at least 2 that the end truncates.
 #[test]
 fn durations_are_fitted_to_labels() {
     let places = [0, 0, 0, 1, 0, 0, 0, 0, 0, 1, 1, 0, 0];
@@ -170,7 +170,7 @@ fn durations_are_fitted_to_labels() {
         let drive = LabelledSequence { initial: None, states: &states, sequence: &seen };
         hmm.fit(&[drive], &LearningOptions::default()).unwrap().transition().durations(0).unwrap()
     };
-    // Two ends, and seven times a stay went on.
+    // Two stays ended, and seven times a stay continued.
     let Durations::Geometric { mean } = fit(Durations::Geometric { mean: 3.0 }) else { panic!() };
     assert!((mean - 4.5).abs() < 1e-12, "{mean}");
     // The likelihood of 3, 5 and at least 2 steps, by a grid.
@@ -185,8 +185,8 @@ fn durations_are_fitted_to_labels() {
     assert!((mean - best).abs() < 2e-3, "{mean}, expected {best}");
 }
 
-/// Simulated stays of each kind are found again, within four standard errors of what 40,000 steps
-/// can tell.
+/// Parameters of simulated stays of each kind are recovered, within four standard errors for 40,000
+/// steps.
 #[test]
 fn durations_of_simulated_drives_are_found() {
     let truth = [
@@ -251,7 +251,7 @@ fn what_is_no_duration_is_an_error() {
     );
     let none = error(Durations::Geometric { mean: 2.0 }, 0).to_string();
     assert_eq!(none, "the number of ages in each place is 0, expected at least 1");
-    // Means of 1 and beyond what a double tells from ever.
+    // Means of 1, and means so long that a double cannot tell them from infinity.
     let a = |mean| DwellTransition::from_durations(around(1), &[Durations::Geometric { mean }], 2);
     assert_eq!(a(1.0).unwrap().leaving(0, 1), Some(1.0));
     assert_eq!(a(1e300).unwrap().leaving(0, 2), Some(1e-300));

@@ -1,4 +1,4 @@
-//! Dwell times: a place is stayed in for any distribution of steps.
+//! Dwell times: stays in a place with any distribution of steps.
 
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -43,14 +43,14 @@ proptest! {
         }),
     ) {
         let a = DwellTransition::from_leaving(dense(&moves), &leaving).unwrap();
-        // Leaving for the same place and staying may add up to no power of two.
+        // Leaving for the same place and staying may not add up to a power of two.
         let sums = leaving.iter().any(|leaving| leaving.len() == 1);
         let expected = dwell(&moves, &leaving);
         assert_operator(a, Expected::constant(&expected).with_exact_ties(exact && !sums))?;
     }
 
-    /// Against sums over all ways to cut a drive into stays: dwell times and
-    /// moves as they were given, with no hazards and no expansion.
+    /// Against sums over all segmentations of a drive into stays, with dwell times and moves as
+    /// given, without hazards or expansion.
     #[test]
     fn dwell_times_are_those_of_a_semi_markov_chain(
         ((moves, times), logs) in (dwelling(), vec(vec(-3.0..0.0, 4), 1..5)),
@@ -104,7 +104,7 @@ impl Stays<'_> {
         let left = self.b.len() - seen;
         let times = &self.times[place];
         let b = |steps: usize| self.b[seen..seen + steps].iter().map(|b| b[place]).product::<f64>();
-        // The stay that outlasts the observations, or ends with them.
+        // A stay that outlasts the observations, or ends with them.
         let longer: f64 = times.iter().skip(left - 1).sum();
         let whole = p * longer * b(left);
         path.resize(self.b.len(), place);

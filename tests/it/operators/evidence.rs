@@ -1,4 +1,4 @@
-//! Evidence on moves in operators that are made from others, entry by entry.
+//! Evidence on moves in operators that are composed of others, entry by entry.
 
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -17,7 +17,7 @@ use crate::kit::{
     matrix, off_map, rate, sparse, still,
 };
 
-/// ln p(u | to, from) for a u of 1, and in proportion for others.
+/// ln p(u | to, from) for u = 1, and in proportion for others.
 fn logs(n: usize) -> impl Strategy<Value = Matrix> {
     vec(vec(prop_oneof![1 => Just(NEVER), 3 => -3.0..1.0, 1 => -900.0..400.0], n), n)
 }
@@ -31,8 +31,8 @@ fn driven(m: &Matrix, logs: &Matrix, log_factor: f64) -> Driven {
     EvidenceTransition::new(sparse(m), log).unwrap().with_log_factor(Box::new(move |_| log_factor))
 }
 
-/// All methods, where the entries with the log factor back in are known in logarithms;
-/// `tells` whether the operator says that they are beyond doubles.
+/// Checks all methods against the logarithms of the entries with the log factor put back; `tells`
+/// is true if the operator reports that they are beyond doubles.
 pub(super) fn check<A: TransitionEntries<Control: Copy>>(
     a: &A,
     control: A::Control,
@@ -151,8 +151,8 @@ proptest! {
         check(&a, 1.0, &expected, true)?;
     }
 
-    /// Every routine, with rates of 0 and 1 and evidence far from 1: as with a likelihood of the
-    /// moves of the whole matrix.
+    /// Every routine, with rates of 0 and 1 and evidence far from 1, as with a likelihood of moves
+    /// of the whole matrix.
     #[test]
     fn off_the_map_routines_are_those_of_the_matrix(
         ((m, logs, _), back) in parts(4).prop_flat_map(|part| { let n = part.0.len(); (Just(part), distribution(false, n)) }),
@@ -169,7 +169,7 @@ proptest! {
         same_routines(a, driven(&whole, &all, 0.0))?;
     }
 
-    /// Zeros of one operator beside entries of the other that leave the range of doubles.
+    /// Zeros of one operator, and entries of the other that leave the range of doubles.
     #[test]
     fn side_by_side_routines_are_those_of_the_matrix(first in parts(3), second in parts(3)) {
         let (n2, count) = (second.0.len(), first.0.len() * second.0.len());

@@ -1,10 +1,10 @@
-//! An operator that is wrong in one method only is found out by [`assert_operator`].
+//! [`assert_operator`] detects an operator that is wrong in a single method.
 
 use wayfix::{Transition, TransitionEntries, TransitionError};
 
 use crate::kit::{Expected, Matrix, Own, assert_operator};
 
-/// Which method is wrong.
+/// The wrong method.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Fault {
     None,
@@ -18,7 +18,7 @@ enum Fault {
     Control,
 }
 
-/// Two states alike, from each of which all are reached.
+/// Two equal states, each of which leads to all.
 struct Faulty(Own, Fault);
 
 impl Transition for Faulty {
@@ -86,7 +86,7 @@ fn each_method_that_is_wrong_is_found() {
     }
 }
 
-/// An operator is not that of another matrix.
+/// An operator with another matrix is detected.
 #[test]
 fn another_matrix_is_found() {
     let still = vec![vec![1.0, 0.0], vec![0.0, 1.0]];

@@ -1,4 +1,4 @@
-//! Kronecker products: two things side by side.
+//! Kronecker products: two independent chains side by side.
 
 use proptest::prelude::*;
 use wayfix::Transition;

@@ -30,7 +30,7 @@ proptest! {
         assert_operator(all, &m)?;
     }
 
-    /// All of them pass a control on to what is within.
+    /// All operators pass a control on to the inner one.
     #[test]
     fn controls_reach_the_operator_within(
         (n, rate) in (1..=3_usize, rate(false)),

@@ -1,4 +1,4 @@
-//! One state more: not on the map.
+//! One more state: off the map.
 
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -18,7 +18,7 @@ use crate::kit::{
     off_map, power, rate, restart, rng, sparse, still, stochastic, switched, text,
 };
 
-/// Three matrices of a size, and a distribution.
+/// Three matrices of one size, and a distribution.
 fn motion(exact: bool, most: usize) -> impl Strategy<Value = (Vec<Matrix>, Vec<f64>)> {
     (1..=most).prop_flat_map(move |n| (vec(stochastic(exact, n), 3), distribution(exact, n)))
 }
@@ -38,7 +38,7 @@ proptest! {
             OffMapTransition::new(sparse(&matrices[0]), leave, return_rate, belief()).unwrap();
         prop_assert_eq!(plain.off_map_state(), back.len());
         assert_operator(plain, Expected::constant(&expected[0]).with_exact_ties(exact))?;
-        // Each gear has its own control; a fourth there is not.
+        // Each gear has its own control; there is no fourth one.
         let geared =
             OffMapTransition::new(switched(&matrices), leave, return_rate, belief()).unwrap();
         prop_assert_eq!(
@@ -49,8 +49,7 @@ proptest! {
         assert_operator(geared, expected)?;
     }
 
-    /// Within others and around them: what they hand down need not be the
-    /// whole vector.
+    /// Within other operators and around them: they need not pass on the whole vector.
     #[test]
     fn off_map_nests(
         ((matrices, back), (leave, return_rate, again)) in
@@ -90,7 +89,7 @@ proptest! {
         assert_operator(a, Expected::each(&controls, &expected))?;
     }
 
-    /// Two things at once, of which the camera sees the place, or that it is none.
+    /// Two independent chains; the camera sees the place of one, or that it is off the map.
     #[test]
     fn a_camera_sees_place_or_none(
         (gears, places) in (stochastic(false, 2), stochastic(false, 3)),
@@ -162,7 +161,7 @@ fn bad_ways_off_the_map_are_named() {
     assert_eq!(OffMapTransition::new(endless, 0.5, 0.5, one).unwrap().off_map_state(), 1);
 }
 
-/// The way back from nowhere is the last, and counts only if it is better.
+/// The way back onto the map comes last, and is taken only if it is strictly better.
 #[test]
 fn ties_go_to_the_map() {
     let a = OffMapTransition::new(still(2), 0.5, 0.5, Belief::certain(2, 1).unwrap()).unwrap();
@@ -193,7 +192,7 @@ fn drives_leave_the_map_and_come_back() {
     assert_eq!(path.states(), [0, 1, 3, 3, 3, 3, 1, 2, 0]);
     let drive = hmm.simulate(2000, &mut rng(1));
     let off = drive.states().iter().filter(|state| **state == 3).count();
-    // A third of the steps, give or take.
+    // About a third of the steps.
     assert!((500..850).contains(&off), "{off}");
     assert!(
         drive

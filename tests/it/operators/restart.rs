@@ -1,4 +1,4 @@
-//! Restarts: with some rate anywhere.
+//! Restarts: with a given rate, the next state may be any.
 
 use proptest::prelude::*;
 use wayfix::Belief;

@@ -22,7 +22,7 @@ proptest! {
             .filter(|(to, from, _)| *to < n && *from < n)
             .map(|(to, from, weight)| (to, from, f64::from(weight) * scale(from)))
             .collect();
-        // Something leads out of each.
+        // Each state has a move out of it.
         weights.extend((0..n).map(|from| ((from + 1) % n, from, scale(from))));
         let a = SparseTransition::from_weights(n, weights.iter().copied()).unwrap();
         prop_assert_eq!(a.states(), n);

@@ -1,4 +1,4 @@
-//! Windows, which move by the same offsets everywhere.
+//! Windows: moves by the same offsets from every place.
 
 use proptest::prelude::*;
 use wayfix::transition::WindowTransition;
@@ -15,7 +15,7 @@ proptest! {
         (n, first, closed) in (1..=10_usize, -14..12_isize, any::<bool>()),
     ) {
         let a = WindowTransition::new(n, first, &weights, closed).unwrap();
-        // Weights that add up on a loop are no powers of two.
+        // Weights that add up on a loop are not powers of two.
         let exact = exact && weights.len() <= n;
         let m = window(n, first, &weights, closed);
         assert_operator(a, Expected::constant(&m).with_exact_ties(exact))?;

@@ -1,4 +1,4 @@
-//! What is stored comes back to the bit, and what is no model is refused.
+//! Stored values come back to the bit, and invalid ones are refused.
 
 mod names;
 mod places;
@@ -23,7 +23,7 @@ use crate::kit::{
     models, stored, weighted,
 };
 
-/// What operators of all kinds are made from.
+/// Parameters of operators of all kinds.
 #[derive(Debug, Clone)]
 struct Parts {
     model: Model,
@@ -35,7 +35,7 @@ struct Parts {
     dwell: Vec<Vec<f64>>,
 }
 
-/// Up to `most` probabilities, 0 and 1e-300 among them.
+/// Up to `most` probabilities, including 0 and 1e-300.
 fn tiny_and_usual(most: usize) -> impl Strategy<Value = Vec<f64>> {
     let weight = || prop_oneof![2 => Just(0.0), 5 => 0.01..1.0, 1 => Just(1e-300)];
     (1..=most).prop_flat_map(move |count| weighted(weight(), count))
@@ -143,8 +143,8 @@ proptest! {
         }
     }
 
-    /// A filter, and a smoother with a lag, that stop after any step, are stored
-    /// with their model, and go on.
+    /// A filter, and a smoother with a lag, that are stored with their model after any step, and
+    /// continue.
     #[test]
     fn to_stop_changes_no_bit(model in models(Kind::Extreme), stop in 0..7_usize, lag in 0..4_usize) {
         let hmm = model.hmm(model.sparse());
@@ -200,7 +200,7 @@ proptest! {
         prop_assert_eq!(states(paths.0), states(paths.1));
     }
 
-    /// Whatever is changed in a file, there is an error or something that works.
+    /// Any change to a file gives an error or a usable value.
     #[test]
     fn damaged_files_are_refused_or_valid(parts in parts(), damage in damage()) {
         let n = parts.model.states;

@@ -1,4 +1,4 @@
-//! Operators of places and their sensors come back to the bit, and say what is wrong.
+//! Operators of places and their sensors come back to the bit, and errors say what is wrong.
 
 use crate::kit::{json, refuses, stored};
 use wayfix::likelihood::{Groups, PooledLikelihood, SparseTableLikelihood};

@@ -1,4 +1,4 @@
-//! The format, and what is refused.
+//! The format, and refused values.
 
 use serde::Deserialize;
 use serde::de::value::{Error as ValueError, SeqDeserializer};
@@ -120,7 +120,7 @@ fn what_is_no_belief_group_or_table_is_refused() {
         "[1.5,-0.5]",
         "state 1 has probability -0.5, expected a finite value of at least 0",
     );
-    // Other formats than JSON have NaN.
+    // Formats other than JSON have NaN.
     let nan = SeqDeserializer::<_, ValueError>::new([0.5, f64::NAN].into_iter());
     assert_eq!(
         Belief::deserialize(nan).unwrap_err().to_string(),
@@ -306,7 +306,7 @@ fn what_is_no_model_is_refused_with_all_that_is_behind() {
         &hmm("[0.5,0.5]", 0.75),
         "the transition operator has 1 states, expected 2 to match the prior",
     );
-    // Each part is right but for rounding, but not what they make.
+    // Each part is right up to rounding, but their product is not.
     let restart = r#"{"version":1,"inner":{"version":1,"states":1,"columns":[1.0000000009]},"keep":0.5,"restart":[0.5000000009]}"#;
     refuses::<Hmm<RestartTransition<DenseTransition>, SparseLikelihood>>(
         &format!(
@@ -374,7 +374,7 @@ fn what_no_pruned_filter_knows_is_refused() {
         )
     };
     serde_json::from_str::<PrunedFilterSnapshot>(&state("[-3.0,0.0]", "[1e-15,0.0]")).unwrap();
-    // Else the upper end of the log-likelihood would be below the lower one.
+    // Otherwise the upper bound of the log-likelihood would be below the lower one.
     refuses::<PrunedFilterSnapshot>(
         &state("[-3.0,0.0]", "[1e-15,-1000.0]"),
         "the log-likelihood may be 0.000000000000001 and -1000 more, expected at least 0",
@@ -408,7 +408,7 @@ fn what_no_decoder_knows_is_refused() {
     }
 }
 
-/// Else a filter would store what cannot be read.
+/// Otherwise a filter could store what cannot be read.
 #[test]
 fn the_most_steps_that_are_read_are_the_most_that_are_taken() {
     let most = state(9_007_199_254_740_992, "[0.25,0.75]", "null", "[-5,0]");
@@ -465,7 +465,7 @@ fn what_no_smoother_knows_is_refused() {
     refused(2, &[past(0, one), past(1, "[0.5,0.4]")], "the probabilities sum to 0.9, expected 1");
 }
 
-/// Rounded tails, too.
+/// Rounded tails are stored, too.
 #[test]
 fn the_canberra_model_comes_back_to_the_bit() {
     let hmm = wayfix::canberra::hmm(5, 1.0).unwrap();

@@ -1,4 +1,4 @@
-//! What streams know.
+//! States of streams.
 
 use crate::kit::{json, stored};
 use proptest::prelude::*;

@@ -10,7 +10,7 @@ use wayfix::{Belief, Hmm, Likelihood, Prior, Scratch, SparseTransition, TableLik
 
 use crate::kit::{Matrix, bits, cases, rng, says, sparse, stochastic, text};
 
-/// `rows[place][seen]` as entries, zeros among them, in an order of their own.
+/// `rows[place][seen]` as entries, including zeros, in arbitrary order.
 fn entries(rows: &Matrix) -> Vec<(usize, usize, f64)> {
     let row = |(place, row): (usize, &Vec<f64>)| {
         row.iter().enumerate().map(|(seen, p)| (place, seen, *p)).collect::<Vec<_>>()
@@ -106,7 +106,7 @@ proptest! {
         }
     }
 
-    /// The bound is the largest likelihood that was not asked for.
+    /// The bound is the largest likelihood of the states that are not listed.
     #[test]
     fn a_few_states_only((_, rows, ys) in drives(), asked in vec(any::<bool>(), 6)) {
         let n = rows.len();
@@ -219,7 +219,7 @@ fn a_hundred_thousand_places() {
         filter.step(&y).unwrap();
         pruned.step(&y).unwrap();
     }
-    // Their numbers are those of the same product and the same sums.
+    // The numbers come from the same product and the same sums.
     for i in 49_995..50_010 {
         let found = pruned.probability(i).unwrap_or(0.0);
         assert!((filter.belief().as_slice()[i] - found).abs() <= 1e-12, "{i}");

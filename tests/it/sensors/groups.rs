@@ -1,4 +1,4 @@
-//! Sensors of places behind expanded states, and known states.
+//! Sensors of places for expanded states, and known states.
 
 use proptest::collection::vec;
 use proptest::prelude::*;

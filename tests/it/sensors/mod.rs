@@ -1,4 +1,4 @@
-//! Sensors that are made of others, and those that list a few states.
+//! Sensors that are composed of others, and sensors that list a few states.
 
 mod confusion;
 mod groups;

@@ -1,4 +1,4 @@
-//! Places with several images, whose likelihood is the mean of theirs.
+//! Places with several images, whose likelihood is the mean over the images.
 
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -18,20 +18,19 @@ fn log_mean(logs: &[f64]) -> f64 {
     log_sum(logs.iter().copied()) - (logs.len() as f64).ln()
 }
 
-/// The place of each of some images; all of 0 … 2 have one at least.
+/// The place of each image; each of 0 … 2 has at least one.
 fn albums() -> impl Strategy<Value = Vec<usize>> {
     vec(0..3_usize, 0..7).prop_map(|more| [more, vec![2, 0, 1]].concat()).prop_shuffle()
 }
 
-/// Logarithms of likelihoods, among them some far off.
+/// Logarithms of likelihoods, some of them extreme.
 fn log_likelihoods() -> impl Strategy<Value = Vec<f64>> {
     let log = prop_oneof![1 => Just(NEVER), 2 => -2000.0..2000.0, 4 => -3.0..0.0];
     let none = Just(vec![NEVER; 9]);
     prop_oneof![1 => none, 9 => vec(log, 9)]
 }
 
-/// A sensor that takes a common factor out of the logarithms that it is given,
-/// or out of numbers.
+/// Sensor that takes a common factor out of given logarithms, or out of numbers.
 struct Scaled {
     states: usize,
     log: bool,
@@ -91,7 +90,7 @@ proptest! {
         for (place, found) in found.iter().enumerate() {
             close_logs(*found, mean(place), 1e-12)?;
         }
-        // The same as numbers, as far as doubles hold them.
+        // The same as numbers, if doubles hold them.
         if logs.iter().all(|log| *log == NEVER || log.abs() < 700.0) {
             let sensor = PooledLikelihood::new(Scaled { states, log: false }, groups).unwrap();
             let numbers = logs.iter().map(|log| log.exp()).collect();
@@ -121,7 +120,7 @@ proptest! {
         let fused = FusedLikelihood::new(table, OptionalLikelihood::new(given)).unwrap();
         let sensor = PooledLikelihood::new(fused, groups.clone()).unwrap();
         let hmm = Hmm::new(prior, sparse(&m), sensor).unwrap();
-        // Every other step the table alone.
+        // At every other step, only the table.
         let ys: Vec<_> = drives.iter().enumerate()
             .map(|(k, (y, logs))| (*y, (k % 2 == 1).then(|| logs[..n].to_vec()))).collect();
         let means: Vec<Vec<f64>> = ys.iter().map(|(y, logs)| {
@@ -191,7 +190,7 @@ fn bad_pools_are_named() {
         let error = hmm.filter().step(y).unwrap_err().to_string();
         error.strip_prefix("step 1 has no valid likelihood: ").unwrap().to_owned()
     };
-    // Errors name the image.
+    // Errors name the image, not the place.
     assert_eq!(
         step(&[0.5, 0.5, f64::NAN]),
         "state 2 has likelihood NaN, expected a finite value of at least 0"

@@ -1,4 +1,4 @@
-//! Sensors that list a few states are those that list all.
+//! Sensors that list a few states agree with those that list all.
 
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -104,7 +104,7 @@ proptest! {
     ) {
         let prior = Prior::BeforeFirstTransition(Belief::new(prior).unwrap());
         let dense = TableLikelihood::from_rows(&rows).unwrap();
-        // What state 0 shows stands for all that show the same.
+        // The likelihood of state 0 stands for all states with the same.
         let list = |symbol: usize| {
             let column = rows.iter().map(|row| row[symbol]).enumerate();
             (column.filter(|entry| entry.1 != rows[0][symbol]).collect(), rows[0][symbol])
@@ -133,7 +133,7 @@ proptest! {
     }
 }
 
-/// In the pruned filter and in the beam, a symbol is the observation that it stands for.
+/// In the pruned filter and the beam, a symbol equals the observation that it stands for.
 #[test]
 fn a_symbol_is_its_list_where_few_states_are_asked_for() {
     let n = 200;

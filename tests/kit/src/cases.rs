@@ -1,4 +1,4 @@
-//! How often properties are tried, and random numbers.
+//! Numbers of random cases, and random numbers.
 
 use proptest::prelude::*;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
@@ -8,14 +8,14 @@ pub fn cases() -> ProptestConfig {
     cases_of(2000)
 }
 
-/// So many cases where others have 2,000: fewer for properties that take long.
+/// This many cases where other properties have 2,000, for properties that take long.
 pub fn cases_of(share: u32) -> ProptestConfig {
     let cases = match std::env::var("WAYFIX_CASES") {
         Ok(text) => text.parse().expect("WAYFIX_CASES is a number of cases"),
         Err(_) => 256_u32,
     };
     let config = ProptestConfig::with_cases((cases * share).div_ceil(2000));
-    // What takes long is not made smaller for half an hour.
+    // Slow cases are not shrunk for half an hour.
     ProptestConfig { failure_persistence: None, max_shrink_iters: share, ..config }
 }
 

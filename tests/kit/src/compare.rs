@@ -11,7 +11,7 @@ use wayfix::inference::SequenceError;
 
 use super::NEVER;
 
-/// Equal, but for this part of the expected value, or of `floor` if that is more.
+/// Equal up to this share of the expected value, or of `floor` if that is larger.
 #[track_caller]
 pub fn close(found: f64, expected: f64, tolerance: f64, floor: f64) -> TestCaseResult {
     let within = (found - expected).abs() <= tolerance * expected.abs().max(floor);
@@ -22,7 +22,7 @@ pub fn close(found: f64, expected: f64, tolerance: f64, floor: f64) -> TestCaseR
     Err(TestCaseError::fail(format!("found {found:e}, expected {expected:e}, at {place}")))
 }
 
-/// Equal logarithms: but for this part of them, or of 1.
+/// Equal logarithms, up to this share of them, or of 1 if that is larger.
 #[track_caller]
 pub fn close_logs(found: f64, expected: f64, tolerance: f64) -> TestCaseResult {
     close(found, expected, tolerance, 1.0)
@@ -52,14 +52,14 @@ pub fn log_sum(terms: impl Iterator<Item = f64> + Clone) -> f64 {
     largest + terms.map(|term| (term - largest).exp()).sum::<f64>().ln()
 }
 
-/// ln(e^sum + e^log), into the first.
+/// Replaces `sum` by ln(e^sum + e^log).
 pub fn log_add(sum: &mut f64, log: f64) {
     let (high, low) = if *sum > log { (*sum, log) } else { (log, *sum) };
     *sum = if low == NEVER { high } else { high + (low - high).exp().ln_1p() };
 }
 
-/// Results of many sequences against those of each by itself: near ones, or the same
-/// error with the number of its sequence.
+/// Compares results of many sequences with those of each by itself: close values, or the same error
+/// with the number of its sequence.
 pub fn same_results<R: Debug>(
     many: &[Result<R, SequenceError>],
     count: usize,

@@ -1,9 +1,8 @@
-//! Files in which something was changed.
+//! Damaged files.
 
 use proptest::prelude::*;
 
-/// What is done to a text: at some place in it a character is removed, or one
-/// put in its place, or a number is replaced.
+/// Damage to a text: at some position, a character is removed or replaced, or a number is replaced.
 #[derive(Debug, Clone)]
 pub enum Damage {
     Remove(usize),
@@ -58,7 +57,7 @@ impl Damage {
                     })
                     .map(|start| start.0)
                     .collect();
-                // Without a number there is none to replace.
+                // A text without a number stays as it is.
                 let Some(at) = at.checked_rem(starts.len()) else { return text.to_owned() };
                 let start = starts[at];
                 let rest = text[start..].trim_start_matches(numeric);

@@ -5,10 +5,10 @@ use proptest::prelude::*;
 
 use super::{Matrix, matrix};
 
-/// A distribution in proportion to weights; certain at `spare` if next to nothing has any.
+/// A distribution in proportion to weights; certain at `spare` if they are all tiny.
 pub fn normalized(mut weights: Vec<f64>, spare: usize) -> Vec<f64> {
     if weights.iter().sum::<f64>() < 1e-6 {
-        // Not to divide by next to nothing: a sum of tiny weights gets a large one.
+        // Avoids a division by a tiny sum: tiny weights get a large one.
         weights[spare] = 1.0;
     }
     let sum: f64 = weights.iter().sum();
@@ -23,7 +23,7 @@ pub fn weighted(
     (vec(weight, count), 0..count).prop_map(|(weights, spare)| normalized(weights, spare))
 }
 
-/// Distributions with zeros; `exact` ones are powers of two, of which logarithms are exact.
+/// Distributions with zeros; `exact` ones are powers of two, whose logarithms are exact.
 pub fn distribution(exact: bool, count: usize) -> BoxedStrategy<Vec<f64>> {
     if exact {
         // 1/2, 1/4, … for as many as are drawn, the rest 0, in any order.
@@ -41,7 +41,7 @@ pub fn any_distribution(exact: bool, most: usize) -> impl Strategy<Value = Vec<f
     (1..=most).prop_flat_map(move |count| distribution(exact, count))
 }
 
-/// Columns as rows.
+/// Transposes columns into rows.
 pub fn transposed(columns: &Matrix) -> Matrix {
     matrix(columns.len(), |i, j| columns[j][i])
 }
@@ -56,7 +56,7 @@ pub fn any_stochastic(exact: bool, most: usize) -> impl Strategy<Value = Matrix>
     (1..=most).prop_flat_map(move |n| stochastic(exact, n))
 }
 
-/// Probabilities, among them 0 and 1; `exact` ones have exact logarithms.
+/// Probabilities, including 0 and 1; `exact` ones have exact logarithms.
 pub fn rate(exact: bool) -> BoxedStrategy<f64> {
     if exact {
         return prop_oneof![Just(0.0), Just(0.5), Just(1.0)].boxed();

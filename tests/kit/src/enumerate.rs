@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use super::{Matrix, Model, NEVER, log_add};
 
-/// What there is to know, by enumeration.
+/// Exact answers by enumeration.
 #[derive(Debug)]
 pub struct Answer {
     pub log_likelihood: f64,
@@ -18,28 +18,27 @@ pub struct Answer {
 }
 
 impl Model {
-    /// The largest log-likelihood of a step, from 1. It is left out of the sums
-    /// over paths, so that shifts of 1e5 do not cost them digits.
+    /// The largest log-likelihood of a step, from 1. It is left out of the sums over paths, so that
+    /// shifts of 1e5 do not cost digits.
     fn largest(&self, step: usize) -> f64 {
         let logs = self.logs[step - 1].iter().flatten();
         let largest = logs.copied().fold(NEVER, f64::max);
         if largest.is_finite() { largest } else { 0.0 }
     }
 
-    /// The log-likelihood of state i at step k, but for the largest.
+    /// The log-likelihood of state i at step k, less the largest.
     fn log_b(&self, step: usize, i: usize) -> f64 {
         self.logs[step - 1].as_ref().map_or(0.0, |logs| logs[i] - self.largest(step))
     }
 
-    /// The evidence on the move to a step, if there is some, and its largest logarithm.
+    /// The evidence on the move to a step, if any, and its largest logarithm.
     fn measured_at(&self, step: usize) -> Option<(&Matrix, f64)> {
         let evidence = self.evidence.get(step - 1).filter(|_| step > 1 || !self.at_first)?;
         let largest = evidence.logs.iter().flatten().copied().fold(NEVER, f64::max);
         Some((&evidence.logs, if largest.is_finite() { largest } else { 0.0 }))
     }
 
-    /// ln A_k[to, from], with evidence but for its largest; the identity where nothing
-    /// moves.
+    /// ln A_k[to, from], with evidence less its largest; the identity at steps without a move.
     fn log_a(&self, step: usize, to: usize, from: usize) -> f64 {
         if step == 1 && self.at_first {
             return if to == from { 0.0 } else { NEVER };
@@ -49,7 +48,7 @@ impl Model {
         self.matrices[step - 1][to][from].ln() + evidence
     }
 
-    /// What is left out of the sums over paths of so many steps.
+    /// Sum of the terms left out of the sums over paths of this many steps.
     fn left_out(&self, steps: usize) -> f64 {
         let moves = |step| self.measured_at(step).map_or(0.0, |(_, largest)| largest);
         (1..=steps).map(|step| self.largest(step) + moves(step)).sum()

@@ -2,7 +2,7 @@
 
 use std::error::Error;
 
-/// The text of an error, and of those behind it.
+/// The text of an error, and of its sources.
 pub fn with_causes(error: &(dyn Error + 'static)) -> String {
     let mut text = error.to_string();
     let mut cause = error.source();
@@ -13,13 +13,13 @@ pub fn with_causes(error: &(dyn Error + 'static)) -> String {
     text
 }
 
-/// The error of a result, with its causes.
+/// The text of the error of a result, with its sources.
 #[track_caller]
 pub fn text<T>(result: Result<T, impl Error + 'static>) -> String {
     with_causes(&result.err().expect("an error"))
 }
 
-/// The result is an error that says this, with its causes.
+/// Asserts that a result is an error with this text, including its sources.
 #[track_caller]
 pub fn says<T>(result: Result<T, impl Error + 'static>, expected: &str) {
     assert_eq!(text(result), expected);

@@ -1,4 +1,4 @@
-//! Exponentials of rate matrices in numbers of twice the length of a double.
+//! Exponentials of rate matrices in double-double arithmetic.
 
 use std::ops::{Add, Mul};
 
@@ -46,8 +46,8 @@ fn times(a: &LongMatrix, b: &LongMatrix) -> LongMatrix {
     each(a.len(), |i, j| sum(i, j).fold(Long(0.0, 0.0), Long::add))
 }
 
-/// exp(Q t), from the rates of moves `rates[to][from]`, by a Taylor series of a short time that is
-/// doubled: 30 digits, less those of the number of doublings.
+/// exp(Q t), from the rates of moves `rates[to][from]`, by a Taylor series of a short time and
+/// repeated squaring: 30 digits, less those lost in the squarings.
 pub fn exponential(rates: &Matrix, t: f64) -> Matrix {
     let n = rates.len();
     let exit = |j: usize| {

@@ -23,7 +23,7 @@ pub fn switched(matrices: &[Matrix]) -> SwitchedTransition<SparseTransition> {
     SwitchedTransition::new(matrices.iter().map(sparse).collect()).unwrap()
 }
 
-/// The operator that moves nothing.
+/// The identity.
 pub fn still(n: usize) -> SparseTransition {
     SparseTransition::from_triplets(n, (0..n).map(|i| (i, i, 1.0))).unwrap()
 }
@@ -45,7 +45,7 @@ pub fn kronecker(a: &Matrix, b: &Matrix) -> Matrix {
     matrix(a.len() * n2, |i, j| a[i / n2][j / n2] * b[i % n2][j % n2])
 }
 
-/// One state more, left for states of the map as `back` says.
+/// One more state, from which `back` leads to states of the map.
 pub fn off_map(m: &Matrix, leave: f64, return_rate: f64, back: &[f64]) -> Matrix {
     let n = m.len();
     matrix(n + 1, |i, j| match (i == n, j == n) {

@@ -13,7 +13,7 @@ use super::{Matrix, Own, OwnMeasured, dense, matrix, sparse};
 /// An operator with a likelihood of moves.
 pub type Measured<F, G> = EvidenceTransition<SparseTransition, (), F, G>;
 
-/// ln p(u | to, from) of a step whose u is known.
+/// ln p(u | to, from) of a step with a measured u.
 pub trait Moves: Fn(&(), usize, usize) -> f64 + Clone + Send + Sync {}
 impl<F: Fn(&(), usize, usize) -> f64 + Clone + Send + Sync> Moves for F {}
 
@@ -21,14 +21,14 @@ impl<F: Fn(&(), usize, usize) -> f64 + Clone + Send + Sync> Moves for F {}
 pub trait Factor: Fn(&()) -> f64 + Clone + Send + Sync {}
 impl<G: Fn(&()) -> f64 + Clone + Send + Sync> Factor for G {}
 
-/// Log-likelihoods as they are given, or nothing.
+/// Log-likelihoods as given, or a missing observation.
 pub type Sensor = OptionalLikelihood<LikelihoodVector<Vec<f64>>>;
 
 pub fn sensor(states: usize) -> Sensor {
     OptionalLikelihood::new(LikelihoodVector::log(states).owned())
 }
 
-/// These probabilities, in either convention.
+/// A prior with these probabilities, in either convention.
 pub fn prior(probabilities: &[f64], at_first: bool) -> Prior {
     let belief = Belief::new(probabilities.to_vec()).unwrap();
     if at_first { Prior::AtFirstObservation(belief) } else { Prior::BeforeFirstTransition(belief) }
@@ -39,7 +39,7 @@ pub fn prior(probabilities: &[f64], at_first: bool) -> Prior {
 pub struct Evidence {
     /// `logs[to][from]` is ln p(u | to, from).
     pub logs: Matrix,
-    /// What an operator takes out of them.
+    /// The log factor that an operator takes out of them.
     pub log_factor: f64,
 }
 
@@ -51,9 +51,9 @@ pub struct Model {
     pub prior: Vec<f64>,
     /// `matrices[k - 1][to][from]` drives k − 1 → k.
     pub matrices: Vec<Matrix>,
-    /// What was measured on the way to each step; nothing if there is none.
+    /// The evidence on the move to each step; empty without evidence.
     pub evidence: Vec<Evidence>,
-    /// ln `b_i` of each step, `None` where nothing is observed.
+    /// ln `b_i` of each step; `None` for a missing observation.
     pub logs: Vec<Option<Vec<f64>>>,
 }
 
@@ -78,7 +78,7 @@ impl Model {
         prior(&self.prior, self.at_first)
     }
 
-    /// The model with this operator, that of [`sparse`](Self::sparse) say.
+    /// The model with this operator, such as that of [`sparse`](Self::sparse).
     pub fn hmm<A: Transition<Control = usize>>(&self, transition: A) -> Hmm<A, Sensor> {
         Hmm::new(self.prior(), transition, sensor(self.states)).unwrap()
     }
@@ -115,7 +115,7 @@ impl Model {
         SwitchedTransition::new(steps.map(operator).collect()).unwrap()
     }
 
-    /// The same with entries as numbers, and with the required methods alone.
+    /// The model with entries as numbers, and an operator with only the required methods.
     pub fn own_measured(&self) -> SwitchedTransition<OwnMeasured> {
         let spare = (matrix(self.states, |i, j| f64::from(i == j)), self.nothing_measured());
         let steps = self.matrices.iter().zip(&self.evidence);
@@ -135,7 +135,7 @@ impl Model {
         &self,
         operator: impl Fn(&Matrix) -> A,
     ) -> SwitchedTransition<A> {
-        // At T = 0 there is none, but a model needs one.
+        // At T = 0 there is no matrix, but a model needs one.
         let spare = [matrix(self.states, |i, j| f64::from(i == j))];
         let matrices = if self.matrices.is_empty() { &spare[..] } else { &self.matrices };
         SwitchedTransition::new(matrices.iter().map(operator).collect()).unwrap()

@@ -1,4 +1,4 @@
-//! Operators with the required methods alone.
+//! Operators with only the required methods.
 
 use wayfix::{Transition, TransitionEntries};
 
@@ -37,7 +37,7 @@ impl TransitionEntries for Own {
     }
 }
 
-/// The same with evidence on moves, of which a log factor was taken out.
+/// The operator with evidence on moves, with a log factor taken out.
 #[derive(Debug, Clone)]
 pub struct OwnMeasured {
     pub entries: Own,

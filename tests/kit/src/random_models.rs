@@ -5,7 +5,7 @@ use proptest::prelude::*;
 
 use super::{Evidence, Model, NEVER, transposed, weighted};
 
-/// How numbers of a random model are drawn.
+/// Range of the numbers of a random model.
 #[derive(Debug, Clone, Copy)]
 pub enum Kind {
     /// Zeros among ordinary weights.
@@ -35,8 +35,8 @@ fn log_likelihood(kind: Kind) -> BoxedStrategy<f64> {
     }
 }
 
-/// Random models of up to 5 states and 6 steps, with both conventions, zeros,
-/// a matrix a step, and missing observations.
+/// Random models of up to 5 states and 6 steps, in both conventions, with zeros, a matrix for each
+/// step, and missing observations.
 pub fn models(kind: Kind) -> impl Strategy<Value = Model> {
     (1..=5_usize, 0..=6_usize, any::<bool>()).prop_flat_map(move |(n, steps, at_first)| {
         let weights = move || weighted(weight(kind), n);
@@ -62,7 +62,7 @@ pub fn models(kind: Kind) -> impl Strategy<Value = Model> {
     })
 }
 
-/// The same with evidence on moves, with zeros, log factors and shifts; `wide` ones have
+/// Random models with evidence on moves, with zeros, log factors and shifts; `wide` ones have
 /// likelihoods from 1e-200 to 1e200 at one step, and log factors far from the largest.
 pub fn measured_models(kind: Kind, wide: bool) -> impl Strategy<Value = Model> {
     models(kind).prop_flat_map(move |model| {
@@ -91,7 +91,7 @@ pub fn measured_models(kind: Kind, wide: bool) -> impl Strategy<Value = Model> {
 pub fn dyadic_models() -> impl Strategy<Value = Model> {
     const COLUMNS: [&[f64]; 4] = [&[1.0], &[0.5, 0.5], &[0.5, 0.25, 0.25], &[0.25; 4]];
     (1..=5_usize, 0..=5_usize, any::<bool>()).prop_flat_map(|(n, steps, at_first)| {
-        // Where the shares of a distribution go: from a start, every so many.
+        // The shares of a distribution go to consecutive states, from a start and around.
         let column = move || {
             (0..4_usize, 0..n).prop_map(move |(which, start)| {
                 let shares = COLUMNS[which.min(n - 1)];

@@ -21,8 +21,8 @@ pub(crate) fn run(races: &mut Races, folders: &Folders) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The number of places, and the entries of a random walk: stop with 0.1, else
-/// any road alike.
+/// The number of places, and the entries of a random walk: it stops with 0.1, and takes all roads
+/// alike.
 fn walk(graph: &Path) -> Result<(usize, Vec<Entry>), Failure> {
     let places = csv::Reader::from_path(graph.join("nodes.csv"))?.into_records().count();
     let mut ways = vec![Vec::new(); places];

@@ -1,4 +1,4 @@
-//! One case a file, and those of families of observations in a folder.
+//! One file for each case, and a folder for the families of observations.
 
 pub(crate) mod families;
 pub(crate) mod graph;
@@ -15,7 +15,7 @@ use wayfix::{Hmm, LikelihoodVector, TransitionEntries};
 
 use crate::race::{Contender, Races};
 
-/// Why a routine that has given its answer cannot fail when it is timed.
+/// Message for a timed routine that fails, though it has given its answer before.
 const ANSWERED: &str = "it has answered before";
 
 /// A filter that goes through the observations, one at a time.
@@ -32,7 +32,7 @@ fn filter<'a, A: TransitionEntries<Control = ()>>(
     })
 }
 
-/// The routines of wayfix that only peers in Python are compared with.
+/// Routines of wayfix that are compared only with peers in Python.
 fn alone<A: TransitionEntries<Control = ()>>(
     races: &mut Races,
     case: &'static str,
@@ -43,7 +43,7 @@ fn alone<A: TransitionEntries<Control = ()>>(
     whole(races, case, hmm, ys);
 }
 
-/// Those for a whole sequence.
+/// Routines for a whole sequence.
 fn whole<A: TransitionEntries<Control = ()>>(
     races: &mut Races,
     case: &'static str,
@@ -54,7 +54,7 @@ fn whole<A: TransitionEntries<Control = ()>>(
     run("forward", Contender::wayfix(|| drop(black_box(hmm.forward(black_box(ys))))));
     run("score", Contender::wayfix(|| drop(black_box(hmm.log_likelihood(black_box(ys))))));
     run("smooth", Contender::wayfix(|| drop(black_box(hmm.smooth(black_box(ys))))));
-    // As to the peers, logarithms are given to the decoder.
+    // Decoders are given logarithms, as those of the peers are.
     let n = hmm.states();
     let logs: Vec<Vec<f64>> = ys.iter().map(|y| y.iter().map(|b| b.ln()).collect()).collect();
     let logs: Vec<&[f64]> = logs.iter().map(Vec::as_slice).collect();

@@ -38,14 +38,14 @@ pub(crate) fn with_inputs(races: &mut Races, folders: &Folders) -> Result<(), Fa
     let entries = full(STATES, &mut rng);
     let mut moves =
         LogitTransition::new(&SparseTransition::from_triplets(STATES, entries.clone())?, INPUTS)?;
-    // Log-odds against the stay, which is the reference.
+    // Log-odds relative to the stay.
     let (mut intercepts, mut slopes) = (Vec::new(), Vec::new());
     for (from, to) in (0..STATES).flat_map(|from| (0..STATES).map(move |to| (from, to))) {
         if from != to {
             moves = moves.with_slopes(from, to, &normals(INPUTS, &mut rng))?;
         }
         intercepts.push(moves.intercept(from, to).unwrap_or(0.0));
-        let none: &[f64] = &[0.0; INPUTS]; // of a reference
+        let none: &[f64] = &[0.0; INPUTS]; // slopes of the reference
         slopes.extend(moves.slopes(from, to).filter(|s| !s.is_empty()).unwrap_or(none));
     }
     let inputs: Vec<Vec<f64>> = (0..STEPS).map(|_| normals(INPUTS, &mut rng)).collect();
@@ -65,8 +65,8 @@ pub(crate) fn with_inputs(races: &mut Races, folders: &Folders) -> Result<(), Fa
     )
 }
 
-/// Uniform two moves before the first observation, the second by the operator of the model: what
-/// statsmodels makes of probabilities that are given it.
+/// Distribution that is uniform two moves before the first observation, with the second move by the
+/// model's operator: statsmodels' reading of the probabilities that it is given.
 fn prior(first: &SparseTransition) -> Result<Prior, Failure> {
     let mut moved = [0.0; STATES];
     first.apply(&(), &[1.0 / STATES as f64; STATES], &mut moved);

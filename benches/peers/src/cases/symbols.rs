@@ -19,7 +19,7 @@ use crate::{Failure, Folders};
 pub(crate) const CASE: &str = "dense 105";
 const N: usize = canberra::PLACES;
 const STEPS: usize = 1000;
-/// The crate bio adds up in logarithms with a polynomial for the exponential.
+/// Tolerance for the crate bio, which adds logarithms with a polynomial for the exponential.
 const OF_BIO: f64 = 1e-5;
 
 type Model = Hmm<DenseTransition, TableLikelihood>;
@@ -67,7 +67,7 @@ fn forward(races: &mut Races, hmm: &Model, bio: &BioModel, ys: &[usize]) -> Resu
 }
 
 fn filter(races: &mut Races, hmm: &Model, hmmm: &Hmmm, ys: &[usize]) -> Result<(), Failure> {
-    // What an item holds is private, but printed.
+    // The fields of an item are private, but printed.
     let mut found = Vec::with_capacity(STEPS * N);
     for item in hmmm.filter(ys.iter().copied()) {
         let text = format!("{item:?}");
@@ -99,7 +99,7 @@ fn smooth(
     hmmm: &Hmmm,
     ys: &[usize],
 ) -> Result<(), Failure> {
-    // Forward and backward are its own, their product is not.
+    // Forward and backward are bio's own; their product is taken here.
     let smooth_by_bio = |ys: &[usize]| -> Vec<f64> {
         let (forward, log) = bio_hmm::forward(bio, ys);
         let (backward, _) = bio_hmm::backward(bio, ys);

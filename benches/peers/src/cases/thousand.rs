@@ -1,5 +1,5 @@
-//! A thousand states with a full matrix, with likelihoods given; beside a step
-//! of the filter faer's product of matrix and vector, most of what a step is.
+//! A thousand states with a full matrix and given likelihoods. A step of the filter is compared
+//! with faer's product of matrix and vector, which is most of a step.
 
 use std::hint::black_box;
 

@@ -6,7 +6,7 @@ use super::sliced::{
 use super::values::{EntryValues, HalfLine, Value, Width};
 use crate::simd::LANES;
 
-/// Entries of the lines of a window outside shifted slots, in the order of addition.
+/// Entries of a window's lines that are not in shifted slots, in the order of addition.
 struct Others<V> {
     entries: Vec<(u32, V)>,
     /// Starts of lines, and the end.
@@ -78,7 +78,7 @@ impl Sliced {
         sliced
     }
 
-    /// Adds the shifted slots of a slice, with its entries lane by lane, and passes on the others.
+    /// Adds the shifted slots of a slice, given its entries lane by lane, and passes on the others.
     ///
     /// Groups have no shifted slots. They gather the entries on the same diagonals, before the
     /// others, so that sums are added up in the same order in either arrangement.

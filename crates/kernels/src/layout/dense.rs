@@ -1,8 +1,8 @@
 //! Products with a dense matrix that is stored by columns.
 //!
 //! These are A x and A' x of formulas 2 and 3 of the guide. Each sum runs over the columns (or down
-//! them) in their order, however many are taken at a time: results do not depend on the sizes of
-//! blocks. Padding is never stored to a result, nor multiplied by anything but 0.
+//! a column) in order, however many are taken at a time: results do not depend on the sizes of
+//! blocks. Padding is never stored to a result, and is multiplied only by 0.
 
 use crate::memory::Aligned;
 use crate::simd::{Eight, LANES, Simd, kernels, total};
@@ -60,7 +60,7 @@ impl Dense {
         multiply_transpose(self, x, out);
     }
 
-    /// Some columns from the first on, in blocks.
+    /// Takes the first columns, in blocks.
     #[inline(always)]
     fn columns<const C: usize>(&self, first: usize) -> [&[Eight]; C] {
         let eights = self.states.div_ceil(LANES);
@@ -109,7 +109,7 @@ fn add<S: Simd, const C: usize>(s: S, columns: [&[Eight]; C], x: &[f64; C], out:
         }
         s.store(sum, block);
     }
-    // The block after the whole ones ends in padding, of which `store_partial` keeps nothing.
+    // The block after the whole ones ends in padding, which `store_partial` leaves out.
     if !rest.is_empty() {
         let mut sum = s.load_partial(rest);
         for c in 0..C {

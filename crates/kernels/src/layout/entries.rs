@@ -1,9 +1,9 @@
 //! Products over the entries of slices, over any semiring: A x and A' x of the filter and the
 //! smoother (formulas 2 and 3 of the guide), and max over j of log2 A\[i, j\] + x(j) (formula 7).
 //!
-//! Indices are not checked again: checks were a fifth of the time of a product with a small matrix.
-//! Instead, `build` asserts once that they are below the number of lines, and `product_with` that
-//! x has as many values.
+//! Indices are not checked here: checks took a fifth of the time of a product with a small matrix.
+//! Instead, `build` asserts once that they are below the number of lines, and `product_with`
+//! asserts that x has as many values.
 #![allow(unsafe_code, reason = "indices that were checked when the slices were made")]
 
 use std::ops::Range;
@@ -96,7 +96,7 @@ impl Sliced {
     }
 }
 
-/// A matrix with values, and a vector, of which `product_with` has asserted that they fit.
+/// Matrix with values, and a vector, whose sizes `product_with` has found to fit.
 #[derive(Clone, Copy)]
 struct Factors<'a, V: Value> {
     matrix: &'a Sliced,
@@ -203,9 +203,9 @@ impl<V: Value> Factors<'_, V> {
             // remainder saves the check of an index that is below eight anyway.
             let mut row = R::row(&rows, *lane as usize % LANES);
             while start < *end as usize {
-                // SAFETY: `Sliced::push_others` ends lines within the entries, of which there are
-                // as many indices as values (the assertion in `product_with`), and `arranged`
-                // asserts that all indices are below the number of values of x.
+                // SAFETY: `Sliced::push_others` ends lines within the entries, which have as many
+                // indices as values (the assertion in `product_with`), and `arranged` asserts that
+                // all indices are below the number of values of x.
                 let (value, x, j) = unsafe {
                     let j = *matrix.overflow_indices.get_unchecked(start);
                     let value = *values.overflow.get_unchecked(start);

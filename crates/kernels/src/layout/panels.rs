@@ -58,7 +58,7 @@ fn maximize_rows<S: Simd>(
     rows.maximize::<S, 1>(s);
 }
 
-/// Rows that are left, from the panel with the number `first` on.
+/// Rows that are left, beginning with panel `first`.
 struct PanelRows<'a> {
     panels: &'a [Eight],
     x: &'a [f64],
@@ -68,7 +68,7 @@ struct PanelRows<'a> {
 }
 
 impl PanelRows<'_> {
-    /// Takes P panels side by side, as long as there are so many: one would wait for each maximum.
+    /// Takes P panels side by side, while P are left: a single one would wait for each maximum.
     #[inline(always)]
     fn maximize<S: Simd, const P: usize>(&mut self, s: S) {
         let n = self.x.len();

@@ -5,14 +5,15 @@
 //! Lines keep their order, so that results are written, and vectors beside them read, without
 //! permutation. The entries of a slice fill slots of eight, one for each line. A *gathered* slot
 //! has an index for each line. A *shifted* slot has one index, that of its first line; the others
-//! follow it: on a map whose places are numbered along the roads many entries (all those of
-//! staying) lie on such diagonals, and a load costs a fifth of a gather. *Overflow* entries, of
-//! lines with many more than the rest of their slice, are stored line by line.
+//! follow it: on a map whose places are numbered along the roads, many entries (all those of
+//! staying) lie on such diagonals, and a load costs a fifth of a gather. A line with many more
+//! entries than the rest of its slice has *overflow* entries, which are stored line by line.
 //!
-//! Lines of unlike lengths leave slots empty. *Groups*, the other [arrangement](Arrangement),
-//! leave almost none: gathered slots of eight lines of one length, out of a window of consecutive
-//! ones (SELL-C-σ, Kreutzer et al. 2014). Sums of a window are brought into the order of its lines
-//! before they are passed on. Groups read fewer bytes, but every entry of a diagonal is gathered.
+//! Lines of different lengths leave places in slots empty. *Groups*, the other
+//! [arrangement](Arrangement), leave almost none: they are gathered slots of eight lines of one
+//! length, out of a window of consecutive lines (SELL-C-σ, Kreutzer et al. 2014). The sums of a
+//! window are put in the order of its lines before they are passed on. Groups read fewer bytes, but
+//! gather every entry of a diagonal.
 //!
 //! Invariants, which `build` establishes and products rely on without a check: ends of slices
 //! ascend and lie within the slots; all indices are below `lines`, which is below 2^31; eight
@@ -26,15 +27,15 @@ use crate::simd::LANES;
 /// Relative costs of a shifted and of a gathered slot.
 pub(super) const SHIFTED_COST: usize = 2;
 pub(super) const GATHERED_COST: usize = 5;
-/// Costs of having overflow entries in a slice at all, and of each.
+/// Cost of overflow entries in a slice, and of each entry.
 const ANY_OVERFLOW_COST: usize = 30;
 const OVERFLOW_COST: usize = 2;
 /// Cost of putting the sums of a group in order.
 const ORDERING_COST: usize = 5;
 
-/// Fewest bytes of slots for groups.
+/// Smallest size of the slots of a matrix for which groups are considered, in bytes.
 const FEWEST_BYTES_GROUPED: usize = 1 << 20;
-/// Lines of a window: as many as a byte tells apart.
+/// Lines of a window: as many as one byte can number.
 pub(super) const WINDOW: usize = 1 << u8::BITS;
 
 /// Lines of a matrix of n lines and n columns, in slices of eight.
@@ -77,14 +78,14 @@ pub enum Arrangement {
 }
 
 impl Sliced {
-    /// Builds slices from lines whose indices ascend and are below `lines`, or groups where their
+    /// Builds slices from lines whose indices ascend and are below `lines`, or groups if their
     /// products cost less. O(n + entries), plus the sorting of the entries of each slice.
     ///
-    /// The choice depends on the matrix alone. Costs are those of Viterbi, which gains least from
+    /// The choice depends only on the matrix. Costs are those of Viterbi, which gains least from
     /// groups: of twelve matrices of 30,000 lines on Zen 4, those for which groups cost less took
     /// 0.74 to 0.95 of the time of slices for a product with AVX-512, and 0.75 to 0.97 for Viterbi;
     /// the others 0.96 to 1.15 and 1.03 to 1.17. On a road graph both are slower in groups, as on
-    /// Sapphire Rapids. Portable code was for both slower line by line, without slots (Zen 4: 73
+    /// Sapphire Rapids. Portable code was slower line by line, without slots, for both (Zen 4: 73
     /// instead of 40 µs for a product with that graph, Sapphire Rapids: 242 instead of 75).
     pub fn new<'a, V: Value + 'a>(
         lines: usize,
@@ -123,8 +124,8 @@ impl Sliced {
             + self.indices.len() * GATHERED_COST
     }
 
-    /// Returns the logarithms of all values, to base 2 as decoders add them; −∞ where there is no
-    /// entry.
+    /// Returns the logarithms of all values, to base 2 as decoders add them; −∞ in places without
+    /// an entry.
     pub fn log2(&self) -> EntryValues {
         match &self.values {
             Width::Double(values) => values.log2(),
@@ -139,14 +140,14 @@ impl Sliced {
 }
 
 /// Cost of a product in groups, by the lengths of lines. Building groups to count their slots
-/// would double the time of a matrix that learning makes anew in each iteration.
+/// would double the time for a matrix, which learning makes anew in each iteration.
 fn cost_in_groups(lines: usize, length: impl Fn(usize) -> usize) -> usize {
     let (mut lengths, mut cost) = (Vec::with_capacity(WINDOW), 0);
     for start in (0..lines).step_by(WINDOW) {
         lengths.clear();
         lengths.extend((start..lines.min(start + WINDOW)).map(&length));
         lengths.sort_unstable();
-        // Groups are built from the longest line on, so count them that way: only the last, with
+        // Groups are built from the longest line down, so count them that way: only the last, with
         // the shortest lines, may have fewer than eight.
         for group in lengths.rchunks(LANES) {
             cost += gathered_depth(&group.iter().copied()).1 + ORDERING_COST;
@@ -155,8 +156,8 @@ fn cost_in_groups(lines: usize, length: impl Fn(usize) -> usize) -> usize {
     cost
 }
 
-/// Returns the number of gathered slots for eight lines with so many entries that costs least, and
-/// this cost. Overflow entries are those below the slots.
+/// Returns the cheapest number of gathered slots for eight lines with these numbers of entries, and
+/// its cost. Entries beyond the slots are overflow entries.
 pub(super) fn gathered_depth(lengths: &(impl Iterator<Item = usize> + Clone)) -> (usize, usize) {
     let cost = |depth: usize| {
         let deeper: usize = lengths.clone().map(|length| length.saturating_sub(depth)).sum();
@@ -172,7 +173,7 @@ pub(super) fn gathered_depth(lengths: &(impl Iterator<Item = usize> + Clone)) ->
 mod tests {
     use super::*;
 
-    /// Lines of no entries, of a few, and now and then of very many.
+    /// Lines with no entries, with a few, and occasionally with very many.
     #[test]
     fn groups_cost_what_their_lengths_say() {
         for lines in [1, 7, 8, 250, 263, 600] {
@@ -194,7 +195,7 @@ mod tests {
         }
     }
 
-    /// A matrix of few diagonals, with lines of unlike lengths.
+    /// A matrix of few diagonals, with lines of different lengths.
     #[test]
     fn the_matrix_decides() {
         let lines = 20_000;

@@ -47,7 +47,7 @@ impl<T> DerefMut for HalfLine<T> {
     }
 }
 
-/// A number as it is stored; products take it as a double, which is exact.
+/// Number in its stored form; products convert it to a double, which is exact.
 pub trait Value: Copy + Default + Into<f64> {
     /// Eight of them.
     type Slot: Copy + Default + std::fmt::Debug + DerefMut<Target = [Self; LANES]>;
@@ -103,7 +103,7 @@ impl<V: Value> EntryValues<V> {
         Self { shifted: Vec::new(), gathered: Vec::new(), overflow: Vec::new() }
     }
 
-    /// Logarithms of all values; −∞ where there is no entry.
+    /// Logarithms of all values; −∞ in places without an entry.
     pub(super) fn log2(&self) -> EntryValues {
         // Empty places of slots are 0, and their logarithms −∞: no maximum takes them.
         let eight = |slot: &V::Slot| Packed(slot.map(|p| log2(p.into())));

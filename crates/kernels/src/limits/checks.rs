@@ -1,36 +1,36 @@
-//! Tests of numbers against the limits. All are false for a NaN.
+//! Tests of numbers against the limits. All are false for NaN.
 
 use super::{
     EVIDENCE_SUMS, LARGEST_LOG, LARGEST_RATIO, LEAST_ENTRY, LEAST_NORMALIZER, LEAST_PREDICTED,
     LIFT, TINY, UNSCALED,
 };
 
-/// Returns true for a sum of one, up to rounding and the deviation allowed in columns.
+/// True for a sum of one, up to rounding and the deviation that columns are allowed.
 #[inline]
 pub fn is_one(sum: f64) -> bool {
     // A thousand times what columns may deviate by (1e-9), and far above the rounding of any sum.
     (sum - 1.0).abs() <= 1e-6
 }
 
-/// Most by which the logarithm of a sum of one may differ from 0, where the logarithms of its
-/// terms are sums of numbers up to `size`.
+/// Tolerance for the logarithm of a sum of one, if the logarithms of its terms are sums of numbers
+/// up to `size`.
 pub fn log_rounding(size: f64) -> f64 {
     1e-6 + 16.0 * f64::EPSILON * size
 }
 
-/// Returns true if likelihoods with this largest value need no division.
+/// True if likelihoods with this largest value need no division.
 #[inline]
 pub fn is_unscaled(largest: f64) -> bool {
     UNSCALED.contains(&largest)
 }
 
-/// Returns true if linear space holds a prediction with evidence on the move that has this sum.
+/// True if linear space holds a prediction with evidence on the move that has this sum.
 #[inline]
 pub fn is_evidence_sum(sum: f64) -> bool {
     EVIDENCE_SUMS.contains(&sum)
 }
 
-/// Returns true if linear space holds an update of a prediction that should sum to `lift`:
+/// True if linear space holds an update of a prediction that should sum to `lift`:
 /// `products` is the sum of its products with the likelihoods, `largest` the largest of these.
 #[inline]
 pub fn linear_holds(products: f64, predicted: f64, largest: f64, lift: f64) -> bool {
@@ -42,55 +42,54 @@ pub fn linear_holds(products: f64, predicted: f64, largest: f64, lift: f64) -> b
         && normalizer.is_finite()
 }
 
-/// Returns true for a probability above 0 that products take lifted.
+/// True for a probability above 0 that is so small that products take it lifted.
 #[inline]
 pub fn is_tiny(p: f64) -> bool {
     0.0 < p && p < TINY
 }
 
-/// Returns true for an entry whose products with probabilities that are not [tiny](is_tiny) have
-/// all their digits.
+/// True for an entry whose products with probabilities that are not [tiny](is_tiny) have all their
+/// digits.
 #[inline]
 pub fn is_plain(entry: f64) -> bool {
     entry >= LEAST_ENTRY
 }
 
-/// Returns true for a predicted state that is allowed by its likelihood, and has become 0 or has a
-/// likelihood too small to have all its digits after scaling.
+/// True for a predicted state that its likelihood allows, and that has become 0 or has a likelihood
+/// too small to keep all its digits after scaling.
 #[inline]
 pub fn is_lost(predicted: f64, after: f64, scaled: f64) -> bool {
     // A state that was impossible before is not lost: 0 stays 0.
     predicted > 0.0 && (after == 0.0 || scaled < f64::MIN_POSITIVE)
 }
 
-/// Returns true for a value above 0 that becomes 0 when values of this sum are normalised.
+/// True for a value above 0 that becomes 0 when values of this sum are normalised.
 #[inline]
 pub fn rounds_to_zero(value: f64, sum: f64) -> bool {
     value > 0.0 && value < f64::MIN_POSITIVE * sum
 }
 
-/// Returns true if a probability above 0 is 0 as a double.
+/// True if a probability above 0 is 0 as a double.
 #[inline]
 pub fn needs_log(p: f64, log: f64) -> bool {
     p == 0.0 && log > f64::NEG_INFINITY
 }
 
-/// Returns true if a ratio γ / p from a lifted prediction is in the range of doubles, and so are
-/// its products.
+/// True if a ratio γ / p from a lifted prediction, and its products, are in the range of doubles.
 #[inline]
 pub fn is_trusted(ratio: f64, predicted: f64) -> bool {
     // Only evidence makes a prediction too large.
     predicted <= f64::MAX && (predicted >= LEAST_PREDICTED || ratio <= LARGEST_RATIO)
 }
 
-/// Returns true if lifted weights of this sum have digits enough for a draw.
+/// True if lifted weights of this sum have enough digits for a draw.
 #[inline]
 pub fn can_draw(total: f64) -> bool {
     // A weight may lose 2^-1075, which is no more than 2^-75 of the least of these sums.
     (1.0 / LIFT..=f64::MAX).contains(&total)
 }
 
-/// Returns true for a finite logarithm that sums may take.
+/// True for a finite logarithm that sums can take.
 #[inline]
 pub fn is_log(value: f64) -> bool {
     value.abs() <= LARGEST_LOG

@@ -1,8 +1,8 @@
-//! The range of doubles: when a belief is taken as it is, lifted, or in logarithms.
+//! The range of doubles: when a step takes a belief as it is, lifted, or in logarithms.
 //!
-//! Positive doubles have all their digits from 2^-1022 on ("normal"), round to 0 below 2^-1075, and
-//! are infinite from 2^1024 on. The limits of all recursions are here, with the tests of
-//! numbers against them; `inference::step::state` keeps a belief in its form.
+//! Positive doubles have all their digits if they are at least 2^-1022 ("normal"); below 2^-1075
+//! they round to 0, and at 2^1024 they overflow to infinity. The limits of all recursions are here,
+//! with the tests of numbers against them; `inference::step::state` keeps a belief in its form.
 //!
 //! # Forms
 //!
@@ -16,21 +16,22 @@
 //! | lifted | α and 2^1000 α | the same |
 //! | in logarithms | ln α, and α with 0 below 2^-1022 | a possible state has a finite logarithm |
 //!
-//! A step in any form keeps the invariant with a relative error of some roundings, or notices that
-//! it does not, and is taken again in the next form. A step needs logarithms if α has them; else
-//! it is plain or lifted. Its results stay in logarithms as long as a possible state is 0 as a
-//! double ([`needs_log`]).
+//! A step in any form keeps the invariant with a relative error of a few roundings, or notices that
+//! it does not, and is taken again in the next form. A step needs logarithms if α has them;
+//! otherwise it is plain or lifted. Its results stay in logarithms as long as a possible state is 0
+//! as a double ([`needs_log`]).
 //!
 //! # Common to both linear forms
 //!
 //! 1. c is from 2^-300 to 2^16 ([`UNSCALED`]); otherwise, and for logarithms, b is divided by c,
 //!    which leaves c = 1.
-//! 2. N ≥ 2^-32 s c, or the step is taken in logarithms ([`linear_holds`]). So N is from 2^-332 to 2^16,
-//!    and from 2^-432 to 2^23 with evidence (each up to the 1e-6 by which s may be off).
+//! 2. N ≥ 2^-32 s c, or the step is taken in logarithms ([`linear_holds`]). So N is from 2^-332 to
+//!    2^16, and from 2^-432 to 2^23 with evidence (each up to the 1e-6 by which s may be off).
 //!
 //! # A plain step
 //!
-//! Taken if all α and A are 0, or at least 2^-900 ([`TINY`]) and 2^-100 ([`LEAST_ENTRY`]).
+//! Taken if each α is 0 or at least 2^-900 ([`TINY`]), and each entry of A is 0 or at least 2^-100
+//! ([`LEAST_ENTRY`]).
 //!
 //! - Each term A α is at least 2^-1000: p has all its digits, and is 0 only where it should be.
 //! - An x below 2^-1000 where neither p nor b is 0 is noticed, and the step is taken lifted. (For
@@ -43,33 +44,33 @@
 //!
 //! # A lifted step
 //!
-//! - 2^1000 α is exact. From a step, α is at least 2^-1023, and 2^1000 α at least 2^-23; a
+//! - 2^1000 α is exact. After a step, α is at least 2^-1023, and 2^1000 α at least 2^-23; a
 //!   belief that was given may have 2^-1074, lifted 2^-74.
 //! - Nothing overflows: Σ 2^1000 x ≤ 2^1000 · 2^7 · 2^16 = 2^1023. Its inverse is 2^-1023 at
 //!   least, where it lacks one bit: a further rounding.
 //! - Σ 2^1000 x ≥ 2^(1000 - 432) = 2^568. A lifted x below 2^-1022 of that sum becomes 0; what is
-//!   kept is at least 2^-454, and its lifted p at least 2^-470: normal. Terms of it that were
-//!   not, lost 2^-1075 each, 2^-605 of p.
+//!   kept is at least 2^-454, and its lifted p at least 2^-470: normal. Terms of the sum p that
+//!   were not normal have lost 2^-1075 each, which is 2^-605 of p.
 //! - A lifted x below 1 where neither p nor b is 0 is noticed (for divided b, where p is not
 //!   0). Then all states are searched for one that has been [lost](is_lost), and if there is one,
 //!   the step is taken in logarithms. That includes a lifted p below 2^-1022, which may
 //!   lack digits: its x is below 2^-1006, and became 0. It includes a divided b below 2^-1022:
 //!   its lifted x is below 2^(1000 + 7 - 1022) < 1.
-//! - Not noticed is a p that has become 0 itself: each term A α was below 2^-2075. That takes an
+//! - A p that has itself become 0 is not noticed: each term A α was below 2^-2075. That takes an
 //!   entry below 2^-1052 (2^-1001 out of a belief that was given), or several factors within an
 //!   operator. The guide names this exception.
 //! - With evidence, entries below 2^-1022 that the operator has lost are 2^-922 of s at
 //!   most, unless it asks for logarithms itself.
 //!
-//! **Rounded tails.** In a model with these nothing is watched in a lifted step. A state below
+//! **Rounded tails.** In a model with these, nothing is watched in a lifted step. A state below
 //! 2^-1022 becomes 0, and one below 2^-990 may lack digits: a divided b below 2^-1022, over
 //! N ≥ 2^-32 s.
 //!
-//! **In lanes** (`inference::engines::lanes`) all steps are lifted. Entries are at least 2^-100, α is normal, and b is at
-//! least 2^-900, or the sequence is taken by itself. So a lifted x that is possible is at least
-//! 2^(1000 - 1022 - 100 - 900) = 2^-1022: it does not become 0 before it is compared with
-//! 2^-1022 of the sum, where a loss is noticed. (c is near 1, or 2^24 at most if b is
-//! beyond 2^1000: then a sum may overflow, and is noticed as infinite.)
+//! **In lanes** (`inference::engines::lanes`) all steps are lifted. Entries are at least 2^-100, α
+//! is normal, and b is at least 2^-900, or the sequence is taken by itself. So a lifted x that is
+//! possible is at least 2^(1000 - 1022 - 100 - 900) = 2^-1022: it does not become 0 before it is
+//! compared with 2^-1022 of the sum, where a loss is noticed. (c is near 1, or 2^24 at most if b
+//! is beyond 2^1000: then a sum may overflow, and is noticed as infinite.)
 //!
 //! # The way back
 //!
@@ -134,8 +135,8 @@ pub const LIFT: f64 = power(1000);
 /// Factor of γ / p and γ / α on the way back.
 pub const BACK_LIFT: f64 = power(700);
 
-/// Probability from which on products with entries of at least [`LEAST_ENTRY`] have all their
-/// digits without a lift.
+/// Least probability whose products with entries of at least [`LEAST_ENTRY`] have all their digits
+/// without a lift.
 pub const TINY: f64 = power(-900);
 
 /// Least entry of a matrix for plain steps.
@@ -144,27 +145,27 @@ pub const LEAST_ENTRY: f64 = power(-100);
 /// Number of steps with a lift after a result that was too small without one.
 pub const LIFTED_STEPS: u32 = 64;
 
-/// Largest likelihoods of steps that need no division.
+/// Range of the largest likelihood c for which a step needs no division.
 pub const UNSCALED: RangeInclusive<f64> = power(-300)..=power(16);
 
 /// Least ratio of the normaliser to the largest likelihood in linear space, for predictions that
 /// sum to one.
 pub const LEAST_NORMALIZER: f64 = power(-32);
 
-/// Sums of predictions with evidence on the move in linear space.
+/// Range of the sum of a prediction with evidence on the move that linear space holds.
 pub const EVIDENCE_SUMS: RangeInclusive<f64> = power(-100)..=power(7);
 
-/// Lifted prediction from which on any ratio γ / p is in the range of doubles.
+/// Least lifted prediction for which every ratio γ / p is in the range of doubles.
 pub const LEAST_PREDICTED: f64 = power(40);
 
 /// Largest ratio γ / p of a lifted prediction below [`LEAST_PREDICTED`].
 pub const LARGEST_RATIO: f64 = power(64);
 
-/// Largest size of a logarithm from outside. Sums and differences of such logarithms stay finite
-/// over 10^8 steps.
+/// Largest magnitude of a logarithm from outside. Sums and differences of such logarithms stay
+/// finite over 10^8 steps.
 pub const LARGEST_LOG: f64 = 1e300;
 
-/// Sums of vectors of few states that need no scale.
+/// Range of the sum of a vector of few states that is not scaled.
 pub const MIDDLE_RANGE: [f64; 2] = [power(-40), power(40)];
 
 /// Least value above 0 of such a vector.
@@ -173,13 +174,13 @@ pub const LEAST_IN_CHAIN: f64 = power(-300);
 /// Least entry and likelihood of a step of such a vector.
 pub const LEAST_FACTOR: f64 = power(-200);
 
-/// Number of steps after which the range of segments is looked at.
+/// Number of steps between two checks of the range of segments.
 pub const STEPS_BETWEEN_CHECKS: usize = 4;
 
 /// Least product of an entry and a likelihood in segments.
 pub const LEAST_SEGMENT_PRODUCT: f64 = power(-50);
 
-/// Least score above −∞ of a vector in segments, the best of which is about 0.
+/// Least score above −∞ of a vector in segments, whose best is about 0.
 pub const LEAST_SCORE: f64 = -50.0;
 
 /// Lowest score that sums of vectors and products of segments may have, to be exact.
@@ -188,7 +189,7 @@ pub const LEAST_EXACT_SCORE: f64 = -200.0;
 /// Largest difference of exponents of columns that are added, so that no term is lost.
 pub const LARGEST_EXPONENT_GAP: f64 = 400.0;
 
-/// Largest likelihoods of a step that leave the scores of few states as they are.
+/// Range of the largest likelihood of a step for which scores of few states need no shift.
 pub const UNSHIFTED: RangeInclusive<f64> = power(-16)..=power(16);
 
 /// Exponent of the power of two below a normal number.

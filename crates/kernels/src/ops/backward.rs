@@ -5,8 +5,8 @@
 //! r = q ∘ b / N     q' = A' r     γ' = α ∘ q'
 //! ```
 //!
-//! r and q are lifted by 2^700, and infinite beyond 2^324 unlifted: then Σ γ' is not one, which the
-//! caller tests (`limits`, "The way back").
+//! r and q are lifted by 2^700, and become infinite if they exceed 2^324 unlifted: then Σ γ' is not
+//! one, which the caller tests (`limits`, "The way back").
 
 use super::product::{Product, ProductRows, SparseRows};
 use super::row_sums::Sink;
@@ -16,7 +16,8 @@ use crate::simd::{
     Blocks, BlocksMut, LANES, Simd, WithSimd, row_block, row_block_ahead, store, total,
 };
 
-/// `ratio = q ∘ b` times a factor; what unlifted is below the smallest normal double becomes 0.
+/// `ratio = q ∘ b` times a factor; values whose unlifted form is below the smallest normal double
+/// become 0.
 struct DivideByPrediction<'a> {
     q: &'a [f64],
     likelihoods: &'a [f64],
@@ -147,7 +148,7 @@ impl<S: Simd> Sink<S, S::V> for BackwardSink<'_, S> {
     }
 }
 
-/// q ∘ b times a factor; 0 where unlifted it is too small.
+/// q ∘ b times a factor; 0 where the unlifted value is too small.
 #[inline(always)]
 pub(super) fn divided<S: Simd>(s: S, q: S::V, b: S::V, factor: S::V) -> S::V {
     // b / N first, which is at least 2^-1030 where a state is possible, and of moderate size
@@ -155,7 +156,7 @@ pub(super) fn divided<S: Simd>(s: S, q: S::V, b: S::V, factor: S::V) -> S::V {
     rounded(s, s.mul(q, s.mul(b, factor)))
 }
 
-/// γ = α ∘ q, unlifted; 0 before it is too small, since numbers below the smallest normal double
+/// γ = α ∘ q, unlifted; 0 where it would be below the smallest normal double, since such numbers
 /// take a hundred times as long.
 #[inline(always)]
 pub(super) fn smoothed<S: Simd>(s: S, alpha: S::V, q: S::V) -> S::V {
@@ -164,7 +165,7 @@ pub(super) fn smoothed<S: Simd>(s: S, alpha: S::V, q: S::V) -> S::V {
     s.mul(rounded(s, s.mul(q, alpha)), s.splat(1.0 / BACK_LIFT))
 }
 
-/// Rounds to 0 what is below the smallest normal double when unlifted.
+/// Rounds lifted values to 0 if they are below the smallest normal double when unlifted.
 #[inline(always)]
 fn rounded<S: Simd>(s: S, v: S::V) -> S::V {
     // A NaN is not below: it stays, and shows in the sum.

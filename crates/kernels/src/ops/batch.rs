@@ -1,10 +1,10 @@
-//! Steps of eight chains side by side, one in each lane: formulas 2, 3 and 7 of the guide with all
-//! steps lifted.
+//! Steps of eight chains side by side, one in each lane: formulas 2, 3 and 7 of the guide, all
+//! lifted.
 //!
-//! Lanes never mix: each holds a sequence of its own, with a sum, a factor or a shift of its own,
-//! and is given up alone where a loss is noticed. The invariants are those of "In lanes" of
-//! `limits`: entries are at least 2^-100, likelihoods above 0 at least 2^-900 (`pack` has looked),
-//! and α is normal or 0.
+//! Lanes never mix: each holds a sequence of its own, with its own sum, factor or shift, and if a
+//! loss is noticed, its lane alone is given up. The invariants are those of "In lanes" in `limits`:
+//! entries are at least 2^-100, likelihoods above 0 at least 2^-900 (`pack` has checked), and α is
+//! normal or 0.
 
 use super::backward::{divided, smoothed};
 use super::lines::Lines;
@@ -22,8 +22,9 @@ kernels! {
         out: &'a mut [Packed],
     ) -> Eight;
 
-    /// Makes what sums to `sums` distributions in `out`, with 0 for what would be below the smallest
-    /// normal double, and lifted ones in place. Returns the lanes in which something became 0.
+    /// Divides vectors by their sums, `sums`: writes the distributions to `out`, with 0 for values
+    /// that would be below the smallest normal double, and lifts them in place. Returns the lanes
+    /// in which a value became 0.
     pub fn batch_normalize = normalize<'a>(
         x: &'a mut [Packed], out: &'a mut [Packed], sums: Eight,
     ) -> [bool; LANES];
@@ -39,15 +40,15 @@ kernels! {
     ) -> ();
 
     /// Second half of a step back, over the columns: `q` = A' times the ratio, and α becomes
-    /// γ = α ∘ q, but in lanes with the factor 0. Returns Σ γᵢ.
+    /// γ = α ∘ q, except in lanes with the factor 0. Returns Σ γᵢ.
     pub fn batch_backward = backward<'a>(
         columns: Lines<'a>, factors: Eight, ratio: &'a [Packed], alpha: &'a mut [Packed],
         q: &'a mut [Packed],
     ) -> Eight;
 
-    /// A step of Viterbi, by the logarithms of the rows; without them nothing moves: `next` = max
-    /// over j of log2 A\[i, j\] + `x[j]`, plus the likelihood of i, which is to be lowered by the
-    /// shift of its lane; `from[i]` the lowest j that attains it. Returns the largest of `next`.
+    /// A step of Viterbi, with the logarithms of the rows, or without a move if there are none:
+    /// `next` = max over j of log2 A\[i, j\] + `x[j]`, plus the likelihood of i minus the shift of
+    /// its lane; `from[i]` the lowest j that attains it. Returns the largest of `next`.
     pub fn batch_max = maximize<'a>(
         log2: Option<Lines<'a>>, x: &'a [Packed], likelihoods: &'a [Packed], shifts: Eight,
         next: &'a mut [Packed], from: &'a mut [[u32; LANES]],

@@ -3,8 +3,8 @@
 //!
 //! Vectors are not normalised at each step, but scaled by powers of two where they leave the middle
 //! range of `limits` ("Few states"), and checked after each step: values above 0 are at least
-//! 2^-300, likelihoods and entries 2^-200, so that no product loses a digit. Else the call ends, and
-//! the caller takes the sequence step by step.
+//! 2^-300, likelihoods and entries 2^-200, so that no product loses a digit. Otherwise the call
+//! ends, and the caller takes the sequence step by step.
 //!
 //! Lanes beyond the last state have entries of 0 (−∞ for scores), and stay so.
 
@@ -12,7 +12,7 @@ use crate::layout::Packed;
 use crate::limits::{LEAST_FACTOR, LEAST_IN_CHAIN, MIDDLE_RANGE, exponent, power};
 use crate::simd::{Eight, LANES, Simd, kernels, total};
 
-/// Lines of a matrix, or of its logarithms, padded with what is never possible.
+/// Lines of a matrix, or of its logarithms, padded with 0 or −∞.
 pub(super) type PaddedLines = [Packed; LANES];
 
 /// A vector of a recursion, times 2^exponent.
@@ -58,24 +58,24 @@ fn product<S: Simd>(s: S, columns: &PaddedLines, x: S::V) -> S::V {
     s.add(s.add(s.add(a, b), s.add(c, d)), s.add(s.add(e, f), s.add(g, h)))
 }
 
-/// True if a likelihood or a value of the result is above 0 and below the range in which products
-/// have all their digits.
+/// True if a likelihood or a value of the result is above 0, and so small that products may lose
+/// digits.
 #[inline(always)]
 fn is_out_of_range<S: Simd>(s: S, b: S::V, x: S::V) -> bool {
     s.any(s.or(s.is_small(b, LEAST_FACTOR), s.is_small(x, LEAST_IN_CHAIN)))
 }
 
 kernels! {
-    /// Takes x forward through some steps over the columns of a matrix, and writes beliefs, in rows
-    /// of as many values as there are states, and p(y_k | y_1 … y_{k-1}) up to scales of the
-    /// likelihoods, or neither. Returns false if the range is too wide, or nothing is possible.
+    /// Takes x forward through some steps over the columns of a matrix. Writes the beliefs, in rows
+    /// with a value for each state, and p(y_k | y_1 … y_{k-1}) up to scales of the likelihoods, or
+    /// neither. Returns false if the range is too wide, or nothing is possible.
     pub fn chain_forward = forward<'a>(
         columns: &'a PaddedLines, state: &'a mut ChainState, states: usize, likelihoods: &'a [f64],
         rows: &'a mut [f64], normalizers: &'a mut [f64],
     ) -> bool;
 
     /// Takes r backward through some steps over the rows of a matrix, from r after the last, and
-    /// makes beliefs posteriors. Returns false if the range is too wide.
+    /// turns beliefs into posteriors. Returns false if the range is too wide.
     pub fn chain_backward = backward<'a>(
         lines: &'a PaddedLines, state: &'a mut ChainState, states: usize, likelihoods: &'a [f64],
         rows: &'a mut [f64],

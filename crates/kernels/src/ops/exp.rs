@@ -1,7 +1,7 @@
 //! Exponentials of many numbers.
 //!
 //! e^x = 2^n e^r with n = round(x / ln 2), so that |r| ≤ ln 2 / 2, and e^r by its series up to
-//! r^13, whose rest is below 5e-18. The same to the bit with any instructions.
+//! r^13, with a remainder below 5e-18. All instruction sets give the same bits.
 
 use super::largest::{Valid, within};
 use super::packing::{PackedRange, flags};
@@ -11,7 +11,7 @@ use crate::simd::{Eight, LANES, Simd, kernels, row_block, store};
 
 /// 1.5 · 2^52: beside it the last bit of a double is 1, so that adding it rounds to an integer.
 const ROUND: f64 = 6_755_399_441_055_744.0;
-/// ln 2 in two parts, of which products of the first with integers up to 2^11 are exact.
+/// ln 2 in two parts. Products of the first with integers up to 2^11 are exact.
 const LN_2: [f64; 2] = [0.693_147_180_369_123_8, 1.908_214_929_270_587_7e-10];
 /// 1/2!, 1/3!, …, 1/13!.
 const SERIES: [f64; 12] = {
@@ -23,7 +23,7 @@ const SERIES: [f64; 12] = {
     }
     series
 };
-/// Below it e^x is less than the least normal double.
+/// Below this, e^x is less than the least normal double.
 const LEAST: f64 = -708.0;
 
 kernels! {
@@ -31,9 +31,9 @@ kernels! {
     /// e^−708, and NaN for NaN.
     pub fn exp_in_place = exp_all<'a>(x: &'a mut [f64]) -> ();
 
-    /// Replaces logarithms, in the lanes that have them, by their exponentials beside the largest of
-    /// the lane, and their range by that of these. Returns this largest logarithm; 0 for the other
-    /// lanes. The range of a lane has no number if a logarithm is not valid, or all are −∞.
+    /// Replaces logarithms, in the lanes that have them, by their exponentials relative to the
+    /// largest of the lane, and updates the range. Returns the largest logarithm, and 0 for the
+    /// other lanes. The range of a lane is NaN if a logarithm is invalid, or all are −∞.
     pub fn batch_exp = exp_of_lanes<'a>(
         x: &'a mut [Packed], in_logs: [bool; LANES], range: &'a mut PackedRange,
     ) -> Eight;
@@ -103,7 +103,7 @@ fn exp_lanes<S: Simd>(s: S, x: S::V) -> S::V {
     s.select(is_least, s.splat(0.0), s.mul(power, s.power_of_two(sum)))
 }
 
-/// Four terms of the series from one on.
+/// Four consecutive terms of the series.
 #[inline(always)]
 fn cubic<S: Simd>(s: S, k: usize, r: S::V, square: S::V) -> S::V {
     let term = [SERIES[k], SERIES[k + 1], SERIES[k + 2], SERIES[k + 3]];

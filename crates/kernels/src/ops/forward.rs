@@ -28,9 +28,9 @@ pub struct ForwardStep<'a> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Watch {
     Nothing,
-    /// Results of which neither factor is 0.
+    /// Results with neither factor 0.
     Products,
-    /// Results of which the prediction is not 0: likelihoods have been scaled, so that one of 0
+    /// Results with a prediction that is not 0: likelihoods have been scaled, so that one of 0
     /// may have been positive.
     Predictions,
 }
@@ -195,9 +195,9 @@ impl<P: ProductRows> Splits for ForwardRows<'_, P> {
     }
 }
 
-/// Divides x by its sum, or, with `out`, writes the distribution there, with 0 for what would be
-/// below the smallest normal double, and lifts x. Returns true if a value is above 0 and below
-/// 2^-900.
+/// Divides x by its sum. With `out`, writes the distribution there instead, with 0 for values that
+/// would be below the smallest normal double, and lifts x. Returns true if a value is above 0 and
+/// below 2^-900.
 pub(crate) struct Normalize<'a, const LIFTED: bool> {
     pub(crate) x: &'a mut [f64],
     pub(crate) out: &'a mut [f64],
@@ -282,8 +282,8 @@ impl WithSimd for NormalizeOnto<'_> {
     }
 }
 
-/// Makes what sums to `sum` a distribution, in place, and appends it to rows, if there are some.
-/// Returns true if a value is above 0 and below 2^-900.
+/// Divides a vector by its sum, `sum`, in place, and appends it to rows, if there are any. Returns
+/// true if a value is above 0 and below 2^-900.
 #[inline]
 pub fn normalize_in_place(x: &mut [f64], sum: f64, rows: Option<&mut Vec<f64>>) -> bool {
     match rows {
@@ -299,7 +299,7 @@ pub fn normalize_in_place(x: &mut [f64], sum: f64, rows: Option<&mut Vec<f64>>) 
     }
 }
 
-/// Makes what sums to `sum` a distribution in `out`, and the lifted distribution in place.
+/// Divides a vector by its sum, `sum`: writes the distribution to `out`, and lifts it in place.
 pub fn normalize_and_lift(x: &mut [f64], out: &mut [f64], sum: f64) -> bool {
     // One length for both: parts are split at the same lines.
     let out = &mut out[..x.len()];

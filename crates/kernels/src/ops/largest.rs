@@ -1,8 +1,8 @@
 //! Largest value of a sensor, with a check of all of them: the divisor c of formula 2 of the guide
 //! ("Scale").
 //!
-//! Nothing from outside reaches a recursion unchecked. One pass finds the largest value and whether
-//! all are valid; which one is not is searched only if there is one.
+//! No value from outside reaches a recursion unchecked. One pass finds the largest value and tests
+//! that all are valid; only after a failure, a second pass finds the first invalid one.
 
 use crate::limits::LARGEST_LOG;
 use crate::simd::{LANES, Simd, kernels};
@@ -24,7 +24,7 @@ impl Valid {
         }
     }
 
-    /// Word for a value, in errors.
+    /// Name of a value, in errors.
     pub fn kind(self) -> &'static str {
         match self {
             Self::Likelihoods => "likelihood",
@@ -40,7 +40,7 @@ impl Valid {
         }
     }
 
-    /// Its range, as [`within`] takes it.
+    /// Range of valid values, in the form of [`within`].
     #[inline(always)]
     pub(super) fn bounds<S: Simd>(self, s: S) -> [S::V; 3] {
         // `lt` is the only comparison that all instruction sets share: closed bounds become open
@@ -49,7 +49,7 @@ impl Valid {
         [s.splat(least.next_down()), s.splat(most.next_up()), s.splat(other)]
     }
 
-    /// Least and largest valid value, and one beside these.
+    /// Least and largest valid values, and one further valid value.
     fn range(self) -> [f64; 3] {
         match self {
             Self::Likelihoods => [0.0, f64::MAX, 0.0],
@@ -89,8 +89,7 @@ pub(super) fn within<S: Simd>(s: S, x: S::V, [below, above, other]: [S::V; 3]) -
     s.or(s.and(s.lt(below, x), s.lt(x, above)), s.eq(x, other))
 }
 
-/// Returns the largest of valid values (0 or −∞ if there are none), or the index of the first that
-/// is not valid.
+/// Returns the largest value (0 or −∞ if there are none), or the index of the first invalid one.
 pub fn largest(x: &[f64], valid: Valid) -> Result<f64, usize> {
     let (largest, all) = checked_largest(x, valid);
     if all {

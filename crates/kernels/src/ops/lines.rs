@@ -14,7 +14,7 @@ const BLOCK: usize = 4;
 /// Lines of a matrix: rows for A, columns for A'.
 #[derive(Debug, Clone, Copy)]
 pub enum Lines<'a> {
-    /// Line i has the entries from `starts[i]` to `starts[i + 1]`.
+    /// Line i has the entries `starts[i]..starts[i + 1]`.
     Sparse { starts: &'a [u32], indices: &'a [u32], values: &'a [f64] },
     /// Entry j of line i is at i s + j, where n s is the number of values.
     Dense { values: &'a [f64] },
@@ -80,7 +80,7 @@ impl<'a> Lines<'a> {
     }
 }
 
-/// Calls with the first line of each block of four, and of each line that is left.
+/// Calls a function with each block of four lines, then with each line that is left.
 #[inline(always)]
 fn in_blocks(lines: usize, mut block: impl FnMut(usize, usize)) {
     let mut i = 0;
@@ -91,7 +91,7 @@ fn in_blocks(lines: usize, mut block: impl FnMut(usize, usize)) {
     }
 }
 
-/// Passes the products of lines from i on, which are stored one after another.
+/// Passes the products of the B lines that begin with line i, which are stored one after another.
 #[inline(always)]
 fn dense<S: Simd, R: RowSums<S>, const B: usize>(
     s: S,
@@ -121,7 +121,7 @@ fn dense<S: Simd, R: RowSums<S>, const B: usize>(
     }
 }
 
-/// Passes the products of lines from i on, whose entries are stored beside each other.
+/// Passes the products of the B lines that begin with line i, whose entries are interleaved.
 #[inline(always)]
 fn transposed<S: Simd, R: RowSums<S>, const B: usize>(
     s: S,

@@ -8,15 +8,15 @@ use crate::simd::{LANES, Simd, kernels, row_block, store};
 
 /// Number of steps of the grid to 1.
 const GRID_STEPS: f64 = (1_u64 << 45) as f64;
-/// From here on, doubles are on the grid.
+/// Doubles of at least this size are on the grid.
 const GRID_RANGE: f64 = 128.0;
-/// 2^52: from here on, doubles are whole numbers.
+/// 2^52: doubles of at least this size are whole numbers.
 const INTEGERS: f64 = (1_u64 << 52) as f64;
 /// Lift of numbers below the smallest normal double, and its logarithm.
 const SUBNORMAL_LIFT: (f64, f64) = ((1_u64 << 54) as f64, 54.0);
 
 /// Coefficients of ln((1 + t) / (1 − t)) = 2 (t + t³/3 + t⁵/5 + …), in log2, from the last: for
-/// |t| ≤ 0.172 what is left out is below 1e-17.
+/// |t| ≤ 0.172 the remainder is below 1e-17.
 const SERIES: [f64; 10] = {
     let mut series = [0.0; 10];
     let mut term = 0;
@@ -40,8 +40,8 @@ pub fn on_grid(x: f64) -> f64 {
     }
 }
 
-/// log2 on the grid of [`on_grid`], within 1.5e-14; doubling adds exactly 1. NaN for what is no
-/// probability.
+/// log2 on the grid of [`on_grid`], within 1.5e-14; doubling adds exactly 1. NaN for numbers that
+/// are not finite or are negative.
 pub fn log2(x: f64) -> f64 {
     if x == 0.0 {
         return f64::NEG_INFINITY;
@@ -104,7 +104,7 @@ pub(super) fn log2_lanes<S: Simd>(s: S, x: S::V) -> S::V {
         normal = s.select(subnormal, s.mul(x, s.splat(SUBNORMAL_LIFT.0)), x);
         lifted = s.select(subnormal, s.splat(SUBNORMAL_LIFT.1), zero);
     }
-    // Now normal and positive, as `split_exponent` needs, or 0, of which the result is replaced.
+    // Now normal and positive, as `split_exponent` needs, or 0, whose result is replaced.
     let (exponent, mantissa) = s.split_exponent(normal);
     let high = s.lt(s.splat(std::f64::consts::SQRT_2), mantissa);
     let mantissa = s.select(high, s.mul(mantissa, s.splat(0.5)), mantissa);
@@ -125,8 +125,8 @@ pub(super) fn log2_lanes<S: Simd>(s: S, x: S::V) -> S::V {
     if any_subnormal { s.select(s.eq(x, zero), s.splat(f64::NEG_INFINITY), log) } else { log }
 }
 
-/// Logarithms to base 2, on the grid, of likelihoods over the largest, from natural logarithms of
-/// which none is above `largest`.
+/// Logarithms to base 2, on the grid, of likelihoods divided by the largest, from natural
+/// logarithms of at most `largest`.
 #[inline(always)]
 pub(super) fn log2_over<S: Simd>(s: S, logs: S::V, largest: f64) -> S::V {
     let x = s.mul(s.sub(logs, s.splat(largest)), s.splat(LOG2_E));

@@ -10,7 +10,7 @@ use super::semiring::MaxPlus;
 use crate::layout::{EntryValues, Sliced, store_indices};
 use crate::simd::{Blocks, BlocksMut, LANES, Simd, kernels, row_block, row_block_ahead, store};
 
-/// Scores of an observation, each to be lowered by `shift`.
+/// Scores of an observation, from which `shift` is still to be subtracted.
 #[derive(Debug, Clone, Copy)]
 pub struct Scores<'a> {
     pub values: &'a [f64],
@@ -22,7 +22,7 @@ pub struct Scores<'a> {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ScoresIn {
     Log2,
-    /// Natural logarithms, with the largest of them, which becomes 0.
+    /// Natural logarithms, and the largest of them, which is subtracted.
     Ln(f64),
     /// Likelihoods.
     Linear,
@@ -50,15 +50,15 @@ impl Scores<'_> {
 }
 
 kernels! {
-    /// `next` = max over j of log2 A\[i, j\] + `x[j]`, plus the likelihood of i if there are some;
-    /// `from[i]` the lowest j that attains it. `log2` are the logarithms of the values. Returns the
-    /// largest of `next`.
+    /// `next` = max over j of log2 A\[i, j\] + `x[j]`, plus the likelihood of i if likelihoods are
+    /// given; `from[i]` is the lowest j that attains it. `log2` has the logarithms of the values.
+    /// Returns the largest of `next`.
     pub fn max_step = maximize<'a>(
         matrix: &'a Sliced, log2: &'a EntryValues, x: &'a [f64], likelihoods: Option<Scores<'a>>,
         next: &'a mut [f64], from: &'a mut [u32],
     ) -> f64;
 
-    /// Adds the scores of an observation to scores, and returns the largest.
+    /// Adds the scores of an observation to those of the states, and returns the largest.
     pub fn add_scores = add<'a>(scores: &'a mut [f64], added: Option<Scores<'a>>) -> f64;
 }
 
@@ -104,7 +104,7 @@ impl<S: Simd> Sink<S, Maxima<S>> for MaxSink<'_, S> {
         }
         store(s, &mut self.next, block, value);
         store_indices(s, &mut self.from, block, index);
-        // Lanes of the last block that are no rows must not count: `largest_of` reads its rows.
+        // Lanes of the last block beyond the last row must not count: `largest_of` reads its rows.
         if block < self.next.0.len() {
             self.largest = s.max(value, self.largest);
         }

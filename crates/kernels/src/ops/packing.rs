@@ -8,7 +8,7 @@ use crate::simd::{Eight, LANES, Simd, kernels, row_block_ahead, store};
 /// Range of the packed values of each lane.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PackedRange {
-    /// NaN apart.
+    /// Least value, NaN aside.
     pub least: Eight,
     pub largest: Eight,
     /// True if a value is above 0 and below 2^-900.
@@ -16,7 +16,7 @@ pub struct PackedRange {
 }
 
 kernels! {
-    /// Packs rows of the length of `out`, or more: value i of lane l is `rows[l][i]`.
+    /// Packs rows that are at least as long as `out`: value i of lane l is `rows[l][i]`.
     pub fn pack = pack_rows<'a>(
         rows: [&'a [f64]; LANES], out: &'a mut [Packed],
     ) -> PackedRange;
@@ -24,8 +24,8 @@ kernels! {
     /// Unpacks values into a row for each lane. Rows beyond the length of `from` stay as they are.
     pub fn unpack = unpack_lanes<'a>(from: &'a [Packed], rows: [&'a mut [f64]; LANES]) -> ();
 
-    /// Unpacks a sequence of vectors into rows of whole blocks, of any number each; with `stream`,
-    /// past the caches.
+    /// Unpacks a sequence of vectors into rows of any numbers of whole blocks; with `stream`,
+    /// stores past the caches.
     pub fn unpack_rows = unpack_blocks<'a>(
         from: &'a [Packed], rows: [&'a mut [Eight]; LANES], stream: bool,
     ) -> ();
@@ -45,7 +45,7 @@ fn pack_rows<S: Simd>(s: S, rows: [&[f64]; LANES], out: &mut [Packed]) -> Packed
         for l in 0..LANES {
             eight[l] = row_block_ahead::<S, true>(s, blocks[l], number);
         }
-        // `row_block` pads the last block with zeros; `zip` ends with `out`, and none is looked at.
+        // `row_block` pads the last block with zeros; `zip` ends with `out`, before these.
         for (packed, out) in s.transpose(eight).into_iter().zip(out) {
             least = s.min(packed, least);
             largest = s.max(packed, largest);
@@ -102,8 +102,8 @@ fn unpack_blocks<S: Simd>(s: S, from: &[Packed], rows: [&mut [Eight]; LANES], st
             // Sequences of a group end at different steps: the row of a shorter one is full before
             // the others.
             let Some(out) = row.next() else { continue };
-            // Results of large groups do not fit the caches: to fetch each line before it is
-            // overwritten would move twice the bytes.
+            // Results of large groups do not fit into the caches: fetching each line before
+            // overwriting it would move twice the bytes.
             if stream {
                 s.stream(lane, out);
             } else {

@@ -12,14 +12,14 @@ use crate::simd::{LANES, Simd, WithSimd};
 /// Product with a vector, for a step of the filter or the smoother.
 #[derive(Debug, Clone, Copy)]
 pub enum Product<'a> {
-    /// With a stochastic matrix that is stored, and a distribution.
+    /// Product of a stored stochastic matrix with a distribution.
     Sparse { matrix: &'a Sliced, x: &'a [f64] },
-    /// Computed elsewhere, and not known to be that of a distribution.
+    /// Product that was computed elsewhere, and need not sum to one.
     Computed(&'a [f64]),
 }
 
-/// Rows of a product that kernels go through. (A kernel has one type of product, not the choice:
-/// less to copy for a step of few states.)
+/// Rows of a product that a kernel takes. (A kernel is generic over this rather than holding the
+/// enum: less to copy for a step of few states.)
 pub(crate) trait ProductRows: Copy + Send {
     /// True if the product is known to be that of a distribution.
     const KNOWN: bool;

@@ -1,10 +1,10 @@
-//! Sums over the entries of eight rows at a time, in either [semiring](super::semiring), and what
-//! consumes them.
+//! Sums over the entries of eight rows at a time, in either [semiring](super::semiring), and their
+//! consumers.
 
 use super::semiring::{MaxPlus, SumProduct};
 use crate::simd::{BlocksMut, LANES, Simd, store};
 
-/// A semiring, as running sums over the entries of eight rows at a time.
+/// Semiring, as running sums over the entries of eight rows at a time.
 ///
 /// The entries of a row come in ascending order of their indices, but in two runs.
 pub trait RowSums<S: Simd>: Copy {
@@ -12,13 +12,13 @@ pub trait RowSums<S: Simd>: Copy {
     type Sum: Copy;
     /// Sum of one row.
     type Row: Copy;
-    /// Sums of G slices in memory, where each row can be had by itself.
+    /// Sums of G slices in memory, where each row can be accessed by itself.
     type Rows<const G: usize>;
 
     fn zero(self, s: S) -> Self::Sum;
 
-    /// Adds an entry to each row: its value, that of x, and its index, which is above those of the
-    /// run before.
+    /// Adds an entry to each row: its value, the value of x, and its index, which is above those of
+    /// earlier entries of the run.
     fn add(self, s: S, sum: &mut Self::Sum, entry: S::V, x: S::V, index: S::I);
 
     /// Adds an entry to each row, whatever the order of indices.
@@ -56,8 +56,8 @@ pub struct Maxima<S: Simd> {
     pub index: S::I,
 }
 
-/// The same in memory, for G slices. (With values and indices in pairs, a Viterbi step by groups
-/// took 4 to 7% longer.)
+/// Maxima and indices in memory, for G slices. (With values and indices in pairs, a Viterbi step by
+/// groups took 4 to 7% longer.)
 pub struct MaximaRows<const G: usize> {
     values: CacheLines<f64, G>,
     indices: CacheLines<u32, G>,
@@ -135,7 +135,7 @@ impl<S: Simd> RowSums<S> for MaxPlus {
     fn add(self, s: S, sum: &mut Maxima<S>, entry: S::V, x: S::V, index: S::I) {
         let value = s.add(entry, x);
         // Below, not below or equal: of equal scores that with the lower index came first. NaN is
-        // never better. Where there is no way, the index means nothing.
+        // never better. In a row without a way, the index is arbitrary.
         let better = s.lt(sum.value, value);
         sum.value = s.max(value, sum.value);
         sum.index = s.select_index(better, index, sum.index);

@@ -10,8 +10,7 @@ use crate::simd::{Eight, Simd};
 pub struct SmallModel<const N: usize> {
     pub columns: [[f64; N]; N],
     pub rows: [[f64; N]; N],
-    /// Likelihoods above 0 must not be below this (scores above −∞), to go several steps unlooked
-    /// at.
+    /// Least likelihood above 0 (score above −∞) for which several steps can go unchecked.
     pub least: f64,
 }
 
@@ -42,7 +41,7 @@ impl<S: Simd, const N: usize> SegmentVectors<S, N> {
         running
     }
 
-    /// x becomes the product of the matrix with x.
+    /// Replaces x by the product of the matrix with x.
     #[inline(always)]
     pub(super) fn multiply(&mut self, s: S, ring: impl Semiring, columns: &[[f64; N]; N]) {
         // N is a constant: both loops are unrolled, and all of x stays in registers.

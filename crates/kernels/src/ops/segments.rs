@@ -1,10 +1,10 @@
-//! Eight segments of one sequence, one in each lane, under a model of few states: a step waits for
-//! the one before in its segment, but not for those of other segments.
+//! Eight segments of one sequence, one in each lane, under a model of few states: a step depends on
+//! the one before it in its segment, but not on those of other segments.
 //!
-//! First the products B A … B A of each segment are computed, column after column. They take the
-//! vector through the segments, to what is known at the start and the end of each; then formulas 2,
-//! 3 and 7 of the guide run in all segments side by side. Products are associative, exactly for
-//! maxima of sums on the grid, up to rounding for sums of products.
+//! First the products B A … B A of each segment are computed, column after column. They give the
+//! vectors at the start and the end of each segment; then formulas 2, 3 and 7 of the guide run in
+//! all segments side by side. Products are associative: exactly for maxima of sums on the grid, up
+//! to rounding for sums of products.
 //!
 //! The range is checked after every four steps, which `limits` ("Few states") shows to be enough;
 //! [`Semiring::rescale`] keeps it.

@@ -2,15 +2,15 @@
 //! (with the state that attains them) for decoders (formulas 2 and 3, and 7, of the guide). Products
 //! with sparse matrices, of batches and of segments are written once, for either.
 //!
-//! Of several states that attain a maximum the lowest is kept, in whatever order entries come.
+//! If several states attain a maximum, the lowest is kept, whatever the order of the entries.
 
 use crate::limits::{LEAST_IN_CHAIN, LEAST_SCORE, MIDDLE_RANGE, power};
 use crate::simd::Simd;
 
-/// Power of two that is taken out of a scale at a time.
+/// Exponent of the power of two that a rescaling takes out at a time.
 const SHIFT: i64 = 64;
 
-/// Rounds numbers below 2^51 to whole ones.
+/// Rounds numbers below 2^51 to whole numbers.
 #[inline(always)]
 fn round<S: Simd>(s: S, x: S::V) -> S::V {
     // Adding 1.5 · 2^52 leaves no room for a fraction, whatever the sign; the subtraction is exact.
@@ -18,7 +18,7 @@ fn round<S: Simd>(s: S, x: S::V) -> S::V {
     s.sub(s.add(x, whole), whole)
 }
 
-/// A semiring, in lanes.
+/// Semiring, in lanes.
 pub trait Semiring: Copy {
     /// Neutral elements of sums and of products.
     const ZERO: f64;
@@ -27,10 +27,10 @@ pub trait Semiring: Copy {
     fn times<S: Simd>(self, s: S, a: S::V, b: S::V) -> S::V;
     fn plus<S: Simd>(self, s: S, a: S::V, b: S::V) -> S::V;
 
-    /// Returns true if all values between these are in the middle range, as most often.
+    /// True if all values between these bounds are in the middle range, as they usually are.
     fn is_near<S: Simd>(self, s: S, least: S::V, largest: S::V) -> bool;
 
-    /// Brings vectors back to a middle range, and adds what is taken out to their exponents.
+    /// Brings vectors back to the middle range, and adds the scales taken out to their exponents.
     /// Returns false if values of a vector are too far apart.
     fn rescale<S: Simd>(self, s: S, x: &mut [S::V], exponents: &mut S::V) -> bool;
 }

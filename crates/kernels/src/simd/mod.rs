@@ -72,7 +72,7 @@ pub trait Simd: Copy {
     fn all(self, m: Self::M) -> bool {
         self.bits(m) == u8::MAX
     }
-    /// Lanes above 0 and below a limit.
+    /// Mask of the lanes above 0 and below a limit.
     #[inline(always)]
     fn is_small(self, v: Self::V, limit: f64) -> Self::M {
         self.and(self.lt(v, self.splat(limit)), self.lt(self.splat(0.0), v))
@@ -96,8 +96,8 @@ pub trait Simd: Copy {
     /// All indices must be below `x.len()`, which must not exceed 2^31 − 1.
     unsafe fn gather<const INSTRUCTION: bool>(self, x: &[f64], indices: &[u32; LANES]) -> Self::V;
 
-    /// Keeps the compiler from unrolling a loop of few turns: it does not repeat assembly, even if
-    /// empty.
+    /// Keeps the compiler from unrolling a loop of few turns: it does not duplicate assembly, even
+    /// if empty.
     #[inline(always)]
     fn no_unroll(self) {}
 
@@ -162,7 +162,7 @@ impl Isa {
     pub(crate) const ALL: [(&'static str, Self); 3] =
         [("plain", Self::Portable), ("avx2", Self::Avx2), ("avx512", Self::Avx512)];
 
-    /// True if the processor has it.
+    /// True if the processor has the instruction set.
     pub(crate) fn is_here(self) -> bool {
         #[cfg(target_arch = "x86_64")]
         match self {
@@ -177,8 +177,8 @@ impl Isa {
         matches!(self, Self::Portable)
     }
 
-    /// Returns the widest one of the machine, or a plainer one if the environment variable
-    /// `WAYFIX_INSTRUCTIONS` names it. Looked up once.
+    /// Returns the widest instruction set of the machine, or a plainer one that the environment
+    /// variable `WAYFIX_INSTRUCTIONS` names. Looked up once.
     #[inline(always)]
     pub(crate) fn chosen() -> Self {
         static CHOSEN: OnceLock<Isa> = OnceLock::new();
@@ -190,7 +190,7 @@ impl Isa {
             let named = std::env::var("WAYFIX_INSTRUCTIONS").unwrap_or_default();
             let widest = Self::ALL.iter().find(|(name, _)| *name == named);
             let widest = widest.map_or(Self::Avx512, |found| found.1);
-            // From the widest: what is named may not be here.
+            // From the widest: the one that is named may not be available.
             let here = Self::ALL.iter().rev().map(|named| named.1);
             here.into_iter().find(|isa| *isa <= widest && isa.is_here()).unwrap_or(Self::Portable)
         })
@@ -211,7 +211,7 @@ fn gathers() -> bool {
     })
 }
 
-/// A computation for any instruction set.
+/// Computation that is written for any instruction set.
 pub trait WithSimd {
     type Output;
 
@@ -227,8 +227,8 @@ pub fn run<K: WithSimd>(kernel: K) -> K::Output {
     unsafe { run_unchecked(Isa::chosen(), kernel) }
 }
 
-/// Defines functions with the arguments of generic ones, but for the first, `s: impl Simd`, that
-/// run these with the chosen instructions. The generic ones are `#[inline(always)]`.
+/// Defines functions that run generic ones with the chosen instructions: they have the same
+/// arguments but the first, `s: impl Simd`. The generic ones are `#[inline(always)]`.
 macro_rules! kernels {
     ($(
         $(#[$doc:meta])*
@@ -261,11 +261,11 @@ pub(crate) use kernels;
 
 #[cfg(test)]
 thread_local! {
-    /// Instructions of kernels on this thread, instead of the chosen ones.
+    /// Overrides the instructions of kernels on this thread.
     static TESTED: std::cell::Cell<Option<Isa>> = const { std::cell::Cell::new(None) };
 }
 
-/// Calls with kernels of this thread on these instructions, which must be here.
+/// Calls a function while kernels of this thread use these instructions, which must be available.
 #[cfg(test)]
 pub(crate) fn with_isa<R>(isa: Isa, call: impl FnOnce() -> R) -> R {
     assert!(isa.is_here());
@@ -308,7 +308,7 @@ unsafe fn run_unchecked<K: WithSimd>(isa: Isa, kernel: K) -> K::Output {
         // function reads it, and only once.
         unsafe { kernel.read() }.run(Portable)
     }
-    // The function that reads the kernel owns it from there on, and drops it.
+    // The function that reads the kernel owns it afterwards, and drops it.
     let kernel = ManuallyDrop::new(kernel);
     let kernel: *const K = &raw const *kernel;
     // SAFETY: the caller has detected the instructions that the function may use. The address is

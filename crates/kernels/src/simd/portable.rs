@@ -10,7 +10,7 @@ use super::{Eight, LANES, Simd};
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Portable;
 
-/// One value for each lane. `std::array::from_fn` takes many times as long to compile.
+/// One value for each lane. `std::array::from_fn` takes many times longer to compile.
 #[inline(always)]
 fn lanes<R>(f: impl Fn(usize) -> R) -> [R; LANES] {
     [f(0), f(1), f(2), f(3), f(4), f(5), f(6), f(7)]
@@ -105,7 +105,7 @@ impl Simd for Portable {
     }
     #[inline(always)]
     fn transpose(self, rows: [Eight; LANES]) -> [Eight; LANES] {
-        // Unrolled to 64 moves, of which the target's shuffles combine what they can.
+        // Unrolled to 64 moves, which the compiler combines into the target's shuffles if it can.
         lanes(|r| lanes(|l| rows[l][r]))
     }
     #[inline(always)]

@@ -73,7 +73,7 @@ proptest! {
                 (rows, normalizers, posteriors, from)
             });
             let b = |k: usize| likelihoods[k].map(|b| b.0[l]);
-            // A vector of sum one, with the logarithm to base 2 of its scale.
+            // A vector that sums to one, and the logarithm to base 2 of its scale.
             let forward = |x: [f64; N], until: usize| (0..until).fold((x, 0.0), |(x, log), k| {
                 let product: [f64; N] =
                     std::array::from_fn(|i| b(k)[i] * (0..N).map(|j| columns[j][i] * x[j]).sum::<f64>());

@@ -56,7 +56,7 @@ fn sums_and_memory_of_every_length() {
     }
 }
 
-/// Not a multiple of eight, nor of parts; neighbours, some entries far, a few long lines.
+/// Neither a multiple of eight nor of parts; neighbours, some distant entries, a few long lines.
 #[test]
 fn parts_give_the_result_of_all_lines_at_once() {
     const N: usize = 4 * PART + 1003;

@@ -1,5 +1,5 @@
-//! Each kernel with every instruction set that the machine has: the same bits, and the result of a
-//! loop over the entries.
+//! Each kernel gives the same bits with every instruction set of the machine, and the result of a
+//! plain loop over the entries.
 
 mod dense;
 mod few_states;
@@ -17,9 +17,9 @@ const ZERO_SCORE: f64 = f64::NEG_INFINITY;
 
 type EntryRows = Vec<Vec<(u32, f64)>>;
 
-/// Rows with diagonals, scattered entries, and now and then a very long one.
+/// Rows with diagonals and scattered entries, and occasionally a very long one.
 fn rows() -> impl Strategy<Value = EntryRows> {
-    // Matrices of one window of groups as a rule, and some that end about a multiple of 256 lines.
+    // Most matrices are one window of groups; some end near a multiple of 256 lines.
     let borders = (250..270_usize, 1..3_usize).prop_map(|(lines, windows)| lines * windows);
     prop_oneof![7 => 1..70_usize, 1 => borders].prop_flat_map(|n| {
         let few = vec((0..n as u32, 0.01..1.0), 0..6);
@@ -41,7 +41,7 @@ fn rows() -> impl Strategy<Value = EntryRows> {
 
 const ARRANGEMENTS: [Arrangement; 2] = [Arrangement::Slices, Arrangement::Groups];
 
-/// In each arrangement.
+/// The matrix in each arrangement.
 fn sliced(rows: &EntryRows) -> [Sliced; 2] {
     let split: Vec<(Vec<u32>, Vec<f64>)> =
         rows.iter().map(|row| row.iter().copied().unzip()).collect();
@@ -64,7 +64,7 @@ fn everywhere<R: PartialEq + std::fmt::Debug>(call: impl Fn() -> R) -> R {
     expected
 }
 
-/// The same with each arrangement of a sparse matrix.
+/// Result of a kernel, the same with each arrangement of a sparse matrix.
 fn in_layouts<R: PartialEq + std::fmt::Debug>(
     [slices, groups]: &[Sliced; 2],
     call: impl Fn(&Sliced) -> R,

@@ -12,7 +12,7 @@ use crate::ops::*;
 proptest! {
     #![proptest_config(cases())]
 
-    /// They are doubles to the bit.
+    /// Values in 32 bits give the same bits as the doubles that they stand for.
     #[test]
     fn values_of_32_bits(rows in rows(), x in some_zero()) {
         let (n, x) = (rows.len(), numbers(&x, rows.len()));
@@ -63,7 +63,7 @@ proptest! {
         let (next, from, largest) = in_layouts(&matrix, |matrix| {
             let (mut next, mut from) = (vec![f64::NAN; n], vec![0; n]);
             let largest = max_step(matrix, &matrix.log2(), &x, likelihoods, &mut next, &mut from);
-            // Where no way leads, the pointer is any index: it is not compared.
+            // Without a way into a state, the pointer is arbitrary, and is not compared.
             let ways = next.iter().zip(&from);
             let from: Vec<u32> = ways.map(|(s, j)| if s.is_finite() { *j } else { 0 }).collect();
             (next, from, largest)

@@ -102,7 +102,7 @@ proptest! {
             close(&normalized, &expected)?;
             prop_assert_eq!(tiny, any_tiny(&expected));
         }
-        // With a lift, what is below the smallest normal double becomes 0.
+        // With a lift, values below the smallest normal double become 0.
         let rounded = |&p: &f64| if p < f64::MIN_POSITIVE { 0.0 } else { p };
         let expected: Vec<f64> = expected.iter().map(rounded).collect();
         let (lifted, out, tiny) = everywhere(|| {

@@ -1,5 +1,5 @@
-//! After its first step, a filter allocates nothing, whatever the family of its observations; nor
-//! do the statistics of learning.
+//! After its first step, a filter allocates nothing, whatever the family of its observations, and
+//! neither do the statistics of learning.
 
 use std::fmt::Debug;
 
@@ -16,8 +16,8 @@ use crate::allocations;
 
 type Rows = Vec<Vec<f64>>;
 
-/// Filters rows that two states have shown, and adds them to statistics: all without memory after
-/// the first step.
+/// Filters rows that two states have emitted, and adds them to statistics, without allocations
+/// after the first step.
 fn steps_allocate_nothing<B>(name: &str, family: B, rows: &Rows)
 where
     B: Likelihood<Observation = [f64]> + LearnLikelihood + Clone + Debug,
@@ -64,7 +64,7 @@ where
     steps_allocate_nothing(&format!("{name}, missing"), with_missing(family), &rows);
 }
 
-/// Place, heading and count, of which any may be missing.
+/// Place, heading and count, any of which may be missing.
 type Sensors = Product<Gaussian, Product<Independent<VonMises>, Independent<Poisson>>>;
 
 fn with_missing(sensors: Sensors) -> Sensors {

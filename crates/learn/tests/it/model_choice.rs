@@ -1,4 +1,4 @@
-//! Learning in parts, from several starts and in trouble, and the choice among models.
+//! Learning in parts, from several starts and with failures, and the choice among models.
 
 use std::error::Error;
 use std::ops::ControlFlow;
@@ -37,7 +37,7 @@ fn random_model(states: usize, symbols: usize, seed: u64) -> Model {
     Hmm::new(prior, transition, TableLikelihood::from_rows(&rows).unwrap()).unwrap()
 }
 
-/// Equal but for rounding.
+/// Equal up to rounding.
 fn near(a: f64, b: f64) -> bool {
     (a - b).abs() <= 1e-11 * a.abs().max(1.0)
 }
@@ -56,7 +56,8 @@ fn same(a: &Model, b: &Model, tolerance: f64) -> bool {
 proptest! {
     #![proptest_config(cases())]
 
-    /// However the sequences are divided, and through the parts that a message would hold.
+    /// Learning in parts gives the same, however the sequences are divided, and through serialized
+    /// parts.
     #[test]
     fn iterations_in_parts_equal_learning(
         seed: u64,
@@ -98,7 +99,7 @@ proptest! {
         prop_assert!(near(last.log_likelihood(), learned.log_likelihood()));
     }
 
-    /// Every answer is the same, but for the numbers of the states.
+    /// Every answer is the same up to the numbering of the states.
     #[test]
     fn reordered_states_change_names_only(
         seed: u64,
@@ -155,7 +156,7 @@ fn an_order_names_each_state_once() {
     }
 }
 
-/// A sensor that learns as told: a table until the given number of re-estimations, then worse.
+/// A sensor with scripted learning: a table until the given number of re-estimations, then worse.
 #[derive(Debug, Clone)]
 struct Spoiled {
     table: TableLikelihood,
@@ -236,12 +237,12 @@ fn spoiled(left: usize, then: Trouble) -> (Hmm<DenseTransition, Spoiled>, Vec<Ve
     (Hmm::new(prior, transition, Spoiled { table, left, then }).unwrap(), sequences)
 }
 
-/// The best model is kept, and the reason is told.
+/// The best model is kept, and the cause is reported.
 #[test]
 fn small_trouble_ends_learning_without_losing_it() {
     let learning = LearningOptions { tolerance: 0.0, ..LearningOptions::default() };
     for (then, failed) in [(Trouble::SmallFall, false), (Trouble::Failure, true)] {
-        // Gains are below what the trouble costs by then.
+        // By then, gains are smaller than the loss of the failure.
         let (hmm, sequences) = spoiled(60, then);
         let learned = hmm.learn(&sequences, &learning).unwrap();
         assert_eq!((learned.failed(), learned.iterations()), (failed, 60));
@@ -299,7 +300,7 @@ fn the_best_of_several_starts_is_returned() {
     assert!(ended.iter().all(|(_, learned)| learned.objective() <= best.objective()));
     assert_eq!(ended[best.start()].1.objectives(), best.objectives());
 
-    // Of equal ones the first, which ends as its start would alone.
+    // Among equal ones the first wins, and it ends as from its start alone.
     let equal = [starts[1].clone(), starts[1].clone()];
     let best = Hmm::learn_best(&equal, &sequences, &learning, |_, _| ()).unwrap();
     assert_eq!((best.start(), best.objectives()), (0, ended[1].1.objectives()));
@@ -309,7 +310,7 @@ fn the_best_of_several_starts_is_returned() {
     assert!(matches!(error, LearnError::Nothing { .. }));
 }
 
-/// Of twelve starts at least the better half are learned from to the end.
+/// At least the better half of twelve starts is learned to the end.
 #[test]
 fn the_worse_half_of_the_starts_is_left_after_a_short_run() {
     let truth = random_model(3, 4, 8);
@@ -338,7 +339,7 @@ fn the_worse_half_of_the_starts_is_left_after_a_short_run() {
     }
     assert_eq!(ended.len(), 12);
     assert!((6..12).contains(&objectives.len()), "{objectives:?}");
-    // Those that were left were no better by then than those that went on.
+    // The abandoned ones were not better at that point than those that continued.
     let after = |learned: &LearnedModel<DenseTransition, TableLikelihood>| learned.objectives()[30];
     let long = ended.iter().filter(|(_, learned)| learned.iterations() > 30);
     let least = long.map(|(_, learned)| after(learned)).fold(f64::INFINITY, f64::min);
@@ -356,13 +357,13 @@ fn the_worse_half_of_the_starts_is_left_after_a_short_run() {
     assert_eq!(starts[1].learn(&sequences, &learning).unwrap().ends(), 1);
 }
 
-/// Attempts whose likelihood may have no bound do not win, nor do such candidates.
+/// Attempts and candidates with an unbounded likelihood do not win.
 #[test]
 fn failed_fits_rank_last() {
     let learning = LearningOptions { tolerance: 0.0, ..LearningOptions::default() };
     let (failing, sequences) = spoiled(60, Trouble::Failure);
     let (whole, _) = spoiled(1000, Trouble::Failure);
-    // Of the second, less than the first has come to.
+    // The second has reached less than the first.
     let short = LearningOptions { iterations: 1, ..learning.clone() };
     let worse = whole.learn(&sequences, &short).unwrap();
     let failed = failing.learn(&sequences, &learning).unwrap();
@@ -376,7 +377,7 @@ fn failed_fits_rank_last() {
     assert_eq!(best.start(), 1);
     let best = Hmm::learn_best(&starts[..1], &sequences, &short, |_, _| ()).unwrap();
     assert!(best.failed());
-    // The better half, of equal ones the first, fails: the others go on.
+    // The better half (the first among equal ones) fails: the others continue.
     let starts = [vec![failing.clone(); 4], vec![whole.clone(); 4]].concat();
     let best = Hmm::learn_best(&starts, &sequences, &short, |_, _| ()).unwrap();
     assert_eq!((best.start(), best.iterations(), best.failed()), (4, 61, false));
@@ -415,7 +416,7 @@ fn learning_can_be_watched_and_broken_off() {
     assert_eq!(all.objectives()[..=4], *learned.objectives());
     assert_eq!((all.stopped(), all.iterations()), (false, 9));
     assert!(!all.converged() && all.cause().is_none());
-    // Broken off at the last iteration that was allowed, and one that converges.
+    // One stops at the last allowed iteration, and one converges.
     let broken = |tolerance: f64| {
         let last = LearningOptions { iterations: 1, tolerance, ..learning.clone() };
         start.learn_with(&sequences, &last, |_| ControlFlow::Break(())).unwrap()
@@ -448,7 +449,7 @@ fn free_parameters_are_counted() {
     assert_eq!(hmm.free_parameters(), 1 + 3 + 2);
     let hmm = Hmm::new(prior(), Fixed(sparse.clone()), Fixed(table)).unwrap();
     assert_eq!(hmm.free_parameters(), 1);
-    // Stay or go on, the same everywhere.
+    // Stays or goes on, with the same probability everywhere.
     let tied =
         ConstrainedTransition::new(sparse.clone()).with_ties(|from, to| usize::from(from == to));
     assert_eq!((tied.parameters(), tied.free_parameters()), (2, 1));
@@ -477,20 +478,20 @@ fn no_observation_is_nothing_to_learn_from() {
         let error = Hmm::learn_best(&starts, sequences, &learning, |_, _| ()).unwrap_err();
         assert_eq!(error.to_string(), expected);
     }
-    // What fails beside what is empty is named.
+    // A failing sequence is named, not the empty ones beside it.
     let error = hmm.learn(&[vec![], vec![7]], &learning).unwrap_err().to_string();
     assert!(
         error
             .starts_with("there is no observation to learn from, in 2 sequences given: sequence 1")
     );
-    // Empty sequences beside others have no influence.
+    // Empty sequences have no influence on others.
     let (some, alone) = ([vec![], vec![0, 1, 2], vec![]], [vec![0, 1, 2]]);
     let [some, alone] = [&some[..], &alone].map(|all| hmm.learn(all, &learning).unwrap());
     assert_eq!((some.criteria().observations, alone.criteria().observations), (3, 3));
     assert!(near(some.objective(), alone.objective()));
 }
 
-/// Learning until probabilities underflow leaves the number of parameters as it was.
+/// Learning until probabilities underflow does not change the number of parameters.
 #[test]
 fn parameters_are_those_of_the_start_however_long_learning_goes_on() {
     let prior = Prior::AtFirstObservation(Belief::uniform(2).unwrap());
@@ -522,7 +523,7 @@ fn parameters_are_those_of_the_start_however_long_learning_goes_on() {
         ModelSelection::new(["two"], &all, 2, |_, some| start.learn(some, &tight)).unwrap();
     assert_eq!(selection.rows()[0].criteria.parameters, 5);
 
-    // Zeros of the start are not parameters, nor is a prior that is kept.
+    // Zeros of the start are not parameters, and neither is a prior that is kept.
     let (prior, _, table) = start.clone().into_parts();
     let forbidden = DenseTransition::from_rows(&[[0.7, 0.0], [0.3, 1.0]]).unwrap();
     let start = Hmm::new(prior, forbidden, table).unwrap();
@@ -610,7 +611,7 @@ fn models_are_chosen_by_criteria_and_folds() {
     ));
 }
 
-/// A fold whose model rules out what it did not see scores −∞, and is no error.
+/// A fold whose model rules out the held-out data scores −∞, and is not an error.
 #[test]
 fn what_was_never_seen_is_held_against_a_fold() {
     let sequences = [vec![0, 0, 1], vec![0, 1, 0], vec![2, 0, 0]];
@@ -646,8 +647,8 @@ fn standard_errors_of_a_share_are_those_of_counting() {
     }
 }
 
-/// Errors of parameters that are found back are at most three standard errors, but for one in a
-/// hundred or so.
+/// Errors of recovered parameters are at most three standard errors, except for about one in a
+/// hundred.
 #[test]
 fn parameters_are_found_back_within_three_standard_errors() {
     let learning =

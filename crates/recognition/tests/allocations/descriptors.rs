@@ -1,4 +1,4 @@
-//! Distances into memory that is given allocate nothing.
+//! Distances that are written to memory of the caller allocate nothing.
 
 use wayfix_recognition::observation::{Distance, ReferenceDescriptors};
 

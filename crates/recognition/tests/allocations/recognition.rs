@@ -1,5 +1,5 @@
-//! Following a vehicle allocates nothing after the first two steps, nor does comparing views after
-//! the first.
+//! Following a vehicle allocates nothing after the first two steps, and comparing views nothing
+//! after the first.
 
 use wayfix_recognition::motion::OffMap;
 use wayfix_recognition::observation::{Distance, ViewComparison};
@@ -29,7 +29,7 @@ fn check(name: &str, mut track: Track, queries: &[Vec<f32>]) {
     track.step(&queries[0], None).unwrap();
     track.step(&queries[1], Some(1.0)).unwrap();
     assert_eq!(allocations(|| drive(&mut track, 2)), 0, "{name}");
-    // After a query that is refused, and after the vehicle is looked for anew.
+    // After a query that is refused, and after a relocation.
     assert!(track.step(&[f32::NAN; 3], None).is_err());
     assert_eq!(allocations(|| drive(&mut track, 60)), 0, "{name}, after an error");
     assert_eq!(allocations(|| track.relocate()), 0, "{name}");

@@ -1,5 +1,5 @@
-//! Distances of descriptors: against brute force in doubles, at the limits of
-//! 32 bits, one query at a time and many, and what is refused.
+//! Distances of descriptors: against brute force in doubles, at the limits of 32 bits, one query at
+//! a time and many, and refused inputs.
 
 use proptest::prelude::*;
 use wayfix::observation::ObservationError;
@@ -22,7 +22,7 @@ fn cosine(x: &[f32], r: &[f32]) -> f64 {
     1.0 - dot(x, r) / (dot(x, x) * dot(r, r)).sqrt()
 }
 
-/// That a distance is as near to the true one as the docs say.
+/// Checks that a distance is as near to the true one as documented.
 #[track_caller]
 fn check(distance: Distance, x: &[f32], r: &[f32], found: f32) {
     let d = x.len() as f64;
@@ -34,7 +34,7 @@ fn check(distance: Distance, x: &[f32], r: &[f32], found: f32) {
         }
         Distance::Cosine => {
             let expected = cosine(x, r);
-            // That of the reference, too: it cancels.
+            // The reference is scaled, too, so the scale cancels.
             let reference = 1e-15 * (8.0 + d);
             let c = expected.max(0.0);
             let allowed = 2.0 * U * (2.0 * c).sqrt() + (36.0 + d / 32.0) * U * c + 4.0 * U * U;
@@ -64,7 +64,7 @@ fn instance() -> impl Strategy<Value = (Vec<Vec<f32>>, Vec<Vec<f32>>)> {
     })
 }
 
-/// None if all are equal: in one dimension, there are only two directions.
+/// `None` if all are equal, since one dimension has only two directions.
 fn references(rows: &[Vec<f32>], distance: Distance) -> Option<ReferenceDescriptors> {
     match ReferenceDescriptors::from_rows(rows, distance) {
         Err(ObservationError::AllEqual { .. }) => None,
@@ -190,7 +190,7 @@ proptest! {
 fn long_descriptors_keep_their_digits() {
     let d = 4096;
     let rows: Vec<Vec<f32>> = (1..5).map(|seed| noise(d, seed)).collect();
-    // As like to the first as 32 bits can tell in one element, and a little less.
+    // The first row with every seventh element changed, down to what 32 bits barely tell.
     let near = |step: f32| {
         let mut near = rows[0].clone();
         near.iter_mut().step_by(7).for_each(|x| *x *= 1.0 + step);
@@ -253,7 +253,7 @@ fn cosines_do_not_depend_on_the_size_of_descriptors() {
         assert_eq!(references.distances(&x).unwrap(), expected, "2^{power}");
         assert_eq!(plain.distances(&scaled(&x)).unwrap(), expected, "2^{power}");
     }
-    // The smallest numbers there are.
+    // The smallest numbers of 32 bits.
     let least = f32::from_bits(1);
     let rows = [[least, 0.0], [0.0, f32::MAX], [-least, -least]];
     let references = ReferenceDescriptors::from_rows(&rows, Distance::Cosine).unwrap();
@@ -345,7 +345,7 @@ fn what_is_wrong_is_said_with_its_place() {
         "3 values do not make a whole number of descriptors of dimension 2"
     );
     assert_eq!(references.distances(&[0.0, 0.0]).unwrap(), [1.0, f32::MAX]);
-    // Beyond the first block of either.
+    // Beyond the first block of queries and of references.
     let mut rows = vec![[1.0, 0.0]; 50];
     rows[40] = [f32::MAX, 0.0];
     let references = ReferenceDescriptors::from_rows(&rows, euclidean).unwrap();

@@ -1,5 +1,5 @@
-//! Place recognition from end to end, on distances made up by the tests: starts
-//! from anywhere, kidnapped vehicles, and places that are not on the map.
+//! Place recognition from end to end, on simulated distances: starts anywhere, kidnapped vehicles,
+//! and places that are not on the map.
 
 use rand_distr::{Distribution, StandardNormal};
 use wayfix::likelihood::GroupedLikelihood;
@@ -20,9 +20,8 @@ use crate::kit::rng;
 
 const PLACES: usize = 200;
 
-/// Rows of distances of a drive; `None` is off the map. The right reference is
-/// only 1.5 standard deviations nearer than others, so that single images are
-/// mostly wrong.
+/// Rows of distances of a drive; `None` is off the map. The right reference is only 1.5 standard
+/// deviations nearer than others, so that the nearest is usually wrong.
 fn rows(drive: &[Option<usize>], seed: u64) -> Vec<Vec<f32>> {
     let mut rng = rng(seed);
     let row = |place: &Option<usize>| {
@@ -39,13 +38,13 @@ fn ahead() -> WindowTransition {
     WindowTransition::new(PLACES, 0, &[0.1, 0.8, 0.1], true).unwrap()
 }
 
-/// A camera whose frames are given as log-odds.
+/// Camera whose frames are given as log-odds.
 fn camera() -> LikelihoodVector<Vec<f64>> {
     LikelihoodVector::log(PLACES).owned()
 }
 
-/// Log-odds of the places for each row, whose errors are independent of each other. Nothing is
-/// learned from a row that repeats the one before.
+/// Log-odds of the places for each row, with independent errors. A row that repeats the one before
+/// is not learned from.
 fn log_odds(rows: &[Vec<f32>]) -> Vec<Vec<f64>> {
     let odds = MatchOdds::default().with_temperature(1.0).unwrap();
     let mut references = Standardizer::new(PLACES).unwrap();
@@ -111,7 +110,7 @@ fn a_restart_mix_brings_a_kidnapped_vehicle_back() {
         };
         let back = masses_of(masses(&mut mixed.filter(), &drive, &rows));
         assert!(back.is_some_and(|steps| steps <= 40), "seed {seed}: {back:?}");
-        // A window alone takes it for what it is not for longer, or for ever.
+        // A window alone stays wrong for longer, or for ever.
         let without = masses_of(masses(&mut plain.filter(), &drive, &rows));
         lost += usize::from(without.is_none_or(|steps| Some(steps) > back));
     }
@@ -126,7 +125,7 @@ fn filter_fixed_lag_smoother_and_viterbi_tell_places_that_are_not_on_the_map() {
     let motion = OffMapTransition::new(ahead(), 0.002, 0.02, back).unwrap();
     let hmm = from_anywhere(motion, LikelihoodVector::log(PLACES + 1).owned());
     let off = hmm.transition().off_map_state();
-    // A place off the map has much the same odds whatever is seen.
+    // Off the map, the odds hardly depend on the image.
     let with_off_map = |odds: Vec<f64>| [odds, vec![0.9_f64.ln()]].concat();
     for seed in 0..5 {
         let rows: Vec<Vec<f64>> =
@@ -150,7 +149,7 @@ fn filter_fixed_lag_smoother_and_viterbi_tell_places_that_are_not_on_the_map() {
             ("filter", &filtered, 0.85),
             ("fixed lag", &lagged, 0.95),
             ("smoother", &smoothed, 0.95),
-            ("viterbi", &decoded, 0.8), // yes or no, so no curve
+            ("viterbi", &decoded, 0.8), // answers without a confidence have no curve
         ] {
             let samples: Vec<(f64, bool)> =
                 scores.iter().zip(&drive).map(|(p, place)| (*p, place.is_none())).collect();

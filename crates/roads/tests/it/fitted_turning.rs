@@ -78,7 +78,7 @@ proptest! {
         let terms: Vec<f64> = flow.iter().zip(other.iter().zip(&counts)).map(slope).collect();
         let size: f64 = terms.iter().map(|term| term.abs()).sum();
         prop_assert!(terms.iter().sum::<f64>().abs() <= 1e-6 * (size + 1.0));
-        // A flow stays as it is.
+        // Fitting a flow does not change it.
         let again = network.consistent_flow(&flow).unwrap();
         prop_assert!(flow.iter().zip(&again).all(|(a, b)| near(*a, *b)));
     }
@@ -121,7 +121,7 @@ proptest! {
         let rule = TurningRule::default();
         let learned = TurningProbabilities::fit_traffic(&map, counts, &rule).unwrap();
         let flow = map.consistent_flow(counts).unwrap();
-        // Where places are left as the flow says, they are reached so, and stays change nothing.
+        // If the flow out of places is right, so is the flow into them, and stays change nothing.
         let (mut flow, mut next) = (flow.iter(), vec![0.0; map.places().len()]);
         let mut at = vec![0.0; map.places().len()];
         for (from, at) in at.iter_mut().enumerate() {
@@ -176,7 +176,7 @@ fn simulated_moves_give_their_probabilities_back() {
     let drive = Hmm::new(anywhere, truth, sensor).unwrap().simulate(400_000, &mut rng(7));
     let counts = MoveCounts::of_path(drive.states());
     for (weight, bound) in [(0.0, 0.06), (50.0, 0.06), (1e9, 1.0)] {
-        // A prior that is far off: all roads alike, and half a stay.
+        // A prior that is far off: equal roads, and half of the time a stay.
         let rule = TurningRule {
             weight: wayfix::map::ByClass::all(1.0),
             straight_on: 1.0,
@@ -264,7 +264,7 @@ fn errors_name_what_is_wrong() {
     assert_eq!(edges(&[0, 5], 1.0), missing);
     assert_eq!(edges(&[2, 0], 1.0), TransitionError::Forbidden { to: 0, from: 2 });
     assert!(matches!(edges(&[0, 1], f64::NAN), TransitionError::Parameter(_)));
-    // Without U-turns, what comes from 7 cannot go back there.
+    // Without U-turns, traffic from 7 cannot go back there.
     let mut builder = NetworkBuilder::new();
     for (id, x) in [(7, 0.0), (8, 1.0), (9, 2.0)] {
         builder.node(id, PlanePosition { x, y: 0.0 }).unwrap();
@@ -278,7 +278,7 @@ fn errors_name_what_is_wrong() {
     assert!(is_unbalanced, "{error}");
     assert!(EdgeTurns::fit_traffic(&line, &[9.0, 9.0, 1.0, 1.0], &weights).is_ok());
     assert!(EdgeTurns::fit_traffic(&line, &[9.0; 4], &no_u_turn).is_ok());
-    // Turns of another network.
+    // Turns of a different network.
     let turns = EdgeTurns::fit(&line, &MoveCounts::default(), &weights, 1.0).unwrap();
     let cells = RoadCells::new(network, 1.0).unwrap();
     let error = CellTransition::with_turns(&cells, &turns).unwrap_err();

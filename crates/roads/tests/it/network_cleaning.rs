@@ -72,7 +72,8 @@ fn old(before: &Network, after: &Network) -> Vec<usize> {
     after.nodes().iter().map(|node| before.index_of_id(node.id).unwrap()).collect()
 }
 
-/// Properties of every network: each edge's line has its ends, and reverses are mutual.
+/// Properties of every network: each edge's line begins and ends at its nodes, and reverses are
+/// mutual.
 fn is_whole(network: &Network) {
     for (e, edge) in network.edges().iter().enumerate() {
         let (shape, ends) =
@@ -109,12 +110,12 @@ proptest! {
         }
         let total = |n: &Network| n.edges().iter().map(|edge| edge.metres).sum::<f64>();
         prop_assert!((total(&network) - total(&contracted)).abs() <= 1e-9 * total(&network));
-        // Each contracted node was between two neighbours and is a point of a line now.
+        // Each contracted node was between two neighbours, and is now a point of a line.
         for node in network.nodes().iter().filter(|node| contracted.index_of_id(node.id).is_none()) {
             let on_line = (0..contracted.edges().len()).any(|e| contracted.shape(e).contains(&node.position));
             prop_assert!(on_line);
         }
-        // Turns at the remaining nodes are as they were, unless back at a contracted node.
+        // Turns at the remaining nodes are unchanged, except U-turns at a contracted node.
         for (edge, next) in network.forbidden_turns() {
             let via = network.nodes()[network.edges()[edge].to].id;
             let back = network.reverse(edge) == Some(next)
@@ -134,7 +135,7 @@ proptest! {
         let component = |i: usize| -> Vec<usize> {
             (0..n).filter(|&j| reach[i][j].is_finite() && reach[j][i].is_finite()).collect()
         };
-        // The first of the largest.
+        // The first among the largest.
         let expected = (0..n).map(component).reduce(|a, b| if b.len() > a.len() { b } else { a });
         let expected = expected.unwrap();
         let (largest, step) = network.largest_component();
@@ -154,7 +155,7 @@ proptest! {
     fn merging_keeps_reachability_and_bounds(network in any_network(), metres in 0.0..60.0_f64) {
         let (merged, _) = network.merged(metres).unwrap();
         is_whole(&merged);
-        // Every old node has a new one within the radius; where there is one only, it is known.
+        // Every old node has a new one within the radius; if there is only one, it is known.
         let near = |node: usize| -> Vec<usize> {
             let position = network.nodes()[node].position;
             let close = |m: &usize| merged.nodes()[*m].position.metres_to(position) <= metres + 1e-9;
@@ -170,7 +171,7 @@ proptest! {
                 }
             }
         }
-        // Long edges are there still.
+        // Long edges remain.
         let long = |n: &Network| n.edges().iter().filter(|edge| edge.metres > 2.0 * metres).count();
         prop_assert!(long(&merged) >= long(&network));
     }
@@ -229,7 +230,7 @@ proptest! {
         prop_assert_eq!(steps[0].nodes[0], network.nodes().len());
         prop_assert!(steps.windows(2).all(|pair| pair[0].edges[1] == pair[1].edges[0]));
         prop_assert_eq!(steps[4].nodes[1], cleaned.nodes().len());
-        // What is strongly connected stays so.
+        // Strongly connected networks remain so.
         prop_assert!(distances(&cleaned).iter().flatten().all(|metres| metres.is_finite()));
     }
 }
@@ -251,7 +252,7 @@ fn contraction_stops_at_changes_turns_and_dead_ends() {
     {
         edges.push(builder.both_ways(from, from + 1, class).unwrap());
     }
-    // 2 is not passed through for a forbidden turn, 4 for the class.
+    // 2 is kept because of a forbidden turn, 4 because of the class.
     builder.forbid(edges[1], edges[2]);
     let (contracted, step) = builder.build().unwrap().contracted();
     let ids: Vec<u64> = contracted.nodes().iter().map(|node| node.id).collect();

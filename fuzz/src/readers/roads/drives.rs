@@ -1,4 +1,4 @@
-//! Drives of any points.
+//! Drives of arbitrary points.
 
 use wayfix_roads::NetworkBuilder;
 use wayfix::map::{Position, RoadClass};
@@ -77,7 +77,7 @@ const NUMBERS: [f64; 16] = [
     1.0 - f64::EPSILON / 2.0,
 ];
 
-/// A point of a drive: in the town, far off, or nonsense.
+/// A point of a drive: in the town, far away, or nonsense.
 fn point(draw: &mut Draw<'_>, corner: [f64; 2], before: f64) -> TracePoint {
     let [latitude, longitude] = place(corner, draw.below(9));
     let position = match draw.below(12) {
@@ -138,7 +138,7 @@ fn model(draw: &mut Draw<'_>) -> MatchModel {
     model
 }
 
-/// Any points, live and as a whole drive, with any model.
+/// Matches arbitrary points, live and as a whole drive, with any model.
 pub(super) fn any_points(draw: &mut Draw<'_>, counts: &mut Counts) {
     let corner = draw.pick(&CORNERS);
     let model = model(draw);

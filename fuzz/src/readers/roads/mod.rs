@@ -16,7 +16,7 @@ use super::{check_message, damage::damaged};
 use crate::counts::Counts;
 use crate::draw::Draw;
 
-/// A file or bytes of roads, drives or vehicles, damaged; the first byte chooses which.
+/// Reads damaged files or bytes of roads, drives or vehicles; the first byte chooses which.
 pub fn roads(bytes: &[u8], counts: &mut Counts) {
     let mut draw = Draw::new(bytes);
     match draw.below(7) {
@@ -30,13 +30,13 @@ pub fn roads(bytes: &[u8], counts: &mut Counts) {
     }
 }
 
-/// Coordinates of towns, in degrees from their corners: also at a pole, and on both sides of where
-/// longitudes jump.
+/// Coordinates of towns, in degrees from their corners: also at a pole, and on both sides of the
+/// antimeridian.
 const CORNERS: [[f64; 2]; 4] = [[-35.3, 149.1], [89.995, 10.0], [0.0, 179.9985], [-0.001, -0.001]];
 const CLASSES: [&str; 6] = ["main", "arterial", "collector", "street", "", "2"];
 const METRES: [&str; 8] = ["1", "250.5", "1e-3", "1e5", "", "0", "1e-300", "1e300"];
 
-/// Latitude and longitude of the point of a number, on a grid.
+/// Latitude and longitude of the grid point with this number.
 fn place([latitude, longitude]: [f64; 2], number: usize) -> [f64; 2] {
     let east = longitude + 1e-3 * (number % 3) as f64;
     [latitude + 1e-3 * (number / 3) as f64, if east > 180.0 { east - 360.0 } else { east }]

@@ -1,4 +1,4 @@
-//! Networks that were accepted, and their cleaning.
+//! Checks of networks that were accepted, and of their cleaning.
 
 use wayfix_roads::{Cleaning, ImportNote, ImportOptions, RoadNetwork};
 use wayfix::map::Position;
@@ -9,7 +9,7 @@ use super::drives;
 use crate::counts::Counts;
 use crate::draw::Draw;
 
-/// All that can be asked of a network, and a drive along it.
+/// Checks all queries of a network, and a drive along it.
 pub(super) fn check(network: &RoadNetwork) {
     for (index, node) in network.nodes().iter().enumerate() {
         assert_eq!(network.index_of_id(node.id), Some(index));
@@ -47,7 +47,7 @@ pub(super) fn check(network: &RoadNetwork) {
         let (again, report) = again.expect("a network that was written");
         let [read, written] = [&again, network].map(|network| network.edges().len());
         assert!(read >= written, "{written} edges, read back as {read}: {report}");
-        // Points of a pole differ, but have no distance.
+        // Points at a pole may differ in longitude, but their distance is 0.
         assert!(report.notes().all(|(note, _)| note == ImportNote::ShortLine), "{report}");
     }
     let matcher = Matcher::new(network.clone());
@@ -60,7 +60,7 @@ fn check_position(Position { latitude, longitude }: Position) {
     assert!((-180.0..=180.0).contains(&longitude), "longitude {longitude}");
 }
 
-/// Cleans a network as a caller may wish.
+/// Cleans a network with any operations.
 pub(super) fn clean(network: RoadNetwork, draw: &mut Draw<'_>, counts: &mut Counts) {
     const DEGREES: [f64; 8] =
         [-180.0, 0.0, 180.0, 149.1005, -35.2995, 1e9, f64::NAN, f64::INFINITY];

@@ -8,7 +8,7 @@ use super::{CORNERS, drives, place, refused, show};
 use crate::counts::Counts;
 use crate::draw::Draw;
 
-/// Names of files, of which the ending tells the format.
+/// Names of files, whose endings tell the format.
 const NAMES: [&str; 3] = ["traces", "traces.gpx", "traces.geojson"];
 const TIMES: [&str; 5] = ["", "0.5", "-0", "1e18", "1970-01-01T00:00:03.5+01:00"];
 

@@ -8,7 +8,7 @@ use super::{CORNERS, drives, place};
 use crate::counts::Counts;
 use crate::draw::Draw;
 
-/// Words that stand in place of others.
+/// Replacements of words.
 const WORDS: [u64; 16] = [
     0,
     1,
@@ -49,7 +49,7 @@ pub(super) fn check(vehicle: &Vehicle, matcher: &Matcher) {
     }
 }
 
-/// The bytes of a vehicle, damaged, with a checksum that says they are not.
+/// Reads the damaged bytes of a vehicle, with a matching checksum.
 pub(super) fn vehicle(draw: &mut Draw<'_>, counts: &mut Counts) {
     let corner = draw.pick(&CORNERS);
     let matcher = drives::town(corner);

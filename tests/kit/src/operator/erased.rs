@@ -1,4 +1,4 @@
-//! Operators of any type as one type, so that what is generic is compiled once.
+//! Operators of any type as one type, so that generic code is compiled once.
 
 use std::fmt::Debug;
 
@@ -14,7 +14,7 @@ pub trait Steps {
     fn stored(&self, step: usize) -> Option<Stored<'_>>;
     fn apply(&self, step: usize, x: &[f64], out: &mut [f64]);
     fn smallest_entry(&self, step: usize) -> f64;
-    /// The product, and how often each state was handed over.
+    /// The product, and the number of times that each state was passed on.
     fn blocks(&self, step: usize, x: &[f64]) -> (Vec<f64>, Vec<usize>);
     fn apply_transpose(&self, step: usize, x: &[f64], out: &mut [f64]);
     fn apply_log(&self, step: usize, x: &[f64], out: &mut [f64]);
@@ -88,7 +88,7 @@ impl<A: TransitionEntries<Control: Debug>> Steps for WithControls<A> {
     }
 }
 
-/// The operator of one step, which knows no control.
+/// The operator of one step, without a control.
 #[derive(Clone, Copy)]
 pub struct AtStep<'a> {
     pub operator: &'a dyn Steps,
@@ -99,7 +99,7 @@ pub struct AtStep<'a> {
 #[derive(Clone, Copy)]
 pub struct EachStep<'a>(pub &'a dyn Steps);
 
-/// Both traits, by those of the operator within.
+/// Implements both traits by those of the inner operator.
 macro_rules! delegate {
     ($type:ident, $control:ty, $only:expr, |$self:ident, $u:ident| $operator:expr, $step:expr) => {
         impl Transition for $type<'_> {

@@ -1,10 +1,10 @@
-//! Numbers to try operators on.
+//! Vectors that operators are applied to.
 
 use rand::RngExt;
 
 use super::super::{Matrix, NEVER, rng};
 
-/// One value a state: numbers, logarithms of a huge range, and whole scores, which tie.
+/// One value for each state: numbers, logarithms of a huge range, and whole scores, which tie.
 #[derive(Debug, Clone)]
 pub struct Inputs {
     pub numbers: Vec<f64>,
@@ -13,12 +13,12 @@ pub struct Inputs {
 }
 
 impl Inputs {
-    /// Those of a matrix: random, but always the same ones.
+    /// Inputs for a matrix: random, but always the same ones.
     pub fn of(m: &Matrix) -> Self {
         Self::nth(0, m)
     }
 
-    /// Others for the same matrix.
+    /// Other inputs for the same matrix.
     pub fn nth(k: u64, m: &Matrix) -> Self {
         let mix = |seed: u64, p: &f64| (seed ^ p.to_bits()).wrapping_mul(0x9e37_79b9_7f4a_7c15);
         let rng = &mut rng(m.iter().flatten().fold(k, |seed, p| mix(seed.rotate_left(29), p)));

@@ -57,7 +57,7 @@ fn products(
         apply(&x, &mut out);
         for (found, row) in out.iter().zip(m) {
             let expected: f64 = row.iter().zip(&inputs.numbers).map(|(a, x)| a * x).sum();
-            // At other scales, parts that are far below the largest may underflow.
+            // At other scales, values far below the largest may underflow.
             let least = if scale == 1.0 { least } else { least.max(1e-30) };
             if expected == 0.0 || expected > least {
                 close(found / scale, expected, entries, f64::MIN_POSITIVE)?;
@@ -86,7 +86,7 @@ fn logarithms(
     Ok(())
 }
 
-/// Ascending, and none but those above 0.
+/// Checks that entries ascend, and that only those above 0 are listed.
 fn entries(
     list: impl Fn(usize) -> Vec<(usize, f64)>,
     m: &Matrix,
@@ -104,7 +104,7 @@ fn entries(
     Ok(())
 }
 
-/// The step of Viterbi, against the matrix and as decoders that list entries do it.
+/// Checks the step of Viterbi against the matrix, and against decoders that list entries.
 fn best_predecessors(
     a: &dyn Steps,
     step: usize,
@@ -125,8 +125,7 @@ fn best_predecessors(
             let listed = a.incoming_log2(step, i).into_iter().map(|(j, log2)| (log2 + x[j], j));
             let listed =
                 listed.fold((NEVER, 0), |best, one| if one.0 > best.0 { one } else { best });
-            // Sums of logarithms below 256 are exact, and parts of this one may be 100
-            // below it.
+            // Sums of logarithms below 256 are exact, and terms may be 100 below this one.
             if least == 0.0 || best.abs() < 100.0 {
                 prop_assert_eq!(out[i], listed.0);
             }

@@ -1,4 +1,4 @@
-//! Everything that there is to check of an operator, in one call.
+//! All checks of an operator, in one call.
 
 mod erased;
 mod inputs;
@@ -15,28 +15,28 @@ use self::erased::{AtStep, EachStep, Steps, WithControls};
 use self::inputs::Inputs;
 use super::{Matrix, Own, OwnMeasured, close_logs, dense, prior};
 
-/// The matrices that an operator must equal, and how nearly.
+/// Matrices that an operator must equal, with tolerances.
 #[derive(Debug, Clone)]
 pub struct Expected<C> {
     controls: Vec<C>,
-    /// For each control, with columns that sum to one, but for evidence.
+    /// One for each control, with columns that sum to one, except with evidence.
     matrices: Vec<Matrix>,
-    /// The log factor of the evidence on moves of each, if there is some.
+    /// The log factor of the evidence on moves of each, if any.
     evidence: Vec<Option<f64>>,
-    /// There is no control: all matrices are the same.
+    /// True without a control: all matrices are the same.
     constant: bool,
     rounding: Rounding,
 }
 
-/// How far what is found may be from the dense matrix.
+/// Tolerances relative to the dense matrix.
 #[derive(Debug, Clone, Copy)]
 struct Rounding {
-    /// Of equal predecessors the lowest must be named, and of equal paths the same
+    /// True if ties must be resolved: the lowest of equal predecessors, and of equal paths the same
     /// one as with dense matrices.
     exact: bool,
-    /// Of products and entries, relative.
+    /// Relative tolerance of products and entries.
     entries: f64,
-    /// Sums above 0 of at most this much are not looked at.
+    /// Positive sums of at most this size are not compared.
     least: f64,
 }
 
@@ -60,21 +60,21 @@ impl<C: Clone> Expected<C> {
 }
 
 impl<C> Expected<C> {
-    /// The controls are evidence on moves, of which these log factors are taken out;
-    /// `None` for those that are not.
+    /// The controls are evidence on moves, with these log factors taken out; `None` for controls
+    /// without evidence.
     pub fn with_evidence(self, log_factors: &[Option<f64>]) -> Self {
         assert_eq!(log_factors.len(), self.matrices.len());
         Self { evidence: log_factors.to_vec(), ..self }
     }
 
-    /// Logarithms of the entries are exact, so that ties can be told: of equal
-    /// predecessors the lowest must be named.
+    /// Logarithms of the entries are exact, so that ties are exact: the lowest of equal
+    /// predecessors must be named.
     pub fn with_exact_ties(mut self, exact: bool) -> Self {
         self.rounding.exact = exact;
         self
     }
 
-    /// Entries may be off by this part of themselves, and sums up to `least` by more.
+    /// Entries may have this relative error, and sums up to `least` a larger one.
     pub fn within(mut self, entries: f64, least: f64) -> Self {
         (self.rounding.entries, self.rounding.least) = (entries, least);
         self
@@ -87,15 +87,14 @@ impl From<&Matrix> for Expected<()> {
     }
 }
 
-/// Tries all methods of an operator, and all routines of models with it, against its
-/// dense matrix.
+/// Checks all methods of an operator, and all routines of models with it, against its dense matrix.
 ///
 /// The methods are both products at scales from 2^-800 to 2^1000 and in logarithms,
 /// column sums, the entries of each row and column, and the step of Viterbi, against
 /// the matrix and against the listed entries to the bit. The routines are the
 /// smoother, the score, both streams, both decoders, the entropy and the expected
-/// moves, on likelihoods of usual and of huge ranges, of which some are 0. Numbers to
-/// try them on are drawn anew for each matrix.
+/// moves, on likelihoods of usual and of huge ranges, some of which are 0. Inputs are
+/// drawn anew for each matrix.
 ///
 /// A new operator needs its matrix, written from its definition, and one call:
 ///
@@ -112,15 +111,15 @@ impl From<&Matrix> for Expected<()> {
 /// }
 /// ```
 ///
-/// Without exact ties the matrix alone will do, `assert_operator(a, &expected)`; with
-/// controls it is `Expected::each(&controls, &matrices)`.
+/// Without exact ties the matrix suffices, `assert_operator(a, &expected)`; with controls it is
+/// `Expected::each(&controls, &matrices)`.
 pub fn assert_operator<A>(operator: A, expected: impl Into<Expected<A::Control>>) -> TestCaseResult
 where
     A: TransitionEntries<Control: Debug>,
 {
     let Expected { controls, matrices, evidence, constant, rounding } = expected.into();
     let n = matrices[0].len();
-    // Of an operator without a control, a model checks the columns.
+    // A model checks the columns of an operator without a control.
     let start = prior(&vec![1.0 / n as f64; n], false);
     prop_assert!(Hmm::new(start, &operator, LikelihoodVector::log(n)).is_ok());
     assert_steps(&WithControls { operator, controls }, (&matrices, &evidence), constant, rounding)

@@ -1,4 +1,4 @@
-//! All routines with an operator as with its dense matrices.
+//! All routines give the same with an operator as with its dense matrices.
 
 use proptest::prelude::*;
 use proptest::test_runner::TestCaseResult;
@@ -23,7 +23,7 @@ where
     R: TransitionEntries<Control: Clone>,
 {
     let scaled = |logs: &[f64]| logs.iter().map(|log| log / 50.0).collect();
-    // Of usual ranges, those of every third step above 0.
+    // Of usual ranges; at every third step, all are above 0.
     let near = seen.iter().enumerate().map(|(k, inputs)| match k % 3 {
         0 => scaled(&inputs.logs),
         1 => scaled(&inputs.scores),
@@ -59,19 +59,19 @@ where
     Ok(())
 }
 
-/// What all routines say of one sequence.
+/// Results of all routines for one sequence.
 struct Outcome {
-    /// By the smoother and by the score.
+    /// Log-likelihoods from the smoother and the score.
     log_likelihoods: [f64; 2],
     posteriors: Vec<f64>,
-    /// Those of a lag of two steps, after each step.
+    /// Beliefs with a lag of two steps, after each step.
     lagged: Vec<f64>,
-    /// X_0 by a lag as long as the sequence.
+    /// Belief of X_0, with a lag as long as the sequence.
     first: Vec<f64>,
     entropy: f64,
     moves: Vec<f64>,
     path: ViterbiPath,
-    /// States by the stream.
+    /// States from the streaming decoder.
     online: Vec<usize>,
     best: Vec<ViterbiPath>,
 }
@@ -115,7 +115,7 @@ impl Outcome {
         })
     }
 
-    /// Sums over paths: log-likelihoods, posteriors, and what is added up from them.
+    /// Compares sums over paths: log-likelihoods, posteriors, and sums of these.
     fn compare(&self, expected: &Self, [logs, posteriors, sums]: [f64; 3]) -> TestCaseResult {
         let log_likelihood = expected.log_likelihoods[0];
         for found in self.log_likelihoods {

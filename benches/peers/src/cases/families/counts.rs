@@ -18,7 +18,7 @@ pub(super) const BERNOULLI: &str = "bernoulli";
 pub(super) const MULTINOMIAL: &str = "multinomial";
 pub(super) const GAMMA: &str = "gamma";
 
-/// Parameters with one row for each state.
+/// Parameters, with a row for each state.
 type Table = Vec<Vec<f64>>;
 
 pub(super) fn categorical(races: &mut Races, folders: &Folders) -> Result<(), Failure> {
@@ -79,7 +79,7 @@ pub(super) fn gamma(races: &mut Races, folders: &Folders) -> Result<(), Failure>
     run(GAMMA, |rng| table(2, |x| 0.5 + 3.0 * x, rng), family, arrays, races, folders)
 }
 
-/// Draws from a family with random parameters, and starts from those moved towards others.
+/// Draws from a family with random parameters, and starts learning from perturbed ones.
 fn run<L>(
     name: &'static str,
     random: impl Fn(&mut ChaCha8Rng) -> Table,

@@ -16,7 +16,7 @@ pub(super) const FULL_MIXTURE: &str = "mixture";
 pub(super) const DIAGONAL_MIXTURE: &str = "diagonal mixture";
 
 const COMPONENTS: usize = 3;
-/// Gaussians of a mixture.
+/// Number of Gaussians of a mixture.
 const PARTS: usize = 2;
 
 pub(super) fn full(races: &mut Races, folders: &Folders) -> Result<(), Failure> {
@@ -107,7 +107,7 @@ fn mixture(
     Case { name, sizes: SMALL, start, arrays }.learn_rows(&drawn, races, folders)
 }
 
-/// Those of all states, state by state.
+/// Covariances of all states, state by state.
 fn parts(all: &[Vec<f64>]) -> Vec<Vec<Vec<f64>>> {
     all.chunks(PARTS).map(<[_]>::to_vec).collect()
 }
@@ -121,7 +121,7 @@ fn shape(kind: CovarianceType, d: usize) -> Vec<usize> {
     }
 }
 
-/// As it is given for this type: the matrix, its diagonal or the mean of that.
+/// Covariance in the form of this type: the matrix, its diagonal, or the mean of the diagonal.
 fn of_kind(kind: CovarianceType, d: usize, matrix: Vec<f64>) -> Vec<f64> {
     let diagonal: Vec<f64> = matrix.iter().step_by(d + 1).copied().collect();
     match kind {

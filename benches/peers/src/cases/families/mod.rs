@@ -1,4 +1,4 @@
-//! Baum–Welch with each family of observations: the frame of all.
+//! Baum–Welch with each family of observations: the parts that all cases share.
 
 mod counts;
 mod gaussian;
@@ -20,7 +20,7 @@ use crate::model::{Entry, distribution, full, matrix, observed, write_model};
 use crate::race::{Contender, Races};
 use crate::{Failure, Folders, Run, npy};
 
-/// One for each family, by the names that Python knows, too.
+/// Cases by family, with the names that the Python programs use, too.
 pub(crate) const CASES: [(&str, Run); 13] = [
     (counts::CATEGORICAL, counts::categorical),
     (gaussian::FULL, gaussian::full),
@@ -37,12 +37,12 @@ pub(crate) const CASES: [(&str, Run); 13] = [
     (regression::AUTOREGRESSION, regression::autoregression),
 ];
 
-/// The re-estimations after the first.
+/// Number of re-estimations after the first.
 const MORE: usize = 20;
 
 type Model<L> = Hmm<DenseTransition, L>;
 
-/// How much is learned from.
+/// Size of the data.
 #[derive(Clone, Copy)]
 struct Sizes {
     states: usize,
@@ -50,13 +50,13 @@ struct Sizes {
     steps: usize,
 }
 
-/// Those of most families.
+/// Size for most families.
 const SMALL: Sizes = Sizes { states: 4, sequences: 20, steps: 500 };
 
 /// A parameter of all states.
 struct Array {
     name: &'static str,
-    /// The first axis is that of the states; the last runs fastest.
+    /// The first axis is the state; the last runs fastest.
     shape: Vec<usize>,
     values: Vec<f64>,
 }
@@ -69,7 +69,7 @@ impl Array {
     }
 }
 
-/// A family and the model that learning starts from.
+/// Family, and the model that learning starts from.
 struct Case<L> {
     name: &'static str,
     sizes: Sizes,
@@ -120,7 +120,7 @@ where
         let (learned, _) = self.iterate(seen, 1 + MORE)?;
         self.write(&learned, seen, folders)?;
 
-        // One re-estimation is what some more of them take longer.
+        // The time of one re-estimation is the slope over their number.
         let steps: usize = seen.iter().map(Sequence::steps).sum();
         let mut times = Vec::new();
         for _ in 0..races.repetitions() {
@@ -134,7 +134,8 @@ where
         Ok(())
     }
 
-    /// So many re-estimations, and the seconds that they take with the E-step that comes first.
+    /// Runs a number of re-estimations; returns the seconds, with those of the E-step that comes
+    /// first.
     fn iterate<S>(
         &self,
         seen: &[S],
@@ -188,7 +189,7 @@ where
         let sizes = json!({
             "states": n,
             "more": MORE,
-            // As given, and after each re-estimation.
+            // At the start, and after each re-estimation.
             "log_likelihoods": learned.objectives(),
         });
         Ok(fs::write(folder.join("model.json"), serde_json::to_string_pretty(&sizes)?)?)
@@ -200,7 +201,7 @@ fn entries<L: Likelihood>(model: &Model<L>) -> Vec<Entry> {
     (0..n * n).map(|at| (at / n, at % n, transition.get(at / n, at % n))).collect()
 }
 
-/// The generator that all of a case is drawn from.
+/// Generator of all random numbers of a case.
 fn generator() -> ChaCha8Rng {
     ChaCha8Rng::seed_from_u64(1)
 }
@@ -226,13 +227,13 @@ where
     (0..sizes.sequences).map(sequence).collect()
 }
 
-/// So many rows of normal numbers.
+/// Rows of normal numbers.
 fn normals(rows: usize, columns: usize, scale: f64, rng: &mut ChaCha8Rng) -> Vec<Vec<f64>> {
     let mut normal = |_| scale * Distribution::<f64>::sample(&StandardNormal, rng);
     (0..rows).map(|_| (0..columns).map(&mut normal).collect()).collect()
 }
 
-/// The sums of both, row by row and number by number.
+/// Elementwise sums of two sets of rows.
 fn sums(a: &[Vec<f64>], b: &[Vec<f64>]) -> Vec<Vec<f64>> {
     let sum = |(a, b): (&Vec<f64>, &Vec<f64>)| a.iter().zip(b).map(|(a, b)| a + b).collect();
     a.iter().zip(b).map(sum).collect()

@@ -1,4 +1,4 @@
-//! Outputs that are linear in inputs, or in the outputs before.
+//! Outputs that are linear in inputs, or in earlier outputs.
 
 use wayfix_learn::{CovarianceType, Gaussian, LinearRegression, Rows};
 
@@ -13,7 +13,7 @@ pub(super) const AUTOREGRESSION: &str = "autoregression";
 /// Components of inputs and of outputs.
 const INPUTS: usize = 2;
 const OUTPUTS: usize = 3;
-/// The outputs that the next one depends on.
+/// Number of earlier outputs that an output depends on.
 const ORDER: usize = 2;
 
 /// Noise of all steps, and the lines that it is added to.
@@ -23,7 +23,7 @@ struct Drawn {
     start: Model<LinearRegression>,
 }
 
-/// A random model with so many inputs, and one to start from.
+/// A random model with a number of inputs, and one to start from.
 fn drawn(inputs: usize, slopes: f64) -> Result<(Drawn, rand_chacha::ChaCha8Rng), Failure> {
     let (n, d, kind, mut rng) = (SMALL.states, OUTPUTS, CovarianceType::Full, generator());
     let mut random = |columns, scale| normals(n, columns, scale, &mut rng);

@@ -125,8 +125,8 @@ impl Simd for Avx2 {
     }
     #[inline(always)]
     fn select(self, m: Pair, a: Pair, b: Pair) -> Pair {
-        // SAFETY: `self` proves AVX2; the instruction touches no memory. (Only the sign of a lane is looked
-        // at, and comparisons set all bits.)
+        // SAFETY: `self` proves AVX2; the instruction touches no memory. (It reads only the sign of
+        // a lane, and comparisons set all bits.)
         unsafe { (_mm256_blendv_pd(b.0, a.0, m.0), _mm256_blendv_pd(b.1, a.1, m.1)) }
     }
     #[inline(always)]
@@ -293,7 +293,7 @@ pub(super) unsafe fn load_four(x: *const f64, first: *const u32) -> __m256d {
     unsafe {
         // Two pairs: a load into each half of a register, and the halves are put together. Four loads
         // and three instructions take less time than a gather in microcode. Indices come two at a
-        // time, since loads are what there are too many of: 8% of a product on a large map (Zen 4).
+        // time, since loads are the bottleneck: 8% of a product on a large map (Zen 4).
         let pair = |pair: *const u32| {
             let both = pair.cast::<u64>().read_unaligned();
             let at = |index: u64| x.add(index as usize);

@@ -35,7 +35,7 @@ fn numbers() -> impl Strategy<Value = Vec<f64>> {
     vec(-1.0..1.0, 32)
 }
 
-/// Rows that the states show in turn, without some components.
+/// Rows that the states emit in turn, without some components.
 fn rows(family: &Sensors, missing: &[[bool; 4]], seed: u64) -> Vec<Vec<f64>> {
     let mut rng = rng(seed);
     let row = |(step, missing): (usize, &[bool; 4])| {
@@ -193,7 +193,7 @@ fn an_iteration_of_learning_learns_each_factor() {
     assert_eq!(fixed.likelihood().second(), learned.likelihood().second());
 }
 
-/// A factor without any value says nothing, and learns nothing.
+/// A factor without a value contributes nothing, and learns nothing.
 #[test]
 fn a_factor_that_is_missing_is_integrated_out() {
     let speeds = Gamma::family(&[[2.0], [2.0]], &[[1.0], [5.0]]).unwrap();
@@ -213,7 +213,7 @@ fn a_factor_that_is_missing_is_integrated_out() {
     let gamma = learned.first().component(1, 0).unwrap();
     let mean = gamma.shape() * gamma.scale();
     assert!((mean - (0.5 * 3.0 + 0.75 * 4.0) / 1.25).abs() < 1e-12);
-    // Missing only in part, and not taken as missing.
+    // Only partly missing, which is not taken as missing.
     assert_eq!(
         refused(&family, &[3.0, 1.0, f64::NAN]),
         "step 1 has no valid likelihood: the sensor failed: component 2 of the observation is NaN, expected a finite value"
@@ -261,12 +261,12 @@ fn errors_count_components_from_the_start_of_the_row() {
         let error = refused(&family, &vec![1.0; found]);
         assert_eq!(error, format!("{step}the observation has {found} components, expected 5"));
     }
-    // Nothing is added, nor is there a panic.
+    // No statistics are added, and there is no panic.
     let mut statistics = family.statistics();
     family.add(&mut statistics, &[1.0], &[1.0, 0.0]);
     assert_eq!(family.maximize(&statistics, 0.0).unwrap(), family);
 
-    // What is not about one component says which ones it is about.
+    // Errors that are not about one component name the components.
     let directions = VonMisesFisher::new(&[[1.0, 0.0], [0.0, 1.0]], &[2.0, 3.0]).unwrap();
     let mixed = Product::new(counts(), Product::new(speeds(), directions).unwrap()).unwrap();
     assert_eq!(
@@ -313,7 +313,7 @@ fn factors_with_different_states_are_refused() {
     );
 }
 
-/// Families that are chosen at run time, or shared.
+/// Families that are chosen at run time, or shared by reference.
 #[test]
 fn factors_may_be_behind_pointers() {
     let counts = Poisson::family(&[[1.0], [4.0]]).unwrap();
@@ -385,7 +385,7 @@ fn draws_have_the_moments_of_both_factors() {
     }
 }
 
-/// Clusters of rows give all factors their parameters, from which learning finds the states.
+/// Clusters of rows give all factors initial parameters, from which learning finds the states.
 #[test]
 fn learning_starts_from_clusters_of_rows() {
     let truth = Product::new(

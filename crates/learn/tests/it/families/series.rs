@@ -4,7 +4,7 @@ use wayfix_learn::{EmissionError, Series};
 
 use crate::kit::{bits, says};
 
-/// Error of columns of a text.
+/// Error of reading columns of a text.
 #[track_caller]
 fn refused(text: impl AsRef<[u8]>, columns: &[&str], expected: &str) {
     says(Series::from_csv(text.as_ref(), columns, &[]), &format!("the input, {expected}"));
@@ -17,7 +17,7 @@ fn columns_come_in_the_order_of_their_names() {
     assert_eq!(series.values()[..3], [3.0, 2.0, 60.0]);
     assert!(series.values()[3].is_nan());
     assert_eq!(series.rows().iter().count(), 2);
-    // Ends of lines, a byte order mark, quotes, and a last line without an end.
+    // Line ends, a byte order mark, quotes, and a last line without an end.
     for text in [
         "a,b,c\r\n1,2,3\r\n4,,60\r\n",
         "\u{feff}a,b,c\n1,2,3\n4,,60",
@@ -29,7 +29,7 @@ fn columns_come_in_the_order_of_their_names() {
     }
     let none = Series::from_csv("a,b\n".as_bytes(), &["b"], &[]).unwrap();
     assert_eq!(none.rows().iter().count(), 0);
-    // Columns that are not asked for may hold anything.
+    // Columns that are not read may hold anything.
     let other = Series::from_csv(&b"name,a\nZ\xfcrich,1\nnan,2\n"[..], &["a"], &[]).unwrap();
     assert_eq!(other.values(), [1.0, 2.0]);
 }
@@ -53,13 +53,13 @@ fn missing_values_may_be_written_as_texts() {
         "the input, line 3: a is \"NaN\", expected a finite number, nothing or one of [\"NA\", \"nan\"]",
     );
     assert!(read("a\nnan\n").unwrap().values()[0].is_nan());
-    // In a single column, empty lines are none, and an empty text in quotes is one.
+    // In a single column, empty lines are skipped, and an empty text in quotes is a value.
     let one = Series::from_csv("a\r\n1\r\n\r\n\"\"\r\n2\r\n".as_bytes(), &["a"], &[]).unwrap();
     assert_eq!(one.values().len(), 3);
     assert!(one.values()[1].is_nan());
 }
 
-/// Neither NaN nor infinity comes from a number.
+/// No number is read as NaN or infinity.
 #[test]
 fn values_that_are_not_finite_are_errors() {
     for text in ["nan", "NaN", "inf", "-inf", "+Infinity", "1e999", "-1e999"] {
@@ -70,7 +70,7 @@ fn values_that_are_not_finite_are_errors() {
     assert_eq!(series.values(), [0.0, -1.7e308]);
 }
 
-/// The line is that of the defect, whatever stands before.
+/// The line is that of the defect, whatever precedes it.
 #[test]
 fn errors_name_the_line() {
     let expected =
@@ -87,7 +87,7 @@ fn errors_name_the_line() {
     ] {
         refused(text, &["a"], &expected(line));
     }
-    // Also far beyond what is read at once.
+    // Also far beyond one buffer.
     let long = format!("a,b\r\n{}x,1\r\n", "1.25,hello\r\n\r\n".repeat(5000));
     refused(long, &["a"], &expected(10_002));
     refused("a,b,c\n\n1,2\n", &["a"], "line 3: has 2 fields, the header has 3");

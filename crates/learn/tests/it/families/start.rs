@@ -1,4 +1,4 @@
-//! Starts of learning.
+//! Initial models for learning.
 
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -36,7 +36,7 @@ proptest! {
             let mut different: Vec<String> = rows.iter().map(|row| format!("{row:?}")).collect();
             different.sort();
             different.dedup();
-            // Rows with missing components may be at no distance from others.
+            // Rows with missing components may be at distance 0 from others.
             prop_assert!(different.len() < count || rows.iter().flatten().any(|y| y.is_nan()));
             return Ok(());
         };
@@ -91,8 +91,8 @@ fn clusters_that_cannot_be_are_errors() {
     assert!(matches!(second, Err(EmissionError::Step { sequence: 1, step: 2, .. })));
 }
 
-/// The known components of two well separated groups are told apart from any start, and learning
-/// from all of them finds the groups.
+/// Two well separated groups are told apart by their known components, and learning from all of
+/// them finds the groups.
 #[test]
 fn learning_from_starts_finds_groups() {
     let family = Gaussian::diagonal(&[[0.0, 0.0]; 3], &[[1.0, 1.0]; 3]).unwrap();
@@ -156,7 +156,7 @@ fn rows_are_those_of_the_matrix() {
     );
 }
 
-/// Centres are means of observations as they were given, however large others are.
+/// Centres are means of the given observations, however large others are.
 #[test]
 fn centres_keep_their_digits_beside_huge_values() {
     let (tiny, most) = (f64::from_bits(3), f64::MAX);
@@ -176,8 +176,8 @@ fn centres_keep_their_digits_beside_huge_values() {
     }
 }
 
-/// The family that fits the clusters, of which that of a component that is never seen is left to
-/// its expectation.
+/// The family that fits the clusters; for a component that is never seen, the expected values are
+/// kept.
 #[test]
 fn clusters_give_a_family_its_parameters() {
     let rows = [[0.0, f64::NAN], [0.2, f64::NAN], [9.0, f64::NAN], [9.2, f64::NAN], [f64::NAN; 2]];
@@ -186,7 +186,7 @@ fn clusters_give_a_family_its_parameters() {
     let known: Vec<(f64, usize)> = clusters.iter().map(|(row, label)| (row[0], label)).collect();
     assert_eq!(known, [(0.0, 0), (0.2, 0), (9.0, 1), (9.2, 1)]);
     assert_eq!(clusters.labels().concat().len(), 5);
-    // Equal by labels and centres, though missing components are not.
+    // Labels and centres are equal, though missing components (NaN) are not.
     assert_eq!(clusters, clusters.clone());
     assert_ne!(clusters, Clusters::new(&sequences, 1, &mut rng(1)).unwrap());
     let family = Gaussian::diagonal(&[[1.0, 3.0]; 2], &[[1.0, 1.0]; 2]).unwrap().with_missing();
@@ -239,7 +239,7 @@ fn market(days: usize, seed: u64) -> Vec<Vec<f64>> {
     truth.simulate(days, &mut rng(seed)).observations().to_vec()
 }
 
-/// As far as from half, once and twice the deviation of all, which a person would try.
+/// Starts are as good as deviations of half, once and twice that of all, which a person would try.
 #[test]
 fn regimes_that_differ_in_spread_are_found() {
     for seed in 0..4 {
@@ -261,8 +261,8 @@ fn regimes_that_differ_in_spread_are_found() {
     }
 }
 
-/// Each kind tells apart what it says, on a series that has all of it: at first it is low and calm,
-/// then it trembles about the same mean, then it is high.
+/// Each kind of start separates what it promises, on a series with both: at first it is low and
+/// calm, then it fluctuates about the same mean, then it is high.
 #[test]
 fn kinds_of_starts_differ() {
     let mut noise = rng(3);
@@ -292,7 +292,7 @@ fn kinds_of_starts_differ() {
     assert_eq!(names, ["position", "random", "spread", "segments", "surroundings"]);
 }
 
-/// Gaps, short sequences and few different values are no trouble for any kind.
+/// Every kind of start copes with gaps, short sequences and few distinct values.
 #[test]
 fn all_kinds_start_from_gaps_and_short_sequences() {
     let family = Gaussian::diagonal(&[[0.0; 2]; 3], &[[1.0; 2]; 3]).unwrap().with_missing();

@@ -1,4 +1,4 @@
-//! Parameters of families in starts of learning.
+//! Initial parameters of families.
 
 use rand::RngExt;
 use wayfix::inference::LearningOptions;
@@ -175,7 +175,7 @@ fn placeholders_of_counts_and_directions_make_no_difference() {
         let means = b.parameters(NegativeBinomial::mean);
         [means, b.parameters(NegativeBinomial::dispersion)].concat().concat()
     });
-    // Whole rows alone may be missing.
+    // Only whole rows may be missing.
     let rows: Vec<Vec<f64>> = counts
         .iter()
         .map(|row| if row.iter().any(|y| y.is_nan()) { vec![f64::NAN; 2] } else { row.clone() })
@@ -191,7 +191,7 @@ fn placeholders_of_counts_and_directions_make_no_difference() {
     same(pair, &directions, |b| [b.means().concat(), b.concentrations().to_vec()].concat());
 }
 
-/// Learning ends at the same maximum as from parameters that are known to be good.
+/// Learning ends at the same maximum as from known good parameters.
 #[test]
 fn learning_far_from_the_placeholder_ends_at_the_same_maximum() {
     for seed in [11, 12, 13] {
@@ -214,7 +214,7 @@ fn learning_far_from_the_placeholder_ends_at_the_same_maximum() {
     }
 }
 
-/// The second component is not known in the lower cluster.
+/// The second component is missing in the lower cluster.
 #[test]
 fn a_component_that_a_cluster_never_sees_is_that_of_all() {
     let low = (0..20).map(|k| vec![f64::from(k % 3), f64::NAN]);
@@ -270,7 +270,7 @@ fn parts_of_mixtures_are_found_from_equal_ones() {
     }
 }
 
-/// Clusters of one and of two observations, which have not as many different ones as parts.
+/// Clusters of one and of two observations, which have fewer distinct ones than parts.
 #[test]
 fn mixtures_start_from_clusters_of_few_observations() {
     let mut rows: Vec<[f64; 1]> = (0..40).map(|k| [f64::from(k % 7)]).collect();
@@ -288,7 +288,7 @@ fn mixtures_start_from_clusters_of_few_observations() {
         assert!(means.iter().any(|mean| (mean - near).abs() < 1000.0), "{state}: {means:?}");
         assert!(found.weights(state).unwrap().iter().all(|weight| *weight > 0.0));
     }
-    // A part that cannot be stays so.
+    // An impossible part stays impossible.
     let found = &starts(&family([0.5, 0.0, 0.5]), &[&*rows], 1, &mut rng(1)).unwrap()[0];
     for state in 0..3 {
         let found = found.likelihood();
@@ -329,7 +329,7 @@ fn students_t_starts_with_its_degrees() {
     assert!(fixed[0].likelihood().has_fixed_degrees());
 }
 
-/// What learning keeps is kept in starts, which have the settings of the placeholder.
+/// Starts have the settings of the placeholder, and keep what learning keeps.
 #[test]
 fn starts_keep_what_is_fixed() {
     let rows = parts(100.0, 51);
@@ -428,7 +428,7 @@ fn what_cannot_start_is_named() {
 
 #[test]
 fn factors_of_a_product_start_by_themselves() {
-    // A mixture whose parts are alike in the placeholder, beside a count.
+    // A mixture whose parts are equal in the placeholder, and a count.
     let mut normal = normal(3);
     let row = |k: usize| {
         let group = (k / 20 % 2) as f64;
@@ -455,7 +455,7 @@ fn factors_of_a_product_start_by_themselves() {
     for (found, expected) in means.iter().zip([1000.0, 1006.0, 1040.0, 1046.0]) {
         assert!((found - expected).abs() < 5.0, "{means:?}");
     }
-    // The component that is always the same is that of the row.
+    // The constant component is that of the row.
     let family = Product::new(Poisson::family(&[[1.0]; 2]).unwrap(), {
         Gaussian::diagonal(&[[0.0; 2]; 2], &[[1.0; 2]; 2]).unwrap()
     });

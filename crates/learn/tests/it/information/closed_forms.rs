@@ -1,4 +1,4 @@
-//! One state: the errors of textbooks.
+//! One state: standard errors from textbooks.
 
 use wayfix::inference::{FreeParameters, LearningOptions};
 use wayfix::likelihood::LearnLikelihood;
@@ -67,7 +67,7 @@ fn of_distributions_with_one_parameter() {
     assert_eq!((found.covariance(0, 3), found.covariance(3, 0)), (None, None));
 }
 
-/// In any unit, far from 0 or close to it.
+/// In any unit, and at any distance from 0.
 #[test]
 fn of_gaussians() {
     let values = [1.0, 2.5, -0.5, 0.3, 4.0, 1.1, 2.0];
@@ -168,7 +168,7 @@ fn of_other_families() {
     let length = 1.0 / kappa.tanh() - 1.0 / kappa;
     let information = 5.0 * (1.0 - length * length - 2.0 * length / kappa);
     near(found.errors()[3], information.sqrt().recip(), PRECISION);
-    // Along the sphere alone: the covariance of the direction is (I − μ μ') / (n κ R).
+    // Only along the sphere: the covariance of the direction is (I − μ μ') / (n κ R).
     for i in 0..3 {
         let expected = (1.0 - found.values()[i].powi(2)) / (5.0 * kappa * length);
         near(found.errors()[i], expected.sqrt(), 1e-6);

@@ -1,4 +1,4 @@
-//! Free parameters of families: as many as learning has, each of influence on densities.
+//! Free parameters of families: as many as learning has, and each changes the densities.
 
 use wayfix::Scratch;
 use wayfix::inference::{Displacement, FreeParameters};
@@ -21,7 +21,7 @@ fn densities<B: Likelihood<Observation = [f64]>>(family: &B, rows: &[&[f64]]) ->
     all
 }
 
-/// Checks a family of which nothing is at a bound, by rows that tell its parameters apart.
+/// Checks a family without parameters at a bound, with rows that tell its parameters apart.
 fn check<B>(name: &str, family: &B, rows: &[&[f64]])
 where
     B: Family + LearnLikelihood + FreeParameters,
@@ -120,7 +120,7 @@ fn vectors_have_as_many_as_learning() {
     check("product", &both, &[&[1.0, 0.3, -0.8], &[4.0, 1.7, 0.4], &[0.0, -0.5, 0.9]]);
 }
 
-/// A direction stays one, also over a long way, and covers the distance.
+/// A direction stays a unit vector, also over a long way, and covers the distance.
 #[test]
 fn directions_keep_their_length() {
     for mean in [[1.0, 0.0, 0.0], [-0.6, 0.0, -0.8], [0.48, -0.6, 0.64]] {

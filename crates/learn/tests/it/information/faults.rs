@@ -1,4 +1,4 @@
-//! What cannot be known is an error that says why.
+//! Undetermined parameters are errors that say why.
 
 use wayfix::inference::{LearnError, LearningOptions};
 use wayfix::{Belief, DenseTransition, Fixed, Hmm, Prior, TableLikelihood};
@@ -13,7 +13,7 @@ fn two(a: [[f64; 2]; 2], b: [[f64; 2]; 2]) -> Discrete {
 
 const SEEN: [usize; 12] = [0, 0, 1, 0, 1, 1, 0, 0, 0, 1, 0, 0];
 
-/// Two states that are alike: nothing says which of them was left.
+/// Two equal states: no observation tells which of them was left.
 #[test]
 fn states_that_are_alike_are_not_determined() {
     let hmm = two([[0.6, 0.6], [0.4, 0.4]], [[2.0 / 3.0, 1.0 / 3.0], [2.0 / 3.0, 1.0 / 3.0]]);
@@ -22,7 +22,7 @@ fn states_that_are_alike_are_not_determined() {
         matches!(error, LearnError::NotDetermined { part: "transition operator", number: 0, .. }),
         "{error}"
     );
-    // With known moves, the mean of both is known, but not each.
+    // With known moves, the mean of both is known, but not each of them.
     let (a, b) = (hmm.transition().clone(), hmm.likelihood().clone());
     let prior = Prior::AtFirstObservation(Belief::new(vec![0.6, 0.4]).unwrap());
     let hmm = Hmm::new(prior, Fixed(a), b).unwrap();
@@ -34,7 +34,7 @@ fn states_that_are_alike_are_not_determined() {
     assert!(text.ends_with("alone or together with others"), "{text}");
 }
 
-/// A prior is known as far as sequences start differently.
+/// A prior is known as far as sequences differ in their starts.
 #[test]
 fn the_part_of_a_parameter_is_named() {
     let hmm = two([[0.6, 0.6], [0.4, 0.4]], [[0.5, 0.5], [0.5, 0.5]]);
@@ -46,7 +46,7 @@ fn the_part_of_a_parameter_is_named() {
     let expected =
         matches!(error, LearnError::NotDetermined { part: "prior", number: 0, value: 0.5 });
     assert!(expected, "{error}");
-    // Without free parameters, all is known.
+    // Without free parameters, everything is known.
     let found = StandardErrors::from_likelihood(&hmm, &[SEEN], &kept(), none).unwrap();
     assert_eq!((found.values(), found.errors(), found.at_bound()), (&[1.0][..], &[0.0][..], 0));
 }
@@ -65,7 +65,7 @@ fn a_model_that_was_learned_from_others_is_no_maximum() {
         let learned = hmm.learn(&[path], &kept()).unwrap().into_model();
         assert!(StandardErrors::from_likelihood(&learned, &[path], &kept(), probabilities).is_ok());
     }
-    // A saddle, where a start with states that are nearly alike has not yet told them apart.
+    // A saddle, at which a start with nearly equal states has not yet told them apart.
     let hmm = two([[0.5, 0.5], [0.5, 0.5]], [[0.51, 0.49], [0.49, 0.51]]);
     let runs: Vec<usize> = (0..60).map(|k| k / 10 % 2).collect();
     assert!(StandardErrors::from_likelihood(&hmm, &[runs], &kept(), probabilities).is_err());

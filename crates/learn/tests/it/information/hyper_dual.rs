@@ -67,8 +67,8 @@ fn distributions(hmm: &Discrete) -> Vec<Vec<f64>> {
     all
 }
 
-/// Log-odds of all probabilities to the last of their distribution, which is seldom the one that
-/// the library refers to.
+/// Log-odds of all probabilities relative to the last of their distribution, which is seldom the
+/// library's reference.
 fn log_odds(hmm: &Discrete) -> Vec<f64> {
     let odds = |of: &Vec<f64>| {
         let last = of[of.len() - 1];
@@ -160,8 +160,8 @@ fn options(count: f64) -> LearningOptions {
 proptest! {
     #![proptest_config(cases_of(200))]
 
-    /// Errors of log-odds, whose covariance is the inverse information itself, at whatever point
-    /// learning came to.
+    /// Standard errors of log-odds, whose covariance is the inverse information itself, at any
+    /// point that learning reached.
     #[test]
     fn the_information_is_that_of_hyper_dual_numbers(
         (states, symbols, seed) in (2..=3_usize, 2..=3_usize, any::<u64>()),
@@ -182,7 +182,7 @@ proptest! {
                 return Ok(()); // others have a closed form
             }
         } else if count == 0.0 {
-            return Ok(()); // as a rule one is on its way to 0, and rules out others
+            return Ok(()); // usually one is on its way to 0, and rules out others
         }
         let minus: Vec<Vec<f64>> = hessian(&learned, &sequences, count)
             .iter()
@@ -202,15 +202,15 @@ proptest! {
                     }
                 }
             }
-            // Learning that has hardly begun to tell states apart.
+            // Learning has hardly begun to tell states apart.
             Err(LearnError::NotAtMaximum { .. }) => prop_assert!(!ended || least < 1e-4, "{}", least),
-            // States that are alike.
+            // Equal states.
             Err(LearnError::NotDetermined { .. }) => prop_assert!(least < 1e-4, "{}", least),
             Err(error) => return Err(TestCaseError::fail(error.to_string())),
         }
     }
 
-    /// The same numbers have the same errors, in whichever order states are numbered.
+    /// Standard errors do not depend on the order of the states.
     #[test]
     fn the_order_of_states_does_not_matter(seed in any::<u64>(), order in Just([0, 1, 2]).prop_shuffle()) {
         let mut draws = rng(seed ^ 1);
@@ -224,13 +224,13 @@ proptest! {
         let [found, other] = [&learned, &other].map(|hmm| StandardErrors::from_likelihood(&hmm, &sequences, &options, read));
         let (found, other) = match (found, other) {
             (Ok(found), Ok(other)) => (found, other),
-            // Learning ended at a saddle, where states are alike.
+            // Learning ended at a saddle with equal states.
             (Err(LearnError::NotDetermined { .. }), Err(LearnError::NotDetermined { .. })) => {
                 return Ok(());
             }
             others => return Err(TestCaseError::fail(format!("{others:?}"))),
         };
-        // Where each number of the model is among those of the other.
+        // Position of each number of the model among those of the other.
         let at = |i: usize, j: usize| 3 + 3 * i + j;
         for i in 0..3 {
             for j in 0..3 {

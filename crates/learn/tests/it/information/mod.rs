@@ -1,5 +1,5 @@
-//! Standard errors from the observed information: against closed forms, second derivatives by
-//! another way, the spread of estimates; parameters at bounds or not determined; free parameters.
+//! Standard errors from the observed information: against closed forms, independent second
+//! derivatives, and the spread of estimates; parameters at bounds or undetermined; free parameters.
 
 mod closed_forms;
 mod families;
@@ -21,7 +21,7 @@ fn uniform(states: usize) -> Prior {
     Prior::AtFirstObservation(Belief::uniform(states).unwrap())
 }
 
-/// States that are seen.
+/// A sensor that shows the state itself.
 fn identity(states: usize) -> TableLikelihood {
     let row = |i: usize| (0..states).map(|j| f64::from(u8::from(i == j))).collect();
     TableLikelihood::from_rows(&(0..states).map(row).collect::<Vec<Vec<f64>>>()).unwrap()

@@ -1,5 +1,5 @@
-//! Free parameters of operators and of discrete sensors: as many as learning has, each of influence,
-//! and what is fixed or tied stays so.
+//! Free parameters of operators and of discrete sensors: as many as learning has, each has an
+//! effect, and fixed or tied ones stay so.
 
 use wayfix::inference::{Displacement, FreeParameters};
 use wayfix::likelihood::{GroupedLikelihood, Groups, LearnLikelihood};
@@ -80,14 +80,14 @@ fn logits_have_intercepts_and_slopes() {
     let controls = [vec![0.3, -1.0], vec![-0.7, 0.4], vec![1.1, 0.9]];
     let own = LogitTransition::new(&sparse(), 2).unwrap();
     assert_eq!(check(&own, &controls), 4 + 8);
-    // Slopes of all moves to state 1, those of state 0 to itself, and none.
+    // Slopes of all moves to state 1, of state 0 to itself, and of no move.
     let label = |from: usize, to: usize| match (from, to) {
         (_, 1) => Some(0),
         (0, 0) => Some(1),
         _ => None,
     };
     assert_eq!(check(&own.with_shared_slopes(label), &controls), 4 + 4);
-    // Without a move that has none, one of two sets is the reference, unless a ridge decides.
+    // If all moves have slopes, one of two sets is the reference, unless a ridge decides.
     let two = SparseTransition::from_rows(&[[0.5, 0.5], [0.5, 0.5]]).unwrap();
     let all = LogitTransition::new(&two, 2).unwrap().with_shared_slopes(|_, to| Some(to));
     assert_eq!(check(&all, &controls), 2 + 2);
@@ -123,7 +123,7 @@ fn constraints_hold_for_displaced_operators() {
         assert!((moved.get(to, 1) - moved.get(other, 2)).abs() < 1e-15);
     }
     assert!((moved.get(1, 3) - moved.get(2, 3)).abs() < 1e-15);
-    // An entry that underflows would no longer be there.
+    // An entry that underflows would vanish.
     assert!(tied.displaced(&mut Displacement::new(&[-2000.0])).is_err());
 }
 

@@ -23,8 +23,8 @@ fn truth() -> Discrete {
     .unwrap()
 }
 
-/// The prior of one sequence runs to the state in which it is likelier to have begun: it is known, and
-/// the errors of all others are those of a model whose prior was kept.
+/// The prior of one sequence runs to the likelier first state: it is known, and all other errors
+/// are those of a model whose prior was kept.
 #[test]
 fn the_prior_of_one_sequence_is_at_a_bound() {
     for seed in 0..5 {
@@ -42,8 +42,8 @@ fn the_prior_of_one_sequence_is_at_a_bound() {
     }
 }
 
-/// The mean variance is the variance of the estimates, to within a fifth (a tenth of the error):
-/// 400 estimates leave an error of 0.07 of it.
+/// The mean variance is the variance of the estimates to within a fifth (a tenth of the standard
+/// error); 400 estimates leave an error of 0.07 of it.
 #[test]
 fn errors_are_those_of_the_spread_of_estimates() {
     let truth = truth();

@@ -1,4 +1,4 @@
-//! States that are seen: the errors of counts.
+//! Observed states: the standard errors of counts.
 
 use wayfix::inference::LearningOptions;
 use wayfix::{DenseTransition, Fixed, Hmm, Prior, SparseTransition};
@@ -22,8 +22,8 @@ fn third() -> DenseTransition {
     DenseTransition::from_fn(3, |_, _| 1.0 / 3.0).unwrap()
 }
 
-/// The covariance of shares p and q of n is (p [the same] − p q) / n: for every entry, the one that
-/// the others are referred to as well.
+/// The covariance of shares p and q of n is (p [the same] − p q) / n, for every entry, including
+/// the reference.
 #[test]
 fn covariances_are_those_of_multinomial_counts() {
     let (_, left) = counts(&PATH);
@@ -59,19 +59,19 @@ fn pseudo_counts_are_counts() {
         near(*p, (moves[to][from] + 1.5) / (left[from] + 4.5), 1e-12);
         near(*error, (p * (1.0 - p) / (left[from] + 4.5)).sqrt(), 1e-7);
     }
-    // Without them, the model is off the maximum.
+    // Without pseudo-counts, the model is not at the maximum.
     assert!(
         StandardErrors::from_likelihood(&learned, &[PATH], &kept(), read)
             .is_ok_and(|own| own != found)
     );
 }
 
-/// Moves that were never made, with what learning has left of them: known, and counted.
+/// Moves that were never made, with the probabilities that learning left: known, and counted.
 #[test]
 fn probabilities_on_the_way_to_0_are_known() {
     let (moves, left) = counts(&PATH);
     for rest in [1e-3, 1e-6, 1e-12, 1e-30, 1e-300] {
-        // From state 2 to itself or to 0 alone.
+        // From state 2 only to itself or to 0.
         let path: Vec<usize> = PATH.iter().copied().filter(|state| *state != 1).collect();
         let stays = path.windows(2).filter(|pair| **pair == [2, 2]).count() as f64;
         let all = path.windows(2).filter(|pair| pair[0] == 2).count() as f64;
@@ -85,7 +85,7 @@ fn probabilities_on_the_way_to_0_are_known() {
             vec![hmm.transition().get(2, 2), hmm.transition().get(1, 2), hmm.transition().get(0, 0)]
         };
         let error = StandardErrors::from_likelihood(&hmm, &[&path], &kept(), read).unwrap_err();
-        // State 1 is never left: nothing is known of its column.
+        // State 1 is never left, so its column is undetermined.
         assert!(
             error.to_string().contains("free parameter 1 of the transition operator (0.5)"),
             "{error}"
@@ -104,7 +104,7 @@ fn probabilities_on_the_way_to_0_are_known() {
     assert!(moves[2][2] > 0.0 && left[1] > 0.0);
 }
 
-/// Moves that a sparse matrix does not store are no parameters.
+/// Moves that a sparse matrix does not store are not parameters.
 #[test]
 fn moves_that_are_not_stored_do_not_count() {
     let path = [0, 0, 1, 1, 1, 0, 1];
@@ -122,7 +122,7 @@ fn moves_that_are_not_stored_do_not_count() {
     assert_eq!(found.at_bound(), 2);
 }
 
-/// Functions of what was learned, linear and not.
+/// Linear and nonlinear functions of the parameters.
 #[test]
 fn errors_of_functions_are_those_of_the_delta_method() {
     let hmm: Discrete = Hmm::new(uniform(3), third(), identity(3)).unwrap();
@@ -145,7 +145,7 @@ fn errors_of_functions_are_those_of_the_delta_method() {
     near(found.covariance(0, 3).unwrap(), e[0] * e[3], 1e-7);
 }
 
-/// With a stationary prior the first states of paths tell of the moves, too.
+/// With a stationary prior, the first states of paths are informative about the moves, too.
 #[test]
 fn stationary_starts_count() {
     let paths = [[0, 0, 1, 1], [1, 0, 0, 0], [1, 1, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]];

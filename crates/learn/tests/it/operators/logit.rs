@@ -1,4 +1,4 @@
-//! Moves by a multinomial logit of inputs.
+//! Moves given by a multinomial logit of inputs.
 
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -29,7 +29,7 @@ fn logit(m: &Matrix, slopes: &[Vec<[f64; 2]>], shared: bool) -> LogitTransition 
     a
 }
 
-/// Its matrix, by the definition, from what it says of its coefficients.
+/// The matrix by definition, from the coefficients that the operator returns.
 fn at(a: &LogitTransition, inputs: &[f64]) -> Matrix {
     let n = a.states();
     let score = |to: usize, from: usize| {
@@ -62,7 +62,7 @@ proptest! {
         assert_operator(a, Expected::each(&inputs, &matrices))?;
     }
 
-    /// At inputs of 0 they are the probabilities that it was made from.
+    /// At inputs of 0, the moves have the probabilities that the operator was made from.
     #[test]
     fn at_no_input_it_is_the_operator_it_was_made_from(m in any_stochastic(false, 6)) {
         let a = LogitTransition::new(&sparse(&m), 1).unwrap();
@@ -83,7 +83,7 @@ fn counts(steps: &[(Vec<f64>, usize, usize, f64)]) -> InputCounts {
     counts
 }
 
-/// ln p of the moves and of the coefficients.
+/// ln p of the moves and of the coefficients: the objective.
 fn objective(a: &LogitTransition, counts: &InputCounts, pseudo_count: f64) -> f64 {
     let moves = counts.rows().flat_map(|(inputs, moves)| {
         let m = at(a, inputs);
@@ -131,7 +131,7 @@ fn gradient(
 proptest! {
     #![proptest_config(cases())]
 
-    /// Of any moves, with coefficients without a finite maximum among them.
+    /// Checks the maximum for any moves, including coefficients without a finite maximum.
     #[test]
     fn learning_ends_where_the_gradient_vanishes(
         m in any_stochastic(false, 4),
@@ -153,8 +153,8 @@ proptest! {
         for slope in of_moves.iter().chain(of_slopes.iter().flatten()) {
             prop_assert!(slope.abs() < 3e-5, "{of_moves:?} {of_slopes:?} at {learned:?}");
         }
-        // There is nothing left to gain, or little where coefficients run to infinity at rates that
-        // are far apart.
+        // No step gains anything, or little if coefficients run to infinity at very different
+        // rates.
         let again = objective(&learned.maximize(&counts, pseudo_count).unwrap(), &counts, pseudo_count);
         close(again, after, 1e-7, 1.0)?;
         if ridge > 0.0 && pseudo_count > 0.0 {
@@ -162,8 +162,8 @@ proptest! {
         }
     }
 
-    /// A category, one input for each value (of which one is not needed), is a matrix of relative
-    /// frequencies for each value, in any units.
+    /// A category, with one input for each value (one of which is redundant), gives a matrix of
+    /// relative frequencies for each value, in any units.
     #[test]
     fn categories_are_relative_frequencies(
         weights in vec(vec(vec(0.1..5.0, 3), 3), 4),
@@ -193,7 +193,7 @@ proptest! {
         }
     }
 
-    /// Expected moves are those of a matrix for each row of inputs, by which they are listed; and
+    /// Expected moves are those of one matrix for each row of inputs, and are listed by these rows;
     /// no iteration lowers the objective.
     #[test]
     fn expected_moves_are_those_of_matrices(
@@ -250,8 +250,8 @@ proptest! {
     }
 }
 
-/// Newton's steps point far along the direction in which coefficients run to infinity, and are too
-/// long: parts of them come near.
+/// Newton's steps along a direction in which coefficients run to infinity are too long: shortened
+/// steps come close.
 #[test]
 fn inputs_that_nearly_separate_moves_are_climbed() {
     let a = SparseTransition::from_triplets(2, [(0, 0, 0.5), (1, 0, 0.5), (0, 1, 1.0)]).unwrap();
@@ -264,7 +264,7 @@ fn inputs_that_nearly_separate_moves_are_climbed() {
     ];
     let counts = counts(&steps);
     let learned = a.maximize(&counts, 0.051_835).unwrap();
-    // All but the pseudo-counts are explained, and those are even.
+    // Everything but the pseudo-counts is explained, and these are equal.
     let most = 2.0 * 0.051_835 * 0.5_f64.ln();
     assert!((objective(&learned, &counts, 0.051_835) - most).abs() < 1e-9);
 }
@@ -292,7 +292,7 @@ fn coefficients_are_set_and_read() {
         SparseTransition::from_triplets(3, [(1, 0, 0.5), (2, 0, 0.5), (0, 1, 1.0), (0, 2, 1.0)]);
     let around = LogitTransition::new(&around.unwrap(), 3).unwrap();
     assert_eq!((around.reference(0), around.free_parameters()), (Some(1), 1 + 3));
-    // Slopes on all moves alike have no effect; with those without, they have.
+    // Equal slopes on all moves have no effect; if some moves have none, they do.
     let shared =
         |all: bool| two().with_shared_slopes(move |from, to| (all || from != to).then_some(7));
     assert_eq!((shared(true).free_parameters(), shared(false).free_parameters()), (2, 4));
@@ -350,7 +350,7 @@ fn what_is_not_valid_says_where() {
     assert!(wrong(0, 1, f64::NAN).contains("has weight NaN"));
 }
 
-/// Log-odds of 900, and of 1e299: the state that is nearly impossible is found when it is seen.
+/// Log-odds of 900, and of 1e299: a nearly impossible state is found when it is observed.
 #[test]
 fn moves_below_the_range_of_doubles_are_not_lost() {
     for slope in [-900.0, -1e299] {
@@ -371,7 +371,7 @@ fn moves_below_the_range_of_doubles_are_not_lost() {
         let path = hmm.viterbi(&Controlled::new(&inputs, &seen).unwrap()).unwrap();
         assert_eq!(path.states(), [0, 1]);
         assert!((path.log_probability() / slope - 1.0).abs() < 1e-12);
-        // What learning makes of it is finite.
+        // Learning gives finite numbers.
         let step = counts(&[(vec![1.0, 0.0], 0, 1, 1.0), (vec![1.0, 1.0], 0, 0, 1.0)]);
         let learned = a.maximize(&step, 0.0).unwrap();
         assert!(learned.at(&[1.0, 0.0]).unwrap().get(1, 0) > 0.99);
@@ -410,8 +410,8 @@ fn hostile_rows() {
     }
 }
 
-/// A state without moves into it chooses where sequences start, by their first inputs. With labels
-/// its coefficients are those of a logistic regression on the starts.
+/// A state without moves into it chooses the first state of sequences by their first inputs. With
+/// labels, its coefficients are those of a logistic regression on the starts.
 #[test]
 fn starts_depend_on_inputs() {
     let start =
@@ -447,9 +447,9 @@ fn starts_depend_on_inputs() {
     assert_eq!(learned.model().likelihood().probability(2, 0), Some(0.5));
 }
 
-/// Of simulated data, with an input that is a category and one that is a time of day, the truth is
-/// as likely as it should be: twice the logarithm of the ratio of likelihoods has a χ² distribution
-/// with eight degrees of freedom, above 32 in one of 10,000 cases.
+/// For simulated data with a category and a time of day as inputs, the true parameters are as
+/// likely as they should be: twice the log-likelihood ratio has a χ² distribution with eight
+/// degrees of freedom, above 32 in one of 10,000 cases.
 #[test]
 fn learning_finds_simulated_coefficients() {
     let hmm = |coefficients: [[f64; 3]; 2], rows: [[f64; 2]; 2]| {

@@ -51,7 +51,7 @@ fn sorted(hmm: &Quakes) -> (Vec<f64>, Vec<f64>, Vec<Vec<f64>>) {
     )
 }
 
-/// As printed: equal but for half a unit of the last digit, and what learning leaves.
+/// Equal to a printed number, up to half a unit of its last digit and the tolerance of learning.
 fn near(found: &[f64], printed: &[f64], digit: f64) {
     for (found, printed) in found.iter().zip(printed) {
         assert!((found - printed).abs() < 0.6 * digit, "{found}, printed {printed}");

@@ -1,5 +1,5 @@
-//! Fits that others have published, of data that are written out: likelihoods at their parameters,
-//! and that learning reaches them.
+//! Published fits of data that are written out here: likelihoods at the published parameters, and
+//! learning that reaches them.
 
 #![expect(clippy::unreadable_literal, reason = "figures as they are printed")]
 
@@ -10,7 +10,8 @@ mod gnp;
 
 use wayfix_learn::LinearRegression;
 
-/// Chains of the present state of two (bit 0) and those of the four steps before (bits 1 to 4).
+/// Number of states of the chain of the present state (bit 0) and those of the four steps before
+/// (bits 1 to 4).
 const STATES: usize = 32;
 
 /// The state after another, if the chain moves to `to`, 0 or 1.

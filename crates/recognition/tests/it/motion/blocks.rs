@@ -6,7 +6,7 @@ use wayfix_recognition::motion::{
     OffMap, RouteControl, RouteTransition, Speeds, ViewChange, ViewChangeRates, ViewEvidence,
 };
 
-/// Of several blocks, the last one short.
+/// Several blocks, the last one short.
 const PLACES: usize = 1291;
 
 fn routes() -> Vec<RouteTransition> {
@@ -60,7 +60,7 @@ fn blocks_are_the_operator() {
     }
 }
 
-/// With one likelihood a place, and with one a state.
+/// With one likelihood for each place, and with one for each state.
 #[test]
 fn a_step_by_blocks_is_a_step() {
     for route in routes() {
@@ -73,7 +73,7 @@ fn a_step_by_blocks_is_a_step() {
         let (mut blocks, mut states) = (by_groups.filter(), by_states.filter());
         for step in 0..40 {
             let mut seen = numbers(groups.count(), 0.1 + 0.618_033_988_7 * step as f64);
-            // Some that are ruled out, and some that are hard to tell from these.
+            // Some states are ruled out, and some are nearly so.
             seen.iter_mut().skip(step % 11).step_by(11).for_each(|b| *b = 0.0);
             if step % 7 == 6 {
                 seen.iter_mut().step_by(2).for_each(|b| *b *= 1e-300);

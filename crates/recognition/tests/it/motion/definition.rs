@@ -9,7 +9,7 @@ use wayfix_recognition::motion::{
 
 use crate::kit::{Matrix, transposed, weighted};
 
-/// What a route is made from.
+/// Parameters of a route.
 #[derive(Debug, Clone)]
 pub(crate) struct Parts {
     pub(crate) places: usize,
@@ -20,8 +20,8 @@ pub(crate) struct Parts {
     pub(crate) off_map: Option<OffMap>,
 }
 
-/// Speeds that one of the grid stands for, with their shares: half of the time itself, else
-/// evenly over its cell; and the distance between these.
+/// Speeds that a speed of the grid stands for, with their shares: itself half of the time,
+/// otherwise evenly spread over its cell; and the distance between these.
 fn nodes(values: &[f64], g: usize) -> (Vec<(f64, f64)>, f64) {
     let (v, last) = (values[g], values.len() - 1);
     if v == 0.0 || last == 0 {
@@ -57,8 +57,8 @@ impl Parts {
         deviation / s * (1.0 + off * off / 4.0).powf(-2.5)
     }
 
-    /// p(view | standing, moved), over the largest of them, to the power of the
-    /// weight; and the logarithm of what was divided out.
+    /// p(view | standing, moved), divided by the largest of them, to the power of the weight; and
+    /// the logarithm of the divisor.
     fn seen(&self, control: &RouteControl) -> ([f64; 2], Option<f64>) {
         let (Some(rates), Some(evidence)) = (&self.views, control.view) else {
             return ([1.0; 2], None);
@@ -72,7 +72,7 @@ impl Parts {
         (powers, Some(evidence.weight * largest.ln()))
     }
 
-    /// What is taken out of the entries of a step with evidence.
+    /// Log factor that is taken out of the entries of a step with evidence.
     pub(crate) fn log_factor(&self, control: &RouteControl) -> Option<f64> {
         let view = self.seen(control).1;
         let driven = control.odometry.map(|_| (0.375 / self.odometry.deviation).ln());
@@ -128,7 +128,7 @@ impl Parts {
                     let share =
                         share * keep * self.change(new, old) * self.driven(control, *v, spacing);
                     let triangle = |m: f64| (1.0 - (m - v).abs()).max(0.0);
-                    // All moves that a node, and the slack, may lead to.
+                    // All moves by a node of the speeds, and by the slack.
                     let least = v.floor() as isize - 1;
                     for m in least..=least + 4 {
                         let at = m as f64;
@@ -139,7 +139,7 @@ impl Parts {
                         let to =
                             if self.closed { to.rem_euclid(last + 1) } else { to.clamp(0, last) };
                         let to = to.cast_unsigned();
-                        // At an end, what stops there neither stands nor moves on.
+                        // A vehicle that is stopped by the end neither stands nor moves.
                         let factor = match () {
                             () if to == i && m != 0 && !self.closed => seen[0].min(seen[1]),
                             () => seen[usize::from(to != i)],
@@ -163,8 +163,8 @@ impl Parts {
         column
     }
 
-    /// The likelihood of what was measured off the map: at the speed of before, or at one by its
-    /// share with the probability of a change.
+    /// The likelihood of measurements off the map: at the previous speed, or after a change at a
+    /// speed by its share.
     fn off(&self, control: &RouteControl, means: &[f64]) -> f64 {
         let (values, shares, seen) =
             (self.speeds.values(), self.speeds.shares(), self.seen(control).0);
@@ -203,8 +203,8 @@ impl Parts {
     }
 }
 
-/// Any ascending grid of up to so many speeds: values close together and far apart, on either side
-/// of 0, and neighbours that differ by a few digits.
+/// Ascending grids of up to `most` speeds: values close together and far apart, on either side of
+/// 0, and neighbours that differ by a few digits.
 pub(crate) fn grid(most: usize) -> BoxedStrategy<Vec<f64>> {
     let value = prop_oneof![
         2 => -64.0..=64.0,
@@ -286,7 +286,7 @@ fn off_map() -> BoxedStrategy<OffMap> {
         .boxed()
 }
 
-/// Routes of up to so many places, with grids of up to so many speeds.
+/// Routes with limited numbers of places and of speeds.
 pub(crate) fn parts(places: usize, speeds_at_most: usize) -> BoxedStrategy<Parts> {
     let rate = || prop_oneof![4 => 0.01..0.99, 1 => Just(0.5), 1 => Just(1e-9)];
     let odometry = (0.5..2.0, -0.3..0.3, 0.05..1.0)

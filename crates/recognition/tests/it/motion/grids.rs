@@ -1,4 +1,4 @@
-//! Any grid of speeds makes a route whose columns are distributions.
+//! For every grid of speeds, the columns of a route are distributions.
 
 use proptest::prelude::*;
 use wayfix::{Hmm, InferenceError, LikelihoodVector, Prior, Transition, TransitionEntries};

@@ -1,4 +1,4 @@
-//! What is learned from simulated drives.
+//! Learning from simulated drives.
 
 use rand::{Rng, RngExt};
 use rand_distr::{Distribution, StandardNormal, StudentT};
@@ -6,7 +6,7 @@ use wayfix_recognition::motion::{OdometryModel, Speeds};
 
 use crate::kit::{cases, rng};
 
-/// Speeds step by step that change as `speeds` says, and how many places on each step led.
+/// A drawn sequence of speeds, and the number of places that each step led on.
 fn drive(speeds: &Speeds, steps: usize, rng: &mut impl Rng) -> (Vec<f64>, Vec<f64>) {
     let draw = |shares: &[f64], rng: &mut dyn FnMut() -> f64| {
         let mut left = rng() * shares.iter().sum::<f64>();
@@ -62,14 +62,14 @@ fn speeds_of_simulated_drives_are_found() {
         let learned = usual.fit(&drives).unwrap();
         let used: f64 = learned.shares().iter().sum();
         assert!((used - 1.0).abs() < 1e-12 && learned.shares().iter().all(|p| *p > 0.0));
-        // Half of the sum of differences: how much is elsewhere.
+        // Half of the sum of differences: the total variation.
         let pairs = learned.shares().iter().zip(truth.shares());
         apart.push(0.5 * pairs.map(|(a, b)| (a - b).abs()).sum::<f64>());
         changes.push(learned.changes().0 + learned.changes().1);
     }
     let ((apart, spread), (changes, of)) =
         (mean_and_deviation(&apart), mean_and_deviation(&changes));
-    // 80 stays at a speed, of which each share is known to some hundredths.
+    // 80 stays at speeds, so that each share is known to a few hundredths.
     assert!(apart < 0.2 && spread < 0.1, "{apart} ± {spread}");
     assert!((0.008..0.03).contains(&changes) && of < 0.006, "{changes} ± {of}");
 }

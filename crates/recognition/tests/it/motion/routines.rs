@@ -10,7 +10,7 @@ use super::definition::{Parts, control, parts};
 use crate::kit::check_evidence;
 use crate::kit::{Evidence, Model, NEVER, cases_of, matrix, weighted};
 
-/// A route and what was measured of one step.
+/// A route, and the measurements of one step.
 #[derive(Debug, Clone)]
 struct Step(RouteTransition, RouteControl);
 
@@ -91,7 +91,7 @@ fn drives() -> BoxedStrategy<(Parts, Vec<RouteControl>, Model)> {
             let (parts, steps) = (parts.clone(), controls.len());
             (prior, vec(observed, steps)).prop_map(move |(prior, logs)| {
                 let matrices = controls.iter().map(|u| parts.matrix(u)).collect();
-                // What is measured is in the matrices already, but for the factor.
+                // Measurements are in the matrices already, except for the factor.
                 let evidence = controls.iter().map(|u| {
                     let log_factor = parts.log_factor(u).unwrap_or(0.0);
                     Evidence { logs: matrix(n, |_, _| log_factor), log_factor }

@@ -1,4 +1,4 @@
-//! Values by hand, and errors.
+//! Values computed by hand, and errors.
 
 use wayfix::{Hmm, LikelihoodVector, Prior, Transition, TransitionEntries};
 use wayfix_recognition::motion::{
@@ -42,7 +42,7 @@ fn states_are_speeds_and_places() {
         assert_eq!((route.speed_of(state), route.place_of(state)), (Some(speed), Some(place)));
         assert_eq!(route.index(speed, place), Some(state));
     }
-    // Off the map, the place where the vehicle left.
+    // The state off the map after leaving this place.
     assert_eq!((route.speed_of(8), route.place_of(8)), (None, Some(2)));
     assert_eq!((route.speed_of(9), route.place_of(9)), (None, None));
     assert_eq!((route.index(2, 0), route.index(0, 3)), (None, None));
@@ -69,13 +69,13 @@ fn the_new_speed_moves_and_ends_stop() {
     close(&stop_and_go(false), 0, &[(0, 0.75), (3, go[0]), (4, go[1]), (5, go[2])]);
     close(&stop_and_go(false), 1, &[(1, 0.75), (4, go[0]), (5, go[1] + go[2])]);
     close(&stop_and_go(true), 1, &[(1, 0.75), (3, go[2]), (4, go[0]), (5, go[1])]);
-    // A view means nothing to a route without views.
+    // A route without views ignores a view.
     let view = seen(ViewChange::Changed, 1.0);
     assert_eq!(stop_and_go(false).evidence(&view), None);
     assert_eq!(column(&stop_and_go(false), &view, 0), column(&stop_and_go(false), &nothing, 0));
 }
 
-/// What the camera sees speaks against places, too.
+/// Views are evidence against places, too.
 #[test]
 fn what_is_measured_is_not_normalised_away() {
     let rates = ViewChangeRates { standing: 0.8, moved: 0.1 };
@@ -83,13 +83,13 @@ fn what_is_measured_is_not_normalised_away() {
     let sum = |u: &RouteControl, from| column(&route, u, from).iter().map(|e| e.1).sum::<f64>();
     let unchanged = seen(ViewChange::Unchanged, 1.0);
     assert!((route.evidence(&unchanged).unwrap() - 0.8_f64.ln()).abs() < 1e-15);
-    // At the end what drives on stops, which explains no view well.
+    // At the end, a vehicle that drives on is stopped, which explains no view well.
     let stays = 0.75 + 0.25 * 0.0625;
     assert!((sum(&unchanged, 2) - (stays + (1.0 - stays) * 0.1 / 0.8)).abs() < 1e-12);
     assert!(sum(&unchanged, 3) < sum(&unchanged, 0));
-    // A weight of 0 says nothing.
+    // With a weight of 0, views have no influence.
     assert!((sum(&seen(ViewChange::Changed, 0.0), 4) - 1.0).abs() < 1e-12);
-    // A filter that is sure of where it is takes a contradiction as improbable.
+    // To a filter that is sure of its place, a contradiction is improbable.
     let prior = Prior::AtFirstObservation(route.anywhere());
     let hmm = Hmm::new(prior, &route, LikelihoodVector::linear(6)).unwrap();
     let mut filter = hmm.filter();
@@ -126,7 +126,7 @@ fn controls_that_are_none_are_errors_and_the_filter_stays() {
         assert!(filter.predict_with(&u).is_err());
         assert_eq!(filter.snapshot(), before);
     }
-    // Readings that no speed explains are improbable, and that is all.
+    // Readings that no speed explains are improbable, but not errors.
     for reading in [1e6, -1e6, 300.0] {
         filter.step_with(&driven(reading), &[1.0; 6]).unwrap();
         let sum: f64 = filter.belief().as_slice().iter().sum();
@@ -180,7 +180,7 @@ fn what_is_no_route_is_an_error() {
     assert!(route().with_off_map(OffMap { within: usize::MAX, ..off }).is_ok());
 }
 
-/// Off the map, too, a speed lasts.
+/// Speeds persist off the map, too.
 #[test]
 fn what_was_measured_before_tells_what_to_expect_off_the_map() {
     let route = RouteTransition::new(9, false, Speeds::default()).unwrap();

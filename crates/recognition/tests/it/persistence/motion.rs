@@ -1,4 +1,4 @@
-//! Motion along a route comes back to the bit, and says what is wrong.
+//! Motion along a route comes back to the bit, and errors say what is wrong.
 
 use crate::kit::{
     assert_stored_operator as operator, check_columns, damage, json, refuses, stored,
@@ -118,7 +118,7 @@ proptest! {
     #[test]
     fn damaged_routes_are_refused_or_valid(parts in parts(6, 5), control in control(), damage in damage()) {
         let damaged = damage.of(&json(&parts.route()));
-        // A number put in may make a valid route of millions of places.
+        // A replaced number may make a valid route of millions of places.
         if let Ok(route) = serde_json::from_str::<RouteTransition>(&damaged)
             && route.states() < 100_000
         {

@@ -1,4 +1,4 @@
-//! What a recogniser has learned and where a vehicle is, stored and restored.
+//! Fits of recognisers and states of tracks, stored and restored.
 
 use crate::kit::{damage, json, refuses, stored};
 use std::sync::LazyLock;
@@ -174,7 +174,7 @@ fn a_state_that_no_step_can_follow_is_refused() {
     }
 }
 
-/// Such odds that nothing is left of any place.
+/// Odds that rule out every place.
 #[test]
 fn answers_are_honest_where_doubles_end() {
     let fit = json(Recognizer::from_distances(PLACES, Options::default()).unwrap().parameters());
@@ -313,7 +313,7 @@ fn what_was_not_learned_is_refused() {
 proptest! {
     #![proptest_config(cases_of(400))]
 
-    /// Whatever is changed in a file, there is an error or a track that goes on.
+    /// Any change to a file gives an error or a track that continues.
     #[test]
     fn damaged_fits_and_states_are_refused_or_valid(damage in damage(), stop in 0..40_usize) {
         let (recognizer, queries) = fitted();

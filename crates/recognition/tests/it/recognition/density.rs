@@ -1,5 +1,4 @@
-//! Routes whose references are near to each other: positions in metres, and calibration, whatever
-//! the spacing.
+//! Routes with closely spaced references: accuracy in metres and calibration, whatever the spacing.
 
 use std::collections::HashMap;
 
@@ -11,10 +10,10 @@ use wayfix_recognition::{Answer, Options, PlaceBeliefs, Recognizer};
 use crate::kit::{cases_of, rng};
 
 const DIMENSION: usize = 256;
-/// Steps in which the vehicle is still being found.
+/// First steps, in which the vehicle is still being located.
 const FINDING: usize = 10;
 
-/// Gaussian descriptors along a route, each the mean of so many that are independent.
+/// Gaussian descriptors along a route, each the mean of a number of independent ones.
 fn route(count: usize, correlated: usize, seed: u64) -> Vec<Vec<f32>> {
     let mut rng = rng(seed);
     let mut white =
@@ -25,8 +24,8 @@ fn route(count: usize, correlated: usize, seed: u64) -> Vec<Vec<f32>> {
     (0..count).map(|at| (0..DIMENSION).map(|d| scale * sum(at, d)).collect()).collect()
 }
 
-/// Share of right answers within so many places, without the first ones, and the error of
-/// calibration: the mean difference of probability and share, in ten bins of probability.
+/// Share of answers within a number of places, without the first ones, and the calibration error:
+/// the mean difference of probability and share, in ten bins of probability.
 fn judged(
     recognizer: &Recognizer,
     beliefs: &PlaceBeliefs,
@@ -80,12 +79,12 @@ proptest! {
         prop_assert!(most - least <= 0.02, "{shares:?}");
     }
 
-    /// However much neighbours are alike, the smoother is at least as often right as the nearest
-    /// image, within 2 places, and errs by 0.03 in calibration. So does the filter, but for a step or
-    /// two of hundreds and by 0.05, where up to ten references in a row are alike. Beyond, with clear
-    /// images, it is not sure enough of its place within a few, and after a stop may be off by three:
-    /// scores of very near images are logarithms, which tell it little between neighbours that are
-    /// all very near.
+    /// However similar neighbours are, the smoother is right within 2 places at least as often as
+    /// the nearest image, with a calibration error of at most 0.03. So is the filter, up to a step
+    /// or two in hundreds and an error of 0.05, if up to ten references in a row are similar. With
+    /// more, and clear images, it is not sure enough of its exact place, and after a stop may be
+    /// off by three: scores of very near images are logarithms, which hardly distinguish neighbours
+    /// that are all very near.
     #[test]
     fn correlated_routes_are_not_below_the_nearest_image(
         correlated in 1..=20_usize,
@@ -124,10 +123,10 @@ proptest! {
     }
 }
 
-/// A vehicle creeps for 400 steps past views that are noisy, each unlike the one before, and where it
-/// is hardly becomes usual: within 3 places, the filter and the smoother are right in 0.95 of the steps
-/// of 24 drives, and the smoother is wrong in 0.02 of them where it is sure. What is learned
-/// meanwhile is discounted, not left out: single drives do worse.
+/// A vehicle creeps for 400 steps past noisy views, each unlike the one before, and its place
+/// hardly becomes usual: filter and smoother are right within 3 places in 0.95 of the steps of 24
+/// drives, and the smoother is sure and wrong in 0.02 of them. What is learned meanwhile is
+/// discounted, not left out: single drives do worse.
 #[test]
 #[expect(clippy::cast_sign_loss, reason = "places from 100 on")]
 fn where_a_vehicle_creeps_hardly_becomes_usual() {
@@ -169,9 +168,9 @@ fn where_a_vehicle_creeps_hardly_becomes_usual() {
     assert!(sure_and_wrong <= most, "{sure_and_wrong}");
 }
 
-/// At dusk all images look a little like the one dark reference, which none of the others did. It
-/// is nearest again and again, and yet it becomes usual: filter and smoother are right within 3
-/// places in 0.95 of the steps of 12 drives, where the dark one mostly is the nearest image.
+/// At dusk, all images resemble the one dark reference a little, unlike before. It is the nearest
+/// again and again, but this becomes usual: filter and smoother are right within 3 places in 0.95
+/// of the steps of 12 drives, though the dark one is the nearest image in most of them.
 #[test]
 fn a_reference_that_comes_to_be_near_to_everything_becomes_usual() {
     const DRIVES: u64 = 12;

@@ -1,4 +1,4 @@
-//! Queries, labels and options that are not valid, and warnings.
+//! Invalid queries, labels and options, and warnings.
 
 use std::ops::RangeInclusive;
 
@@ -56,7 +56,7 @@ fn bad_queries_are_errors_and_the_track_stays() {
         text(track.step(&[0.1], None)),
         "the query of step 2 is not valid: 1 distances, expected one for each of 3 references"
     );
-    // Off the map, a query that is like nothing is one of elsewhere.
+    // With a state off the map, a query unlike all references is from elsewhere.
     let answer = Recognizer::from_distances(3, options(true)).unwrap().track();
     let answer = { answer }.step(&[f32::INFINITY; 3], None).unwrap();
     assert_eq!((answer.place, answer.off_map), (None, 1.0));
@@ -100,7 +100,7 @@ fn labels_that_do_not_fit_are_errors() {
     );
 }
 
-/// However short the part, and whether learning looks at them or not.
+/// However short the part, and whether learning uses the values or not.
 #[test]
 fn all_labelled_queries_and_readings_are_checked() {
     let rows = |wrong: f32| -> Vec<Vec<f32>> {

@@ -1,4 +1,4 @@
-//! How far a few references or frames, whatever is in them, move all other answers.
+//! Influence of a few references or frames, whatever is in them, on all other answers.
 
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -11,7 +11,7 @@ use super::rows::{INF, row};
 use crate::kit::{cases_of, rng};
 
 const PLACES: usize = 200;
-/// Steps in which the vehicle is still being found.
+/// First steps, in which the vehicle is still being located.
 const FINDING: usize = 20;
 
 /// Ahead, a stop, ahead, and back.
@@ -19,8 +19,8 @@ fn drive() -> Vec<usize> {
     (20..80).chain([80; 15]).chain(80..150).chain((110..150).rev()).collect()
 }
 
-/// Distances with a deviation of 1, of which the right one is `depth` less, and its neighbours
-/// half as much.
+/// Distances with a deviation of 1; the right one is smaller by `depth`, and its neighbours by half
+/// of that.
 fn recording(depth: f32, seed: u64) -> Vec<Vec<f32>> {
     let mut rng = rng(seed);
     let mut row = |place: usize| -> Vec<f32> {
@@ -50,7 +50,7 @@ fn moved(a: &PlaceBeliefs, b: &PlaceBeliefs, at: impl Fn(usize) -> bool) -> f64 
     steps.iter().map(apart).sum::<f64>() / steps.len() as f64
 }
 
-/// Any finite number, large ones and those of distances among them.
+/// Any finite number, including large ones and usual distances.
 fn finite() -> impl Strategy<Value = f32> {
     prop_oneof![
         (-38..38_i32, -3.4_f32..3.4).prop_map(|(e, m)| m * 10_f32.powi(e)),
@@ -72,10 +72,10 @@ proptest! {
     #![proptest_config(cases_of(150))]
 
     /// 5% of the references of every row are replaced. Elsewhere, the probability of the right place
-    /// moves by 0.02 on average, 0.005 in the smoother, and where single images are mostly wrong by
+    /// moves by 0.02 on average, by 0.005 in the smoother, and if single images are mostly wrong by
     /// 0.12 and 0.06. References that are often nearer than the right place cannot be told from it
     /// at first: with clear images, the bounds are ten times as wide, and hold after 80 steps; with
-    /// weak ones there are none.
+    /// weak ones there are no bounds.
     #[test]
     fn a_few_references_move_no_other_answers(
         clear in any::<bool>(),
@@ -163,7 +163,7 @@ proptest! {
         prop_assert!(apart < 0.7, "{apart}");
     }
 
-    /// Beliefs are the same to 1e-4 in whatever unit distances are, from whatever point.
+    /// Beliefs are the same to 1e-4 for any unit and any zero of the distances.
     #[test]
     fn scale_and_offset_of_distances_do_not_matter(
         depth in 1.5_f32..6.0,

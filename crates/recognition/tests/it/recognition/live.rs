@@ -1,4 +1,4 @@
-//! A track over lost frames, after a relocation, and where doubles end.
+//! A track over lost frames, after a relocation, and at the limits of doubles.
 
 use wayfix::InferenceError;
 use wayfix::error::{At, Failed};
@@ -26,7 +26,7 @@ fn lost_frames_are_steps_of_motion_alone() {
         assert!(right(&answers[15..], &drive[15..]) >= 33);
         let sum: f64 = answers.iter().map(|answer| answer.log_likelihood).sum();
         assert!((sum - track.log_likelihood()).abs() < 1e-9);
-        // A step of which nothing is known is no evidence.
+        // A step without a query and a reading is no evidence.
         assert!(track.predict(None).unwrap().log_likelihood.abs() < 1e-12);
         let before = track.snapshot();
         for reading in [f64::NAN, 1e7] {
@@ -38,7 +38,7 @@ fn lost_frames_are_steps_of_motion_alone() {
             );
             assert_eq!(track.snapshot(), before);
         }
-        // It may begin with one, too.
+        // A track may begin with one, too.
         let mut track = recognizer.track();
         assert!(track.predict(Some(f64::NAN)).is_err());
         track.predict(Some(1.0)).unwrap();
@@ -46,8 +46,8 @@ fn lost_frames_are_steps_of_motion_alone() {
     }
 }
 
-/// The view after lost frames has the frame before them, not the one of the step before, to
-/// be compared with.
+/// The view after lost frames is compared with the frame before them, not with that of the previous
+/// step.
 #[test]
 fn a_view_after_a_lost_frame_is_no_evidence_on_the_move() {
     let (recognizer, world) = recognizer(110, false);
@@ -90,7 +90,7 @@ fn a_vehicle_is_not_lost_all_the_time() {
         error.to_string(),
         "the share of time for which it is lost is 1, expected at most 0.99"
     );
-    // Where the map may be left, it is never lost.
+    // If the map may be left, the vehicle is never lost.
     let mut lost = options(true);
     lost.lost.back = 1e-25;
     assert!(Recognizer::from_distances(3, lost).is_ok());
@@ -121,7 +121,7 @@ fn single_images_have_no_temperature() {
             }
         }
     }
-    // Surely off the map, and no place likelier than another.
+    // Surely off the map, with equally likely places.
     let rows = Recognizer::from_distances(3, options(true)).unwrap();
     let nowhere = rows.recording(&[[f32::INFINITY; 3]], &[]).unwrap().single();
     assert_eq!(nowhere.mass(0, None), 1.0);

@@ -1,4 +1,4 @@
-//! Mapping while driving: what is refused, and what is carried over.
+//! Mapping while driving: refused inputs, and settings that are kept.
 
 use wayfix::InferenceError;
 use wayfix::error::{At, Failed, Parameter};
@@ -55,7 +55,7 @@ fn what_is_no_descriptor_never_becomes_a_reference() {
     );
 }
 
-/// Of the same images no model can be made; that is no error.
+/// Equal images make no model, which is not an error.
 #[test]
 fn a_vehicle_that_stands_from_the_start_is_no_error() {
     let mut options = Options::default();
@@ -66,7 +66,7 @@ fn a_vehicle_that_stands_from_the_start_is_no_error() {
     }
 }
 
-/// With odometry, noise in front of a red light makes no references.
+/// With odometry, noise at a red light adds no references.
 #[test]
 fn a_vehicle_that_stands_adds_no_references_by_odometry() {
     let noisy = |place: usize, step: usize| -> Vec<f32> {

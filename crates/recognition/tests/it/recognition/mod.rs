@@ -1,4 +1,4 @@
-//! Recognising places end to end, on a route that the tests make up.
+//! Recognising places end to end, on a simulated route.
 
 mod density;
 mod errors;
@@ -24,8 +24,8 @@ use crate::kit::rng;
 const PLACES: usize = 120;
 const DIMENSION: usize = 24;
 
-/// A descriptor for each place, which is like those next to it; behind them some of
-/// places that are not on the map.
+/// A descriptor for each place, similar to those next to it, followed by some of places that are
+/// not on the map.
 fn world(seed: u64) -> Vec<Vec<f32>> {
     let mut rng = rng(seed);
     let mut white =
@@ -37,8 +37,8 @@ fn world(seed: u64) -> Vec<Vec<f32>> {
     (0..PLACES + 40).map(sum).collect()
 }
 
-/// What the camera sees at some places, the more noisy the larger `noise`; a vehicle that
-/// stands sees what it saw.
+/// Views of the camera at some places, with noise of this size; a vehicle that stands sees the same
+/// view again.
 fn seen(world: &[Vec<f32>], drive: &[usize], noise: f32, seed: u64) -> Vec<Vec<f32>> {
     let mut rng = rng(seed);
     let mut views: Vec<Vec<f32>> = Vec::new();
@@ -73,7 +73,7 @@ fn labels(drive: &[usize]) -> Vec<Option<RangeInclusive<usize>>> {
     drive.iter().map(|place| (*place < PLACES).then_some(*place..=*place)).collect()
 }
 
-/// How many of the answers are within two places of the truth, or off the map as it is.
+/// Number of answers that are within two places of the truth, or off the map if it is.
 fn right(answers: &[Answer], drive: &[usize]) -> usize {
     let right = |(answer, place): (&Answer, &usize)| match answer.place {
         Some(found) => *place < PLACES && found.abs_diff(*place) <= 2,
@@ -116,7 +116,7 @@ fn a_track_is_the_filter_of_a_recording() {
     }
 }
 
-/// The same smoother, from a model of one's own.
+/// The same smoother, from a model that is composed by hand.
 #[test]
 fn a_recording_is_a_sequence() {
     let (recognizer, world) = recognizer(5, true);
@@ -245,7 +245,7 @@ fn a_kidnapped_vehicle_is_found_again() {
 #[test]
 fn several_traverses_see_what_one_does_not() {
     let world = world(80);
-    // In the second season half of the places look like nothing before.
+    // In the second season, half of the places look like no reference.
     let other: Vec<Vec<f32>> = seen(&world, &(0..PLACES).collect::<Vec<_>>(), 1.5, 81);
     let drive: Vec<usize> = (5..115).collect();
     let queries = seen(&other, &drive, 0.3, 82);

@@ -11,15 +11,15 @@ fn median(mut values: Vec<f64>) -> f64 {
     values[values.len() / 2]
 }
 
-/// Scores within a row: differences from the median, in median deviations; beyond three as a
-/// logarithm, up to 1000.
+/// Scores within a row: differences from the median, in median deviations; beyond three
+/// logarithmic, up to 1000.
 pub(super) fn within(row: &[f32]) -> Vec<f64> {
     let finite: Vec<f64> = row.iter().filter(|d| d.is_finite()).map(|d| f64::from(*d)).collect();
     if finite.is_empty() {
         return vec![f64::INFINITY; row.len()];
     }
     let centre = median(finite.clone());
-    // Differences are singles.
+    // Differences are in 32 bits.
     let most = f64::from(f32::MAX);
     let apart: Vec<f64> = finite.iter().map(|d| (d - centre).abs().min(most)).collect();
     let others: Vec<f64> = apart.iter().copied().filter(|d| *d > 0.0).collect();
@@ -37,7 +37,7 @@ pub(super) fn within(row: &[f32]) -> Vec<f64> {
     row.iter().map(score).collect()
 }
 
-/// Distances of one row, of several kinds; infinite ones among them.
+/// Distances of one row, of several kinds, including infinite ones.
 pub(super) fn row(n: usize) -> impl Strategy<Value = Vec<f32>> {
     let wild = (-38..38_i32, -9.9_f32..9.9).prop_map(|(e, m)| m * 10_f32.powi(e));
     let kind = prop_oneof![

@@ -8,7 +8,7 @@ use wayfix_recognition::{Options, Recognizer};
 use super::rows::{INF, row, within};
 use crate::kit::{cases, text};
 
-/// Sums over queries, and the scores of another, by the formulas of the guide.
+/// Sums over queries, and the scores of a further query, by the formulas of the guide.
 struct Usual {
     count: f64,
     sums: Vec<f64>,
@@ -39,8 +39,7 @@ impl Usual {
             .collect()
     }
 
-    /// A score counts as no farther from the usual one than 2.5 deviations, and an infinite one
-    /// as average.
+    /// A score counts as at most 2.5 deviations from the usual one, and an infinite one as average.
     fn learn(&mut self, row: &[f32]) {
         let (means, most) = (self.means(), 2.5 * self.spread().0.sqrt());
         for (i, score) in within(row).into_iter().enumerate() {
@@ -78,7 +77,7 @@ proptest! {
             let mut found = vec![f64::NAN; n];
             references.scores(row, &mut found).unwrap();
             for (found, expected) in found.iter().zip(usual.scores(row)) {
-                // Scores have the digits of singles.
+                // Scores have the digits of 32 bits.
                 let close = (found - expected).abs() < 2e-6 * expected.abs().max(1.0);
                 prop_assert!(*found == expected || close, "{found}, expected {expected}");
             }
@@ -134,7 +133,7 @@ fn what_is_wrong_is_said() {
         let expected = format!("the probability that a frame says nothing is {nothing}, {range}");
         assert_eq!(text(MatchOdds::default().with_nothing(nothing)), expected);
     }
-    // A query that is like nothing is an error where the vehicle cannot be off the map.
+    // A query unlike all references is an error if the vehicle cannot be off the map.
     let mut track = Recognizer::from_distances(3, Options::default()).unwrap().track();
     assert_eq!(
         text(track.step(&[INF; 3], None)),

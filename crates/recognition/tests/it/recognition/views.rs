@@ -1,4 +1,4 @@
-//! Views that change or do not.
+//! Changed and unchanged views.
 
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -12,7 +12,7 @@ use crate::kit::{cases, text};
 fn change(before: &[f32], now: &[f32]) -> f64 {
     let pairs = within(before).into_iter().zip(within(now));
     let finite = pairs.filter(|(a, b)| a.is_finite() && b.is_finite());
-    // Scores are singles: of differences beyond their range nothing is left.
+    // Scores are in 32 bits: differences beyond their range vanish.
     let single = |score: f64| f64::from(score.clamp(-5.0, 5.0) as f32);
     let both: Vec<(f64, f64)> = finite.map(|(a, b)| (single(a), single(b))).collect();
     let apart: f64 = both.iter().map(|(a, b)| (a - b).powi(2)).sum();
@@ -24,7 +24,7 @@ fn change(before: &[f32], now: &[f32]) -> f64 {
     }
 }
 
-/// Rows of one length, of which some come again, or nearly so.
+/// Rows of one length, some of which repeat, exactly or nearly.
 fn drive() -> impl Strategy<Value = Vec<Vec<f32>>> {
     (1..10_usize).prop_flat_map(|n| {
         vec((row(n), 0..4_u8), 0..9).prop_map(|rows| {
@@ -52,7 +52,7 @@ proptest! {
             let found = view_change(&two[0], &two[1]).unwrap();
             let expected = change(&two[0], &two[1]);
             prop_assert!((0.0..=2.0).contains(&found));
-            // Scores have the digits of singles.
+            // Scores have the digits of 32 bits.
             let apart = (found.sqrt() - expected.sqrt()).abs();
             prop_assert!(apart < 1e-5, "{found}, expected {expected}");
             changes.push(found);
@@ -107,7 +107,7 @@ fn views_by_hand() {
         let expected = format!("the threshold of change is {threshold}, {range}");
         assert_eq!(text(ViewComparison::new(threshold)), expected);
     }
-    // No NaN out, whatever comes in.
+    // The result is never NaN.
     let odd = [f32::NAN, INF, -INF, f32::MAX, f32::MIN, 0.0, 1e-45];
     for a in odd {
         for b in odd {
@@ -131,13 +131,13 @@ fn views_by_hand() {
         text(views.next(&[0.0, 2.0, 3.0])),
         "3 distances, expected one for each of 5 references"
     );
-    // Against the last new one, not the last one.
+    // Compared with the last new view, not with the last view.
     let new = [1.0, 0.0, 2.0, 4.0, 3.0];
     assert_eq!(views.next(&new), Ok(ViewChange::Changed));
     assert_eq!(views.next(&[INF; 5]), Ok(ViewChange::Changed), "nothing can be compared");
     assert_eq!(views.next(&new), Ok(ViewChange::Changed), "nor after it");
     assert_eq!(views.next(&new), Ok(ViewChange::Unchanged));
-    // Not even of an empty row, which is a row.
+    // Not even for an empty row.
     let mut empty = ViewComparison::new(0.4).unwrap();
     assert_eq!(empty.next(&[]), Ok(ViewChange::Changed));
     assert_eq!(text(empty.next(&[1.0])), "1 distances, expected one for each of 0 references");

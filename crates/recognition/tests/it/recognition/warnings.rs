@@ -124,7 +124,7 @@ fn doubts(recognizer: &Recognizer, queries: &[Vec<f32>], odometry: &[Option<f64>
     recognizer.recording(queries, odometry).unwrap().doubts()
 }
 
-/// All doubts of a track in the course of a drive.
+/// All doubts of a track during a drive.
 fn live(recognizer: &Recognizer, queries: &[Vec<f32>], odometry: &[Option<f64>]) -> Vec<Warning> {
     let mut track = recognizer.track();
     let mut all = Vec::new();
@@ -135,7 +135,7 @@ fn live(recognizer: &Recognizer, queries: &[Vec<f32>], odometry: &[Option<f64>])
     all
 }
 
-/// To the last place and back, so many times.
+/// To the last place and back, a number of times.
 fn there_and_back(times: usize) -> Vec<usize> {
     let once = (0..PLACES).chain((0..PLACES - 1).rev());
     (0..times).flat_map(|_| once.clone()).collect()
@@ -161,7 +161,7 @@ fn a_recording_that_matches_nothing_is_told() {
         let blank: Vec<Vec<f32>> =
             noise(24 * drive.len(), 192).chunks(24).map(<[f32]>::to_vec).collect();
         told(&blank, 200);
-        // Where the map may be left, the answers tell.
+        // If the map may be left, the answers say so.
         let made = Recognizer::from_descriptors(&world[..PLACES], Distance::Cosine, options(true));
         assert_eq!(made.unwrap().recording(&elsewhere, &[]).unwrap().doubts(), []);
     }
@@ -181,7 +181,7 @@ fn a_vehicle_that_is_faster_than_the_speeds_is_told() {
         let is_fast = speed as f64 > fastest + 0.5 && drive.len() > 20;
         assert_eq!(fast, is_fast.then_some((speed as f64, fastest)), "{speed} {found:?}");
     }
-    // Odometry says how far it goes, and noise goes nowhere.
+    // By odometry the vehicle moves, but noise shows no progress.
     let drive: Vec<usize> = (0..PLACES).step_by(5).collect();
     let queries = seen(&world, &drive, 0.3, 91);
     let readings = vec![Some(5.0); queries.len()];
@@ -191,8 +191,8 @@ fn a_vehicle_that_is_faster_than_the_speeds_is_told() {
     assert!(!is_fast(&doubts(&recognizer, &elsewhere, &[])));
 }
 
-/// Rows of distances, to each of which the same large offset is added: so a few references are
-/// always nearest, and all views look alike.
+/// Rows of distances with a common large offset added to each: a few references are always nearest,
+/// and all views look alike.
 fn rows(world: &[Vec<f32>], queries: &[Vec<f32>], offset: f32) -> Vec<Vec<f32>> {
     let offsets = noise(PLACES, 220);
     let distance = |a: &[f32], b: &[f32]| -> f32 {
@@ -247,7 +247,7 @@ fn scores_that_are_worse_than_the_nearest_image_are_told() {
         doubts.iter().any(|doubt| matches!(doubt, Warning::Nearest { .. }))
     };
     assert!(!nearest(&there_and_back(1)) && !nearest(&usual_drive()));
-    // References that are seen most of the time are taken for ones that look like everything.
+    // References that are seen most of the time are taken for ones that resemble everything.
     let shuttle: Vec<usize> = (0..200).map(|k| [40, 43][k % 2]).collect();
     assert!(nearest(&shuttle));
 }
@@ -270,7 +270,7 @@ fn queries_unlike_the_labelled_ones_are_told() {
     assert!(unlike(0.05, 1.0) && unlike(1.0, 0.05));
 }
 
-/// Images of a detour match nothing, which says nothing of the others.
+/// Images of a detour match nothing, which is no reason to doubt the others.
 #[test]
 fn queries_off_the_map_are_not_unlike() {
     let unlike = |off_map: bool| {
@@ -289,7 +289,7 @@ fn queries_off_the_map_are_not_unlike() {
 #[test]
 fn stuck_odometry_is_told() {
     let (recognizer, world) = recognizer(250, false);
-    // One place a step, a stop, and two.
+    // One place per step, a stop, and two places per step.
     let leg = || (0..PLACES).chain([PLACES - 1; 80]).chain((0..PLACES).rev().step_by(2));
     let drive: Vec<usize> = leg().chain(leg()).collect();
     let queries = seen(&world, &drive, 0.5, 251);
@@ -323,7 +323,7 @@ fn stuck_odometry_is_told() {
     let queries_ahead = &queries[..PLACES - 1];
     assert!(!stuck(&doubts(&recognizer, queries_ahead, &ahead)));
     assert!(stuck(&doubts(&recognizer, queries_ahead, &ahead_twice)));
-    // A camera that is stuck.
+    // A frozen camera.
     let mut frozen = queries.clone();
     let last = frozen[60].clone();
     frozen[60..].fill(last);

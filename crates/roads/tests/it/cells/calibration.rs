@@ -1,4 +1,4 @@
-//! Robots whose wheels are too large or too small, or slip: probabilities are as they say.
+//! Robots whose wheels are too large or too small, or slip: probabilities are calibrated.
 //!
 //! The constants of the model were chosen on other seeds.
 
@@ -31,11 +31,12 @@ struct Truth {
 
 #[derive(Debug, Clone, Copy, Default)]
 struct Counts {
-    /// Answers, those within 1.5 m with probability 0.95 or more, and of these the right ones.
+    /// Numbers of answers, of answers within 1.5 m with probability 0.95 or more, and of right ones
+    /// among the latter.
     all: usize,
     sure: usize,
     right: usize,
-    /// Cells of the vehicle within the smallest set of 95%, and the probability of these sets.
+    /// Steps with the vehicle's cell in the smallest set of 95%, and the probability of these sets.
     held: usize,
     stated: f64,
 }
@@ -73,7 +74,7 @@ fn run(seed: u64, truth: Truth, counts: &mut Counts) {
         }
         let noise: f64 = StandardNormal.sample(&mut rng);
         let reading = 0.1 * (1.0 + sign * truth.scale) + 0.01 * noise;
-        // Noise is taken for twice as large as it is.
+        // The model's noise is twice the true one.
         let travel = odometer.add(reading, 2e-4).unwrap();
         let ends = network.edges()[edge];
         let node = if metres < 0.4 { Some(ends.from) } else { None };
@@ -130,7 +131,7 @@ fn a_robot_whose_wheels_err_is_right_when_it_is_sure() {
             seed += 1;
         }
         println!("{truth:?}: {counts:?}");
-        // Even of each kind of wheels.
+        // Even for each kind of wheels.
         assert!(counts.right as f64 >= 0.97 * counts.sure as f64, "{truth:?}: {counts:?}");
         assert!(counts.held as f64 >= 0.9 * counts.all as f64, "{truth:?}: {counts:?}");
         all = Counts {
@@ -143,6 +144,6 @@ fn a_robot_whose_wheels_err_is_right_when_it_is_sure() {
     }
     assert!(all.right as f64 >= 0.98 * all.sure as f64, "{all:?}");
     assert!(all.held as f64 >= all.stated - 0.02 * all.all as f64, "{all:?}");
-    // It is no use never to be sure. Live, nobody knows after a crossing which aisle was taken.
+    // Never being sure would be useless. Live, the aisle is unknown right after a crossing.
     assert!(all.sure as f64 >= 0.08 * all.all as f64, "{all:?}");
 }

@@ -67,7 +67,7 @@ fn travels() -> impl Strategy<Value = Travel> {
     ]
 }
 
-/// As on cells of 1 m, of which 5 m are the same part.
+/// A travel in units of cells, which are 5 m long here, with a variance in their squares.
 fn measured(cells: f64, variance: f64) -> Travel {
     let motion = CellTransition::new(&road(100.0), &TurnWeights::default()).unwrap();
     motion.travel(5.0 * cells, 25.0 * variance).unwrap()
@@ -125,7 +125,7 @@ proptest! {
         assert_operator(a, Expected::each(&travels, &expected))?;
     }
 
-    /// Steps one after the other are one step by their sum, across junctions.
+    /// Consecutive steps equal one step by their sum, across junctions.
     #[test]
     fn steps_add_up(cells in networks(4, 6), weights in weights(), start in any::<prop::sample::Index>()) {
         let a = CellTransition::new(&cells, &weights).unwrap();

@@ -52,7 +52,7 @@ fn weights() -> impl Strategy<Value = TurnWeights> {
     })
 }
 
-/// A road of so many metres, in cells of 5 m, in one direction.
+/// A road of this length in metres, in cells of 5 m, in one direction.
 fn road(metres: f64) -> RoadCells<PlanePosition> {
     let mut builder = NetworkBuilder::new();
     builder.node(1, PlanePosition { x: 0.0, y: 0.0 }).unwrap();
@@ -61,7 +61,7 @@ fn road(metres: f64) -> RoadCells<PlanePosition> {
     RoadCells::new(builder.build().unwrap(), 5.0).unwrap()
 }
 
-/// Aisles both ways between waypoints on a grid, so many metres apart.
+/// Aisles in both directions between waypoints on a grid with this spacing in metres.
 fn aisles(columns: u64, rows: u64, metres: f64) -> RoadNetwork<PlanePosition> {
     let mut builder = NetworkBuilder::new();
     for id in 0..columns * rows {

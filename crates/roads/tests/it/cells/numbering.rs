@@ -96,7 +96,7 @@ fn an_edge_of_another_length_has_the_same_places() {
     let cells = RoadCells::new(builder.build().unwrap(), 1.0).unwrap();
     assert_eq!(cells.by_place().as_slice(), [0, 1, 2, 3, 3, 3, 2, 2, 1, 1, 0, 0]);
     assert_eq!(cells.by_road().count(), 1);
-    // 12 m in 12 cells: all are as long as the mean.
+    // 12 m in 12 cells: all have the mean length.
     assert_eq!((cells.mean_metres(), cells.rounding()), (1.0, 0.0));
 }
 

@@ -45,7 +45,7 @@ fn ticks_of_any_size_spread_by_their_variance_alone() {
         let ahead = odometer.ahead();
         assert!((mean + ahead - driven).abs() < 1e-3, "{ticks}: {mean}");
         assert!(ahead.abs() <= 2.5 + 1e-9, "{ticks}: {ahead}");
-        // All of it, with what is kept; a deviation below 0 is a stay, which is rare.
+        // All of the distance, with the rest that is kept; a draw below 0 is a stay, which is rare.
         assert!((variance + odometer.variance() - 0.01 * driven).abs() < 1e-3, "{variance}");
     }
 }
@@ -110,7 +110,7 @@ fn readings_are_checked() {
 proptest! {
     #![proptest_config(cases())]
 
-    /// Between whole numbers the variance is at least that of the two.
+    /// Between whole numbers of cells, the variance is at least that of the two-point distribution.
     #[test]
     fn mean_and_variance_are_kept(
         metres in prop_oneof![0.0..2000.0_f64, (0..400_u32).prop_map(|cells| 5.0 * f64::from(cells))],
@@ -118,7 +118,7 @@ proptest! {
     ) {
         let cells = metres / 5.0;
         let variance = (deviation / 5.0).powi(2);
-        // Less than nothing is a stay.
+        // A negative distance is a stay.
         prop_assume!(cells == 0.0 && variance == 0.0 || cells > 12.0 * (deviation / 5.0) + 25.0);
         let travel = motion(&road(100.0)).travel(metres, deviation * deviation).unwrap();
         let part = cells.fract();

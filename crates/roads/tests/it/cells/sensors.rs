@@ -27,7 +27,8 @@ fn all<B: Likelihood<Observation: Sized> + LocalLikelihood>(
     found.as_slice().iter().map(|b| log(b) + found.log_factor()).collect()
 }
 
-/// Some states are those of all, and the bound on the others holds; the filter takes the same.
+/// The listed states have the likelihoods of the full diagonal, and the bound on the others holds;
+/// the filter gives the same.
 fn check<B: Likelihood<Observation: Sized> + LocalLikelihood>(
     sensor: &B,
     seen: &B::Observation,
@@ -48,12 +49,12 @@ fn check<B: Likelihood<Observation: Sized> + LocalLikelihood>(
         for cell in others {
             prop_assert!(expected[cell] <= log(bound) + 1e-9, "{}", cell);
         }
-        // With those that stand out, too.
+        // With the states that stand out, too.
         sensor.listed_states(seen, &mut asked);
         asked.sort_unstable();
         asked.dedup();
     }
-    // As an observation of a model, of which only the differences are seen.
+    // As an observation of a model, for which only the differences matter.
     let prior = Prior::AtFirstObservation(Belief::uniform(n).unwrap());
     let still = wayfix::SparseTransition::from_triplets(n, (0..n).map(|i| (i, i, 1.0))).unwrap();
     let hmm = Hmm::new(prior, still, sensor).unwrap();
@@ -116,7 +117,7 @@ proptest! {
         for (cell, log) in all(&sensor, &seen).into_iter().enumerate() {
             let edge = cells.network().edges()[cells.edge(cell)];
             let stretch = cells.stretch(cell);
-            // By a thousand points of the cell.
+            // By integration over a thousand points of the cell.
             let points = || (0..1000).map(|at| {
                 stretch.start + (stretch.end - stretch.start) * (f64::from(at) + 0.5) / 1000.0
             });
@@ -131,7 +132,7 @@ proptest! {
             let in_range = parts[0].max(parts[1]) * read;
             match seen {
                 None => close(log.exp(), 1.0 - in_range - misread, 3e-3, 1.0)?,
-                // Of parts that are about as large, either.
+                // Of parts of about the same size, either may win.
                 Some(_) if (parts[0] - parts[1]).abs() < 0.01 => (),
                 Some(tag) => {
                     let here = if parts[tag] > parts[1 - tag] { in_range } else { 0.0 };
@@ -153,7 +154,7 @@ proptest! {
         }
     }
 
-    /// Follows the exact filter within what it proves, kidnapped or not.
+    /// The pruned filter follows the exact one within its proven bound, kidnapped or not.
     #[test]
     fn the_pruned_filter_follows_the_exact_one(
         steps in vec((0.0..8.0_f64, 0.0..15.0_f64, 0.0..15.0_f64, prop_oneof![3 => Just(None), 1 => (0..3_usize).prop_map(Some)]), 1..12),
@@ -187,7 +188,7 @@ proptest! {
     }
 }
 
-/// Cells far from the belief are not looked at.
+/// Cells far from the belief are never visited.
 #[test]
 fn a_step_on_a_city_looks_at_few_cells() {
     let cells = RoadCells::new(aisles(100, 100, 100.0), 20.0).unwrap();

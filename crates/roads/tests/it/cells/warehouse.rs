@@ -1,4 +1,4 @@
-//! A robot among 400 waypoints, which says when it is sure.
+//! A robot among 400 waypoints that reports when it is sure.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -42,7 +42,7 @@ impl Robot<'_> {
         }
     }
 
-    /// Tag read: now and then one in range, rarely any by mistake. A tenth of the tags is broken,
+    /// Tag that is read: sometimes one in range, rarely a wrong one. A tenth of the tags is broken,
     /// which the model does not know.
     fn read(&mut self, tags: &[usize]) -> Option<usize> {
         let edge = self.cells.network().edges()[self.edge];
@@ -61,8 +61,8 @@ impl Robot<'_> {
     }
 }
 
-/// Answers that were sure, sure and right, right, and all; and the last one that was wrong before
-/// it was carried, and altogether.
+/// Numbers of answers that were sure, sure and right, right, and of all; and the last wrong one
+/// before the robot was carried, and in all.
 fn run(seed: u64) -> [usize; 4] {
     let mut rng = rng(seed);
     let cells = RoadCells::new(aisles(20, 20, 2.0), 1.0).unwrap();
@@ -83,7 +83,7 @@ fn run(seed: u64) -> [usize; 4] {
     let edge = rng.random_range(0..edges);
     let mut robot = Robot { cells: &cells, motion: &truth, edge, metres: 0.0, rng };
     let noise = Normal::new(0.0, 0.01).unwrap();
-    // Wheels are never quite as large as they are taken to be.
+    // Wheels never have quite the size that the model assumes.
     let scale = 1.0 + 0.01 * (robot.rng.random::<f64>() - 0.5);
     let (mut positions, mut aheads, mut counts) = (Vec::new(), Vec::new(), [0; 4]);
     for tick in 0..TICKS {
@@ -101,7 +101,7 @@ fn run(seed: u64) -> [usize; 4] {
         }
         let (belief, ahead) = (smoother.lagged(), aheads[tick - LAG]);
         let answer = cells.position_ahead(belief.mode(), ahead);
-        // All positions within the cell are as near as 1.5 m.
+        // All positions within the cell are within 1.5 m.
         let mass: f64 = (0..n)
             .filter(|&cell| belief.as_slice()[cell] > 1e-6)
             .filter(|&cell| cells.position_ahead(cell, ahead).metres_to(answer) <= 1.0)
@@ -124,6 +124,6 @@ fn a_robot_that_says_it_is_sure_is_right() {
     let total = |at: usize| runs.iter().map(|run| run[at]).sum::<usize>() as f64;
     let (sure, both, right, all) = (total(0), total(1), total(2), total(3));
     assert!(both >= 0.9 * sure, "right in {both} of {sure}");
-    // It is no use never to be sure.
+    // Never being sure would be useless.
     assert!(sure >= 0.25 * all && right >= 0.5 * all, "{sure}, {right} of {all}");
 }

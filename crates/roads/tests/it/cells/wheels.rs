@@ -11,7 +11,7 @@ use crate::kit::{
     Expected, Matrix, assert_operator, cases_of, close, dense, matrix, restart, text,
 };
 
-/// Probability of a scale after so many metres, by all outcomes of eight coins.
+/// Probability of a scale after a distance in metres, by all outcomes of eight coins.
 fn change(wheels: &Wheels, metres: f64, to: usize, from: usize) -> f64 {
     let turned = 0.5 * (1.0 - (-metres / wheels.lasts).exp());
     let start = (1_u32 << from) - 1;
@@ -54,14 +54,14 @@ proptest! {
     fn it_is_a_chain_of_scales_and_a_move_by_each(
         cells in networks(2, 1),
         (weights, wheels) in (weights(), wheels()),
-        // One within a cell, which changes no scale, and two beyond it.
+        // One distance within a cell, which changes no scale, and two beyond it.
         (short, long) in (0.0..0.05_f64, vec((1.3..4.0_f64, 0.0..0.2_f64), 2)),
         restarts in any::<bool>(),
     ) {
         let motion = CellTransition::new(&cells, &weights).unwrap();
         let motion = WheelTransition::new(motion, wheels).unwrap();
         let mut odometer = motion.odometer();
-        // Those that are released by the first reading have driven less than a cell.
+        // Metres that are released by the first reading are less than a cell.
         let mut controls = vec![odometer.add(short * cells.mean_metres(), 0.0).unwrap()];
         let mut expected = vec![by_definition(&motion, &controls[0], None)];
         let mut since = short * cells.mean_metres();
@@ -90,7 +90,7 @@ proptest! {
     fn metres_are_kept(
         (wheels, ticks) in (wheels(), vec(0.0..3.0_f64, 200)),
     ) {
-        // Slips of less than a cell: one that would have lost more than it drove lost that.
+        // Slips of less than a cell: a slip cannot lose more than was driven.
         let wheels = Wheels { slips: 0.1 * wheels.slips, slipped: 0.5 * wheels.slipped, ..wheels };
         let motion = CellTransition::new(&road(5000.0), &TurnWeights::default()).unwrap();
         let motion = WheelTransition::new(motion, wheels).unwrap();

@@ -1,4 +1,4 @@
-//! Answers that say of what they are, and errors that say where.
+//! Fields of answers, and positions in errors.
 
 use std::error::Error;
 
@@ -78,7 +78,7 @@ fn fits_are_the_same_to_the_bit() {
     for threads in [1, 2, 5] {
         assert_eq!(crate::threads::with_threads(threads, fit), expected, "{threads}");
     }
-    // Made-up drives take the shortest way, so that detours are as short as they may be.
+    // Simulated drives take the shortest way, so that detours have their least length.
     assert!(expected.at_limits().iter().all(|name| *name != "noise"), "{expected:?}");
     let model = MatchModel { deviation: 1.5, ..expected.model };
     assert!(LearnedMatchModel { model, ..expected }.at_limits().contains(&"deviation"));
@@ -87,7 +87,7 @@ fn fits_are_the_same_to_the_bit() {
 #[test]
 fn vehicles_stay_on_their_network() {
     let matcher = town();
-    // Of the same size, but for a part of a road.
+    // A network of the same size, which differs in a part of a road.
     let mut builder = NetworkBuilder::new();
     for node in matcher.network().nodes() {
         builder.node(node.id, node.position).unwrap();
@@ -112,7 +112,7 @@ fn vehicles_stay_on_their_network() {
         assert!(error.to_string().starts_with("the network is another one: "), "{error}");
         assert_eq!(vehicle, before);
         assert!(matches!(vehicle.credible(&other, 0.5), Err(MatchError::Network { .. })));
-        // With another model, or built again, the network is the same.
+        // With another model, or built again, the network counts as the same.
         let model = MatchModel { noise: 12.0, ..MatchModel::default() };
         let again = town().with_model(model).unwrap();
         again.step(&mut vehicle, &points[1]).unwrap();
@@ -152,7 +152,7 @@ fn credible_stretches_say_what_they_hold() {
                 }
                 let sum: f64 = around.probabilities.iter().sum();
                 assert!(sum >= probability - 1e-9);
-                // More is held by as much or more.
+                // A larger mass needs as many stretches or more.
                 let total: f64 = around.stretches.iter().map(Part::metres).sum();
                 assert!(total >= last - 1e-9, "{mass}: {total} after {last}");
                 last = total;
@@ -204,7 +204,7 @@ fn edges_at_points_of_a_drive() {
     }
 }
 
-/// The line of a route is as long as it, and each part begins where the one before ends.
+/// The line of a route has its length, and each part begins where the one before ends.
 #[test]
 fn lines_of_routes() {
     let matcher = town();

@@ -8,10 +8,10 @@ use wayfix_roads::cells::{PositionFix, PositionLikelihood};
 use wayfix_roads::matching::{Matcher, RoadAnswer, TracePoint};
 use wayfix_roads::{EdgeIndex, EdgeOptions, NetworkBuilder, RoadNetwork};
 
-/// Degrees by which the same city lies to the west, far from where longitudes jump.
+/// Degrees by which the same city is moved to the west, far from the antimeridian.
 const WEST: f64 = 10.0;
 
-/// A position so many degrees east of 179.996 or, shifted, 10° to the west of that.
+/// A position this many degrees east of 179.996 or, shifted, 10° to the west of that.
 fn at(latitude: f64, east: f64, west: f64) -> Position {
     let longitude = 179.996 + east - west;
     let longitude = if longitude > 180.0 { longitude - 360.0 } else { longitude };
@@ -46,7 +46,7 @@ fn city(west: f64) -> RoadNetwork {
     builder.build().unwrap()
 }
 
-/// East along the second street and, half way, north to the first and back west on it.
+/// East along the second street, half way north to the first, and back west on it.
 fn drive(west: f64) -> Vec<TracePoint> {
     let wave = |k: i32| 6e-5 * f64::from(k * 7 % 5 - 2);
     let point = |k: i32| {
@@ -108,7 +108,8 @@ fn a_drive_across_is_matched_as_elsewhere() {
     }
 }
 
-/// A gap, points far off and a stretch without roads, so that states go on unseen and off the road.
+/// A gap, distant points and a stretch without roads, so that states continue unseen and off the
+/// road.
 #[test]
 fn states_that_go_on_unseen_cross() {
     let [here, there] = [0.0, WEST].map(|west| Matcher::new(city(west)));

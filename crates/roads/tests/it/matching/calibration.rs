@@ -1,8 +1,8 @@
-//! An edge with probability 0.9 is right nine times of ten.
+//! Calibration: an edge with probability 0.9 is right nine times in ten.
 //!
-//! Off the road, "off the road" alone is right: from the first metre beside the road to the last, some
-//! 3 s each way. Bounds are the worst of ten batches of 40 drives, and a third more; the batch of a
-//! test is another one.
+//! Off the road, only "off the road" is right, from the first metre beside the road to the last,
+//! about 3 s each way. Bounds are a third above the worst of ten batches of 40 drives; the tests
+//! use another batch.
 
 use wayfix::evaluate::{expected_calibration_error, reliability};
 use wayfix::map::PlanePosition;
@@ -19,15 +19,15 @@ struct Measured {
     error: [f64; 3],
     /// Share of answers that are right.
     right: [f64; 3],
-    /// Share that is wrong of those with a probability of 0.95 or more.
+    /// Share of wrong answers among those with a probability of 0.95 or more.
     wrong: [f64; 3],
-    /// Share of the points off the road that are found, and of the other points that are said to
-    /// be there.
+    /// Share of the points off the road that are found, and of the other points that are taken for
+    /// such.
     off_road: [f64; 3],
     on_road: [f64; 3],
 }
 
-/// Share of answers of which a property holds, among those of which another does.
+/// Share of answers with a property, among those with another.
 fn share<T>(all: &[T], of: impl Fn(&T) -> bool, is: impl Fn(&T) -> bool) -> f64 {
     let of: Vec<&T> = all.iter().filter(|answer| of(answer)).collect();
     of.iter().filter(|answer| is(answer)).count() as f64 / of.len().max(1) as f64
@@ -78,8 +78,8 @@ fn of_known_receiver(scenario: &Scenario) -> Measured {
     measure(&Matcher::new(network).with_model(model).unwrap(), &drives)
 }
 
-/// Checks rows of noise and interval, the worst errors and the worst share that is wrong of sure
-/// answers, and the least share of smoothed answers that are right.
+/// Checks rows of noise, interval, largest errors, largest share of wrong answers among sure ones,
+/// and smallest share of right smoothed answers.
 fn check(scenario: &Scenario, rows: &[([f64; 2], [f64; 3], f64, f64)]) {
     for &([noise, every], errors, wrong, right) in rows {
         let found = of_known_receiver(&Scenario { noise, every, ..*scenario });
@@ -90,7 +90,7 @@ fn check(scenario: &Scenario, rows: &[([f64; 2], [f64; 3], f64, f64)]) {
         assert!(is_within(found.wrong, [wrong; 3]), "{noise} m, {every} s: {found:?}");
         let not_right = 1.0 - found.right[2];
         assert!(not_right <= ROOM * (1.0 - right), "{noise} m, {every} s: {found:?}");
-        // What comes later helps.
+        // Later points help.
         assert!(found.right[1].min(found.right[2]) > found.right[0], "{found:?}");
     }
 }
@@ -108,8 +108,8 @@ fn on_roads_with_errors_that_last() {
     check(&ON_ROADS, &rows);
 }
 
-/// A car park 30 to 60 m from the road looks much like a wait on it with a poor receiver: of these
-/// points most are wrong, and stated too surely, the more so the rougher the receiver.
+/// A car park 30 to 60 m from the road looks much like a wait on it with a poor receiver: most of
+/// these points are wrong with too high a probability, the more so the rougher the receiver.
 #[test]
 fn with_gaps_car_parks_and_turns() {
     let rows = [
@@ -123,7 +123,7 @@ fn with_gaps_car_parks_and_turns() {
     check(&Scenario::default(), &rows);
 }
 
-/// In each drive one. Bounds: three quarters of the least of five batches.
+/// One in each drive. Bounds: three quarters of the least of five batches.
 #[test]
 fn car_parks_are_found() {
     let rows =
@@ -137,7 +137,7 @@ fn car_parks_are_found() {
     }
 }
 
-/// Bounds: the worst of twenty batches of 20 drives, and a third more.
+/// Bounds: a third above the worst of twenty batches of 20 drives.
 #[test]
 fn of_twice_the_noise_after_learning() {
     let network = network();
@@ -157,7 +157,7 @@ fn of_twice_the_noise_after_learning() {
     }
 }
 
-/// Credible stretches of 0.9 hold the vehicle at nine points of ten or more, where there are some.
+/// Credible stretches of 0.9 hold the vehicle at nine of ten points or more, if there are any.
 #[test]
 fn credible_stretches_hold_the_vehicle() {
     let network = network();

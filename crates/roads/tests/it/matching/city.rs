@@ -1,4 +1,4 @@
-//! A made-up city, and drives in it.
+//! A simulated city, and drives in it.
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -23,7 +23,7 @@ pub(crate) fn id(column: usize, row: usize) -> u64 {
 }
 
 /// A grid of two-way streets `spacing` metres apart. Every fifth column is one-way to the north,
-/// and streets for which `is_missing` holds of both ends are left out.
+/// and streets with both ends in `is_missing` are left out.
 pub(crate) fn city(
     columns: usize,
     rows: usize,
@@ -60,7 +60,7 @@ pub(crate) fn normal(rng: &mut impl Rng) -> f64 {
     StandardNormal.sample(rng)
 }
 
-/// Drives on roads alone, received throughout.
+/// Drives only on roads, with reception throughout.
 pub(crate) const ON_ROADS: Scenario =
     Scenario { noise: 8.0, every: 5.0, outliers: 0.0, gaps: 0.0, car_parks: 0.0, u_turns: 0.0 };
 

@@ -8,8 +8,9 @@ use wayfix_roads::matching::{MatchedDrive, Matcher, TracePoint};
 use super::city::{Network, Point, Scenario, at, city, id, normal, points, standing};
 use crate::kit::{cases_of, rng};
 
-/// The route is connected: each edge follows the one before by a turn that is allowed, or goes on
-/// after a stretch off the road; edges are left at their ends, but for U-turns on the way.
+/// Checks that a route is connected: each edge follows the one before by an allowed turn, or
+/// continues after a stretch off the road; edges are left at their ends, except in U-turns on the
+/// way.
 pub(crate) fn is_connected(network: &Network, drive: &MatchedDrive<PlanePosition>) {
     let (route, edges) = (drive.route(), network.edges());
     for stretch in route {
@@ -34,7 +35,7 @@ pub(crate) fn is_connected(network: &Network, drive: &MatchedDrive<PlanePosition
         let at_end = exit == length && enter == 0.0;
         if !at_end {
             assert_eq!(network.reverse(edge), Some(next), "{pair:?}");
-            // Turned where the edge before was left.
+            // A U-turn where the edge before was left.
             let jump = (edges[next].metres - exit - enter).abs();
             assert!(jump <= 200.0 && enter > 0.0 || jump < 1e-6, "{pair:?}");
             continue;
@@ -95,7 +96,7 @@ proptest! {
         forbidden in proptest::collection::vec((0..400_usize, 0..4_usize), 0..60),
     ) {
         let open = city(10, 10, 130.0, |a, b| (a[0] * 7 + b[1] * 3) % 11 == 0);
-        // The same with some turns forbidden.
+        // The same network with some turns forbidden.
         let mut builder = NetworkBuilder::new();
         for node in open.nodes() {
             builder.node(node.id, node.position).unwrap();
@@ -113,13 +114,13 @@ proptest! {
         }
         let network = builder.build().unwrap();
         let scenario = Scenario { noise: sigma, every: seconds, outliers, ..Scenario::default() };
-        // Driven without regard to what is forbidden.
+        // Driven regardless of forbidden turns.
         let points = points(&open, &scenario, 50, seed);
         matched(&Matcher::new(network), &points);
     }
 }
 
-/// A street of one-way edges: the way against it is not taken, whatever the positions say.
+/// A street of one-way edges is never driven the wrong way, whatever the positions say.
 #[test]
 fn one_way_streets_are_not_driven_against() {
     let mut builder = NetworkBuilder::new();
@@ -163,7 +164,7 @@ fn a_u_turn_at_a_dead_end() {
     }
 }
 
-/// Streets of 300 m by 300 m are gone from the map.
+/// The streets within 300 m by 300 m are missing from the map.
 #[test]
 fn missing_streets_are_driven_off_road() {
     let gone = |node: [usize; 2]| (8..=14).contains(&node[0]) && (3..=17).contains(&node[1]);
@@ -192,7 +193,7 @@ fn missing_streets_are_driven_off_road() {
     assert!(right as f64 >= 0.98 * f64::from(count), "{right} of {count}");
 }
 
-/// Two kilometres without a position: the road goes on below.
+/// Two kilometres without a position: the road continues in a tunnel.
 #[test]
 fn a_tunnel_is_bridged_on_the_road() {
     // A road of two kilometres in a grid whose streets all lead around.
@@ -235,8 +236,8 @@ fn a_gap_is_bridged_on_the_road() {
 }
 
 /// Up to an hour at a kerb, and at a junction. An offset of two deviations that comes and goes looks
-/// like a crawl there and back: of 200 drives each, a third had a U-turn, at a junction with a point
-/// each 15 s a half; the most were 4 U-turns and 233 m. Bounds are a third more.
+/// like a crawl there and back: of 200 drives each, a third had a U-turn (a half at a junction with
+/// a point every 15 s); the most were 4 U-turns and 233 m. Bounds are a third higher.
 #[test]
 fn standing_adds_little() {
     let network = city(10, 10, 100.0, |_, _| false);
@@ -253,7 +254,7 @@ fn standing_adds_little() {
     }
 }
 
-/// A drive with a stop of ten minutes is as long as without.
+/// A stop of ten minutes does not make a drive longer.
 #[test]
 fn a_stop_on_the_way_adds_nothing() {
     let matcher = Matcher::new(city(20, 6, 100.0, |_, _| false));

@@ -1,4 +1,4 @@
-//! Drives from files, and answers to files.
+//! Drives from files, and answers written to files.
 
 use std::io::{Error, Read, Write};
 
@@ -40,7 +40,7 @@ fn points_left_out_are_counted_for_each_drive() {
     assert!(report.to_string().ends_with("(lines 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, …)"));
 }
 
-/// A file sorted the other way round is no drive of one point.
+/// A file in descending order is refused rather than read as a drive of one point.
 #[test]
 fn descending_times_are_an_error() {
     let lines = |times: &[u32]| -> String {
@@ -50,10 +50,10 @@ fn descending_times_are_an_error() {
     let header = "trace,time,longitude,latitude\nA,1,149.13,-35.28\n";
     let expected = "drives, line 4: 3 points of drive \"B\" from here on go back in time, expected ascending times";
     assert_eq!(problem(&format!("{header}{}", lines(&[9, 8, 7, 6]))), expected);
-    // Also where another drive follows.
+    // Also if another drive follows.
     let text = format!("{header}{}C,1,149.13,-35.28\n", lines(&[9, 8, 7, 6]));
     assert_eq!(problem(&text), expected);
-    // A few may go back.
+    // A few points may be out of order.
     let text = format!("{header}{}", lines(&[1, 2, 3, 2, 4]));
     assert_eq!(read_traces_from("drive", text.as_bytes()).unwrap().0[1].points.len(), 4);
 }
@@ -106,7 +106,7 @@ fn files_without_points() {
 
 #[test]
 fn drives_of_a_file_can_be_matched() {
-    // In the total order of numbers, -0 is before 0; they are the same time.
+    // The total order of doubles has -0 before 0, but they are the same time.
     let matcher = matcher();
     for times in ["-0,0", "0,-0", "1e18,1000000000000000001", "-1e20,1e20"] {
         let lines = times.split(',').map(|time| format!("A,{time},149.13,-35.28\n"));
@@ -161,7 +161,7 @@ fn errors_name_the_line_in_few_words() {
     }
 }
 
-/// Also where carriage returns end lines, and some are empty.
+/// Also if carriage returns end lines, and some lines are empty.
 #[test]
 fn lines_count_as_in_an_editor() {
     let text = format!("{HEADER}\n\nA,1,149,-35\nA,1,149,-35\n\n\nA,0,149,-35\n");
@@ -175,7 +175,7 @@ fn lines_count_as_in_an_editor() {
             format!(
                 "drives, line 8: CSV error: record 4 (line: 8, byte: {}): found record with 3 \
                  fields, but the previous record has 4 fields",
-                // The record begins behind the carriage return.
+                // The record begins after the carriage return.
                 byte - usize::from(text.contains('\r'))
             )
         );
@@ -184,7 +184,7 @@ fn lines_count_as_in_an_editor() {
     assert_eq!(found, "drives, line 3: there are no points, expected at least one");
 }
 
-/// A field in quotes may go over several lines.
+/// A field in quotes may span several lines.
 #[test]
 fn lines_count_in_fields() {
     let text = format!("{HEADER}\n\n\"A\n\nB\",1,149,-35\n\"A\n\nB\",1,149,-35\n\n\"C\nD\",1,149,");
@@ -196,7 +196,7 @@ fn lines_count_in_fields() {
     }
 }
 
-/// A file on a disk that fails.
+/// File on a disk that fails.
 struct Failing;
 
 impl Read for Failing {
@@ -219,7 +219,7 @@ impl Write for Failing {
 fn files_that_cannot_be_read() {
     let is_read = |error: NetworkError| matches!(error, NetworkError::Read { .. });
     assert!(is_read(read_traces("no/such/file.csv").unwrap_err()));
-    // A folder opens as a file does, and then can't be read.
+    // A folder opens like a file, but can't be read.
     assert!(is_read(read_traces(".").unwrap_err()));
     assert_eq!(
         read_traces_from("drives", Failing).unwrap_err().to_string(),
@@ -264,13 +264,13 @@ fn writers_with_and_without_a_header() {
     assert!(points.starts_with(b"trace,point,time,estimator,"));
     assert_eq!(points[header..], point_lines);
 
-    // What does not arrive is an error, however short it is.
+    // Unwritten data is an error, however short.
     assert!(AnswerWriter::routes(Failing).with_header().is_err());
     assert!(AnswerWriter::points(Failing, 1).with_header().is_err());
     assert!(AnswerWriter::routes(Failing).write("A", &matcher, &drive).is_err());
     assert!(AnswerWriter::points(Failing, 1).write("A", &matcher, &drive).is_err());
 
-    // The writer comes back, and with it what it holds.
+    // The writer is returned, with its contents.
     let mut writer = AnswerWriter::routes(Vec::new());
     writer.write("A", &matcher, &drive).unwrap();
     assert_eq!(writer.into_inner().unwrap(), route_lines);
@@ -278,7 +278,7 @@ fn writers_with_and_without_a_header() {
     writer.write("A", &matcher, &drive).unwrap();
     assert_eq!(writer.into_inner().unwrap(), point_lines);
 
-    // A disk that is full when a buffer is passed on.
+    // A disk that is full when a buffer is flushed.
     let late = || std::io::BufWriter::new(Lazy);
     let mut writer = AnswerWriter::routes(late());
     assert!(writer.flush().is_err() && writer.write("A", &matcher, &drive).is_err());
@@ -286,7 +286,7 @@ fn writers_with_and_without_a_header() {
     assert!(writer.flush().is_err() && writer.write("A", &matcher, &drive).is_err());
 }
 
-/// A disk that takes all, and is full in the end.
+/// A disk that accepts everything, and is full at the end.
 struct Lazy;
 
 impl Write for Lazy {

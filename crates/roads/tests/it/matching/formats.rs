@@ -76,10 +76,10 @@ fn tracks_of_gpx() {
     assert_eq!([first.position.latitude, first.position.longitude], [-35.28, 149.13]);
     assert_eq!((second.time, second.speed, second.heading), (start + 1.5, Some(8.5), Some(270.0)));
     assert_eq!([second.position.latitude, second.position.longitude], [-35.29, 149.14]);
-    // -1 is what phones write for "not known".
+    // Phones write -1 for "unknown".
     assert_eq!((third.time, third.speed, third.heading), (start + 3.0, None, None));
     assert_eq!((report.repeated, &report.skipped_lines[..]), (1, &[17][..]));
-    // With other ends of lines, and a mark of the encoding.
+    // With other line ends, and a byte order mark.
     let windows = format!("\u{feff}{}", text.replace('\n', "\r\n"));
     assert_eq!(gpx(&windows).unwrap(), (traces, report));
     let path = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("drives.GPX");
@@ -155,7 +155,7 @@ fn errors_of_gpx_name_the_line() {
     problem(gpx(&format!("{HEAD}<{long}></{long}y>")));
 }
 
-/// A file that was cut is an error or, where it ends with an element, a file.
+/// A truncated file is an error or, if it ends with an element, a valid file.
 #[test]
 fn gpx_that_was_cut() {
     let text = format!("{HEAD}{GPX}");

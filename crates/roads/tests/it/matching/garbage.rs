@@ -1,4 +1,4 @@
-//! Whatever a receiver may say: answers, or a typed error.
+//! Any points from a receiver give answers, or a typed error.
 
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -42,7 +42,7 @@ fn is_sane(answer: &RoadAnswer) {
     assert!(edge.is_some() || probability == off_road, "{answer:?}");
 }
 
-/// Positions: in the town, anywhere, at the poles and where longitudes jump.
+/// Positions in the town, anywhere, at the poles and at the antimeridian.
 fn position(latitude: f64, longitude: f64) -> impl Strategy<Value = Position> {
     let near = move || {
         (-0.002..0.008_f64, -0.002..0.008_f64).prop_map(move |(a, b)| Position {
@@ -81,7 +81,7 @@ fn points(latitude: f64, longitude: f64) -> impl Strategy<Value = Vec<TracePoint
         let mut points: Vec<TracePoint> = Vec::new();
         for (seconds, position, accuracy, heading, speed, repeats) in all {
             time += seconds;
-            // One in four stays where the point before was.
+            // One in four repeats the position of the point before.
             let before = points.last().map(|point| point.position).filter(|_| repeats == 0);
             let position = before.unwrap_or(position);
             points.push(TracePoint { time, position, accuracy, heading, speed });
@@ -144,7 +144,7 @@ proptest! {
         let matcher = Matcher::new(town(-35.3, 149.1));
         if let Ok(fitted) = matcher.learn(&[&points], 3) {
             assert!(fitted.log_likelihood.is_finite());
-            // It may be used.
+            // An accepted network is usable.
             let matcher = matcher.with_model(fitted.model).unwrap();
             check(&matcher, &points);
         }

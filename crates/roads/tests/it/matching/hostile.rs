@@ -1,4 +1,4 @@
-//! Settings, points and bytes that nobody should give, but somebody will.
+//! Settings, points and bytes that nobody should pass, but somebody will.
 
 use wayfix::error::SnapshotError;
 use wayfix::map::{PlanePosition, RoadClass};
@@ -64,8 +64,8 @@ fn next_to_no_outliers() {
     }
 }
 
-/// A position is so far off that its density, and the share of poor reception or of outliers with
-/// it, is nothing as a double.
+/// A position so far off that its density, also under poor reception or as an outlier, is 0 as a
+/// double.
 #[test]
 fn densities_below_doubles() {
     for x in [1e4, 1e6, 1e8] {
@@ -86,8 +86,8 @@ fn densities_below_doubles() {
     }
 }
 
-/// Rates of leaving the road and coming back at the ends of what is allowed, between points that
-/// are a moment or a day apart.
+/// Rates of leaving the road and coming back at the limits of their ranges, between points that are
+/// a moment or a day apart.
 #[test]
 fn rates_off_the_road_near_0_and_1() {
     let ends = [f64::from_bits(1), 1e-300, 0.5, 1.0 - f64::EPSILON / 2.0];
@@ -155,7 +155,7 @@ fn lengths_and_speeds_of_networks_are_bounded() {
             )
         );
     }
-    // Two lengths that were allowed have an allowed sum.
+    // Two allowed lengths have an allowed sum.
     let mut builder = two();
     for (from, to) in [(0, 1), (1, 2)] {
         let metres = Some(1e12);
@@ -177,7 +177,7 @@ fn only_opposite_edges_are_pairs() {
     builder.pair(0, 1);
 }
 
-/// Bytes with another word, and the checksum that belongs to them.
+/// Bytes with one word replaced, and a matching checksum.
 fn with_word(bytes: &[u8], word: usize, value: u64) -> Vec<u8> {
     let mut bytes = bytes[..bytes.len() - 8].to_vec();
     bytes[8 * word..8 * word + 8].copy_from_slice(&value.to_le_bytes());
@@ -231,8 +231,9 @@ fn vehicles_of_any_bytes_give_sane_answers() {
 
 #[test]
 fn snapshots_of_no_distributions_are_refused() {
-    /// Words of the first state on a road: its covariances (of the place along and the error to the
-    /// east and north, by rows, each in three receptions), then the probabilities of the receptions.
+    /// Words of the first state on a road: its covariances (of the position along the road and the
+    /// error to the east and north, by rows, each for three receptions), then the probabilities of
+    /// the receptions.
     const COVARIANCES: usize = 31;
     const WITH_EAST: usize = COVARIANCES + 3;
     const EAST: usize = COVARIANCES + 3 * 3;

@@ -40,7 +40,7 @@ fn any_network<P: Coordinates + 'static>(
     })
 }
 
-/// The index finds what projections find, but for edges as far as the limit to this part.
+/// The index finds the same as projections, except for edges within this share of the limit.
 fn check<P: Coordinates>(
     network: &RoadNetwork<P>,
     position: P,
@@ -68,7 +68,7 @@ fn check<P: Coordinates>(
                 );
                 let length = network.edges()[edge].metres;
                 prop_assert!((0.0..=length * (1.0 + 1e-12)).contains(&near.metres_along));
-                // The place is as near as the nearest, if not the same.
+                // The position is as near as the nearest, if not the same.
                 let place = network.position_along(edge, near.metres_along);
                 let off = place.metres_to(position);
                 prop_assert!(
@@ -98,7 +98,7 @@ fn check<P: Coordinates>(
         prop_assert!((nearest.metres_off - again.metres_off).abs() <= margin);
         let off = nearest.position(network).metres_to(position);
         prop_assert!((off - best).abs() <= margin + 2e-3 * best, "{off} {best}");
-        // The same as among all within a distance, of which the first is taken.
+        // The first of all edges within a distance.
         index.near(network, position, nearest.metres_off + 1.0, &mut found);
         let least = found.iter().map(|near| near.metres_off).fold(f64::INFINITY, f64::min);
         let first = found.iter().find(|near| near.metres_off == least).unwrap();
@@ -132,13 +132,12 @@ proptest! {
     ) {
         let longitude = 20.0 + 0.008 * x / f64::to_radians(latitude).cos();
         let position = Position { latitude: latitude + 0.005 * y, longitude };
-        // The scale of the projection changes by a part of 1e-3 over such a square near 80°.
+        // The scale of the projection changes by 1e-3 over such a square near 80°.
         check(&network, position, metres, 2e-3)?;
     }
 }
 
-/// Two carriageways around a square, of the same length between the same nodes: each has its own
-/// line.
+/// Two carriageways around a square, of one length between the same nodes: each has its own line.
 #[test]
 fn both_directions_have_their_own_lines() {
     let mut builder = NetworkBuilder::new();
@@ -196,7 +195,7 @@ fn a_network_without_edges() {
     assert_eq!(drive.metres(), 0.0);
 }
 
-/// The projection stretches without end towards the poles.
+/// The projection stretches without bound towards the poles.
 #[test]
 fn nothing_is_near_a_pole() {
     let mut builder: NetworkBuilder = NetworkBuilder::new();
@@ -212,7 +211,7 @@ fn nothing_is_near_a_pole() {
     }
 }
 
-/// However far, both directions, nowhere, and no edges.
+/// Distant positions, both directions, invalid positions, and no edges.
 #[test]
 fn the_nearest_edge() {
     let mut builder = NetworkBuilder::new();
@@ -238,7 +237,7 @@ fn the_nearest_edge() {
     assert!(EdgeIndex::new(&empty).nearest(&empty, at(0.0, 0.0)).is_none());
 }
 
-/// The line of a road of any length may be next to nothing.
+/// The line of a road may be tiny, whatever the road's length.
 #[test]
 fn lines_without_length() {
     for x in [0.0, f64::from_bits(1), 1e-300] {

@@ -1,4 +1,4 @@
-//! Learning finds back what drives were simulated with.
+//! Learning recovers the parameters of simulated drives.
 
 use wayfix::map::PlanePosition;
 use wayfix_roads::matching::{LearnedMatchModel, MatchModel, Matcher};
@@ -24,13 +24,13 @@ fn finds_the_noise() {
         let drives = drives(&Scenario { noise: sigma, ..ON_ROADS });
         let fitted = fit(start, &drives);
         let points: usize = drives.iter().map(|drive| drive.points.len()).sum();
-        // Where it was at the point before.
+        // The position at the point before.
         let truths = drives.iter().flat_map(|drive| drive.truth.windows(2));
         let stood = truths.filter(|pair| pair[0] == pair[1]).count();
         let stop = stood as f64 / points as f64;
         assert!((fitted.model.noise / sigma - 1.0).abs() < 0.1, "{fitted:?}");
         assert_eq!(fitted.points, points);
-        // Slow moves look like stops where positions are coarse.
+        // Slow moves look like stops if positions are coarse.
         let margin = if sigma < 10.0 { 0.05 } else { 0.25 };
         assert!((fitted.model.stop - stop).abs() < margin, "{stop}: {fitted:?}");
         assert!(fitted.model.outliers < 0.05, "{fitted:?}");
@@ -40,13 +40,13 @@ fn finds_the_noise() {
 #[test]
 fn finds_outliers() {
     let drives = drives(&Scenario { outliers: 0.1, noise: 6.0, ..ON_ROADS });
-    // A tenth of them; two or three deviations count for a part.
+    // A tenth of the points are outliers; those of two or three deviations count partly.
     let fitted = fit(12.0, &drives);
     assert!((fitted.model.noise / 6.0 - 1.0).abs() < 0.2, "{fitted:?}");
     assert!(fitted.model.outliers > 0.05 && fitted.model.outliers < 0.25, "{fitted:?}");
 }
 
-/// More probable with each iteration.
+/// The likelihood rises with each iteration.
 #[test]
 fn iterations_improve() {
     let network = city(30, 30, 100.0, |_, _| false);
@@ -61,13 +61,13 @@ fn iterations_improve() {
     assert_eq!((none.model, none.iterations), (*matcher.model(), 0));
 }
 
-/// What one half of the drives teaches must hold on the other.
+/// Parameters learned from one half of the drives must help on the other.
 #[test]
 fn what_does_not_hold_is_not_kept() {
     let of_noise = |noise| drives(&Scenario { noise, ..ON_ROADS });
     let sure = fit(8.0, &of_noise(15.0));
     assert!(sure.held_out > 100.0 && sure.model.noise > 12.0, "{sure:?}");
-    // Few points teach hardly anything.
+    // Few points are hardly informative.
     let mut short = of_noise(8.0);
     short.iter_mut().for_each(|drive| drive.points.truncate(4));
     let short = fit(8.0, &short[..3]);

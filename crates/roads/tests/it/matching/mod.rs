@@ -1,4 +1,4 @@
-//! Map matching, and the parts of road networks that it stands on.
+//! Map matching, and the parts of road networks that it uses.
 
 mod answers;
 mod antimeridian;

@@ -10,7 +10,7 @@ use crate::kit::cases_of;
 proptest! {
     #![proptest_config(cases_of(150))]
 
-    /// All routes of a short drive, on a small network: certain together.
+    /// All routes of a short drive on a small network have a total probability of one.
     #[test]
     fn probabilities_sum_to_one(
         seed in any::<u64>(), count in 1..4_usize, seconds in 2.0..15.0, sigma in 2.0..15.0,
@@ -32,7 +32,7 @@ proptest! {
         prop_assert_eq!((none.routes.len(), none.remaining), (0, 1.0));
     }
 
-    /// As many distinct routes as asked for, without stretches of no length.
+    /// The requested number of distinct routes, without stretches of length 0.
     #[test]
     fn routes_of_drives(seed in any::<u64>(), seconds in 1.0..20.0, sigma in 2.0..15.0) {
         let network = city(8, 8, 120.0, |_, _| false);
@@ -55,8 +55,8 @@ proptest! {
         prop_assert!(distinct.len() == 5 || distinct.len() == 6);
     }
 
-    /// Stored at any point, a vehicle goes on to the bit; damaged bytes are an error, or a vehicle
-    /// that takes the next point without a panic.
+    /// A vehicle that is stored at any point continues with the same bits; damaged bytes are an
+    /// error, or a vehicle that takes the next point without a panic.
     #[test]
     fn vehicles_as_bytes(
         seed in any::<u64>(), lag in 0..4_usize, stored_at in any::<proptest::sample::Index>(),

@@ -1,4 +1,4 @@
-//! Searches for routes against brute force.
+//! Route searches against brute force.
 
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -56,7 +56,7 @@ fn log_choice(network: &Network, edge: usize, taken: usize) -> f64 {
     if Some(taken) == back { 0.0 } else { (sum / weight(edge, taken)).ln() }
 }
 
-/// Cost of the turn from an edge to the next, where a U-turn costs where another way goes on.
+/// Cost of the turn from an edge to the next; a U-turn costs extra if there is another way on.
 fn turn(network: &Network, edge: usize, next: usize, [u_turn, choice]: [f64; 2]) -> f64 {
     let back = network.reverse(edge);
     let goes_on = network.next(edge).any(|next| Some(next) != back);
@@ -92,16 +92,16 @@ proptest! {
     ) {
         let n = network.edges().len();
         let measures = RouteMeasures::with_turns(&network, weight);
-        // One memory for all searches.
+        // All searches share their memory.
         let mut search = RouteSearch::default();
         for (from, targets, most, u_turn, choice) in searches {
-            // No cost is at the bound but for rounding.
+            // No cost equals the bound up to rounding.
             let (from, most) = (from % n, f64::from(most) + 0.01);
             let [u_turn, choice] = [f64::from(u_turn), f64::from(choice.saturating_sub(10))];
             let targets: Vec<usize> = targets.iter().map(|target| target % n).collect();
             let route_costs = RouteCosts { u_turn, choice };
             search.set_targets(&network, &measures, targets.iter().copied(), route_costs);
-            // A search before, from another edge to the same targets, leaves nothing.
+            // An earlier search, from another edge to the same targets, leaves no trace.
             search.run(&network, &measures, (from + 1) % n, 2.0 * most);
             search.run(&network, &measures, from, most);
             let expected = costs(&network, from, [u_turn, choice]);
@@ -112,7 +112,7 @@ proptest! {
                     found.metres + turns(found) + choice * found.log_choices
                 });
                 if expected[target] <= most {
-                    // Choices are stored as single floats.
+                    // Choices are stored in 32 bits.
                     let error = (cost - expected[target]).abs();
                     prop_assert!(error < 1e-4, "from {} to {}: {}", from, target, error);
                 } else {
@@ -142,8 +142,8 @@ proptest! {
     }
 }
 
-/// A winding way of up to 30 nodes, with edges to the next three that are straight, longer, rounded
-/// to centimetres, half of the straight line, or a centimetre.
+/// A winding way of up to 30 nodes, with edges to the next three nodes whose lengths are straight,
+/// longer, rounded to centimetres, half of the straight line, or a centimetre.
 fn short_edges() -> impl Strategy<Value = Network> {
     let steps = vec((-3.0..9.0, -4.0..4.0), 2..30);
     let edges = vec((0..30_usize, 1..4_usize, 0..12_u32, any::<bool>()), 10..90);
@@ -189,7 +189,7 @@ proptest! {
         let cost = |search: &RouteSearch, target: usize| {
             search.reached(target).map(|found| found.metres + u_turn * f64::from(found.u_turns))
         };
-        // Targets all around: nothing is too far away.
+        // Targets all around: no edge is too far away.
         let [mut all, mut search] = [RouteSearch::default(), RouteSearch::default()];
         all.set_targets(&network, &measures, 0..n, costs);
         all.run(&network, &measures, from, 1e9);
@@ -204,7 +204,7 @@ proptest! {
     }
 }
 
-/// A hundred edges of a centimetre that should have five metres each.
+/// A hundred edges of a centimetre instead of five metres each.
 #[test]
 fn a_way_far_shorter_than_straight() {
     let mut builder = NetworkBuilder::new();
@@ -243,7 +243,7 @@ fn nothing_is_beyond_the_bound() {
     assert_eq!(search.reached(3).unwrap().metres, 200.0);
     assert_eq!(search.route(0, 3), [0, 1, 2, 3]);
     assert_eq!(search.reached(99), None);
-    // Without targets there is nothing to look for.
+    // Without targets, the search ends at once.
     search.set_targets(&network, &measures, [].into_iter(), costs);
     search.run(&network, &measures, 0, 1e9);
     assert_eq!(search.reached(3), None);

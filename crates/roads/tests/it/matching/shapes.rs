@@ -22,7 +22,7 @@ fn of_line(points: &[(f64, f64)], metres: Option<f64>) -> Network {
 proptest! {
     #![proptest_config(cases())]
 
-    /// Lines that go on to the east do not come back to themselves.
+    /// Lines that always lead east do not cross themselves.
     #[test]
     fn projection_and_position_are_inverse(
         steps in vec((1.0..50.0, -200.0..200.0), 1..8), metres in proptest::option::of(1.0..5000.0),

@@ -1,4 +1,4 @@
-//! What is said to be true of simulated drives is.
+//! Documented properties of simulated drives.
 
 use super::city::{Drive, Network, ON_ROADS, Scenario, city, drive};
 
@@ -10,7 +10,7 @@ fn drives(network: &Network, scenario: &Scenario) -> Vec<Drive> {
     (0..100).map(|seed| drive(network, scenario, seed)).collect()
 }
 
-/// Points are where the truth says, and routes go on where they were.
+/// Points are at the true positions up to noise, and routes are continuous.
 #[test]
 fn routes_pass_their_points() {
     let network = network();
@@ -48,7 +48,7 @@ fn routes_pass_their_points() {
     }
 }
 
-/// As often as said, and only if so.
+/// Gaps, stops and the like are as frequent as documented, and absent by default.
 #[test]
 fn shares_are_as_said() {
     let network = network();
@@ -65,10 +65,10 @@ fn shares_are_as_said() {
     };
     for (scenario, [lost, parked, turned]) in [
         (ON_ROADS, [0, 0, 0]),
-        // Half of the gaps are of poor reception, and a few are longer than the drive.
+        // Half of the gaps are due to poor reception, and a few are longer than the drive.
         (Scenario { gaps: 1.0, ..ON_ROADS }, [50, 0, 0]),
         (Scenario { car_parks: 1.0, ..ON_ROADS }, [0, 100, 0]),
-        // One-way streets have none, the last street and the first have no way on.
+        // One-way streets have no U-turns; the first and the last street are dead ends.
         (Scenario { u_turns: 1.0, ..ON_ROADS }, [0, 0, 100]),
     ] {
         let drives = drives(&network, &scenario);

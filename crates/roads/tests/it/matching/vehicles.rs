@@ -14,7 +14,7 @@ fn bits(answer: &RoadAnswer) -> (Option<usize>, [u64; 4]) {
 
 pub(crate) fn is_near(a: &RoadAnswer, b: &RoadAnswer) -> bool {
     let close = |x: f64, y: f64| (x - y).abs() <= 1e-9;
-    // Where two edges are equally probable, either may be named.
+    // If two edges are equally probable, either may be named.
     let same = a.edge == b.edge && close(a.metres_along, b.metres_along);
     (same || a.probability < 0.5 + 1e-9)
         && close(a.probability, b.probability)
@@ -52,7 +52,7 @@ proptest! {
             prop_assert_eq!(vehicle.last_point(), point);
             prop_assert_eq!(bits(&vehicle.live()), bits(&whole.live(number)));
             prop_assert_eq!(vehicle.log_normalizer(), whole.log_normalizer(number));
-            // The filtered distribution, rounded, stands for all before the window.
+            // The rounded filtered distribution stands for everything before the window.
             let behind = vehicle.points_late();
             prop_assert_eq!(behind, lag.min(number));
             let (late, expected) = (vehicle.late(), whole.late(number - behind, behind));
@@ -67,14 +67,14 @@ proptest! {
             prop_assert_eq!(distinct.len(), edges.len());
         }
         prop_assert_eq!(vehicle.log_likelihood(), whole.log_likelihood());
-        // At the end, filter and smoother are one.
+        // At the end, filter and smoother agree.
         let last = points.len() - 1;
         prop_assert!(is_near(&whole.live(last), &whole.smoothed(last)));
         for number in 0..points.len() {
             prop_assert!(is_near(&whole.late(number, 0), &whole.live(number)));
             prop_assert!(is_near(&whole.late(number, usize::MAX), &whole.smoothed(number)));
         }
-        // Another memory changes nothing.
+        // Other scratch memory changes nothing.
         let again = matcher.match_drive(&points).unwrap();
         prop_assert_eq!(again.route(), whole.route());
         prop_assert_eq!(again.log_likelihood(), whole.log_likelihood());
@@ -101,7 +101,7 @@ fn errors_leave_the_vehicle_as_it_was() {
         ("accuracy", TracePoint { accuracy: Some(-1.0), ..next }),
         ("accuracy", TracePoint { accuracy: Some(f64::NAN), ..next }),
         ("accuracy", TracePoint { accuracy: Some(f64::INFINITY), ..next }),
-        // So small that densities overflow.
+        // A noise so small that densities overflow.
         ("accuracy", TracePoint { accuracy: Some(1e-320), ..next }),
         ("heading", TracePoint { heading: Some(f64::NAN), ..next }),
         ("heading", TracePoint { heading: Some(-180.5), ..next }),
@@ -137,13 +137,13 @@ fn errors_leave_the_vehicle_as_it_was() {
     }
     assert!(matches!(matcher.match_drive(&[]), Err(MatchError::Empty)));
 
-    // It goes on as one that never saw them.
+    // It continues as if it had never seen them.
     let mut other = before;
     let found = matcher.step(&mut vehicle, &next).unwrap();
     assert_eq!(found, matcher.step(&mut other, &next).unwrap());
     assert_eq!(vehicle, other);
 
-    // A vehicle of another network.
+    // A vehicle of a different network.
     let small = Matcher::new(city(2, 1, 100.0, |_, _| false));
     let state = vehicle.clone();
     let result = small.step(&mut vehicle, &good(7.0));

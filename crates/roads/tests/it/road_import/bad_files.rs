@@ -1,4 +1,4 @@
-//! Files that are no networks.
+//! Files that are not networks.
 
 use wayfix::map::{MapError, Position, RoadMap};
 use wayfix_roads::{Cleaning, ImportNote, ImportOptions, NetworkError, RoadNetwork};
@@ -168,7 +168,7 @@ fn what_is_not_taken_is_counted() {
 fn a_file_that_cannot_be_read() {
     let options = ImportOptions::default();
     let is_read = |read: Read| matches!(read, Err(NetworkError::Read { .. }));
-    // A folder opens as a file does, and then can't be read.
+    // A folder opens like a file, but can't be read.
     assert!(is_read(RoadNetwork::from_csv_files(".", ".", &options)));
     assert!(is_read(RoadNetwork::from_geojson_file(".", &options)));
     let map = wayfix::map::RoadMap::<Position>::from_csv_files(".", ".");
@@ -186,7 +186,7 @@ fn blocks_that_claim_more_than_there_is() {
     let minus_one = [255, 255, 255, 255, 255, 255, 255, 255, 255, 1];
     let gigabytes = [255, 255, 255, 255, 135, 128, 128, 128, 128, 0];
     for length in [minus_one, gigabytes] {
-        // Nothing, data of 4 GiB less 1, and compressed data of as much.
+        // No data, data of 4 GiB less 1, and compressed data of the same size.
         for data in [&[][..], &[10, 255, 255, 255, 255, 15], &[26, 255, 255, 255, 255, 15]] {
             let result = osm(&claims(length, data));
             assert!(matches!(result, Err(NetworkError::Block { block: 2, .. })), "{result:?}");
@@ -194,7 +194,7 @@ fn blocks_that_claim_more_than_there_is() {
     }
 }
 
-/// Nothing that a block holds leads to a panic, or to a network of numbers that wrapped around.
+/// No contents of a block lead to a panic, or to a network of numbers that wrapped around.
 #[test]
 fn blocks_with_wrong_contents() {
     let data = |field: u64, data: &[u8]| {
@@ -257,7 +257,7 @@ fn a_truncated_extract_is_an_error_at_every_byte() {
                 assert!(byte as usize <= end);
                 in_blocks += 1;
             }
-            // Between two blocks a file may end; without ways no road is left.
+            // A file may end between two blocks; without ways there are no roads.
             Err(NetworkError::Map(MapError::Empty)) => {}
             other => panic!("{end}: {other:?}"),
         }

@@ -40,7 +40,7 @@ const FEATURES: &str = r#"{"type": "FeatureCollection", "features": [
  {"type": "Point", "coordinates": [149.14, -35.28]}]}}
 ]}"#;
 
-/// All of the edges that does not depend on ids and the order of nodes.
+/// Properties of the edges that do not depend on ids and the order of nodes.
 fn edges(read: Read) -> Vec<String> {
     let network = read.unwrap().0;
     let edge = |e: usize| {
@@ -135,7 +135,7 @@ fn lengths_loops_and_parallel_edges() {
     assert_eq!(report.ignored_columns, ["lanes in edges"]);
 }
 
-/// Edges between nodes at one place are read back as loops, and all edges with their lengths.
+/// Edges between nodes at one position are read back as loops, and all edges with their lengths.
 #[test]
 fn written_lengths_are_read_to_the_bit() {
     let place = Position { latitude: -35.28, longitude: 149.12 };

@@ -148,7 +148,7 @@ fn ways_are_split_where_they_meet() {
     assert_eq!(network.shape(edge(1, 3)), back);
     assert_eq!(network.shape(edge(7, 7)).len(), 4);
     assert_eq!(network.reverse(edge(1, 3)), Some(edge(3, 1)));
-    // One-way roads of opposite ends are no pair if their lengths differ.
+    // One-way roads with opposite ends are not a pair if their lengths differ.
     assert_eq!(network.reverse(edge(3, 6)), None);
     let line = network.shape(edge(1, 5)).windows(2).map(|pair| pair[0].metres_to(pair[1]));
     assert!((network.edges()[edge(1, 5)].metres - line.sum::<f64>()).abs() < 1e-9);
@@ -163,7 +163,8 @@ fn roads_are_cut_at_missing_nodes() {
     assert_eq!(report.count(ImportNote::NoLine), 1);
 }
 
-/// Turns and count of one note for a crossing of ways 1 (1 - 2), 2 (2 - 3), 3 (2 - 11) at node 2.
+/// Turns, and the count of one note, for a crossing of ways 1 (1 - 2), 2 (2 - 3), 3 (2 - 11) at
+/// node 2.
 fn restricted(
     tags: Tags<'_>,
     members: &[Member<'static>],

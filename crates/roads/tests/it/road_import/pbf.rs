@@ -6,7 +6,7 @@ pub(crate) type Tags<'a> = &'a [(&'a str, &'a str)];
 /// A member of a relation: role, kind (0 for a node, 1 for a way, 2 for a relation), id.
 pub(crate) type Member<'a> = (&'a str, u64, i64);
 
-/// Elements of an extract, in one block each kind.
+/// Elements of an extract, with one block for each kind.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Extract<'a> {
     /// Id, latitude and longitude in 1e-7 degrees.
@@ -15,7 +15,7 @@ pub(crate) struct Extract<'a> {
     pub(crate) relations: Vec<(Tags<'a>, Vec<Member<'a>>)>,
     /// True to write nodes one by one instead of densely.
     pub(crate) plain_nodes: bool,
-    /// True to write the data of blocks as zlib does what it cannot compress.
+    /// True to write the data of blocks as uncompressed blocks of zlib.
     pub(crate) zlib: bool,
 }
 
@@ -100,7 +100,7 @@ pub(crate) fn stored(data: &[u8]) -> Vec<u8> {
     [&[0x78, 1, 1][..], &lengths, data, &sum.to_be_bytes()].concat()
 }
 
-/// A block with its data in a field: 1 as they are, 3 compressed by zlib, others by other means.
+/// A block with its data in a field: 1 is raw, 3 is zlib, others are other compressions.
 pub(crate) fn blob(kind: &str, field: u64, data: &[u8]) -> Vec<u8> {
     let (mut blob, mut head) = (Vec::new(), Vec::new());
     bytes(&mut blob, field, data);
@@ -122,7 +122,7 @@ fn write_tags(out: &mut Vec<u8>, id: i64, tags: Tags<'_>, strings: &mut Vec<Stri
     packed(out, 3, &values);
 }
 
-/// Number of a text in the table of a block.
+/// Index of a text in the string table of a block.
 fn number(strings: &mut Vec<String>, text: &str) -> u64 {
     let known = strings.iter().position(|known| known == text);
     known.unwrap_or_else(|| {

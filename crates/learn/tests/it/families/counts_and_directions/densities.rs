@@ -10,7 +10,7 @@ use wayfix_learn::{
 
 use super::kit::density;
 
-/// Sum of p(y) over a grid of this width, which is one.
+/// Sum of p(y) times the width over a grid, which is one.
 #[track_caller]
 fn assert_one(
     family: &impl Likelihood<Observation = [f64]>,
@@ -65,7 +65,7 @@ fn sums_and_integrals_are_one() {
         let family = Weibull::family(&[[shape]], &[[3e5]]).unwrap();
         assert_one(&family, in_logs(3e5_f64.ln(), 40.0 / shape));
     }
-    // Numbers just below 1 are no doubles, so that a small second shape would miss some.
+    // Doubles just below 1 are sparse, so that a small second shape would lose some mass.
     for (a, b) in [(0.5, 2.0), (2.0, 7.5), (300.0, 1e3), (1e9, 3e9)] {
         // In log odds.
         let family = Beta::family(&[[a]], &[[b]]).unwrap();
@@ -125,7 +125,7 @@ fn area(dimensions: usize) -> f64 {
     }
 }
 
-/// Over the angle to the mean direction; the density depends on nothing else.
+/// Integral over the angle to the mean direction, on which alone the density depends.
 #[test]
 fn densities_of_directions_integrate_to_one() {
     for dimensions in [2, 3, 4, 7, 20, 101] {
@@ -141,7 +141,7 @@ fn densities_of_directions_integrate_to_one() {
                 let angle = step * (f64::from(k) + 0.5);
                 let mut y = vec![0.0; dimensions];
                 (y[1], y[0]) = angle.sin_cos();
-                // In logarithms, since one factor may be as large as the other is small.
+                // In logarithms, since one factor may be huge and the other tiny.
                 let ring = area(dimensions - 1).ln() + (dimensions - 2) as f64 * angle.sin().ln();
                 sum += step * (ring + density(&family, 0, &y)).exp();
             }

@@ -120,7 +120,7 @@ const LN_GAMMA_SMALL: f64 = 451.305_437_062_973_4;
 const LN_VON_MISES: f64 = 12.441_824_673_873_047;
 const LN_MULTINOMIAL: f64 = -37.108_013_373_408_525;
 
-/// Angles after many turns: 2π is no double, and its error counts as often as there are turns.
+/// Angles after many turns: 2π is not a double, and its error is multiplied by the number of turns.
 #[test]
 fn directions_of_large_angles_keep_their_digits() {
     for start in [1e6, 1e9, -1e15, 1e300] {
@@ -134,7 +134,7 @@ fn directions_of_large_angles_keep_their_digits() {
     }
 }
 
-/// A probability just below one is rounded, which 1e15 trials would multiply.
+/// The rounding of a probability just below one, which 1e15 trials would multiply.
 #[test]
 fn rare_outcomes_in_many_trials_have_their_probability() {
     let trials = 1e15;

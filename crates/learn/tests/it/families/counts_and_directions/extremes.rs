@@ -1,4 +1,4 @@
-//! Large numbers, hostile ones, and observations that determine nothing.
+//! Large and hostile numbers, and observations that determine no parameters.
 
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -38,7 +38,7 @@ fn number() -> impl Strategy<Value = f64> {
     ]
 }
 
-/// Families of any one of the kinds with hostile parameters, observations of any size.
+/// Families of any kind with hostile parameters, and observations of any size.
 fn nothing_panics_and_nothing_is_nan<B: Family>() {
     let rows = vec(vec(number(), 3), 1..6);
     let input = (rows, vec(vec(0.0..1.0, 3), 1..3), any::<bool>(), any::<bool>(), 0.0..1.0);
@@ -155,7 +155,7 @@ fn hostile_parameters_are_errors_or_valid() {
         .unwrap();
 }
 
-/// Observations far from 0, whose spread is a billionth of them.
+/// Observations far from 0, whose spread is a billionth of their size.
 #[test]
 fn small_spreads_at_large_values_are_found() {
     let offsets = [-1.5, -0.5, 0.25, 1.75];
@@ -262,8 +262,8 @@ fn a_spread_that_is_not_determined_is_an_error() {
     assert_too_few(vectors, &[0.0, 0.6, 0.8], None, "concentration");
 }
 
-/// Two moves that are as unlikely, among counts of 1e15: their logarithms have no digit left behind
-/// the point, but the moves still sum to one.
+/// Two equally unlikely moves, among counts of 1e15: their logarithms have no digit left after the
+/// decimal point, but the moves still sum to one.
 #[test]
 fn counts_of_1e15_beside_small_ones_leave_moves_that_sum_to_one() {
     let rows = [[0.875, 1.0, 1.0], [3e-5, 0.0, 0.0], [0.12497, 0.0, 0.0]];
@@ -287,7 +287,7 @@ fn counts_of_1e15_beside_small_ones_leave_moves_that_sum_to_one() {
     assert_eq!(checked, 120);
 }
 
-/// A prior of so little weight that a probability of 0 is learned, which it rules out.
+/// A prior with so little weight that a probability of 0 is learned, which the prior rules out.
 #[test]
 fn priors_that_are_lost_in_rounding_are_an_error() {
     let prior = Bernoulli::family(&[[0.5]]).unwrap();

@@ -1,4 +1,4 @@
-//! Re-estimation maximises, learning never falls, and finds parameters back.
+//! Re-estimation maximises, the objective never falls, and learning recovers parameters.
 
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -47,7 +47,7 @@ fn re_estimation_with_a_prior_is_the_maximum<B: Family>() {
         let objective = |family: &B| objective(&with_prior(family.clone()), &seen, 0.7);
         assert_maximum(&learned, objective);
         assert!(learned.read() != fit(&start, &seen, 0.0).read());
-        // A state that was never seen has the prior's parameters, where there is one.
+        // A state that was never seen has the prior's parameters, if there is a prior.
         let alone = fit_to_maximum(&with_prior(start.clone()), &[], 0.0);
         let expected = with_prior(start.clone());
         if expected != start {
@@ -66,20 +66,20 @@ fn assert_maximum<B: Family>(learned: &B, objective: impl Fn(&B) -> f64) {
     }
 }
 
-/// Rows of each family, missing ones among them, and learning from starts that are alike or far off.
+/// Rows of each family, some of them missing, and learning from starts that are equal or far off.
 fn learning_never_falls<B: Family>() {
     let unit = || prop_oneof![Just(0.0), Just(1.0), 0.0..1.0];
     let states = vec(vec(unit(), 3), 2..=3);
     let lengths = vec(1..30_usize, 1..4);
     let input = (states, vec(unit(), 3), lengths, any::<u64>(), any::<bool>(), 0.0..0.4);
     TestRunner::new(cases_of(400)).run(&input, learns::<B>).unwrap();
-    // One state comes to hold a single observation, whose spread is rounding.
+    // One state ends up with a single observation, whose spread is rounding.
     let states = vec![vec![0.638_923_610_989_951_9, 1.0, 0.0], vec![0.0; 3]];
     learns::<B>((states, vec![0.0, 1.0, 0.0], vec![5], 17_862_460_953_318_621_996, false, 0.0))
         .unwrap();
 }
 
-/// States, the truth, lengths of sequences, a seed, with a prior or not, and the share of gaps.
+/// States, true parameters, lengths of sequences, a seed, with a prior or not, and share of gaps.
 type Case = (Vec<Vec<f64>>, Vec<f64>, Vec<usize>, u64, bool, f64);
 
 fn learns<B: Family>((states, truth, lengths, seed, prior, gaps): Case) -> TestCaseResult {
@@ -124,7 +124,7 @@ fn learns<B: Family>((states, truth, lengths, seed, prior, gaps): Case) -> TestC
                 prop_assert!(pair[1] >= pair[0] - 1e-10 * pair[0].abs().max(1.0), "{pair:?}");
             }
         }
-        // Few observations may determine no spread, unless there is a prior.
+        // Without a prior, few observations may not determine a spread.
         Err(LearnError::Likelihood(error)) => {
             let text = error.to_string();
             prop_assert!(!prior && text.contains("give a prior"), "{text}");

@@ -1,4 +1,4 @@
-//! Errors by name, order of states, parameters read back, files.
+//! Errors of each family, order of states, accessors of parameters, and files.
 
 use wayfix_learn::Family as _;
 use wayfix_learn::{

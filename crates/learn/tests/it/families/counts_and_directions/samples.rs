@@ -11,8 +11,8 @@ use crate::kit::rng;
 
 const DRAWS: usize = 20_000;
 
-/// The mean of a function of drawn observations is within five standard errors of what is
-/// expected, for several seeds.
+/// The mean of a function of drawn observations is within five standard errors of its expectation,
+/// for several seeds.
 #[track_caller]
 fn assert_mean<B: SampleObservation<Sample = Vec<f64>>>(
     family: &B,
@@ -132,7 +132,7 @@ fn mean_vectors_are_those_of_the_distribution() {
         assert_mean(&family, 0.0, |y| 0.8 * y[0] - 0.6 * y[1]);
         assert_mean(&family, 0.6 * length, |y| y[2]);
     }
-    // All directions of 40 are as likely.
+    // All directions in 40 dimensions are equally likely.
     let mut mean = vec![0.0; 40];
     mean[7] = 1.0;
     let family = VonMisesFisher::new(&[mean], &[0.0]).unwrap();

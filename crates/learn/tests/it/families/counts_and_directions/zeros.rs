@@ -1,4 +1,4 @@
-//! Zeros beside other distributions: densities, draws and learning against the formulas.
+//! Zero-inflated and hurdle distributions: densities, draws and learning against the formulas.
 
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -50,7 +50,7 @@ fn densities_are_those_of_the_formulas() {
             }
         }
     }
-    // Where a zero is nearly certain, or nearly impossible.
+    // A zero that is nearly certain, or nearly impossible.
     let rare = |rate: f64, w: f64| ZeroInflated::new(w, Poisson::new(rate).unwrap()).unwrap();
     let of = |family: ZeroInflated<Poisson>, y: f64| {
         family.log_density(&ZeroInflated::<Poisson>::point(y).unwrap())
@@ -62,13 +62,13 @@ fn densities_are_those_of_the_formulas() {
     let few = Hurdle::new(0.5, Poisson::new(1e-20).unwrap()).unwrap();
     let one = few.log_density(&Hurdle::<Poisson>::point(1.0).unwrap());
     assert!((one - 0.5_f64.ln()).abs() < 1e-13);
-    // An angle of exactly 0 is no density.
+    // An angle of exactly 0 has a probability, not a density.
     let angles = ZeroInflated::family(&[[0.25]], &[[VonMises::new(0.0, 1e9).unwrap()]]).unwrap();
     assert!((density(&angles, 0, &[-0.0]).exp() - 0.25).abs() < 1e-15);
 }
 
-/// Few counts, in which a zero may be of either origin: the best of a fine grid is no better than
-/// what one step learns, from any start.
+/// Few counts, whose zeros may be of either origin: the best point of a fine grid is not better
+/// than the result of one step, from any start.
 #[test]
 fn one_step_finds_the_maximum_among_small_counts() {
     let weights = vec(0.0..2.0, 5);
@@ -98,8 +98,8 @@ fn one_step_finds_the_maximum_among_small_counts() {
         .unwrap();
 }
 
-/// With an inner distribution that takes several steps, these never lead down, and end where a step
-/// in any direction does.
+/// If the inner distribution takes several steps, none leads down, and they end at a point from
+/// which every direction leads down.
 #[test]
 fn steps_with_dispersed_counts_lead_to_the_maximum() {
     for seed in 0..6 {
@@ -151,7 +151,7 @@ fn draws_have_the_moments_of_the_distribution() {
     let zero = (-0.5_f64).exp();
     assert_moments(&ZeroInflated::new(0.2, counts).unwrap(), 0.2 + 0.8 * zero, 0.4);
     assert_moments(&Hurdle::new(0.2, counts).unwrap(), 0.2, 0.4 / (1.0 - zero));
-    // Nearly all are zeros, which are not drawn.
+    // Nearly all draws of the inner distribution are zeros, which a hurdle must not return.
     let rare = Poisson::new(0.01).unwrap();
     assert_moments(&Hurdle::new(0.0, rare).unwrap(), 0.0, 0.01 / -(-0.01_f64).exp_m1());
     assert_moments(&Hurdle::new(0.0, Poisson::new(1e-300).unwrap()).unwrap(), 0.0, 1.0);
@@ -160,7 +160,7 @@ fn draws_have_the_moments_of_the_distribution() {
     assert_moments(&Hurdle::new(0.0, seats).unwrap(), 0.0, 0.004 / some);
 }
 
-/// Ones alone, zeros alone, and nothing.
+/// Only ones, only zeros, and no observations.
 #[test]
 fn what_is_not_determined_stays_or_is_an_error() {
     let inner = Poisson::new(2.0).unwrap();
@@ -174,7 +174,7 @@ fn what_is_not_determined_stays_or_is_an_error() {
     assert_eq!((found.probability(), found.inner().rate()), (1.0, 2.0));
     let found = fit(ZeroInflated::new(0.5, inner).unwrap(), &alone).unwrap();
     assert_eq!((found.probability(), found.inner().rate()), (1.0, 2.0));
-    // Fewer zeros than Poisson counts have: no others.
+    // Fewer zeros than Poisson counts have: no extra zeros are learned.
     let few: Seen = vec![(0.0, 0.1), (1.0, 3.0), (2.0, 3.0)];
     let found = fit(ZeroInflated::new(0.5, inner).unwrap(), &few).unwrap();
     assert_eq!(found.probability(), 0.0);

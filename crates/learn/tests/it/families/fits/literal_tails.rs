@@ -6,7 +6,7 @@ use wayfix_learn::{
     WrappedCauchy, ZeroInflated,
 };
 
-/// Panics unless all three are right to 1e-12 of them.
+/// Panics unless all three have a relative error of at most 1e-12.
 #[track_caller]
 fn right(found: Tails, expected: [f64; 3]) {
     for (found, expected) in [found.below, found.at, found.above].into_iter().zip(expected) {
@@ -174,7 +174,7 @@ fn incomplete_beta_functions() {
         let family = family.unwrap();
         right(family.tails(0, 0, -e), [0.5 * beyond, 0.0, 0.5 + 0.5 * within]);
         right(family.tails(0, 0, e), [0.5 + 0.5 * within, 0.0, 0.5 * beyond]);
-        // A side of skewness 2 has 4 / 5 of all, and is spread twice as far.
+        // With skewness 2, one side has 4 / 5 of the probability, and is spread twice as far.
         let skewed = SkewedT::new(0.0, 1.0, 2.0, degrees).unwrap();
         right(skewed.tails(2.0 * e), [0.2 + 0.8 * within, 0.0, 0.8 * beyond]);
         right(skewed.tails(-0.5 * e), [0.2 * beyond, 0.0, 0.8 + 0.2 * within]);
@@ -209,7 +209,7 @@ fn angles() {
         ([1.0, 0.9, 3.125], [0.999_818_856_314_258_7, 0.000_181_143_685_741_304_98]),
     ] {
         let found = WrappedCauchy::new(mean, concentration).unwrap().tails(y);
-        // A distance from π is known to the last digit of π.
+        // A distance from π is known only to the last digit of π.
         let room = |expected: f64| 1e-12 * expected + 1e-16;
         assert!((found.below - below).abs() <= room(below), "{found:?}, expected {below:e}");
         assert!((found.above - above).abs() <= room(above), "{found:?}, expected {above:e}");
@@ -268,7 +268,7 @@ fn zeros() {
     right(hurdle.tails(1.0), [0.3, share * p(1), share * inner.tails(1.0).above]);
     right(hurdle.tails(2.5), [0.3 + share * (p(1) + p(2)), 0.0, share * inner.tails(2.0).above]);
     right(hurdle.tails(70.0), [1.0, share * p(70), share * inner.tails(70.0).above]);
-    // Beside a density, 0 alone has a probability; and no hurdle has none left below 1.
+    // Beside a density, only 0 has a probability. A hurdle without zeros has nothing below 1.
     let gamma = Gamma::new(2.0, 3.0).unwrap();
     let rain = ZeroInflated::new(0.3, gamma).unwrap();
     right(rain.tails(0.0), [0.0, 0.3, 0.7]);

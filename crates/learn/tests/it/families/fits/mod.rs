@@ -1,4 +1,4 @@
-//! Whether a model fits: tails of distributions, pseudo-residuals, forecasts of observations.
+//! Goodness of fit: tails of distributions, pseudo-residuals, forecasts of observations.
 
 mod literal_tails;
 mod predictive;
@@ -32,7 +32,7 @@ fn distance_from_uniform(mut values: Vec<f64>) -> f64 {
     values.iter().enumerate().map(distance).fold(0.0, f64::max) * count.sqrt()
 }
 
-/// Most of [`distance_from_uniform`] that passes.
+/// Largest [`distance_from_uniform`] that passes.
 const FURTHEST: f64 = 2.2;
 
 /// Numbers from 0 to 1.

@@ -12,7 +12,7 @@ use crate::kit::{cases, cases_of, close, distribution, prior, rng, says, stochas
 
 type Model = Hmm<DenseTransition, Independent<ZeroInflated<Gamma>>>;
 
-/// Rain of days: none, or some.
+/// Rain per day: none, or some.
 fn rain() -> impl Strategy<Value = (Model, Vec<[f64; 1]>)> {
     (1..=3_usize, 0..=5_usize).prop_flat_map(|(n, steps)| {
         let part = (0.0..0.9_f64, 0.3..9.0_f64, 0.2..20.0_f64);
@@ -54,7 +54,7 @@ proptest! {
 }
 
 proptest! {
-    // 64 evaluations of the tails each.
+    // 64 evaluations of the tails for each quantile.
     #![proptest_config(cases_of(200))]
 
     #[test]
@@ -75,7 +75,7 @@ proptest! {
                 } else {
                     prop_assert!(tails.above <= 1.0 - p && lower.above >= 1.0 - p, "{y}: {tails:?}");
                 }
-                // In the density, no number between has a probability.
+                // Within the density, single numbers have no probability.
                 if y > 0.0 {
                     close(tails.up_to(), p, 1e-9, 1e-14)?;
                 }
@@ -97,7 +97,7 @@ fn draws_are_distributed_so() {
     let distance = distance_from_uniform((0..20_000).map(draw).collect());
     assert!(distance < FURTHEST, "{distance}");
 
-    // Of a filter that owns its model, and a component of two.
+    // For a filter that owns its model, and one of two components.
     let hmm = Arc::new(
         Hmm::new(
             Prior::AtFirstObservation(Belief::uniform(2).unwrap()),

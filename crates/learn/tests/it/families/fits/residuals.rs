@@ -125,7 +125,7 @@ proptest! {
         compare(&hmm, model, &observed(&whole), &whole)?;
     }
 
-    /// With symbols that some states rule out, which others may still expect.
+    /// With symbols that some states rule out and others still expect.
     #[test]
     fn are_those_of_all_paths_with_impossible_symbols(
         (start, moves, table, at_first, seen) in (1..=3_usize).prop_flat_map(|n| {
@@ -173,14 +173,14 @@ fn are_uniform_and_independent_under_the_true_model() {
         let residuals = PseudoResiduals::new(&hmm, &seen, 0).unwrap();
         let distance = distance_from_uniform(uniform(residuals.forecast()));
         assert!(distance < FURTHEST, "{distance}");
-        // Each with the next, whose products are independent, with a variance of 1: four standard
-        // errors, once in 16,000.
+        // Products of neighbours are uncorrelated, with a variance of 1: four standard errors,
+        // which happens once in 16,000.
         let normal: Vec<f64> = residuals.forecast().iter().flatten().map(Tails::normal).collect();
         let products = normal.windows(2).map(|pair| pair[0] * pair[1]).sum::<f64>();
         assert!(products.abs() < 4.0 * 4000_f64.sqrt(), "{products}");
         let mean = normal.iter().sum::<f64>() / 4000_f64.sqrt();
         assert!(mean.abs() < 4.0, "{mean}");
-        // Their quantiles are those of the normal distribution, and a wrong model is seen.
+        // Their quantiles are normal, and a wrong model is detected.
         let wrong = PseudoResiduals::new(&gaussian(1.5), &seen, 0).unwrap();
         let distance = distance_from_uniform(uniform(wrong.forecast()));
         assert!(distance > FURTHEST, "{distance}");
@@ -204,7 +204,7 @@ fn of_counts_are_uniform_if_randomized() {
         });
         let distance = distance_from_uniform(drawn.collect());
         assert!(distance < FURTHEST, "{distance}");
-        // The middles of segments are not.
+        // The midpoints of segments are not.
         let distance = distance_from_uniform(uniform(residuals.forecast()));
         assert!(distance > FURTHEST, "{distance}");
     }
@@ -228,7 +228,7 @@ fn of_components_are_uniform() {
         let distance = distance_from_uniform(uniform(residuals.forecast()));
         assert!(distance < FURTHEST, "{component}: {distance}");
     }
-    // Angles beyond π are those within.
+    // Angles beyond π are the same as those within.
     let turned: Vec<Vec<f64>> =
         seen.iter().map(|row| vec![row[0] + 4.0 * std::f64::consts::PI, row[1], row[2]]).collect();
     let [found, same] = [&seen, &turned].map(|rows| PseudoResiduals::new(&hmm, rows, 0).unwrap());
@@ -249,7 +249,7 @@ fn of_a_learned_model_and_far_outliers() {
         let residuals = PseudoResiduals::new(&hmm, &rows, 0).unwrap();
         let all = residuals.forecast().iter().chain(residuals.ordinary()).flatten();
         assert!(all.clone().all(|tails| tails.normal().is_finite()));
-        // The ordinary one is an outlier on either side.
+        // The ordinary residual is extreme on either side.
         let largest = residuals.ordinary().iter().flatten().map(|tails| tails.normal().abs());
         let largest: Vec<f64> = largest.collect();
         assert!(largest.iter().all(|z| *z <= largest[200]), "{}", largest[200]);

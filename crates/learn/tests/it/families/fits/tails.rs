@@ -14,7 +14,8 @@ fn density<F: Cumulative>(part: &F, y: f64) -> f64 {
     F::point(y).map_or(0.0, |y| part.log_density(&y).exp())
 }
 
-/// Counts one by one, up to where those of all parameters below are fewer than 1e-16 of the tail.
+/// Number of counts that are summed; for all parameters below, the rest is less than 1e-16 of the
+/// tail.
 fn counts_add_up<F: Cumulative>(part: &F, y: u32) -> TestCaseResult {
     let y = f64::from(y);
     let sum =
@@ -32,7 +33,7 @@ fn counts_add_up<F: Cumulative>(part: &F, y: u32) -> TestCaseResult {
 }
 
 /// Both tails change from one drawn number to another by the integral of the density between them
-/// (Simpson's, in a coordinate in which it is smooth), and sum to one.
+/// (by Simpson's rule, in a coordinate in which it is smooth), and sum to one.
 fn densities_add_up<F: Cumulative>(
     part: &F,
     seed: u64,

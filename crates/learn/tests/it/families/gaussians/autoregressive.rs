@@ -26,7 +26,7 @@ fn drawn(hmm: &Hmm<DenseTransition, LinearRegression>, seed: u64) -> Simulation<
     hmm.simulate_after(&FIRST, STEPS, &mut rng(seed)).unwrap()
 }
 
-/// An observation is the outputs before and its own, as lagged rows of the whole.
+/// An observation has the earlier outputs and its own, as a lagged row of the whole series.
 #[test]
 fn rows_are_those_of_the_sequence() {
     let hmm = second_order();
@@ -43,7 +43,7 @@ fn rows_are_those_of_the_sequence() {
     assert!(none.observations().is_empty());
 }
 
-/// What the line of the drawn state leaves of an output is its noise: mean, covariance, and no
+/// The residuals of outputs from the line of the drawn state are noise: mean, covariance, and no
 /// correlation from step to step, within five standard errors. So is the share of moves.
 #[test]
 fn residuals_are_the_noise() {
@@ -108,7 +108,7 @@ fn learning_finds_the_model_that_drew() {
     }
 }
 
-/// A filter goes on after the last row of a series.
+/// A filter continues after the last row of a series.
 #[test]
 fn a_future_follows_the_last_row() {
     let hmm = second_order();
@@ -142,7 +142,7 @@ fn what_cannot_be_drawn_is_an_error() {
         Hmm::new(prior, DenseTransition::from_rows(&[[1.0]]).unwrap(), Fixed(family)).unwrap()
     };
     let grows = LinearRegression::diagonal(&[[10.0]], &[[0.0]], &[[1e-6]]).unwrap();
-    // 1.5 · 10^308 is a double, 1.5 · 10^309 is none.
+    // 1.5 · 10^308 is within the range of doubles, 1.5 · 10^309 is not.
     let diverges =
         "component 1 of the observation is inf, expected a finite value, but the model diverges";
     says(
@@ -150,7 +150,7 @@ fn what_cannot_be_drawn_is_an_error() {
         &format!("{}{diverges}", step(309)),
     );
     assert!(still(grows).simulate_after(&[1.5], 308, &mut rng(1)).is_ok());
-    // Three inputs are no outputs before, if an output has two numbers.
+    // Three inputs cannot be earlier outputs if an output has two numbers.
     let other = LinearRegression::diagonal(&[[1.0; 6]], &[[0.0; 2]], &[[1.0; 2]]).unwrap();
     let multiple =
         "the number of components of the input is 3, expected a multiple of that of the output";

@@ -84,7 +84,7 @@ fn problems(missing: bool) -> impl Strategy<Value = (Gaussian, Vec<Vec<f64>>, Ve
     })
 }
 
-/// Families near another: each parameter that is not fixed, changed both ways.
+/// Families near a given one: each parameter that is not fixed is changed in both directions.
 fn neighbours(family: &Gaussian) -> Vec<Gaussian> {
     let (means, covariances) = (family.means(), family.covariances());
     let (kind, d) = (family.covariance_type(), family.components());
@@ -187,7 +187,7 @@ fn wholly_missing_rows_say_nothing() {
 
 #[test]
 fn values_far_from_zero_keep_their_variance() {
-    // Deviations of 1e-3 about 1e6, from a start nowhere near.
+    // Deviations of 1e-3 about 1e6, from a distant start.
     let rows: Vec<Vec<f64>> = noisy_rows(1000, 2, 3)
         .iter()
         .map(|row| row.iter().map(|z| 1e6 + 1e-3 * z).collect())
@@ -315,7 +315,7 @@ fn free_parameters() {
 
 #[test]
 fn fixed_covariances_need_no_spread() {
-    // All rows alike: without the covariance, the mean has an estimate.
+    // Equal rows: without the covariance, the mean still has an estimate.
     let rows = vec![vec![7.0, 1.0]; 5];
     let weights = vec![vec![1.0]; 5];
     for kind in TYPES {
@@ -436,7 +436,8 @@ fn observations_of_little_weight_count() {
     }
 }
 
-/// A mean is a double, which may lie beside that of the observations: the covariance is about it.
+/// The mean is rounded to a double, which may differ from that of the observations; the covariance
+/// is about the rounded mean.
 #[test]
 fn covariances_are_about_the_means_that_are_kept() {
     let unit = 16384.0; // the distance of doubles at 1e20

@@ -12,7 +12,7 @@ use wayfix::{Belief, DenseTransition, Hmm, Likelihood, Prior};
 
 use crate::kit::rng;
 
-/// A family of vectors.
+/// Family of vectors.
 pub(super) trait Family:
     LearnLikelihood<Observation = [f64]> + Clone + Debug + Sync
 {
@@ -54,7 +54,7 @@ pub(super) fn reestimated<B: Family>(
     weights: &[Vec<f64>],
     pseudo_count: f64,
 ) -> Result<B, Box<dyn Error + Send + Sync>> {
-    // In two parts, as of two sequences.
+    // In two parts, as for two sequences.
     let mut statistics = [family.statistics(), family.statistics()];
     for (k, (y, weights)) in rows.iter().zip(weights).enumerate() {
         family.add(&mut statistics[k % 2], y, weights);
@@ -119,7 +119,7 @@ pub(super) fn assert_never_falls<B: Family>(
     }
 }
 
-/// A model of a family, whose states last.
+/// A model of a family, with persistent states.
 pub(super) fn lasting<B: Likelihood>(family: B) -> Hmm<DenseTransition, B> {
     let n = family.states();
     let stay = 0.9;
@@ -131,8 +131,8 @@ pub(super) fn lasting<B: Likelihood>(family: B) -> Hmm<DenseTransition, B> {
     Hmm::new(Prior::AtFirstObservation(Belief::uniform(n).unwrap()), transition, family).unwrap()
 }
 
-/// Asserts that learning ends well or with an error that is no panic and no NaN. With values of
-/// ordinary size it does not fall either.
+/// Asserts that learning ends with a model or an error, without a panic or a NaN. With values of
+/// ordinary size, the objective does not fall, either.
 pub(super) fn assert_learns<B: Family>(family: &B, sequences: &[Vec<Vec<f64>>]) {
     let options = LearningOptions { iterations: 8, ..LearningOptions::default() };
     let ordinary = sequences.iter().flatten().flatten().all(|y| y.is_nan() || y.abs() <= 1e3);

@@ -149,8 +149,8 @@ fn reestimate_is_the_closed_form() {
     }
 }
 
-/// The covariances that one step learns are those of all parts, averaged with their weights: over
-/// the components if they are spherical, over the parts of a state if they are tied.
+/// The covariances that one step learns are weighted means of those of all parts: over the
+/// components if they are spherical, over the parts of a state if they are tied.
 #[test]
 fn shared_variances_are_averages_of_those_that_are_not() {
     let numbers: Vec<f64> = (0..40).map(|i| (f64::from(i) * 0.7).cos()).collect();
@@ -203,7 +203,7 @@ fn learning_finds_the_parts_back() {
             for part in 0..2 {
                 let weight = weights[state][part];
                 let variance = truth.covariance(state, part).unwrap()[0];
-                // The overlap of the parts makes errors a little larger than these.
+                // The overlap of the parts makes errors slightly larger than these.
                 let error = 1.1 * (variance / (weight * count)).sqrt();
                 let off = found.mean(state, part).unwrap()[0] - means[state][part][0];
                 assert!(off.abs() < 6.0 * error);

@@ -1,4 +1,4 @@
-//! Gaussian families and their kin.
+//! Gaussian families and their relatives.
 
 mod autoregressive;
 mod gaussian;

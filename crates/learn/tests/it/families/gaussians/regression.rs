@@ -32,7 +32,7 @@ fn numbers() -> impl Strategy<Value = Vec<f64>> {
     vec(-2.0..2.0, 80)
 }
 
-/// Parameters as the constructors take them.
+/// Parameters in the form of the constructors.
 fn parameters(family: &LinearRegression) -> [Vec<Vec<f64>>; 3] {
     let states = 0..family.noise().covariances().len();
     [
@@ -190,7 +190,7 @@ fn learning_finds_the_lines_back() {
             let off = slope - truth.coefficients(state).unwrap()[0];
             let shift = found.intercept(state).unwrap()[0] - truth.intercept(state).unwrap()[0];
             for (off, error) in [(off, (variance / 4.0).sqrt()), (shift, variance.sqrt())] {
-                // Steps of which the state is in doubt make errors a little larger.
+                // Steps with an uncertain state make errors slightly larger.
                 assert!(off.abs() < 6.0 * error);
                 beyond += usize::from(off.abs() > 3.3 * error);
             }
@@ -278,7 +278,7 @@ fn errors_name_the_place() {
     assert!(refused(&with_missing, &[f64::NAN, 1.0]).contains("component 0"));
     assert!(refused(&family, &[0.0, f64::NAN]).contains("component 1"));
     assert!(refused(&family, &[0.0]).contains("1 components, expected 2"));
-    // The same input throughout.
+    // A constant input.
     let values = [1.0, 2.0, 1.0, 3.0, 1.0, 4.0];
     let rows = [Rows::new(&values, 2).unwrap()];
     let error = lasting(family.clone()).learn(&rows, &LearningOptions::default()).unwrap_err();

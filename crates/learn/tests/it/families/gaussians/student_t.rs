@@ -289,7 +289,7 @@ fn stored_to_the_bit() {
     }
 }
 
-/// Outliers that have next to no weight, but squares that make up for it.
+/// Outliers with almost no weight, but squares that make up for it.
 #[test]
 fn outliers_of_any_size_count_once() {
     let (nu, near) = (0.5, [0.5, -0.25, 1.5, 0.125]);

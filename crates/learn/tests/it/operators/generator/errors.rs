@@ -1,4 +1,4 @@
-//! What is no generator, and no time.
+//! Invalid generators and times.
 
 use wayfix::transition::{LearnTransition, Move, MoveCounts};
 use wayfix::{Belief, Hmm, InferenceError, LikelihoodVector, Prior, Transition};
@@ -65,12 +65,12 @@ fn bad_times_leave_a_filter_as_it_is() {
         assert!(error.to_string().contains("a time step of"), "{error}");
         assert_eq!(filter.snapshot(), before);
     }
-    // The longest that there are, and the shortest.
+    // The longest and the shortest times.
     for time in [7e307, 1e300, 5e-324, 0.0] {
         filter.step_with(&time, &[0.5, 0.5]).unwrap();
     }
     assert!((filter.belief().as_slice()[0] - 1.0 / 3.0).abs() < 1e-14);
-    // Of many states, as many products as a year of seconds takes.
+    // Many states, with as many products as a year of seconds takes.
     let large = GeneratorTransition::from_triplets(600, [(1, 0, 1.0)]).unwrap();
     assert!(large.check_control(&3e7).is_ok());
     assert_eq!(
@@ -102,7 +102,7 @@ fn statistics_of_another_operator_are_refused() {
     assert_eq!(forbidden(0.0, 0, 1), message(0, 1));
     assert_eq!(forbidden(1.0, 0, 7), message(0, 7));
     assert_eq!(forbidden(1.0, 7, 0), message(7, 0));
-    // No time, no news.
+    // After no time, nothing has changed.
     let kept = a.maximize(&a.statistics(), 0.0).unwrap();
     assert_eq!(kept.rate(1, 0), 2.0);
 }

@@ -24,8 +24,8 @@ proptest! {
 proptest! {
     #![proptest_config(cases())]
 
-    /// Rates over six orders, and times over 21: entries as small as a double can be, and gaps
-    /// after which nothing is left of the start, or slow moves alone are.
+    /// Rates over six orders of magnitude, and times over 21: entries down to the least double, and
+    /// gaps after which the start is forgotten, except by slow moves.
     #[test]
     fn each_entry_by_itself(rates in rates(5, 3.0), time in (-12.0..9.0_f64).prop_map(|x| 10_f64.powf(x))) {
         let (n, a, expected) = (rates.len(), generator(&rates), exponential(&rates, time));
@@ -36,7 +36,7 @@ proptest! {
             close(column.iter().sum(), 1.0, 1e-14, 1.0)?;
             for (to, (found, expected)) in column.iter().zip(&expected).enumerate() {
                 let p = expected[from];
-                // A stay of that many roundings.
+                // A stay, with that many roundings.
                 let stays = (largest * time).min(-p.ln());
                 let tolerance = 1e-13 + 4.0 * stays * f64::EPSILON;
                 close(*found, p, tolerance, 1e-290)?;
@@ -81,12 +81,12 @@ fn far_states_keep_their_digits() {
     }
 }
 
-/// Too many states for a matrix: the sum ends when the belief is that of equilibrium, or early if
-/// there is nothing to move to.
+/// Too many states for a matrix: the sum ends once the belief is in equilibrium, or early if there
+/// are no moves.
 #[test]
 fn long_gaps_on_many_states() {
     let n = 600;
-    // A hub in 0, which is half of the time there.
+    // A hub at 0, which holds half of the time.
     let star = (1..n).flat_map(|i| [(i, 0, 1.0), (0, i, (n - 1) as f64)]);
     let star = GeneratorTransition::from_triplets(n, star).unwrap();
     for time in [1.0, 1e3, 1e5] {

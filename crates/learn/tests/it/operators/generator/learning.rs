@@ -42,13 +42,13 @@ proptest! {
                 let legal = |a: &GeneratorTransition| a.triplets().count();
                 prop_assert!(legal(learned.model().transition()) <= legal(hmm.transition()));
             }
-            // A pseudo-count without a time to go with it.
+            // A pseudo-count without a matching time.
             Err(error) => prop_assert!(pseudo_count > 0.0 && !matches!(error, LearnError::Nothing { .. }), "{error}"),
         }
     }
 }
 
-/// A drive through true states, seen at irregular times, with gaps.
+/// A drive with its true states, observed at irregular times, with gaps.
 fn drive(a: &GeneratorTransition, n: usize, steps: usize, seed: u64) -> (Vec<f64>, Vec<usize>) {
     let rng = &mut rng(seed);
     let mut exponential = |rate: f64| -(1.0 - rng.random::<f64>()).ln() / rate;
@@ -80,7 +80,7 @@ fn drive(a: &GeneratorTransition, n: usize, steps: usize, seed: u64) -> (Vec<f64
 const TRUTH: [(usize, usize, f64); 6] =
     [(1, 0, 0.8), (2, 0, 0.2), (0, 1, 0.3), (2, 1, 0.6), (0, 2, 1.0), (1, 2, 0.4)];
 
-/// Each rate within four of its standard errors, of which one is about rate / √(moves).
+/// Each rate is within four of its standard errors, which are about rate / √(moves).
 fn assert_near(found: &GeneratorTransition, steps: usize) {
     for (to, from, rate) in TRUTH {
         let error = (found.rate(to, from) - rate).abs();
@@ -118,8 +118,7 @@ fn rates_are_found_from_hidden_states() {
     assert_eq!(learned.model().transition().free_parameters(), 6);
 }
 
-/// With labels the moves between observations remain hidden: fits again and again, as learning
-/// does.
+/// With labels, the moves between observations remain hidden: `fit` iterates, as learning does.
 #[test]
 fn rates_are_found_from_labels() {
     let truth = GeneratorTransition::from_triplets(3, TRUTH).unwrap();
@@ -137,8 +136,8 @@ fn rates_are_found_from_labels() {
     assert_near(hmm.transition(), 4000);
 }
 
-/// Within another operator, and where a step is in logarithms, moves are listed and counted: the same
-/// rates as without a list.
+/// Within another operator, and in steps in logarithms, moves are listed and counted: the rates are
+/// the same as without a list.
 #[test]
 fn listed_moves_give_the_same_rates() {
     let truth = GeneratorTransition::from_triplets(3, TRUTH).unwrap();

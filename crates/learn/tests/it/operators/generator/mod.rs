@@ -11,7 +11,8 @@ use wayfix_learn::GeneratorTransition;
 
 use crate::kit::{Matrix, matrix};
 
-/// Rates of up to `most` states, `rates[to][from]`, of which some are 0, over some orders of ten.
+/// Rates of up to `most` states, `rates[to][from]`, some of them 0, over several orders of
+/// magnitude.
 fn rates(most: usize, orders: f64) -> impl Strategy<Value = Matrix> {
     let rate =
         move || prop_oneof![2 => Just(0.0), 3 => (-orders..orders).prop_map(|x| 10_f64.powf(x))];

@@ -80,13 +80,13 @@ proptest! {
     }
 }
 
-/// By one series, by segments and by matrices: what is added up of parts of a time is that of the
+/// By one series, by segments and by matrices: statistics of parts of a time add up to those of the
 /// whole.
 #[test]
 fn long_steps_are_sums_of_short_ones() {
     let rates = [(1, 0, 2.0), (2, 1, 0.7), (0, 2, 1.0), (3, 0, 1e-3), (0, 3, 2e-3), (1, 2, 0.3)];
     let a = GeneratorTransition::from_triplets(4, rates).unwrap();
-    // The same with states that are not there: too many for a matrix.
+    // The same with unreachable states: too many for a matrix.
     let large = GeneratorTransition::from_triplets(600, rates).unwrap();
     for (t, parts) in [(3.0, 2), (20.0, 10), (300.0, 150), (30_000.0, 15_000_u16)] {
         let mut b = vec![0.4, 0.0, 0.6, 0.0];
@@ -112,7 +112,7 @@ fn long_steps_are_sums_of_short_ones() {
         };
         let mut sums = [a.statistics(), large.statistics()];
         let one = a.add_step(&mut sums[0], &t, &start, &after, 1.0).unwrap();
-        // No move leads to those that are not there.
+        // No move leads to the unreachable states.
         let same =
             large.add_step(&mut sums[1], &t, &wide(&start, 0.0), &wide(&after, f64::NAN), 1.0);
         for sum in [one, same.unwrap()] {
@@ -129,7 +129,7 @@ fn long_steps_are_sums_of_short_ones() {
     }
 }
 
-/// A step of which a small part alone is possible afterwards.
+/// A step after which only an improbable part is possible.
 #[test]
 fn small_parts_are_whole() {
     let n = 60;
@@ -143,7 +143,7 @@ fn small_parts_are_whole() {
             let mut sums = line.statistics();
             let total = line.add_step(&mut sums, &t, &b, &after, 1.0).unwrap();
             assert!((total - 1.0).abs() < 1e-11, "{to} {t}: {total}");
-            // All of these moves were made, and stays are as long as each other.
+            // All of these moves were made, and all stays have equal lengths.
             for (from, found) in sums.moves().iter().enumerate() {
                 assert!(
                     (found - f64::from(u8::from(from < to))).abs() < 1e-11,

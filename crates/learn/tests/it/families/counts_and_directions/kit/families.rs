@@ -129,7 +129,7 @@ impl Family for Independent<WrappedCauchy> {
     with_prior!();
 }
 
-/// With more degrees of freedom for a larger scale, as there are but three numbers.
+/// With more degrees of freedom for a larger scale, since there are only three numbers.
 impl Family for Independent<SkewedT> {
     const FREE: usize = 4;
     const STEPS: usize = 3000;

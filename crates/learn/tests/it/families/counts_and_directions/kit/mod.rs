@@ -1,4 +1,4 @@
-//! One face for all families, so that what holds for each is written once.
+//! One interface for all families, so that common properties are tested by one function.
 
 mod families;
 mod others;
@@ -39,7 +39,7 @@ pub(super) trait Family:
 
     fn missing(self) -> Self;
 
-    /// With a prior of so many observations, where there is one.
+    /// With a prior worth this many observations, if the family has one.
     fn and_prior(self, parameters: &[f64], count: f64) -> Self;
 }
 
@@ -138,7 +138,7 @@ pub(super) fn fit<B: Family>(start: &B, seen: &[(Vec<f64>, f64)], pseudo_count: 
     start.maximize(&sums, pseudo_count).unwrap()
 }
 
-/// Re-estimates a family of one state as often as its maximum takes, of which no step leads down.
+/// Re-estimates a family of one state until its maximum, and checks that no step leads down.
 pub(super) fn fit_to_maximum<B: Family>(
     start: &B,
     seen: &[(Vec<f64>, f64)],
@@ -154,7 +154,7 @@ pub(super) fn fit_to_maximum<B: Family>(
     })
 }
 
-/// Logarithm of what learning maximises, for a family of one state.
+/// Objective of learning, for a family of one state.
 pub(super) fn objective<B: Family>(family: &B, seen: &[(Vec<f64>, f64)], pseudo_count: f64) -> f64 {
     let fits = seen.iter().map(|(y, weight)| weight * density(family, 0, y));
     fits.sum::<f64>() + family.log_prior(pseudo_count)
@@ -188,7 +188,7 @@ pub(super) fn standard_errors<B: Family>(around: &B, objective: impl Fn(&B) -> f
         moves.iter().for_each(|&(k, by)| moved[k] += by * 1e-3 * theta[k].abs());
         objective(&B::build(&[moved]))
     };
-    // In units of the steps, beside a unit matrix, to which it is reduced.
+    // In units of the steps, beside a unit matrix, by Gauss–Jordan elimination.
     let mut rows: Vec<Vec<f64>> = (0..n)
         .map(|i| {
             let second = |j: usize| {

@@ -1,10 +1,10 @@
-//! Zeros beside distributions, and families of vectors.
+//! Distributions with additional zeros, and families of vectors.
 
 use wayfix_learn::{Hurdle, Independent, Multinomial, Univariate, VonMisesFisher, ZeroInflated};
 
 use super::{Family, column, with_prior};
 
-/// Parameters of a distribution beside zeros: of small ones, zeros would say something.
+/// Parameters of a distribution with additional zeros: with small ones, zeros would be informative.
 fn beside<F: Univariate>(unit: &[f64]) -> Vec<f64>
 where
     Independent<F>: Family,
@@ -22,7 +22,7 @@ where
     [family.component(0, 0).unwrap().clone()]
 }
 
-/// The probability of 0 in all, and the parameters of the distribution beside zeros.
+/// The total probability of 0, and the parameters of the distribution beside the zeros.
 impl<F: Univariate + PartialEq + Sync> Family for Independent<ZeroInflated<F>>
 where
     Independent<F>: Family,
@@ -79,7 +79,7 @@ where
     with_prior!();
 }
 
-/// Two of three shares, each in parts of what is left, in rows of five trials.
+/// Two of three shares, each as a part of the rest, in rows of five trials.
 impl Family for Multinomial {
     const FREE: usize = 2;
 
