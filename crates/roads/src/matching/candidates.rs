@@ -24,6 +24,7 @@ const MOST_VISITED: usize = 200;
 
 /// A point of an edge where the vehicle may be, or the state off the road.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub(super) struct Candidate {
     /// Index of the edge; [`OFF_ROAD`] off the road.
     pub(super) edge: u32,

@@ -42,7 +42,7 @@
 //! // The same live, point by point.
 //! let mut vehicle = matcher.start(&drive[0], 3)?;
 //! for point in &drive[1..] {
-//!     matcher.step(&mut vehicle, point)?;
+//!     vehicle.step(&matcher, point)?;
 //! }
 //! assert_eq!(vehicle.live(), matched.live(3));
 //! # Ok::<(), Box<dyn std::error::Error>>(())
@@ -101,7 +101,6 @@ mod receiver;
 mod route;
 mod routes;
 mod sighting;
-mod snapshot;
 mod step;
 mod vehicle;
 #[cfg(feature = "csv")]

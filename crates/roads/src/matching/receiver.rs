@@ -146,6 +146,7 @@ pub(super) type ByReception = [f64; RECEPTIONS];
 
 /// Place along an edge and error of the receiver, given the drive so far.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub(super) struct Place {
     /// Means of the metres along, and of the errors to the east and to the north.
     pub(super) mean: [ByReception; 3],

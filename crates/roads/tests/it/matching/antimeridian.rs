@@ -101,7 +101,7 @@ fn a_drive_across_is_matched_as_elsewhere() {
     let [mut live, mut moved] =
         [(&here, &points), (&there, &shifted)].map(|(m, points)| m.start(&points[0], 3).unwrap());
     for (point, other) in points.iter().zip(&shifted).skip(1) {
-        let logs = [here.step(&mut live, point).unwrap(), there.step(&mut moved, other).unwrap()];
+        let logs = [live.step(&here, point).unwrap(), moved.step(&there, other).unwrap()];
         close(logs[0], logs[1], 1e-6);
         same(&live.live(), &moved.live());
         same(&live.late(), &moved.late());

@@ -218,14 +218,14 @@ fn blocks_with_wrong_contents() {
     let (ids, latitude) = (group(18, &ids), [&[64][..], &most].concat());
     for (found, expected) in [
         (data(1, &[8]), "a truncated number"),
-        (data(1, &[18, 5, 1]), "a field of 5 bytes, of which 1 are left"),
+        (data(1, &[18, 5, 1]), "a field of 5 bytes, but only 1 are left"),
         (data(1, &[10, 2, 8, 1]), "a number, expected bytes"),
         (data(1, &[16, 1]), "a number, expected bytes"),
         (data(1, &[11]), "a field of unknown type"),
         (data(2, &[]), "no data, expected them plain or compressed by zlib"),
         (data(7, &[1]), "data in another compression, expected them plain or compressed by zlib"),
         (data(3, &[1, 2, 3]), "damaged compressed data"),
-        (data(3, &stored(&[18, 5, 1])), "a field of 5 bytes, of which 1 are left"),
+        (data(3, &stored(&[18, 5, 1])), "a field of 5 bytes, but only 1 are left"),
         (way(&[18, 1, 0, 26, 1, 5]), "string 5, of 1"),
         (way(&[18, 1, 0]), "1 keys of tags and 0 values, expected one each"),
         (members, "1 roles of members, 0 ids and 0 kinds, expected one each"),
