@@ -1,7 +1,7 @@
 //! Imports a road network, simulates drives in it, and tracks them.
 //!
 //! ```text
-//! cargo run --release --features roads --example city -- --roads city.osm.pbf --largest
+//! cargo run --release -p wayfix-roads --all-features --example city -- --roads city.osm.pbf --largest
 //! ```
 //!
 //! Without a path, a small made-up city is used.

@@ -2,7 +2,7 @@
 //! with probabilities.
 //!
 //! ```text
-//! cargo run --release --features roads --example drive -- --roads city.osm.pbf --trace drives.csv
+//! cargo run --release -p wayfix-roads --all-features --example drive -- --roads city.osm.pbf --trace drives.csv
 //! ```
 //!
 //! Without files, drives are simulated in a small made-up city, and written to files beside the
