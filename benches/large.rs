@@ -4,12 +4,7 @@
 //! ```text
 //! cargo bench -p wayfix-benches --features rayon --bench large
 //! WAYFIX_PLACES=10000000 cargo bench -p wayfix-benches --features rayon --bench large
-//! WAYFIX_PLACES=10000000 cargo bench -p wayfix-benches --features rayon --bench large -- single
 //! ```
-//!
-//! With the argument `single` or `double`, only the matrix with values of 32 or of 64 bits is
-//! made. Otherwise both are made one after the other, and the peak of memory is reported for
-//! the first alone.
 //!
 //! Bytes are those that a step needs: a value and an index of 32 bits for each road, and the
 //! vectors that it reads and writes. The memory is timed with the triad a = b + s c (McCalpin
@@ -18,7 +13,7 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use wayfix::{Belief, Hmm, LikelihoodVector, Prior, SparseTransition, Transition, TransitionError};
+use wayfix::{Belief, Hmm, LikelihoodVector, Prior, SparseTransition, Transition};
 
 /// The least time of `runs` runs, in seconds, and the median.
 fn time(runs: usize, mut work: impl FnMut()) -> [f64; 2] {
@@ -86,25 +81,9 @@ fn memory() -> String {
 fn main() {
     let places: usize = std::env::var("WAYFIX_PLACES")
         .map_or(1_000_000, |places| places.parse().expect("WAYFIX_PLACES is a number"));
-    let asked = |bits: &str| std::env::args().any(|argument| argument == bits);
-    if !asked("double") {
-        println!("{places} places, values of 32 bits");
-        measure(places, 4, || SparseTransition::from_triplets_single(places, roads(places)));
-    }
-    if !asked("single") {
-        println!("{places} places, values of 64 bits");
-        measure(places, 8, || SparseTransition::from_triplets(places, roads(places)));
-    }
-}
-
-fn measure(
-    places: usize,
-    value: usize,
-    load: impl FnOnce() -> Result<SparseTransition, TransitionError>,
-) {
     let start = Instant::now();
-    let transition = load().expect("a town");
-    println!("{} roads, changed by at most {:.1e}", transition.entries(), transition.rounding());
+    let transition = SparseTransition::from_triplets(places, roads(places)).expect("a town");
+    println!("{places} places, {} roads", transition.entries());
     println!("loaded in {:.1} s; memory {}", start.elapsed().as_secs_f64(), memory());
     let (x, mut out) = (vec![1.0; places], vec![0.0; places]);
     let product = time(30, || transition.apply(&(), black_box(&x), black_box(&mut out)));
@@ -121,7 +100,7 @@ fn measure(
     println!("triad: {:.1} GB/s", bandwidth / 1e9);
     // The belief and the likelihoods are read; the result is written, then read and
     // written for its sum to be one.
-    let bytes = (value + 4) * entries + (1 + 1 + 1 + 2) * 8 * places;
+    let bytes = (8 + 4) * entries + (1 + 1 + 1 + 2) * 8 * places;
     let moved = bytes as f64 / bandwidth;
     println!("product: {:.3} ms (median {:.3})", product[0] * 1e3, product[1] * 1e3);
     let [step, median] = step;

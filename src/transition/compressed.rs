@@ -3,7 +3,7 @@
 
 use std::ops::Range;
 
-use wayfix_kernels::{Lines, Sliced, Width};
+use wayfix_kernels::{Lines, Sliced};
 
 /// Sparse lines: rows of A, or its columns. Line i occupies
 /// `indices[starts[i]..starts[i + 1]]`; within a line, indices ascend.
@@ -11,7 +11,7 @@ use wayfix_kernels::{Lines, Sliced, Width};
 pub struct Compressed {
     starts: Vec<u32>,
     indices: Vec<u32>,
-    values: Width<Vec<f64>, Vec<f32>>,
+    values: Vec<f64>,
 }
 
 impl Compressed {
@@ -43,7 +43,7 @@ impl Compressed {
         // Now starts[i] is the end of line i.
         starts.rotate_right(1);
         starts[0] = 0;
-        Self { starts, indices, values: Width::Double(values) }
+        Self { starts, indices, values }
     }
 
     /// Returns the lines of the transpose, with ascending indices. O(n + entries).
@@ -73,16 +73,6 @@ impl Compressed {
         self.indices.len()
     }
 
-    /// True if values are 32-bit.
-    pub(super) fn is_single(&self) -> bool {
-        matches!(self.values, Width::Single(_))
-    }
-
-    /// Replaces the values by 32-bit ones in the same order.
-    pub(super) fn with_single(self, values: Vec<f32>) -> Self {
-        Self { values: Width::Single(values), ..self }
-    }
-
     /// The start of each line, and the end of the last.
     pub fn starts(&self) -> &[u32] {
         &self.starts
@@ -100,57 +90,28 @@ impl Compressed {
         &self.indices[self.range(line)]
     }
 
-    /// All lines, for the kernels, if values are 64-bit.
-    pub(super) fn as_lines(&self) -> Option<Lines<'_>> {
-        match &self.values {
-            Width::Double(values) => {
-                Some(Lines::Sparse { starts: &self.starts, indices: &self.indices, values })
-            }
-            Width::Single(_) => None,
-        }
+    /// All lines, for the kernels.
+    pub(super) fn as_lines(&self) -> Lines<'_> {
+        Lines::Sparse { starts: &self.starts, indices: &self.indices, values: &self.values }
     }
 
     /// The lines in slices of eight, for products.
     pub(super) fn sliced(&self) -> Sliced {
-        let n = self.lines();
-        match &self.values {
-            Width::Double(values) => {
-                Sliced::new(n, |line| (self.indices(line), &values[self.range(line)]))
-            }
-            Width::Single(values) => {
-                Sliced::new(n, |line| (self.indices(line), &values[self.range(line)]))
-            }
-        }
+        Sliced::new(self.lines(), |line| (self.indices(line), &self.values[self.range(line)]))
     }
 
     /// Index and value of the entry at a position among all entries.
     #[inline]
     #[doc(hidden)]
     pub fn entry(&self, at: usize) -> (usize, f64) {
-        let value = match &self.values {
-            Width::Double(values) => values[at],
-            Width::Single(values) => f64::from(values[at]),
-        };
-        (self.indices[at] as usize, value)
+        (self.indices[at] as usize, self.values[at])
     }
 
     /// The entries of a line, in ascending order of their index.
     #[inline]
     pub fn line(&self, line: usize) -> impl Iterator<Item = (usize, f64)> + Clone {
         let range = self.range(line);
-        let indices = &self.indices[range.clone()];
-        // The width is the same for all values, so it is looked at per line, and the branch per
-        // entry is one that the processor predicts.
-        let values = match &self.values {
-            Width::Double(values) => Width::Double(&values[range]),
-            Width::Single(values) => Width::Single(&values[range]),
-        };
-        indices.iter().enumerate().map(move |(at, &index)| {
-            let value = match values {
-                Width::Double(values) => values[at],
-                Width::Single(values) => f64::from(values[at]),
-            };
-            (index as usize, value)
-        })
+        let (indices, values) = (&self.indices[range.clone()], &self.values[range]);
+        indices.iter().zip(values).map(|(&index, &value)| (index as usize, value))
     }
 }

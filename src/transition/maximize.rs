@@ -99,7 +99,6 @@ fn free_entries<A: TransitionEntries<Control = ()>>(transition: &A) -> usize {
     columns.map(|from| transition.outgoing(&(), from).count() - 1).sum()
 }
 
-/// Learned values are 64-bit, even if those of the operator are 32-bit.
 impl LearnTransition for SparseTransition {
     delegate!(move_counts);
 

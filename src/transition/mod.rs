@@ -51,7 +51,6 @@ mod power;
 mod reorder;
 mod restart;
 mod shared;
-mod single;
 mod sparse;
 mod stationary;
 mod stored;

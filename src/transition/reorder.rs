@@ -24,12 +24,11 @@ impl ReorderStates for SparseTransition {
         let new = reorder::positions(order);
         let entry = |(to, from, p): (usize, usize, f64)| (new[from] as u32, new[to] as u32, p);
         let entries: Vec<_> = self.triplets().map(entry).collect();
-        // Each transpose sorts the indices of its lines. Values become 64-bit, with the same
-        // rounding as before.
+        // Each transpose sorts the indices of its lines.
         let unsorted = Compressed::new(self.states(), entries.iter().copied());
         let rows = unsorted.transposed();
         let columns = rows.transposed();
-        Self::from_compressed(rows, columns, self.rounding())
+        Self::from_compressed(rows, columns)
     }
 }
 

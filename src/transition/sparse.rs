@@ -17,7 +17,6 @@ use wayfix_kernels::{EntryValues, Lines, Scores, Sliced, max_step};
 /// Products cost O(entries). Zeros are not stored. Rows and columns take 24 bytes an entry and 8
 /// bytes a state; the sliced copies, from which products read eight rows or columns at a time, take
 /// another 17 to 60 bytes an entry; the first Viterbi adds up to 20 bytes an entry.
-/// [With 32-bit values](Self::with_single_values), 24 become 16, and 17 to 60 become 9 to 40.
 ///
 /// With the feature `rayon`, products and the loops of filter and smoother run on all threads of
 /// the current pool if there are about 100,000 states or more (the pool may allocate now and then).
@@ -43,8 +42,6 @@ pub struct SparseTransition {
     pub(crate) plain: bool,
     /// log2 of the values of the rows, computed by the first decoding.
     log2: OnceLock<EntryValues>,
-    /// Largest relative change of a value by rounding to 32 bits; 0 for 64-bit values.
-    pub(super) rounding: f64,
 }
 
 impl fmt::Debug for SparseTransition {
@@ -70,7 +67,7 @@ impl SparseTransition {
         triplets: impl IntoIterator<Item = (usize, usize, f64)>,
     ) -> Result<Self, TransitionError> {
         let (rows, columns) = Self::compressed(states, triplets)?;
-        Ok(Self::from_compressed(rows, columns, 0.0))
+        Ok(Self::from_compressed(rows, columns))
     }
 
     /// Validated entries, by rows and by columns.
@@ -132,7 +129,7 @@ impl SparseTransition {
         Ok(entries)
     }
 
-    pub(super) fn from_compressed(rows: Compressed, columns: Compressed, rounding: f64) -> Self {
+    pub(super) fn from_compressed(rows: Compressed, columns: Compressed) -> Self {
         // The two slicings are independent of each other, and neither depends on the threads.
         let (sliced_rows, sliced_columns) = (|| rows.sliced(), || columns.sliced());
         #[cfg(feature = "rayon")]
@@ -141,7 +138,7 @@ impl SparseTransition {
         let (sliced_rows, sliced_columns) = (sliced_rows(), sliced_columns());
         let plain = (0..rows.lines()).all(|i| rows.line(i).all(|(_, p)| limits::is_plain(p)));
         let log2 = OnceLock::new();
-        Self { rows, columns, sliced_rows, sliced_columns, plain, log2, rounding }
+        Self { rows, columns, sliced_rows, sliced_columns, plain, log2 }
     }
 
     /// Creates an operator from the rows of A, including zeros:
@@ -281,9 +278,9 @@ impl SparseTransition {
         self.columns.indices(from).binary_search_by_key(&to, |index| *index as usize).ok()
     }
 
-    /// Rows and columns, or `None` if the values are 32-bit.
-    pub(super) fn lines(&self) -> Option<(Lines<'_>, Lines<'_>)> {
-        Some((self.rows.as_lines()?, self.columns.as_lines()?))
+    /// Rows and columns.
+    pub(super) fn lines(&self) -> (Lines<'_>, Lines<'_>) {
+        (self.rows.as_lines(), self.columns.as_lines())
     }
 
     /// Computes the max-product of a Viterbi step; see [`max_step`].

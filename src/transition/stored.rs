@@ -43,11 +43,11 @@ impl<'a> Stored<'a> {
         }
     }
 
-    /// Rows and columns, if values are 64-bit.
-    pub(crate) fn lines(self) -> Option<(Lines<'a>, Lines<'a>)> {
+    /// Rows and columns.
+    pub(crate) fn lines(self) -> (Lines<'a>, Lines<'a>) {
         match self.0 {
             Form::Sparse(matrix) => matrix.lines(),
-            Form::Dense(matrix) => Some(matrix.lines()),
+            Form::Dense(matrix) => matrix.lines(),
         }
     }
 }

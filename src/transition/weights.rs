@@ -34,7 +34,7 @@ impl SparseTransition {
         weights: impl IntoIterator<Item = (usize, usize, f64)>,
     ) -> Result<Self, TransitionError> {
         let (rows, columns) = Self::compressed_weights(states, weights)?;
-        Ok(Self::from_compressed(rows, columns, 0.0))
+        Ok(Self::from_compressed(rows, columns))
     }
 
     /// Normalised entries, by rows and by columns.

@@ -2,9 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use wayfix::{
-    Belief, Hmm, LikelihoodVector, Prior, SparseTransition, Transition, TransitionEntries,
-};
+use wayfix::{Belief, Hmm, LikelihoodVector, Prior, SparseTransition, Transition};
 
 /// More than three blocks of lines, and not a multiple of eight.
 const PLACES: usize = 131_071;
@@ -79,22 +77,6 @@ fn filter_and_smoother_are_as_defined() {
         filter.step(b).unwrap();
         assert_close(filter.belief().as_slice(), belief);
     }
-}
-
-/// Values of 32 bits are those of a matrix of 64 bits, block after block.
-#[test]
-fn values_of_32_bits_are_taken_as_doubles() {
-    let single = SparseTransition::from_triplets_single(PLACES, roads()).unwrap();
-    assert!(single.rounding() > 1e-9 && single.rounding() < 1e-7, "{}", single.rounding());
-    let columns = (0..PLACES).map(|from| (from, single.outgoing(&(), from)));
-    let values = columns.flat_map(|(from, ways)| ways.map(move |(to, p)| (to, from, p)));
-    let double = SparseTransition::from_triplets(PLACES, values).unwrap();
-    let prior = Prior::BeforeFirstTransition(Belief::uniform(PLACES).unwrap());
-    let smoothed = [single, double].map(|transition| {
-        let sensor = LikelihoodVector::linear(PLACES);
-        Hmm::new(prior.clone(), transition, sensor).unwrap().smooth(&seen()[..]).unwrap()
-    });
-    assert_eq!(smoothed[0], smoothed[1]);
 }
 
 /// Results are the same for any number of threads.

@@ -36,7 +36,6 @@ mod sensors;
 mod shortest_path;
 mod silent_states;
 mod simulation;
-mod single;
 mod small;
 mod snapshots;
 mod stationary;

@@ -1,7 +1,8 @@
 //! Memory of vectors: aligned to cache lines, and in large pages if the vector is large.
-#![allow(unsafe_code, reason = "a system call with the address of a vector")]
 
 use std::ops::{Deref, DerefMut};
+
+use crate::simd::Eight;
 
 /// Usual sizes of a cache line, a page and a large page, in bytes.
 pub(super) const LINE: usize = 64;
@@ -94,6 +95,27 @@ impl std::fmt::Debug for Aligned {
     }
 }
 
+/// Eight doubles on a cache line, so that no load of them touches two.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[repr(align(64))]
+pub struct Packed(pub Eight);
+
+impl Deref for Packed {
+    type Target = Eight;
+
+    #[inline(always)]
+    fn deref(&self) -> &Eight {
+        &self.0
+    }
+}
+
+impl DerefMut for Packed {
+    #[inline(always)]
+    fn deref_mut(&mut self) -> &mut Eight {
+        &mut self.0
+    }
+}
+
 /// Returns the same vector; if it is large, asks for large pages for the memory that is not yet
 /// written to.
 ///
@@ -111,6 +133,7 @@ pub fn in_large_pages<T>(vec: Vec<T>) -> Vec<T> {
 fn request(start: usize, bytes: usize) {
     use std::ffi::{c_int, c_void};
 
+    #[allow(unsafe_code, reason = "a declaration that the compiler can't check")]
     unsafe extern "C" {
         /// madvise(2), of the C library that the standard library links.
         fn madvise(start: *mut c_void, bytes: usize, advice: c_int) -> c_int;
@@ -121,6 +144,7 @@ fn request(start: usize, bytes: usize) {
     // harmless. On machines with pages above 4 KB the call may fail.
     let first = start & !(PAGE - 1);
     let end = (start + bytes) & !(PAGE - 1);
+    #[allow(unsafe_code, reason = "a system call with the address of a vector")]
     // SAFETY: the signature is that of the C library's function. This advice changes how memory is
     // provided, never its contents, whoever owns it, and the system checks the addresses, so every
     // range is sound. A failure (older systems have no such pages) does not matter.

@@ -7,7 +7,7 @@
 use std::ops::Range;
 
 use crate::hmm::Hmm;
-use crate::inference::step::in_logs::BeliefRef;
+use crate::inference::step::state::BeliefRef;
 use crate::likelihood::LearnLikelihood;
 use crate::transition::{LearnTransition, MoveCounts};
 use wayfix_kernels::{self as kernels, Lines, exp_in_place};
@@ -35,7 +35,7 @@ impl<'m> EntrySums<'m> {
         if transition.evidence(control).is_some() {
             return None;
         }
-        let (_, columns) = transition.stored(control)?.lines()?;
+        let (_, columns) = transition.stored(control)?.lines();
         let sums = vec![0.0; columns.values().len()];
         Some(Self { columns, states, sums, logs: Vec::new(), powers: Vec::new() })
     }

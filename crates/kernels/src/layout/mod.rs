@@ -1,15 +1,15 @@
-//! Layouts of matrices: sparse lines in slices of eight or groups, and dense columns or panels.
+//! Matrices in memory and their products: sparse lines in slices of eight or groups, dense columns,
+//! and panels of logarithms.
 
-mod build;
 mod dense;
-mod entries;
 mod panels;
+mod product;
 mod sliced;
-mod values;
 
 pub use dense::Dense;
-pub use panels::{Panels, store_indices};
+pub use panels::Panels;
+pub use product::{Maxima, Product, RowSums, Sink};
+pub(crate) use product::{ProductRows, SparseRows};
 #[cfg(test)]
 pub(crate) use sliced::Arrangement;
-pub use sliced::Sliced;
-pub use values::{EntryValues, Packed, Width};
+pub use sliced::{EntryValues, Sliced};

@@ -3,9 +3,11 @@
 //! Each maximum runs over the columns in ascending order, and keeps the first of several that attain
 //! it: ties go to the lowest state.
 
+use super::product::RowSums;
+use crate::log2::log2_in_place;
 use crate::memory::Aligned;
-use crate::ops::{MaxPlus, RowSums, log2_in_place};
-use crate::simd::{Eight, LANES, Simd, kernels, store};
+use crate::semiring::MaxPlus;
+use crate::simd::{Eight, LANES, Simd, kernels, store, store_indices};
 
 /// Logarithms of a dense matrix, in panels of eight rows, each of them by columns.
 #[derive(Debug, Clone)]
@@ -90,23 +92,5 @@ impl PanelRows<'_> {
             }
             self.first += P;
         }
-    }
-}
-
-/// Stores indices to a block, or to the rest.
-#[inline(always)]
-pub fn store_indices<S: Simd>(
-    s: S,
-    (blocks, rest): &mut (&mut [[u32; LANES]], &mut [u32]),
-    block: usize,
-    indices: S::I,
-) {
-    if let Some(block) = blocks.get_mut(block) {
-        s.store_indices(indices, block);
-    } else {
-        // Lanes beyond the last row have an index, too: only those of rows are copied.
-        let mut last = [0; LANES];
-        s.store_indices(indices, &mut last);
-        rest.copy_from_slice(&last[..rest.len()]);
     }
 }

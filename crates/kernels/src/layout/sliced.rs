@@ -15,18 +15,21 @@
 //! window are put in the order of its lines before they are passed on. Groups read fewer bytes, but
 //! gather every entry of a diagonal.
 //!
-//! Invariants, which `build` establishes and products rely on without a check: ends of slices
+//! Invariants, which [`Sliced::arranged`] establishes and products rely on without a check: ends of slices
 //! ascend and lie within the slots; all indices are below `lines`, which is below 2^31; eight
 //! values of x begin at each base. Both arrangements add the entries of a line in the same order
 //! (those of shifted slots first, then the others, each by ascending index): results are the same
 //! to the bit.
 
-use super::values::{EntryValues, HalfLine, Value, Width};
+use std::ops::{Deref, DerefMut};
+
+use crate::log2::log2;
+use crate::memory::Packed;
 use crate::simd::LANES;
 
 /// Relative costs of a shifted and of a gathered slot.
-pub(super) const SHIFTED_COST: usize = 2;
-pub(super) const GATHERED_COST: usize = 5;
+const SHIFTED_COST: usize = 2;
+const GATHERED_COST: usize = 5;
 /// Cost of overflow entries in a slice, and of each entry.
 const ANY_OVERFLOW_COST: usize = 30;
 const OVERFLOW_COST: usize = 2;
@@ -47,10 +50,18 @@ pub struct Sliced {
     pub(super) order: Vec<[u8; LANES]>,
     /// Index of the first line of each shifted slot.
     pub(super) bases: Vec<u32>,
-    pub(super) indices: Vec<HalfLine<u32>>,
+    pub(super) indices: Vec<HalfLine>,
     pub(super) overflow: Vec<Overflow>,
     pub(super) overflow_indices: Vec<u32>,
-    pub(super) values: Width<EntryValues<f64>, EntryValues<f32>>,
+    pub(super) values: EntryValues,
+}
+
+/// Values of a matrix of this structure.
+#[derive(Debug, Clone)]
+pub struct EntryValues {
+    pub(super) shifted: Vec<Packed>,
+    pub(super) gathered: Vec<Packed>,
+    pub(super) overflow: Vec<f64>,
 }
 
 /// Ends of the slots and overflow lines of a slice, or of a group.
@@ -67,6 +78,11 @@ pub(super) struct Overflow {
     pub(super) lane: u32,
     pub(super) end: u32,
 }
+
+/// Eight indices on half a cache line.
+#[derive(Debug, Clone, Copy, Default)]
+#[repr(align(32))]
+pub(super) struct HalfLine(pub(super) [u32; LANES]);
 
 /// Arrangement of entries.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -87,14 +103,11 @@ impl Sliced {
     /// the others 0.96 to 1.15 and 1.03 to 1.17. On a road graph both are slower in groups, as on
     /// Sapphire Rapids. Portable code was slower line by line, without slots, for both (Zen 4: 73
     /// instead of 40 µs for a product with that graph, Sapphire Rapids: 242 instead of 75).
-    pub fn new<'a, V: Value + 'a>(
-        lines: usize,
-        line: impl Fn(usize) -> (&'a [u32], &'a [V]),
-    ) -> Self {
+    pub fn new<'a>(lines: usize, line: impl Fn(usize) -> (&'a [u32], &'a [f64])) -> Self {
         let slices = Self::arranged(Arrangement::Slices, lines, &line);
         // Smaller matrices stay in the second cache as slices. Groups of such matrices were
         // measured on Zen 4 alone, where they gain as much.
-        let is_large = slices.bytes::<V>() > FEWEST_BYTES_GROUPED;
+        let is_large = slices.bytes() > FEWEST_BYTES_GROUPED;
         if is_large && cost_in_groups(lines, |number| line(number).0.len()) < slices.cost() {
             return Self::arranged(Arrangement::Groups, lines, line);
         }
@@ -102,10 +115,10 @@ impl Sliced {
     }
 
     /// Size of all slots and overflow entries.
-    fn bytes<V: Value>(&self) -> usize {
-        let entry = size_of::<u32>() + size_of::<V>();
+    fn bytes(&self) -> usize {
+        let entry = size_of::<u32>() + size_of::<f64>();
         // A shifted slot has one index for its eight values.
-        self.bases.len() * (size_of::<u32>() + LANES * size_of::<V>())
+        self.bases.len() * (size_of::<u32>() + LANES * size_of::<f64>())
             + (self.indices.len() * LANES + self.overflow_indices.len()) * entry
     }
 
@@ -127,15 +140,202 @@ impl Sliced {
     /// Returns the logarithms of all values, to base 2 as decoders add them; −∞ in places without
     /// an entry.
     pub fn log2(&self) -> EntryValues {
-        match &self.values {
-            Width::Double(values) => values.log2(),
-            Width::Single(values) => values.log2(),
-        }
+        self.values.log2()
     }
 
     /// Number of lines.
     pub fn lines(&self) -> usize {
         self.lines
+    }
+}
+
+/// Entries of a window's lines that are not in shifted slots, in the order of addition.
+struct Others {
+    entries: Vec<(u32, f64)>,
+    /// Starts of lines, and the end.
+    starts: Vec<usize>,
+}
+
+impl Others {
+    fn of_line(&self, line: u8) -> &[(u32, f64)] {
+        &self.entries[self.starts[line as usize]..self.starts[line as usize + 1]]
+    }
+}
+
+/// Entry of a slice.
+struct SlicedEntry {
+    /// Number of its diagonal: the index of lane 7 on it.
+    diagonal: usize,
+    lane: usize,
+    index: u32,
+    value: f64,
+}
+
+impl Sliced {
+    /// Builds a matrix in this arrangement, from lines whose indices ascend.
+    pub fn arranged<'a>(
+        arrangement: Arrangement,
+        lines: usize,
+        line: impl Fn(usize) -> (&'a [u32], &'a [f64]),
+    ) -> Self {
+        assert!(i32::try_from(lines).is_ok(), "gathers take indices with a sign");
+        let mut sliced = Self {
+            lines,
+            slices: Vec::with_capacity(lines.div_ceil(LANES)),
+            order: Vec::new(),
+            bases: Vec::new(),
+            indices: Vec::new(),
+            overflow: Vec::new(),
+            overflow_indices: Vec::new(),
+            values: EntryValues::new(),
+        };
+        let mut stored = EntryValues::new();
+        let (mut entries, mut keys) = (Vec::new(), Vec::new());
+        let mut others = Others { entries: Vec::new(), starts: Vec::new() };
+        let window = if arrangement == Arrangement::Groups { WINDOW } else { LANES };
+        for start in (0..lines).step_by(window) {
+            others.entries.clear();
+            others.starts.clear();
+            others.starts.push(0);
+            for first in (start..lines.min(start + window)).step_by(LANES) {
+                entries.clear();
+                for lane in 0..LANES.min(lines - first) {
+                    let (indices, values) = line(first + lane);
+                    // Products don't check indices again: this assertion is what they rely on.
+                    assert!(indices.iter().all(|j| (*j as usize) < lines), "an index is too large");
+                    let entry = |(&index, &value): (&u32, &f64)| {
+                        let diagonal = index as usize + (LANES - 1) - lane;
+                        SlicedEntry { diagonal, lane, index, value }
+                    };
+                    entries.extend(indices.iter().zip(values).map(entry));
+                }
+                sliced.push_shifted(arrangement, &entries, &mut keys, &mut stored, &mut others);
+            }
+            sliced.push_others(arrangement, start, &others, &mut stored);
+        }
+        sliced.bases.shrink_to_fit();
+        sliced.indices.shrink_to_fit();
+        stored.shifted.shrink_to_fit();
+        stored.gathered.shrink_to_fit();
+        sliced.values = stored;
+        sliced
+    }
+
+    /// Adds the shifted slots of a slice, given its entries lane by lane, and passes on the others.
+    ///
+    /// Groups have no shifted slots. They gather the entries on the same diagonals, before the
+    /// others, so that sums are added up in the same order in either arrangement.
+    fn push_shifted(
+        &mut self,
+        arrangement: Arrangement,
+        entries: &[SlicedEntry],
+        keys: &mut Vec<usize>,
+        stored: &mut EntryValues,
+        others: &mut Others,
+    ) {
+        let shifted = self.diagonals(entries, keys);
+        let (start, slots) = (self.bases.len(), arrangement == Arrangement::Slices);
+        if slots {
+            // `diagonals` takes none below 7, whose first lanes would lie before x, nor one beyond
+            // the last line: eight values of x begin at each base.
+            self.bases.extend(shifted.iter().map(|diagonal| (diagonal - (LANES - 1)) as u32));
+        }
+        // Lanes without an entry on the diagonal keep a 0, which adds nothing.
+        stored.shifted.resize(self.bases.len(), Packed::default());
+        let diagonal = |entry: &SlicedEntry| shifted.binary_search(&entry.diagonal);
+        let mut left = entries;
+        for lane in 0..LANES {
+            let (of_lane, after) = left.split_at(left.partition_point(|e| e.lane == lane));
+            left = after;
+            for entry in of_lane {
+                match diagonal(entry) {
+                    Ok(at) if slots => stored.shifted[start + at][lane] = entry.value,
+                    Ok(_) => others.entries.push((entry.index, entry.value)),
+                    Err(_) => {}
+                }
+            }
+            let rest = of_lane.iter().filter(|entry| diagonal(entry).is_err());
+            others.entries.extend(rest.map(|entry| (entry.index, entry.value)));
+            // The last slice has fewer lines: its lanes beyond are lines without entries.
+            others.starts.push(others.entries.len());
+        }
+        self.slices.push(Slice { shifted: self.bases.len() as u32, ..Slice::default() });
+    }
+
+    /// Adds the gathered slots and the overflow of a window, or of the one slice that begins here.
+    fn push_others(
+        &mut self,
+        arrangement: Arrangement,
+        first: usize,
+        others: &Others,
+        stored: &mut EntryValues,
+    ) {
+        let mut order: [u8; WINDOW] = std::array::from_fn(|line| line as u8);
+        let order = &mut order[..others.starts.len() - 1];
+        if arrangement == Arrangement::Groups {
+            // A stable sort: lines of one length, the most, stay near their neighbours' values of x.
+            order.sort_by_key(|line| std::cmp::Reverse(others.of_line(*line).len()));
+            self.order.extend(order.as_chunks().0);
+        }
+        for (lines, number) in order.chunks(LANES).zip(first / LANES..) {
+            let (depth, _) = gathered_depth(&lines.iter().map(|line| others.of_line(*line).len()));
+            let start = self.indices.len();
+            // Lanes without an entry have the index of the first line of the window or slice, which
+            // is a valid one, and the value 0.
+            self.indices.resize(start + depth, HalfLine([first as u32; LANES]));
+            stored.gathered.resize(start + depth, Packed::default());
+            for (lane, line) in lines.iter().enumerate() {
+                let entries = others.of_line(*line);
+                let (gathered, deeper) = entries.split_at(depth.min(entries.len()));
+                for (&(index, value), slot) in gathered.iter().zip(start..) {
+                    self.indices[slot][lane] = index;
+                    stored.gathered[slot][lane] = value;
+                }
+                self.overflow_indices.extend(deeper.iter().map(|entry| entry.0));
+                stored.overflow.extend(deeper.iter().map(|entry| entry.1));
+                if !deeper.is_empty() {
+                    let end = self.overflow_indices.len() as u32;
+                    self.overflow.push(Overflow { lane: lane as u32, end });
+                }
+            }
+            // `push_shifted` has pushed all slices of the window: this one is among them.
+            self.slices[number].gathered = self.indices.len() as u32;
+            self.slices[number].overflow = self.overflow.len() as u32;
+        }
+    }
+
+    /// Chooses the diagonals that are worth a shifted slot, ascending.
+    fn diagonals(&self, entries: &[SlicedEntry], keys: &mut Vec<usize>) -> Vec<usize> {
+        let mut left = [0_usize; LANES];
+        entries.iter().for_each(|entry| left[entry.lane] += 1);
+        // Diagonal and lane in one number: sorting entries would take most of the time.
+        keys.clear();
+        keys.extend(entries.iter().map(|entry| entry.diagonal * LANES + entry.lane));
+        keys.sort_unstable();
+        let inside = |diagonal: usize| (LANES - 1..self.lines).contains(&diagonal);
+        // Diagonals of one entry are left out: a slot for one lane saves a gathered slot only if
+        // that lane alone is the longest.
+        let mut diagonals: Vec<&[usize]> = keys
+            .chunk_by(|a, b| a / LANES == b / LANES)
+            .filter(|keys| keys.len() > 1 && inside(keys[0] / LANES))
+            .collect();
+        diagonals.sort_by_key(|keys| std::cmp::Reverse(keys.len()));
+        // Gathered slots are as many as the entries of the longest lane that is left.
+        let cost = |shifted: usize, left: &[usize; LANES]| {
+            let deepest = left.iter().copied().max().unwrap_or(0);
+            shifted * SHIFTED_COST + deepest * GATHERED_COST
+        };
+        // Fullest first, all prefixes are tried: the choice is greedy, not the best of all sets.
+        let (mut least, mut taken, mut after) = (cost(0, &left), 0, left);
+        for (keys, count) in diagonals.iter().zip(1..) {
+            keys.iter().for_each(|key| after[key % LANES] -= 1);
+            if cost(count, &after) < least {
+                (least, taken) = (cost(count, &after), count);
+            }
+        }
+        let mut shifted: Vec<usize> = diagonals[..taken].iter().map(|d| d[0] / LANES).collect();
+        shifted.sort_unstable();
+        shifted
     }
 }
 
@@ -158,7 +358,7 @@ fn cost_in_groups(lines: usize, length: impl Fn(usize) -> usize) -> usize {
 
 /// Returns the cheapest number of gathered slots for eight lines with these numbers of entries, and
 /// its cost. Entries beyond the slots are overflow entries.
-pub(super) fn gathered_depth(lengths: &(impl Iterator<Item = usize> + Clone)) -> (usize, usize) {
+fn gathered_depth(lengths: &(impl Iterator<Item = usize> + Clone)) -> (usize, usize) {
     let cost = |depth: usize| {
         let deeper: usize = lengths.clone().map(|length| length.saturating_sub(depth)).sum();
         let any = if deeper > 0 { ANY_OVERFLOW_COST } else { 0 };
@@ -167,6 +367,39 @@ pub(super) fn gathered_depth(lengths: &(impl Iterator<Item = usize> + Clone)) ->
     // Costs are linear in the depth between two lengths: one of the lengths attains the minimum.
     let depths = lengths.clone().map(|depth| (depth, cost(depth)));
     depths.min_by_key(|depth| depth.1).unwrap_or((0, 0))
+}
+
+impl EntryValues {
+    fn new() -> Self {
+        Self { shifted: Vec::new(), gathered: Vec::new(), overflow: Vec::new() }
+    }
+
+    /// Logarithms of all values; −∞ in places without an entry.
+    fn log2(&self) -> Self {
+        // Empty places of slots are 0, and their logarithms −∞: no maximum takes them.
+        let eight = |slot: &Packed| Packed(slot.map(log2));
+        Self {
+            shifted: self.shifted.iter().map(eight).collect(),
+            gathered: self.gathered.iter().map(eight).collect(),
+            overflow: self.overflow.iter().map(|&p| log2(p)).collect(),
+        }
+    }
+}
+
+impl Deref for HalfLine {
+    type Target = [u32; LANES];
+
+    #[inline(always)]
+    fn deref(&self) -> &[u32; LANES] {
+        &self.0
+    }
+}
+
+impl DerefMut for HalfLine {
+    #[inline(always)]
+    fn deref_mut(&mut self) -> &mut [u32; LANES] {
+        &mut self.0
+    }
 }
 
 #[cfg(test)]

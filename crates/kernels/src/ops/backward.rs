@@ -8,8 +8,7 @@
 //! r and q are lifted by 2^700, and become infinite if they exceed 2^324 unlifted: then Σ γ' is not
 //! one, which the caller tests (`limits`, "The way back").
 
-use super::product::{Product, ProductRows, SparseRows};
-use super::row_sums::Sink;
+use crate::layout::{Product, ProductRows, Sink, SparseRows};
 use crate::limits::BACK_LIFT;
 use crate::parallel::{Splits, run_in_parts};
 use crate::simd::{

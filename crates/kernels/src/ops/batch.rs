@@ -9,10 +9,10 @@
 use super::backward::{divided, smoothed};
 use super::lines::Lines;
 use super::packing::flags;
-use super::row_sums::{Maxima, Sink};
-use super::semiring::{MaxPlus, SumProduct};
-use crate::layout::Packed;
+use crate::layout::{Maxima, Sink};
 use crate::limits::LIFT;
+use crate::memory::Packed;
+use crate::semiring::{MaxPlus, SumProduct};
 use crate::simd::{Eight, LANES, Simd, kernels};
 
 kernels! {

@@ -5,8 +5,8 @@
 
 use super::largest::{Valid, within};
 use super::packing::{PackedRange, flags};
-use crate::layout::Packed;
 use crate::limits::TINY;
+use crate::memory::Packed;
 use crate::simd::{Eight, LANES, Simd, kernels, row_block, store};
 
 /// 1.5 · 2^52: beside it the last bit of a double is 1, so that adding it rounds to an integer.

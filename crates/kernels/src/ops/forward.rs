@@ -7,8 +7,7 @@
 
 use std::marker::PhantomData;
 
-use super::product::{Product, ProductRows, SparseRows};
-use super::row_sums::Sink;
+use crate::layout::{Product, ProductRows, Sink, SparseRows};
 use crate::limits::{LIFT, TINY};
 use crate::parallel::{PART, Splits, run_in_parts};
 use crate::simd::{

@@ -4,8 +4,8 @@
 //! A vector of states is a slice of vectors of eight, so that a product needs no gathers: the lanes
 //! have the same index. Each sum runs over the entries of a line in order.
 
-use super::row_sums::{RowSums, Sink};
-use crate::layout::Packed;
+use crate::layout::{RowSums, Sink};
+use crate::memory::Packed;
 use crate::simd::{LANES, Simd};
 
 /// Number of lines of a dense matrix that share the loads of a vector.

@@ -4,11 +4,12 @@
 //! ties to the bit. Callers keep the best near 0: they take the whole part of the largest score out
 //! of the next step, by its `shift`.
 
-use super::log2::{log2_lanes, log2_over};
-use super::row_sums::{Maxima, Sink};
-use super::semiring::MaxPlus;
-use crate::layout::{EntryValues, Sliced, store_indices};
-use crate::simd::{Blocks, BlocksMut, LANES, Simd, kernels, row_block, row_block_ahead, store};
+use crate::layout::{EntryValues, Maxima, Sink, Sliced};
+use crate::log2::{log2_lanes, log2_over};
+use crate::semiring::MaxPlus;
+use crate::simd::{
+    Blocks, BlocksMut, LANES, Simd, kernels, row_block, row_block_ahead, store, store_indices,
+};
 
 /// Scores of an observation, from which `shift` is still to be subtracted.
 #[derive(Debug, Clone, Copy)]

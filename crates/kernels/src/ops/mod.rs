@@ -7,14 +7,10 @@ mod exp;
 mod forward;
 mod largest;
 mod lines;
-mod log2;
 mod max_product;
 mod packing;
-mod product;
-mod row_sums;
 mod segment_vectors;
 mod segments;
-mod semiring;
 
 pub use backward::{BackwardStep, backward_step, divide_by_prediction};
 pub use batch::{batch_backward, batch_forward, batch_max, batch_normalize};
@@ -25,19 +21,12 @@ pub use forward::normalize_in_place;
 pub use forward::{ForwardStep, ForwardSums, Watch, forward_step, normalize_and_lift};
 pub use largest::{Valid, largest};
 pub use lines::Lines;
-pub use log2::{ln_to_log2, log2, log2_in_place, on_grid};
 pub use max_product::{Scores, ScoresIn, add_scores, max_step};
 pub use packing::{pack, unpack, unpack_rows};
-pub use product::Product;
-pub use row_sums::{RowSums, Sink};
 pub use segment_vectors::{Scaled, SmallModel};
 pub use segments::{
     Backpointers, decode_segments, filter_segments, multiply_segments, smooth_segments,
 };
-pub use semiring::{MaxPlus, SumProduct};
 
 #[cfg(test)]
-pub(crate) use {
-    forward::{ForwardRows, Normalize},
-    product::SparseRows,
-};
+pub(crate) use forward::{ForwardRows, Normalize};

@@ -1,8 +1,8 @@
 //! Packing of vectors of eight chains side by side, and back: a transposition in registers for each
 //! eight values of eight rows, instead of 64 moves.
 
-use crate::layout::Packed;
 use crate::limits::TINY;
+use crate::memory::Packed;
 use crate::simd::{Eight, LANES, Simd, kernels, row_block_ahead, store};
 
 /// Range of the packed values of each lane.

@@ -1,7 +1,7 @@
 //! Vectors on their way through eight segments, one segment in each lane.
 
-use super::semiring::Semiring;
-use crate::layout::Packed;
+use crate::memory::Packed;
+use crate::semiring::Semiring;
 use crate::simd::{Eight, Simd};
 
 /// The matrix of a model of N states, its values or their logarithms, column after column and row

@@ -11,9 +11,9 @@
 
 use super::chain::keep_better;
 use super::segment_vectors::{Scaled, SegmentStep, SegmentVectors, SmallModel, keep_range};
-use super::semiring::{MaxPlus, Semiring, SumProduct};
-use crate::layout::Packed;
 use crate::limits::STEPS_BETWEEN_CHECKS;
+use crate::memory::Packed;
+use crate::semiring::{MaxPlus, Semiring, SumProduct};
 use crate::simd::{Eight, LANES, Simd, kernels};
 
 kernels! {

@@ -1,151 +1,36 @@
 //! Eight doubles at a time, with the widest instructions of the machine.
 //!
-//! A kernel is written once, for any [`Simd`], and compiled for each instruction set; [`run`]
-//! chooses one. All add in the same order and none fuses a product with a sum, so that results
-//! are the same to the bit with each.
+//! A kernel is written once, for any [`Simd`] (`lanes.rs`), and compiled for each instruction set;
+//! [`run`] chooses one. All add in the same order and none fuses a product with a sum, so that
+//! results are the same to the bit with each.
 //!
-//! Soundness: [`Avx2`] and [`Avx512`] are proofs that the processor has the instructions. Their
-//! fields are private to this module, and only [`run_unchecked`] makes them, whose callers pass an
-//! [`Isa`] that has been [detected](Isa::is_here).
-#![allow(unsafe_code, reason = "instructions that not every machine has")]
+//! Soundness: methods of [`Avx2`] and [`Avx512`] call intrinsics that not every x86-64 processor
+//! has, so a value of either is the proof that this one does. Their fields are private to this
+//! module, and only [`run_unchecked`] makes them, whose callers pass an [`Isa`] that has been
+//! [detected](Isa::is_here). "`self` proves AVX2" in comments means this.
 
-mod blocks;
-mod portable;
 #[cfg(target_arch = "x86_64")]
-mod x86;
+#[allow(unsafe_code, reason = "instructions that not every machine has")]
+mod avx2;
+#[cfg(target_arch = "x86_64")]
+#[allow(unsafe_code, reason = "instructions that not every machine has")]
+mod avx512;
+mod lanes;
+#[allow(unsafe_code, reason = "a gather does not check its indices, whatever the instructions")]
+mod portable;
 
 use std::mem::ManuallyDrop;
 use std::sync::OnceLock;
 
-pub(crate) use blocks::{Blocks, BlocksMut, row_block, row_block_ahead, store};
-pub(crate) use portable::Portable;
 #[cfg(target_arch = "x86_64")]
-pub(crate) use x86::{Avx2, Avx512};
-
-/// Number of lanes of a vector.
-pub const LANES: usize = 8;
-
-/// Eight doubles.
-pub type Eight = [f64; LANES];
-
-/// Operations on vectors of eight doubles (`V`), masks (`M`) and vectors of eight indices (`I`).
-pub trait Simd: Copy {
-    type V: Copy;
-    type M: Copy;
-    type I: Copy;
-
-    fn splat(self, x: f64) -> Self::V;
-    fn load(self, x: &Eight) -> Self::V;
-    /// Eight values of 32 bits, as doubles: exact.
-    fn load_f32(self, x: &[f32; LANES]) -> Self::V;
-    fn store(self, v: Self::V, out: &mut Eight);
-    /// Stores past the caches if `out` is a cache line, for results that are not read soon: the
-    /// line need not be fetched. [`fence`](Self::fence) must follow the last one.
-    #[inline(always)]
-    fn stream(self, v: Self::V, out: &mut Eight) {
-        self.store(v, out);
-    }
-    /// Orders streamed stores before all later ones.
-    #[inline(always)]
-    fn fence(self) {}
-    fn add(self, a: Self::V, b: Self::V) -> Self::V;
-    fn sub(self, a: Self::V, b: Self::V) -> Self::V;
-    fn mul(self, a: Self::V, b: Self::V) -> Self::V;
-    fn div(self, a: Self::V, b: Self::V) -> Self::V;
-    /// Lane-wise minimum; `b` if one is NaN.
-    fn min(self, a: Self::V, b: Self::V) -> Self::V;
-    /// Lane-wise maximum; `b` if one is NaN.
-    fn max(self, a: Self::V, b: Self::V) -> Self::V;
-    /// a < b, false if one is NaN.
-    fn lt(self, a: Self::V, b: Self::V) -> Self::M;
-    /// a = b, false if one is NaN.
-    fn eq(self, a: Self::V, b: Self::V) -> Self::M;
-    fn and(self, a: Self::M, b: Self::M) -> Self::M;
-    fn or(self, a: Self::M, b: Self::M) -> Self::M;
-    /// Bit l is that of lane l.
-    fn bits(self, m: Self::M) -> u8;
-    #[inline(always)]
-    fn any(self, m: Self::M) -> bool {
-        self.bits(m) != 0
-    }
-    #[inline(always)]
-    fn all(self, m: Self::M) -> bool {
-        self.bits(m) == u8::MAX
-    }
-    /// Mask of the lanes above 0 and below a limit.
-    #[inline(always)]
-    fn is_small(self, v: Self::V, limit: f64) -> Self::M {
-        self.and(self.lt(v, self.splat(limit)), self.lt(self.splat(0.0), v))
-    }
-    /// `a` where the mask is set, else `b`.
-    fn select(self, m: Self::M, a: Self::V, b: Self::V) -> Self::V;
-    /// Exponents, as doubles, and mantissas from 1 to 2, of normal positive numbers.
-    fn split_exponent(self, v: Self::V) -> (Self::V, Self::V);
-    /// 2^n of integers from −1022 to 1023, given as n + 1.5 · 2^52.
-    fn power_of_two(self, n: Self::V) -> Self::V;
-
-    /// True if there is an instruction for `gather`, which is faster than loads.
-    #[inline(always)]
-    fn gathers(self) -> bool {
-        false
-    }
-    /// `x[index]` for each of eight indices, by one instruction or by loads.
-    ///
-    /// # Safety
-    ///
-    /// All indices must be below `x.len()`, which must not exceed 2^31 − 1.
-    unsafe fn gather<const INSTRUCTION: bool>(self, x: &[f64], indices: &[u32; LANES]) -> Self::V;
-
-    /// Keeps the compiler from unrolling a loop of few turns: it does not duplicate assembly, even
-    /// if empty.
-    #[inline(always)]
-    fn no_unroll(self) {}
-
-    fn load_indices(self, indices: &[u32; LANES]) -> Self::I;
-    /// base, base + 1, … base + 7.
-    fn iota(self, base: u32) -> Self::I;
-    /// a < b, for indices below 2^31.
-    fn lt_index(self, a: Self::I, b: Self::I) -> Self::M;
-    fn select_index(self, m: Self::M, a: Self::I, b: Self::I) -> Self::I;
-    fn store_indices(self, i: Self::I, out: &mut [u32; LANES]);
-
-    /// Splats each lane.
-    fn broadcast_lanes(self, v: Self::V) -> [Self::V; LANES];
-
-    /// Transposes: lane l of result r is lane r of row l.
-    fn transpose(self, rows: [Self::V; LANES]) -> [Self::V; LANES];
-
-    #[inline(always)]
-    fn to_array(self, v: Self::V) -> Eight {
-        // Through memory, which the compiler replaces by moves between registers where it can.
-        let mut out = [0.0; LANES];
-        self.store(v, &mut out);
-        out
-    }
-
-    /// Loads up to eight values, 0 in the other lanes.
-    #[inline(always)]
-    fn load_partial(self, x: &[f64]) -> Self::V {
-        // A copy, as eight doubles from there on may lie beyond the vector.
-        let mut eight = [0.0; LANES];
-        eight[..x.len()].copy_from_slice(x);
-        self.load(&eight)
-    }
-
-    /// Stores as many lanes as there is room for, up to eight.
-    #[inline(always)]
-    fn store_partial(self, v: Self::V, out: &mut [f64]) {
-        out.copy_from_slice(&self.to_array(v)[..out.len()]);
-    }
-}
-
-/// Sum over the lanes, in pairs.
-#[inline(always)]
-pub(crate) fn total([a, b, c, d, e, f, g, h]: Eight) -> f64 {
-    // The parentheses fix the order: the sum is the same to the bit with any instructions, and in
-    // the scalar loops of `vector`.
-    ((a + b) + (c + d)) + ((e + f) + (g + h))
-}
+use avx2::Avx2;
+#[cfg(target_arch = "x86_64")]
+use avx512::Avx512;
+pub(crate) use lanes::{
+    Blocks, BlocksMut, row_block, row_block_ahead, store, store_indices, total,
+};
+pub use lanes::{Eight, LANES, Simd};
+use portable::Portable;
 
 /// Instruction sets, from the plainest to the widest.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -203,6 +88,7 @@ impl Isa {
 fn gathers() -> bool {
     static GATHERS: OnceLock<bool> = OnceLock::new();
     *GATHERS.get_or_init(|| {
+        #[allow(unsafe_code, reason = "an instruction that reads the processor's name")]
         #[allow(unused_unsafe, reason = "safe in later versions of the standard library")]
         // SAFETY: all x86-64 processors have this instruction, and leaf 0 of it.
         let vendor = unsafe { std::arch::x86_64::__cpuid(0) };
@@ -222,6 +108,7 @@ pub trait WithSimd {
 
 /// Runs a kernel with the chosen instructions.
 #[inline(always)]
+#[allow(unsafe_code, reason = "instructions that not every machine has")]
 pub fn run<K: WithSimd>(kernel: K) -> K::Output {
     // SAFETY: `chosen` returns only what `is_here` has detected, or what a test has asserted to be.
     unsafe { run_unchecked(Isa::chosen(), kernel) }
@@ -282,6 +169,7 @@ pub(crate) fn with_isa<R>(isa: Isa, call: impl FnOnce() -> R) -> R {
 ///
 /// The processor must have the instructions.
 #[inline(always)]
+#[allow(unsafe_code, reason = "instructions that not every machine has, a kernel read by address")]
 unsafe fn run_unchecked<K: WithSimd>(isa: Isa, kernel: K) -> K::Output {
     // Functions that may use the instructions. `WithSimd::run` and all that it calls become part of
     // them, as all is `#[inline(always)]`: a function of its own would be compiled without the

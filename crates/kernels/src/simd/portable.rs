@@ -4,7 +4,7 @@
 //! Each operation gives the bits that the instructions of AVX2 and AVX-512 give, for NaN, infinite
 //! values and zeros of either sign, too.
 
-use super::{Eight, LANES, Simd};
+use super::lanes::{Eight, LANES, Simd};
 
 /// Arrays.
 #[derive(Debug, Clone, Copy)]
@@ -62,10 +62,6 @@ impl Simd for Portable {
     #[inline(always)]
     fn load(self, x: &Eight) -> Eight {
         *x
-    }
-    #[inline(always)]
-    fn load_f32(self, x: &[f32; LANES]) -> Eight {
-        lanes(|l| f64::from(x[l]))
     }
     #[inline(always)]
     fn store(self, v: Eight, out: &mut Eight) {

@@ -4,10 +4,7 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 
 use super::{ZERO_SCORE, cases, everywhere};
-use crate::layout::{Dense, Packed, Panels};
-use crate::memory::Aligned;
-use crate::ops::*;
-use crate::simd::{Eight, LANES};
+use crate::*;
 
 proptest! {
     #![proptest_config(cases())]

@@ -4,9 +4,7 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 
 use super::{ZERO_SCORE, cases, close, everywhere, some_zero};
-use crate::layout::Packed;
-use crate::ops::*;
-use crate::simd::LANES;
+use crate::*;
 
 proptest! {
     #![proptest_config(cases())]

@@ -4,10 +4,8 @@ use super::{ZERO_SCORE, everywhere};
 use crate::layout::{Arrangement, Sliced};
 use crate::limits::LIFT;
 use crate::memory::{Aligned, LARGE, LINE, in_large_pages};
-use crate::ops::*;
 use crate::parallel::{PART, Splits, in_turn, run_in_parts};
-use crate::simd::run;
-use crate::vector::{dot, sum};
+use crate::*;
 
 #[test]
 fn log2_is_right_and_adds_one_for_a_doubling() {

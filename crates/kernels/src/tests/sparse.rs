@@ -1,37 +1,12 @@
-//! Sparse products in 32 bits, and max-products.
+//! Max-products with sparse matrices.
 
 use proptest::prelude::*;
 
-use super::{
-    ARRANGEMENTS, EntryRows, cases, everywhere, in_layouts, numbers, rows, scores, sliced,
-    some_zero,
-};
-use crate::layout::Sliced;
-use crate::ops::*;
+use super::{EntryRows, cases, everywhere, in_layouts, numbers, rows, scores, sliced};
+use crate::*;
 
 proptest! {
     #![proptest_config(cases())]
-
-    /// Values in 32 bits give the same bits as the doubles that they stand for.
-    #[test]
-    fn values_of_32_bits(rows in rows(), x in some_zero()) {
-        let (n, x) = (rows.len(), numbers(&x, rows.len()));
-        let split: Vec<(Vec<u32>, Vec<f32>)> =
-            rows.iter().map(|row| row.iter().map(|&(j, p)| (j, p as f32)).unzip()).collect();
-        let line = |line: usize| (&split[line].0[..], &split[line].1[..]);
-        let single = ARRANGEMENTS.map(|arrangement| Sliced::arranged(arrangement, n, line));
-        let rounded = |row: &Vec<(u32, f64)>| {
-            row.iter().map(|&(j, p)| (j, f64::from(p as f32))).collect()
-        };
-        let double = sliced(&rows.iter().map(rounded).collect());
-        let results = |matrix: &[Sliced; 2]| in_layouts(matrix, |matrix| {
-            let (mut product, mut next, mut from) = (vec![0.0; n], vec![0.0; n], vec![0; n]);
-            matrix.multiply(&x, &mut product);
-            max_step(matrix, &matrix.log2(), &x, None, &mut next, &mut from);
-            (product, next)
-        });
-        prop_assert_eq!(results(&single), results(&double));
-    }
 
     /// Scores are small whole numbers, so that ties abound.
     #[test]
@@ -91,5 +66,4 @@ proptest! {
         }
         prop_assert_eq!(most, sums.iter().copied().fold(f64::NEG_INFINITY, f64::max));
     }
-
 }

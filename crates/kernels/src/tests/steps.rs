@@ -7,7 +7,7 @@ use super::{
     cases, close, everywhere, in_layouts, numbers, product, rows, sliced, some_zero, sum_is,
 };
 use crate::limits::{BACK_LIFT, LIFT};
-use crate::ops::*;
+use crate::*;
 
 /// A step of the filter: results and sums.
 fn forward(

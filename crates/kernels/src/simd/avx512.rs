@@ -4,7 +4,7 @@
 use std::arch::{asm, x86_64::*};
 
 use super::avx2::{is_line, load_four};
-use crate::simd::{Eight, LANES, Simd};
+use super::lanes::{Eight, LANES, Simd};
 
 /// Proof of AVX-512 F and VL, and AVX2. True if gathers are instructions.
 #[derive(Debug, Clone, Copy)]
@@ -80,12 +80,6 @@ impl Simd for Avx512 {
         // SAFETY: `self` proves AVX-512 F. The load reads the eight doubles of the reference, at any
         // alignment.
         unsafe { _mm512_loadu_pd(x.as_ptr()) }
-    }
-    #[inline(always)]
-    fn load_f32(self, x: &[f32; LANES]) -> __m512d {
-        // SAFETY: `self` proves AVX-512 F and AVX2. The load reads the eight floats of the
-        // reference, 32 bytes, at any alignment.
-        unsafe { _mm512_cvtps_pd(_mm256_loadu_ps(x.as_ptr())) }
     }
     #[inline(always)]
     fn store(self, v: __m512d, out: &mut Eight) {

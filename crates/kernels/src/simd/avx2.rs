@@ -3,7 +3,7 @@
 #[allow(clippy::wildcard_imports, reason = "intrinsics carry the names of instructions")]
 use std::arch::{asm, x86_64::*};
 
-use crate::simd::{Eight, LANES, Simd};
+use super::lanes::{Eight, LANES, Simd};
 
 /// Proof of AVX2. True if gathers are instructions.
 #[derive(Debug, Clone, Copy)]
@@ -85,15 +85,6 @@ impl Simd for Avx2 {
         // SAFETY: `self` proves AVX2. The reference is to eight doubles, of which each load reads
         // four, from the first and from the fifth, at any alignment.
         unsafe { (_mm256_loadu_pd(x.as_ptr()), _mm256_loadu_pd(x[4..].as_ptr())) }
-    }
-    #[inline(always)]
-    fn load_f32(self, x: &[f32; LANES]) -> Pair {
-        // SAFETY: `self` proves AVX2. The reference is to eight floats, of which each load reads
-        // four, at any alignment.
-        unsafe {
-            let (low, high) = (_mm_loadu_ps(x.as_ptr()), _mm_loadu_ps(x[4..].as_ptr()));
-            (_mm256_cvtps_pd(low), _mm256_cvtps_pd(high))
-        }
     }
     #[inline(always)]
     fn store(self, v: Pair, out: &mut Eight) {

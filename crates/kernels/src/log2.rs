@@ -94,7 +94,7 @@ fn log2_all<S: Simd>(s: S, x: &mut [f64]) {
 
 /// [`log2`] of finite values of at least 0, by the same operations.
 #[inline(always)]
-pub(super) fn log2_lanes<S: Simd>(s: S, x: S::V) -> S::V {
+pub(crate) fn log2_lanes<S: Simd>(s: S, x: S::V) -> S::V {
     let (zero, one) = (s.splat(0.0), s.splat(1.0));
     let subnormal = s.lt(x, s.splat(f64::MIN_POSITIVE));
     // Zeros compare below too. A branch for all lanes: likelihoods without a zero skip three selects.
@@ -128,7 +128,7 @@ pub(super) fn log2_lanes<S: Simd>(s: S, x: S::V) -> S::V {
 /// Logarithms to base 2, on the grid, of likelihoods divided by the largest, from natural
 /// logarithms of at most `largest`.
 #[inline(always)]
-pub(super) fn log2_over<S: Simd>(s: S, logs: S::V, largest: f64) -> S::V {
+pub(crate) fn log2_over<S: Simd>(s: S, logs: S::V, largest: f64) -> S::V {
     let x = s.mul(s.sub(logs, s.splat(largest)), s.splat(LOG2_E));
     // Rounds as `on_grid` does. x is never positive, so subtract 2^52: numbers of that size have no
     // fraction. Below the range x is on the grid already, or −∞, and stays.
