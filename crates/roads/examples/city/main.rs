@@ -147,7 +147,7 @@ fn import(arguments: &Arguments) -> Result<RoadNetwork, Box<dyn Error>> {
     }
     let start = Instant::now();
     let (name, network, report) = if let Some(path) = &arguments.roads {
-        let options = ImportOptions { cleaning, ..ImportOptions::default() };
+        let options = ImportOptions::default().with_cleaning(cleaning);
         let (network, report) = RoadNetwork::from_path(path, &options)?;
         (path.display().to_string(), network, report.to_string())
     } else {

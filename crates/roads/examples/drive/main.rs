@@ -110,7 +110,7 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     let mut cleaning = Vec::new();
     cleaning.extend(arguments.largest.then_some(Cleaning::LargestComponent));
     cleaning.extend(arguments.contract.then_some(Cleaning::Contraction));
-    let options = ImportOptions { cleaning, ..ImportOptions::default() };
+    let options = ImportOptions::default().with_cleaning(cleaning);
     let (network, report) = RoadNetwork::from_path(&road_path, &options)?;
     roads::print(&format!("{report}\n"))?;
     let (traces, read) = read_traces(&trace_path)?;

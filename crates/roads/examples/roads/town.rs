@@ -104,7 +104,7 @@ fn roundabout(builder: &mut NetworkBuilder) -> Result<(), NetworkError> {
         builder.node(ROUNDABOUT + number, at(28.0 * cosine, 28.0 * sine))?;
     }
     for number in 0..8 {
-        let options = EdgeOptions { roundabout: true, ..EdgeOptions::of(RoadClass::Arterial) };
+        let options = EdgeOptions::of(RoadClass::Arterial).with_roundabout(true);
         builder.edge(ROUNDABOUT + number, ROUNDABOUT + (number + 1) % 8, options)?;
     }
     let [row, column] = MIDDLE;

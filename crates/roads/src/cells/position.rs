@@ -2,8 +2,8 @@
 //! cell and across it.
 //!
 //! Cells are compared by their middles, projected to the plane of the map with their directions and
-//! lengths. Middles are sorted by squares of a grid, so that a row of squares is a run of the sorted
-//! points, and a pruned filter finds the cells near a fix without visiting the others.
+//! lengths. Middles are sorted by squares of a grid, so that a row of squares is a run of the
+//! sorted points, and a pruned filter finds the cells near a fix without visiting the others.
 
 use std::marker::PhantomData;
 use std::sync::Arc;

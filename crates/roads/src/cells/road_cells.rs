@@ -127,9 +127,9 @@ impl<P> RoadCells<P> {
     ///
     /// # Errors
     ///
-    /// [`NetworkError::Parameter`] unless the spacing and the total length of all edges are above 0 and
-    /// finite, [`NetworkError::NoRoads`] for a network without edges, and [`NetworkError::Cells`] for more
-    /// cells than 32-bit indices address.
+    /// [`NetworkError::Parameter`] unless the spacing and the total length of all edges are above 0
+    /// and finite, [`NetworkError::NoRoads`] for a network without edges, and
+    /// [`NetworkError::Cells`] for more cells than 32-bit indices address.
     pub fn new(
         network: impl Into<Arc<RoadNetwork<P>>>,
         spacing: f64,
@@ -287,7 +287,8 @@ impl<P: Coordinates> RoadCells<P> {
         best
     }
 
-    /// Cell at the nearest point of any edge. O(points of all edges), as [`project`](Self::project).
+    /// Cell at the nearest point of any edge. O(points of all edges), as
+    /// [`project`](Self::project).
     #[must_use]
     pub fn nearest(&self, position: P) -> usize {
         let NearEdge { edge, metres_along, .. } = self.project(position);

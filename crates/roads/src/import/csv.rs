@@ -50,10 +50,10 @@ impl RoadNetwork {
     ///
     /// # Errors
     ///
-    /// [`NetworkError::Line`] with file and line for a missing column, a value that can't be parsed, a
-    /// node given twice or not on Earth (with a hint if latitude and longitude seem swapped), and
-    /// an edge with a missing node or a negative length; [`NetworkError::Read`] if a file can't be
-    /// opened or read; and those of [`cleaned`](Self::cleaned).
+    /// [`NetworkError::Line`] with file and line for a missing column, a value that can't be
+    /// parsed, a node given twice or not on Earth (with a hint if latitude and longitude seem
+    /// swapped), and an edge with a missing node or a negative length; [`NetworkError::Read`] if a
+    /// file can't be opened or read; and those of [`cleaned`](Self::cleaned).
     pub fn from_csv_files(
         nodes: impl AsRef<Path>,
         edges: impl AsRef<Path>,

@@ -34,10 +34,10 @@ impl RoadNetwork {
     ///
     /// # Errors
     ///
-    /// [`NetworkError::Line`] with the line where the text is not GeoJSON; [`NetworkError::Feature`] with
-    /// the feature for a point not on Earth (with a hint if latitude and longitude seem swapped) or
-    /// an invalid property; [`NetworkError::Read`] if the file can't be read; [`NetworkError::Map`] if no
-    /// road is left; and those of [`cleaned`](Self::cleaned).
+    /// [`NetworkError::Line`] with the line where the text is not GeoJSON;
+    /// [`NetworkError::Feature`] with the feature for a point not on Earth (with a hint if latitude
+    /// and longitude seem swapped) or an invalid property; [`NetworkError::Read`] if the file can't
+    /// be read; [`NetworkError::Map`] if no road is left; and those of [`cleaned`](Self::cleaned).
     pub fn from_geojson_file(
         path: impl AsRef<Path>,
         options: &ImportOptions,

@@ -30,7 +30,7 @@ impl RoadNetwork {
     /// use wayfix_roads::{Cleaning, ImportOptions, RoadNetwork};
     ///
     /// let cleaning = vec![Cleaning::LargestComponent, Cleaning::Contraction];
-    /// let options = ImportOptions { cleaning, ..ImportOptions::default() };
+    /// let options = ImportOptions::default().with_cleaning(cleaning);
     /// let (network, report) = RoadNetwork::from_path("city.osm.pbf", &options)?;
     /// println!("{report}");
     /// # Ok::<(), wayfix_roads::NetworkError>(())

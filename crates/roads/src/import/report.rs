@@ -16,14 +16,13 @@ use wayfix::map::Position;
 /// ```
 /// use wayfix_roads::{Cleaning, ImportOptions};
 ///
-/// let options = ImportOptions {
-///     parking_aisles: false,
-///     cleaning: vec![Cleaning::LargestComponent, Cleaning::Contraction],
-///     ..ImportOptions::default()
-/// };
+/// let options = ImportOptions::default()
+///     .with_parking_aisles(false)
+///     .with_cleaning(vec![Cleaning::LargestComponent, Cleaning::Contraction]);
 /// assert!(options.service_roads);
 /// ```
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 #[expect(clippy::struct_excessive_bools, reason = "each is a kind of road, chosen by itself")]
 pub struct ImportOptions {
     /// Roads to and on private ground, car parks and depots (`highway=service`); true by default.
@@ -48,6 +47,38 @@ impl Default for ImportOptions {
             private_roads: false,
             cleaning: Vec::new(),
         }
+    }
+}
+
+impl ImportOptions {
+    /// Sets whether service roads are read.
+    #[must_use]
+    pub fn with_service_roads(self, service_roads: bool) -> Self {
+        Self { service_roads, ..self }
+    }
+
+    /// Sets whether aisles of car parks and driveways are read.
+    #[must_use]
+    pub fn with_parking_aisles(self, parking_aisles: bool) -> Self {
+        Self { parking_aisles, ..self }
+    }
+
+    /// Sets whether tracks are read.
+    #[must_use]
+    pub fn with_tracks(self, tracks: bool) -> Self {
+        Self { tracks, ..self }
+    }
+
+    /// Sets whether roads closed to the public are read.
+    #[must_use]
+    pub fn with_private_roads(self, private_roads: bool) -> Self {
+        Self { private_roads, ..self }
+    }
+
+    /// Sets the operations that clean the network after reading.
+    #[must_use]
+    pub fn with_cleaning(self, cleaning: Vec<Cleaning>) -> Self {
+        Self { cleaning, ..self }
     }
 }
 

@@ -1,5 +1,5 @@
-//! Learning of the model from unlabelled drives, by expectation maximisation (Baum et al. 1970), with
-//! a prior, and a test on held-out drives of whether it pays.
+//! Learning of the model from unlabelled drives, by expectation maximisation (Baum et al. 1970),
+//! with a prior, and a test on held-out drives of whether it pays.
 //!
 //! The E step counts expected events of drives. Every parameter but the lasting share and its time
 //! is a mean of expected events over expected opportunities, so the M step is one quotient, and the

@@ -1,5 +1,5 @@
-//! Moves between the states of two steps: the ways along roads that they take, and their weights from
-//! the time and the distance between the points.
+//! Moves between the states of two steps: the ways along roads that they take, and their weights
+//! from the time and the distance between the points.
 //!
 //! Only the cheapest way between two states counts, with U-turns and choices at junctions priced as
 //! the detours that are as improbable. It has one of three shapes ([`WayKind`]): along one edge, by
@@ -7,8 +7,8 @@
 //!
 //! A weight is the likelihood of what was measured between the two points: evidence on moves in the
 //! sense of section 2 of the guide's formulas, so weights are not normalised over the moves out of
-//! a state. Densities of distances are relative to an even one over [`Interval::even_width`] metres. All
-//! hypotheses (stationary, moving, in a queue, off the road) are densities of the same
+//! a state. Densities of distances are relative to an even one over [`Interval::even_width`]
+//! metres. All hypotheses (stationary, moving, in a queue, off the road) are densities of the same
 //! displacement, so none of them wins merely by paying for less.
 
 use super::candidates::{Candidate, deviation, metres_between, share_below, usual_deviation};
@@ -114,8 +114,8 @@ struct Distance {
 }
 
 impl Interval {
-    /// Interval between two points; `p_stationary` is the probability that the vehicle was stationary
-    /// before, `rough` that its receiver is rough.
+    /// Interval between two points; `p_stationary` is the probability that the vehicle was
+    /// stationary before, `rough` that its receiver is rough.
     pub(super) fn new<P: Coordinates>(
         model: &MatchModel,
         before: &TracePoint<P>,
@@ -141,8 +141,8 @@ impl Interval {
         let receiver = Receiver::new(model, usual);
         let [held, moving] = [HELD, 1.0].map(|share| receiver.changes(share * (1.0 - kept)));
         let squared = metres * metres;
-        // Gaussian in two dimensions without its factor 1 / 2π, which `p_stationary` leaves out of both
-        // hypotheses.
+        // Gaussian in two dimensions without its factor 1 / 2π, which `p_stationary` leaves out of
+        // both hypotheses.
         let density = |variance: f64| (-0.5 * squared / variance).exp() / variance;
         let fine = (1.0 - UNSTEADY) * density(held[0]) + UNSTEADY * density(moving[1]);
         let stationary_density = (1.0 - rough) * fine + rough * density(held[ROUGH_AT]);

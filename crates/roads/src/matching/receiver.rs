@@ -1,5 +1,5 @@
-//! Errors of a receiver, the kinds of its reception, and the joint Gaussian of a state's place along
-//! its road and of these errors.
+//! Errors of a receiver, the kinds of its reception, and the joint Gaussian of a state's place
+//! along its road and of these errors.
 //!
 //! An error is a slowly moving offset and white noise: y = x + o + w. In each direction of the
 //! plane, o is a Gauss–Markov process with the variance ρσ², of which the share κ = e^(−Δ/τ) is

@@ -8,8 +8,8 @@
 //! The first is a Kalman update (Kalman, 1960), kept for each reception by [`Across`]. Let C be the
 //! covariance of o, c that of x and o, and v = n'C n + var w the variance of the distance across,
 //! whose innovation is z metres; its density is Gaussian with variance v. Then o moves by C n z / v
-//! and x by c'n z / v, a variance such as t'C t becomes t'C t − (t'C n)² / v, and that of x + t · o,
-//! var x + 2 c't + t'C t − (c'n + t'C n)² / v. [`Sighting::fit`] needs only these numbers, which
+//! and x by c'n z / v, a variance such as t'C t becomes t'C t − (t'C n)² / v, and that of x + t ·
+//! o, var x + 2 c't + t'C t − (c'n + t'C n)² / v. [`Sighting::fit`] needs only these numbers, which
 //! saves copying the place for every move into a state; [`Sighting::across`] updates all of it, for
 //! the moves that count.
 
@@ -244,8 +244,8 @@ impl Ahead {
         Self { shares, metres, variances }
     }
 
-    /// Density of the distance of a stationary vehicle, whose displacement is `stationary_ratio` times as
-    /// probable as under each reception's own changes of the error.
+    /// Density of the distance of a stationary vehicle, whose displacement is `stationary_ratio`
+    /// times as probable as under each reception's own changes of the error.
     pub(super) fn stationary_density(&self, stationary_ratio: ByReception) -> f64 {
         let mut squares = self.variances;
         for (square, metres) in squares.iter_mut().zip(self.metres) {

@@ -6,8 +6,8 @@
 //! guide's formulas) exactly.
 //!
 //! What is stored of a vehicle may have been changed, so every number is checked as it is read:
-//! ranges of the state, means and covariances, probabilities that sum to one, and a trellis that can
-//! be smoothed.
+//! ranges of the state, means and covariances, probabilities that sum to one, and a trellis that
+//! can be smoothed.
 
 use super::answer::{RoadAnswer, Stretches, credible, edges};
 use super::candidates::{Candidate, deviation};

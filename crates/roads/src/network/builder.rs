@@ -97,9 +97,9 @@ impl<P: Coordinates> NetworkBuilder<P> {
     /// # Errors
     ///
     /// [`MapError::UnknownPlace`] for a node that was not added, [`MapError::Coordinate`] for a
-    /// point that is not on Earth (or in the plane), [`NetworkError::Length`] for a length that is not
-    /// above 0 or is above 1e12, and [`NetworkError::Speed`] for a speed that is not above 0 or is
-    /// above 1e9.
+    /// point that is not on Earth (or in the plane), [`NetworkError::Length`] for a length that is
+    /// not above 0 or is above 1e12, and [`NetworkError::Speed`] for a speed that is not above 0 or
+    /// is above 1e9.
     pub fn edge(
         &mut self,
         from: u64,
@@ -274,10 +274,11 @@ impl<P> RoadNetwork<P> {
 /// use wayfix_roads::EdgeOptions;
 /// use wayfix::map::{Position, RoadClass};
 ///
-/// let options: EdgeOptions<Position> = EdgeOptions { metres: Some(120.0), ..EdgeOptions::of(RoadClass::Street) };
+/// let options: EdgeOptions<Position> = EdgeOptions::of(RoadClass::Street).with_metres(120.0);
 /// assert!(options.between.is_empty());
 /// ```
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct EdgeOptions<P = Position> {
     /// Class of the road.
     pub class: RoadClass,
@@ -296,5 +297,29 @@ impl<P> EdgeOptions<P> {
     #[must_use]
     pub fn of(class: RoadClass) -> Self {
         Self { class, metres: None, speed: None, roundabout: false, between: Vec::new() }
+    }
+
+    /// Sets the length in metres; `None` for that of the line.
+    #[must_use]
+    pub fn with_metres(self, metres: impl Into<Option<f64>>) -> Self {
+        Self { metres: metres.into(), ..self }
+    }
+
+    /// Sets the posted speed in metres per second; `None` if it is unknown.
+    #[must_use]
+    pub fn with_speed(self, speed: impl Into<Option<f64>>) -> Self {
+        Self { speed: speed.into(), ..self }
+    }
+
+    /// Makes the edge a part of a roundabout, or not.
+    #[must_use]
+    pub fn with_roundabout(self, roundabout: bool) -> Self {
+        Self { roundabout, ..self }
+    }
+
+    /// Sets the points of the line between the ends.
+    #[must_use]
+    pub fn with_between(self, between: Vec<P>) -> Self {
+        Self { between, ..self }
     }
 }

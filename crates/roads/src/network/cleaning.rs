@@ -1,8 +1,8 @@
 //! Cleaning of a network: cut to a box, largest strongly connected part, dead ends dropped (the
 //! 2-core of the undirected network), each with a report, and sequences of them.
 //!
-//! Every operation maps old nodes to new ones and rebuilds the network from the edges that are left,
-//! with their pairs of directions and forbidden turns. [Contraction](super::contract) and
+//! Every operation maps old nodes to new ones and rebuilds the network from the edges that are
+//! left, with their pairs of directions and forbidden turns. [Contraction](super::contract) and
 //! [merging](super::merge) have files of their own.
 
 use std::fmt;

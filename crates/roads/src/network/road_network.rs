@@ -1,5 +1,5 @@
-//! Directed road networks: places, edges with their lines, and forbidden turns; their nodes as a map,
-//! and consistent flows on them.
+//! Directed road networks: places, edges with their lines, and forbidden turns; their nodes as a
+//! map, and consistent flows on them.
 
 use std::ops::Range;
 

@@ -26,7 +26,7 @@ fn any_network() -> impl Strategy<Value = Network> {
             let [from, to] = [from, to].map(|id| id % nodes.len() as u64);
             let class = if class == 0 { RoadClass::Main } else { RoadClass::Street };
             let metres = Some(at(from).metres_to(at(to)).max(1.0) * stretch);
-            let options = || EdgeOptions { metres, ..EdgeOptions::of(class) };
+            let options = || EdgeOptions::of(class).with_metres(metres);
             let there = builder.edge(from, to, options()).unwrap();
             ends.push((from, to));
             if both {

@@ -2,8 +2,8 @@
 //! operators commute, so the rate of readings does not matter.
 //!
 //! Products take Horner's rule: one product with M for each cell of the distance. All terms are at
-//! least 0, so nothing cancels. Entries are listed by walks over the edges: arrivals leave a heap by
-//! their distance, so that all arrivals at an edge after the same number of cells are added up
+//! least 0, so nothing cancels. Entries are listed by walks over the edges: arrivals leave a heap
+//! by their distance, so that all arrivals at an edge after the same number of cells are added up
 //! before it is left.
 
 use std::cmp::Ordering;

@@ -1,8 +1,8 @@
 //! Sum of short readings, released in whole cells. Metres released and metres kept add up to the
 //! metres read, and so do their variances.
 //!
-//! Cells lost in slips of wheels have a compound Poisson distribution of geometric losses (Pólya and
-//! Aeppli), computed by Panjer's recursion (1981).
+//! Cells lost in slips of wheels have a compound Poisson distribution of geometric losses (Pólya
+//! and Aeppli), computed by Panjer's recursion (1981).
 
 use super::travel::{Travel, check_reading};
 use wayfix::TransitionError;
@@ -103,9 +103,9 @@ impl Odometer {
                 None => Travel::measured(cells, all, &[1.0])?,
                 Some(slips) => {
                     let lost = slips.loss_distribution(cells * self.cell, self.cell);
-                    // `CELLS_ROUNDED_TOGETHER` cells are rounded at once, and a release of n cells counts as n /
-                    // CELLS_ROUNDED_TOGETHER of them: the sum is the same whether cells are released together or
-                    // one by one.
+                    // `CELLS_ROUNDED_TOGETHER` cells are rounded at once, and a release of n cells
+                    // counts as n / CELLS_ROUNDED_TOGETHER of them: the sum is the same whether
+                    // cells are released together or one by one.
                     let all = cells / CELLS_ROUNDED_TOGETHER
                         * cell_change_variance(CELLS_ROUNDED_TOGETHER * all / cells);
                     Travel::measured(cells, all, &lost)?

@@ -265,8 +265,8 @@ impl EdgeTurns {
     ///
     /// # Errors
     ///
-    /// [`NetworkError`] for invalid counts, if there is no consistent flow, or if it cannot pass the
-    /// turns with weights above 0 at some node.
+    /// [`NetworkError`] for invalid counts, if there is no consistent flow, or if it cannot pass
+    /// the turns with weights above 0 at some node.
     pub fn fit_traffic<P>(
         network: &RoadNetwork<P>,
         counts: &[f64],

@@ -142,8 +142,8 @@ impl WheelTransition {
     }
 
     /// Returns a belief over cells as one over states, with the scales by their
-    /// [shares](Self::shares): to start from, or to [restart](wayfix::transition::RestartTransition)
-    /// from.
+    /// [shares](Self::shares): to start from, or to
+    /// [restart](wayfix::transition::RestartTransition) from.
     ///
     /// # Errors
     ///

@@ -53,8 +53,8 @@ impl RoadNetwork {
     ///
     /// [`NetworkError::Block`] with file, block and byte for a file that is not an extract, is
     /// truncated or damaged, or requires unsupported features (history), and for a node not on
-    /// Earth; [`NetworkError::Read`] if the file can't be opened; [`NetworkError::Map`] if no road is
-    /// left; and those of [`cleaned`](Self::cleaned).
+    /// Earth; [`NetworkError::Read`] if the file can't be opened; [`NetworkError::Map`] if no road
+    /// is left; and those of [`cleaned`](Self::cleaned).
     pub fn from_osm_file(
         path: impl AsRef<Path>,
         options: &ImportOptions,

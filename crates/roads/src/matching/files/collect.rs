@@ -11,8 +11,8 @@ use std::fmt;
 use crate::matching::TracePoint;
 use wayfix::internal::excerpt;
 
-/// Drive read from a file. [`Matcher::learn`](crate::matching::Matcher::learn) takes it as it is, and
-/// [`Matcher::match_drive`](crate::matching::Matcher::match_drive) its `points`.
+/// Drive read from a file. [`Matcher::learn`](crate::matching::Matcher::learn) takes it as it is,
+/// and [`Matcher::match_drive`](crate::matching::Matcher::match_drive) its `points`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trace {
     /// Name of the drive in the file.

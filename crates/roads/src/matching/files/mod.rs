@@ -39,11 +39,11 @@ use wayfix::internal::open;
 ///
 /// # Errors
 ///
-/// [`NetworkError::Read`] if the file cannot be opened or read, or the feature for its format (`csv`,
-/// `gpx`, `geojson`) is not enabled; otherwise [`NetworkError::Line`] with file and line, or
-/// [`NetworkError::Feature`] with the feature of GeoJSON, for a missing column, attribute or property,
-/// a value that cannot be parsed or is out of range, a drive whose points are not contiguous or
-/// mostly go back in time, text not in the format, and a file without points.
+/// [`NetworkError::Read`] if the file cannot be opened or read, or the feature for its format
+/// (`csv`, `gpx`, `geojson`) is not enabled; otherwise [`NetworkError::Line`] with file and line,
+/// or [`NetworkError::Feature`] with the feature of GeoJSON, for a missing column, attribute or
+/// property, a value that cannot be parsed or is out of range, a drive whose points are not
+/// contiguous or mostly go back in time, text not in the format, and a file without points.
 pub fn read_traces(path: impl AsRef<Path>) -> Result<(Vec<Trace>, TraceReport), NetworkError> {
     let (name, file) = open(path.as_ref())?;
     read_traces_from(&name, file)

@@ -11,8 +11,8 @@
 //! **Bounds.** From a node, the routes whose next word is w have at most the probability B(w), the
 //! sum over arcs without words of p · B'(w) with B' of the arc's end, plus, over the arcs whose
 //! first word is w, the same sum with the best word that may follow. This bounds every route whose
-//! next word is w: each of its paths is in one of the two sums, and the best word that may follow is
-//! at least as probable as the one that the route has next. Paths of one route leave an edge at
+//! next word is w: each of its paths is in one of the two sums, and the best word that may follow
+//! is at least as probable as the one that the route has next. Paths of one route leave an edge at
 //! different points; they are added up before the best word is taken, which keeps the bound tight.
 
 mod lattice;
@@ -265,13 +265,13 @@ const WORDS: usize = 12;
 /// Bounds of all nodes.
 #[derive(Debug, Default)]
 struct RouteBounds {
-    nodes: Vec<Bound>,
+    nodes: Vec<NodeBounds>,
     /// Next words in ascending order, with the excess of their bounds over that for any word.
     excess: Vec<(u32, f64)>,
 }
 
 #[derive(Debug, Clone, Default)]
-struct Bound {
+struct NodeBounds {
     /// Bound for any word that is not listed.
     bound_any: f64,
     best: f64,
@@ -282,7 +282,7 @@ impl RouteBounds {
     /// Computes the bounds of all nodes, from the last to the first. O(arcs).
     fn new(lattice: &Lattice) -> Self {
         let nodes = lattice.states.len();
-        let mut bounds = Self { nodes: vec![Bound::default(); nodes], excess: Vec::new() };
+        let mut bounds = Self { nodes: vec![NodeBounds::default(); nodes], excess: Vec::new() };
         let (mut shares, mut excess) = (Vec::new(), Vec::new());
         // Arcs lead to higher nodes, whose bounds are there already.
         for node in (0..nodes).rev() {
@@ -309,7 +309,7 @@ impl RouteBounds {
             bounds.excess.extend_from_slice(&excess);
             let best = bound_any + most_of(&excess);
             let excess = first..bounds.excess.len() as u32;
-            bounds.nodes[node] = Bound { bound_any, best, excess };
+            bounds.nodes[node] = NodeBounds { bound_any, best, excess };
         }
         bounds
     }

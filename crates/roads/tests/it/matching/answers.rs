@@ -232,8 +232,7 @@ fn lines_of_routes() {
     builder.node(0, at(0.0, 0.0)).unwrap();
     builder.node(1, at(100.0, 0.0)).unwrap();
     let between = vec![at(0.0, 50.0), at(100.0, 50.0)];
-    let options =
-        wayfix_roads::EdgeOptions { between, ..wayfix_roads::EdgeOptions::of(RoadClass::Street) };
+    let options = wayfix_roads::EdgeOptions::of(RoadClass::Street).with_between(between);
     builder.edge(0, 1, options).unwrap();
     let matcher = Matcher::new(builder.build().unwrap());
     let drive = [(0.0, at(1.0, 20.0)), (10.0, at(99.0, 30.0))];

@@ -33,7 +33,7 @@ fn city(west: f64) -> RoadNetwork {
                 at(-17.0 - 1e-3 * row - south, 2.1e-3 * (column + share), west)
             };
             let between = vec![bend(0.3, 1e-4), bend(0.8, -1e-4)];
-            let mut options = EdgeOptions { between, ..EdgeOptions::of(RoadClass::Street) };
+            let mut options = EdgeOptions::of(RoadClass::Street).with_between(between);
             let there = builder.edge(id, id + 1, options.clone()).unwrap();
             options.between.reverse();
             let back = builder.edge(id + 1, id, options).unwrap();

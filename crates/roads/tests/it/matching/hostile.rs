@@ -141,13 +141,13 @@ fn lengths_and_speeds_of_networks_are_bounded() {
     };
     let options = EdgeOptions::of(RoadClass::Main);
     for metres in [1.1e12, 1e308, f64::INFINITY] {
-        let error = two().edge(0, 1, EdgeOptions { metres: Some(metres), ..options.clone() });
+        let error = two().edge(0, 1, options.clone().with_metres(metres));
         assert!(
             error.unwrap_err().to_string().ends_with("expected metres above 0 and at most 1e12")
         );
     }
     for speed in [0.0, -1.0, f64::NAN, 1e10] {
-        let error = two().edge(0, 1, EdgeOptions { speed: Some(speed), ..options.clone() });
+        let error = two().edge(0, 1, options.clone().with_speed(speed));
         assert_eq!(
             error.unwrap_err().to_string(),
             format!(
@@ -160,7 +160,7 @@ fn lengths_and_speeds_of_networks_are_bounded() {
     let mut builder = two();
     for (from, to) in [(0, 1), (1, 2)] {
         let metres = Some(1e12);
-        builder.edge(from, to, EdgeOptions { metres, ..options.clone() }).unwrap();
+        builder.edge(from, to, options.clone().with_metres(metres)).unwrap();
     }
     let (network, _): (Network, _) = builder.build().unwrap().contracted();
     assert_eq!(network.edges()[0].metres, 2e12);

@@ -317,7 +317,7 @@ fn an_empty_box_is_an_error() {
     let corners =
         [Position { latitude: 0.0, longitude: 10.0 }, Position { latitude: 1.0, longitude: 11.0 }];
     let cleaning = vec![Cleaning::Within(corners)];
-    let options = ImportOptions { cleaning, ..ImportOptions::default() };
+    let options = ImportOptions::default().with_cleaning(cleaning);
     says(
         RoadNetwork::from_csv(NODES.as_bytes(), &b"from,to\n1,2\n"[..], &options),
         "no node lies in the box of latitude 0 to 1 and longitude 10 to 11; all lie in latitude \
