@@ -131,6 +131,7 @@ impl<'d> Displacement<'d> {
     }
 
     /// Parameters seen, if the displacement is by nothing.
+    #[must_use]
     pub fn into_seen(self) -> Vec<Seen> {
         self.recorded
     }

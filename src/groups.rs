@@ -92,6 +92,7 @@ impl Groups {
 
     /// Creates a grouping from groups that are known to be numbered without gaps.
     #[doc(hidden)]
+    #[must_use]
     pub fn numbered(of: Vec<usize>, count: usize) -> Self {
         // A counting sort, stable, so that the states of a group ascend.
         let mut ends = vec![0; count];

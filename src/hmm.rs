@@ -88,6 +88,7 @@ impl Prior {
 
     /// Returns another distribution under the same convention.
     #[doc(hidden)]
+    #[must_use]
     pub fn with_belief(&self, belief: Belief) -> Self {
         match self {
             Self::BeforeFirstTransition(_) => Self::BeforeFirstTransition(belief),
@@ -192,6 +193,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     }
 
     #[doc(hidden)]
+    #[must_use]
     pub fn rounding_tails(self, rounds_tails: bool) -> Self {
         Self { rounds_tails, ..self }
     }

@@ -22,6 +22,7 @@ pub use hmm::HmmError;
 pub use inference::InferenceError;
 pub use learn::{LearnError, SequenceError};
 pub use likelihood::LikelihoodError;
+#[doc(hidden)]
 pub use payload::Number;
 pub use payload::{At, Count, Disagreement, Failed, Parameter};
 pub use snapshot::SnapshotError;

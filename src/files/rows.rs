@@ -32,6 +32,8 @@ pub struct Row<'a> {
 
 impl Row<'_> {
     /// Number of fields.
+    #[must_use]
+    #[expect(clippy::len_without_is_empty, reason = "a row has at least one field")]
     pub fn len(&self) -> usize {
         self.record.len()
     }
@@ -49,11 +51,13 @@ impl Row<'_> {
     }
 
     /// True if the file has a column.
+    #[must_use]
     pub fn has(&self, column: usize) -> bool {
         self.columns[column].is_some()
     }
 
     /// Text of a column, empty if the file does not have it.
+    #[must_use]
     pub fn text(&self, column: usize) -> &str {
         self.columns[column].and_then(|place| self.record.get(place)).unwrap_or_default().trim()
     }
@@ -71,6 +75,7 @@ impl Row<'_> {
     }
 
     /// Describes an unexpected field.
+    #[must_use]
     pub fn unexpected(&self, column: usize, expected: &str) -> String {
         let found = excerpt(self.text(column));
         format!("{} is {found:?}, expected {expected}", self.names[column])

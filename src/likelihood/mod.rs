@@ -44,11 +44,13 @@ pub use diagonal::Diagonal;
 pub(crate) use diagonal::Values;
 pub use function::LogLikelihoodFn;
 pub use fused::FusedLikelihood;
+#[doc(hidden)]
 pub use fused::product_of;
 pub use grouped::GroupedLikelihood;
 pub use learn::LearnLikelihood;
 pub use local::LocalLikelihood;
 pub(crate) use local::check_local;
+#[doc(hidden)]
 pub use maximize::shares;
 pub use next::SampleNext;
 pub use optional::OptionalLikelihood;

@@ -21,7 +21,7 @@ pub(crate) struct Jumps<A> {
     pub(crate) move_probability: f64,
     /// Probability of a jump to each state, r, and its logarithms.
     pub(crate) jump_probabilities: Vec<f64>,
-    pub(crate) log2_jumps: Vec<f64>,
+    pub(crate) log2_jump_probabilities: Vec<f64>,
     /// ln p(u) at a jump; if `None`, the log factor that the inner operator takes out.
     pub(crate) evidence: Option<f64>,
 }
@@ -30,8 +30,14 @@ impl<A: Transition> Jumps<A> {
     /// Adds jumps to the moves of an operator. The caller has checked the probabilities, and that
     /// there is one for each state.
     pub(crate) fn new(inner: A, move_probability: f64, jump_probabilities: Vec<f64>) -> Self {
-        let log2_jumps = jump_probabilities.iter().map(|&p| log2(p)).collect();
-        Self { inner, move_probability, jump_probabilities, log2_jumps, evidence: None }
+        let log2_jump_probabilities = jump_probabilities.iter().map(|&p| log2(p)).collect();
+        Self {
+            inner,
+            move_probability,
+            jump_probabilities,
+            log2_jump_probabilities,
+            evidence: None,
+        }
     }
 
     /// The same jumps beside another operator.

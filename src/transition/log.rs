@@ -118,6 +118,7 @@ pub fn sum(entries: impl Iterator<Item = (usize, f64)> + Clone, x: &[f64]) -> f6
 }
 
 /// Natural logarithm of e^a + e^b; NaN if one of them is.
+#[must_use]
 pub fn add(a: f64, b: f64) -> f64 {
     // A NaN in a fails the comparison and becomes `low`; in b it becomes `high`. Both propagate.
     let (high, low) = if a > b { (a, b) } else { (b, a) };
@@ -126,6 +127,7 @@ pub fn add(a: f64, b: f64) -> f64 {
 }
 
 /// Base-2 logarithm of 2^a + 2^b, rounded to a multiple of 2^-45 as scores of decoders are.
+#[must_use]
 pub fn add_log2(a: f64, b: f64) -> f64 {
     let (high, low) = if a > b { (a, b) } else { (b, a) };
     if low == f64::NEG_INFINITY { high } else { high + log2(1.0 + (low - high).exp2()) }

@@ -30,6 +30,8 @@
 //! Wrappers take any operator, or require [`TransitionEntries`] where they need single entries.
 //! Inference has faster loops for [`Stored`] matrices.
 
+#[doc(hidden)]
+#[allow(missing_docs, reason = "hidden: what the sibling crates share has no promise")]
 pub mod buffers;
 pub(crate) mod check;
 mod compressed;
@@ -43,6 +45,7 @@ mod jump;
 pub mod kit;
 mod kronecker;
 mod learn;
+#[doc(hidden)]
 pub mod log;
 mod maximize;
 mod measured;
@@ -62,6 +65,7 @@ mod window;
 
 use check::check_columns;
 pub(crate) use check::{check_count, check_probability, check_slices, check_sum};
+#[doc(hidden)]
 pub use compressed::Compressed;
 pub use constrained::ConstrainedTransition;
 pub use dense::DenseTransition;
@@ -84,5 +88,6 @@ pub(crate) use stationary::{Stationary, stationary_control};
 pub use stored::Stored;
 pub use switched::SwitchedTransition;
 pub(crate) use validate::validate;
+#[doc(hidden)]
 pub use validate::{refuse_evidence, validate_with};
 pub use window::WindowTransition;

@@ -173,7 +173,7 @@ impl<A: TransitionEntries> TransitionEntries for RestartTransition<A> {
         let measured = jumps.inner.evidence(control).is_some();
         let sums = (!measured).then(|| self.incoming(control, to).map(|(j, p)| (j, log2(p))));
         let logs = measured.then(|| {
-            let restart = jumps.log2_jumps[to] + jumps.log2_factor(control);
+            let restart = jumps.log2_jump_probabilities[to] + jumps.log2_factor(control);
             let restarts = self.origins(to).map(move |j| (j, restart));
             merge(jumps.scaled_log2(jumps.inner.incoming_log2(control, to)), restarts, add_log2)
         });
@@ -190,7 +190,8 @@ impl<A: TransitionEntries> TransitionEntries for RestartTransition<A> {
         let sums = (!measured).then(|| self.outgoing(control, from).map(|(i, p)| (i, log2(p))));
         let logs = measured.then(|| {
             let factor = jumps.log2_factor(control);
-            let restarts = jumps.targets().map(move |(i, _)| (i, jumps.log2_jumps[i] + factor));
+            let restarts =
+                jumps.targets().map(move |(i, _)| (i, jumps.log2_jump_probabilities[i] + factor));
             merge(jumps.scaled_log2(jumps.inner.outgoing_log2(control, from)), restarts, add_log2)
         });
         sums.into_iter().flatten().chain(logs.into_iter().flatten())
@@ -206,11 +207,12 @@ impl<A: TransitionEntries> TransitionEntries for RestartTransition<A> {
         // the state at ε r_i as well changes no maximum, and if the offer ties, so does the entry.
         // Hence the first of all best states, and those with an entry, are enough: O(entries + n).
         let (most, first) = best_of((0..).zip(x.iter().map(|_| 0.0)), x);
-        let Jumps { inner, move_probability, jump_probabilities, log2_jumps, .. } = &self.jumps;
+        let Jumps { inner, move_probability, jump_probabilities, log2_jump_probabilities, .. } =
+            &self.jumps;
         let measured = inner.evidence(control).is_some();
         let (log2_keep, factor) = (log2(*move_probability), self.jumps.log2_factor(control));
         for (i, (out, from)) in out.iter_mut().zip(from).enumerate() {
-            let restart = log2_jumps[i] + factor;
+            let restart = log2_jump_probabilities[i] + factor;
             let mut best = (restart + most, first);
             // `first` need not be the lowest, so a tie compares the states, too.
             let mut offer = |value: f64, j: usize| {
@@ -261,7 +263,7 @@ impl<A: LearnTransition> LearnTransition for RestartTransition<A> {
     fn restart_log2(&self, control: &A::Control, to: usize) -> f64 {
         // The inner operator may restart, too: those restarts are kept with probability 1 − ε.
         let within = log2(self.jumps.move_probability) + self.jumps.inner.restart_log2(control, to);
-        add_log2(self.jumps.log2_jumps[to] + self.jumps.log2_factor(control), within)
+        add_log2(self.jumps.log2_jump_probabilities[to] + self.jumps.log2_factor(control), within)
     }
 
     fn maximize(

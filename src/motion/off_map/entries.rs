@@ -79,7 +79,7 @@ impl<A: TransitionEntries> TransitionEntries for OffMapTransition<A> {
         let (inner, log2_off) = (&self.jumps.inner, self.jumps.log2_factor(control));
         let moves = (from < self.off_map_state()).then(|| inner.outgoing_log2(control, from));
         let moves = self.jumps.scaled_log2(moves.into_iter().flatten());
-        let returns = move |i: usize| self.jumps.log2_jumps[i] + log2_off;
+        let returns = move |i: usize| self.jumps.log2_jump_probabilities[i] + log2_off;
         self.column(from, moves, returns, move |p| log2(p) + log2_off, f64::NEG_INFINITY)
     }
 
@@ -100,7 +100,7 @@ impl<A: TransitionEntries> TransitionEntries for OffMapTransition<A> {
         let log2_off = self.jumps.log2_factor(control);
         let leave = log2(self.leave) + log2_off;
         (out[n], from[n]) = best_of((0..n as u32).map(|j| (j, leave)), x);
-        let returns = self.jumps.log2_jumps.iter().copied().chain([log2(self.stay)]);
+        let returns = self.jumps.log2_jump_probabilities.iter().copied().chain([log2(self.stay)]);
         for ((out, from), log2) in out.iter_mut().zip(from).zip(returns) {
             let value = (log2 + log2_off) + x[n];
             if value > *out {
