@@ -367,8 +367,7 @@ fn an_operator_learns_from_moves_by_two_methods() {
     let own = Halves(Own(rows.iter().map(|row| row.to_vec()).collect()));
     kit::check(&own, &()).unwrap();
     let stored = SparseTransition::from_rows(&rows).unwrap();
-    let mut options = wayfix::inference::LearningOptions::default();
-    options.transition_pseudo_count = 0.5;
+    let options = wayfix::inference::LearningOptions::default().with_transition_pseudo_count(0.5);
     let ys = [[0, 0, 1, 1, 0, 1, 1, 1, 0, 0, 0, 1]];
     let found = Hmm::new(prior(), own, sensor()).unwrap().learn(&ys, &options).unwrap();
     let expected = Hmm::new(prior(), stored, sensor()).unwrap().learn(&ys, &options).unwrap();
