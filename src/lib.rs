@@ -89,7 +89,7 @@
 //! | `matching` | positions of vehicles on road networks, live and afterwards (feature `matching`) |
 //! | [`evaluate`] | recall, precision, calibration and other scores |
 //! | `canberra` | the paper's instance with 105 intersections, built from public items only (feature `canberra`) |
-//! | [`guide`] | chapters: [which routine](guide::routines), [formulas](guide::formulas), [performance](guide::performance), [from descriptors to a position](guide::from_descriptors), from GPS points to a route (`from_gps`, feature `matching`), [a lost robot on a grid](guide::lost_robot), [labels of all steps or of some](guide::labels), [silent states](guide::silent_states), [from hmmlearn](guide::from_hmmlearn), [from dynamax](guide::from_dynamax), [from depmixS4, momentuHMM and others of R](guide::from_depmixs4_and_momentuhmm) |
+//! | [`guide`] | chapters: [which routine](guide::routines), [formulas](guide::formulas), [performance](guide::performance), [from descriptors to a position](guide::from_descriptors), from GPS points to a route (`from_gps`, feature `matching`), [a lost robot on a grid](guide::lost_robot), [labels of all steps or of some](guide::labels), [silent states](guide::silent_states), [from dynamax](guide::from_dynamax), [from depmixS4, momentuHMM and others of R](guide::from_depmixs4_and_momentuhmm) |
 //!
 //! You can also implement [`Transition`] or [`Likelihood`] yourself: each has an example of a
 //! dozen lines; [`with_scratch`](transition::with_scratch) lends an operator memory. With

@@ -8,9 +8,6 @@ pub mod routines {}
 #[doc = include_str!("formulas.md")]
 pub mod formulas {}
 
-#[doc = include_str!("from_hmmlearn.md")]
-pub mod from_hmmlearn {}
-
 #[doc = include_str!("from_dynamax.md")]
 pub mod from_dynamax {}
 

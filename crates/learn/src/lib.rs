@@ -89,10 +89,11 @@
 //! - General linear constraints and bounds on parameters.
 //! - Formulas, factors and plots: inputs are columns of numbers.
 //!
-//! The [chapter for users of R](guide::from_depmixs4_and_momentuhmm) has the names of depmixS4,
-//! momentuHMM and other packages, two of their models, and the conventions that differ. In terms of
-//! the [formulas](wayfix::guide::formulas), a family is the b_i(y) of section 1, and learning it is
-//! the M step of section 9.
+//! The [guide] has the names of [hmmlearn](guide::from_hmmlearn) and of [depmixS4, momentuHMM and
+//! others of R](guide::from_depmixs4_and_momentuhmm) with the conventions that differ, and a chapter
+//! on [rows with labels](guide::labels) at some steps. In terms of the
+//! [formulas](wayfix::guide::formulas), a family is the b_i(y) of section 1, and learning it is the
+//! M step of section 9.
 //!
 //! # Crate features
 //!
