@@ -1,8 +1,8 @@
 //! Learning the shares and the changes of speeds from labelled moves: Baum-Welch in a model whose
-//! states are speeds alone, with Σ_v q(v) w(m, v) as the likelihood of a move m (guide, section 10,
+//! states are speeds alone, with Σ_v q(v) w(m, v) as the likelihood of a move m (`guide::formulas`,
 //! Route). Priors keep every speed and every change possible.
 
-use super::Speeds;
+use super::speeds::{Speeds, Window};
 use wayfix::Belief;
 use wayfix::DenseTransition;
 use wayfix::InferenceError;
@@ -66,12 +66,12 @@ impl Speeds {
     fn fit_changes<M: AsRef<[f64]>>(&self, drives: &[M]) -> (Self, f64) {
         let moves =
             |drive: &M| drive.as_ref().iter().map(|moved| self.likelihoods(*moved)).collect();
-        let seen: Vec<Vec<Vec<f64>>> = drives.iter().map(moves).collect();
+        let move_likelihoods: Vec<Vec<Vec<f64>>> = drives.iter().map(moves).collect();
         let (mut learned, mut log) = (self.clone(), 0.0);
         for _ in 0..ROUNDS {
             // No error is expected: the model is valid, and no step's likelihoods are all 0. Should
             // one arise after all, the last valid estimate stands.
-            match learned.relearned(self, &seen) {
+            match learned.em_round(self, &move_likelihoods) {
                 Ok(next) => (learned, log) = next,
                 Err(_) => break,
             }
@@ -83,7 +83,7 @@ impl Speeds {
     /// numbers it is interpolated.
     fn likelihoods(&self, places: f64) -> Vec<f64> {
         let share = places - places.floor();
-        let of = |window: &super::speeds::Window| {
+        let of = |window: &Window| {
             let weight = |places: f64| {
                 let at = places - window.first as f64;
                 let inside = (0.0..window.weights.len() as f64).contains(&at);
@@ -103,10 +103,10 @@ impl Speeds {
 
     /// A round of expectation and maximisation from `self`, with the prior counts of `before`; also
     /// returns the log-likelihood of `self`.
-    fn relearned(
+    fn em_round(
         &self,
         before: &Self,
-        seen: &[Vec<Vec<f64>>],
+        move_likelihoods: &[Vec<Vec<f64>>],
     ) -> Result<(Self, f64), InferenceError> {
         let k = self.values().len();
         let failed = |cause| InferenceError::control(0, cause);
@@ -124,12 +124,12 @@ impl Speeds {
         // of a Dirichlet prior centred at `before`.
         let ((mut nearby, mut anywhere), mut steps) = (before.changes(), CHANGE_COUNT);
         (nearby, anywhere) = (nearby * steps, anywhere * steps);
-        let mut used: Vec<f64> = before.shares().iter().map(|p| p * SHARE_COUNT).collect();
-        for drive in seen.iter().filter(|drive| !drive.is_empty()) {
+        let mut share_counts: Vec<f64> = before.shares().iter().map(|p| p * SHARE_COUNT).collect();
+        for drive in move_likelihoods.iter().filter(|drive| !drive.is_empty()) {
             let smoothing = hmm.smooth(drive)?;
             log += smoothing.log_likelihood();
             for belief in smoothing.posteriors().iter() {
-                used.iter_mut().zip(belief.as_slice()).for_each(|(used, p)| *used += p);
+                share_counts.iter_mut().zip(belief.as_slice()).for_each(|(count, p)| *count += p);
             }
             for moved in hmm.expected_moves(drive)?.moves() {
                 // The weights of a step's moves sum to one, so `steps` counts steps. A change to
@@ -143,10 +143,10 @@ impl Speeds {
                 }
             }
         }
-        let sum: f64 = used.iter().sum();
-        used.iter_mut().for_each(|used| *used /= sum);
+        let sum: f64 = share_counts.iter().sum();
+        share_counts.iter_mut().for_each(|count| *count /= sum);
         let learned = self.clone().with_changes(nearby / steps, anywhere / steps);
-        Ok((learned.and_then(|learned| learned.with_shares(&used)).map_err(failed)?, log))
+        Ok((learned.and_then(|learned| learned.with_shares(&share_counts)).map_err(failed)?, log))
     }
 }
 

@@ -1,25 +1,28 @@
-//! Places that windows reach along a route. On an open one, moves beyond an end stop there; around
-//! a loop, several moves of a long window may join the same two places, and their weights add up.
+//! Places along a route, and loops along them. On an open route, moves beyond an end stop there;
+//! around a loop, several moves of a long window may join the same two places, and their weights
+//! add up. Moves of one size shift a vector, so that sums over moves are linear combinations of
+//! shifted vectors, four of them in a pass; a stencil lists the shifts.
 
 use std::iter::Chain;
 use std::ops::Range;
 
-use super::RouteTransition;
-use super::moves::{add_combined, combine};
 use wayfix::internal::buffers;
-use wayfix_kernels as kernels;
+use wayfix_kernels::{self as kernels, Eight, LANES, Simd, WithSimd, run};
+
+/// Number of shifted vectors added in one pass.
+pub(super) const TERMS: usize = 4;
 
 /// Places in up to two ranges, ascending: a window on a closed route may wrap around.
 pub(super) type Places = Chain<Range<usize>, Range<usize>>;
 
 /// The shape of a route.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Line {
+pub(super) struct RouteShape {
     pub(super) places: usize,
     pub(super) closed: bool,
 }
 
-impl Line {
+impl RouteShape {
     /// Places reached by a range of moves; on an open route, moves beyond an end stop there.
     pub(super) fn targets(self, moves: (isize, isize), from: usize) -> Places {
         let from = from.cast_signed();
@@ -143,7 +146,7 @@ impl Line {
             // from `size` up.
             while done < width {
                 if width & size != 0 {
-                    add_combined(out, &[(1.0, &sums[done..done + n])]);
+                    add_linear_combination(out, &[(1.0, &sums[done..done + n])]);
                     done += size;
                 }
                 if done < width {
@@ -151,46 +154,16 @@ impl Line {
                     // Two neighbouring sums make one of twice the size. Near the end, sums that
                     // would reach beyond the padding are cut; no window reads them, since
                     // done + size ≤ width.
-                    combine(&mut next[..count], &[(1.0, &sums[..count]), (1.0, &sums[size..])]);
+                    set_linear_combination(
+                        &mut next[..count],
+                        &[(1.0, &sums[..count]), (1.0, &sums[size..])],
+                    );
                     next[count..].fill(0.0);
                     std::mem::swap(&mut sums, &mut next);
                     size *= 2;
                 }
             }
         });
-    }
-}
-
-impl RouteTransition {
-    /// The first and the last move of a speed.
-    pub(super) fn span_of(&self, speed: usize) -> (isize, isize) {
-        let window = &self.speeds.windows[speed];
-        (window.first, window.last())
-    }
-
-    /// Bound on the moves of all speeds, rounded up to a multiple of eight, so that blocks padded
-    /// by as many places stay aligned to vectors.
-    pub(super) fn reach(&self) -> usize {
-        let windows = self.speeds.windows.iter();
-        let reach = windows.map(|window| window.last().max(-window.first));
-        reach.max().unwrap_or(0).max(0).cast_unsigned().next_multiple_of(8)
-    }
-
-    /// Weight, at a speed with the weights `window`, of going from one place to another, summed
-    /// over all moves that join them.
-    pub(super) fn move_weight(&self, speed: usize, window: &[f64], from: usize, to: usize) -> f64 {
-        let Line { places, closed } = self.line;
-        let at = to.cast_signed() - from.cast_signed() - self.speeds.windows[speed].first;
-        if closed {
-            // Moves that differ by whole laps lead to the same place.
-            let at = at.rem_euclid(places.cast_signed()).cast_unsigned();
-            return window.iter().skip(at).step_by(places).sum();
-        }
-        let cut = |at: isize| at.max(0).cast_unsigned().min(window.len());
-        // An end also takes the weights of all moves beyond it.
-        let start = if to == 0 { 0 } else { cut(at) };
-        let end = if to + 1 == places { window.len() } else { cut(at + 1) };
-        window[start..end].iter().sum()
     }
 }
 
@@ -233,15 +206,15 @@ pub(super) enum Direction {
 
 impl Stencil {
     /// Builds the stencil of `count` moves, the first of which is `first`.
-    pub(super) fn new(line: Line, first: isize, count: usize, direction: Direction) -> Self {
+    pub(super) fn new(shape: RouteShape, first: isize, count: usize, direction: Direction) -> Self {
         let mut runs: Vec<Run> = Vec::new();
-        for place in 0..line.places {
+        for place in 0..shape.places {
             let mut taps = Vec::new();
             for (weight, m) in (0..count).zip(first..) {
                 let shift = if direction == Direction::Into { -m } else { m };
-                let Some(other) = line.moved(place, shift) else { continue };
+                let Some(other) = shape.moved(place, shift) else { continue };
                 let to = if direction == Direction::Into { place } else { other };
-                if line.ends().any(|end| end == to) {
+                if shape.ends().any(|end| end == to) {
                     continue;
                 }
                 taps.push(Tap { offset: shift, weight, stays: other == place });
@@ -273,5 +246,74 @@ impl Stencil {
             let taps = run.taps.iter().map(move |tap| (from + tap.offset, tap.weight, tap.stays));
             (start..run.places.end.min(places.end), taps)
         })
+    }
+}
+
+/// Sets `out` to the sum of factors times vectors of its length.
+pub(super) fn set_linear_combination(out: &mut [f64], terms: &[(f64, &[f64])]) {
+    run(LinearCombination { out, terms, accumulate: false });
+}
+
+/// Adds factors times vectors of its length to `out`.
+pub(super) fn add_linear_combination(out: &mut [f64], terms: &[(f64, &[f64])]) {
+    run(LinearCombination { out, terms, accumulate: true });
+}
+
+struct LinearCombination<'a> {
+    out: &'a mut [f64],
+    terms: &'a [(f64, &'a [f64])],
+    /// True to add to what is in `out`.
+    accumulate: bool,
+}
+
+impl WithSimd for LinearCombination<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let Self { out, terms, mut accumulate } = self;
+        let (fours, rest) = terms.as_chunks::<TERMS>();
+        for terms in fours {
+            // Only the first four may overwrite `out`.
+            add(s, out, terms, accumulate);
+            accumulate = true;
+        }
+        match *rest {
+            [a, b, c] => add(s, out, &[a, b, c], accumulate),
+            [a, b] => add(s, out, &[a, b], accumulate),
+            [a] => add(s, out, &[a], accumulate),
+            _ if accumulate => {}
+            _ => out.fill(0.0),
+        }
+    }
+}
+
+#[inline(always)]
+fn add<S: Simd, const C: usize>(
+    s: S,
+    out: &mut [f64],
+    terms: &[(f64, &[f64]); C],
+    accumulate: bool,
+) {
+    let count = out.len();
+    let factors: [S::V; C] = std::array::from_fn(|c| s.splat(terms[c].0));
+    let (outs, out_rest) = out.as_chunks_mut::<LANES>();
+    // Cutting every vector to `outs.len()` lets the compiler drop the bounds checks of the loop.
+    let whole: [&[Eight]; C] =
+        std::array::from_fn(|c| &terms[c].1[..count].as_chunks::<LANES>().0[..outs.len()]);
+    for (number, out) in outs.iter_mut().enumerate() {
+        let mut sum = if accumulate { s.load(out) } else { s.splat(0.0) };
+        for c in 0..C {
+            sum = s.add(sum, s.mul(s.load(&whole[c][number]), factors[c]));
+        }
+        s.store(sum, out);
+    }
+    // The same operations in the same order as in the lanes, so that a place's value does not
+    // depend on where its block ends.
+    for (at, out) in (count - out_rest.len()..).zip(out_rest) {
+        *out = if accumulate { *out } else { 0.0 };
+        for (factor, x) in terms {
+            *out += factor * x[at];
+        }
     }
 }
