@@ -65,7 +65,7 @@ impl LogSum {
 }
 
 /// State of a filter after k steps: plain data that can be kept, compared, sent elsewhere and
-/// restored. A [`Filter`](crate::Filter) dereferences to its state.
+/// restored. The state of a [`Filter`](crate::Filter).
 ///
 /// ```
 /// # use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
