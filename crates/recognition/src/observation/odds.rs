@@ -101,7 +101,7 @@ impl MatchOdds {
     /// Replaces scores of the references by odds to the power of `weight`, within 1e-5 of
     /// [`log_odds`](Self::log_odds).
     pub(crate) fn odds_of(&self, weight: f64, scores: &mut [f64]) {
-        run(Odds { log2_odds: self.log2_odds(), weight: weight as f32, scores });
+        run(ScoresToOdds { log2_odds: self.log2_odds(), weight: weight as f32, scores });
     }
 
     /// log2 of the odds of each score.
@@ -147,13 +147,13 @@ impl Log2Odds {
     }
 }
 
-struct Odds<'a> {
+struct ScoresToOdds<'a> {
     log2_odds: Log2Odds,
     weight: f32,
     scores: &'a mut [f64],
 }
 
-impl WithSimd for Odds<'_> {
+impl WithSimd for ScoresToOdds<'_> {
     type Output = ();
 
     #[inline(always)]
