@@ -2,7 +2,7 @@
 //! right road, and how often all of them together do. The drives are simulated, take ten minutes
 //! and start anywhere within a kilometre.
 //!
-//! Run `cargo run --release --example sensors` for a made-up town, or add `-- --roads FOLDER`.
+//! Run `cargo run --release -p wayfix-roads --example sensors` for a made-up town, or add `-- --roads FOLDER`.
 
 use std::collections::BTreeMap;
 use std::error::Error;

@@ -26,6 +26,7 @@ pub(crate) fn next_step(steps: usize) -> Result<usize, InferenceError> {
 
 /// Compensated sum of many logarithms (Neumaier 1974), so that a million steps do not drift.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct LogSum {
     pub(crate) sum: f64,
     pub(crate) compensation: f64,
