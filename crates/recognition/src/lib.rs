@@ -1,5 +1,5 @@
-//! Visual place recognition along a route: where is the camera on a route of which reference images
-//! are known, with what probability, and is it on the route at all?
+//! Visual place recognition along a route with known reference images: where is the camera, with what
+//! probability, and is it on the route at all?
 //!
 //! You drove a route once and kept an image every few metres, each as a descriptor: a vector by a
 //! network, a histogram of gradients, or the pixels of a small image. Now a camera passes again, at
