@@ -68,14 +68,13 @@ impl Case {
     fn learning(&self, iterations: usize) -> LearningOptions {
         let [prior_pseudo_count, transition_pseudo_count, likelihood_pseudo_count] =
             self.pseudo_counts;
-        LearningOptions {
-            iterations,
-            tolerance: 0.0,
-            keep_prior: false,
-            prior_pseudo_count,
-            transition_pseudo_count,
-            likelihood_pseudo_count,
-        }
+        LearningOptions::default()
+            .with_iterations(iterations)
+            .with_tolerance(0.0)
+            .with_keep_prior(false)
+            .with_prior_pseudo_count(prior_pseudo_count)
+            .with_transition_pseudo_count(transition_pseudo_count)
+            .with_likelihood_pseudo_count(likelihood_pseudo_count)
     }
 
     fn hmm<A: LearnTransition<Control = usize>>(&self, transition: A) -> Hmm<A, Sensor> {
@@ -304,7 +303,7 @@ proptest! {
         let mut tied_case = case.clone();
         for (matrix, tied) in tied_case.model.matrices.iter_mut().zip(&tied) {
             for (to, row) in matrix.iter_mut().enumerate() {
-                row.iter_mut().enumerate().for_each(|(from, p)| *p = tied.get(to, from));
+                row.iter_mut().enumerate().for_each(|(from, p)| *p = tied.inner().get(to, from));
             }
         }
         let counts = tied_case.count();
@@ -372,9 +371,9 @@ proptest! {
             for (to, row) in matrix.iter_mut().enumerate() {
                 row.iter_mut().enumerate().for_each(|(from, p)| {
                     if is_fixed(from, to) {
-                        assert_eq!(*p, a.get(to, from));
+                        assert_eq!(*p, a.inner().get(to, from));
                     }
-                    *p = a.get(to, from);
+                    *p = a.inner().get(to, from);
                 });
             }
         }
@@ -437,7 +436,7 @@ fn what_learning_drops_is_no_parameter_any_more() {
     let hmm = Hmm::new(prior, tied, Fixed(sensor)).unwrap();
     let learned = hmm.learn(&[[0, 1, 0, 1]], &LearningOptions::default()).unwrap();
     let tied = learned.model().transition();
-    assert_eq!((tied.entries(), tied.parameters()), (2, 1));
+    assert_eq!((tied.inner().entries(), tied.parameters()), (2, 1));
 }
 
 #[test]
@@ -464,11 +463,8 @@ fn tied_turning_probabilities_are_found_again() {
         road.map_or(0, |(_, road)| 1 + road.class as usize)
     };
     let start = ConstrainedTransition::new(alike).with_ties(labels);
-    let learning = LearningOptions {
-        keep_prior: true,
-        transition_pseudo_count: 1.0,
-        ..LearningOptions::default()
-    };
+    let learning =
+        LearningOptions::default().with_keep_prior(true).with_transition_pseudo_count(1.0);
     let learned = hmm(start.clone()).learn(&drives, &learning).unwrap();
     assert!(learned.converged());
     // The mean distance to the true turns (total variation, in the places that
@@ -476,7 +472,9 @@ fn tied_turning_probabilities_are_found_again() {
     let distance = |a: &ConstrainedTransition| -> f64 {
         let turns =
             (0..canberra::PLACES).flat_map(|from| (0..canberra::PLACES).map(move |to| (to, from)));
-        turns.map(|(to, from)| (a.get(to, from) - truth.get(to, from)).abs() / 2.0).sum()
+        turns
+            .map(|(to, from)| (a.inner().get(to, from) - truth.inner().get(to, from)).abs() / 2.0)
+            .sum()
     };
     let (before, after) = (distance(&start), distance(learned.model().transition()));
     assert!(after < before / 3.0, "{before} to {after}");
@@ -511,7 +509,7 @@ fn a_sequence_that_cannot_be_is_left_out_and_named() {
     let none: [Vec<usize>; 0] = [];
     let error = hmm.learn(&none, &LearningOptions::default()).unwrap_err();
     assert_eq!(error.to_string(), "there is no observation to learn from, in 0 sequences given");
-    let bad = LearningOptions { transition_pseudo_count: -1.0, ..LearningOptions::default() };
+    let bad = LearningOptions::default().with_transition_pseudo_count(-1.0);
     assert_eq!(
         hmm.learn(&sequences, &bad).unwrap_err().to_string(),
         "the pseudo-count of the transitions is -1, expected a finite value of at least 0"
@@ -531,11 +529,7 @@ fn learning_from_known_states_is_counting() {
     let mut rng = rng(9);
     let drives: Vec<_> = (0..20).map(|_| source.simulate(15, &mut rng)).collect();
     let labelled: Vec<_> = drives.iter().map(Simulation::labelled).collect();
-    let learning = LearningOptions {
-        iterations: 1,
-        transition_pseudo_count: 0.5,
-        ..LearningOptions::default()
-    };
+    let learning = LearningOptions::default().with_iterations(1).with_transition_pseudo_count(0.5);
     let counted = source.fit(&labelled, &learning).unwrap();
 
     let groups = Groups::new(vec![0, 1, 2]).unwrap();

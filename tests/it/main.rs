@@ -15,6 +15,7 @@ mod evaluate;
 mod evidence;
 #[cfg(feature = "faer")]
 mod faer;
+mod in_parallel;
 mod invariants;
 mod large;
 mod layers;
@@ -26,6 +27,7 @@ mod map;
 mod map_files;
 mod no_control;
 mod operators;
+mod own_operators;
 #[cfg(feature = "serde")]
 mod persistence;
 mod pruned;
@@ -44,5 +46,5 @@ mod streams;
 #[cfg(feature = "rayon")]
 mod threads;
 mod trellis;
-mod visited;
+
 mod wide_range;

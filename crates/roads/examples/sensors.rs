@@ -192,7 +192,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             let near = |cell| f64::from(cells.position(cell).metres_to(start) < 1000.0);
             let prior = Belief::from_weights((0..cells.states()).map(near).collect::<Vec<_>>())?;
             let hmm = Hmm::new(Prior::AtFirstObservation(prior), &motion, &sensor)?;
-            let pruning = Pruning { tolerance: 1e-4, most_active: 20_000 };
+            let pruning = Pruning::default().with_tolerance(1e-4).with_most_active(20_000);
             let judged = judge(&mut hmm.pruned_filter(pruning), &cells, &seconds, choice)?;
             sums.iter_mut().zip(judged).for_each(|(sum, count)| *sum += count);
         }

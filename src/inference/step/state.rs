@@ -58,6 +58,7 @@ impl LogSum {
     }
 
     #[doc(hidden)]
+    #[must_use]
     pub fn value(self) -> f64 {
         // An infinite sum has no meaningful compensation.
         if self.sum.is_finite() { self.sum + self.compensation } else { self.sum }
@@ -65,7 +66,7 @@ impl LogSum {
 }
 
 /// State of a filter after k steps: plain data that can be kept, compared, sent elsewhere and
-/// restored. A [`Filter`](crate::Filter) dereferences to its state.
+/// restored. The state of a [`Filter`](crate::Filter).
 ///
 /// ```
 /// # use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};

@@ -22,14 +22,15 @@ fn main() -> Result<(), Box<dyn Error>> {
     let quarters = Rows::new(&GROWTH, 1)?.lagged(4)?;
     let start = SwitchingMean { means: [-0.5, 1.0], lags: [0.0; 4], variance: 1.0 };
     let start = model([0.7, 0.1], start)?;
-    let options = LearningOptions { iterations: 1000, tolerance: 1e-9, ..Default::default() };
+    let options = LearningOptions::default().with_iterations(1000).with_tolerance(1e-9);
     let learned = start.learn(&[quarters], &options)?;
     let (hmm, iterations) = (learned.model(), learned.iterations());
     println!("log-likelihood {:.5} after {iterations} iterations", learned.log_likelihood());
     let SwitchingMean { means, lags, variance } = hmm.likelihood();
     // Bit 0 of a state is the present regime. The moves 0 → 0 and 31 → 31 stay in the regimes 0 and
     // 1, and ties give all moves of a kind the same probability.
-    let stay = [hmm.transition().get(0, 0), hmm.transition().get(31, 31)];
+    let moves = hmm.transition().inner();
+    let stay = [moves.get(0, 0), moves.get(31, 31)];
     for state in 0..2 {
         // The number of quarters in a regime is geometric, of mean 1 / (1 − stay).
         let (mean, quarters) = (means[state], 1.0 / (1.0 - stay[state]));
