@@ -32,7 +32,6 @@
 //! [`formulas`](crate::guide::formulas) derives each algorithm;
 //! [`performance`](crate::guide::performance) says what limits its speed.
 
-mod beam;
 mod decoding;
 pub(crate) mod engines;
 mod learning;
@@ -42,20 +41,20 @@ mod step;
 pub(crate) mod streams;
 mod trellis;
 
+pub use self::learning::e_step::Expectations;
+pub use self::learning::learned_model::Criteria;
+pub use self::pruned::beam::BeamPath;
+pub use self::sequences::forward_backward::FilteredSequence;
+pub use self::sequences::forward_backward::Posteriors;
+pub use self::sequences::forward_backward::SmoothedSequence;
+pub use self::sequences::paths::PathSampler;
 pub use crate::error::{LearnError, SequenceError, SnapshotError};
 pub use crate::free_parameters::{Displacement, FreeParameters};
-pub use beam::BeamPath;
 pub use decoding::viterbi::ViterbiPath;
-pub use learning::criteria::Criteria;
-pub use learning::expectations::Expectations;
 pub use learning::learned_model::{LearnedModel, LearningOptions};
 pub use pruned::{Certificate, PrunedFilter, PrunedFilterSnapshot, Pruning};
-pub use sequences::forward::FilteredSequence;
-pub use sequences::path_sampler::PathSampler;
-pub use sequences::posteriors::Posteriors;
 pub use sequences::simulation::{LabelledSequence, Simulation};
 pub use sequences::smooth_each::{Order, SmoothedStep};
-pub use sequences::smoother::SmoothedSequence;
 pub use step::state::FilterSnapshot;
 pub use streams::filter::Filter;
 pub use streams::fixed_lag::FixedLag;

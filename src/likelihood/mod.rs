@@ -30,13 +30,13 @@ mod next;
 mod optional;
 mod owned;
 mod pooled;
-mod scratch;
 mod shared;
 mod sparse;
 mod sparse_table;
 mod table;
 mod vector;
 
+pub use self::diagonal::Scratch;
 pub use crate::error::TableError;
 pub use crate::groups::Groups;
 pub use diagonal::Diagonal;
@@ -52,7 +52,6 @@ pub use maximize::shares;
 pub use next::SampleNext;
 pub use optional::OptionalLikelihood;
 pub use pooled::PooledLikelihood;
-pub use scratch::Scratch;
 pub use sparse::{SparseLikelihood, SparseObservation};
 pub use sparse_table::SparseTableLikelihood;
 pub use table::TableLikelihood;
@@ -88,8 +87,8 @@ use crate::error::LikelihoodError;
 ///     fn states(&self) -> usize {
 ///         self.0
 ///     }
-///     fn diagonal<'a>(&'a self, &odd: &bool, scratch: &'a mut Scratch) -> Result<Diagonal<'a>, LikelihoodError> {
-///         let b = scratch.values(self.0);
+///     fn diagonal<'a>(&'a self, &odd: &bool, scratch: &'a mut Scratch) -> Result<Diagonal<'a>,
+/// LikelihoodError> {         let b = scratch.values(self.0);
 ///         for (i, b) in b.iter_mut().enumerate() {
 ///             *b = if (i % 2 == 1) == odd { 0.9 } else { 0.1 };
 ///         }

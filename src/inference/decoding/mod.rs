@@ -1,5 +1,4 @@
 //! Most probable paths: Viterbi, and the k best paths.
 
 pub(crate) mod k_best;
-pub(crate) mod ranked_paths;
 pub(crate) mod viterbi;

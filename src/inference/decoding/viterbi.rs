@@ -9,7 +9,7 @@ use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::inference::engines::{choice, few_states};
 use crate::inference::step::scores::{TakenOut, best};
-use crate::inference::step::{Step, Workspace};
+use crate::inference::step::{SensorScratch, Step};
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::TransitionEntries;
@@ -79,7 +79,7 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
         {
             return Ok(ViterbiPath { states, log_probability });
         }
-        let mut work = Workspace::new(n);
+        let mut scratch = SensorScratch::new(n);
         let mut scores = Aligned::new(n, 0.0);
         let mut next = Aligned::new(n, 0.0);
         // Backpointers of steps 2 to T. Step 1 has none, since X_0 is summed over.
@@ -90,12 +90,12 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
             let observation = sequence.observation(number);
             if number == 1 {
                 step.first_scores(&mut next, &mut taken_out)?;
-                step.observe(observation, &mut work, &mut next, &mut taken_out)?;
-                step.settle(&mut next, &mut taken_out)?;
+                step.observe(observation, &mut scratch, &mut next, &mut taken_out)?;
+                step.take_out_whole(&mut next, &mut taken_out)?;
             } else {
                 let from = &mut from[(number - 2) * n..(number - 1) * n];
                 let next = (&mut next[..], from);
-                step.decode(&scores, Some(observation), next, &mut work, &mut taken_out)?;
+                step.decode(&scores, Some(observation), next, &mut scratch, &mut taken_out)?;
             }
             std::mem::swap(&mut scores, &mut next);
         }

@@ -5,22 +5,22 @@
 use std::ops::ControlFlow;
 use std::sync::{Mutex, PoisonError};
 
-/// Maps items in parallel. Each result is computed by one thread, with memory that is reused from
-/// item to item: `work` must not depend on what the memory holds.
+/// Maps items in parallel. Each result is computed by one thread, with scratch that is reused from
+/// item to item: `run` must not depend on what it holds.
 pub fn map<T: Send, M: Default, R: Send>(
     items: Vec<T>,
-    work: impl Fn(T, &mut M) -> R + Sync,
+    run: impl Fn(T, &mut M) -> R + Sync,
 ) -> Vec<R> {
     #[cfg(feature = "rayon")]
     {
         use rayon::prelude::*;
         // Memory is created for each batch of items that a thread takes, not for each item.
-        items.into_par_iter().map_init(M::default, |memory, item| work(item, memory)).collect()
+        items.into_par_iter().map_init(M::default, |scratch, item| run(item, scratch)).collect()
     }
     #[cfg(not(feature = "rayon"))]
     {
-        let mut memory = M::default();
-        items.into_iter().map(|item| work(item, &mut memory)).collect()
+        let mut scratch = M::default();
+        items.into_iter().map(|item| run(item, &mut scratch)).collect()
     }
 }
 
@@ -30,46 +30,46 @@ pub fn map<T: Send, M: Default, R: Send>(
 pub fn in_order<T: Send, R: Send, Stop>(
     mut items: impl Iterator<Item = T>,
     ahead: usize,
-    work: impl Fn(T) -> R + Sync,
+    run: impl Fn(T) -> R + Sync,
     mut take: impl FnMut(R) -> ControlFlow<Stop>,
 ) -> ControlFlow<Stop> {
     #[cfg(feature = "rayon")]
     {
-        threads::in_order(&mut items, ahead, &work, &mut take)
+        threads::in_order(&mut items, ahead, &run, &mut take)
     }
     #[cfg(not(feature = "rayon"))]
     {
         let _ = ahead;
-        items.try_for_each(|item| take(work(item)))
+        items.try_for_each(|item| take(run(item)))
     }
 }
 
-/// Pool of unused memory, for whichever thread needs some next.
+/// Pool of unused scratch, for whichever thread needs some next.
 #[derive(Debug)]
-pub struct MemoryPool<T>(Mutex<Vec<T>>);
+pub struct ScratchPool<T>(Mutex<Vec<T>>);
 
-impl<T> Default for MemoryPool<T> {
+impl<T> Default for ScratchPool<T> {
     fn default() -> Self {
         Self(Mutex::new(Vec::new()))
     }
 }
 
 /// Memory is not copied: a clone starts empty.
-impl<T> Clone for MemoryPool<T> {
+impl<T> Clone for ScratchPool<T> {
     fn clone(&self) -> Self {
         Self::default()
     }
 }
 
-impl<T> MemoryPool<T> {
-    /// Takes memory out of the pool, if there is any.
+impl<T> ScratchPool<T> {
+    /// Takes scratch out of the pool, if there is any.
     pub fn pop(&self) -> Option<T> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).pop()
     }
 
-    /// Returns memory to the pool.
-    pub fn push(&self, memory: T) {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(memory);
+    /// Returns scratch to the pool.
+    pub fn push(&self, scratch: T) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(scratch);
     }
 }
 
@@ -99,7 +99,7 @@ mod threads {
     pub(super) fn in_order<T: Send, R: Send, Stop>(
         items: &mut impl Iterator<Item = T>,
         ahead: usize,
-        work: &(impl Fn(T) -> R + Sync),
+        run: &(impl Fn(T) -> R + Sync),
         take: &mut impl FnMut(R) -> ControlFlow<Stop>,
     ) -> ControlFlow<Stop> {
         // Bounds the results that wait: behind one long item, all others could pile up.
@@ -118,7 +118,7 @@ mod threads {
                     scope.spawn_fifo(move |_| {
                         if !stopped.load(Ordering::Relaxed) {
                             // Sending fails if the caller has stopped meanwhile.
-                            _ = sender.send(work(item));
+                            _ = sender.send(run(item));
                         }
                     });
                     under_way.push_back(receiver);

@@ -6,7 +6,7 @@
 
 use std::ops::ControlFlow;
 
-use super::expectations::Expectations;
+use super::e_step::Expectations;
 use super::learned_model::{LearnedModel, LearningOptions};
 use crate::error::LearnError;
 use crate::hmm::Hmm;
@@ -127,14 +127,14 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         Self: Clone + Sync,
         S: Sequence<A::Control, B::Observation> + Sync,
     {
-        let mut course = Course::begin(self, sequences, learning)?;
-        course.go_on(learning, learning.iterations, &mut visit)?;
-        Ok(course.best)
+        let mut run = LearningRun::begin(self, sequences, learning)?;
+        run.run_until(learning, learning.iterations, &mut visit)?;
+        Ok(run.best)
     }
 }
 
 /// Learning in progress.
-pub(super) struct Course<'s, A: LearnTransition, B: LearnLikelihood, S> {
+pub(super) struct LearningRun<'s, A: LearnTransition, B: LearnLikelihood, S> {
     /// The model so far.
     pub(super) best: LearnedModel<A, B>,
     /// Expectations under it.
@@ -143,7 +143,7 @@ pub(super) struct Course<'s, A: LearnTransition, B: LearnLikelihood, S> {
     remaining: Vec<(usize, &'s S)>,
 }
 
-impl<'s, A, B, S> Course<'s, A, B, S>
+impl<'s, A, B, S> LearningRun<'s, A, B, S>
 where
     A: LearnTransition,
     B: LearnLikelihood,
@@ -189,7 +189,7 @@ where
 
     /// Re-estimates the model until learning ends, or until `iterations` re-estimations were made
     /// in all.
-    pub(super) fn go_on(
+    pub(super) fn run_until(
         &mut self,
         learning: &LearningOptions,
         iterations: usize,

@@ -1,20 +1,23 @@
-//! The E-step of learning: expectations under a model, by forward–backward over each sequence
-//! (section 9 of the [formulas](crate::guide::formulas)).
+//! The E-step of learning: expectations under a model, by forward–backward over each sequence, and
+//! their sums (section 9 of the [formulas](crate::guide::formulas)).
 //!
-//! Sequences run in lanes, eight at a time, or one by one. Their expectations are added up in an
+//! Sequences run in lanes, eight at a time, or one by one; under models of up to eight states in
+//! whole passes, which take many steps in one call of a kernel
+//! ([`few_states`](crate::inference::engines::few_states)). Their expectations are added up in an
 //! order that does not depend on the threads, so that learning gives the same bits on any machine.
 
+use std::fmt;
+
 use super::entry_sums::EntrySums;
-use super::expectations::Expectations;
 use crate::error::SequenceError;
 use crate::hmm::Hmm;
-use crate::inference::engines::choice;
-use crate::inference::engines::lanes::{Group, LaneExpectations, LaneMemory, LaneModel};
-use crate::inference::engines::parallel;
+use crate::inference::LogSum;
+use crate::inference::engines::lanes::{Group, LaneExpectations, LaneModel, LaneScratch};
+use crate::inference::engines::{choice, few_states, parallel};
 use crate::inference::sequences::smooth_each::Order;
 use crate::likelihood::LearnLikelihood;
 use crate::sequence::{Sequence, by_length};
-use crate::transition::LearnTransition;
+use crate::transition::{LearnTransition, MoveCounts};
 use wayfix_kernels::LANES;
 
 /// # Learning in parts
@@ -95,7 +98,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
                 Some(model) => {
                     let groups = some.chunks(LANES).collect();
                     // A group of eight gives one sum, with the memory of one sequence's statistics.
-                    parallel::map(groups, |group, memory: &mut LaneMemory| {
+                    parallel::map(groups, |group, memory: &mut LaneScratch| {
                         self.expectations_in_lanes(model, group, memory)
                     })
                 }
@@ -120,7 +123,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         &self,
         model: &LaneModel<'_, A, B>,
         sequences: &[(usize, &S)],
-        memory: &mut LaneMemory,
+        memory: &mut LaneScratch,
     ) -> Vec<Result<Expectations<B, A::Statistics>, SequenceError>>
     where
         Self: Sync,
@@ -240,4 +243,155 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
 /// instantiate a sort.
 fn sort(failed: &mut [SequenceError]) {
     failed.sort_unstable_by_key(|error| error.sequence);
+}
+
+/// Expected statistics of the hidden states of sequences, given their observations: the E-step of
+/// Baum–Welch.
+///
+/// Made by [`Hmm::expectations`]. Those of several parts of the data are
+/// [added](Hmm::merge_expectations), and [`Hmm::maximize`] computes the next model from the sum.
+///
+/// To add those of several machines, send their fields, and reassemble them by
+/// [`new`](Self::new). The fields are plain numbers if the statistics are. Those of tables, counts,
+/// durations and directions are; those of the Gaussian families cannot be sent.
+///
+/// ```
+/// use wayfix::inference::{Expectations, LearningOptions};
+/// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
+/// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
+/// # let camera = TableLikelihood::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?;
+/// # let hmm = Hmm::new(prior, DenseTransition::from_rows(&[[0.6, 0.4], [0.4, 0.6]])?, camera)?;
+///
+/// let (mut sum, failed) = hmm.expectations(&[[0, 0, 0, 1], [0, 1, 1, 1]]);
+/// assert!(failed.is_empty());
+/// let (others, _) = hmm.expectations(&[[1, 1, 1, 1], [0, 0, 1, 1]]); // another part of the data
+/// hmm.merge_expectations(&mut sum, &others);
+/// assert!((sum.first().iter().sum::<f64>() - 4.0).abs() < 1e-12);
+///
+/// let options = LearningOptions::default();
+/// let next = hmm.maximize(&sum, &options)?;
+/// let (after, _) = next.expectations(&[[0, 0, 0, 1], [0, 1, 1, 1], [1, 1, 1, 1], [0, 0, 1, 1]]);
+/// assert!(after.log_likelihood() > sum.log_likelihood());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub struct Expectations<B: LearnLikelihood, M = MoveCounts> {
+    /// Σ p(X_0 | y_1 … y_T), or of X_1, over the sequences.
+    pub(crate) first: Vec<f64>,
+    pub(crate) moves: M,
+    pub(crate) sensor: B::Statistics,
+    pub(crate) log_likelihood: LogSum,
+}
+
+impl<B: LearnLikelihood, M> fmt::Debug for Expectations<B, M> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut fields = f.debug_struct("Expectations");
+        fields.field("log_likelihood", &self.log_likelihood()).finish_non_exhaustive()
+    }
+}
+
+impl<B: LearnLikelihood, M> Expectations<B, M> {
+    /// Creates expectations from their fields, which [`Hmm::maximize`] checks.
+    #[must_use]
+    pub fn new(first: Vec<f64>, moves: M, sensor: B::Statistics, log_likelihood: f64) -> Self {
+        let log_likelihood = LogSum { sum: log_likelihood, compensation: 0.0 };
+        Self { first, moves, sensor, log_likelihood }
+    }
+
+    /// Expected number of sequences that start in each state: before the first transition or at
+    /// the first observation, depending on the prior of the model.
+    #[must_use]
+    pub fn first(&self) -> &[f64] {
+        &self.first
+    }
+
+    /// [Statistics](LearnTransition::Statistics) of the moves.
+    #[must_use]
+    pub fn moves(&self) -> &M {
+        &self.moves
+    }
+
+    /// Statistics of the sensor.
+    #[must_use]
+    pub fn sensor(&self) -> &B::Statistics {
+        &self.sensor
+    }
+
+    /// Log-likelihood of all observations.
+    #[must_use]
+    pub fn log_likelihood(&self) -> f64 {
+        self.log_likelihood.value()
+    }
+}
+
+impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
+    /// Expectations of no sequences, to start a sum with.
+    #[must_use]
+    pub fn no_expectations(&self) -> Expectations<B, A::Statistics> {
+        Expectations {
+            first: vec![0.0; self.states()],
+            moves: self.transition().statistics(),
+            sensor: self.likelihood().statistics(),
+            log_likelihood: LogSum::default(),
+        }
+    }
+
+    /// Adds expectations of other sequences. The caller must ensure that they were computed under
+    /// this model: a sum over different models is meaningless, and [`maximize`](Self::maximize)
+    /// detects only some of these. O(n + moves + statistics).
+    pub fn merge_expectations(
+        &self,
+        sum: &mut Expectations<B, A::Statistics>,
+        other: &Expectations<B, A::Statistics>,
+    ) {
+        sum.first.iter_mut().zip(&other.first).for_each(|(sum, p)| *sum += p);
+        self.transition().merge(&mut sum.moves, &other.moves);
+        self.likelihood().merge(&mut sum.sensor, &other.sensor);
+        sum.log_likelihood.add(other.log_likelihood.value());
+    }
+}
+
+/// Prediction below which γ / p may leave the range of doubles.
+const LEAST: f64 = 1e-280;
+
+impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
+    /// Adds the expectations of a sequence. Returns `None`, with nothing added, if the sequence
+    /// does not suit this: single steps can use logarithms, and report errors.
+    pub(super) fn add_few_states<S>(
+        &self,
+        sequence: &S,
+        expected: &mut Expectations<B, A::Statistics>,
+    ) -> Option<()>
+    where
+        S: Sequence<A::Control, B::Observation>,
+    {
+        let (n, steps) = (self.states(), sequence.steps());
+        if !choice::learns_whole(n, steps) {
+            return None;
+        }
+        let mut entries = EntrySums::new(self, &mut expected.moves)?;
+        let (alpha, _, _) = few_states::filter(self, sequence)?;
+        let (gamma, log_likelihood) = few_states::smooth(self, sequence)?;
+        let mut ratio = vec![0.0; n];
+        // `entries` collects the moves until `finish`, so that `None` below leaves nothing behind.
+        let first = if self.prior().moves_at(1) { 1 } else { 2 };
+        for number in first..=steps {
+            let alpha = &alpha[(number - 1) * n..][..n];
+            entries.predict(alpha, &mut ratio);
+            for (ratio, gamma) in ratio.iter_mut().zip(&gamma[number * n..]) {
+                if *gamma > 0.0 && *ratio < LEAST {
+                    return None;
+                }
+                // A state without γ has no moves into it; its p may be 0.
+                *ratio = if *gamma > 0.0 { gamma / *ratio } else { 0.0 };
+            }
+            entries.add(alpha, &ratio, 1.0);
+        }
+        expected.first.copy_from_slice(&gamma[..n]);
+        for (number, posterior) in (1..).zip(gamma[n..].chunks_exact(n)) {
+            self.likelihood().add(&mut expected.sensor, sequence.observation(number), posterior);
+        }
+        entries.finish(self, &mut expected.moves);
+        expected.log_likelihood.add(log_likelihood);
+        Some(())
+    }
 }

@@ -7,7 +7,7 @@
 use std::ops::Range;
 
 use crate::hmm::Hmm;
-use crate::inference::step::in_logs::BeliefRef;
+use crate::inference::step::state::BeliefRef;
 use crate::likelihood::LearnLikelihood;
 use crate::transition::{LearnTransition, MoveCounts};
 use wayfix_kernels::{self as kernels, Lines, exp_in_place};

@@ -2,13 +2,9 @@
 //! of the [formulas](crate::guide::formulas)).
 
 pub(crate) mod baum_welch;
-pub(crate) mod criteria;
-mod e_step;
+pub(crate) mod e_step;
 mod entry_sums;
-pub(crate) mod expectations;
-mod few_states;
 pub(crate) mod labels;
 pub(crate) mod learned_model;
 mod m_step;
 pub(crate) mod restarts;
-mod stationary;

@@ -6,7 +6,7 @@
 use std::cmp::Ordering;
 use std::ops::ControlFlow::Continue;
 
-use super::baum_welch::Course;
+use super::baum_welch::LearningRun;
 use super::learned_model::{LearnedModel, LearningOptions};
 use crate::error::LearnError;
 use crate::hmm::Hmm;
@@ -81,17 +81,17 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         let kept = starts.len().div_ceil(2).max(FEWEST);
         let starts = starts.iter().enumerate().collect();
         let short = |(index, start): (usize, &Self), (): &mut ()| {
-            let course = Course::begin(start, sequences, learning).and_then(|mut course| {
-                course.best.start = index;
-                course.go_on(learning, SHORT.min(learning.iterations), &mut |_| Continue(()))?;
-                Ok(course)
+            let run = LearningRun::begin(start, sequences, learning).and_then(|mut run| {
+                run.best.start = index;
+                run.run_until(learning, SHORT.min(learning.iterations), &mut |_| Continue(()))?;
+                Ok(run)
             });
-            (index, course)
+            (index, run)
         };
-        let long = |(index, course): Attempt<'_, A, B, S>, (): &mut ()| {
-            let learned = course.and_then(|mut course| {
-                course.go_on(learning, learning.iterations, &mut |_| Continue(()))?;
-                Ok(course.best)
+        let long = |(index, run): Attempt<'_, A, B, S>, (): &mut ()| {
+            let learned = run.and_then(|mut run| {
+                run.run_until(learning, learning.iterations, &mut |_| Continue(()))?;
+                Ok(run.best)
             });
             done(index, &learned);
             (index, learned)
@@ -105,8 +105,8 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             ends.extend(parallel::map(next, long));
             waiting = left;
         }
-        for (index, course) in waiting {
-            let left = course.map(|course| LearnedModel { stopped: true, ..course.best });
+        for (index, run) in waiting {
+            let left = run.map(|run| LearnedModel { stopped: true, ..run.best });
             done(index, &left);
             ends.push((index, left));
         }
@@ -117,7 +117,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
 }
 
 /// Learning from one start, with the index of the start.
-type Attempt<'s, A, B, S> = (usize, Result<Course<'s, A, B, S>, LearnError>);
+type Attempt<'s, A, B, S> = (usize, Result<LearningRun<'s, A, B, S>, LearnError>);
 
 type End<A, B> = Result<LearnedModel<A, B>, LearnError>;
 

@@ -10,8 +10,8 @@ use crate::transition::TransitionEntries;
 #[derive(Debug, Clone)]
 pub(crate) struct ActiveSet {
     /// Position of each state in the active set plus one, or 0.
-    places: Vec<u32>,
-    /// Bit set of the candidates that an active state leads to, without those only wanted.
+    positions: Vec<u32>,
+    /// Bit set of the candidates that an active state leads to, without those only named.
     reached: Vec<u64>,
     candidates: Vec<usize>,
 }
@@ -19,30 +19,30 @@ pub(crate) struct ActiveSet {
 impl ActiveSet {
     pub(crate) fn new(states: usize) -> Self {
         let reached = vec![0; states.div_ceil(64)];
-        Self { places: vec![0; states], reached, candidates: Vec::new() }
+        Self { positions: vec![0; states], reached, candidates: Vec::new() }
     }
 
     /// Returns the position of a state in the active set.
     #[inline]
-    pub(crate) fn place(&self, state: usize) -> Option<usize> {
-        (self.places[state] as usize).checked_sub(1)
+    pub(crate) fn position(&self, state: usize) -> Option<usize> {
+        (self.positions[state] as usize).checked_sub(1)
     }
 
     /// Replaces the active set.
-    pub(crate) fn follow(&mut self, before: &[usize], after: &[usize]) {
-        before.iter().for_each(|&state| self.places[state] = 0);
-        for (&state, place) in after.iter().zip(1..) {
-            self.places[state] = place;
+    pub(crate) fn replace(&mut self, before: &[usize], after: &[usize]) {
+        before.iter().for_each(|&state| self.positions[state] = 0);
+        for (&state, position) in after.iter().zip(1..) {
+            self.positions[state] = position;
         }
     }
 
     /// Lists the candidates: the states that a step can reach from the active ones (without a
-    /// transition, these themselves), and all wanted states.
+    /// transition, these themselves), and all named states.
     pub(crate) fn list<A: TransitionEntries>(
         &mut self,
         followed: &[usize],
         moves: Option<(&A, &A::Control)>,
-        wanted: &[usize],
+        named: &[usize],
     ) {
         let Self { reached, candidates, .. } = self;
         // Only words that were set are cleared: a step must not cost O(n).
@@ -66,12 +66,12 @@ impl ActiveSet {
             }
             None => followed.iter().for_each(|&state| list(state)),
         }
-        self.add_wanted(wanted);
+        self.add_named(named);
     }
 
     /// Lists the candidates: the states for which `leads` is true, which has a value for each state
-    /// in order, and all wanted states.
-    pub(crate) fn list_reached(&mut self, leads: impl Iterator<Item = bool>, wanted: &[usize]) {
+    /// in order, and all named states.
+    pub(crate) fn list_reached(&mut self, leads: impl Iterator<Item = bool>, named: &[usize]) {
         let Self { reached, candidates, .. } = self;
         candidates.iter().for_each(|&state| reached[state / 64] = 0);
         candidates.clear();
@@ -79,17 +79,17 @@ impl ActiveSet {
             reached[state / 64] |= 1 << (state % 64);
             candidates.push(state);
         }
-        if !wanted.is_empty() {
-            self.add_wanted(wanted);
+        if !named.is_empty() {
+            self.add_named(named);
         }
     }
 
-    fn add_wanted(&mut self, wanted: &[usize]) {
-        let Self { places, reached, candidates } = self;
+    fn add_named(&mut self, named: &[usize]) {
+        let Self { positions, reached, candidates } = self;
         // Wanted states get a bit for a moment, so that none is listed twice, and lose it again
         // below, since no active state leads to them.
         let first = candidates.len();
-        for &state in wanted.iter().filter(|&&state| state < places.len()) {
+        for &state in named.iter().filter(|&&state| state < positions.len()) {
             let (word, bit) = (&mut reached[state / 64], 1 << (state % 64));
             if *word & bit == 0 {
                 *word |= bit;

@@ -2,38 +2,40 @@
 //! distance from the exact filter (section 13 of the [formulas](crate::guide::formulas)).
 //!
 //! The invariant is that of [`Envelope`]: lower and upper bounds on the exact belief, up to one
-//! common factor.
+//! common factor. Each part of a step keeps them valid: prediction, update, pruning. Dropping a
+//! state operator its upper bound to that of the inactive states.
 //!
-//! Underflow is handled differently than by [`limits`](wayfix_kernels::limits). There is one form only:
-//! products are always lifted, by 2^900 instead of 2^1000, since upper bounds may be far above one.
-//! A loss does not lead to a step in logarithms but is counted: every number that may have lost
-//! digits, or has become 0, adds more than the loss to its bound. So no state needs a logarithm,
-//! and if nothing is known of a belief, its bound says so. Entries beyond doubles, for which an
-//! exact filter uses logarithms, are used as powers of two with a common one taken out.
+//! Underflow is handled differently than by [`limits`](wayfix_kernels::limits). There is one form
+//! only: products are always lifted, by 2^900 instead of 2^1000, since upper bounds may be far
+//! above one. A loss does not lead to a step in logarithms but is counted: every number that may
+//! have lost digits, or has become 0, adds more than the loss to its bound. So no state needs a
+//! logarithm, and if nothing is known of a belief, its bound says so. Entries beyond doubles, for
+//! which an exact filter uses logarithms, are used as powers of two with a common one taken out.
 
 pub(crate) mod active_set;
-mod advance;
-mod certificate;
+pub(crate) mod beam;
 mod envelope;
-mod exact;
-mod moves;
+mod operator;
 pub(crate) mod snapshot;
-mod step;
-mod weights;
 mod wide;
 
+use std::mem;
 use std::ops::Deref;
 
+use self::active_set::ActiveSet;
+use self::envelope::{Envelope, LikelihoodScale};
+use self::operator::{Bounds, StepOperator};
+use self::wide::{Exact, Wide};
+use super::step::Step;
+use super::step::state::next_step;
 use crate::belief::Belief;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::likelihood::LocalLikelihood;
-use crate::transition::TransitionEntries;
-pub use certificate::{Certificate, Pruning};
-pub use snapshot::PrunedFilterSnapshot;
+use crate::likelihood::{Diagonal, LocalLikelihood, Scratch, check_local};
+use crate::transition::{NoControl, TransitionEntries};
+use wayfix_kernels::limits;
 
-use moves::Bounds;
-use step::PrunedScratch;
+pub use self::snapshot::{Certificate, PrunedFilterSnapshot, Pruning};
 
 /// Streaming filter for very large models, which follows only an active set of states. After every
 /// step it proves a bound on the total variation between its belief and that of the exact
@@ -52,8 +54,8 @@ use step::PrunedScratch;
 ///
 /// // A loop of a hundred thousand places: stay, or move on by one.
 /// let n = 100_000;
-/// let moves = (0..n).flat_map(|j| [(j, j, 0.5), ((j + 1) % n, j, 0.5)]);
-/// let motion = SparseTransition::from_triplets(n, moves)?;
+/// let operator = (0..n).flat_map(|j| [(j, j, 0.5), ((j + 1) % n, j, 0.5)]);
+/// let motion = SparseTransition::from_triplets(n, operator)?;
 /// let prior = Prior::AtFirstObservation(Belief::certain(n, 7)?);
 /// let hmm = Hmm::new(prior, motion, SparseLikelihood::new(n))?;
 ///
@@ -184,17 +186,295 @@ where
         Ok(())
     }
 
+    /// Returns a copy of the filter's state. A filter that is [restored](Self::restore) from it
+    /// continues with identical bits. O(active states).
+    #[must_use]
+    pub fn snapshot(&self) -> PrunedFilterSnapshot {
+        self.state.clone()
+    }
+
+    /// Restores a snapshot of this filter or another, and adopts its limits on the pruning.
+    /// Allocates nothing unless there are more active states than ever before. O(active states).
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError::StateCount`] if the snapshot has another number of states.
+    pub fn restore(&mut self, snapshot: &PrunedFilterSnapshot) -> Result<(), InferenceError> {
+        let (found, expected) = (snapshot.states, self.model.states());
+        if found != expected {
+            return Err(InferenceError::StateCount { what: "snapshot", found, expected });
+        }
+        // Copied into the memory of the next belief, which is swapped in as after a step.
+        self.scratch.next.copy_from(&snapshot.belief);
+        self.scratch.replace(&mut self.state, snapshot);
+        Ok(())
+    }
+
     /// Probability of one state: 0 if it is not active, `None` if it does not exist.
     #[must_use]
     pub fn probability(&self, state: usize) -> Option<f64> {
-        let place = |state| self.scratch.active_set.place(state);
-        let followed = || place(state).map_or(0.0, |at| self.state.belief.estimate[at]);
-        (state < self.model.states()).then(followed)
+        let position = |state| self.scratch.active_set.position(state);
+        let probability = || position(state).map_or(0.0, |at| self.state.belief.estimate[at]);
+        (state < self.model.states()).then(probability)
     }
 
     /// The model.
     #[must_use]
     pub fn model(&self) -> &Hmm<A, B> {
         &self.model
+    }
+}
+
+/// Sums of predictions with evidence in linear form. Within this range, lifted and weighted values
+/// stay within `f64`.
+const SUMS: std::ops::RangeInclusive<f64> = 1e-100..=1e30;
+
+/// Memory of steps, and the index of the active states.
+#[derive(Debug, Clone)]
+pub(super) struct PrunedScratch {
+    pub(super) next: Envelope,
+    /// Index of the active states of the present belief.
+    pub(super) active_set: ActiveSet,
+    exact: Exact,
+    wide: Wide,
+    named: Vec<usize>,
+    values: Vec<f64>,
+    sensor: Scratch,
+}
+
+impl PrunedScratch {
+    pub(super) fn new(states: usize) -> Self {
+        Self {
+            next: Envelope::default(),
+            active_set: ActiveSet::new(states),
+            exact: Exact::default(),
+            wide: Wide::default(),
+            named: Vec::new(),
+            values: Vec::new(),
+            sensor: Scratch::default(),
+        }
+    }
+
+    /// Replaces a state by another whose belief is in `next`. The memory of the old belief becomes
+    /// that of `next`.
+    pub(super) fn replace(
+        &mut self,
+        state: &mut PrunedFilterSnapshot,
+        other: &PrunedFilterSnapshot,
+    ) {
+        self.exact.forget();
+        // Touches only the states of both beliefs: the index of n entries is never cleared.
+        self.active_set.replace(&state.belief.states, &self.next.states);
+        mem::swap(&mut state.belief, &mut self.next);
+        let belief = mem::take(&mut state.belief);
+        *state = PrunedFilterSnapshot { belief, ..*other };
+    }
+}
+
+impl<M, A, B> PrunedFilter<M>
+where
+    M: Deref<Target = Hmm<A, B>>,
+    A: TransitionEntries,
+    B: LocalLikelihood,
+{
+    /// Takes one time step: prediction under `control`, then update with `observation`. Returns
+    /// the certificate of the belief.
+    ///
+    /// Under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) the first step has
+    /// no transition, and its control is ignored.
+    ///
+    /// With [evidence on the move](crate::Transition::evidence), a step takes O(E) once something
+    /// has been dropped, for bounds on its entries; it is then no faster than that of a
+    /// [`Filter`](crate::Filter).
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError`] with the step; the filter is then unchanged.
+    /// [`Impossible`](InferenceError::Impossible) if the model rules out the observation,
+    /// [`Pruned`](InferenceError::Pruned) if it is ruled out in all active states, but perhaps
+    /// not in one that was dropped.
+    pub fn step_with(
+        &mut self,
+        control: &A::Control,
+        observation: &B::Observation,
+    ) -> Result<Certificate, InferenceError> {
+        let number = next_step(self.state.steps)?;
+        let control = Some(control).filter(|_| self.model.prior().moves_at(number));
+        self.advance(number, control, Some(observation))
+    }
+
+    /// Predicts under `control` alone: one time step without an observation. The log-likelihood
+    /// does not change, except by evidence on the move.
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError`] if the operator does not give a distribution, or if the control
+    /// is not valid.
+    pub fn predict_with(&mut self, control: &A::Control) -> Result<Certificate, InferenceError> {
+        let number = next_step(self.state.steps)?;
+        let control = Some(control).filter(|_| self.model.prior().moves_at(number));
+        self.advance(number, control, None)
+    }
+
+    /// Updates with an observation alone, without a time step: for another sensor at the same
+    /// step, or after [`predict_with`](Self::predict_with). Returns the certificate of the
+    /// belief.
+    ///
+    /// Before any step this is an observation of X_0, and errors name step 0; but under
+    /// [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) it takes step 1.
+    ///
+    /// # Errors
+    ///
+    /// As [`step_with`](Self::step_with).
+    pub fn update(&mut self, observation: &B::Observation) -> Result<Certificate, InferenceError> {
+        let at_first = !self.model.prior().moves_at(1);
+        let number = self.state.steps.max(usize::from(at_first));
+        self.advance(number, None, Some(observation))
+    }
+
+    /// Takes one time step: prediction, then update with `observation`. Returns the certificate
+    /// of the belief.
+    ///
+    /// # Errors
+    ///
+    /// As [`step_with`](Self::step_with).
+    pub fn step(&mut self, observation: &B::Observation) -> Result<Certificate, InferenceError>
+    where
+        A::Control: NoControl,
+    {
+        self.step_with(&A::Control::NONE, observation)
+    }
+
+    /// Predicts alone: one time step without an observation. The log-likelihood does not change.
+    ///
+    /// # Errors
+    ///
+    /// As [`predict_with`](Self::predict_with).
+    pub fn predict(&mut self) -> Result<Certificate, InferenceError>
+    where
+        A::Control: NoControl,
+    {
+        self.predict_with(&A::Control::NONE)
+    }
+
+    /// Takes a step. Only its last part changes the filter, so that an error leaves it unchanged.
+    pub(crate) fn advance(
+        &mut self,
+        number: usize,
+        control: Option<&A::Control>,
+        observation: Option<&B::Observation>,
+    ) -> Result<Certificate, InferenceError> {
+        let Self { model, bounds, state, scratch } = self;
+        let PrunedScratch { next, active_set, exact, wide, named, values, sensor } = scratch;
+        let step = Step { hmm: &**model, number, control };
+        if exact.advance(&step, observation, bounds.as_ref(), state, active_set) {
+            state.adapt();
+            return Ok(state.certificate());
+        }
+        let evidence = step.evidence()?;
+        let PrunedFilterSnapshot { belief, .. } = state;
+        named.clear();
+        // States that the sensor names matter only if inactive states may have mass.
+        if let Some(observation) = observation.filter(|_| belief.is_open()) {
+            model.likelihood().listed_states(observation, named);
+        }
+        let operator = control.map(|control| (model.transition(), control));
+        let is_wide = Wide::is_for(belief, model.transition(), control, bounds.as_ref());
+        // Candidates first, likelihoods second: the sensor is asked only about states that can
+        // matter.
+        match operator {
+            Some(operator) if is_wide => wide.predict(belief, operator, named, active_set),
+            _ => active_set.list(&belief.states, operator, named),
+        }
+        let candidates = active_set.candidates();
+        values.clear();
+        let (mut local, mut others, mut largest) = (Diagonal::linear(&[]), 1.0, 1.0);
+        if let Some(observation) = observation {
+            let wrap = |cause| InferenceError::likelihood(number, cause);
+            let found = model.likelihood().local(observation, candidates, sensor);
+            (local, others) = found.map_err(wrap)?;
+            largest = check_local(&local, others, candidates).map_err(wrap)?;
+            values.extend_from_slice(local.as_slice());
+        } else {
+            values.resize(candidates.len(), 1.0);
+        }
+        let is_open = belief.is_open();
+        let mut operator = control.map(|control| {
+            StepOperator::new(
+                model.transition(),
+                control,
+                evidence,
+                *bounds,
+                (&belief.states, is_open),
+            )
+        });
+        // The bounds for an open belief come from all entries: a column bound of 0 means that there
+        // are no entries above 0.
+        let nothing = |operator: &StepOperator<'_, A>| {
+            if is_open { operator.bounds.column == 0.0 } else { candidates.is_empty() }
+        };
+        if evidence.is_some()
+            && operator.as_ref().is_some_and(nothing)
+            && local.is_possible(largest)
+        {
+            return Err(InferenceError::ImpossibleMove { step: number });
+        }
+        let mut predicted = if is_wide {
+            next.predict_by(belief, operator.as_ref(), active_set, wide.sums(operator.as_ref()))
+        } else {
+            next.predict(belief, operator.as_ref(), active_set)
+        };
+        if evidence.is_none() {
+            // A sum other than one means that the operator did not list some states that its
+            // entries lead to: it breaks its contract.
+            if !limits::is_one(predicted.sum) {
+                return Err(InferenceError::PredictedSum { step: number, sum: predicted.sum });
+            }
+        } else if !SUMS.contains(&predicted.sum)
+            && operator.as_ref().is_some_and(|operator| !operator.is_in_powers_of_two())
+        {
+            // Again with the scale of the evidence taken out of the entries.
+            operator = operator.map(|operator| operator.in_powers_of_two(&belief.states, is_open));
+            predicted = next.predict(belief, operator.as_ref(), active_set);
+        }
+        if !(0.0..=f64::MAX).contains(&predicted.sum) {
+            return Err(InferenceError::PredictedSum { step: number, sum: predicted.sum });
+        }
+        // Scaled by the states that the belief leads to, not by all: these must keep their digits,
+        // whereas bounds suffice for the others.
+        let log_factor = operator.map_or(0.0, |operator| operator.log_factor());
+        let likely = values.iter().zip(&next.estimate).filter(|entry| *entry.1 > 0.0);
+        let none = if local.is_log() { f64::NEG_INFINITY } else { 0.0 };
+        let likely = likely.map(|b| *b.0).fold(none, f64::max);
+        let scale = LikelihoodScale::new(&local, others, largest, likely);
+        let sums = next.weigh(predicted, values, &scale);
+        // No active state explains the observation. Without any excess that is exact; with some, a
+        // state that was dropped might explain it.
+        if sums.estimate < f64::MIN_POSITIVE {
+            let proven = sums.excess == 0.0;
+            return Err(if proven {
+                InferenceError::Impossible { step: number }
+            } else {
+                InferenceError::Pruned { step: number }
+            });
+        }
+        let threshold = state.threshold(candidates.len());
+        let PrunedFilterSnapshot { pruning, belief, .. } = state;
+        let log = next.scale_and_drop(&sums, threshold, pruning.most_active.max(1), values);
+        let (rescaled, unknown) = next.rebase();
+        // Commit: nothing can fail from here.
+        exact.forget();
+        active_set.replace(&belief.states, &next.states);
+        mem::swap(belief, next);
+        state.steps = number;
+        state.log.add(log + scale.log_factor + log_factor);
+        state.log.add(rescaled);
+        state.log_excess.add(unknown);
+        // Sums that have become infinite stay so; their compensation is NaN then, and cleared.
+        (state.log, state.log_excess) = (state.log.known(), state.log_excess.known());
+        state.log_lost |= !state.belief.is_known();
+        state.bound = state.belief.bound();
+        state.adapt();
+        Ok(state.certificate())
     }
 }

@@ -1,22 +1,88 @@
-//! State of a pruned filter as plain data, and its formats. Section 13 of the
-//! [formulas](crate::guide::formulas) defines its bounds.
+//! State of a pruned filter as plain data, its limits on the pruning, and its certificate: the
+//! bound D / (K + D) of section 13 of the [formulas](crate::guide::formulas), compared with the
+//! tolerance.
 
-use std::ops::{Deref, RangeInclusive};
+use std::ops::RangeInclusive;
 
-use super::envelope::{Envelope, Others};
-use super::step::{LARGEST_SHARE, LEAST_SHARE};
-use super::{Certificate, PrunedFilter, Pruning};
+use super::envelope::{Envelope, LEAST_KEPT, Others};
 use crate::belief::SUM_TOLERANCE;
-use crate::error::{InferenceError, SnapshotError};
-use crate::hmm::Hmm;
+use crate::error::SnapshotError;
 use crate::inference::step::state::{LogSum, MOST_STEPS};
 use crate::inference::streams::bytes::{Kind, Reader, Writer, contents};
 use crate::inference::streams::format::{
     COUNT, COUNT_OR_ANY, Codec, DOUBLE, DOUBLES, FLAG, OPEN_DOUBLES, OPEN_SUM, STATES, SUM,
     TOLERANCE, finite, in_bytes, or_infinite,
 };
-use crate::likelihood::LocalLikelihood;
-use crate::transition::TransitionEntries;
+
+/// Initial and largest share of the tolerance that a step may drop. It is this small because an
+/// observation that contradicts the belief multiplies the dropped mass, and because a tenth of the
+/// share needs hardly more states.
+pub(crate) const LARGEST_SHARE: f64 = 1e-8;
+/// Smallest share of the tolerance that a step may drop.
+pub(crate) const LEAST_SHARE: f64 = 1e-30;
+/// Share of the tolerance above which the bound makes steps drop less.
+const NEAR: f64 = 1e-3;
+/// Factors on the share from one step to the next: if the bound is above [`NEAR`], and otherwise.
+const LESS: f64 = 0.1;
+const MORE: f64 = 1.01;
+
+/// Limits on the pruning of a [`PrunedFilter`](crate::PrunedFilter).
+///
+/// ```
+/// use wayfix::inference::Pruning;
+///
+/// let pruning = Pruning { tolerance: 1e-9, ..Pruning::default() };
+/// assert_eq!(pruning.most_active, usize::MAX);
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pruning {
+    /// Tolerated distance of the belief from the exact one, in total variation; 1e-6 by default.
+    /// At 0 (or less, or NaN) only states below 1e-290 are dropped.
+    pub tolerance: f64,
+    /// Largest number of active states, unlimited by default. It bounds the time of a step, and
+    /// takes precedence over the tolerance.
+    pub most_active: usize,
+}
+
+impl Default for Pruning {
+    fn default() -> Self {
+        Self { tolerance: 1e-6, most_active: usize::MAX }
+    }
+}
+
+/// Proven bound on the distance of a pruned belief from the exact one in total variation, with the
+/// answer whether it is within the tolerance.
+///
+/// The total variation is the largest error in the probability of any event: half the sum of all
+/// absolute differences.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Certificate {
+    /// A bound that is at most the tolerance.
+    Within(f64),
+    /// A bound that is above the tolerance. The belief is still the best estimate, and the bound
+    /// may recover.
+    Exceeded(f64),
+}
+
+impl Certificate {
+    pub(crate) fn of(bound: f64, pruning: Pruning) -> Self {
+        // Every comparison with a NaN tolerance is false, so no bound is within it.
+        if bound <= pruning.tolerance { Self::Within(bound) } else { Self::Exceeded(bound) }
+    }
+
+    /// Returns the bound, from 0 to 1.
+    #[must_use]
+    pub fn bound(self) -> f64 {
+        let (Self::Within(bound) | Self::Exceeded(bound)) = self;
+        bound
+    }
+
+    /// Returns true if the bound is at most the tolerance.
+    #[must_use]
+    pub fn holds(self) -> bool {
+        matches!(self, Self::Within(_))
+    }
+}
 
 /// State of a pruned filter after k steps, with its certificate and its limits: plain data that can
 /// be kept, compared, sent elsewhere and restored. Memory: 32 bytes for each active state.
@@ -150,6 +216,23 @@ impl PrunedFilterSnapshot {
         }
     }
 
+    /// Returns the probability up to which a step with this number of candidates drops states. It
+    /// is below the mean of the candidates, so that the most probable one is kept.
+    pub(super) fn threshold(&self, candidates: usize) -> f64 {
+        let count = candidates as f64;
+        let threshold = self.pruning.tolerance.max(0.0) * self.share / count;
+        threshold.clamp(LEAST_KEPT, 0.5 / count)
+    }
+
+    /// Adapts the share: less if the bound is near the tolerance, slowly more if it is far below.
+    pub(super) fn adapt(&mut self) {
+        let used = self.bound / self.pruning.tolerance;
+        // Down fast and up slowly: one observation that contradicts the belief may multiply the
+        // mass that was dropped.
+        let factor = if used > NEAR { LESS } else { MORE };
+        self.share = (self.share * factor).clamp(LEAST_SHARE, LARGEST_SHARE);
+    }
+
     /// Checks that the numbers, which may be damaged, can be those of a filter.
     pub(crate) fn checked(self) -> Result<Self, String> {
         let Self { states, steps, belief, bound, share, .. } = &self;
@@ -163,7 +246,7 @@ impl PrunedFilterSnapshot {
         }
         // Non-negative; ∞ is valid in an upper bound. (Lengths and sums are checked below.)
         let values = [&belief.estimate, &belief.lower, &belief.excess];
-        let others = [belief.others.elsewhere, belief.others.outside];
+        let others = [belief.others.each_inactive, belief.others.all_inactive];
         for value in values.into_iter().flatten().chain(&others) {
             if value.is_nan() || *value < 0.0 {
                 return Err(format!("a number of the belief is {value}, expected at least 0"));
@@ -195,61 +278,30 @@ impl PrunedFilterSnapshot {
                 "a step may drop {share} of the tolerance, expected {LEAST_SHARE} to {LARGEST_SHARE}"
             ));
         }
-        let LogSum { sum, lost } = self.log;
+        let LogSum { sum, compensation } = self.log;
         if !self.log.is_finite() {
             return Err(format!(
-                "the log-likelihood is the sum of {sum} and {lost}, expected finite values"
+                "the log-likelihood is the sum of {sum} and {compensation}, expected finite values"
             ));
         }
         // The excess may have become infinite, but never negative.
-        let LogSum { sum, lost } = self.log_excess;
-        if !(lost.is_finite() && self.log_excess.value() >= 0.0) {
+        let LogSum { sum, compensation } = self.log_excess;
+        if !(compensation.is_finite() && self.log_excess.value() >= 0.0) {
             return Err(format!(
-                "the log-likelihood may be {sum} and {lost} more, expected at least 0"
+                "the log-likelihood may be {sum} and {compensation} more, expected at least 0"
             ));
         }
         Ok(self)
     }
 }
 
-impl<M, A, B> PrunedFilter<M>
-where
-    M: Deref<Target = Hmm<A, B>>,
-    A: TransitionEntries,
-    B: LocalLikelihood,
-{
-    /// Returns a copy of the filter's state. A filter that is [restored](Self::restore) from it
-    /// continues with identical bits. O(active states).
-    #[must_use]
-    pub fn snapshot(&self) -> PrunedFilterSnapshot {
-        self.state.clone()
-    }
-
-    /// Restores a snapshot of this filter or another, and adopts its limits on the pruning.
-    /// Allocates nothing unless there are more active states than ever before. O(active states).
-    ///
-    /// # Errors
-    ///
-    /// [`InferenceError::StateCount`] if the snapshot has another number of states.
-    pub fn restore(&mut self, snapshot: &PrunedFilterSnapshot) -> Result<(), InferenceError> {
-        let (found, expected) = (snapshot.states, self.model.states());
-        if found != expected {
-            return Err(InferenceError::StateCount { what: "snapshot", found, expected });
-        }
-        // Copied into the memory of the next belief, which is swapped in as after a step.
-        self.scratch.next.copy_from(&snapshot.belief);
-        self.scratch.replace(&mut self.state, snapshot);
-        Ok(())
-    }
-}
-
 pub(crate) const OTHERS: Codec<Others, [Option<f64>; 2]> = Codec {
-    write: |v, out| [v.elsewhere, v.outside].into_iter().for_each(|v| out.double(v)),
-    read: |from| Ok(Others { elsewhere: from.double()?, outside: from.double()? }),
-    data: |v| [v.elsewhere, v.outside].map(finite),
+    write: |v, out| [v.each_inactive, v.all_inactive].into_iter().for_each(|v| out.double(v)),
+    read: |from| Ok(Others { each_inactive: from.double()?, all_inactive: from.double()? }),
+    data: |v| [v.each_inactive, v.all_inactive].map(finite),
     value: |data| {
-        let [elsewhere, outside] = data.map(or_infinite);
-        Others { elsewhere, outside }
+        let [each_inactive, all_inactive] = data.map(or_infinite);
+        Others { each_inactive, all_inactive }
     },
 };
 

@@ -7,7 +7,7 @@
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::inference::step::Step;
-use crate::inference::step::in_logs::normalize_logs;
+use crate::inference::step::state::normalize_logs;
 use crate::inference::step::state::{FilterSnapshot, StepScratch};
 use crate::likelihood::{Likelihood, Scratch};
 use crate::sequence::Sequence;
@@ -39,10 +39,10 @@ where
     let (mut predicted, mut others) = (Vec::with_capacity(n * steps), vec![0.0; n * steps]);
     for (number, row) in (1..).zip(others.chunks_exact_mut(n)) {
         let step = Step::of(hmm, sequence, number);
-        let outcome = step.advance_unseen(state.held(), &mut scratch)?;
+        let outcome = step.advance_unseen(state.belief_ref(), &mut scratch)?;
         state.commit(number, &outcome, &mut scratch);
-        predicted.extend_from_slice(state.held().linear);
-        state.held().logs_to(row);
+        predicted.extend_from_slice(state.belief_ref().linear);
+        state.belief_ref().logs_to(row);
         let update = Step { hmm, number, control: None };
         state.advance(&update, sequence.observation(number), &mut scratch)?;
     }

@@ -2,13 +2,9 @@
 //!
 //! All use the steps of [`step`](super::step), or an engine that gives the same results.
 
-pub(crate) mod forward;
+pub(crate) mod forward_backward;
 pub(crate) mod left_out;
-pub(crate) mod many_sequences;
-pub(crate) mod pairwise;
-pub(crate) mod path_entropy;
-pub(crate) mod path_sampler;
-pub(crate) mod posteriors;
+pub(crate) mod many;
+pub(crate) mod paths;
 pub(crate) mod simulation;
 pub(crate) mod smooth_each;
-pub(crate) mod smoother;

@@ -3,32 +3,32 @@
 //!
 //! N α' = b ∘ (A α), where A is any linear operator, stored or not. Each step is taken in the
 //! cheapest form that keeps every possible state: plain, lifted, or in logarithms. The results
-//! themselves show whether a form was sufficient ([`limits`](wayfix_kernels::limits) has the proof). If it
-//! was not, time is lost but no digits, because the state of the filter has not been touched yet.
+//! themselves show whether a form was sufficient ([`limits`](wayfix_kernels::limits) has the
+//! proof). If it was not, time is lost but no digits, because the state has not been touched yet.
 //!
 //! With evidence on the move, measurements between two steps multiply the entries of A. The
 //! prediction then sums to their probability instead of one; linear space is used while that sum
 //! is from 2^-100 to 2^7.
 
-pub(crate) mod backward;
-pub(crate) mod forward_pass;
-mod grouped;
-pub(crate) mod in_logs;
-mod predict;
+pub(crate) mod forward_backward;
 pub(crate) mod scores;
 pub(crate) mod state;
 
-use self::in_logs::BeliefRef;
-use self::state::{BeliefForm, LiftedBelief, StepOutcome, StepOutput, StepScratch};
+use self::state::{
+    BeliefForm, BeliefRef, FilterSnapshot, LiftedBelief, StepOutcome, StepOutput, StepScratch,
+    loses, normalize_logs,
+};
 use crate::error::InferenceError;
+use crate::groups::Groups;
 use crate::hmm::Hmm;
-use crate::likelihood::{Diagonal, Likelihood, Values};
+use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
 use crate::sequence::Sequence;
-use crate::transition::{SparseTransition, Stored, Transition};
-use wayfix_kernels::limits::{self, LIFT};
-use wayfix_kernels::{self as kernels, ForwardStep, ForwardSums, Product, Watch};
+use crate::transition::{SparseTransition, Stored, Transition, TransitionEntries};
+use wayfix_kernels as kernels;
+use wayfix_kernels::limits::LIFT;
+use wayfix_kernels::{ForwardStep, ForwardSums, Product, Valid, Watch, limits};
 
-pub(crate) use self::state::Workspace;
+pub(crate) use self::state::SensorScratch;
 
 /// Model, number and control of one step.
 pub(crate) struct Step<'m, A: Transition, B> {
@@ -92,8 +92,8 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
     ///
     /// The step is taken in linear space unless it needs logarithms: the previous belief is in
     /// logarithms, the observation contradicts the prediction by more than 2^32 (number 2 in
-    /// [`limits`](wayfix_kernels::limits)), or a possible state would become 0. The last reason does not
-    /// apply to a model with rounded tails.
+    /// [`limits`](wayfix_kernels::limits)), or a possible state would become 0. The last reason
+    /// does not apply to a model with rounded tails.
     pub(crate) fn advance(
         &self,
         observation: &B::Observation,
@@ -101,7 +101,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         scratch: &mut StepScratch,
         mut rows: Option<&mut Vec<f64>>,
     ) -> Result<StepOutcome, InferenceError> {
-        let StepScratch { lifted, output, work: Workspace { scratch, values } } = scratch;
+        let StepScratch { lifted, output, sensor: SensorScratch { scratch, values } } = scratch;
         if let Some(found) = self.hmm.likelihood().by_groups(observation, scratch)
             && let Ok((diagonal, groups)) = found
             && diagonal.check_shape(groups.count()).is_ok()
@@ -197,7 +197,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         output: &mut StepOutput,
         rows: Option<&mut Vec<f64>>,
     ) -> Result<Option<(f64, BeliefForm)>, InferenceError> {
-        let StepOutput { predicted, after, lifted: out, .. } = output;
+        let StepOutput { predicted, after, updated: out, .. } = output;
         // With evidence there is no matrix and hence no plain step: its entries have no known
         // lower bound.
         let matrix = self.control.and_then(|control| self.stored(control));
@@ -209,7 +209,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         {
             let product = Product::Sparse { matrix: &matrix.sliced_rows, x: belief };
             let updated = kernels::forward_step(likelihoods.update(product, 1.0, out));
-            if !holds(&updated, 1.0) {
+            if !is_within_range(&updated, 1.0) {
                 return Ok(None);
             }
             if !updated.small {
@@ -246,7 +246,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         }
         // With evidence, N is compared with the sum of the prediction in place of one: only a
         // contradiction between the observation and what the evidence has left counts.
-        if !holds(&updated, if has_evidence { updated.predicted } else { LIFT }) {
+        if !is_within_range(&updated, if has_evidence { updated.predicted } else { LIFT }) {
             return Ok(None);
         }
         let tiny = kernels::normalize_and_lift(out, after, updated.products);
@@ -311,8 +311,298 @@ impl<'a> Likelihoods<'a> {
 /// Returns true if the results of an update are within the range of `f64` and the likelihoods
 /// are valid and within the unscaled range (numbers 1 and 2 in [`limits`](wayfix_kernels::limits)).
 #[inline]
-fn holds(updated: &ForwardSums, lift: f64) -> bool {
+fn is_within_range(updated: &ForwardSums, lift: f64) -> bool {
     let ForwardSums { products, predicted, largest_likelihood, .. } = *updated;
     !updated.negative_likelihood
         && limits::linear_holds(products, predicted, largest_likelihood, lift)
+}
+
+impl<A: Transition, B: Likelihood> Step<'_, A, B> {
+    /// Returns true if the operator reports products of this step outside the range of `f64`.
+    pub(crate) fn needs_logs(&self) -> bool {
+        self.control.is_some_and(|control| self.hmm.transition().needs_logs(control))
+    }
+
+    /// Returns true if the operator reports single entries of this step outside the range of `f64`.
+    pub(crate) fn entries_need_logs(&self) -> bool
+    where
+        A: TransitionEntries,
+    {
+        self.control.is_some_and(|control| self.hmm.transition().entries_need_logs(control))
+    }
+
+    /// Returns the checked diagonal of an observation and its largest value.
+    pub(crate) fn diagonal<'a>(
+        &'a self,
+        observation: &'a B::Observation,
+        scratch: &'a mut Scratch,
+    ) -> Result<(Diagonal<'a>, f64), InferenceError> {
+        let wrap = |cause| InferenceError::likelihood(self.number, cause);
+        let diagonal = self.hmm.likelihood().diagonal(observation, scratch).map_err(wrap)?;
+        let largest = diagonal.check(self.hmm.states()).map_err(wrap)?;
+        Ok((diagonal, largest))
+    }
+
+    /// Computes `after = A before`, or a copy without a transition, for vectors of any scale. The
+    /// control must have been checked.
+    pub(crate) fn predict(&self, before: &[f64], after: &mut [f64]) {
+        match self.control {
+            Some(control) => self.hmm.transition().apply(control, before, after),
+            None => after.copy_from_slice(before),
+        }
+    }
+
+    /// Takes the step without an observation. Its log-likelihood is that of evidence on the move,
+    /// or 0 without evidence.
+    pub(crate) fn advance_unseen(
+        &self,
+        before: BeliefRef<'_>,
+        scratch: &mut StepScratch,
+    ) -> Result<StepOutcome, InferenceError> {
+        let StepScratch { lifted, output, sensor } = scratch;
+        let (evidence, rounds_tails) = (self.evidence()?, self.hmm.rounds_tails());
+        let mut taken_in_logs = before.logs.is_some() || (evidence.is_some() && self.needs_logs());
+        // ln p(u), before the log factor of the evidence is added.
+        let mut log = 0.0;
+        if !taken_in_logs {
+            // Always lifted: there is no update here that would notice small products.
+            self.predict(lifted.values(before.linear), &mut output.after);
+            let sum = match evidence {
+                None => Some(self.check_prediction(&output.after)?),
+                Some(_) => self.evidence_sum(&output.after)?,
+            };
+            match sum {
+                Some(sum) => {
+                    let loses = output.after.iter().any(|p| limits::rounds_to_zero(*p, sum));
+                    // Without evidence the sum is one up to rounding, which must not accumulate
+                    // over steps.
+                    kernels::normalize(&mut output.after, sum);
+                    (taken_in_logs, log) = (loses && !rounds_tails, (sum / LIFT).ln());
+                }
+                None => taken_in_logs = true,
+            }
+        }
+        // Starts over from the previous belief; the linear result is overwritten.
+        let mut result_in_logs = false;
+        if taken_in_logs {
+            self.predict_in_logs(before, evidence, output, &mut sensor.values)?;
+            log = normalize_logs(&mut output.logs, &mut output.after).unwrap_or(f64::NEG_INFINITY);
+            result_in_logs = !rounds_tails && loses(&output.logs, &output.after);
+        }
+        let log = evidence.map_or(0.0, |log_factor| log + log_factor);
+        Ok(StepOutcome {
+            log,
+            normalizer: 0.0,
+            taken_in_logs,
+            result_in_logs,
+            form: BeliefForm::Other,
+        })
+    }
+
+    /// Checks that a lifted prediction is a distribution, since the operator may be the user's own,
+    /// and returns its sum.
+    pub(crate) fn check_prediction(&self, predicted: &[f64]) -> Result<f64, InferenceError> {
+        let step = self.number;
+        if let Err(state) = kernels::largest(predicted, Valid::Likelihoods) {
+            let value = predicted[state] / LIFT;
+            return Err(InferenceError::Predicted { step, state, value });
+        }
+        let lifted = kernels::sum(predicted);
+        let sum = lifted / LIFT;
+        if limits::is_one(sum) {
+            Ok(lifted)
+        } else {
+            Err(InferenceError::PredictedSum { step, sum })
+        }
+    }
+
+    /// Returns the sum of a lifted prediction with evidence, or `None` if the step has to be
+    /// taken in logarithms.
+    pub(crate) fn evidence_sum(&self, predicted: &[f64]) -> Result<Option<f64>, InferenceError> {
+        if let Err(state) = kernels::largest(predicted, Valid::Likelihoods) {
+            let value = predicted[state] / LIFT;
+            // An overflow may come from the lift, and a NaN from 0 · ∞ after one: try logarithms.
+            // If the operator itself gave ∞ or NaN, its logarithms will be invalid, too.
+            if value == f64::INFINITY || value.is_nan() {
+                return Ok(None);
+            }
+            return Err(InferenceError::Predicted { step: self.number, state, value });
+        }
+        let sum = kernels::sum(predicted);
+        Ok(limits::is_evidence_sum(sum / LIFT).then_some(sum))
+    }
+
+    /// Predicts in logarithms, into `output.logs`, and checks the prediction: it must be a
+    /// distribution unless there is evidence on the move.
+    pub(crate) fn predict_in_logs(
+        &self,
+        before: BeliefRef<'_>,
+        evidence: Option<f64>,
+        output: &mut StepOutput,
+        values: &mut [f64],
+    ) -> Result<(), InferenceError> {
+        before.logs_to(values);
+        match self.control {
+            Some(control) => self.hmm.transition().apply_log(control, values, &mut output.logs),
+            None => output.logs.copy_from_slice(values),
+        }
+        if evidence.is_some() {
+            return self.check_log_evidence(&output.logs);
+        }
+        // Lifted, so that the test of the sum includes values below the range of `f64`.
+        // `predicted` is unused by a step in logarithms, and serves as scratch here.
+        let lift = LIFT.ln();
+        let states = output.predicted.iter_mut().zip(&output.logs);
+        states.for_each(|(out, log)| *out = (log + lift).exp());
+        self.check_prediction(&output.predicted)?;
+        Ok(())
+    }
+
+    /// Updates the prediction in logarithms to the belief after the observation. `log_scale` is
+    /// subtracted from the log-likelihoods first, so that the sums keep their digits.
+    #[cold]
+    pub(crate) fn update_in_logs(
+        &self,
+        diagonal: &Diagonal<'_>,
+        log_scale: f64,
+        output: &mut StepOutput,
+    ) -> Result<StepOutcome, InferenceError> {
+        for (out, log) in output.logs.iter_mut().zip(diagonal.logs()) {
+            *out += log - log_scale;
+        }
+        // Callers have excluded an all-zero prediction and all-zero likelihoods, but the two may
+        // have no state in common.
+        let Some(normalizer) = normalize_logs(&mut output.logs, &mut output.after) else {
+            return Err(InferenceError::Impossible { step: self.number });
+        };
+        let log = normalizer + log_scale + diagonal.log_factor;
+        let result_in_logs = !self.hmm.rounds_tails() && loses(&output.logs, &output.after);
+        Ok(StepOutcome {
+            log,
+            normalizer: 0.0,
+            taken_in_logs: true,
+            result_in_logs,
+            form: BeliefForm::Other,
+        })
+    }
+
+    /// Checks that the logarithms of a prediction with evidence are finite or −∞, and not all −∞.
+    pub(crate) fn check_log_evidence(&self, logs: &[f64]) -> Result<(), InferenceError> {
+        let step = self.number;
+        match kernels::largest(logs, Valid::Logs) {
+            Err(state) => Err(InferenceError::Predicted { step, state, value: logs[state].exp() }),
+            Ok(f64::NEG_INFINITY) => Err(InferenceError::ImpossibleMove { step }),
+            Ok(_) => Ok(()),
+        }
+    }
+
+    /// Returns true if a state that prediction and likelihood allow has become 0, or if a scaled
+    /// likelihood is too small to have all its digits.
+    #[cold]
+    fn loses_states(
+        &self,
+        likelihoods: Likelihoods<'_>,
+        lifted: &[f64],
+        output: &mut StepOutput,
+    ) -> bool {
+        // Predicted again: the fused product with a stored matrix did not keep p.
+        self.predict(lifted, &mut output.predicted);
+        let lost =
+            |((&p, &after), &scaled): ((&f64, &f64), &f64)| limits::is_lost(p, after, scaled);
+        let states = output.predicted.iter().zip(&*output.after).zip(likelihoods.values);
+        // If the sensor's own likelihood is 0 the state is impossible, and 0 is right.
+        match likelihoods.diagonal.values {
+            Values::Linear(b) | Values::Checked { linear: b, .. } => {
+                states.zip(b).any(|(state, b)| lost(state) && *b > 0.0)
+            }
+            Values::Log(b) => states.zip(b).any(|(state, b)| lost(state) && *b > f64::NEG_INFINITY),
+        }
+    }
+}
+
+/// Number of states of one group that are multiplied at a time.
+const REPEATED: usize = 512;
+
+impl<A: Transition, B: Likelihood> Step<'_, A, B> {
+    /// Takes the step with likelihoods of groups of states. Returns the normaliser, which includes
+    /// the probability of evidence on the move, or `None` if belief or entries may be too small
+    /// for a plain step, or if the results leave the range of `f64`.
+    fn advance_by_blocks(
+        &self,
+        (diagonal, groups): (&Diagonal<'_>, &Groups),
+        has_evidence: bool,
+        before: BeliefRef<'_>,
+        lifted: &mut LiftedBelief,
+        output: &mut StepOutput,
+        rows: Option<&mut Vec<f64>>,
+    ) -> Option<(f64, BeliefForm)> {
+        let (transition, control) = (self.hmm.transition(), self.control?);
+        let likelihoods = diagonal.linear_values()?;
+        let largest = diagonal.check(groups.count()).ok()?;
+        let fits = limits::is_unscaled(largest) && groups.as_slice().len() == before.linear.len();
+        // Conditions of a plain step ("A plain step" in `limits`): no tiny belief is checked here,
+        // no small entry below. There is no matrix to look at, so the operator has to report its
+        // smallest.
+        if !fits || before.logs.is_some() || lifted.is_needed() {
+            return None;
+        }
+        if !limits::is_plain(transition.smallest_entry(control)) {
+            return None;
+        }
+        // Watched even with rounded tails, since nothing is lifted here.
+        let watch = Watch::Products;
+        let after = &mut *output.updated;
+        let (mut updated, mut states) = (ForwardSums::NONE, 0);
+        transition.apply_in_blocks(control, before.linear, &mut |first, predicted| {
+            states += predicted.len();
+            let after = &mut after[first..first + predicted.len()];
+            for (run, group, same) in groups.runs(first..first + predicted.len()) {
+                let run = run.start - first..run.end - first;
+                let (predicted, after) = (&predicted[run.clone()], &mut after[run]);
+                let mut update = |predicted, likelihoods, out| {
+                    let prediction = Product::Computed(predicted);
+                    let part = ForwardStep { prediction, lift: 1.0, likelihoods, watch, out };
+                    updated = updated.and(kernels::forward_step(part));
+                };
+                // A run is either one group throughout, whose likelihood is repeated, or states of
+                // consecutive groups, whose likelihoods are contiguous in memory already.
+                if same {
+                    let repeated = [likelihoods[group]; REPEATED];
+                    let parts = predicted.chunks(REPEATED).zip(after.chunks_mut(REPEATED));
+                    parts.for_each(|(p, after)| update(p, &repeated[..p.len()], after));
+                } else {
+                    update(predicted, &likelihoods[group..group + predicted.len()], after);
+                }
+            }
+        });
+        // Errors are left for the whole-vector step to report. An operator that passed too few
+        // blocks breaks its contract: the output would keep values of an earlier step.
+        if states != before.linear.len() || updated.negative_predicted || updated.small {
+            if updated.small {
+                lifted.lift_for_some_steps();
+            }
+            return None;
+        }
+        let predicted = updated.predicted;
+        let is_valid = if has_evidence { limits::is_evidence_sum } else { limits::is_one };
+        if !is_valid(predicted) || !is_within_range(&updated, predicted) {
+            return None;
+        }
+        let tiny = kernels::normalize_in_place(&mut output.updated, updated.products, rows);
+        Some((updated.products, BeliefForm::Plain { tiny }))
+    }
+}
+
+impl FilterSnapshot {
+    /// Takes a step with an observation.
+    pub(crate) fn advance<A: Transition, B: Likelihood>(
+        &mut self,
+        step: &Step<'_, A, B>,
+        observation: &B::Observation,
+        scratch: &mut StepScratch,
+    ) -> Result<StepOutcome, InferenceError> {
+        let outcome = step.advance(observation, self.belief_ref(), scratch, None)?;
+        self.commit(step.number, &outcome, scratch);
+        Ok(outcome)
+    }
 }

@@ -5,7 +5,7 @@
 
 use std::f64::consts::{LN_2, LOG2_E};
 
-use super::{Step, Workspace};
+use super::{SensorScratch, Step};
 use crate::error::InferenceError;
 use crate::inference::LogSum;
 use crate::likelihood::{Diagonal, Likelihood, Values};
@@ -131,10 +131,10 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         scores: &[f64],
         observation: Option<&B::Observation>,
         (next, from): (&mut [f64], &mut [u32]),
-        work: &mut Workspace,
+        sensor: &mut SensorScratch,
         taken_out: &mut TakenOut,
     ) -> Result<(), InferenceError> {
-        let scratch = &mut work.scratch;
+        let scratch = &mut sensor.scratch;
         let likelihoods = match observation {
             Some(observation) => {
                 scratch.ask_for_log2();
@@ -158,7 +158,7 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
             }
             kernels::add_scores(next, likelihoods)
         };
-        self.settle_at(next, largest, taken_out)?;
+        self.take_out_whole_of(next, largest, taken_out)?;
         Ok(())
     }
 
@@ -166,11 +166,11 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
     pub(crate) fn observe(
         &self,
         observation: &B::Observation,
-        work: &mut Workspace,
+        sensor: &mut SensorScratch,
         scores: &mut [f64],
         taken_out: &mut TakenOut,
     ) -> Result<(), InferenceError> {
-        let scratch = &mut work.scratch;
+        let scratch = &mut sensor.scratch;
         scratch.ask_for_log2();
         let (diagonal, largest) = self.diagonal(observation, scratch)?;
         let likelihoods = likelihood_scores(&diagonal, largest, taken_out)
@@ -180,16 +180,16 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
     }
 
     /// Takes a whole number out of the scores, and returns it. Fails if all scores are −∞.
-    pub(crate) fn settle(
+    pub(crate) fn take_out_whole(
         &self,
         scores: &mut [f64],
         taken_out: &mut TakenOut,
     ) -> Result<f64, InferenceError> {
         let best = scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        self.settle_at(scores, best, taken_out)
+        self.take_out_whole_of(scores, best, taken_out)
     }
 
-    fn settle_at(
+    fn take_out_whole_of(
         &self,
         scores: &mut [f64],
         best: f64,

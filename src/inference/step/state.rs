@@ -2,19 +2,19 @@
 //!
 //! A step reads the state, computes into scratch memory, and is committed by swapping buffers. An
 //! error before the commit leaves the state as it was, and nothing is copied or allocated. Between
-//! steps the belief keeps the invariant of its form ([`limits`](wayfix_kernels::limits)): every possible
-//! state is above 0 with all its digits, or the belief has logarithms too. The recursion is that of
-//! section 2 of the [formulas](crate::guide::formulas).
+//! steps the belief keeps the invariant of its form ([`limits`](wayfix_kernels::limits)): every
+//! possible state is above 0 with all its digits, or the belief has logarithms too, because it has
+//! values that linear space cannot hold.
 
+use std::f64::consts::LN_2;
 use std::mem;
 
-use super::Step;
-use super::in_logs::BeliefRef;
 use crate::error::InferenceError;
-use crate::likelihood::{Likelihood, Scratch};
-use crate::transition::{Transition, buffers};
-use wayfix_kernels::limits::LIFTED_STEPS;
-use wayfix_kernels::{self as kernels, Aligned};
+use crate::likelihood::Scratch;
+use crate::transition::{TransitionEntries, buffers};
+use wayfix_kernels as kernels;
+use wayfix_kernels::limits::{LIFT, LIFTED_STEPS};
+use wayfix_kernels::{Aligned, limits};
 
 /// Largest number of steps of a filter or snapshot: an `f64` can count them.
 pub const MOST_STEPS: usize = if usize::BITS > 53 { (1_u64 << 53) as usize } else { usize::MAX };
@@ -28,7 +28,7 @@ pub(crate) fn next_step(steps: usize) -> Result<usize, InferenceError> {
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct LogSum {
     pub(crate) sum: f64,
-    pub(crate) lost: f64,
+    pub(crate) compensation: f64,
 }
 
 impl LogSum {
@@ -38,7 +38,7 @@ impl LogSum {
         let sum = self.sum + value;
         // Neumaier: with the larger operand first, this difference is exactly the rounding error
         // of the sum (Dekker's fast two-sum).
-        self.lost += if self.sum.abs() >= value.abs() {
+        self.compensation += if self.sum.abs() >= value.abs() {
             (self.sum - sum) + value
         } else {
             (value - sum) + self.sum
@@ -48,18 +48,18 @@ impl LogSum {
 
     /// Returns the sum with its compensation cleared if it is infinite: that is NaN and unused.
     pub(crate) fn known(self) -> Self {
-        if self.sum.is_finite() { self } else { Self { sum: self.sum, lost: 0.0 } }
+        if self.sum.is_finite() { self } else { Self { sum: self.sum, compensation: 0.0 } }
     }
 
     /// Returns true if sum and compensation together are finite. Either may be damaged.
     pub(crate) fn is_finite(self) -> bool {
-        self.sum.is_finite() && (self.sum + self.lost).is_finite()
+        self.sum.is_finite() && (self.sum + self.compensation).is_finite()
     }
 
     #[doc(hidden)]
     pub fn value(self) -> f64 {
         // An infinite sum has no meaningful compensation.
-        if self.sum.is_finite() { self.sum + self.lost } else { self.sum }
+        if self.sum.is_finite() { self.sum + self.compensation } else { self.sum }
     }
 }
 
@@ -123,21 +123,9 @@ impl FilterSnapshot {
         (self.steps, self.steps_in_logs, self.log_likelihood) = (0, 0, LogSum::default());
     }
 
-    pub(crate) fn held(&self) -> BeliefRef<'_> {
+    pub(crate) fn belief_ref(&self) -> BeliefRef<'_> {
         let logs = Some(&self.logs[..]).filter(|logs| !logs.is_empty());
         BeliefRef { linear: &self.belief, logs }
-    }
-
-    /// Takes a step with an observation.
-    pub(crate) fn advance<A: Transition, B: Likelihood>(
-        &mut self,
-        step: &Step<'_, A, B>,
-        observation: &B::Observation,
-        scratch: &mut StepScratch,
-    ) -> Result<StepOutcome, InferenceError> {
-        let outcome = step.advance(observation, self.held(), scratch, None)?;
-        self.commit(step.number, &outcome, scratch);
-        Ok(outcome)
     }
 
     /// Applies the outcome of a step. Nothing before this call changes the state.
@@ -154,22 +142,22 @@ impl FilterSnapshot {
             // A plain step normalises in place and lifts nothing: `lifted.values` still belong to
             // the previous belief.
             BeliefForm::Plain { tiny } => {
-                mem::swap(&mut self.belief, &mut output.lifted);
+                mem::swap(&mut self.belief, &mut output.updated);
                 (lifted.valid, lifted.tiny) = (false, tiny);
             }
             BeliefForm::Lifted { tiny } => {
                 mem::swap(&mut self.belief, &mut output.after);
-                mem::swap(&mut lifted.values, &mut output.lifted);
+                mem::swap(&mut lifted.values, &mut output.updated);
                 (lifted.valid, lifted.tiny) = (true, tiny);
             }
             BeliefForm::Other => {
                 mem::swap(&mut self.belief, &mut output.after);
-                lifted.follow(&self.belief);
+                lifted.reset(&self.belief);
             }
         }
         lifted.more = lifted.more.saturating_sub(1);
         // Logarithms are kept only as long as some state needs them.
-        if outcome.in_logs {
+        if outcome.result_in_logs {
             mem::swap(&mut self.logs, &mut output.logs);
             // The swap brought back an empty vector unless the last belief had logarithms too. Its
             // capacity is n, so that this does not allocate.
@@ -178,18 +166,18 @@ impl FilterSnapshot {
             self.logs.clear();
         }
         self.steps = number;
-        self.steps_in_logs = self.steps_in_logs.saturating_add(usize::from(outcome.by_logs));
+        self.steps_in_logs = self.steps_in_logs.saturating_add(usize::from(outcome.taken_in_logs));
         self.log_likelihood.add(outcome.log);
     }
 }
 
 /// Scratch memory of steps, allocated once. If the belief is changed from outside, [`LiftedBelief`]
-/// has to [follow](LiftedBelief::follow).
+/// has to [reset](LiftedBelief::reset).
 #[derive(Debug, Clone)]
 pub(crate) struct StepScratch {
     pub(crate) lifted: LiftedBelief,
     pub(crate) output: StepOutput,
-    pub(crate) work: Workspace,
+    pub(crate) sensor: SensorScratch,
 }
 
 impl StepScratch {
@@ -204,26 +192,27 @@ impl StepScratch {
         // Products in logarithms use buffers of the thread.
         buffers::reserve_two(n);
         let (predicted, logs) = (vec![0.0; n], vec![0.0; n]);
-        let output = StepOutput { predicted, after: zeros(), lifted: zeros(), logs };
-        Self { lifted, output, work: Workspace::new(n) }
+        let output = StepOutput { predicted, after: zeros(), updated: zeros(), logs };
+        Self { lifted, output, sensor: SensorScratch::new(n) }
     }
 }
 
 /// Memory for the values of a sensor, and for scaled likelihoods or logarithms.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Workspace {
+pub(crate) struct SensorScratch {
     pub(crate) scratch: Scratch,
     pub(crate) values: Vec<f64>,
 }
 
-impl Workspace {
+impl SensorScratch {
     pub(crate) fn new(states: usize) -> Self {
         Self { scratch: Scratch::default(), values: vec![0.0; states] }
     }
 }
 
-/// Belief before a step, as the operand of the product: lifted by [`LIFT`](wayfix_kernels::limits::LIFT),
-/// unless neither it nor the matrix has values small enough for that to matter.
+/// Belief before a step, as the operand of the product: lifted by
+/// [`LIFT`](wayfix_kernels::limits::LIFT), unless neither it nor the matrix has values small enough
+/// for that to matter.
 #[derive(Debug, Clone)]
 pub(crate) struct LiftedBelief {
     values: Aligned,
@@ -237,7 +226,7 @@ pub(crate) struct LiftedBelief {
 
 impl LiftedBelief {
     /// Switches to another belief.
-    pub(crate) fn follow(&mut self, belief: &[f64]) {
+    pub(crate) fn reset(&mut self, belief: &[f64]) {
         (self.valid, self.tiny) = (false, kernels::any_tiny(belief));
     }
 
@@ -268,9 +257,9 @@ impl LiftedBelief {
 /// Form in which a step leaves its result.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum BeliefForm {
-    /// The belief is in [`StepOutput::lifted`], not lifted.
+    /// The belief is in [`StepOutput::updated`], not lifted.
     Plain { tiny: bool },
-    /// The belief is in [`StepOutput::after`], and lifted in [`StepOutput::lifted`].
+    /// The belief is in [`StepOutput::after`], and lifted in [`StepOutput::updated`].
     Lifted { tiny: bool },
     /// The belief is in [`StepOutput::after`] alone.
     Other,
@@ -279,14 +268,15 @@ pub(crate) enum BeliefForm {
 /// Output buffers of a step.
 #[derive(Debug, Clone)]
 pub(crate) struct StepOutput {
-    /// Lifted prediction. Sums to [`LIFT`](wayfix_kernels::limits::LIFT) up to rounding and evidence on the
-    /// move; not written by steps that don't need it.
+    /// Lifted prediction. Sums to [`LIFT`](wayfix_kernels::limits::LIFT) up to rounding and
+    /// evidence on the move; not written by steps that don't need it.
     pub(crate) predicted: Vec<f64>,
     /// Belief after the observation.
     pub(crate) after: Aligned,
-    /// Belief after the observation, in the form that [`BeliefForm`] tells.
-    pub(crate) lifted: Aligned,
-    /// Logarithms of the belief, if [`StepOutcome::in_logs`].
+    /// Belief after the observation as the update leaves it: lifted, or in plain form without a
+    /// lift.
+    pub(crate) updated: Aligned,
+    /// Logarithms of the belief, if [`StepOutcome::result_in_logs`].
     pub(crate) logs: Vec<f64>,
 }
 
@@ -297,9 +287,9 @@ pub(crate) struct StepOutcome {
     /// N itself if the step used the likelihoods as the sensor gave them, else 0.
     pub(crate) normalizer: f64,
     /// True if the step was taken in logarithms.
-    pub(crate) by_logs: bool,
+    pub(crate) taken_in_logs: bool,
     /// True if the belief has to be kept in logarithms too.
-    pub(crate) in_logs: bool,
+    pub(crate) result_in_logs: bool,
     /// Form and place of the belief.
     pub(crate) form: BeliefForm,
 }
@@ -307,6 +297,87 @@ pub(crate) struct StepOutcome {
 impl StepOutcome {
     /// Creates the outcome of a step in linear space.
     pub(crate) fn linear(log: f64, normalizer: f64, form: BeliefForm) -> Self {
-        Self { log, normalizer, by_logs: false, in_logs: false, form }
+        Self { log, normalizer, taken_in_logs: false, result_in_logs: false, form }
     }
+}
+
+/// A distribution, with its logarithms too if it has positive values outside the range of `f64`.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct BeliefRef<'a> {
+    pub(crate) linear: &'a [f64],
+    pub(crate) logs: Option<&'a [f64]>,
+}
+
+impl BeliefRef<'_> {
+    /// Returns the logarithm of one probability.
+    #[doc(hidden)]
+    pub(crate) fn log(&self, state: usize) -> f64 {
+        self.logs.map_or_else(|| self.linear[state].ln(), |logs| logs[state])
+    }
+
+    /// Lists the states j that lead into state i, with weights proportional to α(j) A\[i, j\]. If
+    /// none has a positive weight, the weights are NaN or all 0. `in_logs` says that the step needs
+    /// logarithms.
+    pub(crate) fn predecessors<A: TransitionEntries>(
+        &self,
+        transition: &A,
+        control: &A::Control,
+        to: usize,
+        in_logs: bool,
+        predecessors: &mut Vec<(usize, f64)>,
+    ) {
+        predecessors.clear();
+        if !in_logs && self.logs.is_none() {
+            let incoming = transition.incoming(control, to);
+            predecessors.extend(incoming.map(|(from, p)| (from, self.linear[from] * LIFT * p)));
+            let total: f64 = predecessors.iter().map(|way| way.1).sum();
+            // All weights are truly 0 if every listed α(j) is. An empty list proves nothing, since
+            // entries too small for doubles are not listed in linear form.
+            let nothing = || {
+                !predecessors.is_empty() && predecessors.iter().all(|way| self.linear[way.0] == 0.0)
+            };
+            if limits::can_draw(total) || nothing() {
+                return;
+            }
+        }
+        // Some or all weights are too small for `f64`. Dividing by the largest, in logarithms,
+        // makes it 1; −∞ − −∞ gives the documented NaN.
+        predecessors.clear();
+        let incoming = transition.incoming_log2(control, to);
+        predecessors.extend(incoming.map(|(from, log2)| (from, self.log(from) + log2 * LN_2)));
+        let largest = predecessors.iter().map(|way| way.1).fold(f64::NEG_INFINITY, f64::max);
+        predecessors.iter_mut().for_each(|way| way.1 = (way.1 - largest).exp());
+    }
+
+    /// Writes the logarithms, from either form.
+    pub(crate) fn logs_to(&self, out: &mut [f64]) {
+        match self.logs {
+            Some(logs) => out.copy_from_slice(logs),
+            None => out.iter_mut().zip(self.linear).for_each(|(out, p)| *out = p.ln()),
+        }
+    }
+}
+
+/// Returns true if some probability above 0 rounds to 0 in linear space.
+pub(crate) fn loses(logs: &[f64], linear: &[f64]) -> bool {
+    logs.iter().zip(linear).any(|(log, p)| limits::needs_log(*p, *log))
+}
+
+/// Normalises a distribution given by logarithms, and writes it to `linear` too. Returns the
+/// logarithm of the sum, or `None` if the sum is 0.
+pub(crate) fn normalize_logs(logs: &mut [f64], linear: &mut [f64]) -> Option<f64> {
+    let largest = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    if !largest.is_finite() {
+        return None;
+    }
+    // Log-sum-exp: the largest term is e^0, so that the sum is from 1 to n, and small terms round
+    // away harmlessly.
+    linear.iter_mut().zip(&*logs).for_each(|(out, log)| *out = (log - largest).exp());
+    let sum = kernels::sum(linear);
+    kernels::normalize(linear, sum);
+    let normalizer = largest + sum.ln();
+    // Two subtractions: `largest + ln sum` would round at the size of `largest`, whereas the first
+    // difference here is small and so nearly exact.
+    logs.iter_mut().for_each(|log| *log = (*log - largest) - sum.ln());
+    Some(normalizer)
 }

@@ -83,8 +83,8 @@ impl Writer {
         self.bytes.extend(value.to_bits().to_le_bytes());
     }
 
-    pub fn log_sum(&mut self, LogSum { sum, lost }: LogSum) {
-        [sum, lost].into_iter().for_each(|value| self.double(value));
+    pub fn log_sum(&mut self, LogSum { sum, compensation }: LogSum) {
+        [sum, compensation].into_iter().for_each(|value| self.double(value));
     }
 
     /// Writes a vector of numbers; those equal to `usual` take one bit each.
@@ -196,7 +196,7 @@ impl<'a> Reader<'a> {
     }
 
     pub fn log_sum(&mut self) -> Result<LogSum, SnapshotError> {
-        Ok(LogSum { sum: self.double()?, lost: self.double()? })
+        Ok(LogSum { sum: self.double()?, compensation: self.double()? })
     }
 
     /// Reads a vector written by [`Writer::doubles`]. Allocates at most 64 times the length of the

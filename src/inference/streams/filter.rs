@@ -132,7 +132,7 @@ where
     /// [impossible](InferenceError::ImpossibleMove).
     pub fn predict_with(&mut self, control: &A::Control) -> Result<(), InferenceError> {
         let step = Step::after(&*self.model, self.state.steps, control)?;
-        let outcome = step.advance_unseen(self.state.held(), &mut self.scratch)?;
+        let outcome = step.advance_unseen(self.state.belief_ref(), &mut self.scratch)?;
         self.state.commit(step.number, &outcome, &mut self.scratch);
         Ok(())
     }
@@ -226,7 +226,7 @@ where
         }
         // Copied into the filter's own memory, which is aligned and has room for logarithms.
         self.state.copy(snapshot);
-        self.scratch.lifted.follow(&self.state.belief);
+        self.scratch.lifted.reset(&self.state.belief);
         Ok(())
     }
 
@@ -234,7 +234,7 @@ where
     pub fn restart(&mut self) {
         let prior = self.model.prior().belief().as_slice();
         self.state.restart(prior);
-        self.scratch.lifted.follow(prior);
+        self.scratch.lifted.reset(prior);
     }
 
     /// Replaces the present belief, for example when a vehicle is told where it is, or is lost.
@@ -249,7 +249,7 @@ where
             return Err(InferenceError::StateCount { what: "belief", found, expected });
         }
         self.state.relocate(belief.as_slice());
-        self.scratch.lifted.follow(&self.state.belief);
+        self.scratch.lifted.reset(&self.state.belief);
         Ok(())
     }
 

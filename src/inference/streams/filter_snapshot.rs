@@ -78,11 +78,12 @@ impl FilterSnapshot {
         self.log_likelihood.value()
     }
 
-    /// True if a state may be the true one, also where its probability is below the range of doubles.
+    /// True if a state may be the true one, also where its probability is below the range of
+    /// doubles.
     #[doc(hidden)]
     #[must_use]
     pub fn is_possible(&self, state: usize) -> bool {
-        self.held().log(state) > f64::NEG_INFINITY
+        self.belief_ref().log(state) > f64::NEG_INFINITY
     }
 
     /// Replaces the belief, its logarithms if there are any (with −∞ for nothing), and the number
@@ -169,10 +170,10 @@ impl FilterSnapshot {
                 }
             }
         }
-        let LogSum { sum, lost } = *log_likelihood;
+        let LogSum { sum, compensation } = *log_likelihood;
         if !log_likelihood.is_finite() {
             return Err(format!(
-                "the log-likelihood is the sum of {sum} and {lost}, expected finite values"
+                "the log-likelihood is the sum of {sum} and {compensation}, expected finite values"
             ));
         }
         Ok(self)

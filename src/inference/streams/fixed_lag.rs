@@ -12,7 +12,7 @@ use super::fixed_lag_snapshot::{FixedLagSnapshot, Window};
 use crate::belief::{Belief, BeliefView};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::inference::step::backward::Backward;
+use crate::inference::step::forward_backward::Backward;
 use crate::inference::step::state::FilterSnapshot;
 use crate::likelihood::Likelihood;
 use crate::transition::{NoControl, Transition};

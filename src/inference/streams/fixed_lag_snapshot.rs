@@ -8,7 +8,7 @@ use super::bytes::{Kind, Reader, Writer, contents};
 use crate::error::{InferenceError, SnapshotError};
 use crate::hmm::Hmm;
 use crate::inference::step::Step;
-use crate::inference::step::backward::Backward;
+use crate::inference::step::forward_backward::Backward;
 use crate::inference::step::state::FilterSnapshot;
 use crate::likelihood::Likelihood;
 use crate::transition::Transition;
@@ -55,7 +55,7 @@ impl<U> Window<U> {
         for (row, (state, control)) in (1..=back).zip(self.past.iter().rev()) {
             let step = Step::after(hmm, state.steps(), control)?;
             let (gammas, out) = smoothed.split_at_mut(row);
-            backward.step_back(&step, state.held(), &gammas[row - 1], &mut out[0])?;
+            backward.step_back(&step, state.belief_ref(), &gammas[row - 1], &mut out[0])?;
         }
         Ok(())
     }

@@ -48,8 +48,8 @@ pub(crate) const DOUBLE: Codec<f64, f64> = Codec {
 pub(crate) const SUM: Codec<LogSum, [f64; 2]> = Codec {
     write: |v, out| out.log_sum(*v),
     read: |from| from.log_sum(),
-    data: |v| [v.sum, v.lost],
-    value: |[sum, lost]| LogSum { sum, lost },
+    data: |v| [v.sum, v.compensation],
+    value: |[sum, compensation]| LogSum { sum, compensation },
 };
 pub(crate) const DOUBLES: Codec<Vec<f64>, Vec<f64>> = Codec {
     write: |v, out| out.doubles(v, 0.0),

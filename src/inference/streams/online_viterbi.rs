@@ -12,7 +12,7 @@ use super::tree::Tree;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::inference::step::scores::{TakenOut, best};
-use crate::inference::step::{Step, Workspace};
+use crate::inference::step::{SensorScratch, Step};
 use crate::likelihood::Likelihood;
 use crate::transition::{NoControl, TransitionEntries};
 
@@ -53,7 +53,7 @@ pub struct OnlineViterbi<M> {
     committed: Vec<usize>,
     next: Vec<f64>,
     from: Vec<u32>,
-    work: Workspace,
+    scratch: SensorScratch,
 }
 
 impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
@@ -81,7 +81,7 @@ where
             committed: Vec::new(),
             next: vec![0.0; n],
             from: vec![0; n],
-            work: Workspace::new(n),
+            scratch: SensorScratch::new(n),
         }
     }
 
@@ -178,7 +178,7 @@ where
         control: &A::Control,
         observation: Option<&B::Observation>,
     ) -> Result<&[usize], InferenceError> {
-        let Self { model, best, tree, committed, next, from, work } = self;
+        let Self { model, best, tree, committed, next, from, scratch } = self;
         let step = Step::after(&**model, best.steps, control)?;
         // A copy (of three numbers), since a step may fail after it has taken something out.
         let mut taken_out = best.taken_out.clone();
@@ -186,11 +186,11 @@ where
         if step.number == 1 {
             step.first_scores(next, &mut taken_out)?;
             if let Some(observation) = observation {
-                step.observe(observation, work, next, &mut taken_out)?;
+                step.observe(observation, scratch, next, &mut taken_out)?;
             }
-            step.settle(next, &mut taken_out)?;
+            step.take_out_whole(next, &mut taken_out)?;
         } else {
-            step.decode(&best.scores, observation, (next, from), work, &mut taken_out)?;
+            step.decode(&best.scores, observation, (next, from), scratch, &mut taken_out)?;
         }
         // Commit: nothing can fail from here. The scores are swapped first, since the tree reads
         // the new ones. (At step 1 `from` is stale, but the tree does not read it without a level

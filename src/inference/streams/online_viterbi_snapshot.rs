@@ -121,7 +121,7 @@ impl OnlineViterbiSnapshot {
             return Err(format!(
                 "{whole}, {} and {} were taken out of the scores, expected a whole number and \
                  finite values",
-                factors.sum, factors.lost
+                factors.sum, factors.compensation
             ));
         }
         if levels.len() > *steps {
@@ -171,8 +171,8 @@ pub(crate) const TAKEN_OUT: Codec<TakenOut, [f64; 3]> = Codec {
         out.log_sum(v.factors);
     },
     read: |from| Ok(TakenOut { whole: from.double()?, factors: from.log_sum()? }),
-    data: |v| [v.whole, v.factors.sum, v.factors.lost],
-    value: |[whole, sum, lost]| TakenOut { whole, factors: LogSum { sum, lost } },
+    data: |v| [v.whole, v.factors.sum, v.factors.compensation],
+    value: |[whole, sum, compensation]| TakenOut { whole, factors: LogSum { sum, compensation } },
 };
 /// States and their predecessors, for each undecided step.
 type Links = Vec<Vec<(u32, u32)>>;

@@ -16,7 +16,7 @@ pub(crate) struct Tree {
     /// Memory of committed levels.
     spare: Vec<Level>,
     /// Predecessors of the nodes of the last level that no path extends.
-    gone: Vec<u32>,
+    predecessors_of_removed: Vec<u32>,
 }
 
 /// States of one step as nodes of the tree of best paths.
@@ -108,20 +108,20 @@ impl Tree {
                 last.uses[from as usize] += uses;
             }
             // Every possible node of that level carries its mark, plus one for each extension.
-            self.gone.clear();
+            self.predecessors_of_removed.clear();
             for (uses, &from) in last.uses.iter_mut().zip(&last.from) {
                 if *uses > 0 {
                     *uses -= 1;
                     if *uses == 0 {
-                        self.gone.push(from);
+                        self.predecessors_of_removed.push(from);
                     }
                 }
             }
-            last.alive -= self.gone.len();
+            last.alive -= self.predecessors_of_removed.len();
             // Their predecessors lose one use each, which may remove further nodes.
             if let Some(before) = self.levels.len().checked_sub(2) {
-                for k in 0..self.gone.len() {
-                    self.release(before, self.gone[k] as usize);
+                for k in 0..self.predecessors_of_removed.len() {
+                    self.release(before, self.predecessors_of_removed[k] as usize);
                 }
             }
         }

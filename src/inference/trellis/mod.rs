@@ -1,22 +1,21 @@
 //! Trellises: sequences with a different set of states at each step, such as the roads near each
-//! position of a drive.
+//! position of a drive, and their most probable paths (section 7 of the
+//! [formulas](crate::guide::formulas)).
 //!
 //! States are numbered through all steps, and moves by the state that they enter (compressed rows),
 //! so that a pass over a trellis reads its arrays in order. Everything is in natural logarithms.
 //! Each step subtracts its largest weight, its largest log-likelihood and the remaining sum
 //! separately ([`Scale`]), because adding large logarithms before they cancel would cost digits.
 
-mod k_best;
 mod smooth;
-mod viterbi;
-mod window;
 
-pub use smooth::SmoothedTrellis;
-pub use smooth::TrellisForward;
-
+use super::decoding::k_best;
+use super::decoding::k_best::{Best, RankedPath, best_ends};
+use super::{LogSum, ViterbiPath};
 use crate::error::InferenceError;
-use crate::inference::LogSum;
 use wayfix_kernels::log_sum;
+
+pub use self::smooth::{SmoothedTrellis, TrellisForward};
 
 /// A sequence of steps with their own states: the log-likelihood of each state, and the moves into
 /// it from the states of the step before, with their log weights.
@@ -260,4 +259,116 @@ impl Scale {
 fn largest(logs: impl Iterator<Item = f64>) -> f64 {
     let largest = logs.fold(f64::NEG_INFINITY, f64::max);
     if largest == f64::NEG_INFINITY { 0.0 } else { largest }
+}
+
+impl Trellis {
+    /// Most probable sequence of states. Ties go to the lowest state. O(moves) time; 4 bytes a
+    /// state.
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError::Impossible`] with the first step at which no state is possible.
+    pub fn viterbi(&self) -> Result<ViterbiPath, InferenceError> {
+        let mut back = Vec::with_capacity(self.log_likelihoods.len());
+        let (mut scores, mut next) = (vec![0.0], Vec::new());
+        let mut taken_out = LogSum::default();
+        for step in 1..=self.steps() {
+            next.clear();
+            let largest_weight = self.largest_weight(step, |j| scores[j] > f64::NEG_INFINITY);
+            for state in self.range(step) {
+                let mut best = (f64::NEG_INFINITY, 0);
+                for (from, weight) in self.moves_into(state) {
+                    let score = scores[from] + (weight - largest_weight);
+                    // Strictly better only: ties go to the first.
+                    if score > best.0 {
+                        best = (score, from as u32);
+                    }
+                }
+                next.push(best.0);
+                back.push(best.1);
+            }
+            let likelihood = self.largest_likelihood(step, |i| next[i] > f64::NEG_INFINITY);
+            let logs = &self.log_likelihoods[self.range(step)];
+            next.iter_mut().zip(logs).for_each(|(score, log)| *score += log - likelihood);
+            let best = next.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            if best == f64::NEG_INFINITY {
+                return Err(InferenceError::Impossible { step });
+            }
+            // The best score becomes 0, so that scores of long sequences keep their digits.
+            next.iter_mut().for_each(|score| *score -= best);
+            [largest_weight, likelihood, best].into_iter().for_each(|log| taken_out.add(log));
+            std::mem::swap(&mut scores, &mut next);
+        }
+        // The best score is exactly 0, from the subtraction in the last step. In an empty trellis
+        // it is that of the start.
+        let mut state = scores.iter().position(|score| *score == 0.0).unwrap_or(0);
+        let mut states = vec![0; self.steps()];
+        for step in (1..=self.steps()).rev() {
+            states[step - 1] = state;
+            state = back[self.range(step).start + state] as usize;
+        }
+        Ok(ViterbiPath { states, log_probability: taken_out.value() })
+    }
+}
+
+impl Trellis {
+    /// Most probable sequences of states, the best first; fewer than `count` if the trellis has
+    /// fewer. They are distinct, and the first is that of [`viterbi`](Self::viterbi). O(moves ·
+    /// K log K) time, and 16 K bytes a state.
+    ///
+    /// # Errors
+    ///
+    /// As [`viterbi`](Self::viterbi), also for a `count` of 0.
+    pub fn k_best(&self, count: usize) -> Result<Vec<ViterbiPath>, InferenceError> {
+        // Paths to each state, indexed by its number through all steps.
+        let mut lists: Vec<Vec<RankedPath>> = Vec::with_capacity(self.log_likelihoods.len());
+        let mut taken_out = LogSum::default();
+        let start = [vec![RankedPath::start(0.0)]];
+        // At least one path is kept, to detect an impossible step.
+        let mut best_paths = Best::new(count.max(1));
+        for step in 1..=self.steps() {
+            let range = self.range(step);
+            let before = if step == 1 { &start[..] } else { &lists[self.range(step - 1)] };
+            let largest_weight = self.largest_weight(step, |from| !before[from].is_empty());
+            let into = |state: usize| {
+                best_paths.paths.clear();
+                if self.log_likelihoods[state] > f64::NEG_INFINITY {
+                    // Ranked by the number of the move, since ties go to the move added first.
+                    let moves = (self.moves[state] as usize..).zip(self.moves_into(state));
+                    for (number, (from, weight)) in moves.filter(|(_, m)| m.1 > f64::NEG_INFINITY) {
+                        best_paths.extend(number, &before[from], weight - largest_weight);
+                    }
+                }
+                // Sorted before the likelihood is added: it is the same for all paths to the state,
+                // but its size may round away small differences. Then move numbers are replaced by
+                // the states that they leave.
+                best_paths.finish();
+                let mut paths = best_paths.paths.clone();
+                paths.iter_mut().for_each(|path| path.from = self.from[path.from as usize]);
+                paths
+            };
+            let mut now: Vec<_> = range.clone().map(into).collect();
+            let likelihood = self.largest_likelihood(step, |i| !now[i].is_empty());
+            let mut best = f64::NEG_INFINITY;
+            for (paths, log) in now.iter_mut().zip(&self.log_likelihoods[range]) {
+                paths.iter_mut().for_each(|path| path.score += log - likelihood);
+                best = paths.first().map_or(best, |path| best.max(path.score));
+            }
+            if best == f64::NEG_INFINITY {
+                return Err(InferenceError::Impossible { step });
+            }
+            now.iter_mut().flatten().for_each(|path| path.score -= best);
+            [largest_weight, likelihood, best].into_iter().for_each(|log| taken_out.add(log));
+            lists.extend(now);
+        }
+        let last = if self.steps() == 0 { &start[..] } else { &lists[self.range(self.steps())] };
+        let path = |end: RankedPath| {
+            let mut log_probability = taken_out;
+            log_probability.add(end.score);
+            let paths = |step: usize, state: usize| &lists[self.range(step + 1).start + state][..];
+            let states = k_best::states(end, self.steps(), paths);
+            ViterbiPath { states, log_probability: log_probability.value() }
+        };
+        Ok(best_ends(last.iter().map(Vec::as_slice), count).into_iter().map(path).collect())
+    }
 }

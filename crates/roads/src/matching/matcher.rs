@@ -7,7 +7,7 @@ use super::sighting::Sighting;
 use super::{MatchError, MatchModel};
 use crate::cells::{EdgeTurns, TurnWeights};
 use crate::{EdgeIndex, NearEdge, RoadNetwork, RouteMeasures, RouteSearch};
-use wayfix::internal::parallel::MemoryPool;
+use wayfix::internal::parallel::ScratchPool;
 use wayfix::map::{Coordinates, Position};
 
 /// Number of drives per thread that are being matched or whose results have not been taken yet.
@@ -27,7 +27,7 @@ pub struct Matcher<P = Position> {
     /// Fingerprint of the network.
     pub(super) fingerprint: u64,
     /// Memory that no thread is using.
-    pub(super) spare: MemoryPool<Memory>,
+    pub(super) spare: ScratchPool<Memory>,
 }
 
 /// Working memory of a step.
@@ -72,7 +72,7 @@ impl<P: Coordinates> Matcher<P> {
             |edge, next| prior.weight_of(&network, edge, next) * straight_on(&network, edge, next);
         let measures = RouteMeasures::with_turns(&network, weight);
         let (model, fingerprint) = (MatchModel::default(), fingerprint(&network));
-        Self { network, index, measures, model, fingerprint, spare: MemoryPool::default() }
+        Self { network, index, measures, model, fingerprint, spare: ScratchPool::default() }
     }
 
     /// Replaces the model.

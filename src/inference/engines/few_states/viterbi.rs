@@ -4,11 +4,11 @@
 
 use super::control_of;
 use super::likelihoods::{LikelihoodRows, SensorRows};
-use super::segments::pack_segments;
+use super::pack_segments;
 use crate::hmm::Hmm;
 use crate::inference::engines::choice::{self, Engine, GATHERED};
 use crate::inference::step::scores::{TakenOut, best};
-use crate::inference::step::{Step, Workspace};
+use crate::inference::step::{SensorScratch, Step};
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::TransitionEntries;
@@ -40,10 +40,10 @@ where
     // Step 1 as in the general routine; it sums over X_0.
     let (mut first, mut taken_out) = (vec![0.0; n], TakenOut::default());
     let step = Step::of(hmm, sequence, 1);
-    let mut work = Workspace::new(n);
+    let mut scratch = SensorScratch::new(n);
     step.first_scores(&mut first, &mut taken_out).ok()?;
-    step.observe(sequence.observation(1), &mut work, &mut first, &mut taken_out).ok()?;
-    step.settle(&mut first, &mut taken_out).ok()?;
+    step.observe(sequence.observation(1), &mut scratch, &mut first, &mut taken_out).ok()?;
+    step.take_out_whole(&mut first, &mut taken_out).ok()?;
     let mut scores = ChainState::new(f64::NEG_INFINITY);
     scores.values[..n].copy_from_slice(&first);
     let source: &mut dyn LikelihoodRows = &mut SensorRows::new(hmm, sequence);

@@ -5,10 +5,10 @@
 //! the end.
 
 use super::segments::SegmentGroup;
-use super::{Group, LaneMemory, LaneModel};
+use super::{Group, LaneModel, LaneScratch};
 use crate::hmm::Hmm;
 use crate::inference::engines::choice;
-use crate::inference::engines::parallel::{self, MemoryPool};
+use crate::inference::engines::parallel::{self, ScratchPool};
 use crate::likelihood::LearnLikelihood;
 use crate::sequence::Sequence;
 use crate::transition::{LearnTransition, MoveCounts};
@@ -32,29 +32,29 @@ impl<A: LearnTransition, B: LearnLikelihood> LaneModel<'_, A, B> {
     pub(crate) fn expectations<S>(
         &self,
         group: &Group<'_, S>,
-        memory: &mut LaneMemory,
+        scratch: &mut LaneScratch,
     ) -> LaneExpectations<B::Statistics>
     where
         S: Sequence<A::Control, B::Observation>,
     {
         let n = self.states();
-        let mut forward = self.forward(group, memory, true, |_, _| ());
+        let mut forward = self.forward(group, scratch, true, |_, _| ());
         // Counts without A, which is the same at all steps and is multiplied in at the end.
         let mut counts = vec![Packed::default(); self.counted_entries()];
         let counted = (!counts.is_empty()).then_some(&mut counts[..]);
-        self.backward(group, memory, &mut forward.valid, counted);
+        self.backward(group, scratch, &mut forward.valid, counted);
         let log_likelihoods = forward.log_likelihoods();
         let valid = forward.valid;
         let mut first = vec![0.0; n];
         for l in (0..LANES).filter(|l| valid[*l]) {
             // The first n beliefs are those of step 0.
-            first.iter_mut().zip(&memory.beliefs).for_each(|(sum, gamma)| *sum += gamma[l]);
+            first.iter_mut().zip(&scratch.beliefs).for_each(|(sum, gamma)| *sum += gamma[l]);
         }
         // The sensor's statistics take a second pass over the steps: a lane may become invalid at
         // any step of the backward pass, and then nothing of it may have been added.
         let mut sensor = self.hmm.likelihood().statistics();
         let steps = std::array::from_fn(|l| if valid[l] { group.steps[l] } else { 0 });
-        self.add_statistics(&mut sensor, memory, steps, |l, step| {
+        self.add_statistics(&mut sensor, scratch, steps, |l, step| {
             group.sequences[l].1.observation(step)
         });
         let moves = self.moves(&counts, valid);
@@ -85,7 +85,7 @@ impl<A: LearnTransition, B: LearnLikelihood> LaneModel<'_, A, B> {
     fn add_statistics<'y>(
         &self,
         sensor: &mut B::Statistics,
-        memory: &LaneMemory,
+        scratch: &LaneScratch,
         steps: [usize; LANES],
         observation: impl Fn(usize, usize) -> &'y B::Observation,
     ) where
@@ -96,7 +96,7 @@ impl<A: LearnTransition, B: LearnLikelihood> LaneModel<'_, A, B> {
         for step in 1..=steps.into_iter().max().unwrap_or(0) {
             let mut row = rows.chunks_exact_mut(n);
             let out = std::array::from_fn(|_| row.next().unwrap_or_default());
-            kernels::unpack(&memory.beliefs[step * n..][..n], out);
+            kernels::unpack(&scratch.beliefs[step * n..][..n], out);
             for (l, row) in rows.chunks_exact(n).enumerate().filter(|(l, _)| step <= steps[*l]) {
                 self.hmm.likelihood().add(sensor, observation(l, step), row);
             }
@@ -114,24 +114,24 @@ impl<A: LearnTransition, B: LearnLikelihood> LaneModel<'_, A, B> {
         Hmm<A, B>: Sync,
         S: Sequence<A::Control, B::Observation> + Sync,
     {
-        let (n, memories) = (self.states(), MemoryPool::<LaneMemory>::default());
-        let mut memory = LaneMemory::default();
+        let (n, scratches) = (self.states(), ScratchPool::<LaneScratch>::default());
+        let mut scratch = LaneScratch::default();
         let longest = choice::longest_segments_to_learn(n);
-        let segments = &self.segments(sequence, longest, &mut memory)?;
-        memories.push(memory);
+        let segments = &self.segments(sequence, longest, &mut scratch)?;
+        scratches.push(scratch);
         let finish =
-            |group: &SegmentGroup, memory: &LaneMemory, counts: &[Packed], number: usize| {
+            |group: &SegmentGroup, scratch: &LaneScratch, counts: &[Packed], number: usize| {
                 let mut sensor = self.hmm.likelihood().statistics();
                 let mut first = vec![0.0; n];
                 if number == 0 {
                     // The first n beliefs are those of step 0, or of step 1 if no move leads to it.
-                    first.iter_mut().zip(&memory.beliefs).for_each(|(p, gamma)| *p = gamma[0]);
+                    first.iter_mut().zip(&scratch.beliefs).for_each(|(p, gamma)| *p = gamma[0]);
                     if segments.first == 1 {
                         self.hmm.likelihood().add(&mut sensor, sequence.observation(1), &first);
                     }
                 }
                 let bounds = segments.bounds(number);
-                self.add_statistics(&mut sensor, memory, group.lengths, |l, step| {
+                self.add_statistics(&mut sensor, scratch, group.lengths, |l, step| {
                     sequence.observation(bounds[l] + step)
                 });
                 let moves = self.moves(counts, [true; LANES]);
@@ -139,12 +139,12 @@ impl<A: LearnTransition, B: LearnLikelihood> LaneModel<'_, A, B> {
             };
         let run = |tasks| {
             parallel::map(tasks, |task, (): &mut ()| {
-                let mut memory = memories.pop().unwrap_or_default();
+                let mut scratch = scratches.pop().unwrap_or_default();
                 let entries = self.counted_entries();
-                let done = self.run_task(segments, task, entries, &mut memory, |g, m, c, task| {
+                let done = self.run_task(segments, task, entries, &mut scratch, |g, m, c, task| {
                     finish(g, m, c, task.group)
                 });
-                memories.push(memory);
+                scratches.push(scratch);
                 done
             })
         };

@@ -4,7 +4,7 @@
 
 use super::segments::SegmentGroup;
 use super::verified::Task;
-use super::{LaneMemory, LaneModel};
+use super::{LaneModel, LaneScratch};
 use crate::hmm::Hmm;
 use crate::inference::LogSum;
 use crate::inference::engines::choice;
@@ -23,8 +23,8 @@ where
 {
     let model = LaneModel::new(hmm)?;
     let longest = choice::longest_segments_to_smooth(model.states(), model.rows.values().len());
-    let memory = &mut LaneMemory::default();
-    let segments = &model.segments(sequence, longest, memory)?;
+    let scratch = &mut LaneScratch::default();
+    let segments = &model.segments(sequence, longest, scratch)?;
 
     let (n, head) = (model.states(), segments.first + 1);
     let mut rows = in_large_pages(vec![0.0; n * (sequence.steps() + 1)]);
@@ -39,19 +39,19 @@ where
     });
     let places: Vec<&mut [f64]> = places.collect();
     let finish =
-        |found: &SegmentGroup, memory: &LaneMemory, _: &[Packed], task: &mut Task<&mut [f64]>| {
+        |found: &SegmentGroup, scratch: &LaneScratch, _: &[Packed], task: &mut Task<&mut [f64]>| {
             let before = if task.group == 0 { n * head } else { 0 };
             let (first, others) = task.place.split_at_mut(before);
             for row in first.chunks_exact_mut(n) {
                 // X_0, and also X_1 if no move leads to it.
-                row.iter_mut().zip(&memory.beliefs).for_each(|(p, gamma)| *p = gamma[0]);
+                row.iter_mut().zip(&scratch.beliefs).for_each(|(p, gamma)| *p = gamma[0]);
             }
-            write_rows(memory, found.lengths, n, others);
+            write_rows(scratch, found.lengths, n, others);
             found.logs
         };
     let mut log_likelihood = LogSum::default();
     // On one thread, so that neither model nor sequence needs to be `Sync`.
-    let mut run_one = |task| model.run_task(segments, task, 0, memory, finish);
+    let mut run_one = |task| model.run_task(segments, task, 0, scratch, finish);
     let run = |tasks: Vec<_>| tasks.into_iter().map(&mut run_one).collect();
     segments.visit(places, run, |logs: [f64; LANES]| {
         logs.into_iter().for_each(|log| log_likelihood.add(log));
@@ -60,7 +60,7 @@ where
 }
 
 /// Writes the smoothed beliefs of eight consecutive segments of these lengths.
-fn write_rows(memory: &LaneMemory, lengths: [usize; LANES], n: usize, mut free: &mut [f64]) {
+fn write_rows(scratch: &LaneScratch, lengths: [usize; LANES], n: usize, mut free: &mut [f64]) {
     let mut segments = lengths.map(|length| {
         let (own, others) = std::mem::take(&mut free).split_at_mut(n * length);
         free = others;
@@ -75,6 +75,6 @@ fn write_rows(memory: &LaneMemory, lengths: [usize; LANES], n: usize, mut free: 
             let spare = spare.next().unwrap_or_default();
             segments[l].next().unwrap_or(spare)
         });
-        kernels::unpack(&memory.beliefs[step * n..][..n], out);
+        kernels::unpack(&scratch.beliefs[step * n..][..n], out);
     }
 }

@@ -4,9 +4,9 @@
 //! only on the sequence, not on threads. The invariant: results are passed on only when both joints
 //! of their group, with the one before and the one after, are verified.
 
-use super::cut::Segments;
+use super::segments::Segments;
 use super::segments::{Invalid, SegmentGroup};
-use super::{LaneMemory, LaneModel};
+use super::{LaneModel, LaneScratch};
 use crate::inference::engines::choice;
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
@@ -34,16 +34,16 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
         segments: &Segments<'_, S>,
         mut task: Task<P>,
         entries: usize,
-        memory: &mut LaneMemory,
-        finish: impl FnOnce(&SegmentGroup, &LaneMemory, &[Packed], &mut Task<P>) -> R,
+        scratch: &mut LaneScratch,
+        finish: impl FnOnce(&SegmentGroup, &LaneScratch, &[Packed], &mut Task<P>) -> R,
     ) -> Done<P, R>
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
         let mut counts = vec![Packed::default(); entries];
-        let found = self.run_segments(segments, task.group, task.warm_up, memory, &mut counts);
+        let found = self.run_segments(segments, task.group, task.warm_up, scratch, &mut counts);
         let result = found.map(|group| {
-            let result = finish(&group, memory, &counts, &mut task);
+            let result = finish(&group, scratch, &counts, &mut task);
             (group, result)
         });
         Done { task, result }

@@ -3,9 +3,9 @@
 //! Scores are on a grid on which sums are exact, so that paths and their probabilities are those of
 //! the routine for one sequence to the bit, including ties.
 
-use super::{Group, LaneMemory, LaneModel};
+use super::{Group, LaneModel, LaneScratch};
 use crate::inference::step::scores::{TakenOut, best, likelihood_scores};
-use crate::inference::step::{Step, Workspace};
+use crate::inference::step::{SensorScratch, Step};
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::TransitionEntries;
@@ -16,7 +16,7 @@ impl<A: TransitionEntries, B: Likelihood> LaneModel<'_, A, B> {
     pub(crate) fn viterbi<S>(
         &self,
         group: &Group<'_, S>,
-        memory: &mut LaneMemory,
+        scratch: &mut LaneScratch,
     ) -> [Option<(Vec<usize>, f64)>; LANES]
     where
         S: Sequence<A::Control, B::Observation>,
@@ -34,8 +34,8 @@ impl<A: TransitionEntries, B: Likelihood> LaneModel<'_, A, B> {
             kernels::log2_in_place(&mut values);
             values
         });
-        memory.fit(n, 0, 0);
-        let LaneMemory { likelihoods, x, next, backpointers, lanes, .. } = memory;
+        scratch.fit(n, 0, 0);
+        let LaneScratch { likelihoods, x, next, backpointers, lanes, .. } = scratch;
         x.iter_mut().zip(&first).for_each(|(x, score)| *x = Packed([*score; LANES]));
         // Not cleared: all pointers of a step are written before any is read.
         backpointers.resize(n * group.longest, [0; LANES]);
@@ -89,11 +89,11 @@ impl<A: TransitionEntries, B: Likelihood> LaneModel<'_, A, B> {
     fn scores<'a>(
         &'a self,
         observation: &'a B::Observation,
-        lane: &'a mut Workspace,
+        lane: &'a mut SensorScratch,
         taken_out: &mut TakenOut,
     ) -> Option<(&'a [f64], f64)> {
         let n = self.states();
-        let Workspace { scratch, values } = lane;
+        let SensorScratch { scratch, values } = lane;
         scratch.ask_for_log2();
         let diagonal = self.hmm.likelihood().diagonal(observation, scratch).ok()?;
         let largest = diagonal.check(n).ok()?;

@@ -39,7 +39,7 @@ enum EntryForm {
 }
 
 /// Transition operator of a step.
-pub(crate) struct Moves<'a, A: Transition> {
+pub(crate) struct StepOperator<'a, A: Transition> {
     pub(crate) transition: &'a A,
     pub(crate) control: &'a A::Control,
     pub(crate) bounds: Bounds,
@@ -78,7 +78,7 @@ impl Bounds {
     }
 }
 
-impl<'a, A: TransitionEntries> Moves<'a, A> {
+impl<'a, A: TransitionEntries> StepOperator<'a, A> {
     /// Creates the operator of a step. If inactive states may have mass (`is_open`), bounds on all
     /// entries are needed; with evidence they take O(E).
     pub(crate) fn new(
@@ -154,7 +154,9 @@ impl<'a, A: TransitionEntries> Moves<'a, A> {
             }
             EntryForm::Log2 { taken_out } => {
                 let entries = self.transition.incoming_log2(self.control, to);
-                entries.for_each(|(j, log2)| add_power(log2, taken_out, |a, off| add(j, a, off)));
+                entries.for_each(|(j, log2)| {
+                    add_power(log2, taken_out, |a, relative_error| add(j, a, relative_error))
+                });
             }
         }
     }
@@ -177,12 +179,12 @@ impl<'a, A: TransitionEntries> Moves<'a, A> {
         let mut bounds = Bounds::NONE;
         for state in 0..self.transition.states() {
             // A row for the bounds m and R, then a column.
-            let mut line = Line::default();
-            self.incoming(state, |_, a, off| line.add(a, off));
+            let mut line = LineBounds::default();
+            self.incoming(state, |_, a, relative_error| line.add(a, relative_error));
             (bounds.entry, bounds.row) =
                 (bounds.entry.max(line.largest), bounds.row.max(line.sum()));
-            let mut line = Line::default();
-            self.outgoing(state, |a, off| line.add(a, off));
+            let mut line = LineBounds::default();
+            self.outgoing(state, |a, relative_error| line.add(a, relative_error));
             bounds.column = bounds.column.max(line.sum());
         }
         bounds
@@ -202,15 +204,19 @@ fn add_power(log2: f64, taken_out: f64, mut add: impl FnMut(f64, f64)) {
 
 /// Upper bounds on the largest entry of a row or column, and on its sum.
 #[derive(Default)]
-struct Line {
+struct LineBounds {
     largest: f64,
     sum: f64,
     terms: u32,
 }
 
-impl Line {
-    fn add(&mut self, a: f64, off: f64) {
-        let most = if off > 0.0 { a * (1.0 + off) + 2.0 * f64::MIN_POSITIVE } else { a };
+impl LineBounds {
+    fn add(&mut self, a: f64, relative_error: f64) {
+        let most = if relative_error > 0.0 {
+            a * (1.0 + relative_error) + 2.0 * f64::MIN_POSITIVE
+        } else {
+            a
+        };
         self.largest = self.largest.max(most);
         self.sum += most;
         self.terms += 1;
