@@ -69,7 +69,7 @@ fn live(criterion: &mut Criterion) {
     let given = LikelihoodVector::linear(PLACES).owned();
     step(criterion, "window of 5, likelihoods given", &window, given, &(), &likelihoods);
 
-    let route = RouteTransition::new(PLACES, false, Speeds::default())
+    let route = RouteTransition::open(PLACES, Speeds::default())
         .and_then(|route| route.with_views(ViewChangeRates::default()))
         .expect("a route");
     let camera = GroupedLikelihood::new(given, route.place_groups()).expect("a group a place");
@@ -81,7 +81,7 @@ fn live(criterion: &mut Criterion) {
     let mut track = recognizer.track();
     let mut rows = rows.iter().cycle();
     criterion.bench_function("live step on 3576 references/track, rows of distances", |b| {
-        b.iter(|| track.step(rows.next().expect("there are rows"), Some(1.0)).expect("possible"));
+        b.iter(|| track.step_with(1.0, rows.next().expect("there are rows")).expect("possible"));
     });
 }
 

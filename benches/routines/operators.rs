@@ -44,7 +44,7 @@ pub(crate) fn all(criterion: &mut Criterion) {
 
 /// The usual speeds.
 fn route(criterion: &mut Criterion, n: usize) {
-    let route = RouteTransition::new(n, false, Speeds::default()).expect("few states");
+    let route = RouteTransition::open(n, Speeds::default()).expect("few states");
     let route = route.with_views(ViewChangeRates::default()).expect("valid rates");
     let odometry = Some(0.8);
     let view = Some(ViewEvidence { view: ViewChange::Changed, weight: 0.5 });

@@ -1,5 +1,5 @@
 //! Curvature of an objective at its maximum, by central differences ("Standard errors" in section 9
-//! of the [formulas](crate::guide::formulas)).
+//! of the [formulas](wayfix::guide::formulas)).
 //!
 //! Each coordinate has its own step, along which the objective falls by a few thousandths of a nat:
 //! a few hundredths of the standard error of that parameter given the others. Differences at this
@@ -63,7 +63,7 @@ pub(super) struct Information {
 
 /// Differences along one coordinate.
 #[derive(Clone, Copy)]
-struct Slice {
+struct LineDifferences {
     step: f64,
     /// Sums of the objective at ± the step and at ± half of it.
     sums: [f64; 2],
@@ -81,17 +81,17 @@ impl<F: Fn(&[f64]) -> Result<f64, LearnError> + Sync> Objective<F> {
     /// with O(p²) memory and O(p³) operations.
     pub(super) fn information(&self) -> Result<Information, Fault> {
         let all: Vec<usize> = (0..self.scales.len()).collect();
-        let slices = parallel::map(all, |at, (): &mut ()| self.slice(at));
-        let slices = slices.into_iter().collect::<Result<Vec<Option<Slice>>, Fault>>()?;
-        let kept = slices.into_iter().enumerate().filter_map(|(at, slice)| Some((at, slice?)));
-        let (coordinates, slices): (Vec<usize>, Vec<Slice>) = kept.unzip();
+        let lines = parallel::map(all, |at, (): &mut ()| self.along(at));
+        let lines = lines.into_iter().collect::<Result<Vec<Option<LineDifferences>>, Fault>>()?;
+        let kept = lines.into_iter().enumerate().filter_map(|(at, line)| Some((at, line?)));
+        let (coordinates, lines): (Vec<usize>, Vec<LineDifferences>) = kept.unzip();
         let (p, row) = (coordinates.len(), |i: usize, (): &mut ()| {
             (0..i)
-                .map(|j| self.mixed([coordinates[i], coordinates[j]], [slices[i], slices[j]]))
+                .map(|j| self.mixed([coordinates[i], coordinates[j]], [lines[i], lines[j]]))
                 .collect::<Result<Vec<f64>, LearnError>>()
         });
         let rows = parallel::map((0..p).collect(), row);
-        let scales: Vec<f64> = slices.iter().map(|slice| slice.information.sqrt()).collect();
+        let scales: Vec<f64> = lines.iter().map(|line| line.information.sqrt()).collect();
         // Scaled to a diagonal of ones, so that pivots are shares of information.
         let mut factor = vec![0.0; p * p];
         for (i, row) in rows.into_iter().enumerate() {
@@ -101,11 +101,11 @@ impl<F: Fn(&[f64]) -> Result<f64, LearnError> + Sync> Objective<F> {
             factor[i * p + i] = 1.0;
         }
         cholesky(p, &mut factor, LEAST_PIVOT).map_err(|row| Fault::Flat(coordinates[row]))?;
-        let steps = slices.iter().map(|slice| slice.step).collect();
+        let steps = lines.iter().map(|line| line.step).collect();
         let information = Information { coordinates, steps, scales, factor };
-        let mut gradient: Vec<f64> = slices.iter().map(|slice| slice.gradient).collect();
+        let mut gradient: Vec<f64> = lines.iter().map(|line| line.gradient).collect();
         let steepest = |best: usize, at: usize| {
-            let size = |at: usize| (slices[at].gradient / information.scales[at]).abs();
+            let size = |at: usize| (lines[at].gradient / information.scales[at]).abs();
             if size(at) > size(best) { at } else { best }
         };
         let steepest = (0..p).fold(0, steepest);
@@ -125,9 +125,9 @@ impl<F: Fn(&[f64]) -> Result<f64, LearnError> + Sync> Objective<F> {
     }
 
     /// Returns the differences along a coordinate, or `None` if it is at a bound.
-    fn slice(&self, at: usize) -> Result<Option<Slice>, Fault> {
+    fn along(&self, at: usize) -> Result<Option<LineDifferences>, Fault> {
         let Some(step) = self.step(at)? else {
-            return if self.reaches(at) { Ok(None) } else { Err(Fault::Flat(at)) };
+            return if self.has_influence_far_away(at) { Ok(None) } else { Err(Fault::Flat(at)) };
         };
         let mut sums = [0.0; 2];
         let (mut gradients, mut curvatures) = ([0.0; 2], [0.0; 2]);
@@ -154,7 +154,7 @@ impl<F: Fn(&[f64]) -> Result<f64, LearnError> + Sync> Objective<F> {
         if information.is_nan() || information <= 0.0 {
             return Err(Fault::Rises(at));
         }
-        Ok(Some(Slice { step, sums, gradient, information }))
+        Ok(Some(LineDifferences { step, sums, gradient, information }))
     }
 
     /// Returns a step along which the objective falls by the intended amount, within a factor of
@@ -192,7 +192,7 @@ impl<F: Fn(&[f64]) -> Result<f64, LearnError> + Sync> Objective<F> {
     }
 
     /// Returns true if a logarithm without influence here has some far away: then it is at a bound.
-    fn reaches(&self, at: usize) -> bool {
+    fn has_influence_far_away(&self, at: usize) -> bool {
         // The smallest double is e^-745 of one. Steps of 16 miss nothing: from the size of
         // rounding, 1e-12, to its full size an influence grows by e^28.
         let far = (1..=46).flat_map(|k| [f64::from(16 * k), -f64::from(16 * k)]);
@@ -204,13 +204,13 @@ impl<F: Fn(&[f64]) -> Result<f64, LearnError> + Sync> Objective<F> {
     }
 
     /// Returns the negative mixed derivative of two coordinates.
-    fn mixed(&self, [i, j]: [usize; 2], slices: [Slice; 2]) -> Result<f64, LearnError> {
+    fn mixed(&self, [i, j]: [usize; 2], lines: [LineDifferences; 2]) -> Result<f64, LearnError> {
         let mut found = [0.0; 2];
         for (level, part) in [1.0, 0.5].into_iter().enumerate() {
-            let [a, b] = slices.map(|slice| slice.step * part);
+            let [a, b] = lines.map(|line| line.step * part);
             let both = self.at(&[(i, a), (j, b)])? + self.at(&[(i, -a), (j, -b)])?;
-            // The sums along each coordinate alone are known from the slices.
-            let alone = slices[0].sums[level] + slices[1].sums[level];
+            // The sums along each coordinate alone are known from the lines.
+            let alone = lines[0].sums[level] + lines[1].sums[level];
             found[level] = -(both - alone) / a / b / 2.0;
         }
         Ok(extrapolated(found))

@@ -5,12 +5,12 @@ use std::error::Error;
 
 use rand::Rng;
 
-use super::check::{check_length, flatten};
 use super::normal::{
-    CovarianceType, GaussianStatistics, Normals, Settings, eights, flatten_covariances, in_blocks,
-    settings,
+    CovarianceType, GaussianStatistics, Normals, Settings, as_blocks, flatten_covariances,
+    in_blocks, settings,
 };
 use super::{EmissionError, Family, Marginals, StartFromClusters, Tails};
+use crate::error::{check_length, flatten};
 use wayfix::LikelihoodError;
 use wayfix::ReorderStates;
 use wayfix::inference::{Displacement, FreeParameters};
@@ -183,8 +183,8 @@ impl Likelihood for Gaussian {
     ) -> Result<Diagonal<'a>, LikelihoodError> {
         // ln b_i = ln N(μ; μ, Σ) − ½ ‖W (y − μ)‖², in place of the distances at the start of the
         // memory.
-        let values = scratch.values(self.normals.memory() * 8);
-        let memory = eights(values);
+        let values = scratch.values(self.normals.scratch_blocks() * 8);
+        let memory = as_blocks(values);
         self.normals.distances(y, memory)?;
         self.normals.logs(memory);
         Ok(Diagonal::log(&values[..self.normals.count()]))

@@ -10,10 +10,10 @@ use std::error::Error;
 use rand::Rng;
 use rand_distr::{Binomial, Distribution};
 
-use super::check::{at, check, check_components, shape};
 use super::independent::{is_count, log_probability};
 use super::special::{ln_factorial, log_excess};
 use super::{EmissionError, Family, StartFromClusters};
+use crate::error::{check, check_components, shape, with_place};
 use wayfix::LikelihoodError;
 use wayfix::ReorderStates;
 use wayfix::inference::{Displacement, FreeParameters};
@@ -89,11 +89,12 @@ impl Multinomial {
             for (c, &value) in row.iter().enumerate() {
                 let valid = (0.0..=1.0 + SUM_TOLERANCE).contains(&value);
                 let value = check("probability", value, valid, "a value from 0 to 1");
-                columns[c * states + i] = value.map_err(|error| at(error, i, Some(c)))?;
+                columns[c * states + i] = value.map_err(|error| with_place(error, i, Some(c)))?;
             }
             let value = kernels::sum(row);
             let valid = (value - 1.0).abs() <= SUM_TOLERANCE;
-            check("sum of probabilities", value, valid, "1").map_err(|error| at(error, i, None))?;
+            check("sum of probabilities", value, valid, "1")
+                .map_err(|error| with_place(error, i, None))?;
             above_one.push(value - 1.0);
         }
         Ok(Self::from_columns(columns, above_one))

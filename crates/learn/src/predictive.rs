@@ -6,8 +6,8 @@ use std::ops::Deref;
 
 use rand::Rng;
 
-use super::marginals::check_component;
 use super::{EmissionError, Marginals, Tails};
+use crate::family::check_component;
 use wayfix::Belief;
 use wayfix::Filter;
 use wayfix::Hmm;
@@ -25,7 +25,7 @@ use wayfix_kernels::log_sum;
 /// belief.
 ///
 /// ```
-/// use wayfix_learn::Gamma;
+/// use wayfix_learn::{Gamma, Predictive};
 /// use wayfix::{Belief, DenseTransition, Hmm, Prior};
 ///
 /// // Minutes between trams, by day and at night.
@@ -172,7 +172,7 @@ impl<'a, B: Marginals> Predictive<'a, B> {
     /// [`EmissionError::Parameter`] unless p is above 0 and below 1.
     pub fn quantile(&self, p: f64) -> Result<f64, EmissionError> {
         let valid = p > 0.0 && p < 1.0;
-        super::check::check("probability", p, valid, "a value above 0 and below 1")?;
+        crate::error::check("probability", p, valid, "a value above 0 and below 1")?;
         let is_enough = |y: f64| {
             let tails = self.tails(y);
             if p <= 0.5 { tails.up_to() >= p } else { tails.above <= 1.0 - p }
@@ -180,17 +180,17 @@ impl<'a, B: Marginals> Predictive<'a, B> {
         // Bisection over the doubles themselves, in their order: each of at most 64 steps halves
         // their number. Invariant: no double below `low` is enough, and `high` is, or is the
         // largest.
-        let (mut low, mut high) = (order(f64::MIN), order(f64::MAX));
+        let (mut low, mut high) = (rank_of(f64::MIN), rank_of(f64::MAX));
         while low < high {
             // The mean rounded down, without overflow.
             let middle = (low & high) + ((low ^ high) >> 1);
-            if is_enough(number(middle)) {
+            if is_enough(double_at(middle)) {
                 high = middle;
             } else {
                 low = middle + 1;
             }
         }
-        Ok(number(high))
+        Ok(double_at(high))
     }
 
     /// Draws a number, by drawing a state and an observation in it. O(n).
@@ -215,15 +215,15 @@ impl<'a, B: Marginals> Predictive<'a, B> {
 }
 
 /// Rank of a double in the order of all doubles, from its bits; −0 is just below 0.
-fn order(y: f64) -> i64 {
+fn rank_of(y: f64) -> i64 {
     // Positive doubles are ordered as their bits. The bits of negative ones grow with their size:
     // flipping all but the sign bit reverses them.
     let bits = y.to_bits().cast_signed();
     bits ^ (((bits >> 63).cast_unsigned() >> 1).cast_signed())
 }
 
-/// The double of a rank, the inverse of [`order`].
-fn number(order: i64) -> f64 {
-    let bits = order ^ (((order >> 63).cast_unsigned() >> 1).cast_signed());
+/// The double of a rank, the inverse of [`rank_of`].
+fn double_at(rank: i64) -> f64 {
+    let bits = rank ^ (((rank >> 63).cast_unsigned() >> 1).cast_signed());
     f64::from_bits(bits.cast_unsigned())
 }

@@ -5,9 +5,9 @@ use std::borrow::Borrow;
 
 use rand::Rng;
 
-use super::check::check_length;
 use super::clusters::Outcome;
 use super::{Clusters, EmissionError, Family, Marginals, StartFromClusters, Tails};
+use crate::error::check_length;
 use wayfix::LikelihoodError;
 use wayfix::ReorderStates;
 use wayfix::inference::{Displacement, FreeParameters};

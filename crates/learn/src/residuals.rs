@@ -4,8 +4,8 @@
 //! p(X_k = i | y_1 … y_{k−1}), for ordinary ones p(X_k = i | all but y_k), which is proportional to
 //! the prediction times the backward probability.
 
-use super::marginals::check_component;
 use super::{Marginals, Tails};
+use crate::family::check_component;
 use wayfix::Hmm;
 use wayfix::InferenceError;
 use wayfix::Sequence;

@@ -1,7 +1,7 @@
 //! Errors of recognition, each with the query, step or labelled part that it is about.
 
+use crate::observation::ViewError;
 use wayfix::error::{At, Count, Failed, Parameter};
-use wayfix::observation::ObservationError;
 use wayfix::{InferenceError, TransitionError};
 
 /// An invalid recogniser, query, label or step. The message includes those of its causes.
@@ -16,13 +16,13 @@ pub enum RecognitionError {
     Count(#[from] Count),
     /// The descriptors of references are not valid.
     #[error(transparent)]
-    References(At<ObservationError>),
+    References(At<ViewError>),
     /// The descriptor of a query is not valid.
     #[error(transparent)]
-    Descriptor(At<ObservationError>),
+    Descriptor(At<ViewError>),
     /// The distances of a query are not valid.
     #[error(transparent)]
-    Query(At<ObservationError>),
+    Query(At<ViewError>),
     /// A label is empty, or names references that do not exist.
     #[error("step {step} of labelled part {part} shows references up to {place}, expected a non-empty range within 0 to {}", .references.saturating_sub(1))]
     Label {
@@ -66,19 +66,19 @@ impl From<InferenceError> for RecognitionError {
 
 impl RecognitionError {
     /// Invalid descriptors of the references of a traverse, from 0.
-    pub(super) fn references(traverse: usize, cause: ObservationError) -> Self {
+    pub(super) fn references(traverse: usize, cause: ViewError) -> Self {
         let words = &["the references of traverse ", " are not valid"];
         Self::References(At::new(words, traverse, cause))
     }
 
     /// An invalid descriptor of the query of a step, from 1.
-    pub(super) fn descriptor(step: usize, cause: ObservationError) -> Self {
+    pub(super) fn descriptor(step: usize, cause: ViewError) -> Self {
         let words = &["the descriptor of the query of step ", " is not valid"];
         Self::Descriptor(At::new(words, step, cause))
     }
 
     /// Invalid distances of the query of a step, from 1.
-    pub(super) fn query(step: usize, cause: ObservationError) -> Self {
+    pub(super) fn query(step: usize, cause: ViewError) -> Self {
         Self::Query(At::new(&["the query of step ", " is not valid"], step, cause))
     }
 

@@ -1,4 +1,4 @@
-//! Comparing a fit with labels and recordings, to find reasons to doubt it. Thresholds are between
+//! Warnings from the comparison of a fit with labels and recordings. Thresholds are between
 //! genuine drives and mistakes that were provoked.
 
 use std::ops::RangeInclusive;
@@ -8,8 +8,7 @@ use super::views::{EQUAL, STANDS, least, nearest};
 use super::warning::{ENOUGH, SPAN, Warning};
 use super::{Answer, RecognitionError, Recognizer, Recording};
 use crate::motion::{OdometryModel, RouteControl};
-use crate::observation::{RowScratch, row_scores};
-use wayfix::observation::ObservationError;
+use crate::observation::{RowScratch, ViewError, row_scores};
 
 /// Mean rank above which matches are close to chance.
 const CHANCE: f64 = 0.4;
@@ -40,15 +39,15 @@ const DIFFERENCE_SHARE: f64 = 0.25;
 
 /// Numbers of queries for which the nearest image, the best score, or both are right.
 #[derive(Default)]
-struct Rivals {
+struct NearestComparison {
     queries: f64,
     nearest: f64,
     single: f64,
     both: f64,
 }
 
-impl Rivals {
-    fn take(&mut self, nearest: bool, single: bool) {
+impl NearestComparison {
+    fn record(&mut self, nearest: bool, single: bool) {
         let add = |count: &mut f64, one: bool| *count += f64::from(u8::from(one));
         self.queries += 1.0;
         add(&mut self.nearest, nearest);
@@ -60,7 +59,7 @@ impl Rivals {
     fn warning(&self) -> Option<Warning> {
         let Self { queries, nearest, single, both } = *self;
         let least = BETTER * queries;
-        // Only queries where the rivals disagree count; by chance either is right in half of them,
+        // Only queries where the comparison disagree count; by chance either is right in half of them,
         // so the difference has the variance of their number.
         let chance = SURELY * f64::sqrt(nearest + single - 2.0 * both);
         (nearest - single > chance.max(least))
@@ -75,11 +74,11 @@ impl Recognizer {
         &self,
         parts: &[LabelledPart<'_, Q>],
         rows: &[Vec<Vec<f32>>],
-    ) -> Result<(Vec<Warning>, Option<[f64; 2]>), ObservationError> {
+    ) -> Result<(Vec<Warning>, Option<[f64; 2]>), ViewError> {
         let mut scores = vec![0.0; self.references()];
         let (mut ranks, mut best) = (Vec::new(), Vec::new());
         let (mut within, mut scratch) = (Vec::new(), RowScratch::default());
-        let mut rivals = Rivals::default();
+        let mut comparison = NearestComparison::default();
         let mut before = Vec::new();
         for (part, rows) in parts.iter().zip(rows) {
             for (places, row) in part.places.iter().zip(rows) {
@@ -94,7 +93,7 @@ impl Recognizer {
                     let right =
                         |at: usize| at + window >= *places.start() && at <= places.end() + window;
                     let single = (0..scores.len()).min_by(|a, b| scores[*a].total_cmp(&scores[*b]));
-                    rivals.take(right(nearest(&within)), single.is_some_and(right));
+                    comparison.record(right(nearest(&within)), single.is_some_and(right));
                     before.clone_from(row);
                 }
             }
@@ -104,7 +103,7 @@ impl Recognizer {
         if rank > CHANCE && self.references() > 2 {
             warnings.push(Warning::Chance { rank });
         }
-        warnings.extend(rivals.warning());
+        warnings.extend(comparison.warning());
         if ranks.len() < ENOUGH {
             warnings.push(Warning::Short { steps: ranks.len() });
         }
@@ -147,7 +146,7 @@ fn mean_rank(scores: &[f64], places: &RangeInclusive<usize>) -> f64 {
 }
 
 impl Recording {
-    /// Returns all reasons to doubt the recording: most views are [unchanged](Warning::Unchanged)
+    /// Returns all warnings about the recording: most views are [unchanged](Warning::Unchanged)
     /// although the vehicle moves, odometry is [stuck](Warning::Stuck), the view is
     /// [still](Warning::Still) while odometry reads that the vehicle moves, the queries are
     /// [unlike](Warning::Unlike) those of the fit, they match [nothing](Warning::Nothing) for a
@@ -156,16 +155,16 @@ impl Recording {
     /// that if odometry reads the same for long, plus [`smoothed`](Self::smoothed) if queries are
     /// unlike and the map may be left.
     #[must_use]
-    pub fn doubts(&self) -> Vec<Warning> {
-        let own = self.own_doubts.iter().cloned();
-        let stuck = own.clone().any(|doubt| matches!(doubt, Warning::Stuck { .. }));
-        let stuck = if stuck { None } else { self.stuck() };
-        let fast = self.fast();
-        own.chain(stuck).chain(self.unlike()).chain(fast).chain(self.nothing()).collect()
+    pub fn warnings(&self) -> Vec<Warning> {
+        let own = self.own_warnings.iter().cloned();
+        let stuck = own.clone().any(|warning| matches!(warning, Warning::Stuck { .. }));
+        let stuck = if stuck { None } else { self.warn_stuck() };
+        let fast = self.warn_too_fast();
+        own.chain(stuck).chain(self.warn_unlike()).chain(fast).chain(self.warn_no_match()).collect()
     }
 
     /// Warns if the nearest references, without odometry, agree on a speed that is not modelled.
-    fn fast(&self) -> Option<Warning> {
+    fn warn_too_fast(&self) -> Option<Warning> {
         let n = self.recognizer.references();
         let speeds = self.recognizer.options().speeds.values().iter();
         let fastest = speeds.fold(0.0, |most: f64, speed| most.max(speed.abs()));
@@ -191,7 +190,7 @@ impl Recording {
             .then_some(Warning::Fast { moved: median, fastest })
     }
 
-    fn unlike(&self) -> Option<Warning> {
+    fn warn_unlike(&self) -> Option<Warning> {
         let [labelled, deviation] = self.recognizer.parameters().best_scores?;
         let unlike = |scores: &[f64]| {
             let [recording, _] = moments(scores)?;
@@ -215,7 +214,7 @@ impl Recording {
 
     /// Warns if odometry reads again and again that the vehicle moves at one speed, while the
     /// images alone say that it moves at another.
-    fn stuck(&self) -> Option<Warning> {
+    fn warn_stuck(&self) -> Option<Warning> {
         let mut answers = Vec::new();
         let mut start = 0;
         // Each turn takes one maximal run of equal readings; `max(1)` skips a NaN, which equals
@@ -266,7 +265,7 @@ impl Recording {
         let answer = |(control, likelihoods): (&RouteControl, &Vec<f64>)| {
             let control = RouteControl { odometry: None, ..*control };
             let log = filter.step_with(&control, likelihoods)?;
-            self.recognizer.add_up(filter.belief().as_slice(), &mut places);
+            self.recognizer.marginalize_places(filter.belief().as_slice(), &mut places);
             Ok(self.recognizer.answer(&places, log))
         };
         self.controls.iter().zip(&self.likelihoods).map(answer).collect()
@@ -274,7 +273,7 @@ impl Recording {
 
     /// Warns if the filter predicts the images hardly better than for a vehicle that is surely
     /// lost, whose log-likelihood is ln `lost_odds` for each independent view.
-    fn nothing(&self) -> Option<Warning> {
+    fn warn_no_match(&self) -> Option<Warning> {
         let options = self.recognizer.options();
         if options.off_map.is_some() || options.lost_odds == 1.0 {
             return None;

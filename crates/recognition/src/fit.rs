@@ -8,9 +8,8 @@ use super::recognizer::check_control;
 use super::sensor::Scratch;
 use super::{RecognitionError, Recognizer};
 use crate::motion::{OdometryModel, OffMap, RouteControl};
-use crate::observation::{RowScratch, row_scores};
+use crate::observation::{RowScratch, ViewError, row_scores};
 use wayfix::error::Count;
-use wayfix::observation::ObservationError;
 
 /// Consecutive steps of a drive whose places are known.
 #[derive(Debug)]
@@ -61,7 +60,7 @@ impl Recognizer {
     /// with what was learned from the other. Learning starts from the present options; everything
     /// else learned before is replaced.
     ///
-    /// [`Parameters::doubts`] lists reasons to doubt the result. O(steps n k) time, and ten times
+    /// [`Parameters::warnings`] lists warnings about the result. O(steps n k) time, and ten times
     /// that for the temperature; O(steps n) memory.
     ///
     /// # Errors
@@ -88,7 +87,7 @@ impl Recognizer {
             let invalid = |error: RecognitionError| error.of_part(number);
             rows.push(self.compare(*part).map_err(invalid)?);
         }
-        // Usual scores come first, since the doubts below examine scores with them.
+        // Usual scores come first, since the warnings below examine scores with them.
         let mut fit = Parameters::new(self.options().clone());
         self.fit_camera(&rows, &mut fit)?;
         let labels: Vec<Labels> = parts.iter().map(|part| self.read(part)).collect();
@@ -174,7 +173,7 @@ impl Recognizer {
             self.sensor.standardizer.check(&row).map_err(invalid)?;
             let compared = row_scores(&row, &mut scores, &mut scratch).map_err(invalid)?;
             if compared == 0 && self.options().off_map.is_none() {
-                return Err(invalid(ObservationError::NoMatch));
+                return Err(invalid(ViewError::NoMatch));
             }
             let odometry = part.odometry.get(at).copied().flatten();
             let control = RouteControl { odometry, ..RouteControl::default() };

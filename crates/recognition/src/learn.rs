@@ -30,7 +30,7 @@ impl Recognizer {
     /// let queries: Vec<Vec<f32>> = (20..200).map(|k| row((k / 2).min(80))).collect();
     /// let recognizer = Recognizer::from_distances(200, Options::default())?;
     /// let learned = recognizer.learn(&recognizer.recording(&queries, &[])?)?;
-    /// let speeds = &learned.options().speeds;
+    /// let speeds = learned.options().speeds();
     /// assert!(speeds.shares()[speeds.nearest(0.5)] > 0.5);
     /// # Ok::<(), wayfix_recognition::RecognitionError>(())
     /// ```

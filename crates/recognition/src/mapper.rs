@@ -7,9 +7,8 @@ use super::recognizer::check_control;
 use super::references::Exemplar;
 use super::{Answer, Options, RecognitionError, Recognizer, Track};
 use crate::motion::{OffMap, RouteControl, RouteTransition};
-use crate::observation::{Distance, check_descriptor, view_change};
+use crate::observation::{Distance, ViewError, check_descriptor, view_change};
 use wayfix::error::{At, Parameter};
-use wayfix::observation::ObservationError;
 
 /// Builds the references while the vehicle drives, and decides whether it is at a new place or at
 /// one that it has seen before.
@@ -43,7 +42,7 @@ use wayfix::observation::ObservationError;
 /// let mut mapper = Mapper::new(Distance::Cosine, Options::default())?;
 /// let mut again = 0;
 /// for step in 0..180 {
-///     let place = mapper.step(&image(step % 120), None)?.and_then(|seen| seen.place);
+///     let place = mapper.step(&image(step % 120))?.and_then(|seen| seen.place);
 ///     again += u32::from(place.is_some_and(|place| place.abs_diff(step % 120) <= 2));
 /// }
 /// assert!(again > 30);
@@ -159,25 +158,36 @@ impl Mapper {
         &self.references
     }
 
-    /// Takes the next descriptor, and the distance driven since the last one, in references, if
-    /// that is known. Returns the answer at a place that was seen before, or `None` at a new one:
-    /// its view is then the last reference, or hardly differs from it.
+    /// Takes the next descriptor. Returns the answer at a place that was seen before, or `None` at a
+    /// new one: its view is then the last reference, or hardly differs from it.
+    ///
+    /// # Errors
+    ///
+    /// [`RecognitionError`] for a descriptor that is not valid; the mapper is then as before.
+    pub fn step(&mut self, query: &[f32]) -> Result<Option<Answer>, RecognitionError> {
+        self.step_with(None::<f64>, query)
+    }
+
+    /// Takes the distance driven since the last step by odometry, in references, and the next
+    /// descriptor, as [`step`](Self::step) does. The distance is a number, or `None` without a
+    /// reading.
     ///
     /// # Errors
     ///
     /// [`RecognitionError`] for a descriptor or a reading that is not valid; the mapper is
     /// then as before.
-    pub fn step(
+    pub fn step_with(
         &mut self,
+        odometry: impl Into<Option<f64>>,
         query: &[f32],
-        odometry: Option<f64>,
     ) -> Result<Option<Answer>, RecognitionError> {
+        let odometry = odometry.into();
         self.check(query, odometry)?;
         // The track grows before it takes the view, so the view is compared with all references
         // that are old enough.
         self.grow()?;
         let answer = match &mut self.track {
-            Some(track) => Some(track.step(query, odometry)?),
+            Some(track) => Some(track.step_with(odometry, query)?),
             None => None,
         };
         self.steps += 1;
@@ -253,7 +263,7 @@ impl Mapper {
         {
             let (which, index) = ("query", 0);
             let (length, expected) = (query.len(), first.len());
-            return Err(failed(ObservationError::Length { which, index, length, expected }));
+            return Err(failed(ViewError::Length { which, index, length, expected }));
         }
         check_descriptor(query, self.distance).map_err(failed)?;
         let squares: f64 = query.iter().map(|x| f64::from(*x).powi(2)).sum();
@@ -281,10 +291,9 @@ impl Mapper {
         let recognizer = match made {
             Ok(recognizer) => recognizer,
             // A vehicle that stands may give equal descriptors for a while: the model waits.
-            Err(RecognitionError::References(At {
-                cause: ObservationError::AllEqual { .. },
-                ..
-            })) => return Ok(()),
+            Err(RecognitionError::References(At { cause: ViewError::AllEqual { .. }, .. })) => {
+                return Ok(());
+            }
             Err(error) => return Err(error),
         };
         let views = self.recent.iter().map(|(descriptor, reference)| Exemplar {

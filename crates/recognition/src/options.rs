@@ -5,80 +5,97 @@ use crate::motion::{OdometryModel, OffMap, RouteTransition, Speeds, ViewChangeRa
 use crate::observation::MatchOdds;
 use wayfix::error::Parameter;
 
-/// Options of a [`Recognizer`](super::Recognizer).
-///
-/// The defaults were chosen on some recordings, descriptors and drives, and reported on others. The
-/// chapter [from descriptors to a position](crate::guide::from_descriptors) lists each, with the
-/// effect of halving or doubling it.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
-#[non_exhaustive]
-pub struct Options {
+/// Declares the options, each with its default, a method that returns it and one that sets it.
+macro_rules! options {
+    ($($(#[$doc:meta])+ $([$reference:tt])? $name:ident: $type:ty = $default:expr, $with:ident;)+) => {
+        /// Options of a [`Recognizer`](super::Recognizer).
+        ///
+        /// The defaults were chosen on some recordings, descriptors and drives, and reported on others. The
+        /// chapter [from descriptors to a position](crate::guide::from_descriptors) lists each, with the
+        /// effect of halving or doubling it.
+        ///
+        /// ```
+        /// use wayfix_recognition::Options;
+        /// use wayfix_recognition::motion::OffMap;
+        ///
+        /// let options = Options::default().with_closed(true).with_off_map(Some(OffMap::default()));
+        /// assert!(options.closed() && options.window() == 1);
+        /// ```
+        #[derive(Debug, Clone, PartialEq)]
+        #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+        #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+        pub struct Options {
+            $(pub(crate) $name: $type,)+
+        }
+
+        impl Default for Options {
+            fn default() -> Self {
+                Self { $($name: $default,)+ }
+            }
+        }
+
+        impl Options {
+            $(
+                $(#[$doc])+
+                #[must_use]
+                pub fn $name(&self) -> $($reference)? $type {
+                    $($reference)? self.$name
+                }
+
+                #[doc = concat!("Sets [`", stringify!($name), "`](Self::", stringify!($name), ").")]
+                #[must_use]
+                pub fn $with(self, $name: $type) -> Self {
+                    Self { $name, ..self }
+                }
+            )+
+        }
+    };
+}
+
+options! {
     /// True if the references form a loop; false by default.
-    pub closed: bool,
+    closed: bool = false, with_closed;
     /// Speeds of the vehicle, in references a step, how they change, and the noise of a step. From
     /// −2 to 3 by default; [fitting](super::Recognizer::fit) learns all but the grid.
-    pub speeds: Speeds,
+    [&] speeds: Speeds = Speeds::default(), with_speeds;
     /// Model of odometry. Fitting learns it.
-    pub odometry: OdometryModel,
+    odometry: OdometryModel = OdometryModel::default(), with_odometry;
     /// Rates of leaving the map, or `None`, the default, if it is never left. If the labelled part
     /// leaves it, fitting learns the rates.
-    pub off_map: Option<OffMap>,
+    off_map: Option<OffMap> = None, with_off_map;
     /// Rates of losing the vehicle and finding it again, used if [`off_map`](Self::off_map) is
     /// `None`: a lost vehicle turns up at any place. Answers are conditional on a vehicle that is
     /// not lost. By default it is lost once in 100,000 steps, for ten steps: a place that was ruled
     /// out by a tunnel or a look-alike street then comes back after some twenty good frames.
-    pub lost: OffMap,
+    lost: OffMap = OffMap { leave: 1e-5, back: 0.1, near: 0.0, within: 0 }, with_lost;
     /// Odds of being lost at each step, against those of a wrong place, if
     /// [`off_map`](Self::off_map) is `None`. 0.6 by default, the odds that an uninformative frame
     /// gives to the right place on average, so that the vehicle is not taken for lost in a tunnel.
-    pub lost_odds: f64,
+    lost_odds: f64 = 0.6, with_lost_odds;
     /// Odds of being off the map at each step, against those of a wrong place, if
     /// [`off_map`](Self::off_map) is given. 0.85 by default: at 1, stretches of uninformative
     /// frames, such as dark ones, are taken for off the map, and at 0.75 detours are found late.
-    pub off_map_odds: f64,
+    off_map_odds: f64 = 0.85, with_off_map_odds;
     /// Odds of a score. Their temperature, 1.8 by default, is for frames in sequence; fitting
     /// chooses another if the labels favour it.
-    pub odds: MatchOdds,
+    odds: MatchOdds = MatchOdds::default(), with_odds;
     /// True if the usual scores of each reference are learned from the queries, so that
     /// references that look like everything do not win; true by default.
-    pub standardize: bool,
+    standardize: bool = true, with_standardize;
     /// Rates of views that do not change; see [`ViewChangeRates`].
-    pub views: ViewChangeRates,
+    views: ViewChangeRates = ViewChangeRates::default(), with_views;
     /// True if changes of the view count as evidence of moving or standing; true by default.
-    pub use_views: bool,
+    use_views: bool = true, with_use_views;
     /// Rate f at which a run of changed, or of unchanged, views loses weight as evidence of moving or
     /// standing: the k-th counts 1 / (1 + (k − 1) f). 0.1 by default: their sum grows as 10 ln k,
     /// since traffic may pass a standing vehicle for minutes, and a moving one may pass a long wall.
-    pub view_fades: f64,
+    view_fades: f64 = 0.1, with_view_fades;
     /// Smallest change with which a view counts as new, in units of the change from reference to
     /// reference. 0.1 by default: smaller changes carry no evidence on the place.
-    pub view_threshold: f64,
+    view_threshold: f64 = 0.1, with_view_threshold;
     /// Number of places on either side of an answer that count as the same place: the answer is the
     /// middle of the most probable such window. 1 by default.
-    pub window: usize,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Self {
-            closed: false,
-            speeds: Speeds::default(),
-            odometry: OdometryModel::default(),
-            off_map: None,
-            lost: OffMap { leave: 1e-5, back: 0.1, near: 0.0, within: 0 },
-            lost_odds: 0.6,
-            off_map_odds: 0.85,
-            odds: MatchOdds::default(),
-            standardize: true,
-            views: ViewChangeRates::default(),
-            use_views: true,
-            view_fades: 0.1,
-            view_threshold: 0.1,
-            window: 1,
-        }
-    }
+    window: usize = 1, with_window;
 }
 
 /// Largest share of time that a vehicle may be lost: answers are conditional on the rest.
@@ -101,7 +118,8 @@ impl Options {
 
     /// Motion along a route of this many places.
     pub(super) fn motion(&self, places: usize) -> Result<RouteTransition, RecognitionError> {
-        let motion = RouteTransition::new(places, self.closed, self.speeds.clone())?
+        let route = if self.closed { RouteTransition::closed } else { RouteTransition::open };
+        let motion = route(places, self.speeds.clone())?
             .with_odometry(self.odometry)?
             .with_views(self.views)?
             .with_off_map(self.off_map.unwrap_or(self.lost))?;

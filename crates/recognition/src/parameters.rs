@@ -11,7 +11,7 @@ use wayfix::error::Parameter;
 /// Result of learning: the options of a [`Recognizer`](super::Recognizer), and what was learned
 /// of each reference.
 ///
-/// With the feature `serde` it can be stored, without [doubts](Self::doubts) and
+/// With the feature `serde` it can be stored, without [warnings](Self::warnings) and
 /// [temperature scores](Self::temperature_scores), which do not count in comparisons either.
 #[derive(Debug, Clone)]
 pub struct Parameters {
@@ -78,9 +78,9 @@ impl Parameters {
         Self { standardizer: None, best_scores: None, ..self }
     }
 
-    /// Reasons to doubt the fit. Empty for one read from storage.
+    /// Warnings about the fit. Empty for one read from storage.
     #[must_use]
-    pub fn doubts(&self) -> &[Warning] {
+    pub fn warnings(&self) -> &[Warning] {
         &self.warnings
     }
 

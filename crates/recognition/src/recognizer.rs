@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::parameters::Parameters;
 use super::references::{Exemplar, References, Scratch};
-use super::sensor::Sensor;
+use super::sensor::{KNOWN_COUNT, Sensor};
 use super::{Options, RecognitionError};
 use crate::motion::{RouteControl, RouteTransition};
 use crate::observation::Distance;
@@ -16,10 +16,6 @@ use wayfix::error::Count;
 use wayfix::likelihood::GroupedLikelihood;
 use wayfix::{Hmm, Prior};
 use wayfix_kernels as kernels;
-
-/// Largest number of queries that usual scores learned before a drive count as: they come from
-/// other places, or from the same drive again.
-pub(super) const KNOWN_COUNT: f64 = 10.0;
 
 /// The hidden Markov model: motion along a route, and likelihoods of its places.
 pub(super) type Model = Hmm<RouteTransition, GroupedLikelihood<LikelihoodVector>>;
@@ -66,7 +62,7 @@ pub(super) fn check_control(
 ///
 /// let mut track = recognizer.track();
 /// for place in 12..30 {
-///     let answer = track.step(&image(place), None)?;
+///     let answer = track.step(&image(place))?;
 ///     if place > 20 {
 ///         assert_eq!(answer.place, Some(place));
 ///         assert!(answer.probability > 0.9);
@@ -195,9 +191,9 @@ impl Recognizer {
     }
 
     /// Marginalises a belief over states to one over places.
-    pub(super) fn add_up(&self, belief: &[f64], places: &mut [f64]) {
+    pub(super) fn marginalize_places(&self, belief: &[f64], places: &mut [f64]) {
         let (places, off) = places.split_at_mut(self.references());
-        let lost = self.motion().add_up(belief, places);
+        let lost = self.motion().marginalize_places(belief, places);
         if let [off] = off {
             *off = lost;
         } else {

@@ -8,7 +8,7 @@ use std::ops::RangeInclusive;
 use super::answer::at_most_one;
 use super::recognizer::check_control;
 use super::sensor::Scratch;
-use super::views::Doubts;
+use super::views::StrongestWarnings;
 use super::warning::Warning;
 use super::{Answer, RecognitionError, Recognizer};
 use crate::motion::RouteControl;
@@ -33,8 +33,8 @@ pub struct Recording {
     pub(super) best_scores: Vec<f64>,
     /// Usual scores at the end of the recording.
     pub(super) standardizer: Standardizer,
-    /// Reasons to doubt the views and readings.
-    pub(super) own_doubts: Vec<Warning>,
+    /// Warnings of the views and readings.
+    pub(super) own_warnings: Vec<Warning>,
 }
 
 /// Beliefs over places, one for each step of a recording.
@@ -67,13 +67,20 @@ impl Recognizer {
         scratch.single_odds = vec![0.0; self.references()];
         let (mut controls, mut likelihoods) = (Vec::new(), Vec::new());
         let (mut best_scores, mut single_odds) = (Vec::new(), Vec::new());
-        let mut doubts = Doubts::default();
+        let mut warnings = StrongestWarnings::default();
         for (at, query) in queries.iter().enumerate() {
             let (step, reading) = (at + 1, odometry.get(at).copied().flatten());
-            let sighting = sensor.observe(self, step, query.as_ref(), reading, &mut scratch)?;
+            let sighting = sensor.observe(
+                &self.references,
+                self.options(),
+                step,
+                query.as_ref(),
+                reading,
+                &mut scratch,
+            )?;
             check_control(self.motion(), step, &sighting.control)?;
-            sensor.learn(self, &sighting, &mut scratch);
-            doubts.take(&sensor.tally);
+            sensor.learn(self.motion(), self.options(), &sighting, &mut scratch);
+            warnings.record(&sensor.tally);
             controls.push(sighting.control);
             best_scores.push(scratch.best_score());
             likelihoods.push(std::mem::take(&mut scratch.likelihoods));
@@ -86,7 +93,7 @@ impl Recognizer {
             single_odds,
             best_scores,
             standardizer: sensor.standardizer,
-            own_doubts: doubts.into_warnings(),
+            own_warnings: warnings.into_warnings(),
         })
     }
 }
@@ -228,7 +235,7 @@ impl PlaceBeliefs {
     fn set(&mut self, at: usize, belief: BeliefView<'_>, log_likelihood: f64) {
         let Self { recognizer, rows, log_likelihoods } = self;
         let width = recognizer.places();
-        recognizer.add_up(belief.as_slice(), &mut rows[at * width..][..width]);
+        recognizer.marginalize_places(belief.as_slice(), &mut rows[at * width..][..width]);
         log_likelihoods[at] = log_likelihood;
     }
 

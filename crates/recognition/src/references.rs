@@ -4,9 +4,10 @@
 use std::ops::Range;
 
 use super::RecognitionError;
-use crate::observation::{Distance, ReferenceDescriptors, RowScratch, Standardizer, row_scores};
+use crate::observation::{
+    Distance, ReferenceDescriptors, RowScratch, Standardizer, ViewError, row_scores,
+};
 use wayfix::error::Count;
-use wayfix::observation::ObservationError;
 
 /// Number of evenly spaced references that are compared with all others, to learn the usual scores
 /// of each.
@@ -42,7 +43,7 @@ fn alike_around(
     at: usize,
     scores: &mut Vec<f32>,
     scratch: &mut RowScratch,
-) -> Result<Range<usize>, ObservationError> {
+) -> Result<Range<usize>, ViewError> {
     row_scores(row, scores, scratch)?;
     let alike = |score: &&f32| **score < UNLIKE;
     let before = scores[..at].iter().rev().take_while(alike).count().max(NEAR);
@@ -89,7 +90,7 @@ impl References {
     /// Estimates the usual scores of each reference from the other references: one that looks like
     /// many of them looks like many queries, too (on one recording in two seasons, means correlate
     /// by 0.7 and deviations by 0.8).
-    pub(super) fn standardizer(&self) -> Result<Standardizer, ObservationError> {
+    pub(super) fn standardizer(&self) -> Result<Standardizer, ViewError> {
         let count = self.count();
         let mut standardizer = Standardizer::new(count)?;
         let Self::Descriptors(traverses) = self else { return Ok(standardizer) };
@@ -109,7 +110,7 @@ impl References {
         view: Exemplar<'_>,
         standardizer: &mut Standardizer,
         scratch: &mut Scratch,
-    ) -> Result<(), ObservationError> {
+    ) -> Result<(), ViewError> {
         let Scratch { row, more, scores, rows } = scratch;
         // A view that cannot be compared, such as a zero descriptor, teaches nothing.
         if self.distances(0, view.descriptor, row, more).is_err() {
@@ -121,7 +122,7 @@ impl References {
             row[near].fill(f32::INFINITY);
         }
         row_scores(row, scores, rows)?;
-        standardizer.count_in(standardizer.spread(), scores, view.weight);
+        standardizer.add_scores(standardizer.spread(), scores, view.weight);
         Ok(())
     }
 

@@ -1,15 +1,14 @@
 //! The camera: from a query to likelihoods and evidence on the move, and to what the query teaches
-//! about the references (guide, section 11).
+//! about the references (`guide::formulas`, Images as likelihoods).
 //!
 //! A step takes two calls, so that an error between them leaves no trace: [`Sensor::observe`]
 //! changes scratch memory alone, and [`Sensor::learn`] follows once the filter has taken the step.
 
-use super::recognizer::KNOWN_COUNT;
+use super::references::References;
 use super::views::{Tally, View, least, nearest};
-use super::{Options, RecognitionError, Recognizer};
-use crate::motion::{Driven, RouteControl, ViewChange, ViewEvidence};
-use crate::observation::{RowScratch, Spread, Standardizer, row_scores, within};
-use wayfix::observation::ObservationError;
+use super::{Options, RecognitionError};
+use crate::motion::{Driven, RouteControl, RouteTransition, ViewChange, ViewEvidence};
+use crate::observation::{RowScratch, Spread, Standardizer, ViewError, row_scores, within};
 
 /// Share of a view that must be new for it to count as a whole witness: along a densely sampled
 /// route, successive frames are partly one witness.
@@ -20,12 +19,15 @@ const STILL_SHARE: f64 = 0.02;
 const STILL_PART: f64 = 0.2;
 
 /// Share of the least score up to which a reference is among the nearest.
-const AMONG: f32 = 0.8;
+const NEAREST_SHARE: f32 = 0.8;
 /// Share of its score in a row above which the usual score of a reference explains that it is near.
-const USUALLY: f32 = 0.3;
+const USUAL_SHARE: f32 = 0.3;
+/// Largest number of queries that usual scores learned before a drive count as: they come from
+/// other places, or from the same drive again.
+pub(super) const KNOWN_COUNT: f64 = 10.0;
 /// Number of queries after which usual scores are known well enough for that: those known before
 /// the drive may be of another season, so ten of the drive are required.
-const ACQUAINTED: f64 = 2.0 * KNOWN_COUNT;
+const LEAST_QUERIES: f64 = 2.0 * KNOWN_COUNT;
 /// Largest share of lingering views that counts, so that a reference that becomes near to every
 /// query is learned in the end.
 const MOST_LINGERING: f64 = 0.8;
@@ -110,20 +112,21 @@ impl Sensor {
     /// reading is not checked.
     pub(super) fn observe(
         &self,
-        recognizer: &Recognizer,
+        references: &References,
+        options: &Options,
         step: usize,
         query: &[f32],
         odometry: Option<f64>,
         scratch: &mut Scratch,
     ) -> Result<Sighting, RecognitionError> {
-        let (options, n) = (recognizer.options(), recognizer.references());
+        let n = references.count();
         let failed = |cause| RecognitionError::query(step, cause);
-        recognizer.references.distances(step, query, &mut scratch.distances, &mut scratch.more)?;
+        references.distances(step, query, &mut scratch.distances, &mut scratch.more)?;
         let view = self.compare(options, scratch).map_err(failed)?;
         let Scratch { scores, likelihoods, single_odds, .. } = scratch;
         let nowhere = scores.iter().all(|score| *score == f32::INFINITY);
         if nowhere && options.off_map.is_none() {
-            return Err(failed(ObservationError::NoMatch));
+            return Err(failed(ViewError::NoMatch));
         }
         likelihoods.resize(n + 1, 1.0);
         // A view that matches nothing at all is evidence of being off the map, even if it is
@@ -162,24 +165,30 @@ impl Sensor {
     /// [`observe`](Self::observe) left it.
     pub(super) fn learn(
         &mut self,
-        recognizer: &Recognizer,
+        motion: &RouteTransition,
+        options: &Options,
         sighting: &Sighting,
         scratch: &mut Scratch,
     ) {
         let Sighting { control, view, run, spread } = sighting;
         if let Some(spread) = spread {
-            self.learn_scores(recognizer.options(), *spread, view.fresh, scratch);
+            self.learn_scores(options, *spread, view.fresh, scratch);
         }
-        self.tally.take(self.run.map(|_| view), control.odometry);
+        self.tally.record(self.run.map(|_| view), control.odometry);
         self.run = Some((view.change, *run));
-        self.drive(recognizer, control);
+        self.drive(motion, options, control);
     }
 
     /// Takes a step without a query. The next view then counts as the first after a gap: whether it
     /// has changed may have any reason.
-    pub(super) fn skip(&mut self, recognizer: &Recognizer, control: &RouteControl) {
+    pub(super) fn skip(
+        &mut self,
+        motion: &RouteTransition,
+        options: &Options,
+        control: &RouteControl,
+    ) {
         self.run = None;
-        self.drive(recognizer, control);
+        self.drive(motion, options, control);
     }
 
     /// Control of a step by odometry, after the motion before the step.
@@ -189,15 +198,15 @@ impl Sensor {
 
     /// Estimates the motion of a step. It is used off the map only, and only if that is modelled: a
     /// lost vehicle need not go on as it did.
-    fn drive(&mut self, recognizer: &Recognizer, control: &RouteControl) {
+    fn drive(&mut self, motion: &RouteTransition, options: &Options, control: &RouteControl) {
         let measured = control.view.is_some() || control.odometry.is_some();
-        if measured && recognizer.options().off_map.is_some() {
-            self.driven = Some(recognizer.motion().driven(control));
+        if measured && options.off_map.is_some() {
+            self.driven = Some(motion.driven(control));
         }
     }
 
     /// Compares the row of distances in the scratch memory with that of the last new view.
-    fn compare(&self, options: &Options, scratch: &mut Scratch) -> Result<View, ObservationError> {
+    fn compare(&self, options: &Options, scratch: &mut Scratch) -> Result<View, ViewError> {
         let Scratch { distances, scores, rows, .. } = scratch;
         self.standardizer.check(distances)?;
         row_scores(distances, scores, rows)?;
@@ -223,20 +232,20 @@ impl Sensor {
                 let at = nearest(last);
                 // A reference that is near to every query also stays nearest, but then its usual
                 // score explains it.
-                let lingers = scores[at] <= AMONG * least(scores)
-                    && standardizer.count() >= ACQUAINTED
-                    && standardizer.usual(spread, at) > USUALLY * within(scores[at]);
+                let lingers = scores[at] <= NEAREST_SHARE * least(scores)
+                    && standardizer.count() >= LEAST_QUERIES
+                    && standardizer.usual(spread, at) > USUAL_SHARE * within(scores[at]);
                 *lingering += (f64::from(u8::from(lingers)) - *lingering) / LINGERING;
             }
             // A vehicle that moves on slowly has views with new noise and little else: its place
             // must not become usual. The share l of lingering views stands for the correlation of
-            // views, and the weight (1 − l) / (1 + l) for the independent part (guide, section 11,
+            // views, and the weight (1 − l) / (1 + l) for the independent part (`guide::formulas`,
             // Views).
             let lingering = lingering.min(MOST_LINGERING);
             let fresh = fresh * (1.0 - lingering) / (1.0 + lingering);
             let level = |count: f64| (30.0 * count.ln_1p()) as u32;
             let before = level(standardizer.count());
-            standardizer.count_in(spread, scores, fresh);
+            standardizer.add_scores(spread, scores, fresh);
             // The threshold takes as long as all else, so it follows at some counts only: about 30
             // times for each factor e of the count.
             if level(standardizer.count()) != before {
@@ -255,7 +264,7 @@ impl Sensor {
         options: &Options,
         row: &[f32],
         scratch: &mut Scratch,
-    ) -> Result<(), ObservationError> {
+    ) -> Result<(), ViewError> {
         scratch.distances.clear();
         scratch.distances.extend_from_slice(row);
         let View { fresh, .. } = self.compare(options, scratch)?;

@@ -1,5 +1,5 @@
-//! Choice of the temperature by the filter's log score on steps that were not learned from (guide,
-//! section 11, Match odds): likelihood alone would prefer temperatures that make answers too sure.
+//! Choice of the temperature by the filter's log score on steps that were not learned from (`guide::formulas`,
+//! Match odds): likelihood alone would prefer temperatures that make answers too sure.
 
 use super::fit::LabelledPart;
 use super::parameters::Parameters;
@@ -11,17 +11,17 @@ const FACTORS: [f64; 5] = [2.0, 1.4, 1.0, 0.7, 0.5];
 /// Standard deviation of the logarithm of the factor in the prior.
 const DEVIATION: f64 = 0.25;
 /// Number of steps that count as one in the log score, since steps err together.
-const TOGETHER: f64 = 10.0;
+const STEPS_PER_WITNESS: f64 = 10.0;
 /// Smallest probability that counts for a step, so that no step decides alone.
 const LEAST: f64 = 1e-3;
 /// Fewest labelled steps of a half.
 const HALF: usize = 30;
 /// Steps left out at the beginning of a part, while the vehicle is still being localised.
-const FINDING: usize = 10;
+const BURN_IN: usize = 10;
 /// Probability of a label below which the filter contradicts it, and share of such labels above
-/// which the fit is doubtful. On drives with right labels the share was 0.42 at most.
+/// which a warning is given. On drives with right labels the share was 0.42 at most.
 const UNLIKELY: f64 = 0.1;
-const MOST: f64 = 0.6;
+const CONTRADICTED_SHARE: f64 = 0.6;
 /// Places on either side of a label that also count as right.
 const BESIDE: usize = 1;
 
@@ -45,7 +45,7 @@ impl Recognizer {
             halves[1].push(last);
         }
         let long = |half: &Vec<LabelledPart<'_, Q>>| {
-            let steps = half.iter().map(|part| part.places.len().saturating_sub(FINDING));
+            let steps = half.iter().map(|part| part.places.len().saturating_sub(BURN_IN));
             steps.sum::<usize>() >= HALF && self.check_labels(half).is_ok()
         };
         // Too few labels to hold out a half: the temperature stays.
@@ -71,7 +71,7 @@ impl Recognizer {
                 let options = Options { odds: options.odds, ..own };
                 let tried = learned.parameters().clone().with_options(options);
                 for mass in learned.with_parameters(tried)?.label_masses(half)? {
-                    score += mass.max(LEAST).ln() / TOGETHER;
+                    score += mass.max(LEAST).ln() / STEPS_PER_WITNESS;
                     steps += 1;
                     unlikely += u32::from(mass < UNLIKELY);
                 }
@@ -88,7 +88,7 @@ impl Recognizer {
         let at_edge = chosen == 0 || chosen + 1 == FACTORS.len();
         let edge = at_edge.then(|| Warning::Edge { temperature: temperatures[chosen] });
         let share = shares[chosen];
-        let contradicted = (share > MOST).then_some(Warning::Contradicted { share });
+        let contradicted = (share > CONTRADICTED_SHARE).then_some(Warning::Contradicted { share });
         fit.warnings.extend(contradicted.into_iter().chain(edge));
         fit.temperature_scores = temperatures.into_iter().zip(scores).collect();
         fit.options = options.swap_remove(chosen);
@@ -103,7 +103,7 @@ impl Recognizer {
         let mut masses = Vec::new();
         for part in parts {
             let beliefs = self.recording(part.queries, part.odometry)?.filtered()?;
-            for (at, places) in part.places.iter().enumerate().skip(FINDING) {
+            for (at, places) in part.places.iter().enumerate().skip(BURN_IN) {
                 let beside = |range: &std::ops::RangeInclusive<usize>| {
                     range.start().saturating_sub(BESIDE)..=range.end().saturating_add(BESIDE)
                 };

@@ -47,7 +47,7 @@ impl Recognizer {
             places: vec![0.0; self.places()],
             recognizer: self.clone(),
         };
-        track.add_up();
+        track.marginalize_places();
         track
     }
 }
@@ -67,46 +67,70 @@ impl TrackSnapshot {
 }
 
 impl Track {
-    /// Takes the next query, a descriptor or a row of distances as the recogniser was made for, and
-    /// the distance driven by odometry since the last one, in references, if that is known. For a
+    /// Takes the next query, a descriptor or a row of distances as the recogniser was made for. For a
     /// lost frame, call [`predict`](Self::predict).
     ///
+    /// # Errors
+    ///
+    /// [`RecognitionError`] if the query is not valid, or impossible; the track is then as before.
+    pub fn step(&mut self, query: &[f32]) -> Result<Answer, RecognitionError> {
+        self.step_with(None::<f64>, query)
+    }
+
+    /// Takes the distance driven since the last step by odometry, in references, and the next query,
+    /// as [`step`](Self::step) does. The distance is a number, or `None` without a reading.
+    ///
     /// A wheel slip does little harm, but a lasting fault (wheels that are stuck, a unit that
-    /// stopped counting) is not a slip: give `None`. [`doubts`](Self::doubts) shows some of them.
+    /// stopped counting) is not a slip: give `None`. [`warnings`](Self::warnings) shows some of them.
     ///
     /// # Errors
     ///
     /// [`RecognitionError`] if the query or the reading is not valid, or impossible; the
     /// track is then as before.
-    pub fn step(
+    pub fn step_with(
         &mut self,
+        odometry: impl Into<Option<f64>>,
         query: &[f32],
-        odometry: Option<f64>,
     ) -> Result<Answer, RecognitionError> {
+        let odometry = odometry.into();
         let Self { recognizer, sensor, scratch, .. } = self;
         let step = self.filter.steps().saturating_add(1);
         // The sensor learns only after the filter took the step, so an error leaves both as they
         // were.
-        let sighting = sensor.observe(recognizer, step, query, odometry, scratch)?;
+        let (references, options) = (&recognizer.references, recognizer.options());
+        let sighting = sensor.observe(references, options, step, query, odometry, scratch)?;
         let log_likelihood = self.advance(&sighting.control)?;
-        self.sensor.learn(&self.recognizer, &sighting, &mut self.scratch);
+        let Self { recognizer, sensor, scratch, .. } = self;
+        sensor.learn(recognizer.motion(), recognizer.options(), &sighting, scratch);
         Ok(self.recognizer.answer(&self.places, log_likelihood))
     }
 
-    /// Takes a step without a query, for a lost frame: the motion alone, with the odometry reading
-    /// if there is one. The next view then counts as the first after a gap: its change is not
-    /// evidence of moving or standing.
+    /// Takes a step without a query, for a lost frame: the motion alone. The next view then counts as
+    /// the first after a gap: its change is not evidence of moving or standing.
+    ///
+    /// # Errors
+    ///
+    /// [`RecognitionError`] beyond the largest number of steps; the track is then as before.
+    pub fn predict(&mut self) -> Result<Answer, RecognitionError> {
+        self.predict_with(None::<f64>)
+    }
+
+    /// Takes a step without a query, as [`predict`](Self::predict), with the distance driven since the
+    /// last step by odometry, in references.
     ///
     /// # Errors
     ///
     /// [`RecognitionError`] if the reading is not valid; the track is then as before.
-    pub fn predict(&mut self, odometry: Option<f64>) -> Result<Answer, RecognitionError> {
-        let control = self.sensor.control(odometry);
+    pub fn predict_with(
+        &mut self,
+        odometry: impl Into<Option<f64>>,
+    ) -> Result<Answer, RecognitionError> {
+        let control = self.sensor.control(odometry.into());
         // A likelihood of 1 everywhere: an update that changes nothing.
         self.scratch.likelihoods.resize(self.recognizer.references() + 1, 1.0);
         self.scratch.likelihoods.fill(1.0);
         let log_likelihood = self.advance(&control)?;
-        self.sensor.skip(&self.recognizer, &control);
+        self.sensor.skip(self.recognizer.motion(), self.recognizer.options(), &control);
         Ok(self.recognizer.answer(&self.places, log_likelihood))
     }
 
@@ -118,7 +142,7 @@ impl Track {
             check_control(self.recognizer.motion(), 1, control)?;
         }
         let log_likelihood = self.filter.step_with(control, &self.scratch.likelihoods)?;
-        self.add_up();
+        self.marginalize_places();
         Ok(log_likelihood)
     }
 
@@ -146,15 +170,15 @@ impl Track {
         &self.recognizer
     }
 
-    /// Returns reasons to doubt the recent views and readings: most views are
+    /// Returns warnings about the recent views and readings: most views are
     /// [unchanged](Warning::Unchanged) although the vehicle moves, odometry is
     /// [stuck](Warning::Stuck), or the view is [still](Warning::Still) while odometry reads that
     /// the vehicle moves. A reading that stays the same is compared with changes of the view alone;
-    /// [`Recording::doubts`](super::Recording::doubts) also compares it with the speed at which the
+    /// [`Recording::warnings`](super::Recording::warnings) also compares it with the speed at which the
     /// images move on. Cheap enough for each step.
     #[must_use]
-    pub fn doubts(&self) -> Vec<Warning> {
-        self.sensor.tally.doubts()
+    pub fn warnings(&self) -> Vec<Warning> {
+        self.sensor.tally.warnings()
     }
 
     /// Returns the state of the track. O(n k).
@@ -188,7 +212,7 @@ impl Track {
         self.check_belief(filter)?;
         self.filter.restore(filter)?;
         self.sensor.clone_from(sensor);
-        self.add_up();
+        self.marginalize_places();
         Ok(())
     }
 
@@ -242,12 +266,12 @@ impl Track {
     pub fn relocate(&mut self) {
         self.filter.restart();
         self.sensor.forget();
-        self.add_up();
+        self.marginalize_places();
     }
 
-    fn add_up(&mut self) {
+    fn marginalize_places(&mut self) {
         let Self { recognizer, filter, places, .. } = self;
-        recognizer.add_up(filter.belief().as_slice(), places);
+        recognizer.marginalize_places(filter.belief().as_slice(), places);
     }
 }
 
@@ -330,7 +354,7 @@ mod tests {
         };
         let mut track = of(60).unwrap().track().after(7).unwrap();
         for image in &images[10..30] {
-            track.step(image, Some(1.0)).unwrap();
+            track.step_with(1.0, image).unwrap();
         }
         let mut more = track.extended(&of(80).unwrap()).unwrap();
         assert_eq!((more.steps(), more.log_likelihood()), (27, track.log_likelihood()));
@@ -344,10 +368,10 @@ mod tests {
         assert_eq!(after.standardizer.references(), 80);
         // A repeated view is not new.
         let last = view(after);
-        let answer = more.step(&images[29], Some(0.0)).unwrap();
+        let answer = more.step_with(0.0, &images[29]).unwrap();
         assert!(answer.place.is_some_and(|place| place.abs_diff(29) <= 1));
         assert_eq!(view(&more.sensor), last);
-        let error = more.step(&[f32::NAN; 16], None).unwrap_err().to_string();
+        let error = more.step(&[f32::NAN; 16]).unwrap_err().to_string();
         assert!(error.starts_with("the descriptor of the query of step 29 "), "{error}");
     }
 }

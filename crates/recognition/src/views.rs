@@ -12,11 +12,11 @@ const RECENT: f64 = 1000.0;
 const ENOUGH_VIEWS: f64 = 100.0;
 /// Share of unchanged views, exact repetitions aside, above which they count as most. On drives
 /// along a railway, a corridor and streets it was 0.49 at most.
-const MOST: f64 = 0.6;
+const UNCHANGED_SHARE: f64 = 0.6;
 /// Share of unchanged views with another nearest reference above which the vehicle moves; and share
 /// of unchanged views among all above which it must move at least at times.
 const MOVED: f64 = 0.25;
-const ALL: f64 = 0.9;
+const NEARLY_ALL_SHARE: f64 = 0.9;
 /// Number of equal readings in a row after which odometry may be stuck.
 pub(super) const EQUAL: u32 = 30;
 /// Largest reading of a vehicle that stands, in places.
@@ -30,7 +30,7 @@ const CHANGED: u32 = 20;
 const STILL: u32 = 100;
 const STILL_EQUAL: u32 = 60;
 const DRIVEN: f64 = 10.0;
-const SURE: f64 = 4.0;
+const MOTION_DEVIATIONS: f64 = 4.0;
 
 /// Largest distance, in places, at which one nearest reference counts as beside another.
 const BESIDE: usize = 2;
@@ -124,7 +124,7 @@ pub(crate) struct Tally {
 
 impl Tally {
     /// Takes a step: its view, if there is one before it to compare with, and its reading.
-    pub(super) fn take(&mut self, view: Option<&View>, odometry: Option<f64>) {
+    pub(super) fn record(&mut self, view: Option<&View>, odometry: Option<f64>) {
         // A run of equal readings ends with any other reading, and with a missing one.
         if odometry.is_none() || odometry != self.reading {
             (self.reading, self.equal, self.changed) = (odometry, 0, 0);
@@ -177,8 +177,8 @@ impl Tally {
     fn unchanged(&self) -> Option<Warning> {
         let Self { views, repeated, unchanged, moved, .. } = *self;
         let others = views - repeated;
-        let most = others >= ENOUGH_VIEWS && unchanged > MOST * others;
-        let moves = moved > MOVED * unchanged || unchanged > ALL * others;
+        let most = others >= ENOUGH_VIEWS && unchanged > UNCHANGED_SHARE * others;
+        let moves = moved > MOVED * unchanged || unchanged > NEARLY_ALL_SHARE * others;
         (most && moves).then(|| Warning::Unchanged {
             unchanged: unchanged / views,
             repeated: repeated / views,
@@ -202,26 +202,26 @@ impl Tally {
     fn still(&self) -> Option<Warning> {
         let Self { still: steps, driven, squares, .. } = *self;
         // Readings that are noise around 0 have a sum with the deviation √Σ r².
-        let sure = driven.abs() >= DRIVEN.max(SURE * squares.sqrt());
+        let sure = driven.abs() >= DRIVEN.max(MOTION_DEVIATIONS * squares.sqrt());
         (steps >= STILL && sure).then_some(Warning::Still { steps, driven })
     }
 
-    /// Returns all reasons to doubt recent views and readings.
-    pub(super) fn doubts(&self) -> Vec<Warning> {
+    /// Returns all warnings about recent views and readings.
+    pub(super) fn warnings(&self) -> Vec<Warning> {
         self.unchanged().into_iter().chain(self.stuck()).chain(self.still()).collect()
     }
 }
 
-/// The strongest doubt of each kind in the course of a drive.
+/// The strongest warning of each kind in the course of a drive.
 #[derive(Debug, Default)]
-pub(super) struct Doubts {
+pub(super) struct StrongestWarnings {
     unchanged: Option<Warning>,
     stuck: Option<(u32, Warning)>,
     still: Option<(u32, Warning)>,
 }
 
-impl Doubts {
-    pub(super) fn take(&mut self, tally: &Tally) {
+impl StrongestWarnings {
+    pub(super) fn record(&mut self, tally: &Tally) {
         // The last tally covers the whole drive, with fading weights for old views.
         self.unchanged = tally.unchanged();
         let longest = |kept: &mut Option<(u32, Warning)>, found: Option<Warning>, steps: u32| {

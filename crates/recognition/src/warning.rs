@@ -1,4 +1,4 @@
-//! Reasons to doubt a fit or a recording, as texts that name a likely cause.
+//! Warnings about a fit or a recording, as texts that name a likely cause.
 
 /// Number of labelled steps below which there are too few.
 pub(super) const ENOUGH: usize = 30;
@@ -7,7 +7,7 @@ pub(super) const ENOUGH: usize = 30;
 /// drives elsewhere and of noise below −0.33, where a vehicle that is surely lost has −0.51.
 pub(super) const SPAN: usize = 200;
 
-/// A reason to doubt a fit, or that it suits a recording.
+/// A sign that a fit is wrong, or that it does not suit a recording.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Warning {

@@ -3,7 +3,7 @@
 //! stationary distribution.
 //!
 //! ```text
-//! cargo run --release --features emission --example gnp
+//! cargo run --release -p wayfix-learn --example gnp
 //! ```
 
 mod growth;

@@ -32,7 +32,7 @@ impl Forecast {
         // A single day's return is a mixture of normal ones, whose quantiles are exact.
         let mut returns = Vec::with_capacity(days);
         for day in 1..=days {
-            let next = Predictive::ahead(&filter, day, 0)?;
+            let next = Predictive::ahead(filter, day, 0)?;
             let mut at = [0.0; 4];
             for (value, fraction) in at.iter_mut().zip(FRACTIONS) {
                 *value = next.quantile(fraction)?;

@@ -2,7 +2,7 @@
 //! the regime of each day, a forecast of the coming days, and the fit of the model.
 //!
 //! ```text
-//! cargo run --release --features emission --example regimes -- [--seed N] [--repeat N] [--out FOLDER]
+//! cargo run --release -p wayfix-learn --example regimes -- [--seed N] [--repeat N] [--out FOLDER]
 //! ```
 //!
 //! The data are simulated from three regimes, so that the answers can be compared with the truth.

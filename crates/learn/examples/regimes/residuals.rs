@@ -37,7 +37,7 @@ impl Residuals {
     pub(crate) fn new(model: &Model, years: &[Year]) -> Result<Self, InferenceError> {
         let (mut all, mut last) = (Vec::new(), Vec::new());
         for year in years {
-            let residuals = PseudoResiduals::new(&model, year, 0)?;
+            let residuals = PseudoResiduals::new(model, year, 0)?;
             // No day is missing, so that `flatten` keeps them all in order.
             last = residuals.forecast().iter().flatten().map(Tails::normal).collect();
             all.extend_from_slice(&last);

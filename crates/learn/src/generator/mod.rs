@@ -2,34 +2,29 @@
 //!
 //! | file | |
 //! |---|---|
-//! | `build.rs` | checks of rates, and the stochastic matrix of the sum |
-//! | `series.rs` | exp(Q Δt) x by uniformisation, and where its sum ends |
-//! | `poisson.rs` | the weights of the sum |
-//! | `doubling.rs` | exp(Q Δt) as a matrix, where that is cheaper |
-//! | `entries.rs` | rows and columns of exp(Q Δt) |
-//! | `expected.rs` | expected moves and times in states, given both ends of a step |
-//! | `learn.rs` | rates from these |
+//! | `mod.rs` | rates and their checks, the stochastic matrix of the sum, the operator and its entries |
+//! | `exponential.rs` | exp(Q Δt) x by uniformisation, its weights, and as a matrix where that is cheaper |
+//! | `learn.rs` | expected moves and times in states, given both ends of a step, and rates from these |
 //!
 //! Sums and products are of numbers that are not negative, so that errors stay relative for each
-//! state. The only difference is P's diagonal, 1 − exit rate / Λ, in `build.rs`.
+//! state. The only difference is P's diagonal, 1 − exit rate / Λ, in `from_columns`.
 
-mod build;
-mod doubling;
-mod entries;
-mod expected;
+mod exponential;
 mod learn;
-mod poisson;
-mod series;
 
 use std::fmt;
 
+use wayfix::error::Parameter;
+use wayfix::internal::{Compressed, best_of, buffers, check_count, check_slices};
+use wayfix::{ReorderStates, SparseTransition, Transition, TransitionEntries, TransitionError};
+use wayfix_kernels::limits::LIFT;
+use wayfix_kernels::log2;
+
+use exponential::multiply;
+
 pub use learn::GeneratorStatistics;
 
-use wayfix::TransitionError;
-use wayfix::internal::{Compressed, check_slices};
-use wayfix::{SparseTransition, Transition};
-
-/// Largest Λ Δt for more than [`DENSE_STATES`](doubling::DENSE_STATES) states. The rounding of that
+/// Largest Λ Δt for more than [`DENSE_STATES`](exponential::DENSE_STATES) states. The rounding of that
 /// many products may add up to 1e-6, the tolerance for the sum of a prediction.
 const MOST_PRODUCTS: f64 = (1_u64 << 30) as f64;
 
@@ -39,7 +34,7 @@ const MOST_PRODUCTS: f64 = (1_u64 << 30) as f64;
 /// It is built from the rates q of legal moves; a state without moves is absorbing. Between
 /// observations the vehicle may make any number of moves, at any moment: it leaves state j after an
 /// exponential time of mean 1 / Σ_i q\[i, j\]. A gap is a step with a long Δt and needs no rows of
-/// missing values. [`TransitionEntries`](super::TransitionEntries) lists the moves of a whole step,
+/// missing values. [`TransitionEntries`](crate::TransitionEntries) lists the moves of a whole step,
 /// between all pairs of connected states; learning estimates the rates.
 ///
 /// ```
@@ -88,7 +83,7 @@ const MOST_PRODUCTS: f64 = (1_u64 << 30) as f64;
 /// at most 2^30.
 ///
 /// A row or column of entries costs such a product, and allocates; a step of Viterbi costs n of
-/// them. If Δt takes few values, a [`SwitchedTransition`](super::SwitchedTransition) of matrices is
+/// them. If Δt takes few values, a [`SwitchedTransition`](crate::SwitchedTransition) of matrices is
 /// faster.
 ///
 /// # Learning
@@ -179,7 +174,7 @@ impl Transition for GeneratorTransition {
             let text = format!("a time step of {time}, expected a finite one of at least 0");
             return Err(TransitionError::Control(text));
         }
-        let large = self.states() > doubling::DENSE_STATES;
+        let large = self.states() > exponential::DENSE_STATES;
         let most = if large { MOST_PRODUCTS } else { f64::MAX };
         if self.mean_steps(time) > most {
             let longest = most / self.uniform_rate;
@@ -204,4 +199,196 @@ wayfix::stored! {
         let moves = columns.flat_map(|(from, out)| out.iter().map(move |&(to, rate)| (to, from, rate)));
         Self::from_triplets(rates.len(), moves)
     };
+}
+
+// Generators from rates: P = I + Q / Λ, by columns, with Λ = 1.25 times the largest exit rate.
+
+/// Λ over the largest exit rate. With 1, a diagonal entry of P could be 0, and beliefs could
+/// alternate without ever settling; the larger it is, the more products a step takes.
+const MARGIN: f64 = 1.25;
+
+impl GeneratorTransition {
+    /// Creates an operator from triplets (to, from, rate) of the moves between different states, in
+    /// any order. Rates of 0 are skipped. O(n + moves).
+    ///
+    /// ```
+    /// use wayfix_learn::GeneratorTransition;
+    ///
+    /// let error = GeneratorTransition::from_triplets(2, [(1, 0, 3.0), (0, 0, -3.0)]).unwrap_err();
+    /// assert!(error.to_string().starts_with("the rate from state 0 to itself is -3, expected none"));
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError`] for no states, an index out of range, a rate that is NaN, negative or
+    /// infinite, or below 2.2e-308 of the largest exit rate, a rate above 0 from a state to itself
+    /// or given twice, an exit rate that overflows, or more than 2^31 − 1 states or 2^32 − 1 moves.
+    pub fn from_triplets(
+        states: usize,
+        triplets: impl IntoIterator<Item = (usize, usize, f64)>,
+    ) -> Result<Self, TransitionError> {
+        let triplets: Vec<_> = triplets.into_iter().collect();
+        let own =
+            triplets.iter().find(|&&(to, from, rate)| to == from && from < states && rate != 0.0);
+        if let Some(&(state, _, rate)) = own {
+            let what = format!("the rate from state {state} to itself");
+            let expected = "none: the rates to other states say when a state is left";
+            return Err(Parameter::new(what, rate, expected).into());
+        }
+        // P also has a diagonal entry for each state, so that their number counts, too.
+        let wrong = |(to, from, value)| TransitionError::Rate { to, from, value };
+        let entries = SparseTransition::above_zero(states, triplets, wrong)?;
+        check_count("moves", entries.len().saturating_add(states))?;
+        let rows = Compressed::new(states, entries.iter().copied()).transposed();
+        for to in 0..states {
+            if let Some(twice) = rows.indices(to).windows(2).find(|pair| pair[0] == pair[1]) {
+                return Err(TransitionError::Duplicate { to, from: twice[0] as usize });
+            }
+        }
+        Self::from_columns(rows.transposed())
+    }
+
+    /// Builds the operator from rates by the state that is left.
+    fn from_columns(rates: Compressed) -> Result<Self, TransitionError> {
+        let states = rates.lines();
+        let exit = |from: usize| rates.line(from).map(|entry| entry.1).sum::<f64>();
+        let exits: Vec<f64> = (0..states).map(exit).collect();
+        if let Some(state) = exits.iter().position(|exit| *exit * MARGIN > f64::MAX) {
+            let what = format!("the sum of the rates out of state {state}");
+            return Err(Parameter::new(what, exits[state], "at most 1.4e308").into());
+        }
+        let uniform_rate = exits.iter().copied().fold(0.0, f64::max) * MARGIN;
+        let mut entries = Vec::with_capacity(rates.entries() + states);
+        for (from, exit) in exits.iter().enumerate() {
+            for (to, rate) in rates.line(from) {
+                // A legal move must stay possible, with all its digits.
+                let p = rate / uniform_rate;
+                if p < f64::MIN_POSITIVE {
+                    let what = format!("the rate from state {from} to state {to}");
+                    let expected =
+                        "at least 2.2e-308 of 1.25 times the largest sum of rates out of a state";
+                    return Err(Parameter::new(what, rate, expected).into());
+                }
+                entries.push((to, from, p));
+            }
+            // 1 − exit / Λ, at least 1 − 1 / 1.25 = 0.2, so that little cancels.
+            let stay = if uniform_rate > 0.0 { (uniform_rate - exit) / uniform_rate } else { 1.0 };
+            entries.push((from, from, stay));
+        }
+        let chain = SparseTransition::from_triplets(states, entries)?;
+        // A sum of m products has a relative error of up to m / 2 epsilons, in either direction.
+        let lines = [chain.rows(), chain.columns()];
+        let longest = lines.iter().flat_map(|lines| lines.starts().windows(2));
+        let longest = longest.map(|ends| ends[1] - ends[0]).max().unwrap_or(0);
+        let rounding = (4.0 + 0.5 * f64::from(longest)) * f64::EPSILON;
+        Ok(Self { rates, exits, uniform_rate, chain, rounding })
+    }
+}
+
+impl ReorderStates for GeneratorTransition {
+    fn reordered(&self, order: &[usize]) -> Self {
+        let new = wayfix::internal::positions(order);
+        let entry =
+            |(to, from, rate): (usize, usize, f64)| (new[from] as u32, new[to] as u32, rate);
+        let entries: Vec<_> = self.triplets().map(entry).collect();
+        let rates = Compressed::new(order.len(), entries.iter().copied());
+        let chain = self.chain.reordered(order);
+        let exits = order.iter().map(|&old| self.exits[old]).collect();
+        let rates = rates.transposed().transposed();
+        Self { rates, exits, chain, ..*self }
+    }
+}
+
+// Rows and columns of exp(Q Δt), each by a product.
+
+/// log2 of an entry that was computed from a lifted unit vector. With the lift, entries below the
+/// smallest double have a logarithm, and the terms of an entry keep all their digits.
+fn log2_of_lifted(entry: f64) -> f64 {
+    log2(entry) - LIFT.log2()
+}
+
+impl GeneratorTransition {
+    /// Lists the entries above 0 of a column, or of a row if `transposed`, times `unit`.
+    fn line_by_product(
+        &self,
+        time: f64,
+        transposed: bool,
+        state: usize,
+        unit: f64,
+    ) -> impl Iterator<Item = (usize, f64)> + use<> {
+        // The iterator outlives this call, so that its values can't be in a lent buffer.
+        let mut line = vec![0.0; self.states()];
+        buffers::with(line.len(), |x| {
+            x.fill(0.0);
+            x[state] = unit;
+            self.exponential(self.mean_steps(time), transposed, x, &mut line);
+        });
+        line.into_iter().enumerate().filter(|entry| entry.1 > 0.0)
+    }
+
+    fn line_by_product_log2(
+        &self,
+        time: f64,
+        transposed: bool,
+        state: usize,
+    ) -> impl Iterator<Item = (usize, f64)> + use<> {
+        let line = self.line_by_product(time, transposed, state, LIFT);
+        line.map(|(other, entry)| (other, log2_of_lifted(entry)))
+    }
+}
+
+impl TransitionEntries for GeneratorTransition {
+    fn incoming(&self, &time: &f64, to: usize) -> impl Iterator<Item = (usize, f64)> {
+        self.line_by_product(time, true, to, 1.0)
+    }
+
+    fn outgoing(&self, &time: &f64, from: usize) -> impl Iterator<Item = (usize, f64)> {
+        self.line_by_product(time, false, from, 1.0)
+    }
+
+    fn incoming_log2(&self, &time: &f64, to: usize) -> impl Iterator<Item = (usize, f64)> {
+        self.line_by_product_log2(time, true, to)
+    }
+
+    fn outgoing_log2(&self, &time: &f64, from: usize) -> impl Iterator<Item = (usize, f64)> {
+        self.line_by_product_log2(time, false, from)
+    }
+
+    fn max_product(&self, &time: &f64, x: &[f64], out: &mut [f64], from: &mut [u32]) {
+        const NEEDS_MATRIX: u32 = u32::MAX;
+        let (n, mean) = (x.len(), self.mean_steps(time));
+        buffers::with_two(n, |unit, row| {
+            unit.fill(0.0);
+            let best = |row: &[f64]| best_of((0..).zip(row.iter().map(|&p| log2_of_lifted(p))), x);
+            // Row by row, by the series. A row whose series would cost more than the matrix is
+            // marked, and waits.
+            for (i, (out, from)) in out.iter_mut().zip(&mut *from).enumerate() {
+                unit[i] = LIFT;
+                let found = if mean == 0.0 {
+                    row.copy_from_slice(unit);
+                    true
+                } else {
+                    self.try_series(mean, true, unit, row)
+                };
+                unit[i] = 0.0;
+                (*out, *from) = if found { best(row) } else { (0.0, NEEDS_MATRIX) };
+            }
+            if !from.contains(&NEEDS_MATRIX) {
+                return;
+            }
+            // One matrix for all marked rows. `incoming_log2` makes the same choice for each row,
+            // so that both give the same numbers.
+            buffers::with(n * n, |matrix| {
+                self.matrix(mean, matrix);
+                for (i, (out, from)) in out.iter_mut().zip(&mut *from).enumerate() {
+                    if *from == NEEDS_MATRIX {
+                        unit[i] = LIFT;
+                        multiply(matrix, true, unit, row);
+                        unit[i] = 0.0;
+                        (*out, *from) = best(row);
+                    }
+                }
+            });
+        });
+    }
 }

@@ -2,9 +2,9 @@
 
 use rand::{Rng, RngExt};
 
-use super::family::Independent;
+use super::Independent;
 use super::univariate::{Cumulative, Univariate};
-use crate::check::check;
+use crate::error::check;
 use crate::{EmissionError, Tails};
 
 /// Bernoulli distribution of an event: 1 if it happens, otherwise 0.

@@ -15,9 +15,9 @@ use std::f64::consts::TAU;
 use rand::{Rng, RngExt};
 use rand_distr::Distribution;
 
-use super::family::Independent;
+use super::Independent;
 use super::univariate::{Cumulative, Univariate};
-use crate::check::{LOWEST, check, spread};
+use crate::error::{LOG_DENSITY_FLOOR, check, check_spread};
 use crate::special::{Odds, ln_minus_digamma, log_excess, root, stirling};
 use crate::{EmissionError, Tails};
 
@@ -107,7 +107,7 @@ impl Beta {
 
     /// Log-odds of y relative to those of the mean, and the divergence
     /// m ln(m / y) + (1 − m) ln((1 − m) / (1 − y)).
-    fn compare(&self, (y, ln): Pair) -> (f64, f64) {
+    fn log_odds_and_divergence(&self, (y, ln): Pair) -> (f64, f64) {
         let [m, n] = self.mean;
         // y − m, from whichever of y and 1 − y has more digits.
         let above = if m < 0.5 { y[0] - m } else { n - y[1] };
@@ -149,18 +149,19 @@ impl Univariate for Beta {
     // The formula at the top: the terms of the usual form cancel where shapes are large.
     fn log_density(&self, &y: &Pair) -> f64 {
         let [ln, ln_rest] = y.1;
-        (self.constant - self.sum * self.compare(y).1 - ln - ln_rest).max(LOWEST)
+        (self.constant - self.sum * self.log_odds_and_divergence(y).1 - ln - ln_rest)
+            .max(LOG_DENSITY_FLOOR)
     }
 
     #[inline]
     fn statistics(&self, &y: &Pair) -> [f64; 3] {
-        let (odds, divergence) = self.compare(y);
+        let (odds, divergence) = self.log_odds_and_divergence(y);
         [1.0, odds, divergence]
     }
 
     fn expectations(&self, of: &Self) -> [f64; 3] {
         // E ln y = ln m_of − (ln a − ψ(a)) + (ln s − ψ(s)), and likewise for 1 − y.
-        let (odds, divergence) = self.compare((of.mean, of.ln_mean));
+        let (odds, divergence) = self.log_odds_and_divergence((of.mean, of.ln_mean));
         let [a, b, s] = [of.shapes[0], of.shapes[1], of.sum].map(|x| ln_minus_digamma(x).0);
         [1.0, odds - a + b, divergence + (self.mean[0] * a + self.mean[1] * b - s)]
     }
@@ -173,16 +174,16 @@ impl Univariate for Beta {
         let [_, odds, divergence] = sums.map(|sum| sum / sums[0]);
         let start = odds.clamp(-700.0, 700.0).exp();
         let [m, n] = self.moved(start);
-        let least = self.compare(pair([m, n])).1;
+        let least = self.log_odds_and_divergence(pair([m, n])).1;
         // What exceeds the divergence of the mean with these log-odds is the spread. Near the mean
         // the divergence is m n δ² / 2 for a difference δ of log-odds, which has an error of some
         // units in the last place of 1: the error of the divergence follows.
         let near = m * n;
         let size = divergence + 8.0 * (near * divergence).sqrt() + 64.0 * f64::EPSILON * near;
-        let rest = spread("shapes", sums[0], divergence - least, size)?;
+        let rest = check_spread("shapes", sums[0], divergence - least, size)?;
         // For a given sum s, the mean at which the expected log-odds equal the observed ones. The
         // shapes s m and s n change by n and −m in logarithms with each unit of log-odds.
-        let fitting = |sum: f64| {
+        let mean_for_sum = |sum: f64| {
             let odds = root(start, |odds_ratio| {
                 let mean = self.moved(odds_ratio);
                 let [(a, slope_a), (b, slope_b)] = mean.map(|part| ln_minus_digamma(sum * part));
@@ -193,12 +194,12 @@ impl Univariate for Beta {
         };
         // The expected divergence at that mean falls as s grows, so its root is unique.
         let sum = root((0.5 / rest).clamp(1e-90, 1e90), |sum| {
-            let mean = fitting(sum);
+            let mean = mean_for_sum(sum);
             let shapes = mean.map(|part| sum * part);
             let [a, b] = shapes.map(ln_minus_digamma);
             let whole = ln_minus_digamma(sum);
-            let expected =
-                self.compare(pair(mean)).1 + (self.mean[0] * a.0 + self.mean[1] * b.0 - whole.0);
+            let expected = self.log_odds_and_divergence(pair(mean)).1
+                + (self.mean[0] * a.0 + self.mean[1] * b.0 - whole.0);
             // d / d ln s along the solutions above, by implicit differentiation: s ψ'(s) − s / (1 /
             // ψ'(a) + 1 / ψ'(b)). For large s its leading term, as others cancel.
             let slope = if sum > 1e5 {
@@ -209,7 +210,7 @@ impl Univariate for Beta {
             };
             ((divergence / expected).ln(), -slope / expected)
         });
-        let [a, b] = fitting(sum).map(|part| sum * part);
+        let [a, b] = mean_for_sum(sum).map(|part| sum * part);
         Self::new(a, b)
     }
 
@@ -235,13 +236,13 @@ impl Univariate for Beta {
 impl Cumulative for Beta {
     /// O(1): an integral of the density of the log odds, in some hundred evaluations.
     fn tails(&self, y: f64) -> Tails {
-        // `Odds` counts log-odds from those of the mean, as `compare` does.
+        // `Odds` counts log-odds from those of the mean, as `log_odds_and_divergence` does.
         let u = match Self::point(y) {
-            Some(y) => self.compare(y).0,
+            Some(y) => self.log_odds_and_divergence(y).0,
             None if y >= 1.0 => f64::INFINITY,
             None => f64::NEG_INFINITY,
         };
-        Tails::between(Odds::beta(self.shapes[0], self.shapes[1]).sides(u))
+        Tails::between(Odds::beta(self.shapes[0], self.shapes[1]).tail_probabilities(u))
     }
 }
 

@@ -6,12 +6,12 @@
 use rand::Rng;
 use rand_distr::Distribution;
 
+use super::Independent;
 use super::bernoulli::log_prior;
-use super::counts::tails;
-use super::family::Independent;
+use super::poisson::tails;
 use super::poisson::{MOST, is_count, log_probability};
 use super::univariate::{Cumulative, Univariate};
-use crate::check::{check, check_length, shape};
+use crate::error::{check, check_length, shape};
 use crate::special::{Odds, ln_factorial};
 use crate::{EmissionError, Tails};
 
@@ -204,7 +204,7 @@ impl Cumulative for Binomial {
                 return [1.0, 0.0];
             }
             let odds = (1.0 - p) / p * ((y + 1.0) / failures);
-            Odds::beta(failures, y + 1.0).sides(odds.ln())
+            Odds::beta(failures, y + 1.0).tail_probabilities(odds.ln())
         })
     }
 }

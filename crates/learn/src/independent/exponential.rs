@@ -3,9 +3,9 @@
 use rand::Rng;
 use rand_distr::{Distribution, Exp1};
 
-use super::family::Independent;
+use super::Independent;
 use super::univariate::{Cumulative, Univariate, positive};
-use crate::check::{LOWEST, check};
+use crate::error::{LOG_DENSITY_FLOOR, check};
 use crate::{EmissionError, Tails};
 
 /// Exponential distribution of a positive number, such as the time until the next event.
@@ -77,7 +77,7 @@ impl Univariate for Exponential {
     }
 
     fn log_density(&self, &y: &f64) -> f64 {
-        (self.ln_rate - self.rate * y).max(LOWEST)
+        (self.ln_rate - self.rate * y).max(LOG_DENSITY_FLOOR)
     }
 
     #[inline]

@@ -14,9 +14,9 @@ use std::f64::consts::TAU;
 use rand::Rng;
 use rand_distr::Distribution;
 
-use super::family::Independent;
+use super::Independent;
 use super::univariate::{Cumulative, Univariate, positive};
-use crate::check::{LOWEST, check, spread};
+use crate::error::{LOG_DENSITY_FLOOR, check, check_spread};
 use crate::special::{Odds, ln_minus_digamma, log_excess, root, stirling};
 use crate::{EmissionError, Tails};
 
@@ -125,7 +125,7 @@ impl Univariate for Gamma {
 
     // The formula at the top.
     fn log_density(&self, &y: &[f64; 2]) -> f64 {
-        (self.constant - self.shape * self.excess(y).1 - y[1]).max(LOWEST)
+        (self.constant - self.shape * self.excess(y).1 - y[1]).max(LOG_DENSITY_FLOOR)
     }
 
     #[inline]
@@ -148,7 +148,7 @@ impl Univariate for Gamma {
         let (u, excess) = (sum / weight, excess / weight);
         // ln ȳ − mean of ln y = mean of (u − ln(1 + u)) − (ū − ln(1 + ū)), which is ln a − ψ(a) at
         // the maximum, and 0 if all observations are alike.
-        let s = spread("shape", weight, excess - log_excess(u), excess)?;
+        let s = check_spread("shape", weight, excess - log_excess(u), excess)?;
         let ln_s = s.ln();
         let start = (3.0 - s + ((s - 3.0).powi(2) + 24.0 * s).sqrt()) / (12.0 * s);
         let start = if start > 0.0 && start.is_finite() { start } else { s.recip() };
@@ -180,7 +180,7 @@ impl Cumulative for Gamma {
         // u = ln(y / m), relative to the mode of the density of ln y.
         let above = (y - self.mean) / self.mean;
         let u = if above.abs() < 0.5 { above.ln_1p() } else { y.max(0.0).ln() - self.ln_mean };
-        Tails::between(Odds::gamma(self.shape).sides(u))
+        Tails::between(Odds::gamma(self.shape).tail_probabilities(u))
     }
 }
 

@@ -5,9 +5,9 @@ use std::f64::consts::TAU;
 use rand::Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::family::Independent;
+use super::Independent;
 use super::univariate::{Cumulative, Univariate, positive};
-use crate::check::{LOWEST, check, spread};
+use crate::error::{LOG_DENSITY_FLOOR, check, check_spread};
 use crate::{EmissionError, Tails};
 
 /// Log-normal distribution of a positive number, such as a duration or a speed: its logarithm is
@@ -100,7 +100,7 @@ impl Univariate for LogNormal {
     fn log_density(&self, &[_, ln]: &[f64; 2]) -> f64 {
         // The density of ln y times the derivative 1 / y.
         let z = (ln - self.mean) / self.deviation;
-        (-0.5 * z * z - self.constant - ln).max(LOWEST)
+        (-0.5 * z * z - self.constant - ln).max(LOG_DENSITY_FLOOR)
     }
 
     #[inline]
@@ -122,7 +122,7 @@ impl Univariate for LogNormal {
         let (x, square) = (sum / weight, square / weight);
         let what = "standard deviation of logarithms";
         // x is relative to the present mean, so that little cancels once that is near.
-        let variance = spread(what, weight, square - x * x, square)?;
+        let variance = check_spread(what, weight, square - x * x, square)?;
         Self::new(self.mean + x, variance.sqrt())
     }
 

@@ -69,7 +69,7 @@ pub trait Univariate: Clone + Debug {
     const VALUES: &'static str;
 
     /// True if 0 is an observation with a probability of its own, as among counts, rather than a
-    /// density. [`ZeroInflated`](super::ZeroInflated) and [`Hurdle`](super::Hurdle) need to know.
+    /// density. [`ExtraZeros`](super::ExtraZeros) needs to know.
     const HAS_ZERO: bool = false;
 
     /// True if [`maximize`](Self::maximize) finds the maximum at once; false if it takes several
@@ -131,9 +131,9 @@ pub trait Univariate: Clone + Debug {
 }
 
 /// A distribution of one number with the probabilities on both sides of a value, for
-/// [pseudo-residuals](wayfix::Hmm::pseudo_residuals) and [forecasts](crate::Predictive).
+/// [pseudo-residuals](crate::PseudoResiduals) and [forecasts](crate::Predictive).
 ///
-/// All distributions of this module implement it. For one of your own, such as the waiting times of
+/// All distributions of this crate implement it. For one of your own, such as the waiting times of
 /// [`Univariate`]:
 ///
 /// ```

@@ -7,10 +7,10 @@ use std::f64::consts::{PI, TAU};
 
 use rand::{Rng, RngExt};
 
-use super::family::Independent;
+use super::Independent;
 use super::univariate::{Cumulative, Univariate};
-use crate::check::{LOWEST, check, spread};
 use crate::concentration;
+use crate::error::{LOG_DENSITY_FLOOR, check, check_spread};
 use crate::special::{Bessel, Circle, mass};
 use crate::{EmissionError, Tails};
 
@@ -127,7 +127,7 @@ impl Univariate for VonMises {
     }
 
     fn log_density(&self, &y: &[f64; 2]) -> f64 {
-        (self.peak - self.concentration * self.turn(y).1).max(LOWEST)
+        (self.peak - self.concentration * self.turn(y).1).max(LOG_DENSITY_FLOOR)
     }
 
     #[inline]
@@ -153,7 +153,7 @@ impl Univariate for VonMises {
         // Mean vector (cos, sin) relative to the present μ.
         let length = sin.hypot(1.0 - rest);
         let variance = 2.0 * rest - rest * rest - sin * sin; // 1 − length²
-        let variance = spread("concentration", weight, variance, rest)?;
+        let variance = check_spread("concentration", weight, variance, rest)?;
         let mean = if length == 0.0 {
             self.mean
         } else {

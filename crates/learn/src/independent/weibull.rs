@@ -12,9 +12,9 @@ use std::f64::consts::{PI, TAU};
 use rand::Rng;
 use rand_distr::{Distribution, Exp1};
 
-use super::family::Independent;
+use super::Independent;
 use super::univariate::{Cumulative, Univariate, positive};
-use crate::check::{LOWEST, check, spread};
+use crate::error::{LOG_DENSITY_FLOOR, check, check_spread};
 use crate::special::{ln_minus_digamma, stirling};
 use crate::{EmissionError, Tails};
 
@@ -96,7 +96,7 @@ impl Weibull {
     }
 
     /// v = k ln(y / λ), accurate also near the scale.
-    fn power(&self, [y, ln]: [f64; 2]) -> f64 {
+    fn log_power(&self, [y, ln]: [f64; 2]) -> f64 {
         let u = (y - self.scale) / self.scale;
         self.shape * if u.abs() < 0.5 { u.ln_1p() } else { ln - self.ln_scale }
     }
@@ -107,13 +107,13 @@ impl Weibull {
     /// The second derivative of E exp(ρ v) with respect to ρ, E v² exp(ρ v), is convex, and so lies
     /// below its chord from ρ = 1 to 2, or to ½. Integrated twice, this is a cubic upper bound of
     /// the mean.
-    fn step(mean: f64, [value, slope, curvature, twice, half]: [f64; 5]) -> (f64, f64) {
+    fn step(mean: f64, [value, slope, curvature, at_twice, at_half]: [f64; 5]) -> (f64, f64) {
         // With ρ = 1 + u: L'(1) = 1 + E v − slope / value decides to which side to go. The cubic is
         // value + slope u + curvature u² / 2 + chord u³ / 6, and `gain` is the bound of L less
         // L(1).
         let rises = 1.0 + mean - slope / value >= 0.0;
         let (chord, end) =
-            if rises { (twice - curvature, 1.0) } else { (2.0 * (curvature - half), -0.5) };
+            if rises { (at_twice - curvature, 1.0) } else { (2.0 * (curvature - at_half), -0.5) };
         let bound = |u: f64| value + u * (slope + u * (0.5 * curvature + u * chord / 6.0));
         let gain = |u: f64| u.ln_1p() + u * mean - (bound(u) / value).ln();
         let is_before = |u: f64| {
@@ -169,12 +169,12 @@ impl Univariate for Weibull {
     }
 
     fn log_density(&self, &y: &[f64; 2]) -> f64 {
-        let v = self.power(y);
-        (self.ln_shape + (v - v.exp()) - y[1]).max(LOWEST)
+        let v = self.log_power(y);
+        (self.ln_shape + (v - v.exp()) - y[1]).max(LOG_DENSITY_FLOOR)
     }
 
     fn statistics(&self, &y: &[f64; 2]) -> [f64; 8] {
-        let v = self.power(y);
+        let v = self.log_power(y);
         let (square, half) = (v * v, (0.5 * v).exp());
         let exp = half * half;
         [1.0, v, square, exp, v * exp, square * exp, square * exp * exp, square * half]
@@ -185,15 +185,15 @@ impl Univariate for Weibull {
         // q = k / k_of. So E exp(t v) = exp(t V) Γ(1 + t q), whose derivatives with respect to t
         // give the moments with v and v²: under the tilted density v has the mean V + q ψ and the
         // variance q² ψ'.
-        let (middle, q) = (self.power([of.scale, of.ln_scale]), self.shape / of.shape);
+        let (middle, q) = (self.log_power([of.scale, of.ln_scale]), self.shape / of.shape);
         let moments = |times: f64| {
             let [gamma, first, second] = gamma(times * q);
             let (weight, mean) = ((times * middle).exp() * gamma, middle + q * first);
             [weight, weight * mean, weight * (mean * mean + q * q * second)]
         };
         let [[_, mean, square], [value, slope, curvature]] = [0.0, 1.0].map(moments);
-        let [twice, half] = [2.0, 0.5].map(|times| moments(times)[2]);
-        [1.0, mean, square, value, slope, curvature, twice, half]
+        let [at_twice, at_half] = [2.0, 0.5].map(|times| moments(times)[2]);
+        [1.0, mean, square, value, slope, curvature, at_twice, at_half]
     }
 
     fn expected_log_density(&self, &[_, mean, _, value, ..]: &[f64; 8]) -> f64 {
@@ -202,7 +202,7 @@ impl Univariate for Weibull {
 
     fn maximize(&self, sums: &[f64; 8]) -> Result<Self, EmissionError> {
         let [_, mean, square, powers @ ..] = sums.map(|sum| sum / sums[0]);
-        let variance = spread("shape", sums[0], square - mean * mean, square)?;
+        let variance = check_spread("shape", sums[0], square - mean * mean, square)?;
         let [value, _, curvature, ..] = powers;
         let (ratio, shift) = if value > 0.0 && curvature.is_finite() {
             Self::step(mean, powers)
@@ -232,7 +232,7 @@ impl Cumulative for Weibull {
     fn tails(&self, y: f64) -> Tails {
         // The cumulative hazard e^v: the upper tail is exp(−e^v), and 1 less that by `exp_m1`.
         let hazard = match positive(y) {
-            Some(y) => self.power(y).exp(),
+            Some(y) => self.log_power(y).exp(),
             None if y > 0.0 => f64::INFINITY,
             None => 0.0,
         };

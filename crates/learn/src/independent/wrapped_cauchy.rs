@@ -9,10 +9,10 @@ use std::f64::consts::{PI, TAU};
 
 use rand::{Rng, RngExt};
 
-use super::family::Independent;
+use super::Independent;
 use super::univariate::{Cumulative, Univariate};
 use super::von_mises::{half, wrapped};
-use crate::check::{check, spread};
+use crate::error::{check, check_spread};
 use crate::{EmissionError, Tails};
 
 /// Wrapped Cauchy distribution of an angle in radians, such as a turn: more peaked than a
@@ -98,7 +98,7 @@ impl WrappedCauchy {
 
     /// (1 + ρ) sin(Δ/2) and (1 − ρ) cos(Δ/2) for the angle Δ to μ: sine and cosine of half the
     /// transformed angle, times the root of 1 + ρ² − 2ρ cos Δ.
-    fn turn(&self, [y, sin_half, cos_half]: [f64; 3]) -> [f64; 2] {
+    fn transformed_half_angle(&self, [y, sin_half, cos_half]: [f64; 3]) -> [f64; 2] {
         let difference = y - self.mean;
         let [sin, cos] = if difference.abs() < 0.25 {
             // Near the mean the addition theorem would cancel.
@@ -126,13 +126,13 @@ impl Univariate for WrappedCauchy {
     }
 
     fn log_density(&self, &y: &[f64; 3]) -> f64 {
-        let [sin, cos] = self.turn(y);
+        let [sin, cos] = self.transformed_half_angle(y);
         self.constant - (sin * sin + cos * cos).ln()
     }
 
     #[inline]
     fn statistics(&self, &y: &[f64; 3]) -> [f64; 4] {
-        let [sin, cos] = self.turn(y);
+        let [sin, cos] = self.transformed_half_angle(y);
         let square = sin * sin + cos * cos;
         [1.0, 2.0 * sin * cos / square, 2.0 * sin * sin / square, self.constant - square.ln()]
     }
@@ -164,7 +164,7 @@ impl Univariate for WrappedCauchy {
     fn maximize(&self, sums: &[f64; 4]) -> Result<Self, EmissionError> {
         let [_, sin, rest, _] = sums.map(|sum| sum / sums[0]);
         let variance = 2.0 * rest - rest * rest - sin * sin; // 1 − length²
-        spread("concentration", sums[0], variance, 1.0)?;
+        check_spread("concentration", sums[0], variance, 1.0)?;
         // The bound of Kent and Tyler at a uniform start has its maximum at the vector η with
         // η / (1 − |η|²) = the mean one, where η = 2 z / (1 + |z|²) for the mean vector z of the
         // distribution. `eta` and `share` are |η| and |z| over the length of the mean vector.
@@ -183,9 +183,9 @@ impl Univariate for WrappedCauchy {
             above.0.hypot(above.1) / square.sqrt()
         };
         // Closer to 1 there is hardly a double left: the concentration has no maximum below 1.
-        spread("concentration", sums[0], 1.0 - concentration, 1.0)?;
-        let turn = above.1.atan2(above.0) - below.1.atan2(below.0);
-        Self::new(wrapped(wrapped(self.mean) + turn), concentration)
+        check_spread("concentration", sums[0], 1.0 - concentration, 1.0)?;
+        let change = above.1.atan2(above.0) - below.1.atan2(below.0);
+        Self::new(wrapped(wrapped(self.mean) + change), concentration)
     }
 
     fn free_parameters(&self) -> usize {

@@ -15,7 +15,7 @@
 use std::error::Error;
 
 use super::LinearRegression;
-use crate::check::{self, check};
+use crate::error::{check, with_place};
 use crate::normal::{
     CovarianceType, GaussianStatistics, Moments, Shape, add_missing, in_blocks, inverse_factor,
 };
@@ -35,7 +35,7 @@ impl LearnLikelihood for LinearRegression {
     fn statistics(&self) -> GaussianStatistics {
         let (noise, width) = (self.noise.normals(), self.components());
         let moments = Moments::new(noise.count(), width, Shape::Triangular, false);
-        GaussianStatistics::new(moments, 0, width + noise.memory())
+        GaussianStatistics::new(moments, 0, width + noise.scratch_blocks())
     }
 
     fn add(&self, statistics: &mut GaussianStatistics, row: &[f64], posterior: &[f64]) {
@@ -56,9 +56,9 @@ impl LearnLikelihood for LinearRegression {
                 continue;
             }
             // Complete outputs, or uncorrelated ones, need no elimination.
-            let rests = &mut values[p..];
+            let residuals = &mut values[p..];
             if observed == d || noise.kind() == CovarianceType::Diagonal {
-                noise.write(&differences, block, rests);
+                noise.write(&differences, block, residuals);
                 moments.add_block(block, weight, values);
                 for (c, _) in output.iter().enumerate().filter(|c| c.1.is_nan()) {
                     // Given nothing else, it is expected on the line: its residual is 0, with the
@@ -75,7 +75,7 @@ impl LearnLikelihood for LinearRegression {
             // covariance, as in the E step of a Gaussian.
             let expected = noise.expected(&differences, output, block, memory);
             let Ok((deltas, covariance)) = expected else { continue };
-            rests.copy_from_slice(deltas);
+            residuals.copy_from_slice(deltas);
             moments.add_block(block, weight, values);
             add_missing(moments.scatter_mut(block), p, output, weight, covariance);
         }
@@ -93,7 +93,8 @@ impl LearnLikelihood for LinearRegression {
         let (d, moments, noise) = (self.outputs(), &statistics.moments, self.noise.normals());
         let full = noise.kind() == CovarianceType::Full;
         let (mut lines, mut covariances) = (Vec::new(), Vec::new());
-        for (at, old) in self.lines.chunks_exact(d * (1 + self.inputs)).enumerate() {
+        for (at, old) in self.coefficients_by_output.chunks_exact(d * (1 + self.inputs)).enumerate()
+        {
             if moments.weight(at, 0) < f64::MIN_POSITIVE {
                 lines.extend_from_slice(old);
                 covariances.extend(&noise.covariances()[at]);
@@ -108,7 +109,7 @@ impl LearnLikelihood for LinearRegression {
         }
         for (k, value) in lines.iter().enumerate() {
             check("line", *value, value.is_finite(), "finite coefficients")
-                .map_err(|error| check::at(error, k / (d * (1 + self.inputs)), None))?;
+                .map_err(|error| with_place(error, k / (d * (1 + self.inputs)), None))?;
         }
         let weight = |state: Option<usize>| state.map_or(0.0, |at| moments.weight(at, 0));
         let noise = noise.replaced(vec![0.0; noise.count() * d], covariances, weight)?;
@@ -123,7 +124,7 @@ impl LearnLikelihood for LinearRegression {
         // tr(B' Σ⁻¹ B) is the sum of ‖W b‖² over the columns b of B; column 0 of a line is the
         // intercept, which is free.
         let width = 1 + self.inputs;
-        let states = self.lines.chunks_exact(self.outputs() * width).enumerate();
+        let states = self.coefficients_by_output.chunks_exact(self.outputs() * width).enumerate();
         let columns = states.flat_map(|(at, lines)| (1..width).map(move |k| (at, lines, k)));
         let squares = columns.map(|(at, lines, k)| {
             self.noise.normals().whitened(at, |c| lines[c * width + k]).map(|z| z * z).sum::<f64>()
@@ -133,7 +134,8 @@ impl LearnLikelihood for LinearRegression {
 
     fn free_parameters(&self) -> usize {
         // The noise's own means are 0, and were counted.
-        self.lines.len() + self.noise.free_parameters() - self.noise.states() * self.outputs()
+        self.coefficients_by_output.len() + self.noise.free_parameters()
+            - self.noise.states() * self.outputs()
     }
 }
 
@@ -156,7 +158,7 @@ impl LinearRegression {
         let weight = moments.weight(at, 0);
         for (k, value) in matrix.iter().enumerate() {
             check("scatter of inputs", *value, value.is_finite(), "a finite value")
-                .map_err(|error| check::at(error, at, Some(k / p)))?;
+                .map_err(|error| with_place(error, at, Some(k / p)))?;
         }
         let inverse = inverse_factor(p, &matrix).map_err(|_| EmissionError::TooFew {
             state: Some(at),
@@ -226,7 +228,7 @@ impl LinearRegression {
 /// Intercept and coefficients of each output, state by state, then the covariances of the noise.
 impl FreeParameters for LinearRegression {
     fn displaced(&self, by: &mut Displacement<'_>) -> Result<Self, Box<dyn Error + Send + Sync>> {
-        let lines = self.lines.iter().map(|value| by.real(*value)).collect();
+        let lines = self.coefficients_by_output.iter().map(|value| by.real(*value)).collect();
         // The noise's means are 0 by definition and are not parameters.
         let normals = self.noise.normals();
         let known = normals.clone().with(|settings| settings.fixed_means = true);

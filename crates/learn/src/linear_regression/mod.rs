@@ -3,18 +3,17 @@
 //! y − μ.
 
 mod learn;
-mod simulate;
-mod step;
 
 use rand::Rng;
+use wayfix::likelihood::{SampleNext, SampleObservation};
+use wayfix::{Diagonal, Likelihood, LikelihoodError, ReorderStates, Scratch};
+use wayfix_kernels::{Eight, LANES, Simd};
 
-use super::check::{check, check_length, flatten};
-use super::normal::{CovarianceType, GaussianPrior, Normals, Settings, flatten_covariances};
-use super::{EmissionError, Family, Gaussian};
-use wayfix::Likelihood;
-use wayfix::ReorderStates;
-use wayfix::likelihood::SampleObservation;
-use wayfix_kernels::{Eight, LANES};
+use crate::error::{check, check_components, check_length, check_values, flatten};
+use crate::normal::{
+    CovarianceType, Differences, GaussianPrior, Normals, Settings, as_blocks, flatten_covariances,
+};
+use crate::{EmissionError, Family, Gaussian};
 
 /// Outputs that are linear in an input, with Gaussian noise: in each state y = B x + c + noise. An
 /// observation is a row of the p numbers of the input x followed by the d numbers of the output y.
@@ -65,7 +64,7 @@ use wayfix_kernels::{Eight, LANES};
 ///
 /// # Autoregressive Gaussians
 ///
-/// With the previous observations as the input, from [`Rows::lagged`](super::Rows::lagged), this is
+/// With the previous observations as the input, from [`Rows::lagged`](crate::Rows::lagged), this is
 /// an autoregressive Gaussian: B has d × (order · d) coefficients, those of the oldest observation
 /// first. [`Hmm::simulate_after`](wayfix::Hmm::simulate_after) draws sequences from it, given the
 /// first `order` values, and [`Filter::simulate_after`](wayfix::Filter::simulate_after)
@@ -97,7 +96,7 @@ pub struct LinearRegression {
     noise: Gaussian,
     inputs: usize,
     /// State by state and output by output, the intercept and then the p coefficients: a line.
-    lines: Vec<f64>,
+    coefficients_by_output: Vec<f64>,
     /// The same lines in blocks of eight states.
     blocks: Vec<Eight>,
     ridge: f64,
@@ -169,7 +168,7 @@ impl LinearRegression {
                 blocks[at / LANES * each + k][at % LANES] = *value;
             }
         }
-        Self { noise, inputs, lines, blocks, ridge }
+        Self { noise, inputs, coefficients_by_output: lines, blocks, ridge }
     }
 
     /// Returns the family with missing components of the output allowed, given as NaN. They are
@@ -277,7 +276,7 @@ impl LinearRegression {
 
     /// Lines of a state, or `None` if it does not exist.
     fn lines_of(&self, state: usize) -> Option<&[f64]> {
-        self.lines.chunks_exact(self.outputs() * (1 + self.inputs)).nth(state)
+        self.coefficients_by_output.chunks_exact(self.outputs() * (1 + self.inputs)).nth(state)
     }
 }
 
@@ -313,4 +312,124 @@ wayfix::stored! {
 #[cfg(feature = "serde")]
 fn matrices(full: bool) -> CovarianceType {
     if full { CovarianceType::Full } else { CovarianceType::Diagonal }
+}
+
+// Linear regression on previous outputs: draws of autoregressive models (section 8 of the
+// formulas).
+
+/// For models whose inputs are the previous outputs, oldest first, as in
+/// [`Rows::lagged`](crate::Rows::lagged).
+impl SampleNext for LinearRegression {
+    type Sample = Vec<f64>;
+
+    /// Draws a row, an input followed by its output. The last p numbers of `before` are the input:
+    /// `before` is the previous row, or for the first row the input itself.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError`](crate::EmissionError) if the number of inputs is not a multiple
+    /// of the number of outputs, if `before` has the length of neither a row nor an input, or if it
+    /// or the output drawn is not finite.
+    fn sample_next<R: Rng + ?Sized>(
+        &self,
+        state: usize,
+        before: &[f64],
+        rng: &mut R,
+    ) -> Result<Vec<f64>, LikelihoodError> {
+        let (p, d) = (self.inputs(), self.outputs());
+        let (what, valid) = ("number of components of the input", p.is_multiple_of(d));
+        check(what, p as f64, valid, "a multiple of that of the output")?;
+        if before.len() != p + d {
+            check_components(before, p)?;
+        }
+        // Dropping the first d numbers of the previous row shifts its lags by one step.
+        let input = &before[before.len() - p..];
+        let row = [input, &self.sample(state, input, rng)?].concat();
+        check_values(&row, f64::is_finite, "a finite value, but the model diverges")?;
+        Ok(row)
+    }
+}
+
+// Linear regression: its densities b_i(y) = N(y − B x − c; 0, Σ), section 1 of the guide's
+// formulas.
+
+impl LinearRegression {
+    fn check_input(&self, input: &[f64], expected: usize) -> Result<(), EmissionError> {
+        check_components(input, expected)?;
+        // `check_components` has established the length.
+        let expected = "a finite value (inputs may not be missing)";
+        check_values(&input[..self.inputs], f64::is_finite, expected)
+    }
+
+    /// Checks a row, and returns its output and the number of components of the output that are not
+    /// missing.
+    #[inline]
+    fn output<'a>(&self, row: &'a [f64]) -> Result<(&'a [f64], usize), EmissionError> {
+        self.check_input(row, self.inputs + self.outputs())?;
+        let output = &row[self.inputs..];
+        let observed = self.noise.normals().check(output);
+        let observed = observed.map_err(|error| error.in_factor(self.inputs, row.len()))?;
+        Ok((output, observed))
+    }
+
+    fn differences<'a>(&'a self, row: &'a [f64]) -> FromLines<'a> {
+        FromLines { row, inputs: self.inputs, coefficients: &self.blocks }
+    }
+}
+
+/// Differences of outputs from their lines; 0 for missing ones.
+struct FromLines<'a> {
+    row: &'a [f64],
+    inputs: usize,
+    coefficients: &'a [Eight],
+}
+
+impl Differences for FromLines<'_> {
+    #[inline(always)]
+    fn write<S: Simd>(&self, s: S, block: usize, out: &mut [Eight]) {
+        let (input, output) = self.row.split_at(self.inputs);
+        let width = 1 + self.inputs;
+        let coefficients = &self.coefficients[block * width * out.len()..];
+        // One output after the other, y_c − c_c − Σ_k B_ck x_k, for eight states at once.
+        for ((out, &y), line) in out.iter_mut().zip(output).zip(coefficients.chunks_exact(width)) {
+            if y.is_nan() {
+                *out = Eight::default();
+                continue;
+            }
+            let mut rest = s.sub(s.splat(y), s.load(&line[0]));
+            for (slope, &x) in line[1..].iter().zip(input) {
+                rest = s.sub(rest, s.mul(s.load(slope), s.splat(x)));
+            }
+            s.store(rest, out);
+        }
+    }
+}
+
+impl Likelihood for LinearRegression {
+    type Observation = [f64];
+
+    fn states(&self) -> usize {
+        self.noise.states()
+    }
+
+    #[inline]
+    fn diagonal<'a>(
+        &'a self,
+        row: &'a [f64],
+        scratch: &'a mut Scratch,
+    ) -> Result<Diagonal<'a>, LikelihoodError> {
+        let normals = self.noise.normals();
+        let values = scratch.values(normals.scratch_blocks() * 8);
+        let memory = as_blocks(values);
+        let (output, observed) = self.output(row)?;
+        normals.distances_from(&self.differences(row), output, observed, memory)?;
+        normals.logs(memory);
+        Ok(Diagonal::log(&values[..normals.count()]))
+    }
+}
+
+impl Family for LinearRegression {
+    fn components(&self) -> usize {
+        self.inputs + self.outputs()
+    }
 }

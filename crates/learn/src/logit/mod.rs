@@ -3,25 +3,23 @@
 //!
 //! | file | |
 //! |---|---|
-//! | `build.rs`, `coefficients.rs` | intercepts and slopes: how they are made, set and read |
-//! | `scores.rs` | log-odds of the moves out of a state, their sums, and what inputs are valid |
-//! | `operator.rs`, `entries.rs` | products and entries |
-//! | `counts.rs`, `data.rs`, `learn.rs` | expected moves by inputs, and the M-step |
-//! | `newton.rs`, `expansion.rs`, `factor.rs` | its maximum, by Newton's method |
+//! | `mod.rs` | intercepts and slopes: how they are made, set and read |
+//! | `operator.rs` | log-odds of the moves out of a state, valid inputs, products and entries |
+//! | `learn.rs` | expected moves by inputs, and the M-step |
+//! | `newton.rs` | its maximum, by Newton's method |
 
-mod build;
-mod coefficients;
-mod counts;
-mod data;
-mod entries;
-mod expansion;
-mod factor;
 mod learn;
 mod newton;
 mod operator;
-mod scores;
 
-pub use counts::InputCounts;
+use std::collections::BTreeMap;
+
+use wayfix::error::Parameter;
+use wayfix::internal::{check_count, refuse_evidence, validate_with};
+use wayfix::{SparseTransition, Transition, TransitionEntries, TransitionError};
+use wayfix_kernels::limits;
+
+pub use learn::InputCounts;
 
 /// An operator whose moves depend on inputs: the control of a step is a row of p numbers u, and the
 /// moves out of a state j are a multinomial logit,
@@ -139,9 +137,6 @@ pub struct LogitTransition {
 }
 
 #[cfg(feature = "serde")]
-use wayfix::Transition;
-
-#[cfg(feature = "serde")]
 wayfix::stored! {
     [] LogitTransition: [], |a| {
         states: usize = a.states(),
@@ -240,4 +235,321 @@ fn logit(
     let moves = from.iter().zip(to).zip(intercept.iter().zip(group));
     let moves = moves.map(|((&from, &to), (&a, group))| (from, to, a, group.map_or(0, |g| g + 1)));
     LogitTransition::from_parts(states, &moves.collect::<Vec<_>>(), slopes.concat(), inputs, ridge)
+}
+
+// Construction from another operator, or from parts.
+
+/// A move as it is stored: from, to, intercept, and the number of its group of slopes, from 1, or 0
+/// for none.
+type Stored = (u32, u32, f64, u32);
+
+impl LogitTransition {
+    /// Creates an operator with the moves of another one, and its probabilities at inputs of 0:
+    /// slopes are 0. Each legal move but the reference gets p slopes of its own. O(E p).
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError`] for no inputs, an operator that is not stochastic or has evidence on
+    /// moves, or more than 2^32 − 1 moves.
+    pub fn new<A>(moves: &A, inputs: usize) -> Result<Self, TransitionError>
+    where
+        A: TransitionEntries<Control = ()>,
+    {
+        validate_with(moves, &())?;
+        refuse_evidence(moves, &(), "LogitTransition")?;
+        let (mut stored, mut groups) = (Vec::new(), 0);
+        for from in 0..moves.states() {
+            let reference = reference(from, moves.outgoing(&(), from).map(|entry| entry.0));
+            // Intercepts are log-odds against the reference, whose own is 0.
+            let at_reference = |entry: &(usize, f64)| Some(entry.0) == reference;
+            let base = moves.outgoing(&(), from).find(at_reference).map_or(1.0, |entry| entry.1);
+            for (to, p) in moves.outgoing(&(), from) {
+                let group = if Some(to) == reference { 0 } else { groups + 1 };
+                groups = groups.max(group);
+                // A difference of logarithms: a quotient may leave the range of doubles.
+                let odds = if group == 0 { 0.0 } else { p.ln() - base.ln() };
+                stored.push((from as u32, to as u32, odds, group));
+            }
+            check_count("moves", stored.len())?;
+        }
+        let slopes = vec![0.0; groups as usize * inputs];
+        Self::from_parts(moves.states(), &stored, slopes, inputs, 0.0)
+    }
+
+    /// Creates an operator from moves, column by column, and checks coefficients.
+    pub(crate) fn from_parts(
+        states: usize,
+        moves: &[Stored],
+        slopes: Vec<f64>,
+        inputs: usize,
+        ridge: f64,
+    ) -> Result<Self, TransitionError> {
+        if inputs == 0 {
+            return Err(Parameter::new("the number of inputs", 0.0, "at least 1").into());
+        }
+        let mut starts = vec![0_u32; states + 1];
+        let mut row_starts = starts.clone();
+        for &(from, to, ..) in moves {
+            starts[from as usize + 1] += 1;
+            row_starts[to as usize + 1] += 1;
+        }
+        // `starts` still holds the lengths of columns, one place late; then sums of them.
+        let widest = starts.iter().copied().max().unwrap_or(0) as usize;
+        for starts in [&mut starts, &mut row_starts] {
+            (1..=states).for_each(|state| starts[state] += starts[state - 1]);
+        }
+        // Moves come by ascending origin, so that those into each state do, too.
+        let (mut rows, mut next) = (vec![(0, 0); moves.len()], row_starts.clone());
+        for (at, &(from, to, ..)) in (0..).zip(moves) {
+            let slot = &mut next[to as usize];
+            rows[*slot as usize] = (from, at);
+            *slot += 1;
+        }
+        let mut a = Self {
+            starts,
+            to: moves.iter().map(|m| m.1).collect(),
+            row_starts,
+            rows,
+            intercepts: moves.iter().map(|m| m.2).collect(),
+            groups: moves.iter().map(|m| m.3).collect(),
+            slopes,
+            inputs,
+            ridge: 0.0,
+            largest_intercept: 0.0,
+            largest_slopes: Vec::new(),
+            widest,
+        };
+        a.check_and_bound()?;
+        a.with_ridge(ridge)
+    }
+
+    /// Checks coefficients, and computes their bounds.
+    fn check_and_bound(&mut self) -> Result<(), TransitionError> {
+        let wrong = |value: &f64| !limits::is_log(*value);
+        let expected = "a value from -1e300 to 1e300";
+        if let Some(at) = self.intercepts.iter().position(wrong) {
+            let what = format!("the intercept of {}", self.name(at));
+            return Err(Parameter::new(what, self.intercepts[at], expected).into());
+        }
+        if let Some(at) = self.slopes.iter().position(wrong) {
+            let group = (at / self.inputs + 1) as u32;
+            let first = self.groups.iter().position(|other| *other == group);
+            let name = first.map_or_else(|| "no move".to_owned(), |first| self.name(first));
+            let what = format!("the slope of {name} on input {}", at % self.inputs);
+            return Err(Parameter::new(what, self.slopes[at], expected).into());
+        }
+        let largest = |a: f64, b: &f64| a.max(b.abs());
+        self.largest_intercept = self.intercepts.iter().fold(0.0, largest);
+        let column = |k: usize| self.slopes.iter().skip(k).step_by(self.inputs);
+        let with_slopes = if self.slopes.is_empty() { 0 } else { self.inputs };
+        self.largest_slopes = (0..with_slopes).map(|k| column(k).fold(0.0, largest)).collect();
+        Ok(())
+    }
+
+    /// Shares slopes by labels, `label(from, to)`: moves with the same label have the same slopes,
+    /// and those with `None` have none. Each move keeps its own intercept. All slopes become 0.
+    /// O(E log E).
+    ///
+    /// Only differences within a state matter: give one of its moves, such as the stay, no slopes,
+    /// unless you want a [ridge](Self::with_ridge) to decide.
+    ///
+    /// ```
+    /// use wayfix_learn::LogitTransition;
+    /// use wayfix::SparseTransition;
+    ///
+    /// // A loop of three places: rain changes how readily a vehicle moves on, in all alike.
+    /// let moves = (0..3).flat_map(|j| [(j, j, 0.5), ((j + 1) % 3, j, 0.5)]);
+    /// let road = SparseTransition::from_triplets(3, moves)?;
+    /// let road = LogitTransition::new(&road, 1)?
+    ///     .with_shared_slopes(|from, to| (from != to).then_some(0))
+    ///     .with_slopes(0, 1, &[-1.0])?;
+    /// assert_eq!(road.slopes(1, 2), Some(&[-1.0][..]));
+    /// assert!(road.at(&[1.0])?.get(0, 2) < 0.27);
+    /// # Ok::<(), wayfix::TransitionError>(())
+    /// ```
+    #[must_use]
+    pub fn with_shared_slopes(
+        mut self,
+        mut label: impl FnMut(usize, usize) -> Option<usize>,
+    ) -> Self {
+        let mut known = BTreeMap::new();
+        for from in 0..self.states() {
+            for at in self.column(from) {
+                let next = known.len() as u32 + 1;
+                let label = label(from, self.to[at] as usize);
+                self.groups[at] = label.map_or(0, |label| *known.entry(label).or_insert(next));
+            }
+        }
+        self.slopes = vec![0.0; known.len() * self.inputs];
+        self.largest_slopes = vec![0.0; if known.is_empty() { 0 } else { self.inputs }];
+        self
+    }
+}
+
+/// The stay if it is among the moves out of a state, else the first of them.
+fn reference(from: usize, mut ways: impl Iterator<Item = usize>) -> Option<usize> {
+    let first = ways.next()?;
+    Some(if first == from || ways.any(|to| to == from) { from } else { first })
+}
+
+// Intercepts and slopes of the moves: setting and reading them. Every change ends in `check_and_bound`,
+// which checks all coefficients and computes the bounds on scores anew.
+
+impl LogitTransition {
+    /// Name of a move in errors.
+    fn name(&self, at: usize) -> String {
+        // The last column that starts at or before the move.
+        let from = self.starts.partition_point(|start| *start as usize <= at) - 1;
+        format!("the move from state {from} to state {}", self.to[at])
+    }
+
+    /// Number of a move among all moves, column by column.
+    fn find(&self, from: usize, to: usize) -> Option<usize> {
+        if from >= self.states() {
+            return None;
+        }
+        let column = self.column(from);
+        let found = self.to[column.clone()].binary_search_by_key(&to, |to| *to as usize);
+        found.ok().map(|at| column.start + at)
+    }
+
+    fn legal(&self, from: usize, to: usize) -> Result<usize, TransitionError> {
+        self.find(from, to).ok_or(TransitionError::Forbidden { to, from })
+    }
+
+    /// Sets the intercept of a move. O(E p), since the bounds on all coefficients are computed
+    /// anew.
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError::Forbidden`] for a move that is not legal, or
+    /// [`TransitionError::Parameter`] for a value beyond ±1e300.
+    pub fn with_intercept(
+        mut self,
+        from: usize,
+        to: usize,
+        intercept: f64,
+    ) -> Result<Self, TransitionError> {
+        let at = self.legal(from, to)?;
+        self.intercepts[at] = intercept;
+        self.check_and_bound()?;
+        Ok(self)
+    }
+
+    /// Sets the slopes of a move, and of all moves that share them. O(E p).
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError::Forbidden`] for a move that is not legal, or
+    /// [`TransitionError::Parameter`] for a move without slopes, a number of slopes other than that
+    /// of inputs, or a value beyond ±1e300.
+    pub fn with_slopes(
+        mut self,
+        from: usize,
+        to: usize,
+        slopes: &[f64],
+    ) -> Result<Self, TransitionError> {
+        let at = self.legal(from, to)?;
+        let held = self.slopes_at(at).len();
+        if slopes.len() != held {
+            let what = format!("the number of slopes given for {}", self.name(at));
+            let expected =
+                if held == 0 { "0, as the move has none" } else { "the number of inputs" };
+            return Err(Parameter::new(what, slopes.len() as f64, expected).into());
+        }
+        if held > 0 {
+            let first = (self.groups[at] as usize - 1) * self.inputs;
+            self.slopes[first..first + held].copy_from_slice(slopes);
+        }
+        self.check_and_bound()?;
+        Ok(self)
+    }
+
+    /// Sets the precision λ of a Gaussian prior on the slopes, with mean 0 and variance 1 / λ; 0,
+    /// the default, for no prior. Intercepts have no prior. It is part of the objective of
+    /// learning.
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError::Parameter`] for a value that is NaN, negative or infinite.
+    pub fn with_ridge(mut self, precision: f64) -> Result<Self, TransitionError> {
+        if !(precision >= 0.0 && precision.is_finite()) {
+            let expected = "a finite value of at least 0";
+            return Err(Parameter::new("the precision of the ridge", precision, expected).into());
+        }
+        self.ridge = precision;
+        Ok(self)
+    }
+
+    /// Number of inputs, p.
+    #[must_use]
+    pub fn inputs(&self) -> usize {
+        self.inputs
+    }
+
+    /// Precision of the prior on slopes.
+    #[must_use]
+    pub fn ridge(&self) -> f64 {
+        self.ridge
+    }
+
+    /// Legal moves (from, to), column by column.
+    pub fn moves(&self) -> impl Iterator<Item = (usize, usize)> {
+        let states = 0..self.states();
+        states
+            .flat_map(|from| self.to[self.column(from)].iter().map(move |to| (from, *to as usize)))
+    }
+
+    /// Intercept of a move; `None` if it is not legal.
+    #[must_use]
+    pub fn intercept(&self, from: usize, to: usize) -> Option<f64> {
+        self.find(from, to).map(|at| self.intercepts[at])
+    }
+
+    /// Slopes of a move, empty if it has none; `None` if the move is not legal.
+    #[must_use]
+    pub fn slopes(&self, from: usize, to: usize) -> Option<&[f64]> {
+        self.find(from, to).map(|at| self.slopes_at(at))
+    }
+
+    /// Index of the slopes of a move, from 0, the same for all moves that share them; `None` if the
+    /// move has none, or is not legal.
+    #[must_use]
+    pub fn slope_group(&self, from: usize, to: usize) -> Option<usize> {
+        self.find(from, to).and_then(|at| (self.groups[at] as usize).checked_sub(1))
+    }
+
+    /// The reference of a state, the move whose intercept learning keeps: the stay if it is legal,
+    /// else the move to the lowest state; `None` for a state that does not exist.
+    #[must_use]
+    pub fn reference(&self, from: usize) -> Option<usize> {
+        let exists = from < self.states();
+        exists
+            .then(|| self.to[self.column(from)].iter().map(|to| *to as usize))
+            .and_then(|ways| reference(from, ways))
+    }
+
+    /// Intercepts of all moves, column by column.
+    #[cfg(feature = "serde")]
+    pub(crate) fn intercepts(&self) -> &[f64] {
+        &self.intercepts
+    }
+
+    /// Slopes of each group.
+    #[cfg(feature = "serde")]
+    pub(crate) fn groups(&self) -> impl Iterator<Item = Vec<f64>> {
+        self.slopes.chunks_exact(self.inputs).map(<[f64]>::to_vec)
+    }
+
+    /// The matrix at inputs u. O(E p).
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError::Control`] for inputs that are not valid.
+    pub fn at(&self, inputs: &[f64]) -> Result<SparseTransition, TransitionError> {
+        self.check_inputs(inputs)?;
+        let columns = (0..self.states()).map(|from| (from, self.list(inputs, from)));
+        let entries = columns.flat_map(|(from, column)| column.map(move |(to, p)| (to, from, p)));
+        SparseTransition::from_triplets(self.states(), entries)
+    }
 }

@@ -1,8 +1,8 @@
 //! Priors of Gaussian families: normal for the mean and inverse Wishart for the covariance.
 
-use super::factor::is_semidefinite;
+use super::covariance::is_semidefinite;
 use crate::EmissionError;
-use crate::check::{check, check_length};
+use crate::error::{check, check_length};
 
 /// Largest asymmetry of a matrix that counts as rounding, relative to the diagonal.
 pub(super) const SYMMETRY: f64 = 1e-9;

@@ -25,7 +25,7 @@ pub(crate) trait LogConcave {
 
     /// Upper bound of the curvature, −1 times the second derivative of the logarithm, between two
     /// points.
-    fn bend(&self, from: f64, to: f64) -> f64;
+    fn max_curvature(&self, from: f64, to: f64) -> f64;
 }
 
 /// Density of the log-odds ln(x / (1 − x)) of a beta variable x with shapes a and b, relative to
@@ -36,8 +36,8 @@ pub(crate) struct Odds {
     a: f64,
     b: f64,
     /// a / (a + b)
-    share: f64,
-    ln_share: f64,
+    mean: f64,
+    ln_mean: f64,
     /// True if the shapes were exchanged, so that a ≤ b.
     mirrored: bool,
 }
@@ -51,7 +51,7 @@ impl Odds {
         if a / (a + b) < 1e-290 {
             b = f64::INFINITY;
         }
-        Self { a, b, share: a / (a + b), ln_share: a.ln() - (a + b).ln(), mirrored }
+        Self { a, b, mean: a / (a + b), ln_mean: a.ln() - (a + b).ln(), mirrored }
     }
 
     pub(crate) fn gamma(a: f64) -> Self {
@@ -62,16 +62,16 @@ impl Odds {
     pub(crate) fn student(degrees: f64, e: f64) -> [f64; 2] {
         // For a t variable T, x = ν / (ν + T²) is Beta(ν/2, ½). Its odds are ν / T² and those of
         // the mode ν, so |T| = e lies at ln(ν / e²) − ln ν, and small x is large |T|.
-        Self::beta(0.5 * degrees, 0.5).sides(-2.0 * e.abs().ln())
+        Self::beta(0.5 * degrees, 0.5).tail_probabilities(-2.0 * e.abs().ln())
     }
 
     /// Probabilities below and above u.
-    pub(crate) fn sides(&self, u: f64) -> [f64; 2] {
+    pub(crate) fn tail_probabilities(&self, u: f64) -> [f64; 2] {
         if self.mirrored {
-            let [below, above] = sides(self, -u);
+            let [below, above] = tail_probabilities(self, -u);
             return [above, below];
         }
-        sides(self, u)
+        tail_probabilities(self, u)
     }
 }
 
@@ -94,40 +94,40 @@ impl LogConcave for Odds {
     // With s = a / (a + b), ln f = a u − (a + b) ln(1 + s (e^u − 1)), which is 0 at u = 0. As b
     // grows, (a + b) s = a, and the limit is a u − a (e^u − 1).
     fn log(&self, u: f64) -> f64 {
-        let &Self { a, b, share, ln_share, .. } = self;
+        let &Self { a, b, mean, ln_mean, .. } = self;
         if b == f64::INFINITY {
             return -a * exp_excess(u);
         }
         if u.abs() <= 0.5 {
             // With v = s (e^u − 1) and (a + b) v = a (e^u − 1), the parts linear in u cancel
             // exactly: (a + b) (v − ln(1 + v)) − a (e^u − 1 − u).
-            return (a + b) * log_excess(share * u.exp_m1()) - a * exp_excess(u);
+            return (a + b) * log_excess(mean * u.exp_m1()) - a * exp_excess(u);
         }
         // Beyond s e^u = e^40 the other term, 1 − s, is below the last digit, and e^u may overflow.
-        let ln_odds = u + ln_share;
-        let denominator = if ln_odds > 40.0 { ln_odds } else { (share * u.exp_m1()).ln_1p() };
+        let ln_odds = u + ln_mean;
+        let denominator = if ln_odds > 40.0 { ln_odds } else { (mean * u.exp_m1()).ln_1p() };
         a * u - (a + b) * denominator
     }
 
     fn slope(&self, u: f64) -> f64 {
-        let &Self { a, b, share, .. } = self;
+        let &Self { a, b, mean, .. } = self;
         if b == f64::INFINITY {
             return -a * u.exp_m1();
         }
         // a − (a + b) s e^u / (1 + v), where s e^u = v + s: the two a cancel on paper.
-        let v = share * u.exp_m1();
+        let v = mean * u.exp_m1();
         if v > 1e300 { -b } else { -b * v / (1.0 + v) }
     }
 
-    fn bend(&self, from: f64, to: f64) -> f64 {
-        let &Self { a, b, ln_share, .. } = self;
+    fn max_curvature(&self, from: f64, to: f64) -> f64 {
+        let &Self { a, b, ln_mean, .. } = self;
         if b == f64::INFINITY {
             // The curvature is a e^u, largest at the upper end.
             return a * from.max(to).exp();
         }
         // The curvature is (a + b) x (1 − x), largest where the odds are nearest to even: there
         // u = ln(b / a).
-        let middle = (b / (a + b)).ln() - ln_share;
+        let middle = (b / (a + b)).ln() - ln_mean;
         let odds = (middle.clamp(from.min(to), from.max(to)) - middle).abs();
         (a + b) * (-odds).exp() / (1.0 + (-odds).exp()).powi(2)
     }
@@ -152,7 +152,7 @@ impl LogConcave for Circle {
         -self.0 * u.sin()
     }
 
-    fn bend(&self, _: f64, _: f64) -> f64 {
+    fn max_curvature(&self, _: f64, _: f64) -> f64 {
         self.0
     }
 }
@@ -189,23 +189,23 @@ static NODES: LazyLock<[[f64; 2]; POINTS]> = LazyLock::new(|| {
 
 /// Integral from a point outwards to an end that is no nearer to the mode, relative to the density
 /// at the mode.
-fn outward(f: &impl LogConcave, from: f64, end: f64) -> f64 {
+fn integrate_outwards(f: &impl LogConcave, from: f64, end: f64) -> f64 {
     let direction = if end < from { -1.0 } else { 1.0 };
     let (mut at, mut sum) = (from, 0.0);
     // A bound that is never reached, even where panels grow from 1e-320 to 1e320.
     for _ in 0..4000 {
         // At the mode the slope is 0; there the curvature sets the scale.
-        let steep = f.slope(at).abs().max(f.bend(at, at).sqrt() * 2.0);
+        let steep = f.slope(at).abs().max(f.max_curvature(at, at).sqrt() * 2.0);
         let rest = (end - at).abs();
         let mut width = rest.min(FALL / steep).min(1e300);
-        // Over a width w the logarithm deviates from its tangent by at most bend · w² / 2, so
-        // bend · w² ≤ 16 bounds the fall by twice `FALL`, and the polynomial of the quadrature
+        // Over a width w the logarithm deviates from its tangent by at most curvature · w² / 2, so
+        // curvature · w² ≤ 16 bounds the fall by twice `FALL`, and the polynomial of the quadrature
         // follows it. A width above 3 would span too much of an e^u in the logarithm, unless the
         // curvature is below the last digit.
         loop {
-            let bend = f.bend(at, at + direction * width);
-            let is_straight = bend.sqrt() * width <= 4.0;
-            if width == 0.0 || (is_straight && (width <= 3.0 || bend < 1e-18)) {
+            let curvature = f.max_curvature(at, at + direction * width);
+            let is_straight = curvature.sqrt() * width <= 4.0;
+            if width == 0.0 || (is_straight && (width <= 3.0 || curvature < 1e-18)) {
                 break;
             }
             width *= 0.5;
@@ -231,17 +231,17 @@ pub(crate) fn mass(f: &impl LogConcave, from: f64, to: f64) -> f64 {
     if from >= to {
         0.0
     } else if to <= 0.0 {
-        outward(f, to, from)
+        integrate_outwards(f, to, from)
     } else if from >= 0.0 {
-        outward(f, from, to)
+        integrate_outwards(f, from, to)
     } else {
         // Both halves start at the mode, so that each falls monotonically.
-        outward(f, 0.0, from) + outward(f, 0.0, to)
+        integrate_outwards(f, 0.0, from) + integrate_outwards(f, 0.0, to)
     }
 }
 
 /// Shares of the whole integral below and above a point.
-fn sides<F: LogConcave>(f: &F, u: f64) -> [f64; 2] {
+fn tail_probabilities<F: LogConcave>(f: &F, u: f64) -> [f64; 2] {
     let [low, high] = F::ENDS;
     let [below, above] = [mass(f, low, u), mass(f, u, high)];
     // Neither is 1 less the other: the smaller tail keeps all its digits.

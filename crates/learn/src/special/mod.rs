@@ -74,21 +74,21 @@ pub(super) fn stirling(mut a: f64) -> f64 {
 }
 
 /// 2^52, above which doubles are whole numbers.
-pub(super) const INTEGERS: f64 = (1_u64 << 52) as f64;
+pub(super) const TWO_POW_52: f64 = (1_u64 << 52) as f64;
 
 /// Number of factorials in the table, from 0! onwards.
-const KEPT: usize = 256;
+const TABULATED: usize = 256;
 
-static FACTORIALS: LazyLock<[(f64, f64); KEPT]> =
+static FACTORIALS: LazyLock<[(f64, f64); TABULATED]> =
     LazyLock::new(|| std::array::from_fn(|n| computed_ln_factorial(n as f64)));
 
 /// ln(n!) of a whole number n, and ln(n!) − n (ln n − 1).
 #[inline]
 pub(super) fn ln_factorial(n: f64) -> (f64, f64) {
-    if n < KEPT as f64 {
+    if n < TABULATED as f64 {
         // The low bits of the double 2^52 + n are n itself. A cast would saturate, which costs a
         // comparison, and the remainder proves the index in bounds.
-        FACTORIALS[(n + INTEGERS).to_bits() as usize % KEPT]
+        FACTORIALS[(n + TWO_POW_52).to_bits() as usize % TABULATED]
     } else {
         computed_ln_factorial(n)
     }
@@ -164,7 +164,11 @@ impl Bessel {
     /// Computes the values for a finite x ≥ 0 and an order ν ≥ 0 that is a multiple of ½. O(ν + √x)
     /// where x < 2ν², otherwise O(1).
     pub(super) fn new(order: f64, x: f64) -> Self {
-        if x >= (2.0 * order * order).max(40.0) { hankel(order, x) } else { recur(order, x) }
+        if x >= (2.0 * order * order).max(40.0) {
+            hankel(order, x)
+        } else {
+            downward_recurrence(order, x)
+        }
     }
 }
 
@@ -195,7 +199,7 @@ fn hankel(order: f64, x: f64) -> Bessel {
 /// Ratios of neighbouring orders by downward recurrence, which is stable, from a bound of Amos
 /// (1974) at an order high enough that the starting value is forgotten. Their product leads down to
 /// order 0 or ½.
-fn recur(order: f64, x: f64) -> Bessel {
+fn downward_recurrence(order: f64, x: f64) -> Bessel {
     let above = ((order * order + 40.0 * x).sqrt() - order).ceil() + 20.0;
     let mut k = order + above;
     // r_k = I_{k+1}(x) / (x I_k(x)). From I_{k−1} = (2k / x) I_k + I_{k+1} follows

@@ -8,8 +8,8 @@ use wayfix::likelihood::{LearnLikelihood, Likelihood, SampleObservation, Scratch
 use wayfix::{Belief, DenseTransition, Hmm, Prior};
 use wayfix_learn::{
     Bernoulli, Beta, Binomial, Exponential, Gamma, Gaussian, GaussianMixture, Hurdle, Independent,
-    LinearRegression, LogNormal, Multinomial, NegativeBinomial, Poisson, Product, SkewedT,
-    StudentT, VonMises, VonMisesFisher, Weibull, WrappedCauchy, ZeroInflated,
+    LinearRegression, LogNormal, Multinomial, NegativeBinomial, Poisson, Product, StudentT,
+    VonMises, VonMisesFisher, Weibull, WrappedCauchy, ZeroInflated,
 };
 
 use crate::allocations;
@@ -130,8 +130,6 @@ fn families_allocate_nothing_in_a_step() {
     drawn("Weibull", weibull, Some(Independent::with_missing));
     let beta = Beta::family(&shapes, &shapes).unwrap();
     drawn("beta", beta, Some(Independent::with_missing));
-    let skewed = SkewedT::family(&shapes, &shapes, &shapes, &shapes).unwrap();
-    drawn("skewed t", skewed, Some(Independent::with_missing));
     let turns = WrappedCauchy::family(&shapes, &rates).unwrap();
     drawn("wrapped Cauchy", turns, Some(Independent::with_missing));
     let log_normal =

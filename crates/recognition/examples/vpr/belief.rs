@@ -21,7 +21,7 @@ const HEIGHTS: [i32; 3] = [92, 470, 170];
 /// Draws smoothed beliefs, and the probability of being off the map, if it was estimated.
 pub(crate) fn draw(file: &Path, task: Task<'_>, estimates: &Estimates) -> Fallible {
     let Task { recording, split, .. } = task;
-    let off_map = estimates.fit.options().off_map.is_some();
+    let off_map = estimates.fit.options().off_map().is_some();
     let [top, main, track] = HEIGHTS;
     let height = (top + main + if off_map { track } else { 0 }).unsigned_abs();
     let mut svg = String::new();

@@ -8,23 +8,22 @@ use wayfix_recognition::{LabelledPart, Options, Parameters, Recognizer};
 use super::{Fallible, Task, waiting};
 
 pub(crate) fn recognizer(Task { recording, split, common }: Task<'_>) -> Fallible<Recognizer> {
-    let mut options = Options::default();
-    options.closed = recording.closed;
-    options.off_map = common.off_map.then(OffMap::default);
+    let off_map = common.off_map.then(OffMap::default);
+    let mut options = Options::default().with_closed(recording.closed).with_off_map(off_map);
     if !common.speeds.is_empty() {
         let mut speeds = common.speeds.clone();
         speeds.sort_by(f64::total_cmp);
         speeds.dedup();
-        options.speeds = Speeds::new(&speeds).map_err(|error| format!("--speeds: {error}"))?;
+        let speeds = Speeds::new(&speeds).map_err(|error| format!("--speeds: {error}"))?;
+        options = options.with_speeds(speeds);
     }
     let mut recognizer = Recognizer::from_distances(recording.references, options)?;
     if let Some(file) = &common.fit {
         let fit = saved(file)?;
         // Whether the route is closed, and whether it may be left, depends on this recording, not
         // on the saved fit.
-        let mut options = fit.options().clone();
-        options.closed = recording.closed;
-        options.off_map = common.off_map.then(|| options.off_map.unwrap_or_default());
+        let off_map = common.off_map.then(|| fit.options().off_map().unwrap_or_default());
+        let options = fit.options().clone().with_closed(recording.closed).with_off_map(off_map);
         recognizer = recognizer.with_parameters(fit.with_options(options))?;
     } else if let Some(truth) = recording.truth.as_ref().filter(|_| !split.fit_on.is_empty()) {
         let rows = recording.rows();
@@ -38,23 +37,23 @@ pub(crate) fn recognizer(Task { recording, split, common }: Task<'_>) -> Fallibl
         recognizer = fitted.map_err(|error| format!("--fit-on: {error}"))?;
     }
     if let Some(temperature) = common.temperature {
-        let mut options = recognizer.options().clone();
-        let odds = options.odds.with_temperature(temperature);
-        options.odds = odds.map_err(|error| format!("--temperature: {error}"))?;
+        let odds = recognizer.options().odds().with_temperature(temperature);
+        let odds = odds.map_err(|error| format!("--temperature: {error}"))?;
+        let options = recognizer.options().clone().with_odds(odds);
         recognizer =
             recognizer.with_parameters(recognizer.parameters().clone().with_options(options))?;
     }
     Ok(recognizer)
 }
 
-/// Summary of a fit: temperature, speeds in use, and reasons to doubt it.
+/// Summary of a fit: temperature, speeds in use, and warnings.
 pub(crate) fn notes(fit: &Parameters) -> Vec<String> {
-    let Options { odds, speeds, .. } = fit.options();
+    let (odds, speeds) = (fit.options().odds(), fit.options().speeds());
     let used = speeds.values().iter().zip(speeds.shares()).filter(|(_, share)| **share >= 0.01);
     let used: Vec<String> = used.map(|(speed, share)| format!("{speed}: {share:.2}")).collect();
     let temperature = format!("temperature {}", odds.temperature());
     let mut notes = vec![temperature, format!("shares of speeds: {}", used.join(", "))];
-    notes.extend(fit.doubts().iter().map(|warning| format!("WARNING: {warning}")));
+    notes.extend(fit.warnings().iter().map(|warning| format!("WARNING: {warning}")));
     notes
 }
 

@@ -42,7 +42,7 @@ pub(crate) fn estimate(task: Task<'_>) -> Fallible<Estimates> {
     let filtered = waiting("filter", || seen.filtered())?;
     let ms = 1e3 * start.elapsed().as_secs_f64() / recording.steps() as f64;
     let mut notes = fit::notes(recognizer.parameters());
-    notes.extend(seen.doubts().iter().map(|warning| format!("WARNING: {warning}")));
+    notes.extend(seen.warnings().iter().map(|warning| format!("WARNING: {warning}")));
     notes.push(format!("a step takes {ms:.3} ms beside the comparison of images"));
 
     let mut methods = Vec::new();

@@ -6,11 +6,10 @@
 //! | errors of odometry along a route | [`OdometryModel`] |
 //! | a vehicle that may leave the route | [`OffMap`] |
 
-mod learn;
+mod fit;
 mod odometry;
 mod route;
 mod speeds;
-mod window;
 
 pub use odometry::OdometryModel;
 pub use route::{

@@ -1,4 +1,4 @@
-//! Likelihood of odometry given a speed: Student's t about scale · v + bias (guide, section 10,
+//! Likelihood of odometry given a speed: Student's t about scale · v + bias (`guide::formulas`,
 //! Route), relative to its largest value, which is a constant of the model.
 
 use wayfix::TransitionError;
@@ -51,8 +51,8 @@ const PEAK: f64 = 0.375;
 const FARTHEST: f64 = 1e6;
 
 /// Prior deviations of scale and bias: readings at a single speed could not tell them apart.
-const SCALE_OFF: f64 = 0.05;
-const BIAS_OFF: f64 = 0.005;
+const SCALE_PRIOR_SD: f64 = 0.05;
+const BIAS_PRIOR_SD: f64 = 0.005;
 /// Smallest deviation that is learned.
 const LEAST_DEVIATION: f64 = 0.05;
 /// Steps of a span over which readings are compared with places: over fewer, the error of counting
@@ -99,7 +99,7 @@ impl OdometryModel {
             // Ridge regression: the priors enter the normal equations of r ≈ scale m + bias n as
             // pseudo- observations with the mean (1, 0), in units of the errors' variance. The sums
             // over a span have a variance in proportion to its length n, hence the weight 1 / n.
-            let prior = [SCALE_OFF, BIAS_OFF].map(|off| (model.deviation / off).powi(2));
+            let prior = [SCALE_PRIOR_SD, BIAS_PRIOR_SD].map(|sd| (model.deviation / sd).powi(2));
             let (mut mm, mut mn, mut nn) = (prior[0], 0.0, prior[1]);
             let (mut mr, mut nr) = (prior[0], 0.0);
             for &(n, m, r) in &spans {
@@ -184,7 +184,7 @@ impl OdometryModel {
 
     /// Density of a reading given the mean of earlier readings at the same speed, relative to the
     /// largest density.
-    pub(super) fn again(&self, reading: f64, mean: f64, count: u32) -> f64 {
+    pub(super) fn predictive_density(&self, reading: f64, mean: f64, count: u32) -> f64 {
         // Predictive density: the variance of the mean, 1 / count, adds to that of the reading.
         let width = (1.0 + 1.0 / f64::from(count)).sqrt();
         let r = (reading - mean) / (width * self.deviation);

@@ -4,16 +4,17 @@
 //! [`MatchOdds`] the odds of each reference; [`view_change`] says whether the view has changed.
 
 mod descriptors;
+mod error;
 mod odds;
 mod rows;
-mod standardize;
 mod standardizer;
 mod view;
 
 pub(crate) use descriptors::check_descriptor;
 pub use descriptors::{Distance, ReferenceDescriptors};
+pub use error::ViewError;
 pub use odds::MatchOdds;
 pub(crate) use rows::{RowScratch, change, row_scores, within};
-pub(crate) use standardize::Spread;
+pub(crate) use standardizer::Spread;
 pub use standardizer::Standardizer;
 pub use view::{ViewComparison, view_change};

@@ -1,10 +1,10 @@
-//! Odds of a place, given a score (guide, section 11, Match odds), in loops that vectorise:
+//! Odds of a place, given a score (`guide::formulas`, Match odds), in loops that vectorise:
 //! exponential and logarithm are polynomials.
 
 use std::f32::consts::{LN_2, LOG2_E};
 
+use super::error::ViewError;
 use wayfix::error::Parameter;
-use wayfix::observation::ObservationError;
 use wayfix_kernels::{Simd, WithSimd, run};
 
 /// Odds that a reference with a given [score](super::Standardizer) is the right one, against a
@@ -27,7 +27,7 @@ use wayfix_kernels::{Simd, WithSimd, run};
 /// let single = MatchOdds::default().with_temperature(1.0)?;
 /// assert!((single.log_odds(-1.15)).abs() < 1e-12);
 /// assert!(single.log_odds(-3.0) > 3.5 && single.log_odds(5.0) > -3.1);
-/// # Ok::<(), wayfix::observation::ObservationError>(())
+/// # Ok::<(), wayfix_recognition::observation::ViewError>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MatchOdds {
@@ -49,8 +49,8 @@ impl MatchOdds {
     ///
     /// # Errors
     ///
-    /// [`ObservationError::Parameter`] unless it is from 0.01 to 1000.
-    pub fn with_temperature(self, temperature: f64) -> Result<Self, ObservationError> {
+    /// [`ViewError::Parameter`] unless it is from 0.01 to 1000.
+    pub fn with_temperature(self, temperature: f64) -> Result<Self, ViewError> {
         Parameter::check("the temperature", temperature, 0.01..=1000.0, "from 0.01 to 1000")?;
         Ok(Self { temperature, ..self })
     }
@@ -59,8 +59,8 @@ impl MatchOdds {
     ///
     /// # Errors
     ///
-    /// [`ObservationError::Parameter`] unless it is from 1e-12 to 1.
-    pub fn with_nothing(self, nothing: f64) -> Result<Self, ObservationError> {
+    /// [`ViewError::Parameter`] unless it is from 1e-12 to 1.
+    pub fn with_nothing(self, nothing: f64) -> Result<Self, ViewError> {
         let what = "the probability that a frame says nothing";
         Parameter::check(what, nothing, 1e-12..=1.0, "from 1e-12 to 1")?;
         Ok(Self { nothing, ..self })
@@ -68,7 +68,7 @@ impl MatchOdds {
 
     /// Checks that all parameters give finite odds.
     #[cfg(feature = "serde")]
-    pub(crate) fn checked(self) -> Result<Self, ObservationError> {
+    pub(crate) fn checked(self) -> Result<Self, ViewError> {
         let Self { slope, even, nothing, temperature } = self;
         Parameter::check("the slope of the odds", slope, 0.0..=100.0, "from 0 to 100")?;
         Parameter::check("the score with even odds", even, -100.0..=100.0, "from -100 to 100")?;
@@ -94,14 +94,14 @@ impl MatchOdds {
         if score == f64::INFINITY {
             return f64::NEG_INFINITY;
         }
-        let says = (-self.slope * (score - self.even)).min(MOST).exp();
+        let says = (-self.slope * (score - self.even)).min(LARGEST_LOG_ODDS).exp();
         ((1.0 - self.nothing) * says + self.nothing).ln() / self.temperature
     }
 
     /// Replaces scores of the references by odds to the power of `weight`, within 1e-5 of
     /// [`log_odds`](Self::log_odds).
     pub(crate) fn odds_of(&self, weight: f64, scores: &mut [f64]) {
-        run(Odds { of_one: self.log2_odds(), weight: weight as f32, scores });
+        run(Odds { log2_odds: self.log2_odds(), weight: weight as f32, scores });
     }
 
     /// log2 of the odds of each score.
@@ -123,7 +123,7 @@ impl MatchOdds {
 
 /// Logarithm of the highest odds of a single frame, within the range of 32-bit floats: no score
 /// that a real row gives reaches it.
-const MOST: f64 = 80.0;
+const LARGEST_LOG_ODDS: f64 = 80.0;
 
 /// Parameters of [`MatchOdds`], for logarithms to base 2.
 #[derive(Clone, Copy)]
@@ -138,7 +138,7 @@ impl Log2Odds {
     /// log2 of the odds of a score; −∞ for an infinite one.
     #[inline(always)]
     fn of(self, score: f64) -> f32 {
-        let says = (self.even - self.slope * score as f32).min(MOST as f32 * LOG2_E);
+        let says = (self.even - self.slope * score as f32).min(LARGEST_LOG_ODDS as f32 * LOG2_E);
         // Below −126, 2^x would not be a normal number; the sum with `nothing`, at least 1e-12,
         // does not show it.
         let says = single_exp2(says.max(-126.0));
@@ -148,7 +148,7 @@ impl Log2Odds {
 }
 
 struct Odds<'a> {
-    of_one: Log2Odds,
+    log2_odds: Log2Odds,
     weight: f32,
     scores: &'a mut [f64],
 }
@@ -158,13 +158,13 @@ impl WithSimd for Odds<'_> {
 
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
-        let Self { of_one, weight, scores } = self;
+        let Self { log2_odds, weight, scores } = self;
         let (whole, rest) = scores.as_chunks_mut::<WIDTH>();
-        whole.iter_mut().for_each(|scores| odds(of_one, weight, scores));
+        whole.iter_mut().for_each(|scores| odds(log2_odds, weight, scores));
         // The rest, padded to a full width, goes through the same operations.
         let mut last = [0.0; WIDTH];
         last[..rest.len()].copy_from_slice(rest);
-        odds(of_one, weight, &mut last);
+        odds(log2_odds, weight, &mut last);
         rest.copy_from_slice(&last[..rest.len()]);
     }
 }

@@ -1,8 +1,8 @@
-//! Scores within a row of distances, which a few references cannot move (guide, section 11, Scores
+//! Scores within a row of distances, which a few references cannot move (`guide::formulas`, Scores
 //! within a row).
 
+use super::error::ViewError;
 use super::odds::ln_1p;
-use wayfix::observation::ObservationError;
 use wayfix_kernels::{Simd, WithSimd, run};
 
 /// Ratio of the standard deviation of a normal distribution to its median deviation.
@@ -38,12 +38,12 @@ pub(crate) fn row_scores(
     distances: &[f32],
     out: &mut Vec<f32>,
     scratch: &mut RowScratch,
-) -> Result<usize, ObservationError> {
+) -> Result<usize, ViewError> {
     // Without an early exit, so that it is done in vectors.
     let all_finite = distances.iter().fold(true, |all, d| all & d.is_finite());
     let invalid = |d: &f32| d.is_nan() || *d == f32::NEG_INFINITY;
     if !all_finite && let Some(reference) = distances.iter().position(invalid) {
-        return Err(ObservationError::Distance { reference, value: distances[reference] });
+        return Err(ViewError::Distance { reference, value: distances[reference] });
     }
     let RowScratch { finite, middle } = scratch;
     finite.clear();

@@ -1,9 +1,9 @@
 //! Changes of the camera's view, measured between rows of distances rather than images.
 
+use super::error::ViewError;
 use super::rows::{RowScratch, change, row_scores};
 use crate::motion::ViewChange;
 use wayfix::error::Parameter;
-use wayfix::observation::ObservationError;
 
 /// Change between two views: Σ (a − b)² / Σ (a² + b²) over the scores a and b within their rows of
 /// distances (see [`Standardizer`](super::Standardizer)), each within ±5. 0 for rows that are equal
@@ -15,11 +15,11 @@ use wayfix::observation::ObservationError;
 ///
 /// # Errors
 ///
-/// [`ObservationError`] if the rows differ in length, or for NaN or −∞.
-pub fn view_change(before: &[f32], now: &[f32]) -> Result<f64, ObservationError> {
+/// [`ViewError`] if the rows differ in length, or for NaN or −∞.
+pub fn view_change(before: &[f32], now: &[f32]) -> Result<f64, ViewError> {
     if before.len() != now.len() {
         let (found, expected) = (now.len(), before.len());
-        return Err(ObservationError::Distances { found, expected });
+        return Err(ViewError::Distances { found, expected });
     }
     let (mut a, mut b, mut scratch) = (Vec::new(), Vec::new(), RowScratch::default());
     row_scores(before, &mut a, &mut scratch)?;
@@ -43,7 +43,7 @@ pub fn view_change(before: &[f32], now: &[f32]) -> Result<f64, ObservationError>
 /// assert_eq!(views.next(&[0.2, 0.8, 0.9])?, ViewChange::Changed); // the first is new
 /// assert_eq!(views.next(&[0.2, 0.81, 0.9])?, ViewChange::Unchanged);
 /// assert_eq!(views.next(&[0.9, 0.3, 0.8])?, ViewChange::Changed);
-/// # Ok::<(), wayfix::observation::ObservationError>(())
+/// # Ok::<(), wayfix_recognition::observation::ViewError>(())
 /// ```
 #[derive(Debug, Clone)]
 pub struct ViewComparison {
@@ -66,9 +66,9 @@ impl ViewComparison {
     ///
     /// # Errors
     ///
-    /// [`ObservationError::Parameter`] unless it is finite and at least 0; at 0
+    /// [`ViewError::Parameter`] unless it is finite and at least 0; at 0
     /// every view is new.
-    pub fn new(threshold: f64) -> Result<Self, ObservationError> {
+    pub fn new(threshold: f64) -> Result<Self, ViewError> {
         let (what, expected) = ("the threshold of change", "a finite value of at least 0");
         Parameter::check(what, threshold, 0.0..=f64::MAX, expected)?;
         Ok(Self { threshold, last_new: None, now: Vec::new(), scratch: RowScratch::default() })
@@ -80,8 +80,8 @@ impl ViewComparison {
     ///
     /// # Errors
     ///
-    /// [`ObservationError::Distances`] if rows differ in length.
-    pub fn threshold_of<R: AsRef<[f32]>>(rows: &[R]) -> Result<f64, ObservationError> {
+    /// [`ViewError::Distances`] if rows differ in length.
+    pub fn threshold_of<R: AsRef<[f32]>>(rows: &[R]) -> Result<f64, ViewError> {
         let changes = rows.windows(2).map(|two| view_change(two[0].as_ref(), two[1].as_ref()));
         let mut changes: Vec<f64> = changes.collect::<Result<_, _>>()?;
         changes.retain(|change| *change > 0.0 && change.is_finite());
@@ -95,15 +95,15 @@ impl ViewComparison {
     ///
     /// # Errors
     ///
-    /// [`ObservationError`] for a row of a different length than before, or with NaN or −∞; the
+    /// [`ViewError`] for a row of a different length than before, or with NaN or −∞; the
     /// state is then unchanged.
-    pub fn next(&mut self, distances: &[f32]) -> Result<ViewChange, ObservationError> {
+    pub fn next(&mut self, distances: &[f32]) -> Result<ViewChange, ViewError> {
         let Self { threshold, last_new, now, scratch } = self;
         if let Some(last) = last_new
             && last.len() != distances.len()
         {
             let (found, expected) = (distances.len(), last.len());
-            return Err(ObservationError::Distances { found, expected });
+            return Err(ViewError::Distances { found, expected });
         }
         // A row that is not valid returns here, before the last new view changes.
         row_scores(distances, now, scratch)?;

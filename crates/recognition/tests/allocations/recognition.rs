@@ -12,9 +12,7 @@ const PLACES: usize = 50;
 const DIMENSION: usize = 16;
 
 fn options(off_map: bool) -> Options {
-    let mut options = Options::default();
-    options.off_map = off_map.then(OffMap::default);
-    options
+    Options::default().with_off_map(off_map.then(OffMap::default))
 }
 
 fn check(name: &str, mut track: Track, queries: &[Vec<f32>]) {
@@ -23,14 +21,14 @@ fn check(name: &str, mut track: Track, queries: &[Vec<f32>]) {
             // It drives, and stands from time to time.
             let query = &queries[(k - k / 5 % 3) % queries.len()];
             let reading = (k % 4 > 0).then_some(0.9);
-            std::hint::black_box(track.step(query, reading).unwrap());
+            std::hint::black_box(track.step_with(reading, query).unwrap());
         }
     };
-    track.step(&queries[0], None).unwrap();
-    track.step(&queries[1], Some(1.0)).unwrap();
+    track.step(&queries[0]).unwrap();
+    track.step_with(1.0, &queries[1]).unwrap();
     assert_eq!(allocations(|| drive(&mut track, 2)), 0, "{name}");
     // After a query that is refused, and after a relocation.
-    assert!(track.step(&[f32::NAN; 3], None).is_err());
+    assert!(track.step(&[f32::NAN; 3]).is_err());
     assert_eq!(allocations(|| drive(&mut track, 60)), 0, "{name}, after an error");
     assert_eq!(allocations(|| track.relocate()), 0, "{name}");
     assert_eq!(allocations(|| drive(&mut track, 90)), 0, "{name}, anew");

@@ -11,8 +11,8 @@ use crate::allocations;
 
 fn routes() -> Vec<RouteTransition> {
     let mut routes = Vec::new();
-    for closed in [false, true] {
-        let route = RouteTransition::new(20, closed, Speeds::default()).unwrap();
+    for make in [RouteTransition::open, RouteTransition::closed] {
+        let route = make(20, Speeds::default()).unwrap();
         let model = OdometryModel { scale: 1.1, bias: 0.1, deviation: 0.4 };
         let route = route.with_odometry(model).unwrap();
         let views = route.clone().with_views(ViewChangeRates::default()).unwrap();

@@ -2,8 +2,7 @@
 //! a time and many, and refused inputs.
 
 use proptest::prelude::*;
-use wayfix::observation::ObservationError;
-use wayfix_recognition::observation::{Distance, ReferenceDescriptors};
+use wayfix_recognition::observation::{Distance, ReferenceDescriptors, ViewError};
 
 use crate::kit::{cases_of, noise};
 
@@ -67,7 +66,7 @@ fn instance() -> impl Strategy<Value = (Vec<Vec<f32>>, Vec<Vec<f32>>)> {
 /// `None` if all are equal, since one dimension has only two directions.
 fn references(rows: &[Vec<f32>], distance: Distance) -> Option<ReferenceDescriptors> {
     match ReferenceDescriptors::from_rows(rows, distance) {
-        Err(ObservationError::AllEqual { .. }) => None,
+        Err(ViewError::AllEqual { .. }) => None,
         references => Some(references.unwrap()),
     }
 }
@@ -226,7 +225,7 @@ fn euclidean_distances_are_right_wherever_32_bits_hold_them() {
                 assert_eq!(found[2], 0.0);
                 seen[0] += 1;
             }
-            Err(ObservationError::TooFar { query, reference, distance }) => {
+            Err(ViewError::TooFar { query, reference, distance }) => {
                 assert!((query, reference) == (0, 0) || (query, reference) == (0, 1));
                 let expected = if reference == 0 { euclidean(&x, &far) } else { true_distance };
                 assert!((distance / expected - 1.0).abs() < 1e-12 && distance > 3.4e38);
@@ -322,7 +321,7 @@ fn what_is_wrong_is_said_with_its_place() {
 
     let rows = [[1.0, 0.0], [f32::MAX, 0.0]];
     let references = ReferenceDescriptors::from_rows(&rows, euclidean).unwrap();
-    let text = |result: Result<(), ObservationError>| result.unwrap_err().to_string();
+    let text = |result: Result<(), ViewError>| result.unwrap_err().to_string();
     let mut out = [0.0; 4];
     assert_eq!(
         text(references.distances_into(&[1.0], &mut out[..2])),

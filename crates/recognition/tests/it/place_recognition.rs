@@ -176,7 +176,7 @@ fn a_stop_does_not_count_one_image_again_and_again() {
     rows[20..120].fill(stop);
 
     let speeds = Speeds::new(&[0.0, 1.0]).and_then(|speeds| speeds.with_changes(0.0, 0.1));
-    let motion = RouteTransition::new(PLACES, true, speeds.unwrap())
+    let motion = RouteTransition::closed(PLACES, speeds.unwrap())
         .unwrap()
         .with_views(ViewChangeRates { standing: 0.95, moved: 0.03 })
         .unwrap();

@@ -6,7 +6,7 @@ use wayfix::likelihood::{LearnLikelihood, Likelihood};
 use wayfix_learn::{
     Bernoulli, Beta, Binomial, Exponential, Family, Gamma, Gaussian, GaussianMixture,
     GaussianPrior, Hurdle, LinearRegression, LogNormal, Multinomial, NegativeBinomial, Poisson,
-    Product, SkewedT, StudentT, VonMises, VonMisesFisher, Weibull, WrappedCauchy, ZeroInflated,
+    Product, StudentT, VonMises, VonMisesFisher, Weibull, WrappedCauchy, ZeroInflated,
 };
 
 /// Log densities of a row in all states.
@@ -66,12 +66,6 @@ fn distributions_of_numbers_have_as_many_as_learning() {
     check("VonMises", &VonMises::family(&[[0.0], [2.0]], &[[2.0], [1.0]]).unwrap(), &angles);
     let cauchy = WrappedCauchy::family(&[[0.0], [2.0]], &[[0.5], [0.2]]).unwrap();
     check("WrappedCauchy", &cauchy, &angles);
-    let part = |at: f64| [SkewedT::new(at, 1.0, 1.5, 4.0).unwrap()];
-    check(
-        "SkewedT",
-        &wayfix_learn::Independent::from_rows(&[part(0.0), part(2.0)]).unwrap(),
-        &angles,
-    );
 }
 
 #[test]

@@ -221,7 +221,7 @@ proptest! {
         let learned = truth.learn(&sequences, &options).unwrap().into_model();
         let other = learned.reordered(&order).unwrap();
         let read = |hmm: &Discrete| distributions(hmm).concat();
-        let [found, other] = [&learned, &other].map(|hmm| StandardErrors::from_likelihood(&hmm, &sequences, &options, read));
+        let [found, other] = [&learned, &other].map(|hmm| StandardErrors::from_likelihood(hmm, &sequences, &options, read));
         let (found, other) = match (found, other) {
             (Ok(found), Ok(other)) => (found, other),
             // Learning ended at a saddle with equal states.

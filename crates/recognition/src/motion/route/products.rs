@@ -1,14 +1,14 @@
-//! Products with vectors, in loops along the places: first G mixes the speeds, then the window of
-//! each new speed moves its places (guide, section 10, Route). Both factors are at least 0, so
-//! nothing cancels.
+//! Products with vectors, in loops along the places: first G mixes the speeds, then the window
+//! w(m, v) of each new speed, times the likelihood of the view, moves its places (`guide::formulas`,
+//! Route). All factors are at least 0, so nothing cancels. Only the ends of an open route, where
+//! several moves stop, go entry by entry.
 
 use std::ops::Range;
 
-use super::super::OdometryModel;
-use super::moves::{Stretch, TERMS, add_combined, combine};
-use super::step::{Off, Step};
-use super::views::{Factors, ViewEvidence};
-use super::{RouteControl, RouteTransition};
+use super::shape::{Stencil, TERMS, add_linear_combination, set_linear_combination};
+use super::step::{OffMapFactors, Step};
+use super::{RouteControl, RouteTransition, ViewEvidence, ViewFactors};
+use crate::motion::OdometryModel;
 use wayfix::Transition;
 use wayfix::TransitionError;
 use wayfix::internal::{buffers, check_slices};
@@ -17,12 +17,115 @@ use wayfix_kernels as kernels;
 /// Number of places handled at a time, so that their values stay in the first cache.
 const BLOCK: usize = 512;
 
+/// Values of successive places, padded beyond the ends of a loop.
+#[derive(Debug, Clone, Copy)]
+struct Stretch<'a> {
+    /// The first place.
+    first: isize,
+    values: &'a [f64],
+}
+
+impl<'a> Stretch<'a> {
+    fn starting_at(self, place: isize) -> &'a [f64] {
+        &self.values[(place - self.first).cast_unsigned()..]
+    }
+}
+
 impl Step<'_> {
+    /// `out =` the sums of a stencil over x at some places, plus a factor times further values.
+    fn apply_stencil(
+        &self,
+        (speed, stencil): (usize, &Stencil),
+        places: Range<usize>,
+        x: Stretch<'_>,
+        (factor, more): (f64, &[f64]),
+        out: &mut [f64],
+    ) {
+        let window = self.window(speed);
+        for (run, taps) in stencil.runs(places.clone()) {
+            let inner = run.start - places.start..run.end - places.start;
+            let mut terms = [(0.0, &x.values[..0]); TERMS];
+            let (mut count, mut some) = (0, false);
+            if !more.is_empty() {
+                terms[0] = (factor, &more[inner.clone()]);
+                count = 1;
+            }
+            let out = &mut out[inner];
+            // Up to TERMS vectors are collected and then written in one pass; the first pass sets
+            // `out`, later ones add to it.
+            for (first, weight, stays) in taps {
+                if count == TERMS {
+                    if some {
+                        add_linear_combination(out, &terms);
+                    } else {
+                        set_linear_combination(out, &terms);
+                    }
+                    (count, some) = (0, true);
+                }
+                let factor = window[weight] * self.factors.of(stays);
+                terms[count] = (factor, &x.starting_at(first)[..out.len()]);
+                count += 1;
+            }
+            // Without any term, as at the ends of an open route, zeros are written.
+            let terms = &terms[..count];
+            if some {
+                add_linear_combination(out, terms)
+            } else {
+                set_linear_combination(out, terms)
+            }
+        }
+    }
+
+    /// `out[j] = Σ` over i of window(i → j) e(i, j) `x[i]` at some places, plus a factor times
+    /// further values.
+    fn apply_window(
+        &self,
+        speed: usize,
+        places: Range<usize>,
+        x: Stretch<'_>,
+        more: (f64, &[f64]),
+        out: &mut [f64],
+    ) {
+        let route = self.route;
+        self.apply_stencil((speed, &route.stencils[speed][0]), places.clone(), x, more, out);
+        for end in route.shape.ends().filter(|end| places.contains(end)) {
+            for i in route.shape.sources(route.span_of(speed), end) {
+                out[end - places.start] +=
+                    self.move_entry(speed, i, end) * x.starting_at(i.cast_signed())[0];
+            }
+        }
+    }
+
+    /// `out[i] = Σ` over j of window(i → j) e(i, j) `x[j]`.
+    fn apply_window_transpose(&self, speed: usize, x: &[f64], out: &mut [f64]) {
+        let route = self.route;
+        let stencil = (speed, &route.stencils[speed][1]);
+        let places = 0..route.shape.places;
+        if route.shape.closed {
+            // Around a loop, taps lead beyond the ends: x is padded with its other end.
+            let reach = route.reach();
+            buffers::with(x.len() + 2 * reach, |values| {
+                let first = -reach.cast_signed();
+                for (span, at) in route.shape.spans(first, values.len()) {
+                    values[at..at + span.len()].copy_from_slice(&x[span]);
+                }
+                self.apply_stencil(stencil, places, Stretch { first, values }, (0.0, &[]), out);
+            });
+        } else {
+            self.apply_stencil(stencil, places, Stretch { first: 0, values: x }, (0.0, &[]), out);
+        }
+        for end in route.shape.ends() {
+            for i in route.shape.sources(route.span_of(speed), end) {
+                out[i] += self.move_entry(speed, i, end) * x[end];
+            }
+        }
+    }
+
     /// `out[j] =` the probability of coming back at j, for probabilities x of the places where
     /// vehicles left.
-    fn come_back(&self, off: &Off, x: &[f64], out: &mut [f64]) {
+    fn apply_return(&self, off: &OffMapFactors, x: &[f64], out: &mut [f64]) {
         let total = kernels::sum(x);
-        let anywhere = off.back * off.each * total;
+        let anywhere = off.back * off.uniform_return * total;
         if off.is_anywhere {
             return out.fill(anywhere);
         }
@@ -30,22 +133,22 @@ impl Step<'_> {
             for ((shared, x), near) in shared.iter_mut().zip(x).zip(&self.route.near_shares) {
                 *shared = off.back * near * x;
             }
-            self.route.line.sum_near(shared, off.within, out);
+            self.route.shape.sum_near(shared, off.within, out);
         });
         out.iter_mut().for_each(|out| *out += anywhere);
     }
 
     /// `out[i] +=` the sum of x over places where a vehicle that left at i may come back,
     /// times their probabilities.
-    fn leave_back(&self, off: &Off, x: &[f64], out: &mut [f64]) {
+    fn apply_return_transpose(&self, off: &OffMapFactors, x: &[f64], out: &mut [f64]) {
         let total = kernels::sum(x);
         if off.is_anywhere {
-            return out.iter_mut().for_each(|out| *out += off.back * off.each * total);
+            return out.iter_mut().for_each(|out| *out += off.back * off.uniform_return * total);
         }
         buffers::with(x.len(), |near| {
-            self.route.line.sum_near(x, off.within, near);
+            self.route.shape.sum_near(x, off.within, near);
             for ((out, near), share) in out.iter_mut().zip(&*near).zip(&self.route.near_shares) {
-                *out += off.back * (share * near + off.each * total);
+                *out += off.back * (share * near + off.uniform_return * total);
             }
         });
     }
@@ -57,15 +160,15 @@ impl Step<'_> {
         let anywhere = self.route.speeds.changes().1 * self.route.speeds.shares()[new];
         for g in new.saturating_sub(1)..(new + 2).min(k) {
             // G less its term of rank one is tridiagonal. The difference may round below 0.
-            work(g, self.keep * (switching[new * k + g] - anywhere).max(0.0));
+            work(g, self.not_leaving * (switching[new * k + g] - anywhere).max(0.0));
         }
-        self.keep * anywhere
+        self.not_leaving * anywhere
     }
 
     /// `out =` the belief at speed `new` after the change of speeds, at some places; `all` is the
     /// sum over the speeds before it.
     fn change(&self, new: usize, x: &[f64], all: &[f64], places: Range<usize>, out: &mut [f64]) {
-        let n = self.route.line.places;
+        let n = self.route.shape.places;
         // One term for all speeds together and at most three for the speed and its neighbours:
         // TERMS in all, so that one pass does.
         let mut terms = [(0.0, &all[places.clone()]); TERMS];
@@ -74,18 +177,18 @@ impl Step<'_> {
             terms[count] = (share, &x[g * n..][places.clone()]);
             count += 1;
         });
-        combine(out, &terms[..count]);
+        set_linear_combination(out, &terms[..count]);
     }
 
     /// Computes the product with x, and hands over each block with its first state.
     fn apply_in_blocks(&self, x: &[f64], take: &mut dyn FnMut(usize, &[f64])) {
-        let (n, k) = (self.route.line.places, self.route.k());
+        let (n, k) = (self.route.shape.places, self.route.k());
         let (on, left) = x.split_at(k * n);
         let reach = self.route.reach();
         buffers::with_two(n, |all, returned| {
             add_layers(on, n, |_| 1.0, all);
             if let Some(off) = &self.off {
-                self.come_back(off, left, returned);
+                self.apply_return(off, left, returned);
             }
             // A block of places is finished for all speeds before the next one starts. A move leads
             // at most `reach` places away, so its mixed beliefs are needed with as much padding on
@@ -98,7 +201,7 @@ impl Step<'_> {
                     let (mixed, out) = (&mut *mixed, &mut out[..places.len()]);
                     let first = start.cast_signed() - reach.cast_signed();
                     for new in 0..k {
-                        for (span, at) in self.route.line.spans(first, places.len() + 2 * reach) {
+                        for (span, at) in self.route.shape.spans(first, places.len() + 2 * reach) {
                             let mixed = &mut mixed[at..at + span.len()];
                             self.change(new, on, all, span, mixed);
                         }
@@ -107,14 +210,20 @@ impl Step<'_> {
                             None => &[],
                         };
                         let more = (self.route.speeds.shares()[new], more);
-                        self.push(new, places.clone(), Stretch { first, values: mixed }, more, out);
+                        self.apply_window(
+                            new,
+                            places.clone(),
+                            Stretch { first, values: mixed },
+                            more,
+                            out,
+                        );
                         take(new * n + start, out);
                     }
                     // To off the map at the place itself: from any speed, and from off the map
                     // there.
                     if let Some(off) = &self.off {
                         let (left, all) = (&left[places.clone()], &all[places]);
-                        combine(out, &[(off.stay, left), (off.enter, all)]);
+                        set_linear_combination(out, &[(off.stay, left), (off.enter, all)]);
                         take(k * n + start, out);
                     }
                 }
@@ -135,20 +244,20 @@ impl Step<'_> {
                 self.changes(new, |_, share| changes = least(&mut [changes, share].into_iter()));
             changes = least(&mut [changes, all].into_iter());
         }
-        let Factors { standing, moved } = self.factors;
+        let ViewFactors { standing, moved } = self.factors;
         let seen = least(&mut [standing, moved].into_iter());
         // Entries are products of one factor of each kind, so the product of the least of each is a
         // lower bound.
         let on = changes * seen * least(&mut self.windows.iter().copied());
         let Some(off) = &self.off else { return on };
-        let most = 2 * off.within.min(self.route.line.places) + 1;
+        let most = 2 * off.within.min(self.route.shape.places) + 1;
         let near = self.route.off_map.map_or(0.0, |off| off.near / most as f64);
-        let back = off.back * least(&mut [near, off.each].into_iter()) * shares;
+        let back = off.back * least(&mut [near, off.uniform_return].into_iter()) * shares;
         least(&mut [on, back, off.enter, off.stay].into_iter())
     }
 
     fn apply_transpose(&self, x: &[f64], out: &mut [f64]) {
-        let (n, k) = (self.route.line.places, self.route.k());
+        let (n, k) = (self.route.shape.places, self.route.k());
         let (on, left) = x.split_at(k * n);
         out.fill(0.0);
         buffers::with_two(n, |pulled, all| {
@@ -156,16 +265,16 @@ impl Step<'_> {
             // A' = Σ over new speeds of G'(new, ·) after the transposed window. The rank-one part
             // of G is the same for all old speeds: it is collected in `all` and added to each once.
             for (new, x) in on.chunks_exact(n).enumerate() {
-                self.pull(new, x, pulled);
+                self.apply_window_transpose(new, x, pulled);
                 let anywhere = self.changes(new, |g, share| {
-                    add_combined(&mut out[g * n..][..n], &[(share, pulled)]);
+                    add_linear_combination(&mut out[g * n..][..n], &[(share, pulled)]);
                 });
-                add_combined(all, &[(anywhere, pulled)]);
+                add_linear_combination(all, &[(anywhere, pulled)]);
             }
             for out in out[..k * n].chunks_exact_mut(n) {
                 match &self.off {
-                    Some(off) => add_combined(out, &[(1.0, all), (off.enter, left)]),
-                    None => add_combined(out, &[(1.0, all)]),
+                    Some(off) => add_linear_combination(out, &[(1.0, all), (off.enter, left)]),
+                    None => add_linear_combination(out, &[(1.0, all)]),
                 }
             }
             if let Some(off) = &self.off {
@@ -173,8 +282,8 @@ impl Step<'_> {
                 // shares.
                 add_layers(on, n, |g| self.route.speeds.shares()[g], all);
                 let out = &mut out[k * n..];
-                combine(out, &[(off.stay, left)]);
-                self.leave_back(off, all, out);
+                set_linear_combination(out, &[(off.stay, left)]);
+                self.apply_return_transpose(off, all, out);
             }
         });
     }
@@ -190,14 +299,18 @@ fn add_layers(x: &[f64], n: usize, factor: impl Fn(usize) -> f64, out: &mut [f64
             count += 1;
         }
         let terms = &terms[..count];
-        if number == 0 { combine(out, terms) } else { add_combined(out, terms) }
+        if number == 0 {
+            set_linear_combination(out, terms)
+        } else {
+            add_linear_combination(out, terms)
+        }
     }
 }
 
 impl RouteTransition {
     /// Sums a belief over speeds into the probability of each place; returns that of off the map.
-    pub(crate) fn add_up(&self, belief: &[f64], out: &mut [f64]) -> f64 {
-        let n = self.line.places;
+    pub(crate) fn marginalize_places(&self, belief: &[f64], out: &mut [f64]) -> f64 {
+        let n = self.shape.places;
         let (on, off) = belief.split_at(self.k() * n);
         add_layers(on, n, |_| 1.0, out);
         kernels::sum(off)

@@ -10,8 +10,8 @@ use wayfix_recognition::motion::{
 const PLACES: usize = 1291;
 
 fn routes() -> Vec<RouteTransition> {
-    let plain = |closed| RouteTransition::new(PLACES, closed, Speeds::default()).unwrap();
-    let mut routes = vec![plain(false), plain(true)];
+    let made = [RouteTransition::open, RouteTransition::closed];
+    let mut routes = made.map(|make| make(PLACES, Speeds::default()).unwrap()).to_vec();
     for route in routes.clone() {
         let route = route.with_views(ViewChangeRates::default()).unwrap();
         let never_near = OffMap { near: 0.0, ..OffMap::default() };

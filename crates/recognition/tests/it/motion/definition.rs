@@ -37,7 +37,8 @@ fn nodes(values: &[f64], g: usize) -> (Vec<(f64, f64)>, f64) {
 
 impl Parts {
     pub(crate) fn route(&self) -> RouteTransition {
-        let route = RouteTransition::new(self.places, self.closed, self.speeds.clone()).unwrap();
+        let make = if self.closed { RouteTransition::closed } else { RouteTransition::open };
+        let route = make(self.places, self.speeds.clone()).unwrap();
         let mut route = route.with_odometry(self.odometry).unwrap();
         if let Some(rates) = self.views {
             route = route.with_views(rates).unwrap();

@@ -46,7 +46,8 @@ proptest! {
         off_map in proptest::option::of((0.01..=1.0, 0.01..=1.0, 0.0..=1.0, 0..9_usize)),
     ) {
         let speeds = Speeds::new(&grid).unwrap().with_changes(nearby, anywhere).unwrap();
-        let route = RouteTransition::new(places, closed, speeds.with_slack(slack).unwrap()).unwrap();
+        let route = if closed { RouteTransition::closed } else { RouteTransition::open };
+        let route = route(places, speeds.with_slack(slack).unwrap()).unwrap();
         check(&route)?;
         if let Some((leave, back, near, within)) = off_map {
             check(&route.with_off_map(OffMap { leave, back, near, within }).unwrap())?;
@@ -58,7 +59,7 @@ proptest! {
 #[test]
 fn a_speed_beside_a_near_one_and_a_far_one_loses_nothing() -> Result<(), InferenceError> {
     let speeds = Speeds::new(&[0.95, 0.99, 2.0]).unwrap();
-    let route = RouteTransition::new(20, true, speeds).unwrap();
+    let route = RouteTransition::closed(20, speeds).unwrap();
     let sums = column_sums(&route);
     assert!(sums.iter().all(|sum| (sum - 1.0).abs() < 1e-15 * 16.0), "{sums:?}");
     let prior = Prior::BeforeFirstTransition(route.anywhere());

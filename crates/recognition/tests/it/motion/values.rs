@@ -24,7 +24,8 @@ fn after(mean: f64, readings: u32) -> RouteControl {
 /// Standing, or one place on, on three places.
 fn stop_and_go(closed: bool) -> RouteTransition {
     let speeds = Speeds::new(&[0.0, 1.0]).unwrap().with_changes(0.25, 0.0).unwrap();
-    RouteTransition::new(3, closed, speeds.with_slack(0.0).unwrap()).unwrap()
+    let route = if closed { RouteTransition::closed } else { RouteTransition::open };
+    route(3, speeds.with_slack(0.0).unwrap()).unwrap()
 }
 
 fn column(route: &RouteTransition, u: &RouteControl, from: usize) -> Vec<(usize, f64)> {
@@ -136,10 +137,10 @@ fn controls_that_are_none_are_errors_and_the_filter_stays() {
 
 #[test]
 fn what_is_no_route_is_an_error() {
-    let new = |places| text(RouteTransition::new(places, false, Speeds::default()));
+    let new = |places| text(RouteTransition::open(places, Speeds::default()));
     assert_eq!(new(0), "a transition operator needs at least one state, found none");
     assert_eq!(new(1 << 32), "68719476736 states, expected at most 4294967295 (32-bit indices)");
-    assert!(RouteTransition::new(usize::MAX, true, Speeds::default()).is_err());
+    assert!(RouteTransition::closed(usize::MAX, Speeds::default()).is_err());
     let route = || stop_and_go(true);
     let odometry = |scale, bias, deviation| {
         text(route().with_odometry(OdometryModel { scale, bias, deviation }))
@@ -183,7 +184,7 @@ fn what_is_no_route_is_an_error() {
 /// Speeds persist off the map, too.
 #[test]
 fn what_was_measured_before_tells_what_to_expect_off_the_map() {
-    let route = RouteTransition::new(9, false, Speeds::default()).unwrap();
+    let route = RouteTransition::open(9, Speeds::default()).unwrap();
     let route = route.with_views(ViewChangeRates::default()).unwrap();
     let odometry = OdometryModel { scale: 1.0, bias: 0.0, deviation: 0.3 };
     let route = route.with_off_map(OffMap::default()).unwrap().with_odometry(odometry).unwrap();

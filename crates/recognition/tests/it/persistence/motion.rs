@@ -22,7 +22,7 @@ fn the_format_is_as_documented() {
     assert_eq!(json(&speeds), SPEEDS);
     assert_eq!(stored(&speeds), speeds);
     assert_eq!(stored(&Speeds::default()), Speeds::default());
-    let route = RouteTransition::new(3, true, speeds).unwrap();
+    let route = RouteTransition::closed(3, speeds).unwrap();
     let odometry = OdometryModel { scale: 1.5, bias: 0.25, deviation: 0.5 };
     let route = route.with_odometry(odometry).unwrap();
     let start = format!(
@@ -70,7 +70,7 @@ fn what_is_no_grid_of_speeds_or_route_is_refused() {
     );
     speeds("0.0625", "-0.5", "the slack of speeds is -0.5, expected a value from 0 to 0.5");
     speeds("1,", "2,", "version 2, expected 1");
-    let route = RouteTransition::new(2, false, Speeds::new(&[0.0]).unwrap()).unwrap();
+    let route = RouteTransition::open(2, Speeds::new(&[0.0]).unwrap()).unwrap();
     let route = route.with_views(ViewChangeRates::default()).unwrap();
     let text = json(&route.with_off_map(OffMap::default()).unwrap());
     let route = |from: &str, to: &str, expected: &str| {

@@ -33,8 +33,7 @@ fn made_up() -> (Vec<Vec<f32>>, Vec<Vec<f32>>) {
 }
 
 fn options() -> Options {
-    let mut options = Options::default();
-    options.off_map = Some(OffMap::default());
+    let options = Options::default().with_off_map(Some(OffMap::default()));
     options
 }
 
@@ -55,7 +54,7 @@ fn fit() -> (Recognizer, Vec<Vec<f32>>) {
 }
 
 fn answers(track: &mut Track, queries: &[Vec<f32>]) -> Vec<Answer> {
-    queries.iter().map(|query| track.step(query, None).unwrap()).collect()
+    queries.iter().map(|query| track.step(query).unwrap()).collect()
 }
 
 #[test]
@@ -64,7 +63,7 @@ fn a_fit_comes_back_to_the_bit() {
     let fit = recognizer.parameters();
     let back = stored(fit);
     assert_eq!(&back, fit);
-    assert!(back.doubts().is_empty() && back.temperature_scores().is_empty());
+    assert!(back.warnings().is_empty() && back.temperature_scores().is_empty());
     let (references, _) = made_up();
     let fresh = Recognizer::from_descriptors(&references, Distance::Cosine, Options::default());
     let again = fresh.unwrap().with_parameters(back).unwrap();
@@ -103,7 +102,7 @@ fn infinite_distances_are_stored() {
     let recognizer = Recognizer::from_distances(3, options()).unwrap();
     let mut track = recognizer.track();
     for row in [[0.1, 0.5, f32::INFINITY], [f32::INFINITY; 3]] {
-        track.step(&row, None).unwrap();
+        track.step(&row).unwrap();
         let state = track.snapshot();
         assert_eq!(stored(&state), state);
         assert!(json(&state).contains("null"));
@@ -113,12 +112,11 @@ fn infinite_distances_are_stored() {
 #[test]
 fn a_state_of_another_recogniser_is_refused() {
     let track = |references: usize, speeds: &[f64]| {
-        let mut options = options();
-        options.speeds = Speeds::new(speeds).unwrap();
+        let options = options().with_speeds(Speeds::new(speeds).unwrap());
         Recognizer::from_distances(references, options).unwrap().track()
     };
     let mut own = track(3, &[0.0, 1.0]);
-    own.step(&[0.1, 0.5, 0.7], None).unwrap();
+    own.step(&[0.1, 0.5, 0.7]).unwrap();
     let before = own.snapshot();
     let error = own.restore(&track(4, &[0.0, 1.0]).snapshot()).unwrap_err();
     assert!(
@@ -139,10 +137,10 @@ fn a_state_of_another_recogniser_is_refused() {
 #[test]
 fn a_state_that_no_step_can_follow_is_refused() {
     for map_is_left in [false, true] {
-        let mut options = options();
-        options.off_map = options.off_map.filter(|_| map_is_left);
+        let off_map = map_is_left.then(OffMap::default);
+        let options = options().with_off_map(off_map);
         let mut track = Recognizer::from_distances(3, options).unwrap().track();
-        track.step(&[0.1, 0.5, 0.7], None).unwrap();
+        track.step(&[0.1, 0.5, 0.7]).unwrap();
         let before = track.snapshot();
         let changed = |change: &dyn Fn(&mut serde_json::Value)| -> TrackSnapshot {
             let mut value = serde_json::to_value(&before).unwrap();
@@ -159,7 +157,7 @@ fn a_state_that_no_step_can_follow_is_refused() {
         });
         if map_is_left {
             track.restore(&nowhere).unwrap();
-            assert_eq!(track.step(&[0.5, 0.1, 0.7], None).unwrap().place, None);
+            assert_eq!(track.step(&[0.5, 0.1, 0.7]).unwrap().place, None);
             continue;
         }
         let error = track.restore(&nowhere).unwrap_err().to_string();
@@ -167,9 +165,9 @@ fn a_state_that_no_step_can_follow_is_refused() {
         assert_eq!(track.snapshot(), before);
         let mut last = track.clone();
         last.restore(&changed(&|filter| filter["steps"] = ((1_u64 << 53) - 1).into())).unwrap();
-        last.step(&[0.1, 0.5, 0.7], None).unwrap();
+        last.step(&[0.1, 0.5, 0.7]).unwrap();
         let end = last.snapshot();
-        assert!(last.step(&[0.9, 0.5, 0.7], None).is_err() && last.predict(None).is_err());
+        assert!(last.step(&[0.9, 0.5, 0.7]).is_err() && last.predict().is_err());
         assert_eq!(last.snapshot(), end);
     }
 }
@@ -193,14 +191,14 @@ fn answers_are_honest_where_doubles_end() {
         |k: usize| -> Vec<f32> { (0..PLACES).map(|i| 0.5 + 0.01 * ((i * k) % 7) as f32).collect() };
     let mut track = recognizer.track();
     for k in 1..20 {
-        let answer = track.step(&row(k), None).unwrap();
+        let answer = track.step(&row(k)).unwrap();
         assert!(answer.probability <= 0.5, "{answer:?}");
         let sum: f64 = track.places().as_slice().iter().sum();
         assert!((sum - 1.0).abs() < 1e-9, "{sum}");
     }
     let mut other = recognizer.track();
     other.restore(&track.snapshot()).unwrap();
-    assert_eq!(other.step(&row(3), None).unwrap(), track.step(&row(3), None).unwrap());
+    assert_eq!(other.step(&row(3)).unwrap(), track.step(&row(3)).unwrap());
 }
 
 #[test]
@@ -323,7 +321,7 @@ proptest! {
             let mut other = recognizer.track();
             if other.restore(&state).is_ok() {
                 for query in &queries[stop..] {
-                    if let Ok(answer) = other.step(query, Some(1.0)) {
+                    if let Ok(answer) = other.step_with(1.0, query) {
                         prop_assert!((0.0..=1.0).contains(&answer.probability));
                         prop_assert!((0.0..=1.0).contains(&answer.off_map));
                     }
@@ -335,7 +333,7 @@ proptest! {
         {
             let mut track = other.track();
             for query in queries {
-                if let Ok(answer) = track.step(query, Some(1.0)) {
+                if let Ok(answer) = track.step_with(1.0, query) {
                     prop_assert!((0.0..=1.0).contains(&answer.probability));
                 }
             }

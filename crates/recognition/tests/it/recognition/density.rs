@@ -199,8 +199,7 @@ fn a_reference_that_comes_to_be_near_to_everything_becomes_usual() {
         let right = |place: usize, truth: usize| place.abs_diff(truth) <= 3;
         filtered += share(&recording.filtered().unwrap().answers(), &right);
         smoothed += share(&recording.smoothed().unwrap().answers(), &right);
-        let mut raw = Options::default();
-        raw.standardize = false;
+        let raw = Options::default().with_standardize(false);
         let raw = Recognizer::from_descriptors(&map, Distance::Cosine, raw).unwrap();
         let raw = raw.recording(&queries, &[]).unwrap().single().answers();
         nearest += share(&raw, &|place, _| place.abs_diff(DARK) <= 1);

@@ -4,6 +4,7 @@ use std::ops::RangeInclusive;
 
 use wayfix::InferenceError;
 use wayfix::error::{At, Count, Failed};
+use wayfix_recognition::motion::{OdometryModel, OffMap, ViewChangeRates};
 use wayfix_recognition::observation::Distance;
 use wayfix_recognition::{LabelledPart, Options, RecognitionError, Recognizer};
 
@@ -16,20 +17,20 @@ fn bad_queries_are_errors_and_the_track_stays() {
     let mut track = recognizer.track();
     let queries = seen(&world, &[10, 11, 12, 13], 0.5, 51);
     for query in &queries[..3] {
-        track.step(query, Some(1.0)).unwrap();
+        track.step_with(1.0, query).unwrap();
     }
     let (before, places) = (track.snapshot(), track.places().as_slice().to_vec());
     let mut other = track.clone();
     let mut spoilt = queries[3].clone();
     spoilt[2] = f32::NAN;
     for query in [&[][..], &[1.0; 3], &[0.0; DIMENSION], &spoilt, &[f32::INFINITY; DIMENSION]] {
-        let error = track.step(query, None).unwrap_err();
+        let error = track.step(query).unwrap_err();
         assert!(matches!(error, RecognitionError::Descriptor(At { number: 4, .. })), "{error}");
         assert_eq!(track.snapshot(), before);
         assert_eq!(track.places().as_slice(), places);
     }
     for reading in [f64::NAN, f64::INFINITY, 1e7] {
-        let error = track.step(&queries[3], Some(reading)).unwrap_err();
+        let error = track.step_with(reading, &queries[3]).unwrap_err();
         let of_step = |error: &_| matches!(error, InferenceError::Control(At { number: 4, .. }));
         assert!(
             matches!(&error, RecognitionError::Inference(Failed { cause: e, .. }) if of_step(e)),
@@ -37,28 +38,28 @@ fn bad_queries_are_errors_and_the_track_stays() {
         );
         assert_eq!(track.snapshot(), before);
     }
-    assert_eq!(track.step(&queries[3], None).unwrap(), other.step(&queries[3], None).unwrap());
+    assert_eq!(track.step(&queries[3]).unwrap(), other.step(&queries[3]).unwrap());
 
     let rows = Recognizer::from_distances(3, options(false)).unwrap();
     let mut track = rows.track();
-    track.step(&[0.1, 0.5, 0.9], None).unwrap();
+    track.step(&[0.1, 0.5, 0.9]).unwrap();
     let before = track.snapshot();
     let wrong: [&[f32]; 5] =
         [&[], &[0.1], &[0.1, f32::NAN, 0.2], &[0.1, 0.2, -f32::INFINITY], &[f32::INFINITY; 3]];
     for row in wrong {
-        let error = track.step(row, None).unwrap_err();
+        let error = track.step(row).unwrap_err();
         assert!(matches!(error, RecognitionError::Query(At { number: 2, .. })), "{error}");
         assert_eq!(track.snapshot(), before);
         let error = rows.recording(&[&[0.1, 0.5, 0.9][..], row], &[]).unwrap_err();
         assert!(matches!(error, RecognitionError::Query(At { number: 2, .. })), "{error}");
     }
     assert_eq!(
-        text(track.step(&[0.1], None)),
+        text(track.step(&[0.1])),
         "the query of step 2 is not valid: 1 distances, expected one for each of 3 references"
     );
     // With a state off the map, a query unlike all references is from elsewhere.
     let answer = Recognizer::from_distances(3, options(true)).unwrap().track();
-    let answer = { answer }.step(&[f32::INFINITY; 3], None).unwrap();
+    let answer = { answer }.step(&[f32::INFINITY; 3]).unwrap();
     assert_eq!((answer.place, answer.off_map), (None, 1.0));
     let error = rows.recording(&[[0.1, 0.5, 0.9]], &[None, None]).unwrap_err();
     assert!(matches!(error, RecognitionError::Count(Count { found: 2, expected: 1, .. })));
@@ -131,19 +132,20 @@ fn all_labelled_queries_and_readings_are_checked() {
 
 #[test]
 fn options_that_do_not_fit_are_errors() {
-    let with = |change: &dyn Fn(&mut Options)| {
-        let mut options = Options::default();
-        change(&mut options);
-        text(Recognizer::from_distances(3, options))
-    };
-    assert_eq!(
-        with(&|options| options.view_fades = f64::NAN),
-        "view_fades is NaN, expected from 0 to 1e6"
-    );
-    assert!(with(&|options| options.view_threshold = -1.0).starts_with("view_threshold is -1"));
-    assert!(with(&|options| options.views.moved = 0.0).starts_with("the model of motion"));
-    assert!(with(&|options| options.lost.leave = 2.0).starts_with("the model of motion"));
-    assert!(with(&|options| options.odometry.scale = 0.0).starts_with("the model of motion"));
+    let made = |options| text(Recognizer::from_distances(3, options));
+    let default = Options::default;
+    let fades = default().with_view_fades(f64::NAN);
+    assert_eq!(made(fades), "view_fades is NaN, expected from 0 to 1e6");
+    let threshold = default().with_view_threshold(-1.0);
+    assert!(made(threshold).starts_with("view_threshold is -1"));
+    let views = ViewChangeRates { moved: 0.0, ..ViewChangeRates::default() };
+    let lost = OffMap { leave: 2.0, ..default().lost() };
+    let odometry = OdometryModel { scale: 0.0, ..OdometryModel::default() };
+    for options in
+        [default().with_views(views), default().with_lost(lost), default().with_odometry(odometry)]
+    {
+        assert!(made(options).starts_with("the model of motion"));
+    }
     assert_eq!(text(Recognizer::from_distances(0, options(false))), "0 references, expected 1");
     let none: [&[Vec<f32>]; 0] = [];
     let traverses = |all: &[&[Vec<f32>]]| {

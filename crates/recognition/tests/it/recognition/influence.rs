@@ -144,8 +144,8 @@ proptest! {
             let recognizer = Recognizer::from_distances(PLACES, Options::default()).unwrap();
             recognizer.fit(&[part]).unwrap()
         });
-        prop_assert_eq!(&fit.options().speeds, &changed.options().speeds);
-        let [before, after] = [&fit, &changed].map(|r| r.options().odds.temperature());
+        prop_assert_eq!(fit.options().speeds(), changed.options().speeds());
+        let [before, after] = [&fit, &changed].map(|r| r.options().odds().temperature());
         prop_assert!((0.65..1.5).contains(&(after / before)), "{before} {after}");
         let next = recording(depth, seed + 1);
         let [a, b] = [fit, changed].map(|r| r.recording(&next, &[]).unwrap().filtered().unwrap());
@@ -176,8 +176,7 @@ proptest! {
         let rows = recording(depth, seed);
         let scaled = |row: &Vec<f32>| row.iter().map(|d| scale * (d + offset)).collect();
         let scaled: Vec<Vec<f32>> = rows.iter().map(scaled).collect();
-        let mut options = Options::default();
-        options.off_map = off_map.then(OffMap::default);
+        let options = Options::default().with_off_map(off_map.then(OffMap::default));
         let (a, b) = (beliefs(&rows, options.clone()), beliefs(&scaled, options));
         for (a, b) in a.iter().zip(&b) {
             prop_assert!(super::apart(a, b) < 1e-4, "{}", super::apart(a, b));
@@ -202,8 +201,8 @@ proptest! {
         if nowhere && off_map {
             rows[1].fill(INF);
         }
-        let mut options = Options::default();
-        (options.off_map, options.closed) = (off_map.then(OffMap::default), closed);
+        let off_map = off_map.then(OffMap::default);
+        let options = Options::default().with_off_map(off_map).with_closed(closed);
         let recognizer = Recognizer::from_distances(n, options).unwrap();
         let places: Vec<_> = (0..rows.len()).map(|k| Some(k % n..=k % n)).collect();
         let part = LabelledPart { queries: &rows, places: &places, odometry: &[] };

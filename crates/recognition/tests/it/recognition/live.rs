@@ -2,6 +2,7 @@
 
 use wayfix::InferenceError;
 use wayfix::error::{At, Failed};
+use wayfix_recognition::motion::OffMap;
 use wayfix_recognition::observation::MatchOdds;
 use wayfix_recognition::{Options, RecognitionError, Recognizer};
 
@@ -17,7 +18,7 @@ fn lost_frames_are_steps_of_motion_alone() {
         let mut answers = Vec::new();
         for (k, query) in queries.iter().enumerate() {
             let lost = k > 20 && k % 10 < 4;
-            let answer = if lost { track.predict(Some(1.0)) } else { track.step(query, Some(1.0)) };
+            let answer = if lost { track.predict_with(1.0) } else { track.step_with(1.0, query) };
             answers.push(answer.unwrap());
             assert_eq!(track.steps(), k + 1);
             let total: f64 = track.places().as_slice().iter().sum();
@@ -27,10 +28,10 @@ fn lost_frames_are_steps_of_motion_alone() {
         let sum: f64 = answers.iter().map(|answer| answer.log_likelihood).sum();
         assert!((sum - track.log_likelihood()).abs() < 1e-9);
         // A step without a query and a reading is no evidence.
-        assert!(track.predict(None).unwrap().log_likelihood.abs() < 1e-12);
+        assert!(track.predict().unwrap().log_likelihood.abs() < 1e-12);
         let before = track.snapshot();
         for reading in [f64::NAN, 1e7] {
-            let error = track.predict(Some(reading)).unwrap_err();
+            let error = track.predict_with(reading).unwrap_err();
             let of_step = |e: &_| matches!(e, InferenceError::Control(At { number: 52, .. }));
             assert!(
                 matches!(&error, RecognitionError::Inference(Failed { cause: e, .. }) if of_step(e)),
@@ -40,9 +41,9 @@ fn lost_frames_are_steps_of_motion_alone() {
         }
         // A track may begin with one, too.
         let mut track = recognizer.track();
-        assert!(track.predict(Some(f64::NAN)).is_err());
-        track.predict(Some(1.0)).unwrap();
-        track.step(&queries[0], None).unwrap();
+        assert!(track.predict_with(f64::NAN).is_err());
+        track.predict_with(1.0).unwrap();
+        track.step(&queries[0]).unwrap();
     }
 }
 
@@ -53,16 +54,15 @@ fn a_view_after_a_lost_frame_is_no_evidence_on_the_move() {
     let (recognizer, world) = recognizer(110, false);
     let drive: Vec<usize> = (10..40).collect();
     let queries = seen(&world, &drive, 0.3, 111);
-    let mut blind = Options::default();
-    blind.use_views = false;
+    let blind = Options::default().with_use_views(false);
     let blind =
         recognizer.with_parameters(recognizer.parameters().clone().with_options(blind)).unwrap();
     let (mut track, mut other) = (recognizer.track(), blind.track());
-    queries.iter().for_each(|query| _ = track.step(query, None).unwrap());
+    queries.iter().for_each(|query| _ = track.step(query).unwrap());
     other.restore(&track.snapshot()).unwrap();
     for track in [&mut track, &mut other] {
-        track.predict(None).unwrap();
-        track.step(&queries[29], None).unwrap();
+        track.predict().unwrap();
+        track.step(&queries[29]).unwrap();
     }
     assert_eq!(track.places().as_slice(), other.places().as_slice());
 }
@@ -72,10 +72,10 @@ fn a_parked_vehicle_that_is_relocated_sees_again() {
     let (recognizer, world) = recognizer(120, false);
     let queries = seen(&world, &[70; 20], 0.3, 121);
     let mut track = recognizer.track();
-    queries.iter().for_each(|query| _ = track.step(query, None).unwrap());
+    queries.iter().for_each(|query| _ = track.step(query).unwrap());
     track.relocate();
     let mut fresh = recognizer.track();
-    let (again, first) = (track.step(&queries[19], None).unwrap(), fresh.step(&queries[19], None));
+    let (again, first) = (track.step(&queries[19]).unwrap(), fresh.step(&queries[19]));
     let first = first.unwrap();
     assert_eq!((again.place, first.place), (Some(70), Some(70)));
     assert!(again.probability > 0.5 * first.probability, "{again:?} {first:?}");
@@ -83,17 +83,18 @@ fn a_parked_vehicle_that_is_relocated_sees_again() {
 
 #[test]
 fn a_vehicle_is_not_lost_all_the_time() {
-    let mut lost = options(false);
-    lost.lost.back = 1e-25;
-    let error = Recognizer::from_distances(3, lost).unwrap_err();
+    let for_ever = |off_map| {
+        let options = options(off_map);
+        let lost = OffMap { back: 1e-25, ..options.lost() };
+        options.with_lost(lost)
+    };
+    let error = Recognizer::from_distances(3, for_ever(false)).unwrap_err();
     assert_eq!(
         error.to_string(),
         "the share of time for which it is lost is 1, expected at most 0.99"
     );
     // If the map may be left, the vehicle is never lost.
-    let mut lost = options(true);
-    lost.lost.back = 1e-25;
-    assert!(Recognizer::from_distances(3, lost).is_ok());
+    assert!(Recognizer::from_distances(3, for_ever(true)).is_ok());
 }
 
 #[test]
@@ -102,9 +103,9 @@ fn single_images_have_no_temperature() {
     let drive: Vec<usize> = (10..60).chain(PLACES..PLACES + 5).collect();
     let queries = seen(&world, &drive, 0.5, 131);
     let single = |temperature: f64, nothing: f64| {
-        let mut options = recognizer.options().clone();
-        options.odds = MatchOdds::default().with_temperature(temperature).unwrap();
-        options.odds = options.odds.with_nothing(nothing).unwrap();
+        let odds = MatchOdds::default().with_temperature(temperature).unwrap();
+        let odds = odds.with_nothing(nothing).unwrap();
+        let options = recognizer.options().clone().with_odds(odds);
         let other = recognizer
             .with_parameters(recognizer.parameters().clone().with_options(options))
             .unwrap();

@@ -2,9 +2,8 @@
 
 use wayfix::InferenceError;
 use wayfix::error::{At, Failed, Parameter};
-use wayfix::observation::ObservationError;
-use wayfix_recognition::motion::OffMap;
-use wayfix_recognition::observation::Distance;
+use wayfix_recognition::motion::{OdometryModel, OffMap, ViewChangeRates};
+use wayfix_recognition::observation::{Distance, ViewError};
 use wayfix_recognition::{Mapper, Options, RecognitionError};
 
 const LOOP: usize = 120;
@@ -29,7 +28,7 @@ fn what_is_no_descriptor_never_becomes_a_reference() {
         for step in 0..LOOP * 3 / 2 {
             if step % 30 == 7 || (step == 0 && wrong.len() != 3) {
                 let before = mapper.references().len();
-                let error = mapper.step(wrong, None).unwrap_err();
+                let error = mapper.step(wrong).unwrap_err();
                 match error {
                     RecognitionError::Parameter(Parameter { what, .. }) => {
                         assert_eq!((&*what, wrong), ("the length of a descriptor", &too_long[..]));
@@ -39,14 +38,14 @@ fn what_is_no_descriptor_never_becomes_a_reference() {
                 }
                 assert_eq!(mapper.references().len(), before);
             }
-            let place = mapper.step(&image(step % LOOP), None).unwrap().and_then(|seen| seen.place);
+            let place = mapper.step(&image(step % LOOP)).unwrap().and_then(|seen| seen.place);
             again += u32::from(place.is_some_and(|place| place.abs_diff(step % LOOP) <= 2));
         }
         assert!(again > 30, "{distance:?} {again}");
     }
     let mut mapper = Mapper::new(Distance::Cosine, Options::default()).unwrap();
-    let error = mapper.step(&[0.0; 4], None).unwrap_err();
-    let zero = |source: &_| matches!(source, ObservationError::Zero { .. });
+    let error = mapper.step(&[0.0; 4]).unwrap_err();
+    let zero = |source: &_| matches!(source, ViewError::Zero { .. });
     assert!(matches!(&error, RecognitionError::Descriptor(At { cause, .. }) if zero(cause)));
     assert_eq!(
         error.to_string(),
@@ -58,11 +57,10 @@ fn what_is_no_descriptor_never_becomes_a_reference() {
 /// Equal images make no model, which is not an error.
 #[test]
 fn a_vehicle_that_stands_from_the_start_is_no_error() {
-    let mut options = Options::default();
-    options.view_threshold = 0.0;
+    let options = Options::default().with_view_threshold(0.0);
     let mut mapper = Mapper::new(Distance::Cosine, options).unwrap();
     for _ in 0..120 {
-        mapper.step(&image(1), Some(0.0)).unwrap();
+        mapper.step_with(0.0, &image(1)).unwrap();
     }
 }
 
@@ -76,10 +74,10 @@ fn a_vehicle_that_stands_adds_no_references_by_odometry() {
     let count = |odometry: Option<f64>| {
         let mut mapper = Mapper::new(Distance::Cosine, Options::default()).unwrap();
         for step in 0..20 {
-            mapper.step(&noisy(step, step), Some(1.0)).unwrap();
+            mapper.step_with(1.0, &noisy(step, step)).unwrap();
         }
         for step in 20..45 {
-            mapper.step(&noisy(19, step), odometry).unwrap();
+            mapper.step_with(odometry, &noisy(19, step)).unwrap();
         }
         mapper.references().len()
     };
@@ -100,30 +98,29 @@ fn a_dark_stretch_like_another_is_no_place_seen_before() {
     for step in 0..300 {
         let is_dark = (60..72).contains(&step) || (200..212).contains(&step);
         let view = if is_dark { dark(step) } else { light(step) };
-        let seen = mapper.step(&view, None).unwrap();
+        let seen = mapper.step(&view).unwrap();
         assert!(seen.is_none(), "{step}: {seen:?}");
     }
 }
 
 #[test]
 fn options_and_readings_are_checked_from_the_start() {
-    let with = |change: &dyn Fn(&mut Options)| {
-        let mut options = Options::default();
-        change(&mut options);
-        Mapper::new(Distance::Cosine, options).unwrap_err().to_string()
-    };
+    let made = |options| Mapper::new(Distance::Cosine, options).unwrap_err().to_string();
+    let default = Options::default;
     let never = Some(OffMap { leave: 0.0, ..OffMap::default() });
     let start = "the model of motion is not valid: the ";
-    assert!(with(&|options| options.off_map = never).starts_with(start));
-    assert!(with(&|options| options.odometry.scale = 0.0).starts_with(start));
-    assert!(with(&|options| options.views.moved = 0.0).starts_with("the model of motion"));
-    assert!(with(&|options| options.lost_odds = 2.0).starts_with("lost_odds is 2"));
+    assert!(made(default().with_off_map(never)).starts_with(start));
+    let odometry = OdometryModel { scale: 0.0, ..OdometryModel::default() };
+    assert!(made(default().with_odometry(odometry)).starts_with(start));
+    let views = ViewChangeRates { moved: 0.0, ..ViewChangeRates::default() };
+    assert!(made(default().with_views(views)).starts_with("the model of motion"));
+    assert!(made(default().with_lost_odds(2.0)).starts_with("lost_odds is 2"));
 
     let made = Mapper::new(Distance::Cosine, Options::default()).unwrap();
     let mut mapper = made.with_gap(usize::MAX);
     for step in 0..100 {
         for reading in [f64::NAN, f64::INFINITY, 1e7] {
-            let error = mapper.step(&image(step), Some(reading)).unwrap_err();
+            let error = mapper.step_with(reading, &image(step)).unwrap_err();
             let names = |e: &_| matches!(e, InferenceError::Control(At { number: at, .. }) if *at == step + 1);
             assert!(
                 matches!(&error, RecognitionError::Inference(Failed { cause: e, .. }) if names(e)),
@@ -131,7 +128,7 @@ fn options_and_readings_are_checked_from_the_start() {
             );
         }
         assert_eq!(mapper.references().len(), step);
-        assert_eq!(mapper.step(&image(step), Some(1.0)).unwrap(), None);
+        assert_eq!(mapper.step_with(1.0, &image(step)).unwrap(), None);
         assert_eq!(mapper.references().len(), step + 1);
     }
 }

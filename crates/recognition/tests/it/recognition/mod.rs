@@ -58,9 +58,7 @@ fn usual_drive() -> Vec<usize> {
 }
 
 fn options(off_map: bool) -> Options {
-    let mut options = Options::default();
-    options.off_map = off_map.then(OffMap::default);
-    options
+    Options::default().with_off_map(off_map.then(OffMap::default))
 }
 
 fn recognizer(seed: u64, off_map: bool) -> (Recognizer, Vec<Vec<f32>>) {
@@ -103,7 +101,7 @@ fn a_track_is_the_filter_of_a_recording() {
             let mut track = recognizer.track();
             let mut sum = 0.0;
             for (at, query) in queries.iter().enumerate() {
-                let answer = track.step(query, odometry.get(at).copied().flatten()).unwrap();
+                let answer = track.step_with(odometry.get(at).copied().flatten(), query).unwrap();
                 assert_eq!(track.places().as_slice(), filtered.get(at).unwrap().as_slice());
                 assert_eq!(answer, filtered.answers()[at]);
                 let total: f64 = track.places().as_slice().iter().sum();
@@ -177,8 +175,7 @@ fn lags_lie_between_filter_and_smoother() {
 fn what_is_around_an_answer_holds_nine_tenths() {
     for closed in [false, true] {
         let world = world(5);
-        let mut options = options(true);
-        options.closed = closed;
+        let options = options(true).with_closed(closed);
         let made = Recognizer::from_descriptors(&world[..PLACES], Distance::Cosine, options);
         let recognizer = made.unwrap();
         let drive: Vec<usize> = (60..120).chain(0..20).collect();
@@ -269,7 +266,7 @@ fn a_fit_of_another_map_keeps_what_is_not_of_its_places() {
     let part = LabelledPart { queries: &queries, places: &places, odometry: &odometry };
     let fitted = recognizer.fit(&[part]).unwrap();
     let fit = fitted.parameters();
-    assert!(fit.options().odometry.scale > 1.0);
+    assert!(fit.options().odometry().scale > 1.0);
     let smaller = Recognizer::from_descriptors(&world[..50], Distance::Cosine, options(false));
     let smaller = smaller.unwrap().with_parameters(fit.clone()).unwrap();
     assert_eq!(smaller.options(), fit.options());
@@ -279,6 +276,6 @@ fn a_fit_of_another_map_keeps_what_is_not_of_its_places() {
     let answers = smaller.recording(&seen(&world, &drive, 0.5, 92), &[]).unwrap();
     assert!(right(&answers.filtered().unwrap().answers(), &drive) >= 30);
     // Speeds and rates of leaving the map were learned.
-    assert!(fit.options().speeds != Options::default().speeds);
-    assert!(fit.options().off_map != Some(OffMap::default()));
+    assert!(fit.options().speeds() != Options::default().speeds());
+    assert!(fit.options().off_map() != Some(OffMap::default()));
 }

@@ -136,7 +136,7 @@ fn what_is_wrong_is_said() {
     // A query unlike all references is an error if the vehicle cannot be off the map.
     let mut track = Recognizer::from_distances(3, Options::default()).unwrap().track();
     assert_eq!(
-        text(track.step(&[INF; 3], None)),
+        text(track.step(&[INF; 3])),
         "the query of step 1 is not valid: the query is infinitely far from all references, and there is no state off the map"
     );
 }

@@ -16,7 +16,7 @@ fn warnings_are_given_where_they_should_be() {
     let places = labels(&drive);
     let part = LabelledPart { queries: &queries, places: &places, odometry: &[] };
     let fitted = recognizer.fit(&[part]).unwrap();
-    assert!(fitted.parameters().doubts().iter().all(|w| matches!(w, Warning::Edge { .. })));
+    assert!(fitted.parameters().warnings().iter().all(|w| matches!(w, Warning::Edge { .. })));
     assert_eq!(fitted.parameters().temperature_scores().len(), 5);
 
     // Labels of other places, near the right ones.
@@ -26,13 +26,13 @@ fn warnings_are_given_where_they_should_be() {
         let part = LabelledPart { queries: &queries, places: &places, odometry: &[] };
         let fitted = recognizer.fit(&[part]).unwrap();
         let is = |w: &Warning| matches!(w, Warning::Contradicted { share } if *share > 0.6);
-        fitted.parameters().doubts().iter().any(is)
+        fitted.parameters().warnings().iter().any(is)
     };
     assert!(!contradicted(0) && [3, 6, 10].into_iter().all(contradicted));
 
     let part = LabelledPart { queries: &queries[..12], places: &places[..12], odometry: &[] };
     let few = recognizer.fit(&[part]).unwrap();
-    assert!(few.parameters().doubts().contains(&Warning::Short { steps: 12 }));
+    assert!(few.parameters().warnings().contains(&Warning::Short { steps: 12 }));
 
     // Similarities that were taken for distances.
     let cosine = |a: &[f32], b: &[f32]| {
@@ -48,19 +48,23 @@ fn warnings_are_given_where_they_should_be() {
     let wrong = matrix.fit(&[part]).unwrap();
     let chance = wrong
         .parameters()
-        .doubts()
+        .warnings()
         .iter()
         .any(|w| matches!(w, Warning::Chance { rank } if *rank > 0.5));
-    assert!(chance, "{:?}", wrong.parameters().doubts());
-    assert!(wrong.parameters().doubts()[0].to_string().contains("similarities and distances"));
+    assert!(chance, "{:?}", wrong.parameters().warnings());
+    assert!(
+        wrong.parameters().warnings()[0]
+            .to_string()
+            .contains("similarities mixed up with distances")
+    );
     let rows: Vec<Vec<f32>> = rows.iter().map(|row| row.iter().map(|s| -s).collect()).collect();
     let part = LabelledPart { queries: &rows, places: &places, odometry: &[] };
     let fine = matrix.fit(&[part]).unwrap();
-    assert!(!fine.parameters().doubts().iter().any(|w| matches!(w, Warning::Chance { .. })));
+    assert!(!fine.parameters().warnings().iter().any(|w| matches!(w, Warning::Chance { .. })));
 }
 
 fn chance(recognizer: &Recognizer) -> bool {
-    recognizer.parameters().doubts().iter().any(|w| matches!(w, Warning::Chance { .. }))
+    recognizer.parameters().warnings().iter().any(|w| matches!(w, Warning::Chance { .. }))
 }
 
 /// Of seven references one is nearest by chance, too.
@@ -99,7 +103,7 @@ fn odometry_in_another_unit_is_seen() {
             .collect();
         let part = LabelledPart { queries: &queries, places: &places, odometry: &odometry };
         let fitted = recognizer.fit(&[part]).unwrap();
-        let warnings = fitted.parameters().doubts().to_vec();
+        let warnings = fitted.parameters().warnings().to_vec();
         warnings.iter().any(|w| matches!(w, Warning::Odometry { .. }))
     };
     assert!(!warned(1.0, 0.0) && !warned(1.04, 0.3));
@@ -115,22 +119,26 @@ fn labels_off_the_map_that_are_not_learned_from_are_told() {
         let queries = seen(&world, &drive, 0.5, 171);
         let part = LabelledPart { queries: &queries, places: &places, odometry: &[] };
         let fitted = recognizer.fit(&[part]).unwrap();
-        let told = fitted.parameters().doubts().contains(&Warning::OffMap { steps: 20 });
+        let told = fitted.parameters().warnings().contains(&Warning::OffMap { steps: 20 });
         assert_eq!(told, !off_map);
     }
 }
 
-fn doubts(recognizer: &Recognizer, queries: &[Vec<f32>], odometry: &[Option<f64>]) -> Vec<Warning> {
-    recognizer.recording(queries, odometry).unwrap().doubts()
+fn warnings(
+    recognizer: &Recognizer,
+    queries: &[Vec<f32>],
+    odometry: &[Option<f64>],
+) -> Vec<Warning> {
+    recognizer.recording(queries, odometry).unwrap().warnings()
 }
 
-/// All doubts of a track during a drive.
+/// All warnings of a track during a drive.
 fn live(recognizer: &Recognizer, queries: &[Vec<f32>], odometry: &[Option<f64>]) -> Vec<Warning> {
     let mut track = recognizer.track();
     let mut all = Vec::new();
     for (at, query) in queries.iter().enumerate() {
-        track.step(query, odometry.get(at).copied().flatten()).unwrap();
-        all.extend(track.doubts());
+        track.step_with(odometry.get(at).copied().flatten(), query).unwrap();
+        all.extend(track.warnings());
     }
     all
 }
@@ -146,35 +154,35 @@ fn a_recording_that_matches_nothing_is_told() {
     let drive = there_and_back(1);
     for seed in 0..3 {
         let (recognizer, world) = recognizer(180 + seed, false);
-        let doubts = |queries: &[Vec<f32>]| doubts(&recognizer, queries, &[]);
-        assert_eq!(doubts(&seen(&world, &drive, 0.5, 190)), []);
+        let warnings = |queries: &[Vec<f32>]| warnings(&recognizer, queries, &[]);
+        assert_eq!(warnings(&seen(&world, &drive, 0.5, 190)), []);
         let elsewhere = seen(&super::world(200 + seed), &drive, 0.5, 191);
         let told = |queries: &[Vec<f32>], expected: usize| {
-            let found = doubts(queries);
+            let found = warnings(queries);
             let [Warning::Nothing { mean, step, frames }] = found[..] else { panic!("{found:?}") };
             assert!(mean < -0.25 && (frames..=queries.len()).contains(&step));
             assert_eq!(frames, expected);
         };
         told(&elsewhere, 200);
         told(&elsewhere[..100], 100);
-        assert_eq!(doubts(&elsewhere[..40]), []);
+        assert_eq!(warnings(&elsewhere[..40]), []);
         let blank: Vec<Vec<f32>> =
             noise(24 * drive.len(), 192).chunks(24).map(<[f32]>::to_vec).collect();
         told(&blank, 200);
         // If the map may be left, the answers say so.
         let made = Recognizer::from_descriptors(&world[..PLACES], Distance::Cosine, options(true));
-        assert_eq!(made.unwrap().recording(&elsewhere, &[]).unwrap().doubts(), []);
+        assert_eq!(made.unwrap().recording(&elsewhere, &[]).unwrap().warnings(), []);
     }
 }
 
 #[test]
 fn a_vehicle_that_is_faster_than_the_speeds_is_told() {
     let (recognizer, world) = recognizer(81, false);
-    let fastest = recognizer.options().speeds.values().iter().copied().fold(0.0, f64::max);
+    let fastest = recognizer.options().speeds().values().iter().copied().fold(0.0, f64::max);
     for (speed, seed) in (1..9).zip(82..) {
         let drive: Vec<usize> = (0..PLACES).step_by(speed).collect();
-        let found = doubts(&recognizer, &seen(&world, &drive, 0.3, seed), &[]);
-        let fast = found.iter().find_map(|doubt| match doubt {
+        let found = warnings(&recognizer, &seen(&world, &drive, 0.3, seed), &[]);
+        let fast = found.iter().find_map(|warning| match warning {
             Warning::Fast { moved, fastest } => Some((*moved, *fastest)),
             _ => None,
         });
@@ -185,10 +193,10 @@ fn a_vehicle_that_is_faster_than_the_speeds_is_told() {
     let drive: Vec<usize> = (0..PLACES).step_by(5).collect();
     let queries = seen(&world, &drive, 0.3, 91);
     let readings = vec![Some(5.0); queries.len()];
-    let is_fast = |doubts: &[Warning]| doubts.iter().any(|w| matches!(w, Warning::Fast { .. }));
-    assert!(!is_fast(&doubts(&recognizer, &queries, &readings)));
+    let is_fast = |warnings: &[Warning]| warnings.iter().any(|w| matches!(w, Warning::Fast { .. }));
+    assert!(!is_fast(&warnings(&recognizer, &queries, &readings)));
     let elsewhere: Vec<Vec<f32>> = (0..100).map(|at| noise(world[0].len(), 92 + at)).collect();
-    assert!(!is_fast(&doubts(&recognizer, &elsewhere, &[])));
+    assert!(!is_fast(&warnings(&recognizer, &elsewhere, &[])));
 }
 
 /// Rows of distances with a common large offset added to each: a few references are always nearest,
@@ -211,10 +219,10 @@ fn views_that_are_all_alike_are_told() {
     let matrix = Recognizer::from_distances(PLACES, options(false)).unwrap();
     let unchanged = |drive: &[usize], offset: f32| {
         let rows = rows(&world, &seen(&world, drive, 0.5, 222), offset);
-        let told = |doubts: &[Warning]| {
-            doubts.iter().any(|doubt| matches!(doubt, Warning::Unchanged { .. }))
+        let told = |warnings: &[Warning]| {
+            warnings.iter().any(|warning| matches!(warning, Warning::Unchanged { .. }))
         };
-        let by = [doubts(&matrix, &rows, &[]), live(&matrix, &rows, &[])].map(|d| told(&d));
+        let by = [warnings(&matrix, &rows, &[]), live(&matrix, &rows, &[])].map(|d| told(&d));
         assert_eq!(by[0], by[1]);
         by[0]
     };
@@ -230,7 +238,7 @@ fn views_that_are_all_alike_are_told() {
     let queries = seen(&world, &drive, 0.5, 223);
     let twice: Vec<Vec<f32>> = queries.iter().flat_map(|query| vec![query.clone(); 3]).collect();
     let rows = rows(&world, &twice, 0.0);
-    assert_eq!((doubts(&matrix, &rows, &[]), live(&matrix, &rows, &[])), (vec![], vec![]));
+    assert_eq!((warnings(&matrix, &rows, &[]), live(&matrix, &rows, &[])), (vec![], vec![]));
     let text = Warning::Unchanged { unchanged: 0.9, repeated: 0.0 }.to_string();
     assert!(text.starts_with("90% of recent views"), "{text}");
 }
@@ -243,8 +251,8 @@ fn scores_that_are_worse_than_the_nearest_image_are_told() {
         let places = labels(drive);
         let part = LabelledPart { queries: &queries, places: &places, odometry: &[] };
         let fitted = recognizer.fit(&[part]).unwrap();
-        let doubts = fitted.parameters().doubts().to_vec();
-        doubts.iter().any(|doubt| matches!(doubt, Warning::Nearest { .. }))
+        let warnings = fitted.parameters().warnings().to_vec();
+        warnings.iter().any(|warning| matches!(warning, Warning::Nearest { .. }))
     };
     assert!(!nearest(&there_and_back(1)) && !nearest(&usual_drive()));
     // References that are seen most of the time are taken for ones that resemble everything.
@@ -263,8 +271,8 @@ fn queries_unlike_the_labelled_ones_are_told() {
         let (queries, places) = (&queries[..third], &places[..third]);
         let fitted = recognizer.fit(&[LabelledPart { queries, places, odometry: &[] }]).unwrap();
         let rest = seen(&world, &drive[third..], noise, 242);
-        let doubts = doubts(&fitted, &rest, &[]);
-        doubts.iter().any(|doubt| matches!(doubt, Warning::Unlike { .. }))
+        let warnings = warnings(&fitted, &rest, &[]);
+        warnings.iter().any(|warning| matches!(warning, Warning::Unlike { .. }))
     };
     assert!(!unlike(0.7, 0.7) && !unlike(0.2, 0.2));
     assert!(unlike(0.05, 1.0) && unlike(1.0, 0.05));
@@ -280,8 +288,8 @@ fn queries_off_the_map_are_not_unlike() {
         let queries = seen(&world, &drive, 0.5, 246);
         let part = LabelledPart { queries: &queries[..50], places: &places[..50], odometry: &[] };
         let fitted = recognizer.fit(&[part]).unwrap();
-        let doubts = doubts(&fitted, &queries[50..], &[]);
-        doubts.iter().any(|doubt| matches!(doubt, Warning::Unlike { .. }))
+        let warnings = warnings(&fitted, &queries[50..], &[]);
+        warnings.iter().any(|warning| matches!(warning, Warning::Unlike { .. }))
     };
     assert!(!unlike(true) && unlike(false));
 }
@@ -297,23 +305,23 @@ fn stuck_odometry_is_told() {
     let moved = |at: usize| drive[at] as f64 - drive[at.saturating_sub(1)] as f64;
     let healthy: Vec<Option<f64>> =
         (0..drive.len()).map(|at| Some(moved(at) + 0.2 * f64::from(error[at]))).collect();
-    let stuck = |doubts: &[Warning]| doubts.iter().any(|d| matches!(d, Warning::Stuck { .. }));
-    let still = |doubts: &[Warning]| doubts.iter().any(|d| matches!(d, Warning::Still { .. }));
+    let stuck = |warnings: &[Warning]| warnings.iter().any(|d| matches!(d, Warning::Stuck { .. }));
+    let still = |warnings: &[Warning]| warnings.iter().any(|d| matches!(d, Warning::Still { .. }));
     let exact: Vec<Option<f64>> = (0..drive.len()).map(|at| Some(moved(at))).collect();
     for odometry in [&healthy, &exact] {
-        for doubts in
-            [doubts(&recognizer, &queries, odometry), live(&recognizer, &queries, odometry)]
+        for warnings in
+            [warnings(&recognizer, &queries, odometry), live(&recognizer, &queries, odometry)]
         {
-            assert!(!stuck(&doubts) && !still(&doubts), "{doubts:?}");
+            assert!(!stuck(&warnings) && !still(&warnings), "{warnings:?}");
         }
     }
     for value in [0.0, 1.0, -2.0, 3.0] {
         let mut odometry = healthy.clone();
         odometry[50..].fill(Some(value));
-        let found = doubts(&recognizer, &queries, &odometry);
+        let found = warnings(&recognizer, &queries, &odometry);
         assert!(stuck(&found), "{value}: {found:?}");
         assert!(stuck(&live(&recognizer, &queries, &odometry)), "{value}");
-        assert!(found.iter().any(|doubt| doubt.to_string().contains("is it stuck?")));
+        assert!(found.iter().any(|warning| warning.to_string().contains("is it stuck?")));
     }
     // At one speed all along, while the vehicle drives at another.
     let drive = there_and_back(1);
@@ -321,14 +329,14 @@ fn stuck_odometry_is_told() {
     let constant = |speed: f64| vec![Some(speed); PLACES - 1];
     let (ahead, ahead_twice) = (constant(1.0), constant(2.0));
     let queries_ahead = &queries[..PLACES - 1];
-    assert!(!stuck(&doubts(&recognizer, queries_ahead, &ahead)));
-    assert!(stuck(&doubts(&recognizer, queries_ahead, &ahead_twice)));
+    assert!(!stuck(&warnings(&recognizer, queries_ahead, &ahead)));
+    assert!(stuck(&warnings(&recognizer, queries_ahead, &ahead_twice)));
     // A frozen camera.
     let mut frozen = queries.clone();
     let last = frozen[60].clone();
     frozen[60..].fill(last);
     let odometry: Vec<Option<f64>> =
         (0..drive.len()).map(|at| Some(1.0 + 0.2 * f64::from(error[at]))).collect();
-    assert!(still(&doubts(&recognizer, &frozen, &odometry)));
+    assert!(still(&warnings(&recognizer, &frozen, &odometry)));
     assert!(still(&live(&recognizer, &frozen, &odometry)));
 }

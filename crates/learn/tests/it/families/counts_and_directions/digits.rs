@@ -1,7 +1,7 @@
 //! Digits of densities and parameters, against values of fifty digits.
 
 use wayfix_learn::{
-    Beta, Gamma, Multinomial, NegativeBinomial, Poisson, SkewedT, VonMises, Weibull, WrappedCauchy,
+    Beta, Gamma, Multinomial, NegativeBinomial, Poisson, VonMises, Weibull, WrappedCauchy,
 };
 
 use super::kit::{density, fit, try_density};
@@ -54,11 +54,6 @@ fn densities_of_large_numbers_keep_their_digits() {
         let family = WrappedCauchy::family(&[[mean]], &[[concentration]]).unwrap();
         checked(density(&family, 0, &[y]), expected, &family);
     }
-    for (y, [location, scale, skewness, degrees], expected) in LN_SKEWED_T {
-        let family =
-            SkewedT::family(&[[location]], &[[scale]], &[[skewness]], &[[degrees]]).unwrap();
-        checked(density(&family, 0, &[y]), expected, &family);
-    }
     for (at, (found, expected)) in known.into_iter().enumerate() {
         assert!((found - expected).abs() <= 2e-11 * expected.abs(), "{at}: {found} {expected}");
     }
@@ -89,14 +84,6 @@ const LN_WRAPPED_CAUCHY: [(f64, f64, f64, f64); 5] = [
     (2.5 + TINY, 2.5, 1.0 - TINY / 1024.0, 5.786_740_966_541_927),
     (-0.6, 2.5, 1.0 - 0.5 * f64::EPSILON, -39.267_392_298_260_44),
     (1e15, 1.0, 0.5, -1.908_730_739_160_462),
-];
-const LN_SKEWED_T: [(f64, [f64; 4], f64); 6] = [
-    (0.3, [1.0, 0.5, 1.4, 4.0], -2.026_123_258_739_73),
-    (9.0, [1.0, 0.5, 1.4, 4.0], -9.133_511_984_729_022),
-    (-1e200, [1.0, 1e-3, 0.7, 2.5], -1_627.306_025_685_518_5),
-    (1.0 + TINY * TINY, [1.0, 1e-12, 2.0, 1e12], 26.385_541_454_840_194),
-    (1e308, [-1e308, 1.0, 1e50, 0.1], -771.848_561_301_983_5),
-    (5.0, [1.0, 2.0, 1.0, 1e300], -3.612_085_713_764_618),
 ];
 /// Count, mean, dispersion and log probability.
 const LN_NEGATIVE_BINOMIAL: [(f64, f64, f64, f64); 11] = [

@@ -7,7 +7,7 @@ use wayfix::inference::{LearnError, LearningOptions};
 use wayfix::{Belief, DenseTransition, Hmm, Prior};
 use wayfix_learn::{
     Bernoulli, Beta, Binomial, EmissionError, Exponential, Gamma, LogNormal, Multinomial,
-    NegativeBinomial, Poisson, SkewedT, VonMises, VonMisesFisher, Weibull, WrappedCauchy,
+    NegativeBinomial, Poisson, VonMises, VonMisesFisher, Weibull, WrappedCauchy,
 };
 
 use super::kit::{Family, fit, for_all_families, try_density};
@@ -132,11 +132,6 @@ fn hostile_parameters_are_errors_or_valid() {
             if let Ok(family) = WrappedCauchy::family(&[[a]], &[[b]]) {
                 check(try_density(&family, 0, &[y]))?;
             }
-            for (skewness, degrees) in [(1.0, 1.0), (b, 2.0), (1e-100, b), (1e100, 1e300)] {
-                if let Ok(family) = SkewedT::family(&[[a]], &[[b]], &[[skewness]], &[[degrees]]) {
-                    check(try_density(&family, 0, &[y]))?;
-                }
-            }
             if let Ok(family) = LogNormal::family(&[[a]], &[[b]]) {
                 check(try_density(&family, 0, &[y]))?;
             }
@@ -253,9 +248,6 @@ fn a_spread_that_is_not_determined_is_an_error() {
     assert_too_few(beta, &[0.7], Some(0), "shapes");
     let turns = WrappedCauchy::family(&[[2.0], [3.0]], &[[0.5], [0.2]]).unwrap();
     assert_too_few(turns, &[0.7], Some(0), "concentration");
-    let ones = [[1.0], [1.0]];
-    let skewed = SkewedT::family(&[[2.0], [3.0]], &ones, &ones, &[[4.0], [4.0]]).unwrap();
-    assert_too_few(skewed, &[0.7], Some(0), "scale");
     let angles = VonMises::family(&[[2.0], [3.0]], &[[1.0], [1.0]]).unwrap();
     assert_too_few(angles, &[0.7], Some(0), "concentration");
     let vectors = VonMisesFisher::new(&[[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], &[1.0, 2.0]).unwrap();

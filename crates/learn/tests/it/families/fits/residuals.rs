@@ -61,7 +61,7 @@ fn compare<B: Marginals>(
     let given = |step: usize, is_known: &dyn Fn(usize) -> bool| {
         enumerate([start, moves], at_first, &likelihoods, step, is_known)
     };
-    let found = PseudoResiduals::new(&hmm, observations, 0);
+    let found = PseudoResiduals::new(hmm, observations, 0);
     if !numbers.is_empty() && given(0, &|_| true).is_none() {
         prop_assert!(found.unwrap_err().to_string().contains("impossible"));
         return Ok(());
@@ -246,7 +246,7 @@ fn of_a_learned_model_and_far_outliers() {
     let learned = gaussian(1.0).learn(&[rows], &options);
     let learned = learned.unwrap();
     for hmm in [learned.model(), &gaussian(1.0)] {
-        let residuals = PseudoResiduals::new(&hmm, &rows, 0).unwrap();
+        let residuals = PseudoResiduals::new(hmm, &rows, 0).unwrap();
         let all = residuals.forecast().iter().chain(residuals.ordinary()).flatten();
         assert!(all.clone().all(|tails| tails.normal().is_finite()));
         // The ordinary residual is extreme on either side.

@@ -3,8 +3,8 @@
 use proptest::prelude::*;
 use proptest::test_runner::TestCaseResult;
 use wayfix_learn::{
-    Beta, Binomial, Cumulative, Gamma, Hurdle, LogNormal, NegativeBinomial, Poisson, SkewedT,
-    VonMises, Weibull, WrappedCauchy, ZeroInflated,
+    Beta, Binomial, Cumulative, Gamma, Hurdle, LogNormal, NegativeBinomial, Poisson, VonMises,
+    Weibull, WrappedCauchy, ZeroInflated,
 };
 
 use super::units;
@@ -114,14 +114,6 @@ proptest! {
         densities_add_up(&WrappedCauchy::new(mean, 0.8 * share).unwrap(), seed, SAME, |_| 1.0)?;
     }
 
-    #[test]
-    fn of_skewed_numbers(unit in units(2), seed in 0..1000_u64) {
-        let far: [fn(f64) -> f64; 2] = [f64::asinh, f64::sinh];
-        let (skewness, degrees) = ((2.0 * unit[0] - 1.0).exp(), (4.0 * unit[1]).exp());
-        let part = SkewedT::new(0.0, 1.0, skewness, degrees).unwrap();
-        densities_add_up(&part, seed, far, f64::cosh)?;
-    }
-
     /// Parameters of any size: no tail is NaN, and both sum to one.
     #[test]
     fn of_any_parameters(a in -290.0..290.0_f64, b in -290.0..290.0_f64, y in -300.0..300.0_f64) {
@@ -134,7 +126,6 @@ proptest! {
         all.extend(Poisson::new(large).map(|part| part.tails(y.floor())));
         all.extend(NegativeBinomial::new(large, other).map(|part| part.tails(y.floor())));
         all.extend(Binomial::new(u32::MAX, large / (1.0 + large)).map(|part| part.tails(y.floor())));
-        all.extend(SkewedT::new(1.0, 1.0, 2.0, large).map(|part| part.tails(y)));
         all.extend(VonMises::new(other, large).map(|part| part.tails(y)));
         all.extend(Weibull::new(large, other).map(|part| part.tails(y)));
         for tails in all {

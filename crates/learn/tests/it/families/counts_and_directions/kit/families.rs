@@ -2,7 +2,7 @@
 
 use wayfix_learn::{
     Bernoulli, Beta, Binomial, Exponential, Gamma, Independent, LogNormal, NegativeBinomial,
-    Poisson, SkewedT, VonMises, Weibull, WrappedCauchy,
+    Poisson, VonMises, Weibull, WrappedCauchy,
 };
 
 use super::{Family, column, with_prior};
@@ -124,30 +124,6 @@ impl Family for Independent<WrappedCauchy> {
     fn read(&self) -> Vec<f64> {
         let part = self.component(0, 0).unwrap();
         vec![part.mean(), part.concentration()]
-    }
-
-    with_prior!();
-}
-
-/// With more degrees of freedom for a larger scale, since there are only three numbers.
-impl Family for Independent<SkewedT> {
-    const FREE: usize = 4;
-    const STEPS: usize = 3000;
-    const SEEDS: u64 = 1;
-
-    fn parameters(unit: &[f64]) -> Vec<f64> {
-        let degrees = (2.0 * unit[2]).exp();
-        vec![20.0 + 5.0 * unit[0], (3.0 * unit[1]).exp(), (unit[0] - 0.5).exp(), degrees]
-    }
-
-    fn build(states: &[Vec<f64>]) -> Self {
-        let columns = [0, 1, 2, 3].map(|k| column(states, k));
-        SkewedT::family(&columns[0], &columns[1], &columns[2], &columns[3]).unwrap()
-    }
-
-    fn read(&self) -> Vec<f64> {
-        let part = self.component(0, 0).unwrap();
-        vec![part.location(), part.scale(), part.skewness(), part.degrees()]
     }
 
     with_prior!();

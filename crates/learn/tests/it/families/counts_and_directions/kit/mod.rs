@@ -25,9 +25,6 @@ pub(super) trait Family:
     /// Number of M steps after which the parameters are at the maximum.
     const STEPS: usize = 1;
 
-    /// Number of recordings from which the maximum is found.
-    const SEEDS: u64 = 8;
-
     /// Parameters from numbers between 0 and 1.
     fn parameters(unit: &[f64]) -> Vec<f64>;
 
@@ -86,7 +83,6 @@ macro_rules! for_all_families {
             of!(weibull, Independent<Weibull>);
             of!(beta, Independent<Beta>);
             of!(wrapped_cauchy, Independent<WrappedCauchy>);
-            of!(skewed_t, Independent<SkewedT>);
             of!(exponential, Independent<Exponential>);
             of!(gamma, Independent<Gamma>);
             of!(log_normal, Independent<LogNormal>);
