@@ -37,11 +37,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let sightings: Vec<&[usize]> = recorded.iter().map(Simulation::observations).collect();
     // The prior is kept: 200 drives say little about where a drive starts. A pseudo-count keeps
     // moves possible that were never seen.
-    let learning = LearningOptions {
-        keep_prior: true,
-        transition_pseudo_count: 1.0,
-        ..LearningOptions::default()
-    };
+    let learning =
+        LearningOptions::default().with_keep_prior(true).with_transition_pseudo_count(1.0);
     let learned = guess.learn(&sightings, &learning)?;
     println!(
         "{} parameters from {} drives: {} after {} iterations, objective {:.3} to {:.3}",

@@ -4,6 +4,8 @@
 //! that is the same at all steps is stochastic; a stationary prior is that of the operator.
 //! Inference relies on it, and checks the rest step by step.
 
+use std::ops::Deref;
+
 use crate::belief::Belief;
 use crate::error::{HmmError, TransitionError};
 use crate::likelihood::Likelihood;
@@ -265,6 +267,32 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             likelihood: self.likelihood.reordered(order),
             rounds_tails: self.rounds_tails,
         })
+    }
+}
+
+/// A pointer to a model, from which streams are made: `&Hmm`, `Arc<Hmm>`, `Box<Hmm>` or another.
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` is not a pointer to a model",
+    label = "expected `&Hmm`, `Arc<Hmm>` or another pointer to an `Hmm`",
+    note = "a stream borrows its model, `&hmm`, or shares it, `Arc::new(hmm)`"
+)]
+pub trait ModelPointer {
+    /// Transition operator of the model.
+    type Transition: Transition;
+    /// Likelihood operator of the model.
+    type Likelihood: Likelihood;
+
+    /// The model.
+    fn hmm(&self) -> &Hmm<Self::Transition, Self::Likelihood>;
+}
+
+#[diagnostic::do_not_recommend]
+impl<M: Deref<Target = Hmm<A, B>>, A: Transition, B: Likelihood> ModelPointer for M {
+    type Transition = A;
+    type Likelihood = B;
+
+    fn hmm(&self) -> &Hmm<A, B> {
+        self
     }
 }
 

@@ -64,10 +64,8 @@
 //! With the feature `emission`, `Hmm::pseudo_residuals` says whether a model fits, and
 //! `Filter::predictive` how the next observation is distributed.
 //!
-//! For **many sequences**, [`Hmm::forward_map_all`], [`Hmm::smooth_map_all`],
-//! [`Hmm::log_likelihood_map_all`] and [`Hmm::viterbi_map_all`] take any number from an iterator
-//! and pass each result to a visitor; [`Hmm::forward_all`], [`Hmm::smooth_all`],
-//! [`Hmm::log_likelihood_all`] and [`Hmm::viterbi_all`] return the results of a slice.
+//! For **many sequences**, [`Hmm::forward_all`], [`Hmm::smooth_all`], [`Hmm::log_likelihood_all`]
+//! and [`Hmm::viterbi_all`] return the results of a slice.
 //! [`Hmm::simulate`] and [`Filter::simulate`] sample from the model, [`Hmm::simulate_after`] from an
 //! autoregressive one. Methods of a stream whose names end in `_with`
 //! take a control.

@@ -177,8 +177,7 @@ impl Report<'_> {
             self.smooth_all(case, &model, steps, Matrix::dense(n).smooth_all(count, steps));
             let Model { hmm, seen } = &model;
             let sequences = model.sequences(count, steps);
-            let once =
-                LearningOptions { iterations: 1, tolerance: 0.0, ..LearningOptions::default() };
+            let once = LearningOptions::default().with_iterations(1).with_tolerance(0.0);
             // Two E-steps, each with the two products and the outer one.
             let mut needs = Matrix::dense(n).smooth_all(count, steps);
             (needs.operations, needs.fresh) = (needs.operations + 2 * n * n, None);

@@ -153,7 +153,7 @@ where
         let (mut smoother, mut seen) = (hmm.fixed_lag(10), seen.iter().cycle());
         move || seen.next().map(|y| smoother.step(y).expect(POSSIBLE))
     });
-    let once = &LearningOptions { iterations: 1, tolerance: 0.0, ..LearningOptions::default() };
+    let once = &LearningOptions::default().with_iterations(1).with_tolerance(0.0);
     let learn = |count, steps| {
         let Model { hmm, .. } = &**model;
         let ys = model.sequences(count, steps);

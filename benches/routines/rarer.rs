@@ -59,7 +59,7 @@ where
         let mut rng = ChaCha8Rng::seed_from_u64(5);
         move || sampler.draw(&mut rng)
     });
-    let once = &LearningOptions { iterations: 1, ..LearningOptions::default() };
+    let once = &LearningOptions::default().with_iterations(1);
     group.single("learn labelled", steps, || {
         let (hmm, ys) = one();
         let path = hmm.viterbi(ys).expect(POSSIBLE).into_states();

@@ -18,8 +18,7 @@
 //! | [`Hmm::beam_viterbi`](crate::Hmm::beam_viterbi) | [`BeamPath`] | the entries of the states in the beam |
 //! | [`Trellis`]: a different set of states at each step | [`SmoothedTrellis`], [`ViterbiPath`] | the moves between the states of two steps |
 //! | [`Hmm::path_sampler`](crate::Hmm::path_sampler) | [`PathSampler`] | a product |
-//! | [`Hmm::smooth_map_all`](crate::Hmm::smooth_map_all) and the like | the results of many sequences, passed to a visitor | that of one sequence, or less |
-//! | [`Hmm::smooth_all`](crate::Hmm::smooth_all) and the like | the results of many sequences, in a vector | the same |
+//! | [`Hmm::smooth_all`](crate::Hmm::smooth_all) and the like | the results of many sequences, in a vector | that of one sequence, or less |
 //! | [`Hmm::simulate`](crate::Hmm::simulate) | [`Simulation`] | the entries out of a state |
 //! | [`Hmm::learn`](crate::Hmm::learn) | [`LearnedModel`], by [`LearningOptions`] | three products in each iteration |
 //! | [`Hmm::learn_best`](crate::Hmm::learn_best), from several starts | [`LearnedModel`] | at most that, for each start |
@@ -50,6 +49,7 @@ pub use self::sequences::forward_backward::SmoothedSequence;
 pub use self::sequences::paths::PathSampler;
 pub use crate::error::{LearnError, SequenceError, SnapshotError};
 pub use crate::free_parameters::{Displacement, FreeParameters};
+pub use crate::hmm::ModelPointer;
 pub use decoding::viterbi::ViterbiPath;
 pub use learning::learned_model::{LearnedModel, LearningOptions};
 pub use pruned::{Certificate, PrunedFilter, PrunedFilterSnapshot, Pruning};

@@ -87,8 +87,8 @@ use crate::error::LikelihoodError;
 ///     fn states(&self) -> usize {
 ///         self.0
 ///     }
-///     fn diagonal<'a>(&'a self, &odd: &bool, scratch: &'a mut Scratch) -> Result<Diagonal<'a>,
-/// LikelihoodError> {         let b = scratch.values(self.0);
+///     fn diagonal<'a>(&'a self, &odd: &bool, scratch: &'a mut Scratch) -> Result<Diagonal<'a>, LikelihoodError> {
+///         let b = scratch.values(self.0);
 ///         for (i, b) in b.iter_mut().enumerate() {
 ///             *b = if (i % 2 == 1) == odd { 0.9 } else { 0.1 };
 ///         }

@@ -62,8 +62,7 @@ pub enum MapError {
         /// Id of the place.
         id: u64,
     },
-    /// A road's length is NaN, infinite, zero or negative, or that of an edge of a network is above
-    /// 1e12.
+    /// A road's length is NaN, infinite, zero or negative.
     #[error(
         "the road from place {from} to place {to} has length {length}, expected metres above 0{}",
         if *.length > 1e12 { " and at most 1e12" } else { "" },
@@ -76,34 +75,6 @@ pub enum MapError {
         to: u64,
         /// Value found, in metres.
         length: f64,
-    },
-    /// The posted speed of an edge is not above 0, or is above 1e9.
-    #[error(
-        "the road from place {from} to place {to} has speed {speed}, expected metres per second above 0 and at most 1e9",
-        speed = Number(*.speed)
-    )]
-    Speed {
-        /// Id of the place where the road starts.
-        from: u64,
-        /// Id of the place where the road ends.
-        to: u64,
-        /// Value found, in metres per second.
-        speed: f64,
-    },
-    /// There are no roads to cut into cells.
-    #[error("cells need at least one road, found none")]
-    NoRoads,
-    /// The roads have more cells than 32-bit indices can address.
-    #[error(
-        "roads have {cells} cells of {spacing} m, expected at most 4294967295 (32-bit indices)",
-        cells = Number(*.cells),
-        spacing = Number(*.spacing)
-    )]
-    Cells {
-        /// Number of cells.
-        cells: f64,
-        /// The spacing, in metres.
-        spacing: f64,
     },
     /// A file could not be opened or read.
     #[error("cannot read {file}: {reason}")]
@@ -122,36 +93,6 @@ pub enum MapError {
         line: u64,
         /// Description of the problem, with the valid values.
         problem: String,
-    },
-    /// A block of an OpenStreetMap extract is invalid.
-    #[error("{file}, block {block} (from byte {byte}): {problem}")]
-    Block {
-        /// Path of the file, or "extract" for a reader.
-        file: String,
-        /// The block, from 1; the first one is the header.
-        block: u64,
-        /// Where the block starts, in bytes from the start of the file.
-        byte: u64,
-        /// Description of the problem.
-        problem: String,
-    },
-    /// A feature of a GeoJSON file is invalid.
-    #[error("{file}, feature {feature}: {problem}")]
-    Feature {
-        /// Path of the file, or "features" for a reader.
-        file: String,
-        /// The feature, from 1.
-        feature: usize,
-        /// Description of the problem, with the valid values.
-        problem: String,
-    },
-    /// No node of a network lies in a box.
-    #[error("no node lies in the box of {asked}; all lie in {extent}")]
-    EmptyBox {
-        /// The box.
-        asked: String,
-        /// Smallest box around all nodes.
-        extent: String,
     },
     /// A number of a rule or prior, the spacing of cells, or a radius is out of range.
     #[error(transparent)]

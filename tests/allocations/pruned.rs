@@ -45,7 +45,7 @@ fn a_pruned_step_allocates_nothing_after_the_first_ones() {
     };
     let ys: Vec<_> =
         (0..300).map(|k| (seen(k), (k == 200).then(|| SparseObservation::known(200)))).collect();
-    let pruning = Pruning { most_active: 40, ..Pruning::default() };
+    let pruning = Pruning::default().with_most_active(40);
     let mut filter = hmm.pruned_filter(pruning);
     let impossible = (None, Some(SparseObservation::known(4000)));
     let mut run = || {

@@ -68,14 +68,13 @@ impl Case {
     fn learning(&self, iterations: usize) -> LearningOptions {
         let [prior_pseudo_count, transition_pseudo_count, likelihood_pseudo_count] =
             self.pseudo_counts;
-        LearningOptions {
-            iterations,
-            tolerance: 0.0,
-            keep_prior: false,
-            prior_pseudo_count,
-            transition_pseudo_count,
-            likelihood_pseudo_count,
-        }
+        LearningOptions::default()
+            .with_iterations(iterations)
+            .with_tolerance(0.0)
+            .with_keep_prior(false)
+            .with_prior_pseudo_count(prior_pseudo_count)
+            .with_transition_pseudo_count(transition_pseudo_count)
+            .with_likelihood_pseudo_count(likelihood_pseudo_count)
     }
 
     fn hmm<A: LearnTransition<Control = usize>>(&self, transition: A) -> Hmm<A, Sensor> {
@@ -464,11 +463,8 @@ fn tied_turning_probabilities_are_found_again() {
         road.map_or(0, |(_, road)| 1 + road.class as usize)
     };
     let start = ConstrainedTransition::new(alike).with_ties(labels);
-    let learning = LearningOptions {
-        keep_prior: true,
-        transition_pseudo_count: 1.0,
-        ..LearningOptions::default()
-    };
+    let learning =
+        LearningOptions::default().with_keep_prior(true).with_transition_pseudo_count(1.0);
     let learned = hmm(start.clone()).learn(&drives, &learning).unwrap();
     assert!(learned.converged());
     // The mean distance to the true turns (total variation, in the places that
@@ -511,7 +507,7 @@ fn a_sequence_that_cannot_be_is_left_out_and_named() {
     let none: [Vec<usize>; 0] = [];
     let error = hmm.learn(&none, &LearningOptions::default()).unwrap_err();
     assert_eq!(error.to_string(), "there is no observation to learn from, in 0 sequences given");
-    let bad = LearningOptions { transition_pseudo_count: -1.0, ..LearningOptions::default() };
+    let bad = LearningOptions::default().with_transition_pseudo_count(-1.0);
     assert_eq!(
         hmm.learn(&sequences, &bad).unwrap_err().to_string(),
         "the pseudo-count of the transitions is -1, expected a finite value of at least 0"
@@ -531,11 +527,7 @@ fn learning_from_known_states_is_counting() {
     let mut rng = rng(9);
     let drives: Vec<_> = (0..20).map(|_| source.simulate(15, &mut rng)).collect();
     let labelled: Vec<_> = drives.iter().map(Simulation::labelled).collect();
-    let learning = LearningOptions {
-        iterations: 1,
-        transition_pseudo_count: 0.5,
-        ..LearningOptions::default()
-    };
+    let learning = LearningOptions::default().with_iterations(1).with_transition_pseudo_count(0.5);
     let counted = source.fit(&labelled, &learning).unwrap();
 
     let groups = Groups::new(vec![0, 1, 2]).unwrap();

@@ -15,6 +15,7 @@ mod evaluate;
 mod evidence;
 #[cfg(feature = "faer")]
 mod faer;
+mod in_parallel;
 mod invariants;
 mod large;
 mod layers;
@@ -44,5 +45,5 @@ mod streams;
 #[cfg(feature = "rayon")]
 mod threads;
 mod trellis;
-mod visited;
+
 mod wide_range;

@@ -6,7 +6,7 @@ use wayfix::inference::LearningOptions;
 use wayfix::transition::SwitchedTransition;
 use wayfix::{Belief, Fixed, Hmm, Prior, SparseTransition, TableLikelihood, canberra, evaluate};
 
-use crate::kit::{Kind, Model, cases, models, rng, same_results, visited};
+use crate::kit::{Kind, Model, cases, models, rng, same_results};
 
 proptest! {
     #![proptest_config(cases())]
@@ -26,15 +26,6 @@ proptest! {
         same_results(&hmm.smooth_all(&drives), drives.len(), |i| hmm.smooth(&drives[i]), PartialEq::eq)?;
         same_results(&hmm.log_likelihood_all(&drives), drives.len(), |i| hmm.log_likelihood(&drives[i]), PartialEq::eq)?;
         same_results(&hmm.viterbi_all(&drives), drives.len(), |i| hmm.viterbi(&drives[i]), PartialEq::eq)?;
-
-        let passed = visited(|visit| hmm.forward_map_all(&drives, visit));
-        same_results(&passed, drives.len(), |i| hmm.forward(&drives[i]), PartialEq::eq)?;
-        let passed = visited(|visit| hmm.smooth_map_all(drives.iter().cloned(), visit));
-        same_results(&passed, drives.len(), |i| hmm.smooth(&drives[i]), PartialEq::eq)?;
-        let passed = visited(|visit| hmm.log_likelihood_map_all(&drives, visit));
-        same_results(&passed, drives.len(), |i| hmm.log_likelihood(&drives[i]), PartialEq::eq)?;
-        let passed = visited(|visit| hmm.viterbi_map_all(drives.iter().cloned(), visit));
-        same_results(&passed, drives.len(), |i| hmm.viterbi(&drives[i]), PartialEq::eq)?;
     }
 
     /// Forecasts are the beliefs of a filter after steps without observations: under controls, from
@@ -96,7 +87,7 @@ fn learning_does_not_depend_on_the_threads() {
     )
     .unwrap()
     .with_rounded_tails();
-    let learning = LearningOptions { iterations: 3, ..LearningOptions::default() };
+    let learning = LearningOptions::default().with_iterations(3);
     let learn = || {
         let learned = hmm.learn(&drives, &learning).unwrap();
         assert!(learned.left_out().is_empty() && learned.model().rounds_tails());

@@ -303,7 +303,7 @@ proptest! {
         case in instances(),
         tolerance in prop_oneof![Just(0.0), Just(1e-9), Just(1e-3)],
     ) {
-        let pruning = Pruning { tolerance, ..Pruning::default() };
+        let pruning = Pruning::default().with_tolerance(tolerance);
         case.check_streams(sparse(&case.matrix), pruning)?;
         case.check_streams(Own(case.matrix.clone()), pruning)?;
     }

@@ -119,7 +119,8 @@ fn models(states: RangeInclusive<usize>) -> impl Strategy<Value = Case> {
         )
             .prop_map(move |(at_first, prior, columns, table, seen, pruning)| {
                 let (tolerance, most_active) = pruning;
-                let pruning = Pruning { tolerance, most_active };
+                let pruning =
+                    Pruning::default().with_tolerance(tolerance).with_most_active(most_active);
                 Case { states: n, at_first, prior, columns, table, seen, pruning }
             })
     })
@@ -230,7 +231,7 @@ where
     A: TransitionEntries<Control = ()>,
 {
     let mut exact = hmm.filter();
-    let mut pruned = hmm.pruned_filter(Pruning { tolerance: 0.0, ..Pruning::default() });
+    let mut pruned = hmm.pruned_filter(Pruning::default().with_tolerance(0.0));
     for seen in &case.seen {
         match exact.step(seen) {
             Ok(_) => {
@@ -343,7 +344,7 @@ fn a_wide_start_goes_over_to_lists() {
     let whole = Hmm::new(prior(), motion, sensor()).unwrap();
     let lists = Hmm::new(prior(), Listed(rows), sensor()).unwrap();
     for most_active in [usize::MAX, 1500] {
-        let pruning = Pruning { most_active, ..Pruning::default() };
+        let pruning = Pruning::default().with_most_active(most_active);
         let mut exact = whole.filter();
         let (mut one, mut other) = (whole.pruned_filter(pruning), lists.pruned_filter(pruning));
         let mut counts = Vec::new();
@@ -471,7 +472,7 @@ fn on_the_map_few_places_prove_much_over_long_drives() {
 fn what_cannot_be_held_is_said_and_comes_back() {
     let n = 1000;
     let hmm = Hmm::new(certain(n, 100), ring(n), SparseLikelihood::new(n)).unwrap();
-    let pruning = Pruning { most_active: 5, ..Pruning::default() };
+    let pruning = Pruning::default().with_most_active(5);
     let (mut exact, mut pruned) = (hmm.filter(), hmm.pruned_filter(pruning));
     // Without observations, the belief spreads to more places than are allowed.
     let blind = SparseObservation::new(vec![], 1.0).unwrap();
@@ -498,7 +499,7 @@ fn what_cannot_be_held_is_said_and_comes_back() {
 fn a_place_where_nothing_led_is_not_denied() {
     let n = 100;
     let hmm = Hmm::new(certain(n, 10), ring(n), SparseLikelihood::new(n)).unwrap();
-    let mut pruned = hmm.pruned_filter(Pruning { most_active: 1, ..Pruning::default() });
+    let mut pruned = hmm.pruned_filter(Pruning::default().with_most_active(1));
     pruned.step(&seen(10, 0.1)).unwrap();
     pruned.step(&seen(10, 0.1)).unwrap(); // place 11 is dropped
     let before = (pruned.active().to_vec(), pruned.log_likelihood(), pruned.certificate());

@@ -111,7 +111,7 @@ proptest! {
     /// The M-step ends where the derivative of Q by each probability vanishes.
     #[test]
     fn the_m_step_is_a_maximum(case in instances(false)) {
-        let options = LearningOptions { transition_pseudo_count: 0.5, ..Default::default() };
+        let options = LearningOptions::default().with_transition_pseudo_count(0.5);
         let hmm = case.hmm(dense(&case.matrix));
         let (expected, _) = hmm.expectations(&case.sequences);
         let next = hmm.maximize(&expected, &options).unwrap();
@@ -141,10 +141,7 @@ proptest! {
     /// The objective never falls, and the prior follows the operator.
     #[test]
     fn learning_never_falls(case in instances(false), count in prop_oneof![Just(0.0), 0.1..2.0]) {
-        let options = LearningOptions {
-            iterations: 6, tolerance: 0.0, transition_pseudo_count: count,
-            prior_pseudo_count: count / 2.0, ..Default::default()
-        };
+        let options = LearningOptions::default().with_iterations(6).with_tolerance(0.0).with_transition_pseudo_count(count).with_prior_pseudo_count(count / 2.0);
         case.learn(sparse(&case.matrix), &options)?;
         case.learn(dense(&case.matrix), &options)?;
         case.learn(case.restarts(&case.matrix), &options)?;
@@ -157,9 +154,7 @@ proptest! {
     /// Learning ends where the derivative of the objective vanishes.
     #[test]
     fn learning_ends_at_a_maximum(case in instances(false)) {
-        let options = LearningOptions {
-            iterations: 2000, tolerance: 1e-11, transition_pseudo_count: 0.5, ..Default::default()
-        };
+        let options = LearningOptions::default().with_iterations(2000).with_tolerance(1e-11).with_transition_pseudo_count(0.5);
         let (prior, a, sensor) = case.hmm(dense(&case.matrix)).into_parts();
         let sensor = Fixed(sensor);
         let start = Hmm::new(prior, a, sensor.clone()).unwrap();
@@ -298,7 +293,7 @@ fn counting_takes_account_of_the_start() {
     assert!(a < 0.25 && b > 0.1, "{a}, {b}");
 
     // If it is kept, it equals these numbers at the first observation.
-    let keep = LearningOptions { keep_prior: true, ..Default::default() };
+    let keep = LearningOptions::default().with_keep_prior(true);
     let learned = hmm.fit(&[drive()], &keep).unwrap();
     assert_eq!(learned.prior(), &Prior::AtFirstObservation(Belief::uniform(2).unwrap()));
     assert_eq!(learned.transition().to_rows(), [[0.75, 0.0], [0.25, 1.0]]);
@@ -328,7 +323,7 @@ fn tied_parameters_end_at_a_maximum() {
         Hmm::new(Prior::stationary(&a).unwrap(), a, sensor.clone()).unwrap()
     };
     let seen = [vec![0, 1, 2], vec![0], vec![0, 0, 1, 1], vec![2, 2, 0], vec![1, 0]];
-    let options = LearningOptions { iterations: 2000, tolerance: 1e-13, ..Default::default() };
+    let options = LearningOptions::default().with_iterations(2000).with_tolerance(1e-13);
     let learned = hmm(0.5, 0.5).learn(&seen, &options).unwrap();
     let a = learned.model().transition();
     let (stay, last) = (a.get(0, 0), a.get(2, 2));
@@ -397,7 +392,7 @@ fn operators_that_cannot_learn_it_say_so() {
     assert!((p[0] - 0.4).abs() < 1e-15 && (p[1] - 0.2).abs() < 1e-15, "{p:?}");
     let error = hmm.learn(&[[0, 1, 1]], &LearningOptions::default()).unwrap_err();
     assert!(matches!(error, LearnError::Stationary), "{error}");
-    let keep = LearningOptions { keep_prior: true, ..Default::default() };
+    let keep = LearningOptions::default().with_keep_prior(true);
     assert!(hmm.learn(&[[0, 1, 1]], &keep).is_ok());
     // A fixed operator need not give them.
     let (prior, dwell, table) = hmm.into_parts();
@@ -418,7 +413,7 @@ fn learning_in_other_ways_takes_it() {
     let truth = start(0.9);
     let seen: Vec<Vec<usize>> =
         (0..12).map(|_| truth.simulate(30, &mut noise).observations().to_vec()).collect();
-    let options = LearningOptions { tolerance: 1e-7, iterations: 500, ..Default::default() };
+    let options = LearningOptions::default().with_tolerance(1e-7).with_iterations(500);
     let best = Hmm::learn_best(&[start(0.6), start(0.9)], &seen, &options, |_, _| ()).unwrap();
     assert_eq!(best.criteria().parameters, 2 + 2);
     assert_eq!(best.model().free_parameters(), 2 + 2);

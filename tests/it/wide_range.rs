@@ -145,8 +145,9 @@ fn limits() -> impl Strategy<Value = (Pruning, f64)> {
     let tolerance = prop_oneof![Just(0.0), Just(1e-9), Just(1e-3), Just(1.0)];
     let most_active = prop_oneof![1 => Just(usize::MAX), 1 => 1..=4_usize];
     let width = prop_oneof![Just(0.0), Just(5.0), Just(800.0), Just(f64::INFINITY)];
-    (tolerance, most_active, width)
-        .prop_map(|(tolerance, most_active, width)| (Pruning { tolerance, most_active }, width))
+    (tolerance, most_active, width).prop_map(|(tolerance, most_active, width)| {
+        (Pruning::default().with_tolerance(tolerance).with_most_active(most_active), width)
+    })
 }
 
 proptest! {
@@ -233,7 +234,7 @@ fn a_scale_that_underflows_has_a_logarithm() {
     let prior = [1.0 - 1e-280, 1e-280, 0.0];
     let hmm = Hmm::new(crate::kit::prior(&prior, true), still(3), LikelihoodVector::linear(3));
     let hmm = hmm.unwrap();
-    let mut filter = hmm.pruned_filter(Pruning { tolerance: 0.0, ..Pruning::default() });
+    let mut filter = hmm.pruned_filter(Pruning::default().with_tolerance(0.0));
     filter.step(&[0.0, 1e-40, 1.0]).unwrap();
     let (range, expected) = (filter.log_likelihood(), 1e-280_f64.ln() + 1e-40_f64.ln());
     assert!((range.start() - expected).abs() < 1e-9, "{range:?}");

@@ -165,7 +165,7 @@ impl StandardErrors {
     /// # let truth = Hmm::new(prior, DenseTransition::from_rows(&[[0.9, 0.3], [0.1, 0.7]])?, camera)?;
     /// # let mut rng = ChaCha8Rng::seed_from_u64(1);
     /// # let sequence = truth.simulate(2000, &mut rng).observations().to_vec();
-    /// let options = LearningOptions { tolerance: 1e-6, keep_prior: true, ..LearningOptions::default() };
+    /// let options = LearningOptions::default().with_tolerance(1e-6).with_keep_prior(true);
     /// let learned = truth.learn(&[&sequence], &options)?.into_model();
     /// let stays = |hmm: &Hmm<DenseTransition, TableLikelihood>| {
     ///     let a = hmm.transition();
@@ -378,7 +378,7 @@ impl StandardErrors {
     /// # let truth = Hmm::new(prior, DenseTransition::from_rows(&[[0.9, 0.3], [0.1, 0.7]])?, Fixed(camera))?;
     /// # let mut rng = ChaCha8Rng::seed_from_u64(1);
     /// # let sequences: Vec<Vec<usize>> = (0..60).map(|_| truth.simulate(30, &mut rng).observations().to_vec()).collect();
-    /// let options = LearningOptions { tolerance: 1e-6, keep_prior: true, ..LearningOptions::default() };
+    /// let options = LearningOptions::default().with_tolerance(1e-6).with_keep_prior(true);
     /// let learned = truth.learn(&sequences, &options)?.into_model();
     /// let stay = |hmm: &Hmm<_, _>| -> Vec<f64> {
     ///     let a: &DenseTransition = hmm.transition();

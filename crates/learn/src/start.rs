@@ -184,7 +184,7 @@ where
     B: StartFromClusters,
     S: Sequence<(), [f64]> + Sync,
 {
-    let few = LearningOptions { iterations: SHORT, ..LearningOptions::default() };
+    let few = LearningOptions::default().with_iterations(SHORT);
     let ranked = parallel::map(candidates, |start: Result<Hmm<_, _>, _>, (): &mut ()| {
         let start = start?;
         // A failed candidate ranks below all others: its likelihood may be unbounded.

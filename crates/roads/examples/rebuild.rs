@@ -37,7 +37,7 @@ fn simple(network: &RoadNetwork) -> Result<RoadNetwork, Box<dyn Error>> {
     let mut builder = NetworkBuilder::new();
     network.nodes().iter().try_for_each(|node| builder.node(node.id, node.position).map(drop))?;
     for road in network.to_map()?.roads() {
-        let options = EdgeOptions { metres: Some(road.metres), ..EdgeOptions::of(road.class) };
+        let options = EdgeOptions::of(road.class).with_metres(road.metres);
         builder.edge(road.from, road.to, options)?;
     }
     Ok(builder.build()?)

@@ -2,7 +2,7 @@
 //! right road, and how often all of them together do. The drives are simulated, take ten minutes
 //! and start anywhere within a kilometre.
 //!
-//! Run `cargo run --release --example sensors` for a made-up town, or add `-- --roads FOLDER`.
+//! Run `cargo run --release -p wayfix-roads --example sensors` for a made-up town, or add `-- --roads FOLDER`.
 
 use std::collections::BTreeMap;
 use std::error::Error;
@@ -192,7 +192,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             let near = |cell| f64::from(cells.position(cell).metres_to(start) < 1000.0);
             let prior = Belief::from_weights((0..cells.states()).map(near).collect::<Vec<_>>())?;
             let hmm = Hmm::new(Prior::AtFirstObservation(prior), &motion, &sensor)?;
-            let pruning = Pruning { tolerance: 1e-4, most_active: 20_000 };
+            let pruning = Pruning::default().with_tolerance(1e-4).with_most_active(20_000);
             let judged = judge(&mut hmm.pruned_filter(pruning), &cells, &seconds, choice)?;
             sums.iter_mut().zip(judged).for_each(|(sum, count)| *sum += count);
         }

@@ -2,7 +2,7 @@
 //! live, and once carried elsewhere. Its wheels have errors that the odometer does not know: their
 //! size, and slips.
 //!
-//! `cargo run --release --example warehouse`
+//! `cargo run --release -p wayfix-roads --example warehouse`
 //!
 //! Each line compares a model of independent errors with a model of the wheels. After a crossing
 //! nobody knows which aisle was taken until the next tag is read, and four out of ten waypoints

@@ -6,7 +6,7 @@
 //! | a whole sequence of 8 steps or more | no control, up to 8 states | [`Engine::Chain`] |
 //! | the same of more than 64 steps | no control, 2 to 4 states | [`Engine::Segments`] |
 //! | a sequence of 65 to 2,047 steps to learn from | no control, up to 8 states, a stored matrix without small entries | the two above |
-//! | 4 sequences or more in an `_all` or `_map_all` | a stored matrix without small entries, more than 8 states; sparse ones only while a group fits the cache | eight sequences, one in each lane: [`lanes`](super::lanes) |
+//! | 4 sequences or more in an `_all` | a stored matrix without small entries, more than 8 states; sparse ones only while a group fits the cache | eight sequences, one in each lane: [`lanes`](super::lanes) |
 //! | 2 sequences or more to learn from | the same, any number of states | the same |
 //! | a long sequence to learn from | the same, if the model forgets fast enough | eight segments of it, one in each lane: [`lanes`](super::lanes) |
 //! | a long sequence to smooth | as in `smooth_all`, likewise | the same |
@@ -85,19 +85,15 @@ pub(crate) const LONGER: usize = 4;
 /// not valid, their time is lost.
 pub(crate) const FIRST_GROUPS: usize = 4;
 pub(crate) const GROUPS_AT_A_TIME: usize = 64;
-/// Most sequences of a chunk whose results are visited: enough to find groups of nearly the same
-/// length among them.
+/// Most sequences of a chunk that run one by one.
 const MOST_IN_CHUNK: usize = 64;
-/// Numbers, one for each state and step, that fill such a chunk in lanes: its results take 2 MB,
-/// which stay in the second-level cache until they are visited.
-const ENOUGH_IN_LANES: usize = (2 << 20) / size_of::<f64>();
 /// Numbers that fill a chunk whose sequences run one by one: enough work to make the cost of
 /// handing it to a thread negligible.
 const ENOUGH: usize = 1 << 15;
 /// Numbers that fill a chunk in lanes whose results are all collected, a block of 32 MB: large
 /// blocks cost less than many small ones, and a single result that is kept holds no more than that.
-const ENOUGH_TO_KEEP: usize = (32 << 20) / size_of::<f64>();
-/// Chunks for each thread that are in progress or waiting to be visited. With fewer, one long
+const ENOUGH_IN_LANES: usize = (32 << 20) / size_of::<f64>();
+/// Chunks for each thread that are in progress or waiting to be collected. With fewer, one long
 /// sequence would make the other threads wait.
 pub(crate) const CHUNKS_AHEAD: usize = 4;
 /// Least size of results, in numbers, that are written past the caches, where they would not stay.
@@ -155,15 +151,13 @@ pub(crate) struct ManyPlan {
     pub(crate) states: usize,
     /// True if results include a row for each step.
     has_rows: bool,
-    /// True if all sequences are known and sorted by length, and all their results are collected.
-    pub(crate) sorted: bool,
     /// Number of entries of a stored matrix that is suited to lanes, if there is one.
     pub(crate) entries: Option<usize>,
 }
 
 impl ManyPlan {
-    pub(crate) fn new(states: usize, has_rows: bool, sorted: bool) -> Self {
-        Self { states, has_rows, sorted, entries: None }
+    pub(crate) fn new(states: usize, has_rows: bool) -> Self {
+        Self { states, has_rows, entries: None }
     }
 
     /// Returns true if lanes may pay for at most this many sequences, so that the matrix is worth
@@ -194,9 +188,7 @@ impl ManyPlan {
         if !self.runs_in_lanes(LANES, chunk.longest) {
             return chunk.sequences == MOST_IN_CHUNK || numbers >= ENOUGH;
         }
-        let enough = if self.sorted { ENOUGH_TO_KEEP } else { ENOUGH_IN_LANES };
-        (chunk.sequences >= MOST_IN_CHUNK && !self.sorted || numbers >= enough)
-            && chunk.sequences.is_multiple_of(LANES)
+        numbers >= ENOUGH_IN_LANES && chunk.sequences.is_multiple_of(LANES)
     }
 }
 
@@ -257,7 +249,7 @@ pub(crate) fn longest_segments_to_learn(states: usize) -> usize {
 /// Returns the largest number of steps of a group of segments in smoothing, given the number of
 /// entries of the matrix; 0 if it is not suited to lanes.
 pub(crate) fn longest_segments_to_smooth(states: usize, entries: usize) -> usize {
-    let plan = ManyPlan { entries: Some(entries), ..ManyPlan::new(states, true, false) };
+    let plan = ManyPlan { entries: Some(entries), ..ManyPlan::new(states, true) };
     let longest = [MOST_KEPT, MOST_CACHED].map(|bytes| longest_kept(states, bytes));
     longest.into_iter().find(|longest| plan.runs_in_lanes(LANES, *longest)).unwrap_or(0)
 }

@@ -88,7 +88,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         Self: Clone + Sync,
         S: Sequence<A::Control, B::Observation> + Sync,
     {
-        self.learn_with(sequences, learning, |_| ControlFlow::Continue(()))
+        self.learn_until(sequences, learning, |_| ControlFlow::Continue(()))
     }
 
     /// Learns as [`learn`](Self::learn) does, and passes the model after each re-estimation to
@@ -104,7 +104,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// #     TableLikelihood::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?,
     /// # )?;
     /// let seen = [vec![0, 0, 0, 0, 1, 1, 1], vec![1, 1, 1, 0, 0, 0, 0, 0]];
-    /// let learned = hmm.learn_with(&seen, &LearningOptions::default(), |now| {
+    /// let learned = hmm.learn_until(&seen, &LearningOptions::default(), |now| {
     ///     println!("{}: {}", now.iterations(), now.objective());
     ///     if now.iterations() < 3 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     /// })?;
@@ -115,7 +115,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// # Errors
     ///
     /// [`LearnError`] as [`learn`](Self::learn).
-    pub fn learn_with<S>(
+    pub fn learn_until<S>(
         &self,
         sequences: &[S],
         learning: &LearningOptions,

@@ -35,7 +35,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     ///     TableLikelihood::from_rows(&[[0.8, 0.1, 0.1], [0.1, 0.8, 0.1], [0.1, 0.1, 0.8]])?,
     /// )?;
     /// let drive = LabelledSequence { initial: Some(0), states: &[0, 0, 1, 2], sequence: &[0, 0, 1, 2] };
-    /// let learning = LearningOptions { transition_pseudo_count: 1.0, ..LearningOptions::default() };
+    /// let learning = LearningOptions::default().with_transition_pseudo_count(1.0);
     /// let learned = hmm.fit(&[drive], &learning)?;
     /// assert_eq!(learned.transition().get(1, 0), (1.0 + 1.0) / (3.0 + 2.0));
     /// assert_eq!(learned.transition().get(2, 0), 0.0);

@@ -20,10 +20,11 @@ use crate::transition::LearnTransition;
 ///
 /// ```
 /// use wayfix::inference::LearningOptions;
-/// let learning = LearningOptions { transition_pseudo_count: 0.5, keep_prior: true,
-/// ..LearningOptions::default() }; assert_eq!(learning.iterations, 100);
+/// let learning = LearningOptions::default().with_transition_pseudo_count(0.5).with_keep_prior(true);
+/// assert_eq!(learning.iterations, 100);
 /// ```
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct LearningOptions {
     /// Largest number of re-estimations; 100 by default.
     pub iterations: usize,
@@ -58,6 +59,42 @@ impl Default for LearningOptions {
 }
 
 impl LearningOptions {
+    /// Sets the largest number of re-estimations.
+    #[must_use]
+    pub fn with_iterations(self, iterations: usize) -> Self {
+        Self { iterations, ..self }
+    }
+
+    /// Sets the gain of a re-estimation below which learning stops.
+    #[must_use]
+    pub fn with_tolerance(self, tolerance: f64) -> Self {
+        Self { tolerance, ..self }
+    }
+
+    /// Sets whether the prior is kept as it is.
+    #[must_use]
+    pub fn with_keep_prior(self, keep_prior: bool) -> Self {
+        Self { keep_prior, ..self }
+    }
+
+    /// Sets the pseudo-count of the prior.
+    #[must_use]
+    pub fn with_prior_pseudo_count(self, prior_pseudo_count: f64) -> Self {
+        Self { prior_pseudo_count, ..self }
+    }
+
+    /// Sets the pseudo-count of the transition operator.
+    #[must_use]
+    pub fn with_transition_pseudo_count(self, transition_pseudo_count: f64) -> Self {
+        Self { transition_pseudo_count, ..self }
+    }
+
+    /// Sets the pseudo-count of the sensor.
+    #[must_use]
+    pub fn with_likelihood_pseudo_count(self, likelihood_pseudo_count: f64) -> Self {
+        Self { likelihood_pseudo_count, ..self }
+    }
+
     #[doc(hidden)]
     pub fn check(&self) -> Result<(), LearnError> {
         for (what, value) in [
@@ -193,7 +230,7 @@ impl<A, B> LearnedModel<A, B> {
         self.converged
     }
 
-    /// Returns true if learning had not converged when the function given to [`Hmm::learn_with`]
+    /// Returns true if learning had not converged when the function given to [`Hmm::learn_until`]
     /// stopped it, or when [`Hmm::learn_best`] continued from other starts instead.
     #[must_use]
     pub fn stopped(&self) -> bool {

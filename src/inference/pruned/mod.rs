@@ -20,7 +20,7 @@ pub(crate) mod snapshot;
 mod wide;
 
 use std::mem;
-use std::ops::Deref;
+use std::ops::{Deref, RangeInclusive};
 
 use self::active_set::ActiveSet;
 use self::envelope::{Envelope, LikelihoodScale};
@@ -30,7 +30,7 @@ use super::step::Step;
 use super::step::state::next_step;
 use crate::belief::Belief;
 use crate::error::InferenceError;
-use crate::hmm::Hmm;
+use crate::hmm::{Hmm, ModelPointer};
 use crate::likelihood::{Diagonal, LocalLikelihood, Scratch, check_local};
 use crate::transition::{NoControl, TransitionEntries};
 use wayfix_kernels::limits;
@@ -59,7 +59,7 @@ pub use self::snapshot::{Certificate, PrunedFilterSnapshot, Pruning};
 /// let prior = Prior::AtFirstObservation(Belief::certain(n, 7)?);
 /// let hmm = Hmm::new(prior, motion, SparseLikelihood::new(n))?;
 ///
-/// let mut filter = hmm.pruned_filter(Pruning { tolerance: 1e-6, ..Pruning::default() });
+/// let mut filter = hmm.pruned_filter(Pruning::default().with_tolerance(1e-6));
 /// for place in [7, 8, 8, 90_000, 9] {
 ///     // A camera that is right nine times out of ten.
 ///     let seen = SparseObservation::new(vec![(place, 0.9)], 0.1 / n as f64)?;
@@ -103,8 +103,7 @@ pub use self::snapshot::{Certificate, PrunedFilterSnapshot, Pruning};
 /// sensor that contradicts the belief by more than that leaves nothing proven, and the bound says
 /// so.
 ///
-/// A filter dereferences to its state, a [`PrunedFilterSnapshot`]: `filter.certificate()`,
-/// `filter.active()` and `filter.mode()` are methods of that.
+/// [`state`](Self::state) is the filter's state as plain data.
 #[derive(Debug, Clone)]
 pub struct PrunedFilter<M> {
     model: M,
@@ -114,10 +113,65 @@ pub struct PrunedFilter<M> {
     scratch: PrunedScratch,
 }
 
-impl<M> Deref for PrunedFilter<M> {
-    type Target = PrunedFilterSnapshot;
+impl<M> PrunedFilter<M> {
+    /// Creates a filter at the prior, with any pointer to a model. O(n + E), for one look at every
+    /// entry.
+    #[must_use]
+    pub fn new(model: M, pruning: Pruning) -> Self
+    where
+        M: ModelPointer<Transition: TransitionEntries, Likelihood: LocalLikelihood>,
+    {
+        let hmm = model.hmm();
+        let states = hmm.states();
+        let mut scratch = PrunedScratch::new(states);
+        let bounds = Bounds::constant(hmm.transition());
+        scratch.next.start(hmm.prior().belief().as_slice());
+        let mut state = PrunedFilterSnapshot::start(states, pruning);
+        let start = state.clone();
+        scratch.replace(&mut state, &start);
+        Self { model, bounds, state, scratch }
+    }
 
-    fn deref(&self) -> &PrunedFilterSnapshot {
+    /// Number of steps taken, k.
+    #[must_use]
+    pub fn steps(&self) -> usize {
+        self.state.steps()
+    }
+
+    /// Certificate of the belief after these steps.
+    #[must_use]
+    pub fn certificate(&self) -> Certificate {
+        self.state.certificate()
+    }
+
+    /// Active states, in ascending order.
+    #[must_use]
+    pub fn active(&self) -> &[usize] {
+        self.state.active()
+    }
+
+    /// Probabilities of the active states, in the same order; they sum to one.
+    #[must_use]
+    pub fn probabilities(&self) -> &[f64] {
+        self.state.probabilities()
+    }
+
+    /// Most probable state; ties go to the lowest. O(active states).
+    #[must_use]
+    pub fn mode(&self) -> usize {
+        self.state.mode()
+    }
+
+    /// Interval that contains the log-likelihood ln p(y_1 … y_k) of the observations so far, up to
+    /// rounding.
+    #[must_use]
+    pub fn log_likelihood(&self) -> RangeInclusive<f64> {
+        self.state.log_likelihood()
+    }
+
+    /// State of the filter, without a copy.
+    #[must_use]
+    pub fn state(&self) -> &PrunedFilterSnapshot {
         &self.state
     }
 }
@@ -139,19 +193,6 @@ where
     A: TransitionEntries,
     B: LocalLikelihood,
 {
-    /// Creates a filter at the prior, with any pointer to a model. O(n + E), for one look at every
-    /// entry.
-    #[must_use]
-    pub fn new(model: M, pruning: Pruning) -> Self {
-        let states = model.states();
-        let scratch = PrunedScratch::new(states);
-        let bounds = Bounds::constant(model.transition());
-        let state = PrunedFilterSnapshot::start(states, pruning);
-        let mut filter = Self { model, bounds, state, scratch };
-        filter.restart();
-        filter
-    }
-
     /// Goes back to the prior, before the first step. O(n).
     pub fn restart(&mut self) {
         let Self { model, state, scratch, .. } = self;

@@ -24,10 +24,11 @@ const MORE: f64 = 1.01;
 /// ```
 /// use wayfix::inference::Pruning;
 ///
-/// let pruning = Pruning { tolerance: 1e-9, ..Pruning::default() };
+/// let pruning = Pruning::default().with_tolerance(1e-9);
 /// assert_eq!(pruning.most_active, usize::MAX);
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct Pruning {
     /// Tolerated distance of the belief from the exact one, in total variation; 1e-6 by default.
     /// At 0 (or less, or NaN) only states below 1e-290 are dropped.
@@ -35,6 +36,20 @@ pub struct Pruning {
     /// Largest number of active states, unlimited by default. It bounds the time of a step, and
     /// takes precedence over the tolerance.
     pub most_active: usize,
+}
+
+impl Pruning {
+    /// Sets the tolerated distance of the belief from the exact one.
+    #[must_use]
+    pub fn with_tolerance(self, tolerance: f64) -> Self {
+        Self { tolerance, ..self }
+    }
+
+    /// Sets the largest number of active states.
+    #[must_use]
+    pub fn with_most_active(self, most_active: usize) -> Self {
+        Self { most_active, ..self }
+    }
 }
 
 impl Default for Pruning {

@@ -29,114 +29,51 @@ use wayfix_kernels::{Aligned, Eight, LANES};
 
 /// # Many sequences
 ///
-/// Each method for one sequence has two counterparts for many, of any lengths:
-///
-/// | method | takes | for |
-/// |---|---|---|
-/// | with `_map_all` | an iterator of sequences | any number of them: passes each result to a visitor, in order, and keeps none |
-/// | with `_all` | a slice of sequences | results that are all needed and fit in memory |
-///
-/// Results equal those for one sequence up to rounding (paths and errors exactly). With the
-/// feature `rayon`, sequences run in parallel, with the same results to the bit; source and visitor
-/// are called on the caller's thread.
+/// Each method for one sequence has a counterpart for a slice of them, of any lengths. Results
+/// equal those for one sequence up to rounding (paths and errors exactly). With the feature
+/// `rayon`, sequences run in parallel, with the same results to the bit.
 ///
 /// With a [`SparseTransition`](crate::SparseTransition) or a
 /// [`DenseTransition`](crate::DenseTransition) of more than eight states, groups of eight
 /// sequences of nearly the same length run side by side, one in each lane of a vector, wherever
 /// that makes a step faster: most with dense matrices, not with large sparse ones. A group takes
-/// 128 n T bytes in addition to its results. `_all` finds groups among all sequences, `_map_all`
-/// among 64 consecutive ones.
+/// 128 n T bytes in addition to its results. Groups are found among all sequences of a slice.
 ///
-/// **Memory** of `_map_all`: sequences are processed in chunks of at most 64 consecutive ones, or
-/// fewer if n T adds up to 262,144 (32,768 where they run one by one); for each thread, up to
-/// four chunks are in progress or waiting to be visited. Posteriors of a chunk share a block of
-/// scratch, which is reused for a later chunk if the visitor has dropped its results by then. A
-/// result that is kept keeps the whole block alive; a clone has memory of its own.
+/// More sequences than fit in memory are passed in slices of some thousands. Posteriors of a
+/// slice share blocks of up to 32 MB: a result that is kept keeps its whole block alive; a clone
+/// has memory of its own.
 ///
 /// **A sequence that fails** does not affect the others. Its [`SequenceError`] names it, so that
 /// results can also be collected into a single `Result`.
 ///
 /// ```
-/// use std::ops::ControlFlow;
 /// # let hmm = wayfix::canberra::hmm(5, 1.0)?;
 /// let drives = [vec![4, 5, 6], vec![4, 4, 5, 5], vec![80]];
 /// let smoothed = hmm.smooth_all(&drives);
 /// assert_eq!(smoothed[1].as_ref().unwrap().posteriors().steps(), 4);
-/// let scores: Vec<f64> = hmm.log_likelihood_all(&drives[..2]).into_iter().collect::<Result<_,
-/// _>>()?;
-/// # assert_eq!(scores.len(), 2);
+/// let scores: Result<Vec<f64>, _> = hmm.log_likelihood_all(&drives[..2]).into_iter().collect();
+/// # assert_eq!(scores?.len(), 2);
 ///
-/// // A million drives, as they are read, with a word on progress.
-/// let source = (0..1_000_000).map(|k| vec![4; 1 + k % 3]);
+/// // Any number of drives, as they are read, with a word on progress.
+/// let mut source = (0..3_000).map(|k| vec![4; 1 + k % 3]);
 /// let mut steps = 0;
-/// let stopped = hmm.smooth_map_all(source, |index, smoothed| {
-///     match smoothed {
-///         Ok(smoothed) => steps += smoothed.posteriors().steps(),
-///         Err(error) => eprintln!("{error}"),
+/// loop {
+///     let drives: Vec<_> = source.by_ref().take(1_000).collect();
+///     if drives.is_empty() {
+///         break;
 ///     }
-///     if index % 100 == 99 {
-///         println!("{} drives, {steps} steps", index + 1);
+///     for smoothed in hmm.smooth_all(&drives) {
+///         match smoothed {
+///             Ok(smoothed) => steps += smoothed.posteriors().steps(),
+///             Err(error) => eprintln!("{error}"),
+///         }
 ///     }
-///     if index < 499 { ControlFlow::Continue(()) } else { ControlFlow::Break(index) }
-/// });
-/// assert_eq!(stopped, ControlFlow::Break(499));
-/// # assert_eq!(steps, 999);
+///     println!("{steps} steps");
+/// }
+/// assert_eq!(steps, 6_000);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
-    /// Runs [`forward`](Self::forward) on each sequence, and visits the results in order, each
-    /// with the index of its sequence, until the visitor breaks.
-    pub fn forward_map_all<S, T>(
-        &self,
-        sequences: impl IntoIterator<Item = S>,
-        visit: impl FnMut(usize, Result<FilteredSequence, SequenceError>) -> ControlFlow<T>,
-    ) -> ControlFlow<T>
-    where
-        S: Sequence<A::Control, B::Observation> + Send + Sync,
-    {
-        visit_all(self, sequences.into_iter(), false, &forward(), visit)
-    }
-
-    /// Runs [`smooth`](Self::smooth) on each sequence, and visits the results in order, each
-    /// with the index of its sequence, until the visitor breaks.
-    pub fn smooth_map_all<S, T>(
-        &self,
-        sequences: impl IntoIterator<Item = S>,
-        visit: impl FnMut(usize, Result<SmoothedSequence, SequenceError>) -> ControlFlow<T>,
-    ) -> ControlFlow<T>
-    where
-        S: Sequence<A::Control, B::Observation> + Send + Sync,
-    {
-        visit_all(self, sequences.into_iter(), false, &smooth(), visit)
-    }
-
-    /// Runs [`log_likelihood`](Self::log_likelihood) on each sequence, and visits the results in
-    /// order, each with the index of its sequence, until the visitor breaks.
-    pub fn log_likelihood_map_all<S, T>(
-        &self,
-        sequences: impl IntoIterator<Item = S>,
-        visit: impl FnMut(usize, Result<f64, SequenceError>) -> ControlFlow<T>,
-    ) -> ControlFlow<T>
-    where
-        S: Sequence<A::Control, B::Observation> + Send + Sync,
-    {
-        visit_all(self, sequences.into_iter(), false, &log_likelihood(), visit)
-    }
-
-    /// Runs [`viterbi`](Self::viterbi) on each sequence, and visits the results in order, each
-    /// with the index of its sequence, until the visitor breaks.
-    pub fn viterbi_map_all<S, T>(
-        &self,
-        sequences: impl IntoIterator<Item = S>,
-        visit: impl FnMut(usize, Result<ViterbiPath, SequenceError>) -> ControlFlow<T>,
-    ) -> ControlFlow<T>
-    where
-        A: TransitionEntries,
-        S: Sequence<A::Control, B::Observation> + Send + Sync,
-    {
-        visit_all(self, sequences.into_iter(), false, &viterbi(), visit)
-    }
-
     /// Runs [`forward`](Self::forward) on each sequence. The result at index i is that of
     /// sequence i.
     pub fn forward_all<S>(&self, sequences: &[S]) -> Vec<Result<FilteredSequence, SequenceError>>
@@ -234,24 +171,24 @@ fn viterbi<A: TransitionEntries, B: Likelihood, S: Sequence<A::Control, B::Obser
 }
 
 /// A routine for one sequence that also runs on a group of eight, with results R.
-pub(crate) struct LaneRoutine<A: Transition, B, S, P, R> {
+struct LaneRoutine<A: Transition, B, S, P, R> {
     /// True if results have a row for each step from 0, which `group` leaves in the beliefs of its
     /// scratch.
-    pub(crate) has_rows: bool,
+    has_rows: bool,
     /// Runs one sequence: handles any range of numbers, and reports any error.
-    pub(crate) single: fn(&Hmm<A, B>, &S) -> Result<R, InferenceError>,
+    single: fn(&Hmm<A, B>, &S) -> Result<R, InferenceError>,
     /// Runs a group: returns the numbers of each lane, or `None` for a sequence that has to run by
     /// itself.
-    pub(crate) group: GroupRoutine<A, B, S, P>,
+    group: GroupRoutine<A, B, S, P>,
     /// Makes the result of a sequence from the numbers of its lane and its rows.
-    pub(crate) result: fn(P, SharedRows) -> R,
+    result: fn(P, SharedRows) -> R,
 }
 
 type GroupRoutine<A, B, S, P> =
     fn(&LaneModel<'_, A, B>, &Group<'_, S>, &mut LaneScratch) -> [Option<P>; LANES];
 
 /// Runs a routine on all sequences. The result at index i is that of sequence i.
-pub(crate) fn collect_all<'s, A, B, S, P, R>(
+fn collect_all<'s, A, B, S, P, R>(
     hmm: &Hmm<A, B>,
     sequences: &'s [S],
     routine: &LaneRoutine<A, B, &'s S, P, R>,
@@ -266,64 +203,27 @@ where
     // All sequences are sorted together, so that nearly all groups have one length.
     let steps: Vec<usize> = sequences.iter().map(Sequence::steps).collect();
     let order = by_length(&steps);
-    let mut results: Vec<_> = order.iter().map(|_| None).collect();
-    let sorted = order.iter().map(|&sequence| &sequences[sequence]);
-    let ControlFlow::Continue(()) = visit_all(hmm, sorted, true, routine, |position, result| {
-        let sequence = order[position];
-        results[sequence] = Some(result.map_err(|error| SequenceError { sequence, ..error }));
-        ControlFlow::<Infallible>::Continue(())
-    });
-    results.into_iter().flatten().collect()
-}
-
-/// Runs a routine on all sequences, and visits the results in order, each with the index of its
-/// sequence, until the visitor breaks. `sorted` says that the sequences are sorted by length, and
-/// that all results are collected.
-pub(crate) fn visit_all<A, B, S, P, R, Stop>(
-    hmm: &Hmm<A, B>,
-    sequences: impl Iterator<Item = S>,
-    sorted: bool,
-    routine: &LaneRoutine<A, B, S, P, R>,
-    mut visit: impl FnMut(usize, Result<R, SequenceError>) -> ControlFlow<Stop>,
-) -> ControlFlow<Stop>
-where
-    A: Transition + Sync,
-    B: Likelihood + Sync,
-    S: Sequence<A::Control, B::Observation> + Send + Sync,
-    P: Send,
-    R: Send,
-{
-    // An iterator of unknown length may be long.
-    let most = sequences.size_hint().1.unwrap_or(usize::MAX);
-    let mut plan = ManyPlan::new(hmm.states(), routine.has_rows, sorted);
-    let model = plan.may_use_lanes(most).then(|| LaneModel::new(hmm)).flatten();
+    let mut plan = ManyPlan::new(hmm.states(), routine.has_rows);
+    let model = plan.may_use_lanes(sequences.len()).then(|| LaneModel::new(hmm)).flatten();
     plan.entries = model.as_ref().map(|model| model.rows.values().len());
-    let (scratches, blocks) = (ScratchPool::default(), ScratchPool::default());
-    let work = |sequences: Vec<S>| match &model {
-        Some(model) => in_groups(model, &sequences, routine, plan, &scratches, blocks.pop()),
+    let scratches = ScratchPool::default();
+    let run = |sequences: Vec<&'s S>| match &model {
+        Some(model) => in_groups(model, &sequences, routine, plan, &scratches),
         // Without lanes the sequences of a chunk run one by one, and share nothing.
-        None => Chunk {
-            results: sequences.iter().map(|sequence| (routine.single)(hmm, sequence)).collect(),
-            block: Arc::new(Aligned::new(0, 0.0)),
-        },
+        None => sequences.iter().map(|sequence| (routine.single)(hmm, sequence)).collect(),
     };
-    let mut sequence = 0;
-    let take = |Chunk { results, block }| {
-        for result in results {
-            visit(sequence, result.map_err(|source| SequenceError { sequence, source }))?;
-            sequence += 1;
+    let mut results: Vec<_> = order.iter().map(|_| None).collect();
+    let mut taken = order.iter();
+    let take = |chunk: Vec<Result<R, InferenceError>>| {
+        for (&sequence, result) in taken.by_ref().zip(chunk) {
+            results[sequence] = Some(result.map_err(|source| SequenceError { sequence, source }));
         }
-        // The block is reused unless the visitor has kept a result.
-        Arc::into_inner(block).into_iter().for_each(|block| blocks.push(block));
-        ControlFlow::Continue(())
+        ControlFlow::<Infallible>::Continue(())
     };
-    parallel::in_order(chunks(sequences, plan), CHUNKS_AHEAD, work, take)
-}
-
-/// Results of a chunk in the order of its sequences, with the memory that they share.
-struct Chunk<R> {
-    results: Vec<Result<R, InferenceError>>,
-    block: Arc<Aligned>,
+    let sorted = order.iter().map(|&sequence| &sequences[sequence]);
+    let ControlFlow::Continue(()) =
+        parallel::in_order(chunks(sorted, plan), CHUNKS_AHEAD, run, take);
+    results.into_iter().flatten().collect()
 }
 
 /// Takes sequences off an iterator, a chunk at a time.
@@ -346,15 +246,14 @@ fn chunks<S: Sequence<U, Y>, U, Y: ?Sized>(
 }
 
 /// Runs a routine on a chunk, in groups of nearly the same length, and one by one on the sequences
-/// that have to run by themselves. `block` is memory to reuse.
+/// that have to run by themselves.
 fn in_groups<A, B, S, P, R>(
     model: &LaneModel<'_, A, B>,
     sequences: &[S],
     routine: &LaneRoutine<A, B, S, P, R>,
     plan: ManyPlan,
     scratches: &ScratchPool<LaneScratch>,
-    block: Option<Aligned>,
-) -> Chunk<R>
+) -> Vec<Result<R, InferenceError>>
 where
     A: Transition + Sync,
     B: Likelihood + Sync,
@@ -362,13 +261,8 @@ where
     P: Send,
     R: Send,
 {
-    // Sequences of similar length share a group, so that few lanes idle at its end.
-    let order: Vec<usize> = if plan.sorted {
-        (0..sequences.len()).collect()
-    } else {
-        by_length(&sequences.iter().map(Sequence::steps).collect::<Vec<_>>())
-    };
-    let ordered: Vec<_> = order.into_iter().map(|i| (i, &sequences[i])).collect();
+    // Sorted by length, so that few lanes idle at the end of a group.
+    let ordered: Vec<_> = sequences.iter().enumerate().collect();
     let in_lanes = |count, longest| plan.runs_in_lanes(count, longest);
     let groups: Vec<_> = ordered.chunks(LANES).map(|some| Group::new(some, in_lanes)).collect();
 
@@ -379,12 +273,7 @@ where
         group.steps[..lanes].iter().map(|steps| eights(*steps)).sum()
     };
     let numbers = groups.iter().map(eights_of).sum::<usize>() * LANES;
-    let mut block = match block {
-        // Values of an earlier chunk are not cleared: a lane either writes all of its rows, or they
-        // belong to no result.
-        Some(block) if block.len() >= numbers => block,
-        _ => Aligned::new(numbers, 0.0),
-    };
+    let mut block = Aligned::new(numbers, 0.0);
     // Split before the threads start, so that each group writes its own part.
     let mut free = block.as_chunks_mut().0;
     let mut items = Vec::with_capacity(groups.len());
@@ -425,10 +314,10 @@ where
     for (sequence, result) in parallel::map(remaining, single) {
         results[sequence] = Some(result);
     }
-    Chunk { results: results.into_iter().flatten().collect(), block }
+    results.into_iter().flatten().collect()
 }
 
-/// Writes the rows of the valid lanes of a group, whose beliefs are interleaved in `memory`.
+/// Writes the rows of the valid lanes of a group, whose beliefs are interleaved in `scratch`.
 fn unpack_rows<S>(
     group: &Group<'_, S>,
     scratch: &LaneScratch,

@@ -26,6 +26,7 @@ pub(crate) fn next_step(steps: usize) -> Result<usize, InferenceError> {
 
 /// Compensated sum of many logarithms (Neumaier 1974), so that a million steps do not drift.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct LogSum {
     pub(crate) sum: f64,
     pub(crate) compensation: f64,
@@ -64,7 +65,7 @@ impl LogSum {
 }
 
 /// State of a filter after k steps: plain data that can be kept, compared, sent elsewhere and
-/// restored. A [`Filter`](crate::Filter) dereferences to its state.
+/// restored. The state of a [`Filter`](crate::Filter).
 ///
 /// ```
 /// # use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};

@@ -13,7 +13,7 @@ use std::ops::Deref;
 use super::bytes::{Kind, Reader, Writer, contents};
 use crate::belief::{Belief, BeliefView, SUM_TOLERANCE};
 use crate::error::{InferenceError, SnapshotError};
-use crate::hmm::Hmm;
+use crate::hmm::{Hmm, ModelPointer};
 use crate::inference::step::Step;
 use crate::inference::step::state::{FilterSnapshot, LogSum, MOST_STEPS, StepScratch};
 use crate::likelihood::Likelihood;
@@ -56,8 +56,7 @@ use wayfix_kernels::Aligned;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 ///
-/// A filter dereferences to its state, a [`FilterSnapshot`]: `filter.belief()`,
-/// `filter.log_likelihood()` and `filter.steps()` are methods of that.
+/// [`state`](Self::state) is the filter's state as plain data.
 #[derive(Debug)]
 pub struct Filter<M> {
     model: M,
@@ -65,10 +64,48 @@ pub struct Filter<M> {
     scratch: StepScratch,
 }
 
-impl<M> Deref for Filter<M> {
-    type Target = FilterSnapshot;
+impl<M> Filter<M> {
+    /// Creates a filter at the prior, from a pointer to a model: `&hmm`, or `Arc::new(hmm)` for a
+    /// filter that owns it. Allocates all memory that its steps need.
+    #[must_use]
+    pub fn new(model: M) -> Self
+    where
+        M: ModelPointer,
+    {
+        let prior = model.hmm().prior().belief().as_slice();
+        let (state, scratch) = (FilterSnapshot::start(prior), StepScratch::new(prior));
+        Self { model, state, scratch }
+    }
 
-    fn deref(&self) -> &FilterSnapshot {
+    /// Present belief: p(X_k | y_1 … y_k) after an update, the predicted one after a prediction,
+    /// the prior before any step.
+    #[must_use]
+    pub fn belief(&self) -> BeliefView<'_> {
+        self.state.belief()
+    }
+
+    /// Log-likelihood ln p(y_1 … y_k) of the observations so far, and of evidence on moves.
+    #[must_use]
+    pub fn log_likelihood(&self) -> f64 {
+        self.state.log_likelihood()
+    }
+
+    /// Number of steps taken, k.
+    #[must_use]
+    pub fn steps(&self) -> usize {
+        self.state.steps()
+    }
+
+    /// Number of these steps taken in logarithms, as counted by
+    /// [`FilterSnapshot::steps_in_logs`].
+    #[must_use]
+    pub fn steps_in_logs(&self) -> usize {
+        self.state.steps_in_logs()
+    }
+
+    /// State of the filter, without a copy.
+    #[must_use]
+    pub fn state(&self) -> &FilterSnapshot {
         &self.state
     }
 }
@@ -98,15 +135,6 @@ where
     A: Transition,
     B: Likelihood,
 {
-    /// Creates a filter at the prior, from a pointer to a model: `&hmm`, or `Arc::new(hmm)` for a
-    /// filter that owns it. Allocates all memory that its steps need.
-    #[must_use]
-    pub fn new(model: M) -> Self {
-        let prior = model.prior().belief().as_slice();
-        let (state, scratch) = (FilterSnapshot::start(prior), StepScratch::new(prior));
-        Self { model, state, scratch }
-    }
-
     /// Takes one time step: prediction under `control`, then update with `observation`. The
     /// control drives the transition to this step. Returns the log-likelihood of the observation,
     /// ln p(y_k | y_1 … y_{k-1}); with evidence on the move, of both, ln p(u_k, y_k | …).

@@ -10,7 +10,7 @@ use std::ops::Deref;
 use super::filter::Filter;
 use crate::belief::{Belief, BeliefView};
 use crate::error::InferenceError;
-use crate::hmm::Hmm;
+use crate::hmm::{Hmm, ModelPointer};
 use crate::inference::step::Step;
 use crate::inference::step::forward_backward::Backward;
 use crate::inference::step::state::FilterSnapshot;
@@ -64,21 +64,26 @@ impl<A: Transition<Control: Clone>, B: Likelihood> Hmm<A, B> {
     }
 }
 
+impl<M, U> FixedLag<M, U> {
+    /// Creates a smoother at the prior, with any pointer to a model.
+    #[must_use]
+    pub fn new(model: M, lag: usize) -> Self
+    where
+        M: ModelPointer<Transition: Transition<Control = U>>,
+    {
+        let backward = Backward::new(model.hmm().states());
+        let smoothed = vec![model.hmm().prior().belief().as_slice().to_vec()];
+        let window = Window { lag, past: VecDeque::new() };
+        Self { filter: Filter::new(model), window, smoothed, backward, spare: Vec::new() }
+    }
+}
+
 impl<M, A, B> FixedLag<M, A::Control>
 where
     M: Deref<Target = Hmm<A, B>>,
     A: Transition<Control: Clone>,
     B: Likelihood,
 {
-    /// Creates a smoother at the prior, with any pointer to a model.
-    #[must_use]
-    pub fn new(model: M, lag: usize) -> Self {
-        let backward = Backward::new(model.states());
-        let smoothed = vec![model.prior().belief().as_slice().to_vec()];
-        let window = Window { lag, past: VecDeque::new() };
-        Self { filter: Filter::new(model), window, smoothed, backward, spare: Vec::new() }
-    }
-
     /// Takes one time step under a control, which drives the transition to this step: prediction,
     /// update, and the backward pass through the window. Returns ln p(y_k | y_1 … y_{k-1}).
     ///

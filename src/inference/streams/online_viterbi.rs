@@ -11,7 +11,7 @@ use std::ops::Deref;
 
 use super::tree::{Node, Tree};
 use crate::error::InferenceError;
-use crate::hmm::Hmm;
+use crate::hmm::{Hmm, ModelPointer};
 use crate::inference::step::scores::{TakenOut, best};
 use crate::inference::step::{SensorScratch, Step};
 use crate::likelihood::Likelihood;
@@ -65,16 +65,14 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
     }
 }
 
-impl<M, A, B> OnlineViterbi<M>
-where
-    M: Deref<Target = Hmm<A, B>>,
-    A: TransitionEntries,
-    B: Likelihood,
-{
+impl<M> OnlineViterbi<M> {
     /// Creates a decoder before the first step, with any pointer to a model.
     #[must_use]
-    pub fn new(model: M) -> Self {
-        let n = model.states();
+    pub fn new(model: M) -> Self
+    where
+        M: ModelPointer,
+    {
+        let n = model.hmm().states();
         Self {
             model,
             best: BestScores::start(n),
@@ -85,7 +83,14 @@ where
             scratch: SensorScratch::new(n),
         }
     }
+}
 
+impl<M, A, B> OnlineViterbi<M>
+where
+    M: Deref<Target = Hmm<A, B>>,
+    A: TransitionEntries,
+    B: Likelihood,
+{
     /// Takes one step under a control, which drives the transition to it. Returns the states that
     /// it commits, those of the oldest undecided steps: often none, sometimes many.
     ///

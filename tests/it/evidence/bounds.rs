@@ -103,7 +103,9 @@ fn check_pruned(model: &Model, pruning: Pruning) -> Result<(), TestCaseError> {
 fn prunings() -> impl Strategy<Value = Pruning> {
     let tolerance = prop_oneof![Just(0.0), Just(1e-12), Just(1e-3), Just(1.0), Just(1e8)];
     let most_active = prop_oneof![1 => Just(usize::MAX), 2 => 1..=5_usize];
-    let pruning = |(tolerance, most_active)| Pruning { tolerance, most_active };
+    let pruning = |(tolerance, most_active)| {
+        Pruning::default().with_tolerance(tolerance).with_most_active(most_active)
+    };
     (tolerance, most_active).prop_map(pruning)
 }
 

@@ -122,7 +122,7 @@ fn what_cannot_have_been_measured_is_an_error_with_its_step() {
     says(decoder.step_with(&0.0, &seen[1]), expected);
     says(decoder.predict_with(&0.0), expected);
     assert_eq!(filter.snapshot(), before);
-    for pruning in [Pruning::default(), Pruning { most_active: 1, ..Pruning::default() }] {
+    for pruning in [Pruning::default(), Pruning::default().with_most_active(1)] {
         let mut pruned = hmm.pruned_filter(pruning);
         pruned.step_with(&1.0, &seen[0]).unwrap();
         says(pruned.step_with(&0.0, &seen[1]), expected);

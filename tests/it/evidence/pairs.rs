@@ -31,7 +31,7 @@ fn proven<A: TransitionEntries<Control = ()>>(
 ) {
     let drive = Controlled::new(&[()], seen).unwrap();
     let (exact, path) = (hmm.forward(&drive).unwrap(), hmm.viterbi(&drive).unwrap());
-    let mut pruned = hmm.pruned_filter(Pruning { tolerance: 0.0, ..Pruning::default() });
+    let mut pruned = hmm.pruned_filter(Pruning::default().with_tolerance(0.0));
     let bound = pruned.step_with(&(), &seen[0]).unwrap().bound();
     let belief = exact.posteriors().get(1).unwrap();
     for (state, p) in belief.as_slice().iter().enumerate() {

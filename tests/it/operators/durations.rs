@@ -148,7 +148,7 @@ proptest! {
         let hmm = Hmm::new(prior, a, sensor).unwrap();
         let mut rng = rng(seed);
         let drives: Vec<Vec<usize>> = (0..3).map(|_| hmm.simulate(40, &mut rng).observations().to_vec()).collect();
-        let learning = LearningOptions { iterations: 8, tolerance: 0.0, transition_pseudo_count: c, ..LearningOptions::default() };
+        let learning = LearningOptions::default().with_iterations(8).with_tolerance(0.0).with_transition_pseudo_count(c);
         let learned = hmm.learn(&drives, &learning).unwrap();
         prop_assert!(learned.cause().is_none(), "{:?}", learned.cause());
         prop_assert!(learned.objectives().windows(2).all(|pair| pair[1] >= pair[0] - 1e-9 * pair[0].abs().max(1.0)));
@@ -209,7 +209,7 @@ fn durations_of_simulated_drives_are_found() {
         Hmm::new(prior, a, Fixed(sensor)).unwrap()
     };
     let drive = model(&truth).simulate(40_000, &mut rng(7)).observations().to_vec();
-    let learning = LearningOptions { keep_prior: true, ..LearningOptions::default() };
+    let learning = LearningOptions::default().with_keep_prior(true);
     let learned = model(&start).learn(&[drive], &learning).unwrap();
     let found = |place: usize| learned.model().transition().durations(place).unwrap();
     let Durations::Gamma { shape, scale } = found(0) else { panic!() };

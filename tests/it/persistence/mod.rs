@@ -135,7 +135,7 @@ proptest! {
         let table = vec![[0.6, 0.3, 0.1]; parts.model.states];
         let sensor = TableLikelihood::from_rows(&table).unwrap();
         let hmm = Hmm::new(Prior::AtFirstObservation(parts.belief()), parts.tied(), sensor).unwrap();
-        let learning = LearningOptions { iterations: 3, ..LearningOptions::default() };
+        let learning = LearningOptions::default().with_iterations(3);
         if let Ok(learned) = hmm.learn(&[ys], &learning) {
             let model = learned.model();
             operator(model.transition(), &());

@@ -30,7 +30,7 @@ proptest! {
         let moves = (0..n).map(|j| ((j + 1) % n, j, 1.0));
         let motion = SparseTransition::from_triplets(n, moves).unwrap();
         let hmm = wayfix::Hmm::new(model.prior(), motion, sensor).unwrap();
-        let mut filter = hmm.pruned_filter(Pruning { tolerance, most_active });
+        let mut filter = hmm.pruned_filter(Pruning::default().with_tolerance(tolerance).with_most_active(most_active));
         for y in [0, 1, 2, 1] {
             filter.step(&y).unwrap();
             let snapshot = filter.snapshot();

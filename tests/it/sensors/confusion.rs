@@ -83,11 +83,7 @@ proptest! {
     fn learned_as_the_table_is((moves, rows, ys) in drives(), pseudo_count in 0..3_u8) {
         let n = rows.len();
         let prior = || Prior::AtFirstObservation(Belief::uniform(n).unwrap());
-        let learning = LearningOptions {
-            iterations: 2,
-            likelihood_pseudo_count: f64::from(pseudo_count) / 2.0,
-            ..LearningOptions::default()
-        };
+        let learning = LearningOptions::default().with_iterations(2).with_likelihood_pseudo_count(f64::from(pseudo_count) / 2.0);
         let confusion = Confusion::from_entries(n, entries(&rows)).unwrap();
         let found = Hmm::new(prior(), sparse(&moves), confusion).unwrap().learn(&[&ys[..]], &learning);
         let table = TableLikelihood::from_rows(&rows).unwrap();

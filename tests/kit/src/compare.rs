@@ -1,8 +1,6 @@
 //! Comparisons of numbers and of results.
 
-use std::convert::Infallible;
 use std::fmt::Debug;
-use std::ops::ControlFlow;
 
 use proptest::prelude::*;
 use proptest::test_runner::TestCaseResult;
@@ -80,21 +78,4 @@ pub fn same_results<R: Debug>(
         }
     }
     Ok(())
-}
-
-/// Visitor of all results.
-pub type Visit<'a, R> =
-    &'a mut dyn FnMut(usize, Result<R, SequenceError>) -> ControlFlow<Infallible>;
-
-/// The results that a routine passes to a visitor, in order.
-pub fn visited<R>(
-    map_all: impl FnOnce(Visit<'_, R>) -> ControlFlow<Infallible>,
-) -> Vec<Result<R, SequenceError>> {
-    let mut results = Vec::new();
-    let ControlFlow::Continue(()) = map_all(&mut |index, result| {
-        assert_eq!(index, results.len());
-        results.push(result);
-        ControlFlow::Continue(())
-    });
-    results
 }

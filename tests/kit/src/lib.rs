@@ -27,7 +27,7 @@ pub use check_routines::{
     check_drawn, check_entropy, check_fixed_lag, check_frequencies, check_k_best, check_pairs,
     exact, possible, ranked,
 };
-pub use compare::{all_close, bits, close, close_logs, log_add, log_sum, same_results, visited};
+pub use compare::{all_close, bits, close, close_logs, log_add, log_sum, same_results};
 pub use damage::{Damage, damage};
 pub use draw::{
     any_distribution, any_stochastic, distribution, normalized, rate, stochastic, transposed,

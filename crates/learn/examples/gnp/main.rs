@@ -22,7 +22,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let quarters = Rows::new(&GROWTH, 1)?.lagged(4)?;
     let start = SwitchingMean { means: [-0.5, 1.0], lags: [0.0; 4], variance: 1.0 };
     let start = model([0.7, 0.1], start)?;
-    let options = LearningOptions { iterations: 1000, tolerance: 1e-9, ..Default::default() };
+    let options = LearningOptions::default().with_iterations(1000).with_tolerance(1e-9);
     let learned = start.learn(&[quarters], &options)?;
     let (hmm, iterations) = (learned.model(), learned.iterations());
     println!("log-likelihood {:.5} after {iterations} iterations", learned.log_likelihood());

@@ -104,7 +104,7 @@ pub use learn::InputCounts;
 ///     Controlled::new(&high, &[1, 0])?,
 ///     Controlled::new(&high, &[0, 0])?,
 /// ];
-/// let options = LearningOptions { iterations: 5, ..LearningOptions::default() };
+/// let options = LearningOptions::default().with_iterations(5);
 /// let learned = hmm.learn(&sequences, &options)?;
 /// let model = learned.model();
 /// assert!(model.transition().slopes(start, 1).is_some_and(|slopes| slopes[0] > 0.5));

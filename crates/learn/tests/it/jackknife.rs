@@ -17,7 +17,7 @@ fn a_stationary_prior_stays_one() {
     let truth = start(0.9);
     let seen: Vec<Vec<usize>> =
         (0..12).map(|_| truth.simulate(30, &mut noise).observations().to_vec()).collect();
-    let options = LearningOptions { tolerance: 1e-7, iterations: 500, ..Default::default() };
+    let options = LearningOptions::default().with_tolerance(1e-7).with_iterations(500);
     let best = Hmm::learn_best(&[start(0.6), start(0.9)], &seen, &options, |_, _| ()).unwrap();
     let read = |hmm: &Hmm<DenseTransition, TableLikelihood>| {
         assert!(matches!(hmm.prior(), Prior::Stationary(_)));

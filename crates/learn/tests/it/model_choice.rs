@@ -67,14 +67,7 @@ proptest! {
         pseudo_count in prop_oneof![Just(0.0), 0.1..2.0],
     ) {
         let start = random_model(3, 3, seed);
-        let learning = LearningOptions {
-            iterations: 4,
-            tolerance: 0.0,
-            prior_pseudo_count: pseudo_count,
-            transition_pseudo_count: pseudo_count,
-            likelihood_pseudo_count: pseudo_count,
-            ..LearningOptions::default()
-        };
+        let learning = LearningOptions::default().with_iterations(4).with_tolerance(0.0).with_prior_pseudo_count(pseudo_count).with_transition_pseudo_count(pseudo_count).with_likelihood_pseudo_count(pseudo_count);
         let learned = start.learn(&sequences, &learning).unwrap();
         let mut model = start;
         for _ in 0..learned.iterations() {
@@ -240,7 +233,7 @@ fn spoiled(left: usize, then: Trouble) -> (Hmm<DenseTransition, Spoiled>, Vec<Ve
 /// The best model is kept, and the cause is reported.
 #[test]
 fn small_trouble_ends_learning_without_losing_it() {
-    let learning = LearningOptions { tolerance: 0.0, ..LearningOptions::default() };
+    let learning = LearningOptions::default().with_tolerance(0.0);
     for (then, failed) in [(Trouble::SmallFall, false), (Trouble::Failure, true)] {
         // By then, gains are smaller than the loss of the failure.
         let (hmm, sequences) = spoiled(60, then);
@@ -268,7 +261,7 @@ fn small_trouble_ends_learning_without_losing_it() {
 
 #[test]
 fn great_trouble_is_an_error() {
-    let learning = LearningOptions { tolerance: 0.0, ..LearningOptions::default() };
+    let learning = LearningOptions::default().with_tolerance(0.0);
     let (hmm, sequences) = spoiled(60, Trouble::GreatFall);
     let error = hmm.learn(&sequences, &learning).unwrap_err();
     assert!(matches!(error, LearnError::Fell { iteration: 61, before, after } if after < before));
@@ -282,7 +275,7 @@ fn the_best_of_several_starts_is_returned() {
     let sequences: Vec<_> =
         (0..10).map(|seed| truth.simulate(60, &mut rng(seed)).observations().to_vec()).collect();
     let starts: Vec<Model> = (0..5).map(|seed| random_model(3, 4, 100 + seed)).collect();
-    let learning = LearningOptions { iterations: 30, ..LearningOptions::default() };
+    let learning = LearningOptions::default().with_iterations(30);
     let ended = Mutex::new(Vec::new());
     let best = Hmm::learn_best(&starts, &sequences, &learning, |start, learned| {
         ended.lock().unwrap().push((start, learned.clone().unwrap()));
@@ -317,7 +310,7 @@ fn the_worse_half_of_the_starts_is_left_after_a_short_run() {
     let sequences: Vec<_> =
         (0..6).map(|seed| truth.simulate(60, &mut rng(seed)).observations().to_vec()).collect();
     let starts: Vec<Model> = (0..12).map(|seed| random_model(3, 4, 100 + seed)).collect();
-    let learning = LearningOptions { iterations: 150, tolerance: 1e-4, ..Default::default() };
+    let learning = LearningOptions::default().with_iterations(150).with_tolerance(1e-4);
     let ended = Mutex::new(Vec::new());
     let best = Hmm::learn_best(&starts, &sequences, &learning, |start, learned| {
         ended.lock().unwrap().push((start, learned.clone().unwrap()));
@@ -360,16 +353,16 @@ fn the_worse_half_of_the_starts_is_left_after_a_short_run() {
 /// Attempts and candidates with an unbounded likelihood do not win.
 #[test]
 fn failed_fits_rank_last() {
-    let learning = LearningOptions { tolerance: 0.0, ..LearningOptions::default() };
+    let learning = LearningOptions::default().with_tolerance(0.0);
     let (failing, sequences) = spoiled(60, Trouble::Failure);
     let (whole, _) = spoiled(1000, Trouble::Failure);
     // The second has reached less than the first.
-    let short = LearningOptions { iterations: 1, ..learning.clone() };
+    let short = learning.clone().with_iterations(1);
     let worse = whole.learn(&sequences, &short).unwrap();
     let failed = failing.learn(&sequences, &learning).unwrap();
     assert!(worse.objective() < failed.objective());
 
-    let short = LearningOptions { iterations: 61, ..learning };
+    let short = learning.with_iterations(61);
     let starts = [failing.clone(), whole.clone()];
     let best = Hmm::learn_best(&starts, &sequences, &short, |_, _| ()).unwrap();
     let second = whole.learn(&sequences, &short).unwrap();
@@ -385,7 +378,7 @@ fn failed_fits_rank_last() {
 
     let learn = |&fails: &bool, some: &[&Vec<usize>]| {
         let (hmm, iterations) = if fails { (&failing, 61) } else { (&whole, 1) };
-        hmm.learn(some, &LearningOptions { iterations, ..short.clone() })
+        hmm.learn(some, &short.clone().with_iterations(iterations))
     };
     let selection = ModelSelection::new([true, false], &sequences, 2, learn).unwrap();
     let [first, second] = selection.rows() else { panic!("two rows") };
@@ -401,9 +394,9 @@ fn learning_can_be_watched_and_broken_off() {
     let sequences: Vec<_> =
         (0..5).map(|seed| hmm.simulate(40, &mut rng(seed)).observations().to_vec()).collect();
     let start = random_model(3, 4, 6);
-    let learning = LearningOptions { iterations: 9, tolerance: 0.0, ..LearningOptions::default() };
+    let learning = LearningOptions::default().with_iterations(9).with_tolerance(0.0);
     let mut seen = Vec::new();
-    let learned = start.learn_with(&sequences, &learning, |now| {
+    let learned = start.learn_until(&sequences, &learning, |now| {
         assert_eq!(now.iterations(), seen.len() + 1);
         seen.push(now.objective());
         if seen.len() == 4 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
@@ -418,8 +411,8 @@ fn learning_can_be_watched_and_broken_off() {
     assert!(!all.converged() && all.cause().is_none());
     // One stops at the last allowed iteration, and one converges.
     let broken = |tolerance: f64| {
-        let last = LearningOptions { iterations: 1, tolerance, ..learning.clone() };
-        start.learn_with(&sequences, &last, |_| ControlFlow::Break(())).unwrap()
+        let last = learning.clone().with_iterations(1).with_tolerance(tolerance);
+        start.learn_until(&sequences, &last, |_| ControlFlow::Break(())).unwrap()
     };
     assert!(broken(0.0).stopped() && !broken(0.0).converged());
     assert!(!broken(1e9).stopped() && broken(1e9).converged());
@@ -499,7 +492,7 @@ fn parameters_are_those_of_the_start_however_long_learning_goes_on() {
     let table = TableLikelihood::from_rows(&[[0.8, 0.2], [0.3, 0.7]]).unwrap();
     let start = Hmm::new(prior, transition, table).unwrap();
     let ys: Vec<Vec<usize>> = vec![(0..60).map(|k| usize::from(k % 20 >= 10)).collect()];
-    let tight = LearningOptions { iterations: 20_000, tolerance: 0.0, ..Default::default() };
+    let tight = LearningOptions::default().with_iterations(20_000).with_tolerance(0.0);
     let learned = start.learn(&ys, &tight).unwrap();
     assert!(learned.model().free_parameters() < 5, "{:?}", learned.model());
     assert_eq!((start.free_parameters(), learned.free_parameters()), (5, 5));
@@ -513,7 +506,7 @@ fn parameters_are_those_of_the_start_however_long_learning_goes_on() {
     let best = Hmm::learn_best(std::slice::from_ref(&start), &ys, &tight, |_, _| ()).unwrap();
     assert_eq!(best.free_parameters(), 5);
     let mut seen = Vec::new();
-    let watched = start.learn_with(&ys, &tight, |now| {
+    let watched = start.learn_until(&ys, &tight, |now| {
         seen.push(now.free_parameters());
         ControlFlow::Continue(())
     });
@@ -528,7 +521,7 @@ fn parameters_are_those_of_the_start_however_long_learning_goes_on() {
     let forbidden = DenseTransition::from_rows(&[[0.7, 0.0], [0.3, 1.0]]).unwrap();
     let start = Hmm::new(prior, forbidden, table).unwrap();
     assert_eq!(start.learn(&ys, &tight).unwrap().free_parameters(), 1 + 1 + 2);
-    let kept = LearningOptions { keep_prior: true, ..tight };
+    let kept = tight.with_keep_prior(true);
     assert_eq!(start.learn(&ys, &kept).unwrap().free_parameters(), 1 + 2);
 }
 
@@ -544,7 +537,7 @@ fn four_poisson_states_are_nineteen_parameters() {
     let rates = [1.0, 30.0, 90.0, 200.0];
     let y = |k: usize| rates[k / 8 % 4] + [0.0, 1.0, -1.0, 0.0, 1.0][k % 5];
     let ys: Vec<Vec<[f64; 1]>> = vec![(0..160).map(|k| [y(k)]).collect()];
-    let tight = LearningOptions { iterations: 500, tolerance: 0.0, ..Default::default() };
+    let tight = LearningOptions::default().with_iterations(500).with_tolerance(0.0);
     let learned = start.learn(&ys, &tight).unwrap();
     assert!(learned.model().free_parameters() < 19);
     assert_eq!(learned.criteria().parameters, 19);
@@ -557,7 +550,7 @@ fn models_are_chosen_by_criteria_and_folds() {
     let truth = random_model(2, 3, 8);
     let sequences: Vec<_> =
         (0..7).map(|seed| truth.simulate(30, &mut rng(seed)).observations().to_vec()).collect();
-    let learning = LearningOptions { iterations: 5, ..LearningOptions::default() };
+    let learning = LearningOptions::default().with_iterations(5);
     let learn =
         |&states: &usize, some: &[&Vec<usize>]| random_model(states, 3, 77).learn(some, &learning);
     let selection = ModelSelection::new([1, 2, 3], &sequences, 3, learn).unwrap();
@@ -615,7 +608,7 @@ fn models_are_chosen_by_criteria_and_folds() {
 #[test]
 fn what_was_never_seen_is_held_against_a_fold() {
     let sequences = [vec![0, 0, 1], vec![0, 1, 0], vec![2, 0, 0]];
-    let learning = LearningOptions { iterations: 3, ..LearningOptions::default() };
+    let learning = LearningOptions::default().with_iterations(3);
     let learn = |(): &(), some: &[&Vec<usize>]| random_model(2, 3, 77).learn(some, &learning);
     let selection = ModelSelection::new([()], &sequences, 3, learn).unwrap();
     let folds = &selection.rows()[0].held_out;
@@ -651,8 +644,7 @@ fn standard_errors_of_a_share_are_those_of_counting() {
 /// hundred.
 #[test]
 fn parameters_are_found_back_within_three_standard_errors() {
-    let learning =
-        LearningOptions { tolerance: 1e-6, keep_prior: true, ..LearningOptions::default() };
+    let learning = LearningOptions::default().with_tolerance(1e-6).with_keep_prior(true);
     let read = |hmm: &Model| {
         let (a, b) = (hmm.transition().to_rows(), hmm.likelihood().to_rows());
         vec![a[0][0], a[1][1], b[0][0], b[0][1], b[1][0], b[1][1]]

@@ -1,7 +1,7 @@
 //! Imports a road network, simulates drives in it, and tracks them.
 //!
 //! ```text
-//! cargo run --release --features roads --example city -- --roads city.osm.pbf --largest
+//! cargo run --release -p wayfix-roads --all-features --example city -- --roads city.osm.pbf --largest
 //! ```
 //!
 //! Without a path, a small made-up city is used.
@@ -147,7 +147,7 @@ fn import(arguments: &Arguments) -> Result<RoadNetwork, Box<dyn Error>> {
     }
     let start = Instant::now();
     let (name, network, report) = if let Some(path) = &arguments.roads {
-        let options = ImportOptions { cleaning, ..ImportOptions::default() };
+        let options = ImportOptions::default().with_cleaning(cleaning);
         let (network, report) = RoadNetwork::from_path(path, &options)?;
         (path.display().to_string(), network, report.to_string())
     } else {

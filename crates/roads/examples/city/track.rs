@@ -53,7 +53,7 @@ pub(crate) fn track(
     let (mut live, mut late) = (vec![vehicle.live()], VecDeque::new());
     for point in &points[1..] {
         let start = Instant::now();
-        matcher.step(&mut vehicle, point)?;
+        vehicle.step(matcher, point)?;
         live.push(vehicle.live());
         tracked.live_seconds += start.elapsed().as_secs_f64();
         // Not part of the time.

@@ -2,7 +2,7 @@
 //! with probabilities.
 //!
 //! ```text
-//! cargo run --release --features roads --example drive -- --roads city.osm.pbf --trace drives.csv
+//! cargo run --release -p wayfix-roads --all-features --example drive -- --roads city.osm.pbf --trace drives.csv
 //! ```
 //!
 //! Without files, drives are simulated in a small made-up city, and written to files beside the
@@ -110,7 +110,7 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     let mut cleaning = Vec::new();
     cleaning.extend(arguments.largest.then_some(Cleaning::LargestComponent));
     cleaning.extend(arguments.contract.then_some(Cleaning::Contraction));
-    let options = ImportOptions { cleaning, ..ImportOptions::default() };
+    let options = ImportOptions::default().with_cleaning(cleaning);
     let (network, report) = RoadNetwork::from_path(&road_path, &options)?;
     roads::print(&format!("{report}\n"))?;
     let (traces, read) = read_traces(&trace_path)?;

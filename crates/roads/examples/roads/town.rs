@@ -1,7 +1,8 @@
 //! A small made-up city: a grid with one-way streets, an arterial road through a roundabout, a
 //! ring road, and dead ends.
 
-use wayfix::map::{MapError, Position, RoadClass};
+use wayfix::map::{Position, RoadClass};
+use wayfix_roads::NetworkError;
 use wayfix_roads::{EdgeOptions, NetworkBuilder, RoadNetwork};
 
 /// Name of the city in output.
@@ -42,7 +43,7 @@ fn on_ring(number: u64) -> [f64; 2] {
 }
 
 /// Builds the city.
-pub(crate) fn network() -> Result<RoadNetwork, MapError> {
+pub(crate) fn network() -> Result<RoadNetwork, NetworkError> {
     let mut builder = NetworkBuilder::new();
     for row in 0..STREETS[0] {
         for column in 0..STREETS[1] {
@@ -85,7 +86,7 @@ fn street(
     [from, to]: [u64; 2],
     number: u64,
     middle: u64,
-) -> Result<(), MapError> {
+) -> Result<(), NetworkError> {
     match number {
         _ if number == middle => builder.both_ways(from, to, RoadClass::Arterial)?,
         1 => builder.one_way(from, to, RoadClass::Street)?,
@@ -97,13 +98,13 @@ fn street(
 }
 
 /// Adds the roundabout in the middle, driven anticlockwise.
-fn roundabout(builder: &mut NetworkBuilder) -> Result<(), MapError> {
+fn roundabout(builder: &mut NetworkBuilder) -> Result<(), NetworkError> {
     for number in 0..8 {
         let (sine, cosine) = (std::f64::consts::FRAC_PI_4 * number as f64).sin_cos();
         builder.node(ROUNDABOUT + number, at(28.0 * cosine, 28.0 * sine))?;
     }
     for number in 0..8 {
-        let options = EdgeOptions { roundabout: true, ..EdgeOptions::of(RoadClass::Arterial) };
+        let options = EdgeOptions::of(RoadClass::Arterial).with_roundabout(true);
         builder.edge(ROUNDABOUT + number, ROUNDABOUT + (number + 1) % 8, options)?;
     }
     let [row, column] = MIDDLE;
@@ -117,7 +118,7 @@ fn roundabout(builder: &mut NetworkBuilder) -> Result<(), MapError> {
 }
 
 /// Adds the ring road, with roads into the city.
-fn ring(builder: &mut NetworkBuilder) -> Result<(), MapError> {
+fn ring(builder: &mut NetworkBuilder) -> Result<(), NetworkError> {
     for number in 0..RING_NODES {
         let [east, north] = on_ring(number);
         builder.node(RING + number, at(east, north))?;

@@ -9,14 +9,11 @@
 //! | measured positions | [`PositionLikelihood`] |
 //! | tags that are read at nodes, or names of roads | [`TagLikelihood`] |
 
-mod groups;
-mod layout;
 mod motion;
 mod position;
 mod road_cells;
 mod tags;
 
-pub(crate) use layout::Layout;
 pub use motion::{
     CellTransition, EdgeTurns, Odometer, Travel, TurnWeights, WheelOdometer, WheelTransition,
     WheelTravel, Wheels,

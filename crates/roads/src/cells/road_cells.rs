@@ -1,13 +1,73 @@
-//! Positions along roads as states: directed edges, cut into cells of nearly equal length.
+//! Positions along roads as states: directed edges, cut into cells of nearly equal length, numbered
+//! in the order of the edges and along each from its start; and their groups by edge, road and
+//! place.
 
 use std::ops::Range;
 use std::sync::Arc;
 
-use super::layout::Layout;
-use wayfix::map::{Coordinates, MapError, Position};
-
-use crate::{NearEdge, RoadNetwork};
+use crate::{NearEdge, NetworkError, RoadNetwork};
 use wayfix::error::Parameter;
+use wayfix::likelihood::Groups;
+use wayfix::map::{Coordinates, Position};
+
+/// Cells of directed edges.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Layout {
+    /// Cells of edge e are `starts[e]..starts[e + 1]`; each edge has at least one.
+    starts: Vec<u32>,
+    /// Edge of each cell.
+    edges: Vec<u32>,
+}
+
+impl Layout {
+    /// Cuts edges into cells, each into the number whose cells come closest to the spacing.
+    #[expect(clippy::cast_sign_loss, reason = "lengths and the spacing are above 0")]
+    pub(super) fn new(
+        lengths: impl Iterator<Item = f64> + Clone,
+        spacing: f64,
+    ) -> Result<Self, NetworkError> {
+        let count = |metres: f64| (metres / spacing).round().max(1.0);
+        let total: f64 = lengths.clone().map(count).sum();
+        if total == 0.0 {
+            return Err(NetworkError::NoRoads);
+        }
+        // Checked as a double before anything is allocated: lengths over a tiny spacing are huge or
+        // infinite.
+        if !(1.0..=f64::from(u32::MAX)).contains(&total) {
+            return Err(NetworkError::Cells { cells: total, spacing });
+        }
+        let (mut starts, mut edges) = (vec![0], Vec::with_capacity(total as usize));
+        for (edge, metres) in (0..).zip(lengths) {
+            edges.extend(std::iter::repeat_n(edge, count(metres) as usize));
+            starts.push(edges.len() as u32);
+        }
+        Ok(Self { starts, edges })
+    }
+
+    pub(crate) fn states(&self) -> usize {
+        self.edges.len()
+    }
+
+    pub(crate) fn edge_count(&self) -> usize {
+        self.starts.len() - 1
+    }
+
+    pub(crate) fn edge(&self, cell: usize) -> usize {
+        self.edges[cell] as usize
+    }
+
+    pub(crate) fn cells(&self, edge: usize) -> Range<usize> {
+        self.starts[edge] as usize..self.starts[edge + 1] as usize
+    }
+
+    pub(crate) fn first(&self, edge: usize) -> usize {
+        self.starts[edge] as usize
+    }
+
+    pub(crate) fn last(&self, edge: usize) -> usize {
+        self.starts[edge + 1] as usize - 1
+    }
+}
 
 /// Cells of a road network: each directed edge is cut into equal pieces of about a given length,
 /// which are the states of a vehicle whose position along its road matters.
@@ -51,7 +111,7 @@ use wayfix::error::Parameter;
 /// // Both directions of a stretch are one place.
 /// let places = cells.by_place();
 /// assert_eq!(places.group_of(2), places.group_of(5));
-/// # Ok::<(), wayfix::map::MapError>(())
+/// # Ok::<(), wayfix_roads::NetworkError>(())
 /// ```
 #[derive(Debug, Clone)]
 pub struct RoadCells<P = Position> {
@@ -67,10 +127,13 @@ impl<P> RoadCells<P> {
     ///
     /// # Errors
     ///
-    /// [`MapError::Parameter`] unless the spacing and the total length of all edges are above 0 and
-    /// finite, [`MapError::NoRoads`] for a network without edges, and [`MapError::Cells`] for more
-    /// cells than 32-bit indices address.
-    pub fn new(network: impl Into<Arc<RoadNetwork<P>>>, spacing: f64) -> Result<Self, MapError> {
+    /// [`NetworkError::Parameter`] unless the spacing and the total length of all edges are above 0
+    /// and finite, [`NetworkError::NoRoads`] for a network without edges, and
+    /// [`NetworkError::Cells`] for more cells than 32-bit indices address.
+    pub fn new(
+        network: impl Into<Arc<RoadNetwork<P>>>,
+        spacing: f64,
+    ) -> Result<Self, NetworkError> {
         let network = network.into();
         let wrong = || Parameter::new("the spacing of cells", spacing, "metres above 0");
         if !(spacing > 0.0 && spacing.is_finite()) {
@@ -224,10 +287,82 @@ impl<P: Coordinates> RoadCells<P> {
         best
     }
 
-    /// Cell at the nearest point of any edge. O(points of all edges), as [`project`](Self::project).
+    /// Cell at the nearest point of any edge. O(points of all edges), as
+    /// [`project`](Self::project).
     #[must_use]
     pub fn nearest(&self, position: P) -> usize {
         let NearEdge { edge, metres_along, .. } = self.project(position);
         self.cell_at(edge, metres_along)
+    }
+}
+
+impl<P> RoadCells<P> {
+    /// Groups of the cells by directed edge: group e is edge e.
+    #[must_use]
+    pub fn by_edge(&self) -> Groups {
+        let edges = (0..self.states()).map(|cell| self.edge(cell));
+        Groups::numbered(edges.collect(), self.layout.edge_count())
+    }
+
+    /// Groups of the cells by road, whatever the direction: both edges of a pair are one group.
+    /// Groups are numbered in the order of the lower edges.
+    #[must_use]
+    pub fn by_road(&self) -> Groups {
+        let (of, count) = self.roads();
+        let roads = (0..self.states()).map(|cell| of[self.edge(cell)]);
+        Groups::numbered(roads.collect(), count)
+    }
+
+    /// Groups of the cells by place, whatever the direction: a cell of the lower edge of a pair,
+    /// and the cells of the other edge whose middles lie in it. Groups are numbered in the order of
+    /// the lower edges' cells.
+    ///
+    /// The pair of an edge is that of the network
+    /// ([`RoadNetwork::reverse`](crate::RoadNetwork::reverse)). If the edges of a pair differ
+    /// in length, positions are compared as shares of the length.
+    #[must_use]
+    pub fn by_place(&self) -> Groups {
+        let (mut of, mut count) = (vec![0; self.states()], 0);
+        for edge in 0..self.layout.edge_count() {
+            let cells = self.cells(edge);
+            match self.lower(edge) {
+                Some(lower) => {
+                    let there = self.cells(lower);
+                    // The middle of cell i of m is at the share (2 i + 1) / 2 m of its edge, and at
+                    // 1 minus this of the other edge, which has n cells: that is its cell ⌊(2 (m −
+                    // i) − 1) n / 2 m⌋, computed in integers, and m − 1 − i if m = n. A middle on
+                    // the border of two cells is in the one farther along the other edge. Cells of
+                    // the lower edge without any middle are groups of their own.
+                    let (m, n) = (cells.len(), there.len());
+                    for (i, cell) in cells.enumerate() {
+                        let part = (2 * (m - i) - 1) * n / (2 * m);
+                        of[cell] = of[there.start + part.min(n - 1)];
+                    }
+                }
+                None => {
+                    for cell in cells {
+                        (of[cell], count) = (count, count + 1);
+                    }
+                }
+            }
+        }
+        Groups::numbered(of, count)
+    }
+
+    /// Other edge of a pair, if it is lower.
+    fn lower(&self, edge: usize) -> Option<usize> {
+        self.network.reverse(edge).filter(|&reverse| reverse < edge)
+    }
+
+    /// Road of each edge, and their number.
+    fn roads(&self) -> (Vec<usize>, usize) {
+        let (mut of, mut count) = (Vec::with_capacity(self.layout.edge_count()), 0);
+        for edge in 0..self.layout.edge_count() {
+            // The lower edge of a pair comes first, so its road has a number.
+            let road = self.lower(edge).map_or(count, |lower| of[lower]);
+            of.push(road);
+            count = count.max(road + 1);
+        }
+        (of, count)
     }
 }

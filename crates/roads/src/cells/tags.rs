@@ -4,12 +4,11 @@
 
 use std::cmp::Reverse;
 
+use crate::NetworkError;
 use crate::cells::RoadCells;
-use wayfix::LikelihoodError;
 use wayfix::error::Parameter;
 use wayfix::likelihood::{Groups, LocalLikelihood, SparseObservation};
-use wayfix::observation::ObservationError;
-use wayfix::{Diagonal, Likelihood, Scratch, SparseLikelihood};
+use wayfix::{Diagonal, Likelihood, LikelihoodError, Scratch, SparseLikelihood};
 
 /// Tag that a cell is in range of, with the part of the cell that is; `None` out of range.
 type InRange = Option<(usize, f32)>;
@@ -82,14 +81,14 @@ impl TagLikelihood {
     ///
     /// # Errors
     ///
-    /// [`ObservationError::Parameter`] for a node that does not exist or is given twice, a range
+    /// [`NetworkError::Parameter`] for a node that does not exist or is given twice, a range
     /// that is not above 0 and finite, or rates that are not probabilities with a sum of at most 1.
     pub fn at_nodes<P>(
         cells: &RoadCells<P>,
         nodes: &[usize],
         range: f64,
         rates: ReadRates,
-    ) -> Result<Self, ObservationError> {
+    ) -> Result<Self, NetworkError> {
         let network = cells.network();
         if !(range > 0.0 && range.is_finite()) {
             return parameter("the range of a reader", range, "metres above 0");
@@ -125,15 +124,15 @@ impl TagLikelihood {
     ///
     /// # Errors
     ///
-    /// [`ObservationError::Parameter`] for rates that are not probabilities with a sum of at most
+    /// [`NetworkError::Parameter`] for rates that are not probabilities with a sum of at most
     /// 1.
-    pub fn of_groups(groups: &Groups, rates: ReadRates) -> Result<Self, ObservationError> {
+    pub fn of_groups(groups: &Groups, rates: ReadRates) -> Result<Self, NetworkError> {
         let in_range = groups.as_slice().iter().map(|&group| Some((group, 1.0)));
         let in_range: Vec<InRange> = in_range.collect();
         Self::new(&in_range, groups.count(), rates)
     }
 
-    fn new(in_range: &[InRange], tags: usize, rates: ReadRates) -> Result<Self, ObservationError> {
+    fn new(in_range: &[InRange], tags: usize, rates: ReadRates) -> Result<Self, NetworkError> {
         let ReadRates { read, misread } = rates;
         for (what, value) in [("the read rate", read), ("the misread rate", misread)] {
             if !(0.0..=1.0).contains(&value) {
@@ -191,11 +190,7 @@ impl TagLikelihood {
     }
 }
 
-fn parameter<T>(
-    what: &'static str,
-    value: f64,
-    expected: &'static str,
-) -> Result<T, ObservationError> {
+fn parameter<T>(what: &'static str, value: f64, expected: &'static str) -> Result<T, NetworkError> {
     Err(Parameter::new(what, value, expected).into())
 }
 

@@ -8,13 +8,13 @@ use std::path::Path;
 
 use csv::StringRecord;
 
-use super::finish::{LEAST_METRES, finish, position_problem};
-use super::options::ImportOptions;
-use super::report::{ImportNote, ImportReport};
-use super::words::{class_of, directions, speed_of};
-use crate::{EdgeOptions, NetworkBuilder, RoadNetwork};
+use super::report::{
+    ImportNote, ImportOptions, ImportReport, LEAST_METRES, finish, position_problem,
+};
+use super::tags::{class_of, directions, speed_of};
+use crate::{EdgeOptions, NetworkBuilder, NetworkError, RoadNetwork};
 use wayfix::internal::{Row, Text, each_row, excerpt, open, unknown};
-use wayfix::map::{MapError, Place, Position};
+use wayfix::map::{Place, Position};
 
 /// Names that a column may have, and whether it is required.
 type Column = (&'static [&'static str], bool);
@@ -50,15 +50,15 @@ impl RoadNetwork {
     ///
     /// # Errors
     ///
-    /// [`MapError::Line`] with file and line for a missing column, a value that can't be parsed, a
-    /// node given twice or not on Earth (with a hint if latitude and longitude seem swapped), and
-    /// an edge with a missing node or a negative length; [`MapError::Read`] if a file can't be
-    /// opened or read; and those of [`cleaned`](Self::cleaned).
+    /// [`NetworkError::Line`] with file and line for a missing column, a value that can't be
+    /// parsed, a node given twice or not on Earth (with a hint if latitude and longitude seem
+    /// swapped), and an edge with a missing node or a negative length; [`NetworkError::Read`] if a
+    /// file can't be opened or read; and those of [`cleaned`](Self::cleaned).
     pub fn from_csv_files(
         nodes: impl AsRef<Path>,
         edges: impl AsRef<Path>,
         options: &ImportOptions,
-    ) -> Result<(Self, ImportReport), MapError> {
+    ) -> Result<(Self, ImportReport), NetworkError> {
         let (nodes, nodes_reader) = open(nodes.as_ref())?;
         let (edges, edges_reader) = open(edges.as_ref())?;
         read((&nodes, nodes_reader), (&edges, edges_reader), options)
@@ -83,7 +83,7 @@ impl RoadNetwork {
     ///     error.to_string(),
     ///     "edges, line 2: the road from place 7 to place 9 needs place 9, which does not exist"
     /// );
-    /// # Ok::<(), wayfix::map::MapError>(())
+    /// # Ok::<(), wayfix_roads::NetworkError>(())
     /// ```
     ///
     /// # Errors
@@ -93,7 +93,7 @@ impl RoadNetwork {
         nodes: impl Read,
         edges: impl Read,
         options: &ImportOptions,
-    ) -> Result<(Self, ImportReport), MapError> {
+    ) -> Result<(Self, ImportReport), NetworkError> {
         read(("nodes", nodes), ("edges", edges), options)
     }
 }
@@ -102,7 +102,7 @@ fn read(
     nodes: (&str, impl Read),
     edges: (&str, impl Read),
     options: &ImportOptions,
-) -> Result<(RoadNetwork, ImportReport), MapError> {
+) -> Result<(RoadNetwork, ImportReport), NetworkError> {
     let (mut builder, mut report) = (NetworkBuilder::new(), ImportReport::default());
     let ignored = each_line(nodes, NODES, |row| {
         let position = Position { latitude: row.number(1)?, longitude: row.number(2)? };
@@ -176,7 +176,7 @@ fn each_line<const N: usize>(
     (file, reader): (&str, impl Read),
     names: [Column; N],
     mut take: impl FnMut(Row<'_>) -> Result<(), String>,
-) -> Result<Vec<String>, MapError> {
+) -> Result<Vec<String>, NetworkError> {
     let mut ignored = Vec::new();
     let find = |header: &StringRecord| {
         let columns = names.map(|(names, _)| header.iter().position(|name| names.contains(&name)));

@@ -1,23 +1,22 @@
-//! Networks from GeoJSON.
+//! Networks from GeoJSON and as GeoJSON.
 //!
 //! GeoJSON has no node ids, so lines meet where they share coordinates, rounded to the seventh
 //! decimal of a degree (a centimetre).
 
 use std::collections::HashMap;
+use std::fmt::Write;
 use std::io::Read;
 use std::path::Path;
 
 use geojson::{Error, Feature, GeoJson, GeometryValue, JsonObject, JsonValue};
 
-use super::finish::{finish, position_problem};
 use super::lines::Lines;
-use super::options::ImportOptions;
-use super::report::{ImportNote, ImportReport};
-use super::tags::{RoadTags, road_of};
-use super::words::{class_of, directions, speed_of};
-use crate::{LONGEST_ROAD, NetworkBuilder, RoadNetwork};
+use super::report::{ImportNote, ImportOptions, ImportReport, finish, position_problem};
+use super::tags::{RoadTags, class_of, directions, road_of, speed_of};
+use crate::network::LONGEST_ROAD;
+use crate::{NetworkBuilder, NetworkError, RoadNetwork};
 use wayfix::internal::{excerpt, open, shortened, text_of};
-use wayfix::map::{MapError, Position};
+use wayfix::map::Position;
 
 /// Largest number of characters of the parser's message, which quotes the text.
 const LONGEST_PROBLEM: usize = 300;
@@ -35,14 +34,14 @@ impl RoadNetwork {
     ///
     /// # Errors
     ///
-    /// [`MapError::Line`] with the line where the text is not GeoJSON; [`MapError::Feature`] with
-    /// the feature for a point not on Earth (with a hint if latitude and longitude seem swapped) or
-    /// an invalid property; [`MapError::Read`] if the file can't be read; [`MapError::Empty`] if no
-    /// road is left; and those of [`cleaned`](Self::cleaned).
+    /// [`NetworkError::Line`] with the line where the text is not GeoJSON;
+    /// [`NetworkError::Feature`] with the feature for a point not on Earth (with a hint if latitude
+    /// and longitude seem swapped) or an invalid property; [`NetworkError::Read`] if the file can't
+    /// be read; [`NetworkError::Map`] if no road is left; and those of [`cleaned`](Self::cleaned).
     pub fn from_geojson_file(
         path: impl AsRef<Path>,
         options: &ImportOptions,
-    ) -> Result<(Self, ImportReport), MapError> {
+    ) -> Result<(Self, ImportReport), NetworkError> {
         let (file, reader) = open(path.as_ref())?;
         read(&file, reader, options)
     }
@@ -62,7 +61,7 @@ impl RoadNetwork {
     /// let (network, report) = RoadNetwork::from_geojson(text.as_bytes(), &ImportOptions::default())?;
     /// assert_eq!(report.to_string(), "read 4 nodes, 5 edges");
     /// assert_eq!(network.edges()[0].speed, Some(60.0 / 3.6));
-    /// # Ok::<(), wayfix::map::MapError>(())
+    /// # Ok::<(), wayfix_roads::NetworkError>(())
     /// ```
     ///
     /// # Errors
@@ -71,7 +70,7 @@ impl RoadNetwork {
     pub fn from_geojson(
         reader: impl Read,
         options: &ImportOptions,
-    ) -> Result<(Self, ImportReport), MapError> {
+    ) -> Result<(Self, ImportReport), NetworkError> {
         read("features", reader, options)
     }
 }
@@ -80,7 +79,7 @@ fn read(
     file: &str,
     reader: impl Read,
     options: &ImportOptions,
-) -> Result<(RoadNetwork, ImportReport), MapError> {
+) -> Result<(RoadNetwork, ImportReport), NetworkError> {
     let parsed = parse_geojson(file, reader)?;
     let mut roads = Roads {
         lines: Lines { numbered: true, ..Lines::default() },
@@ -88,7 +87,7 @@ fn read(
         report: ImportReport::default(),
     };
     let none = JsonObject::new();
-    let at = |feature, problem| MapError::Feature { file: file.to_owned(), feature, problem };
+    let at = |feature, problem| NetworkError::Feature { file: file.to_owned(), feature, problem };
     let mut take = |number: usize, feature: &Feature| {
         let Some(geometry) = &feature.geometry else {
             roads.report.note(ImportNote::OtherGeometry);
@@ -116,8 +115,8 @@ fn read(
 }
 
 /// Parses a file; errors name the line where it is not GeoJSON.
-pub(crate) fn parse_geojson(file: &str, reader: impl Read) -> Result<GeoJson, MapError> {
-    let at = |line, problem| MapError::Line { file: file.to_owned(), line, problem };
+pub(crate) fn parse_geojson(file: &str, reader: impl Read) -> Result<GeoJson, NetworkError> {
+    let at = |line, problem| NetworkError::Line { file: file.to_owned(), line, problem };
     text_of(file, reader)?.parse().map_err(|error: Error| match &error {
         Error::MalformedGeoJson(json) => {
             let problem = shortened(&json.to_string(), LONGEST_PROBLEM).into_owned();
@@ -255,5 +254,72 @@ fn word(value: &JsonValue) -> Option<String> {
         JsonValue::Number(number) => Some(number.to_string()),
         JsonValue::Bool(truth) => Some(truth.to_string()),
         _ => None,
+    }
+}
+
+/// GeoJSON geometry of the line through positions.
+pub(crate) fn line_string(points: impl IntoIterator<Item = Position>) -> String {
+    let pair = |point: Position| format!("[{},{}]", point.longitude, point.latitude);
+    let pairs: Vec<String> = points.into_iter().map(pair).collect();
+    format!(r#"{{"type":"LineString","coordinates":[{}]}}"#, pairs.join(","))
+}
+
+impl RoadNetwork {
+    /// Returns the network as GeoJSON text: a collection with one line per edge, or per two
+    /// directions that share a line, with its `class`, `oneway`, `length_m`, and, if known,
+    /// `speed_kmh` and `junction`.
+    ///
+    /// [`from_geojson`](Self::from_geojson) reads back all edges with their lengths, split where
+    /// others meet them. The text has no node ids and no forbidden turns, and nodes at the same
+    /// place are read as one.
+    ///
+    /// ```
+    /// use wayfix_roads::NetworkBuilder;
+    /// use wayfix::map::{Position, RoadClass};
+    ///
+    /// let mut builder = NetworkBuilder::new();
+    /// builder.node(1, Position { latitude: 0.0, longitude: 0.5 })?;
+    /// builder.node(2, Position { latitude: 0.0, longitude: 0.75 })?;
+    /// builder.both_ways(1, 2, RoadClass::Main)?;
+    /// let text = builder.build()?.to_geojson();
+    /// assert!(text.contains(r#""oneway":"no""#));
+    /// assert!(text.contains(r#"{"type":"LineString","coordinates":[[0.5,0],[0.75,0]]}"#));
+    /// # Ok::<(), wayfix_roads::NetworkError>(())
+    /// ```
+    #[must_use]
+    pub fn to_geojson(&self) -> String {
+        let mut text = String::from(r#"{"type":"FeatureCollection","features":["#);
+        let mut separator = "\n";
+        for (e, edge) in self.edges().iter().enumerate() {
+            let back = self.reverse(e).filter(|&back| self.is_same_road(e, back));
+            if back.is_some_and(|back| back < e) {
+                continue;
+            }
+            let oneway = if back.is_some() { "no" } else { "yes" };
+            text += separator;
+            separator = ",\n";
+            // Writing to a string cannot fail.
+            let _ = write!(
+                text,
+                r#"{{"type":"Feature","properties":{{"class":"{}","oneway":"{oneway}","length_m":{}"#,
+                edge.class, edge.metres
+            );
+            if let Some(speed) = edge.speed {
+                let _ = write!(text, r#","speed_kmh":{}"#, speed * 3.6);
+            }
+            if edge.roundabout {
+                text += r#","junction":"roundabout""#;
+            }
+            let line = line_string(self.shape(e).iter().copied());
+            let _ = write!(text, r#"}},"geometry":{line}}}"#);
+        }
+        text + "\n]}\n"
+    }
+
+    /// True if two edges are the directions of one road, with the same line and the same numbers.
+    fn is_same_road(&self, edge: usize, back: usize) -> bool {
+        let [a, b] = [edge, back].map(|e| self.edges()[e]);
+        (a.class, a.metres, a.speed, a.roundabout) == (b.class, b.metres, b.speed, b.roundabout)
+            && self.shape(edge).iter().eq(self.shape(back).iter().rev())
     }
 }

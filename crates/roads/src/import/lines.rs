@@ -6,11 +6,10 @@
 
 use std::collections::HashMap;
 
-use super::finish::LEAST_METRES;
-use super::report::{ImportNote, ImportReport};
+use super::report::{ImportNote, ImportReport, LEAST_METRES};
 use super::tags::RoadTags;
-use crate::{EdgeOptions, NetworkBuilder};
-use wayfix::map::{MapError, Position};
+use crate::{EdgeOptions, NetworkBuilder, NetworkError};
+use wayfix::map::Position;
 
 /// A road through points, given by their keys.
 #[derive(Debug)]
@@ -80,7 +79,7 @@ impl Lines {
         mut self,
         builder: &mut NetworkBuilder,
         report: &mut ImportReport,
-    ) -> Result<Vec<Piece>, MapError> {
+    ) -> Result<Vec<Piece>, NetworkError> {
         let mut pieces = Vec::new();
         for (index, line) in std::mem::take(&mut self.all).into_iter().enumerate() {
             let known = |point: &u64| self.points[point].position;
@@ -117,7 +116,7 @@ impl Lines {
         pieces: &mut Vec<Piece>,
         (index, line, extent): (usize, &Line, f64),
         piece: &[u64],
-    ) -> Result<(), MapError> {
+    ) -> Result<(), NetworkError> {
         let mut shape: Vec<Position> =
             piece.iter().filter_map(|p| self.points[p].position).collect();
         let straight = length(&shape);
@@ -161,7 +160,7 @@ impl Lines {
     }
 
     /// Id of the node at a point, added if it is new.
-    fn node(&mut self, builder: &mut NetworkBuilder, key: u64) -> Result<u64, MapError> {
+    fn node(&mut self, builder: &mut NetworkBuilder, key: u64) -> Result<u64, NetworkError> {
         let point = self.points.entry(key).or_default();
         if let (None, Some(position)) = (point.node, point.position) {
             let id = if self.numbered { builder.nodes() as u64 } else { key };

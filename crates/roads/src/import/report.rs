@@ -1,9 +1,86 @@
-//! Report of an import: what was read, skipped and replaced.
+//! Options and report of an import, and what all formats share: checks of positions, and the last
+//! steps.
 
 use std::collections::BTreeMap;
 use std::fmt;
 
-use crate::CleaningStep;
+use crate::{Cleaning, CleaningStep, NetworkBuilder, NetworkError, RoadNetwork};
+use wayfix::internal::Number;
+use wayfix::map::Position;
+
+/// Options of an import: which roads are read, and how the network is cleaned.
+///
+/// Service roads, tracks and private roads are recognised in OpenStreetMap extracts and in GeoJSON
+/// features with a `highway` property; all roads of CSV files are read.
+///
+/// ```
+/// use wayfix_roads::{Cleaning, ImportOptions};
+///
+/// let options = ImportOptions::default()
+///     .with_parking_aisles(false)
+///     .with_cleaning(vec![Cleaning::LargestComponent, Cleaning::Contraction]);
+/// assert!(options.service_roads);
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+#[expect(clippy::struct_excessive_bools, reason = "each is a kind of road, chosen by itself")]
+pub struct ImportOptions {
+    /// Roads to and on private ground, car parks and depots (`highway=service`); true by default.
+    pub service_roads: bool,
+    /// Aisles of car parks and driveways, if service roads are read; true by default.
+    pub parking_aisles: bool,
+    /// Farm and forest tracks (`highway=track`); false by default.
+    pub tracks: bool,
+    /// Roads closed to the public (`access=private`, `no` and the like); false by default.
+    pub private_roads: bool,
+    /// Operations that [clean](crate::RoadNetwork::cleaned) the network after reading; none by
+    /// default.
+    pub cleaning: Vec<Cleaning>,
+}
+
+impl Default for ImportOptions {
+    fn default() -> Self {
+        Self {
+            service_roads: true,
+            parking_aisles: true,
+            tracks: false,
+            private_roads: false,
+            cleaning: Vec::new(),
+        }
+    }
+}
+
+impl ImportOptions {
+    /// Sets whether service roads are read.
+    #[must_use]
+    pub fn with_service_roads(self, service_roads: bool) -> Self {
+        Self { service_roads, ..self }
+    }
+
+    /// Sets whether aisles of car parks and driveways are read.
+    #[must_use]
+    pub fn with_parking_aisles(self, parking_aisles: bool) -> Self {
+        Self { parking_aisles, ..self }
+    }
+
+    /// Sets whether tracks are read.
+    #[must_use]
+    pub fn with_tracks(self, tracks: bool) -> Self {
+        Self { tracks, ..self }
+    }
+
+    /// Sets whether roads closed to the public are read.
+    #[must_use]
+    pub fn with_private_roads(self, private_roads: bool) -> Self {
+        Self { private_roads, ..self }
+    }
+
+    /// Sets the operations that clean the network after reading.
+    #[must_use]
+    pub fn with_cleaning(self, cleaning: Vec<Cleaning>) -> Self {
+        Self { cleaning, ..self }
+    }
+}
 
 /// Counts of an import: the network as read, the roads skipped and values replaced, and the
 /// cleaning after it.
@@ -117,4 +194,46 @@ impl fmt::Display for ImportReport {
         }
         self.cleaning.iter().try_for_each(|step| write!(f, "\n{step}"))
     }
+}
+
+/// Length in metres that replaces shorter straight lines.
+pub(super) const LEAST_METRES: f64 = 0.1;
+
+/// Builds and cleans a network, and completes the report.
+pub(super) fn finish(
+    builder: NetworkBuilder,
+    mut report: ImportReport,
+    options: &ImportOptions,
+) -> Result<(RoadNetwork, ImportReport), NetworkError> {
+    let network = builder.build()?;
+    report.nodes = network.nodes().len();
+    report.edges = network.edges().len();
+    report.forbidden_turns = network.forbidden_turns().len();
+    let (network, cleaning) = network.cleaned(&options.cleaning)?;
+    report.cleaning = cleaning;
+    Ok((network, report))
+}
+
+/// Describes what is wrong with a position; `None` for one on Earth.
+pub(super) fn position_problem(position: Position) -> Option<String> {
+    let Position { latitude, longitude } = position;
+    if latitude.abs() <= 90.0 && longitude.abs() <= 180.0 {
+        return None;
+    }
+    // Valid if exchanged. Swapped positions whose longitude is below 90° cannot be told from right
+    // ones.
+    if latitude.abs() > 90.0 && latitude.abs() <= 180.0 && longitude.abs() <= 90.0 {
+        let [latitude, longitude] = [latitude, longitude].map(Number);
+        return Some(format!(
+            "latitude {latitude} and longitude {longitude} seem to be swapped, expected degrees from -90 to 90 for the latitude"
+        ));
+    }
+    // NaN fails every comparison, and is reported as the latitude or longitude that it is.
+    let (name, value, limit) = if latitude.abs() <= 90.0 {
+        ("longitude", longitude, 180)
+    } else {
+        ("latitude", latitude, 90)
+    };
+    let value = Number(value);
+    Some(format!("{name} is {value}, expected degrees from -{limit} to {limit}"))
 }

@@ -5,7 +5,7 @@
 //! position, and with the log-likelihood of the heading; both lists have the order of the
 //! candidates.
 
-use super::place::Place;
+use super::receiver::Place;
 use super::sighting::{SLOPE, Sighting, logistic};
 use super::{MatchModel, TracePoint};
 use crate::{EdgeIndex, NearEdge, RoadNetwork};
@@ -15,7 +15,7 @@ use wayfix::map::Coordinates;
 const MOST_CANDIDATES: usize = 64;
 /// Logarithm of the share of the belief above which a state continues where its road leads, even if
 /// no position is near.
-const CARRIED: f64 = -3.5;
+const LEAST_LOG_CARRIED: f64 = -3.5;
 /// Largest number of ways of one state that continues, and of states added for all of them.
 const CARRIED_WAYS: usize = 8;
 const MOST_CARRIED: usize = 16;
@@ -24,6 +24,7 @@ const MOST_VISITED: usize = 200;
 
 /// A point of an edge where the vehicle may be, or the state off the road.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub(super) struct Candidate {
     /// Index of the edge; [`OFF_ROAD`] off the road.
     pub(super) edge: u32,
@@ -85,7 +86,7 @@ pub(super) struct CandidateSearch<'a, P> {
     pub(super) model: &'a MatchModel,
     pub(super) point: &'a TracePoint<P>,
     pub(super) sightings: &'a mut Vec<Sighting>,
-    pub(super) log_headings: &'a mut Vec<f64>,
+    pub(super) log_heading_likelihoods: &'a mut Vec<f64>,
 }
 
 impl<P: Coordinates> CandidateSearch<'_, P> {
@@ -119,7 +120,7 @@ impl<P: Coordinates> CandidateSearch<'_, P> {
     ) {
         let near_by = states.len();
         for (from, log) in before.iter().zip(log_filtered) {
-            if from.is_off_road() || *log < CARRIED {
+            if from.is_off_road() || *log < LEAST_LOG_CARRIED {
                 continue;
             }
             let mut ends = [(0, 0.0); CARRIED_WAYS];
@@ -190,7 +191,7 @@ impl<P: Coordinates> CandidateSearch<'_, P> {
     }
 
     /// Returns the state on an edge near the position, and appends its sighting.
-    fn on_edge(&mut self, near: &NearEdge, log_heading: f64) -> Candidate {
+    fn on_edge(&mut self, near: &NearEdge, log_heading_likelihood: f64) -> Candidate {
         let sigma = deviation(self.model, self.point);
         let metres = self.network.edges()[near.edge].metres;
         let (position, scale) = (self.point.position.to_plane(), P::scale(near.point));
@@ -215,7 +216,7 @@ impl<P: Coordinates> CandidateSearch<'_, P> {
         // density in two dimensions.
         let far = 1.0 + (near.metres_off / spread).powi(2);
         let log_outlier = self.model.outliers.ln() + most.ln() - spread.ln() - 1.5 * far.ln();
-        self.log_headings.push(log_heading);
+        self.log_heading_likelihoods.push(log_heading_likelihood);
         self.sightings.push(Sighting {
             normal,
             tangent,

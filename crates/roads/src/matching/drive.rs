@@ -4,13 +4,16 @@
 //! formulas) and the Viterbi path (section 7) then run on the stored trellis; the route joins the
 //! states of that path by the same ways that the moves were weighted with.
 
+use std::fmt::Write;
 use std::ops::ControlFlow;
 
 use super::answer::{RoadAnswer, Stretch, Stretches, credible, edges};
 use super::candidates::{Candidate, deviation};
 use super::matcher::DRIVES_AHEAD;
+use super::route::route;
 use super::step::{MatchStep, SmoothedDrive};
-use super::{MatchError, Matcher, TracePoint, routes};
+use super::{MatchError, Matcher, TracePoint};
+use crate::line_string;
 use wayfix::inference::{SmoothedTrellis, Trellis};
 use wayfix::internal::parallel;
 use wayfix::map::{Coordinates, Position};
@@ -44,7 +47,7 @@ impl<P: Coordinates> Matcher<P> {
         let path = trellis.viterbi()?;
         let on_path: Vec<Candidate> =
             path.states().iter().zip(&states).map(|(state, states)| states[*state]).collect();
-        let route = routes::route(&self.network, points, &on_path, &mut step);
+        let route = route(&self.network, points, &on_path, &mut step);
         let points = points.to_vec();
         Ok(MatchedDrive { points, states, trellis, smoothed, route, network: self.fingerprint })
     }
@@ -224,5 +227,32 @@ impl<P: Coordinates> MatchedDrive<P> {
     pub fn candidates(&self) -> f64 {
         let states: usize = self.states.iter().map(|states| states.len() - 1).sum();
         states as f64 / self.states.len() as f64
+    }
+}
+
+#[cfg(feature = "geojson")]
+impl Matcher {
+    /// Returns a route as GeoJSON text: a collection with one line per stretch, in order. The
+    /// properties of a line are the ids of its nodes as `from` and `to`, `enter_m`, `exit_m` and
+    /// `off_road`.
+    #[must_use]
+    pub fn route_to_geojson(&self, route: &[Stretch]) -> String {
+        let mut text = String::from(r#"{"type":"FeatureCollection","features":["#);
+        for (number, stretch) in route.iter().enumerate() {
+            let Stretch { edge, enter, exit, .. } = *stretch;
+            let separator = if number == 0 { "\n" } else { ",\n" };
+            let nodes = edge.map_or(String::new(), |edge| {
+                let edge = &self.network.edges()[edge];
+                let [from, to] = [edge.from, edge.to].map(|node| self.network.nodes()[node].id);
+                format!(r#""from":{from},"to":{to},"#)
+            });
+            let (line, off_road) = (line_string(self.line(stretch)), edge.is_none());
+            // Writing to a string cannot fail.
+            let _ = write!(
+                text,
+                r#"{separator}{{"type":"Feature","properties":{{{nodes}"enter_m":{enter:.1},"exit_m":{exit:.1},"off_road":{off_road}}},"geometry":{line}}}"#
+            );
+        }
+        text + "\n]}\n"
     }
 }

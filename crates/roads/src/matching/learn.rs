@@ -1,10 +1,19 @@
-//! Learning of the model from unlabelled drives, by expectation maximisation, with a test on
-//! held-out drives of whether it pays.
+//! Learning of the model from unlabelled drives, by expectation maximisation (Baum et al. 1970),
+//! with a prior, and a test on held-out drives of whether it pays.
+//!
+//! The E step counts expected events of drives. Every parameter but the lasting share and its time
+//! is a mean of expected events over expected opportunities, so the M step is one quotient, and the
+//! prior adds pseudo-counts to both.
 
 use std::ops::ControlFlow;
 
-use super::counts::{Counts, LIMITS, Limits};
+use super::candidates::Candidate;
+use super::lasting::{Error, LastingErrors};
 use super::matcher::DRIVES_AHEAD;
+use super::moves::Move;
+use super::receiver::{FACTORS, POOR_AT, REDRAWN_AFTER, ROUGH};
+use super::sighting::Sighting;
+use super::step::{MatchStep, SmoothedDrive};
 use super::{MatchError, MatchModel, Matcher, TracePoint};
 use wayfix::internal::parallel;
 use wayfix::map::Coordinates;
@@ -115,7 +124,7 @@ impl<P: Coordinates> Matcher<P> {
         iterations: usize,
     ) -> Result<LearnedMatchModel, MatchError> {
         let drives: Vec<&[TracePoint<P>]> = drives.iter().map(AsRef::as_ref).collect();
-        let mut learned = self.climb(&drives, iterations)?;
+        let mut learned = self.learn_unchecked(&drives, iterations)?;
         if learned.iterations > 0 {
             // The model to be returned has seen all drives and cannot be tested on them, so two
             // others, each learned from one half, stand for it.
@@ -128,7 +137,7 @@ impl<P: Coordinates> Matcher<P> {
     }
 
     /// Learns from drives without a test of whether it pays.
-    fn climb(
+    fn learn_unchecked(
         &self,
         drives: &[&[TracePoint<P>]],
         iterations: usize,
@@ -169,8 +178,8 @@ impl<P: Coordinates> Matcher<P> {
             if number % 2 == 0 { &mut even } else { &mut odd }.push(drive);
         }
         let mut gain = 0.0;
-        for [taught, held_out] in [[&even, &odd], [&odd, &even]] {
-            let model = self.climb(taught, iterations)?.model;
+        for [training, held_out] in [[&even, &odd], [&odd, &even]] {
+            let model = self.learn_unchecked(training, iterations)?.model;
             gain += self.count_all(&model, held_out)?.log_likelihood;
             gain -= self.count_all(&self.model, held_out)?.log_likelihood;
         }
@@ -213,4 +222,254 @@ fn median_interval<P>(drives: &[&[TracePoint<P>]]) -> f64 {
         return seconds.first().copied().unwrap_or(0.0);
     }
     *seconds.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+/// Name of a learned parameter, its field in a model, and the limits within which learning keeps
+/// it.
+pub(super) type Limits = (&'static str, fn(&mut MatchModel) -> &mut f64, [f64; 2]);
+
+pub(super) const LIMITS: [Limits; 7] = [
+    ("noise", |model| &mut model.noise, [0.1, 1000.0]),
+    ("outliers", |model| &mut model.outliers, [1e-3, 0.5]),
+    ("deviation", |model| &mut model.deviation, [1.5, 100.0]),
+    ("stop", |model| &mut model.stop, [1e-3, 0.3]),
+    ("leave_road", |model| &mut model.leave_road, [1e-7, 0.005]),
+    ("return_to_road", |model| &mut model.return_to_road, [1e-4, 0.1]),
+    ("poor", |model| &mut model.poor, [1e-3, 0.5]),
+];
+
+/// Expected counts of drives: for each parameter, in the order of [`LIMITS`], the sum and the
+/// weight of the terms that it is the mean of.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Counts {
+    means: [Mean; 7],
+    lasting: LastingErrors,
+    pub(super) log_likelihood: f64,
+    pub(super) points: usize,
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+struct Mean {
+    sum: f64,
+    weight: f64,
+}
+
+impl Mean {
+    fn add(&mut self, sum: f64, weight: f64) {
+        self.sum += sum;
+        self.weight += weight;
+    }
+}
+
+/// Numbers of points and of seconds that the prior values count for.
+const PRIOR_POINTS: f64 = 100.0;
+const PRIOR_SECONDS: f64 = 20_000.0;
+/// Number of returns to the road that the prior rate of returns counts for.
+const PRIOR_RETURNS: f64 = 5.0;
+/// Number of draws of the reception that the prior share of poor reception counts for.
+const PRIOR_RECEPTIONS: f64 = 3.0;
+/// Standard deviations from a road up to which errors count towards the noise.
+const FARTHEST_OFF: f64 = 3.0;
+/// Weights of the prior's lasting share, for receivers about which little is known and for rough
+/// ones.
+const PRIOR_LASTING: f64 = 80.0;
+const PRIOR_LASTING_IN_ROUGH: f64 = 10.0;
+/// Least lasting share of the errors of a fine receiver.
+const LASTING_IN_FINE: f64 = 0.9;
+/// Interval in seconds above which two points hardly show what happened between them.
+const SHOWN: f64 = 10.0;
+
+impl<P: Coordinates> Matcher<P> {
+    /// Expected counts of a drive under a model.
+    pub(super) fn count(
+        &self,
+        model: &MatchModel,
+        points: &[TracePoint<P>],
+    ) -> Result<Counts, MatchError> {
+        let (mut sightings, mut moves, mut stops_by_point) = (Vec::new(), Vec::new(), Vec::new());
+        let drive = MatchStep::new(self, model).smooth(
+            points,
+            |sightings_now, moves_now, p_stationary| {
+                sightings.push(sightings_now.to_vec());
+                stops_by_point.push(p_stationary);
+                moves.extend_from_slice(moves_now);
+            },
+        )?;
+        let SmoothedDrive { states, trellis, smoothed } = drive;
+        let log_likelihood = smoothed.log_likelihood();
+        let mut counts = Counts { log_likelihood, points: points.len(), ..Counts::default() };
+        let [noise, outliers, detours, stops, leaves, returns, poor] = &mut counts.means;
+        let (mut moves, mut errors) = (moves.iter(), Vec::with_capacity(points.len()));
+        for (number, (states_now, point)) in states.iter().zip(points).enumerate() {
+            let step = number + 1;
+            // Points in quick succession are hardly two witnesses: with a correlation of κ between
+            // neighbours, a point carries (1 − κ) / (1 + κ) of an independent one's information. A
+            // stationary vehicle, which may be parked beside any road, is not a witness at all.
+            let (mut witness, mut elapsed) = (1.0, 0.0);
+            if number > 0 {
+                let seconds = point.time - points[number - 1].time;
+                let kept = model.lasting * (-seconds / model.lasts).exp();
+                // After this long the reception is drawn anew, and a longer gap shows one draw all
+                // the same.
+                elapsed = seconds.min(REDRAWN_AFTER);
+                witness = (1.0 - stops_by_point[number]) * (1.0 - kept) / (1.0 + kept);
+            }
+            let has_accuracy = point.accuracy.is_some();
+            let error = |state: &Candidate, sighting: &Sighting| {
+                let is_known = sighting.is_beside && !has_accuracy && state.inlier > 0.0;
+                let Sighting { across, normal, .. } = *sighting;
+                is_known.then_some(Error { metres: across, normal })
+            };
+            let probabilities = smoothed.smoothed(step);
+            let most_probable =
+                |a: &usize, b: &usize| probabilities[*a].total_cmp(&probabilities[*b]);
+            let best = (0..states_now.len()).max_by(most_probable);
+            // The state off the road is last and has no sighting: `get` gives none for it.
+            errors.push(best.and_then(|best| {
+                let (state, sighting) = (&states_now[best], sightings[number].get(best)?);
+                error(state, sighting).filter(|_| state.inlier > 0.5)
+            }));
+            // The last state is the one off the road.
+            let on_road = states_now.iter().zip(&sightings[number]);
+            for ((state, sighting), &p) in on_road.zip(probabilities) {
+                // After the first point, outliers are counted move by move, below: a merged state
+                // no longer knows which moves led to an outlier.
+                outliers.add(if number == 0 { p * (1.0 - state.inlier) } else { 0.0 }, p);
+                poor.add(elapsed * p * state.place.shares[POOR_AT], elapsed * p);
+                let Some(across) = error(state, sighting).map(|error| error.metres) else {
+                    continue;
+                };
+                // Farther off, the vehicle is more likely beside the road than badly received.
+                if across.abs() < FARTHEST_OFF * model.over_all_time(model.noise) {
+                    let weight = witness * p * state.inlier;
+                    let shares = state.place.shares.iter().zip(FACTORS);
+                    // E[1 / factor²] brings squared errors of all receptions to the scale of usual
+                    // reception.
+                    let usual: f64 = shares.map(|(share, factor)| share / (factor * factor)).sum();
+                    noise.add(weight * usual * across * across, weight);
+                }
+            }
+            if number == 0 {
+                continue;
+            }
+            let (before, seconds) = (&states[number - 1], point.time - points[number - 1].time);
+            let shown = (SHOWN / seconds).min(1.0);
+            for (to, state) in states_now.iter().enumerate() {
+                let into = smoothed.moves(&trellis, step, to);
+                // The trellis lists moves in the order in which the steps found them, so both
+                // iterators stay in step: every move is taken, even one of probability 0.
+                for ((from, p), moved) in into.zip(&mut moves) {
+                    let off_road = [before[from].is_off_road(), state.is_off_road()];
+                    let events = if off_road[0] == off_road[1] { 0.0 } else { p };
+                    let left = if off_road[0] { &mut *returns } else { &mut *leaves };
+                    // Rates per second: expected changes over expected seconds spent on or off the
+                    // road.
+                    left.add(shown * events, shown * p * seconds);
+                    if off_road == [true, false] {
+                        outliers.sum += p * (1.0 - state.inlier);
+                    }
+                    if let Move::Along { p_stationary, outlier, detour } = moved {
+                        outliers.sum += p * outlier;
+                        stops.add(shown * p * p_stationary, shown * p);
+                        detours.add(shown * p * detour, shown * p);
+                    }
+                }
+            }
+        }
+        counts.lasting = LastingErrors::of(points, &errors);
+        Ok(counts)
+    }
+}
+
+impl Counts {
+    pub(super) fn add(&mut self, other: &Self) {
+        let means = self.means.iter_mut().zip(&other.means);
+        means.for_each(|(mean, other)| mean.add(other.sum, other.weight));
+        self.lasting.add(&other.lasting);
+        self.log_likelihood += other.log_likelihood;
+        self.points += other.points;
+    }
+
+    /// Model that maximises the probability of the counts and the prior.
+    pub(super) fn maximize(&self, now: &MatchModel, prior: &MatchModel) -> MatchModel {
+        let mean_of = |value: f64, weight: f64| Mean { sum: value * weight, weight };
+        let points = |value: f64| mean_of(value, PRIOR_POINTS);
+        let usual = MatchModel::default().noise;
+        let priors = [
+            // The noise is drawn to the default's, whatever the prior's: a vehicle that is mostly
+            // parked beside roads would otherwise make it grow without end.
+            points(usual * usual),
+            points(prior.outliers),
+            points(prior.deviation),
+            points(prior.stop),
+            mean_of(prior.leave_road, PRIOR_SECONDS),
+            Mean { sum: PRIOR_RETURNS, weight: PRIOR_RETURNS / prior.return_to_road },
+            mean_of(prior.poor, PRIOR_RECEPTIONS * REDRAWN_AFTER),
+        ];
+        let mut model = *now;
+        for ((mean, prior), (_, value, _)) in self.means.iter().zip(priors).zip(LIMITS) {
+            *value(&mut model) = (mean.sum + prior.sum) / (mean.weight + prior.weight);
+        }
+        // It was a mean of squares.
+        model.noise = model.noise.sqrt();
+        [model.lasting, model.lasts] = self.lasting.fit(prior, PRIOR_LASTING);
+        if model.lasting < LASTING_IN_FINE {
+            // A rough receiver: what looks like poor reception is white noise, and all errors are
+            // of one kind.
+            [model.lasting, model.lasts] = self.lasting.fit(prior, PRIOR_LASTING_IN_ROUGH);
+            (model.noise, model.poor) = (self.lasting.deviation(), ROUGH.min(prior.poor));
+        }
+        for (_, value, [least, most]) in LIMITS {
+            let value = value(&mut model);
+            *value = value.clamp(least, most);
+        }
+        model
+    }
+}
+
+impl MatchModel {
+    /// True if no learned parameter differs by more than 1 %.
+    pub(super) fn is_near(&self, other: &Self) -> bool {
+        let (mut a, mut b) = (*self, *other);
+        LIMITS.iter().all(|(_, value, _)| (*value(&mut a) / *value(&mut b) - 1.0).abs() <= 0.01)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::matching::LearnedMatchModel;
+
+    /// Learning that runs into a limit stops there and reports it.
+    #[test]
+    fn limits() {
+        let prior = MatchModel::default();
+        let many = 1e15;
+        let none = Counts { means: [Mean { sum: 0.0, weight: many }; 7], ..Counts::default() };
+        let mut all = none;
+        for (mean, sum) in all.means.iter_mut().zip([1e30, many, 1e30, many, many, many, many]) {
+            mean.sum = sum;
+        }
+        all.means[5].weight = 1.0;
+        for (limit, counts) in [none, all].into_iter().enumerate() {
+            let mut model = counts.maximize(&prior, &prior);
+            for (name, value, limits) in LIMITS {
+                assert_eq!(*value(&mut model), limits[limit], "{name}");
+            }
+            let learned = LearnedMatchModel {
+                model,
+                iterations: 1,
+                converged: true,
+                log_likelihood: 0.0,
+                points: 1,
+                held_out: 10.0,
+                median_interval: 1.0,
+            };
+            assert_eq!(learned.at_limits().len(), LIMITS.len());
+            let inside = MatchModel { noise: 8.0, deviation: 3.0, ..model };
+            let inside = LearnedMatchModel { model: inside, ..learned };
+            let expected = ["outliers", "stop", "leave_road", "return_to_road", "poor"];
+            assert_eq!(inside.at_limits(), expected);
+        }
+    }
 }

@@ -2,7 +2,7 @@
 //! steps.
 
 use super::moves::Move;
-use super::place::{ByReception, Place};
+use super::receiver::{ByReception, Place};
 use super::sighting::Sighting;
 use super::{MatchError, MatchModel};
 use crate::cells::{EdgeTurns, TurnWeights};
@@ -37,7 +37,7 @@ pub(super) struct Memory {
     pub(super) near: Vec<NearEdge>,
     /// Sightings of the states on roads, and the log-likelihoods of their headings.
     pub(super) sightings: Vec<Sighting>,
-    pub(super) log_headings: Vec<f64>,
+    pub(super) log_heading_likelihoods: Vec<f64>,
     /// Predicted places of the previous states.
     pub(super) places: Vec<Place>,
     /// Moves into each state.

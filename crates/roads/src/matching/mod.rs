@@ -42,7 +42,7 @@
 //! // The same live, point by point.
 //! let mut vehicle = matcher.start(&drive[0], 3)?;
 //! for point in &drive[1..] {
-//!     matcher.step(&mut vehicle, point)?;
+//!     vehicle.step(&matcher, point)?;
 //! }
 //! assert_eq!(vehicle.live(), matched.live(3));
 //! # Ok::<(), Box<dyn std::error::Error>>(())
@@ -85,31 +85,24 @@
 //! a matcher, which adds its candidates and moves to a trellis; and on top of the step, vehicles,
 //! learning, and drives with their distinct routes.
 
-mod across;
 mod answer;
 mod candidates;
-mod counts;
 mod drive;
 mod error;
 #[cfg(any(feature = "csv", feature = "geojson", feature = "gpx"))]
 mod files;
-#[cfg(feature = "geojson")]
-mod geojson;
 mod lasting;
 mod learn;
 mod matcher;
 mod model;
 mod moves;
-mod place;
 mod point;
 mod receiver;
+mod route;
 mod routes;
 mod sighting;
-mod snapshot;
 mod step;
 mod vehicle;
-mod ways;
-mod weigh;
 #[cfg(feature = "csv")]
 mod writer;
 

@@ -2,9 +2,10 @@
 //! them.
 
 use super::MatchError;
-use super::receiver::POOR;
-
 use wayfix::error::Parameter;
+
+/// Factor of the standard deviation in poor reception.
+pub(super) const POOR_FACTOR: f64 = 4.0;
 
 /// Parameters of the model of a drive: the receiver, the routes that drivers take, and stretches
 /// off the road.
@@ -96,8 +97,8 @@ impl MatchModel {
 
     /// Standard deviation averaged over usual and poor reception, given the one in usual reception.
     pub(super) fn over_all_time(&self, usual: f64) -> f64 {
-        // Variances add: (1 − poor) σ² + poor (POOR σ)².
-        usual * (1.0 + self.poor * (POOR * POOR - 1.0)).sqrt()
+        // Variances add: (1 − poor) σ² + poor (4 σ)².
+        usual * (1.0 + self.poor * (POOR_FACTOR * POOR_FACTOR - 1.0)).sqrt()
     }
 
     /// Probability of leaving the road within some seconds.
@@ -116,6 +117,6 @@ impl MatchModel {
 /// Probability within some seconds of an event that has this probability within one; at most 0.9.
 fn within(in_a_second: f64, seconds: f64) -> f64 {
     // 1 − (1 − p)^t; `ln_1p` and `exp_m1` keep the digits of p down to the smallest rates.
-    let never = seconds * (-in_a_second).ln_1p();
-    (-never.exp_m1()).min(0.9)
+    let log_survival = seconds * (-in_a_second).ln_1p();
+    (-log_survival.exp_m1()).min(0.9)
 }

@@ -1,17 +1,21 @@
-//! Weights of moves between the states of two steps, from the time and the distance between them.
+//! Moves between the states of two steps: the ways along roads that they take, and their weights
+//! from the time and the distance between the points.
+//!
+//! Only the cheapest way between two states counts, with U-turns and choices at junctions priced as
+//! the detours that are as improbable. It has one of three shapes ([`WayKind`]): along one edge, by
+//! a U-turn between the ends of an edge, or over the end of the first edge.
 //!
 //! A weight is the likelihood of what was measured between the two points: evidence on moves in the
 //! sense of section 2 of the guide's formulas, so weights are not normalised over the moves out of
-//! a state. Densities of distances are relative to an even one over [`Interval::most`] metres. All
-//! hypotheses (stationary, moving, in a queue, off the road) are densities of the same
+//! a state. Densities of distances are relative to an even one over [`Interval::even_width`]
+//! metres. All hypotheses (stationary, moving, in a queue, off the road) are densities of the same
 //! displacement, so none of them wins merely by paying for less.
 
-use super::candidates::{deviation, share_below, usual_deviation};
-use super::place::ByReception;
-use super::receiver::{RECEPTIONS, ROUGH_AT, Receiver};
+use super::candidates::{Candidate, deviation, metres_between, share_below, usual_deviation};
+use super::receiver::{ByReception, RECEPTIONS, ROUGH_AT, Receiver};
 use super::sighting::{Ahead, Fit, SLOPE};
-use super::ways::Way;
 use super::{MatchModel, TracePoint};
+use crate::{Reached, RoadNetwork, RouteCosts, RouteMeasures, RouteSearch};
 use wayfix::map::{Coordinates, RoadClass};
 use wayfix_kernels::exp_in_place;
 
@@ -39,9 +43,9 @@ const LONG_DETOURS: f64 = 0.05;
 /// Seconds after which 1/e of what is known about a stop is left.
 const STOP_LASTS: f64 = 20.0;
 /// Largest probability of having been stationary that the next move starts from.
-const MOST_STOOD: f64 = 0.999;
+const MOST_STATIONARY: f64 = 0.999;
 /// Scale, as a speed in metres per second, of the displacements of moving vehicles in
-/// [`Interval::stood`].
+/// [`Interval::p_stationary`].
 const MOVING: f64 = 8.0;
 /// Typical speed off the road in metres per second over a short time, and the seconds after which a
 /// path there bends.
@@ -66,8 +70,8 @@ const THIN: f64 = 100.0;
 /// Time and distance between two points of a drive.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Interval {
-    /// Probability that the vehicle is stationary, from the displacements before.
-    pub(super) stop: f64,
+    /// Probability that the vehicle is stationary, given the displacements before this one.
+    pub(super) p_stationary_before: f64,
     pub(super) seconds: f64,
     /// Straight distance between the two positions in metres.
     pub(super) metres: f64,
@@ -76,10 +80,10 @@ pub(super) struct Interval {
     /// The same if the errors were independent.
     pub(super) spread: f64,
     /// Density of the displacement of a stationary vehicle, times 2π.
-    stands: f64,
+    stationary_density: f64,
     /// Density of the displacement of a stationary vehicle, divided by its density if errors
     /// changed as much as those of a moving one; by reception.
-    steadier: ByReception,
+    stationary_ratio: ByReception,
     /// Share of the lasting error that is left: κ.
     pub(super) kept: f64,
     /// Mean of the speeds that the receiver reports at both ends.
@@ -94,7 +98,7 @@ pub(super) enum Move {
     /// Along roads.
     Along {
         /// Probability that the vehicle was stationary.
-        stood: f64,
+        p_stationary: f64,
         /// Probability that the position after the move is an outlier.
         outlier: f64,
         /// Expected detour in metres per second, with long ones counted a tenth.
@@ -110,13 +114,13 @@ struct Distance {
 }
 
 impl Interval {
-    /// Interval between two points; `stood` is the probability that the vehicle was stationary
-    /// before, `rough` that its receiver is rough.
+    /// Interval between two points; `p_stationary` is the probability that the vehicle was
+    /// stationary before, `rough` that its receiver is rough.
     pub(super) fn new<P: Coordinates>(
         model: &MatchModel,
         before: &TracePoint<P>,
         point: &TracePoint<P>,
-        [stood, rough]: [f64; 2],
+        [p_stationary, rough]: [f64; 2],
     ) -> Self {
         let seconds = point.time - before.time;
         let spread = deviation(model, before).hypot(deviation(model, point));
@@ -128,31 +132,42 @@ impl Interval {
         let metres = before.position.metres_to(point.position);
         // A stationary vehicle may always move off. What is known about the stop decays to the
         // model's share.
-        let stood = stood.min(MOST_STOOD);
-        let stop = model.stop + (stood - model.stop) * (-seconds / STOP_LASTS).exp();
+        let p_stationary = p_stationary.min(MOST_STATIONARY);
+        let p_stationary_before =
+            model.stop + (p_stationary - model.stop) * (-seconds / STOP_LASTS).exp();
         // With the variance of a difference, 2σ², `changes` gives the variance of the change of an
         // error, 2ρσ² (1 − κ) of the lasting part and all of the white part.
         let usual = usual_deviation(model, before).hypot(usual_deviation(model, point));
         let receiver = Receiver::new(model, usual);
         let [held, moving] = [HELD, 1.0].map(|share| receiver.changes(share * (1.0 - kept)));
         let squared = metres * metres;
-        // Gaussian in two dimensions without its factor 1 / 2π, which `stood` leaves out of both
-        // hypotheses.
+        // Gaussian in two dimensions without its factor 1 / 2π, which `p_stationary` leaves out of
+        // both hypotheses.
         let density = |variance: f64| (-0.5 * squared / variance).exp() / variance;
         let fine = (1.0 - UNSTEADY) * density(held[0]) + UNSTEADY * density(moving[1]);
-        let stands = (1.0 - rough) * fine + rough * density(held[ROUGH_AT]);
+        let stationary_density = (1.0 - rough) * fine + rough * density(held[ROUGH_AT]);
         // The quotient of two such densities in one exponential: each by itself may underflow.
         let ratio = |held: f64, moving: f64| {
             (-0.5 * squared * (1.0 / held - 1.0 / moving)).exp() * moving / held
         };
-        let steadier = [
+        let stationary_ratio = [
             ratio(held[0], moving[0]),
             // In poor reception a stationary receiver holds its position as in usual reception,
             // apart from the share of unsteady steps, whose ratio is 1.
             (1.0 - UNSTEADY) * ratio(held[0], moving[1]) + UNSTEADY,
             ratio(held[ROUGH_AT], moving[ROUGH_AT]),
         ];
-        Self { stop, seconds, metres, jitter, spread, stands, steadier, kept, speed }
+        Self {
+            p_stationary_before,
+            seconds,
+            metres,
+            jitter,
+            spread,
+            stationary_density,
+            stationary_ratio,
+            kept,
+            speed,
+        }
     }
 
     /// Longest route worth searching for.
@@ -165,14 +180,14 @@ impl Interval {
 
     /// Probability that the vehicle was stationary, from the displacements up to the end of the
     /// interval, whatever its state.
-    pub(super) fn stood(&self) -> f64 {
+    pub(super) fn p_stationary(&self) -> f64 {
         let squared = self.metres * self.metres;
-        let stands = self.stop * self.stands;
+        let stationary = self.p_stationary_before * self.stationary_density;
         // Bayes' rule between the Gaussian of `new` and a Cauchy density in two dimensions, (1 +
         // r²/R²)^(-3/2) / 2πR², both times 2π. Its tail keeps large displacements possible.
         let reach = (MOVING * self.seconds).powi(2) + self.jitter * self.jitter;
-        let moves = (1.0 - self.stop) * (1.0 + squared / reach).powf(-1.5) / reach;
-        stands / (stands + moves)
+        let moves = (1.0 - self.p_stationary_before) * (1.0 + squared / reach).powf(-1.5) / reach;
+        stationary / (stationary + moves)
     }
 
     /// Log weight of a move off the road, by the density of its end in the plane: the density of
@@ -188,10 +203,10 @@ impl Interval {
         let moves = self.by_limit(Distance { metres, deviation }, limit, [0.0; 2]).0;
         let moves = (1.0 - ANY_SPEED) * moves + ANY_SPEED * rare;
         // The mixture of `weight`, stationary or moving, without a road's queue and detours.
-        let along = self.stop
-            * self.most()
-            * Ahead::of(metres, deviation * deviation).standing([1.0; RECEPTIONS])
-            + (1.0 - self.stop) * moves;
+        let along = self.p_stationary_before
+            * self.even_width()
+            * Ahead::of(metres, deviation * deviation).stationary_density([1.0; RECEPTIONS])
+            + (1.0 - self.p_stationary_before) * moves;
         // From 0 for points in quick succession to 1: the logarithm goes from the constant, a thin
         // even density, to the density in the plane.
         let independent = -(-self.seconds / FORGETS).exp_m1();
@@ -202,7 +217,7 @@ impl Interval {
     }
 
     /// Width in metres of the even density that all densities of distances are relative to.
-    fn most(&self) -> f64 {
+    fn even_width(&self) -> f64 {
         FASTEST * self.seconds + self.jitter
     }
 
@@ -223,7 +238,7 @@ impl Interval {
         fastest: f64,
         fit: &Fit,
     ) -> (f64, Move) {
-        let Fit { density, log_factor, inlier, share, ref ahead, .. } = *fit;
+        let Fit { density, log_factor, inlier, on_edge, ref ahead, .. } = *fit;
         let [metres, deviation] = ahead.moments();
         let distance = Distance { metres, deviation };
         let detour = way.detour / self.detour_scale(model);
@@ -239,7 +254,7 @@ impl Interval {
                 let z = (metres - speed * self.seconds) / sigma;
                 let [density, short, long] = [-0.5 * z * z, -detour, -0.1 * detour].map(f64::exp);
                 let density = density / (sigma * std::f64::consts::TAU.sqrt());
-                (self.most() * density, share_below(metres / deviation), [short, long])
+                (self.even_width() * density, share_below(metres / deviation), [short, long])
             }
         };
         // An even density is 1 relative to itself, and a vehicle does not move backwards.
@@ -247,29 +262,29 @@ impl Interval {
         // Half a Cauchy density, 2 / (π R (1 + d²/R²)) for d > 0.
         let reach = QUEUE_SPEED * self.seconds + deviation;
         let rare = reach * (1.0 + (metres / reach).powi(2));
-        let queues = std::f64::consts::FRAC_2_PI * self.most() / rare * is_ahead;
+        let queues = std::f64::consts::FRAC_2_PI * self.even_width() / rare * is_ahead;
         let moves = (1.0 - IN_QUEUE) * moves + IN_QUEUE * queues;
         let moves = moves.max(ANY_DISTANCE);
         // Shares of a weight for a position that belongs to the road and for an outlier. An outlier
         // measures no distance, so a density above 1 must not count in its favour.
-        let parts = |weight: f64| [inlier * weight, (1.0 - inlier) * weight.min(1.0)];
+        let split_by_inlier = |weight: f64| [inlier * weight, (1.0 - inlier) * weight.min(1.0)];
         // A stationary vehicle is still on its edge, at the same place.
-        let stands = if way.is_same_edge() {
-            let density = self.most() * ahead.standing(self.steadier);
-            parts(density).map(|part| self.stop * part)
+        let stationary = if way.is_same_edge() {
+            let density = self.even_width() * ahead.stationary_density(self.stationary_ratio);
+            split_by_inlier(density).map(|part| self.p_stationary_before * part)
         } else {
             [0.0; 2]
         };
-        let mut moves = parts(moves).map(|part| (1.0 - self.stop) * part);
+        let mut moves = split_by_inlier(moves).map(|part| (1.0 - self.p_stationary_before) * part);
         // Only a moving vehicle is placed anew by its position, and has to come to lie on the edge.
         // A stationary one already did.
-        moves[0] *= share;
-        let unseen = stands[1] + moves[1];
-        let [stands, moves] = [stands, moves].map(|[seen, unseen]| seen + unseen);
+        moves[0] *= on_edge;
+        let unseen = stationary[1] + moves[1];
+        let [stationary, moves] = [stationary, moves].map(|[seen, unseen]| seen + unseen);
         // Two exponential distributions of detours; the density of the one ten times as wide is a
         // tenth as high.
         let (short, long) = ((1.0 - LONG_DETOURS) * short, 0.1 * LONG_DETOURS * long);
-        let total = density * (stands + moves) * (short + long);
+        let total = density * (stationary + moves) * (short + long);
         let mut log = total.ln() + log_factor - (CHOICES * way.log_choices).min(MOST_CHOICES);
         if way.u_turns > 0 {
             log += f64::from(way.u_turns) * model.u_turn.ln();
@@ -278,8 +293,8 @@ impl Interval {
         // the wide distribution counts a tenth.
         let share = (short + 0.1 * long) / (short + long);
         let detour = share * way.detour / self.seconds.max(LEAST_SECONDS);
-        let [stood, outlier] = [stands, unseen].map(|part| part / (stands + moves));
-        (log, Move::Along { stood, outlier, detour })
+        let [p_stationary, outlier] = [stationary, unseen].map(|part| part / (stationary + moves));
+        (log, Move::Along { p_stationary, outlier, detour })
     }
 
     /// Relative density of the distance of a moving vehicle, up to a limit; the probability that
@@ -308,7 +323,8 @@ impl Interval {
         let ramp = ((over - over_slow) / slow).max(0.0);
         // The area below a ramp up to s times the limit and a plateau beyond is (1 − s/2) times the
         // limit.
-        let density = ramp * share(left, below_limit) * self.most() / ((1.0 - 0.5 * SLOW) * limit);
+        let density =
+            ramp * share(left, below_limit) * self.even_width() / ((1.0 - 0.5 * SLOW) * limit);
         (density, is_ahead, [z, w])
     }
 }
@@ -320,5 +336,131 @@ pub(super) fn speed_of(class: RoadClass) -> f64 {
         RoadClass::Arterial => 24.0,
         RoadClass::Collector => 19.0,
         RoadClass::Street => 16.0,
+    }
+}
+
+/// A way from one state to another along roads.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Way {
+    /// Length in metres; below 0 if the second point lies behind the first.
+    pub(super) metres: f64,
+    /// Detour in metres relative to the straight line between both points.
+    pub(super) detour: f64,
+    pub(super) u_turns: u32,
+    /// Choices at junctions: the sum of −ln p(turn).
+    pub(super) log_choices: f64,
+    /// Metres along the first edge at which the second would start; `None` for a U-turn between.
+    pub(super) starts: Option<f64>,
+}
+
+impl Way {
+    /// True if the way stays on its edge.
+    pub(super) fn is_same_edge(&self) -> bool {
+        self.starts == Some(0.0)
+    }
+}
+
+/// Kind of a way between two states on roads.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum WayKind {
+    SameEdge,
+    /// A U-turn from an edge onto its reverse, between their ends.
+    Turn,
+    /// Over the end of the first edge, usually with other edges in between.
+    Edges(Reached),
+}
+
+/// True if a state is so far behind another on its edge that the vehicle must have driven around
+/// the block. Anything less is the jitter of positions.
+fn is_behind(from: &Candidate, to: &Candidate, jitter: f64) -> bool {
+    to.along - from.along < -6.0 * jitter
+}
+
+/// Finds the ways from one state to others.
+pub(super) struct Ways<'a, P> {
+    pub(super) network: &'a RoadNetwork<P>,
+    pub(super) measures: &'a RouteMeasures,
+    pub(super) search: &'a mut RouteSearch,
+}
+
+impl<P: Coordinates> Ways<'_, P> {
+    /// Sets the states of the next point as targets.
+    pub(super) fn set_targets(
+        &mut self,
+        to: &[Candidate],
+        model: &MatchModel,
+        interval: &Interval,
+    ) {
+        let edges = to.iter().filter(|to| !to.is_off_road()).map(|to| to.edge as usize);
+        // The cheapest way is the most probable one: detours have density e^(−d / scale), so an
+        // event of probability p costs −ln p times the scale in metres.
+        let detour = interval.detour_scale(model);
+        let costs = RouteCosts { u_turn: -model.u_turn.ln() * detour, choice: CHOICES * detour };
+        self.search.set_targets(self.network, self.measures, edges, costs);
+    }
+
+    /// Searches from a state on a road for the targets.
+    pub(super) fn search_from(&mut self, from: &Candidate, interval: &Interval) {
+        let edge = from.edge as usize;
+        let left = self.network.edges()[edge].metres - from.along;
+        // The search counts metres from the end of the edge, so what is left of it comes off the
+        // limit.
+        self.search.run(self.network, self.measures, edge, interval.longest() - left);
+    }
+
+    /// Kind of the way between two states on roads after [`search_from`](Self::search_from); `None`
+    /// if there is none.
+    pub(super) fn kind(&self, from: &Candidate, to: &Candidate, jitter: f64) -> Option<WayKind> {
+        let [edge, next] = [from.edge as usize, to.edge as usize];
+        if edge == next && !is_behind(from, to, jitter) {
+            return Some(WayKind::SameEdge);
+        }
+        let reached = self.search.reached(next);
+        // A U-turn between the ends, unless the route over the ends of the edges does without any.
+        let is_turn = reached.is_none_or(|reached| reached.u_turns > 0);
+        if is_turn && self.network.reverse(edge) == Some(next) {
+            return Some(WayKind::Turn);
+        }
+        reached.map(WayKind::Edges)
+    }
+
+    /// Way between two states on roads; `None` if there is none.
+    pub(super) fn way(&self, from: &Candidate, to: &Candidate, jitter: f64) -> Option<Way> {
+        let short = |metres, u_turns, starts| Way {
+            metres,
+            detour: 0.0,
+            u_turns,
+            log_choices: 0.0,
+            starts,
+        };
+        Some(match self.kind(from, to, jitter)? {
+            WayKind::SameEdge => short(to.along - from.along, 0, Some(0.0)),
+            WayKind::Turn => {
+                let here = self.network.edges()[from.edge as usize].metres - from.along;
+                // `here` is the start of the way as measured along the reverse edge.
+                short((to.along - here).abs(), 1, None)
+            }
+            WayKind::Edges(reached) => self.along(from, to, reached),
+        })
+    }
+
+    fn along(&self, from: &Candidate, to: &Candidate, reached: Reached) -> Way {
+        let straight = metres_between::<P>(from.point, to.point);
+        let [edge, next] = [from.edge as usize, to.edge as usize];
+        let length = |edge: usize| self.network.edges()[edge].metres;
+        let left = 1.0 - from.along / length(edge);
+        let done = to.along / length(next);
+        let metres = left * length(edge) + reached.metres + to.along;
+        // The bends of a road are not a choice of the driver, so a detour is measured along the
+        // chords of the edges.
+        let straight_of = |edge| self.measures.straight_metres(edge);
+        let chords = left * straight_of(edge) + reached.chords + done * straight_of(next);
+        Way {
+            metres,
+            detour: (chords - straight).max(0.0),
+            u_turns: reached.u_turns,
+            log_choices: reached.log_choices,
+            starts: Some(length(edge) + reached.metres),
+        }
     }
 }

@@ -5,16 +5,15 @@
 //! is white noise. That x lies on the edge is a third, whose likelihood is not Gaussian: the update
 //! uses the first two derivatives of its logarithm.
 //!
-//! The first is a Kalman update (Kalman, 1960). Let C be the covariance of o, c that of x and o,
-//! and v = n'C n + var w the variance of the distance across, whose innovation is z metres. Then o
-//! moves by C n z / v and x by c'n z / v, a variance such as t'C t becomes t'C t − (t'C n)² / v,
-//! and that of x + t · o, var x + 2 c't + t'C t − (c'n + t'C n)² / v. [`Sighting::fit`] needs only
-//! these numbers, which saves copying the place for every move into a state; [`Sighting::across`]
-//! updates all of it, for the moves that count.
+//! The first is a Kalman update (Kalman, 1960), kept for each reception by [`Across`]. Let C be the
+//! covariance of o, c that of x and o, and v = n'C n + var w the variance of the distance across,
+//! whose innovation is z metres; its density is Gaussian with variance v. Then o moves by C n z / v
+//! and x by c'n z / v, a variance such as t'C t becomes t'C t − (t'C n)² / v, and that of x + t ·
+//! o, var x + 2 c't + t'C t − (c'n + t'C n)² / v. [`Sighting::fit`] needs only these numbers, which
+//! saves copying the place for every move into a state; [`Sighting::across`] updates all of it, for
+//! the moves that count.
 
-use super::across::Across;
-use super::place::{ByReception, Place};
-use super::receiver::{RECEPTIONS, Receiver};
+use super::receiver::{ByReception, Place, RECEPTIONS, Receiver};
 use wayfix_kernels::exp_in_place;
 
 /// A position as seen from an edge.
@@ -50,7 +49,7 @@ pub(super) struct Fit {
     /// Probabilities of the kinds of reception given the position.
     pub(super) shares: ByReception,
     /// Probability that the place along of a vehicle that moved is on the edge.
-    pub(super) share: f64,
+    pub(super) on_edge: f64,
     /// Metres that the position is ahead of the place.
     pub(super) ahead: Ahead,
 }
@@ -91,20 +90,23 @@ impl Sighting {
         for r in 0..RECEPTIONS {
             // Covariances with the distance across: t'C n of the error along, and c'n of the place
             // along.
-            let with_error = c * across.with[0][r] + d * across.with[1][r];
+            let with_error = c * across.covariances[0][r] + d * across.covariances[1][r];
             let with_place = a * ax[r] + b * ay[r];
-            let (each, by) = (across.each[r], across.off[r] * across.each[r]);
-            let error = c * x[r] + d * y[r] + with_error * by;
+            let precision = across.precision[r];
+            let gain_times_innovation = across.innovation[r] * precision;
+            let error = c * x[r] + d * y[r] + with_error * gain_times_innovation;
             let variance = c * c * xx[r] + 2.0 * c * d * xy[r] + d * d * yy[r];
             // Where a vehicle that moved would be, x = along − t · o given the distance across, and
             // how far that is from the place before.
             let moved = self.along - error;
-            let of_moved = (variance - with_error * with_error * each).max(0.0) + receiver.white[r];
-            metres[r] = moved - (along[r] - starts + with_place * by);
+            let of_moved =
+                (variance - with_error * with_error * precision).max(0.0) + receiver.white[r];
+            metres[r] = moved - (along[r] - starts + with_place * gain_times_innovation);
             // Variance of x + t · o given the distance across, as at the head of this file.
-            let with = with_error + with_place;
-            let both = aa[r] + 2.0 * (c * ax[r] + d * ay[r]) + variance - with * with * each;
-            variances[r] = both.max(0.0) + receiver.white[r];
+            let covariance_along = with_error + with_place;
+            let variance_ahead = aa[r] + 2.0 * (c * ax[r] + d * ay[r]) + variance
+                - covariance_along * covariance_along * precision;
+            variances[r] = variance_ahead.max(0.0) + receiver.white[r];
             // Arguments of the logistic function at both ends of the edge.
             let slope = SLOPE / of_moved.max(LEAST_VARIANCE).sqrt();
             (low[r], high[r]) = (-slope * moved, slope * (self.length - moved));
@@ -125,7 +127,7 @@ impl Sighting {
             belongs = (log_belongs - log_factor).exp();
             (shares, density) = (of_position, belongs + (self.log_outlier - log_factor).exp());
         }
-        let mut share = 0.0;
+        let mut on_edge = 0.0;
         for r in 0..RECEPTIONS {
             // F(high) − F(low) of the logistic function F(z) = 1 / (1 + e^−z), without
             // cancellation, from e = e^−|low| and f = e^−|high|: (1 − e f) / ((1 + e)(1 + f)) if
@@ -133,11 +135,11 @@ impl Sighting {
             let (e, f) = (powers[RECEPTIONS + r], powers[2 * RECEPTIONS + r]);
             let is_inside = low[r] < 0.0 && high[r] > 0.0;
             let between = if is_inside { 1.0 - e * f } else { (e - f).abs() };
-            share += shares[r] * between / ((1.0 + e) * (1.0 + f));
+            on_edge += shares[r] * between / ((1.0 + e) * (1.0 + f));
         }
         let ahead = Ahead { shares, metres, variances };
         let inlier = belongs / density;
-        Fit { density, log_factor, inlier, shares, share, ahead }
+        Fit { density, log_factor, inlier, shares, on_edge, ahead }
     }
 
     /// Place given the distance across, with the probabilities of the kinds of reception that
@@ -145,13 +147,13 @@ impl Sighting {
     #[inline]
     pub(super) fn across(&self, place: &Place, shares: ByReception, receiver: &Receiver) -> Place {
         let mut updated = Place { shares, ..*place };
-        Across::new(place, self, receiver).learn(&mut updated, self.normal);
+        Across::new(place, self, receiver).update(&mut updated, self.normal);
         updated
     }
 
     /// Place of a stationary vehicle, given the position along.
     #[inline]
-    pub(super) fn stood(&self, place: &Place, receiver: &Receiver) -> Place {
+    pub(super) fn stationary(&self, place: &Place, receiver: &Receiver) -> Place {
         let h = [1.0, self.tangent[0], self.tangent[1]];
         let (mut updated, mut weights) = (*place, place.shares);
         let [mut squares, mut deviations] = [[0.0; RECEPTIONS]; 2];
@@ -161,7 +163,7 @@ impl Sighting {
             // / v.
             let (variance, off) = (variance + receiver.white[r], self.along - mean);
             (squares[r], deviations[r]) = (0.5 * off * off / variance, variance.sqrt());
-            updated.learn(r, h, off / variance, -1.0 / variance);
+            updated.update(r, h, off / variance, -1.0 / variance);
         }
         // Divided by the largest density, so that not all weights underflow.
         let possible = (0..RECEPTIONS).filter(|r| place.shares[*r] > 0.0);
@@ -224,7 +226,7 @@ impl Sighting {
                 let first = -slope * (1.0 - up_to - below);
                 let second = -slope * slope * (up_to * (1.0 - up_to) + below * (1.0 - below));
                 let second = second.max(-MOST_LEARNED / variance);
-                updated.learn(r, [1.0, 0.0, 0.0], first, second);
+                updated.update(r, [1.0, 0.0, 0.0], first, second);
             }
         }
         updated.reweight(shares);
@@ -242,9 +244,9 @@ impl Ahead {
         Self { shares, metres, variances }
     }
 
-    /// Density of the distance of a stationary vehicle, whose displacement is `steadier` times as
-    /// probable as under each reception's own changes of the error.
-    pub(super) fn standing(&self, steadier: ByReception) -> f64 {
+    /// Density of the distance of a stationary vehicle, whose displacement is `stationary_ratio`
+    /// times as probable as under each reception's own changes of the error.
+    pub(super) fn stationary_density(&self, stationary_ratio: ByReception) -> f64 {
         let mut squares = self.variances;
         for (square, metres) in squares.iter_mut().zip(self.metres) {
             *square = -0.5 * metres * metres / *square;
@@ -252,7 +254,7 @@ impl Ahead {
         exp_in_place(&mut squares);
         let (densities, mut sum) = (squares, 0.0);
         for r in 0..RECEPTIONS {
-            sum += steadier[r] * self.shares[r] * densities[r] / self.variances[r].sqrt();
+            sum += stationary_ratio[r] * self.shares[r] * densities[r] / self.variances[r].sqrt();
         }
         sum / std::f64::consts::TAU.sqrt()
     }
@@ -275,4 +277,92 @@ impl Ahead {
 /// The logistic function.
 pub(super) fn logistic(z: f64) -> f64 {
     1.0 / (1.0 + (-z).exp())
+}
+
+/// Distance across from a place to a position, by reception.
+pub(super) struct Across {
+    /// Innovation in metres: the distance less its prediction.
+    pub(super) innovation: ByReception,
+    /// 1 / v, the precision of the innovation.
+    pub(super) precision: ByReception,
+    /// C n: covariances with the error to the east and to the north.
+    pub(super) covariances: [ByReception; 2],
+    /// Half the square of the innovation in standard deviations.
+    pub(super) squares: ByReception,
+}
+
+impl Across {
+    #[inline]
+    pub(super) fn new(place: &Place, sighting: &Sighting, receiver: &Receiver) -> Self {
+        let ([a, b], zero) = (sighting.normal, [0.0; RECEPTIONS]);
+        let ([_, x, y], [_, _, _, xx, xy, yy]) = (&place.mean, &place.covariance);
+        let mut across =
+            Self { innovation: zero, precision: zero, covariances: [zero; 2], squares: zero };
+        for r in 0..RECEPTIONS {
+            // Rounding may leave n'C n slightly negative; white noise keeps v above 0.
+            let (east, north) = (a * xx[r] + b * xy[r], a * xy[r] + b * yy[r]);
+            let precision = 1.0 / ((a * east + b * north).max(0.0) + receiver.white[r]);
+            let innovation = sighting.across - (a * x[r] + b * y[r]);
+            (across.innovation[r], across.precision[r]) = (innovation, precision);
+            (across.covariances[0][r], across.covariances[1][r]) = (east, north);
+            across.squares[r] = 0.5 * innovation * innovation * precision;
+        }
+        across
+    }
+
+    /// Probabilities of the kinds of reception given the position, and the density of its distance
+    /// across; `powers` are the exponentials of the negated squares. If the density underflows, it
+    /// is 0 and the probabilities are those before.
+    #[inline]
+    pub(super) fn shares(&self, place: &Place, powers: &[f64]) -> (ByReception, f64) {
+        let (mut weights, mut total) = (place.shares, 0.0);
+        for r in 0..RECEPTIONS {
+            // Bayes' rule over the receptions: each predicts the distance with its own Gaussian.
+            weights[r] *= powers[r] * self.precision[r].sqrt();
+            total += weights[r];
+        }
+        if total < f64::MIN_POSITIVE {
+            return (place.shares, 0.0);
+        }
+        (weights.map(|weight| weight / total), total / std::f64::consts::TAU.sqrt())
+    }
+
+    /// The same in logarithms, for a density that underflows: a position may be a thousand standard
+    /// deviations off.
+    #[cold]
+    pub(super) fn log_shares(&self, place: &Place) -> (ByReception, f64) {
+        let mut logs = [0.0; RECEPTIONS];
+        for (r, log) in logs.iter_mut().enumerate() {
+            *log = place.shares[r].ln() + 0.5 * self.precision[r].ln() - self.squares[r];
+        }
+        // log-sum-exp: the largest term is 1, so the total is from 1 to the number of receptions.
+        let most = logs.into_iter().fold(f64::NEG_INFINITY, f64::max);
+        let weights = logs.map(|log| (log - most).exp());
+        let total: f64 = weights.iter().sum();
+        let log_density = most + (total / std::f64::consts::TAU.sqrt()).ln();
+        (weights.map(|weight| weight / total), log_density)
+    }
+
+    /// Kalman update of a place by the distance.
+    #[inline]
+    pub(super) fn update(&self, place: &mut Place, [a, b]: [f64; 2]) {
+        let Place { mean: [along, x, y], covariance: [aa, ax, ay, xx, xy, yy], .. } = place;
+        for r in 0..RECEPTIONS {
+            let (precision, innovation) = (self.precision[r], self.innovation[r]);
+            let [u, v] = [self.covariances[0][r], self.covariances[1][r]];
+            // Rows of P n: w for the place along, u and v for the error. Means move by P n z / v,
+            // and covariances fall by (P n)(P n)' / v.
+            let w = a * ax[r] + b * ay[r];
+            let gain_times_innovation = innovation * precision;
+            (along[r], x[r], y[r]) = (
+                along[r] + w * gain_times_innovation,
+                x[r] + u * gain_times_innovation,
+                y[r] + v * gain_times_innovation,
+            );
+            aa[r] -= w * w * precision;
+            (ax[r], ay[r]) = (ax[r] - w * u * precision, ay[r] - w * v * precision);
+            (xx[r], xy[r], yy[r]) =
+                (xx[r] - u * u * precision, xy[r] - u * v * precision, yy[r] - v * v * precision);
+        }
+    }
 }

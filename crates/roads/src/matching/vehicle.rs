@@ -4,9 +4,15 @@
 //! points. When the oldest point leaves this window, the filtered distribution of the next becomes
 //! the prior of the trellis, so smoothing the window gives the fixed-lag answers (section 5 of the
 //! guide's formulas) exactly.
+//!
+//! What is stored of a vehicle may have been changed, so every number is checked as it is read:
+//! ranges of the state, means and covariances, probabilities that sum to one, and a trellis that
+//! can be smoothed.
 
 use super::answer::{RoadAnswer, Stretches, credible, edges};
 use super::candidates::{Candidate, deviation};
+#[cfg(feature = "serde")]
+use super::receiver::Place;
 use super::step::{ForwardStep, MatchStep, PreviousStep};
 use super::{MatchError, Matcher, TracePoint};
 use wayfix::inference::Trellis;
@@ -15,6 +21,31 @@ use wayfix::map::{Coordinates, Position};
 
 /// A vehicle on the road: its belief after the last point, and the last few points for late
 /// answers. Plain data, separate from the [`Matcher`] that moves it; a few kilobytes.
+///
+/// With the feature `serde` it is stored in any format. One that is read back continues exactly, to
+/// the bit, on the network where it was started, whose fingerprint is stored with it.
+///
+/// ```
+/// # #[cfg(feature = "serde")] {
+/// use wayfix_roads::NetworkBuilder;
+/// use wayfix::map::{PlanePosition, RoadClass};
+/// use wayfix_roads::matching::{Matcher, TracePoint, Vehicle};
+///
+/// let mut builder = NetworkBuilder::new();
+/// builder.node(1, PlanePosition { x: 0.0, y: 0.0 })?;
+/// builder.node(2, PlanePosition { x: 500.0, y: 0.0 })?;
+/// builder.both_ways(1, 2, RoadClass::Street)?;
+/// let matcher = Matcher::new(builder.build()?);
+/// let point = |k: f64| TracePoint::new(5.0 * k, PlanePosition { x: 50.0 * k, y: 3.0 });
+///
+/// let vehicle = matcher.start(&point(0.0), 2)?;
+/// let bytes = postcard::to_stdvec(&vehicle)?; // into a file or a database
+/// let mut read: Vehicle<PlanePosition> = postcard::from_bytes(&bytes)?;
+/// assert_eq!(read, vehicle);
+/// read.step(&matcher, &point(1.0))?;
+/// # }
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Vehicle<P = Position> {
     pub(super) progress: Progress<P>,
@@ -32,7 +63,7 @@ pub(super) struct Progress<P> {
     /// The last point.
     pub(super) point: TracePoint<P>,
     pub(super) speed: f64,
-    pub(super) stood: f64,
+    pub(super) p_stationary: f64,
     pub(super) log_likelihood: LogSum,
     /// ln p(last point | all before).
     pub(super) last: f64,
@@ -58,51 +89,14 @@ impl<P: Coordinates> Matcher<P> {
         point.check(0, None)?;
         let mut trellis = Trellis::new();
         let taken = MatchStep::new(self, &self.model).first(point, &mut trellis)?;
-        let ForwardStep { states, log_filtered, scale, speed, stood } = taken;
+        let ForwardStep { states, log_filtered, scale, speed, p_stationary } = taken;
         let mut log_likelihood = LogSum::default();
         scale.add_to(&mut log_likelihood);
         let (network, point, last) = (self.fingerprint, *point, scale.log());
         let progress =
-            Progress { network, lag, points: 1, point, speed, stood, log_likelihood, last };
+            Progress { network, lag, points: 1, point, speed, p_stationary, log_likelihood, last };
         let window = Window { trellis, states: vec![states], log_filtered };
         Ok(Vehicle { progress, window })
-    }
-
-    /// Takes the next point of a vehicle. Returns ln p(point | all before). After an error the
-    /// vehicle is as it was before the call.
-    ///
-    /// # Errors
-    ///
-    /// [`MatchError::Point`] for a number out of range and [`MatchError::Time`] for a point that is
-    /// not later than the last, both with the number of points so far as the index, and
-    /// [`MatchError::Network`] for a vehicle started by a matcher of another network.
-    pub fn step(&self, vehicle: &mut Vehicle<P>, point: &TracePoint<P>) -> Result<f64, MatchError> {
-        let Vehicle { progress, window } = vehicle;
-        self.check_network(progress.network)?;
-        point.check(progress.points, Some(&progress.point))?;
-        // A vehicle read from damaged bytes may have the right fingerprint and edges that do not
-        // exist, which would panic in the search.
-        self.check(window.last())?;
-        let states = window.states.last().map_or(&[][..], |states| states);
-        let (log_filtered, speed, stood) =
-            (&window.log_filtered[..], progress.speed, progress.stood);
-        let before = PreviousStep { point: &progress.point, states, log_filtered, speed, stood };
-        let mut step = MatchStep::new(self, &self.model);
-        let ForwardStep { mut states, log_filtered, scale, speed, stood } =
-            step.next(&before, point, &mut window.trellis)?;
-        states.shrink_to_fit();
-        // Nothing can fail from here on: until now the vehicle was only read, and `next` restored
-        // the trellis on an error.
-        window.states.push(states);
-        window.log_filtered = log_filtered;
-        if window.states.len() - 1 > progress.lag {
-            window.forget();
-        }
-        scale.add_to(&mut progress.log_likelihood);
-        progress.last = scale.log();
-        (progress.point, progress.speed, progress.stood) = (*point, speed, stood);
-        progress.points = progress.points.saturating_add(1);
-        Ok(progress.last)
     }
 }
 
@@ -144,6 +138,44 @@ impl Window {
 }
 
 impl<P: Coordinates> Vehicle<P> {
+    /// Takes the next point. Returns ln p(point | all before). After an error the
+    /// vehicle is as it was before the call.
+    ///
+    /// # Errors
+    ///
+    /// [`MatchError::Point`] for a number out of range and [`MatchError::Time`] for a point that is
+    /// not later than the last, both with the number of points so far as the index, and
+    /// [`MatchError::Network`] for a vehicle started by a matcher of another network.
+    pub fn step(&mut self, matcher: &Matcher<P>, point: &TracePoint<P>) -> Result<f64, MatchError> {
+        let Self { progress, window } = self;
+        matcher.check_network(progress.network)?;
+        point.check(progress.points, Some(&progress.point))?;
+        // A vehicle read from damaged bytes may have the right fingerprint and edges that do not
+        // exist, which would panic in the search.
+        matcher.check(window.last())?;
+        let states = window.states.last().map_or(&[][..], |states| states);
+        let (log_filtered, speed, p_stationary) =
+            (&window.log_filtered[..], progress.speed, progress.p_stationary);
+        let before =
+            PreviousStep { point: &progress.point, states, log_filtered, speed, p_stationary };
+        let mut step = MatchStep::new(matcher, &matcher.model);
+        let ForwardStep { mut states, log_filtered, scale, speed, p_stationary } =
+            step.next(&before, point, &mut window.trellis)?;
+        states.shrink_to_fit();
+        // Nothing can fail from here on: until now the vehicle was only read, and `next` restored
+        // the trellis on an error.
+        window.states.push(states);
+        window.log_filtered = log_filtered;
+        if window.states.len() - 1 > progress.lag {
+            window.forget();
+        }
+        scale.add_to(&mut progress.log_likelihood);
+        progress.last = scale.log();
+        (progress.point, progress.speed, progress.p_stationary) = (*point, speed, p_stationary);
+        progress.points = progress.points.saturating_add(1);
+        Ok(progress.last)
+    }
+
     /// Number of points so far.
     #[must_use]
     pub fn points(&self) -> usize {
@@ -261,4 +293,202 @@ impl<P: Coordinates> Vehicle<P> {
             + states.capacity() * size_of::<Vec<Candidate>>()
             + log_filtered.capacity() * size_of::<f64>()
     }
+}
+
+#[cfg(feature = "serde")]
+wayfix::stored! {
+    [P: Coordinates] Vehicle<P>: [], |vehicle| {
+        unit: String = P::UNIT,
+        network: u64 = vehicle.progress.network,
+        lag: usize = vehicle.progress.lag,
+        points: usize = vehicle.progress.points,
+        point: StoredPoint = StoredPoint::new(&vehicle.progress.point),
+        speed: f64 = vehicle.progress.speed,
+        p_stationary: f64 = vehicle.progress.p_stationary,
+        log_likelihood: LogSum = vehicle.progress.log_likelihood,
+        last: f64 = vehicle.progress.last,
+        window: Vec<Vec<StoredState>> = vehicle.window.stored(),
+        log_filtered: Vec<Option<f64>> =
+            vehicle.window.log_filtered.iter().map(|log| above_zero(*log)).collect::<Vec<_>>(),
+    } => point.read().and_then(|point: TracePoint<P>| {
+        let progress =
+            Progress { network, lag, points, point, speed, p_stationary, log_likelihood, last };
+        self::Vehicle::read(&unit, progress, Window::read(window, log_filtered)?)
+    });
+}
+
+/// A point as it is stored: both coordinates in the order of the axes.
+#[cfg(feature = "serde")]
+#[derive(serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+struct StoredPoint {
+    time: f64,
+    position: [f64; 2],
+    accuracy: Option<f64>,
+    heading: Option<f64>,
+    speed: Option<f64>,
+}
+
+#[cfg(feature = "serde")]
+impl StoredPoint {
+    fn new<P: Coordinates>(point: &TracePoint<P>) -> Self {
+        let TracePoint { time, position, accuracy, heading, speed } = *point;
+        Self { time, position: position.values(), accuracy, heading, speed }
+    }
+
+    fn read<P: Coordinates>(self) -> Result<TracePoint<P>, String> {
+        let Self { time, position, accuracy, heading, speed } = self;
+        let point =
+            TracePoint { time, position: P::from_values(position), accuracy, heading, speed };
+        point.numbers().map_err(|error| error.to_string())?;
+        Ok(point)
+    }
+}
+
+/// A state of the window as it is stored, with the moves into it and their log weights.
+#[cfg(feature = "serde")]
+#[derive(serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+struct StoredState {
+    state: Candidate,
+    log_likelihood: Option<f64>,
+    moves: Vec<(usize, Option<f64>)>,
+}
+
+/// A logarithm as it is stored: `None` for −∞, which text formats such as JSON do not have.
+#[cfg(feature = "serde")]
+fn above_zero(log: f64) -> Option<f64> {
+    (log > f64::NEG_INFINITY).then_some(log)
+}
+
+#[cfg(feature = "serde")]
+fn log_of(stored: Option<f64>) -> f64 {
+    stored.unwrap_or(f64::NEG_INFINITY)
+}
+
+#[cfg(feature = "serde")]
+impl Window {
+    fn stored(&self) -> Vec<Vec<StoredState>> {
+        let state = |step: usize, number: usize, state: &Candidate| StoredState {
+            state: *state,
+            log_likelihood: above_zero(self.trellis.log_likelihood(step, number)),
+            moves: self
+                .trellis
+                .moves(step, number)
+                .map(|(from, log)| (from, above_zero(log)))
+                .collect(),
+        };
+        let step = |(step, states): (usize, &Vec<Candidate>)| {
+            states.iter().enumerate().map(|(number, of)| state(step, number, of)).collect()
+        };
+        (1..).zip(&self.states).map(step).collect()
+    }
+
+    fn read(steps: Vec<Vec<StoredState>>, log_filtered: Vec<Option<f64>>) -> Result<Self, String> {
+        let (mut trellis, mut window) = (Trellis::new(), Vec::new());
+        for stored in steps {
+            trellis.begin_step();
+            let count = stored.len();
+            if count == 0 {
+                return Err(String::from("a point without states"));
+            }
+            let mut states = Vec::with_capacity(count);
+            for StoredState { state, log_likelihood, moves } in stored {
+                check_state(&state)?;
+                states.push(state);
+                // Every step ends with the state off the road, and has no other.
+                if state.is_off_road() != (states.len() == count) {
+                    return Err(String::from("the last state must be off the road"));
+                }
+                let moves = moves.into_iter().map(|(from, log)| (from, log_of(log)));
+                let added = trellis.state(log_of(log_likelihood), moves);
+                added.map_err(|error| error.to_string())?;
+            }
+            window.push(states);
+        }
+        let (found, expected) = (log_filtered.len(), window.last().map_or(0, Vec::len));
+        if found != expected {
+            return Err(format!("{found} probabilities for {expected} states"));
+        }
+        // The next step takes this for a distribution and does not normalise it.
+        let log_filtered: Vec<f64> = log_filtered.into_iter().map(log_of).collect();
+        let sum: f64 = log_filtered.iter().map(|log| log.exp()).sum();
+        if !(1.0 - 1e-9..=1.0 + 1e-9).contains(&sum) {
+            return Err(format!("probabilities sum to {sum}, expected 1"));
+        }
+        // Late answers smooth the window, and must not fail later on what was accepted here.
+        trellis.smooth().map_err(|error| error.to_string())?;
+        Ok(Self { trellis, states: window, log_filtered })
+    }
+}
+
+#[cfg(feature = "serde")]
+impl<P: Coordinates> Vehicle<P> {
+    /// Checks what was stored, which may have been changed: every number is in its range before a
+    /// vehicle exists. Whether its edges exist is left to the matcher, which knows the network.
+    fn read(unit: &str, progress: Progress<P>, window: Window) -> Result<Self, String> {
+        if unit != P::UNIT {
+            return Err(format!("a vehicle with coordinates in {unit}, expected {}", P::UNIT));
+        }
+        let Progress { lag, points, speed, p_stationary, log_likelihood, last, .. } = progress;
+        if !(0.0..=1.0).contains(&p_stationary) {
+            return Err(format!("the probability of a stop is {p_stationary}, expected 0 to 1"));
+        }
+        if !(0.0..=1e9).contains(&speed) {
+            return Err(format!("the speed is {speed}, expected 0 to 1e9"));
+        }
+        if let Some(value) = [log_likelihood.value(), last].iter().find(|v| !v.is_finite()) {
+            return Err(format!("a log-likelihood is {value}, expected a finite number"));
+        }
+        let steps = window.states.len();
+        if steps == 0 || lag.checked_add(1).is_some_and(|most| steps > most) {
+            return Err(format!("{steps} points in the window, expected up to {lag} + 1"));
+        }
+        if points < steps {
+            return Err(format!("{points} points, but {steps} in the window"));
+        }
+        Ok(Self { progress, window })
+    }
+}
+
+/// Checks the numbers of a state. Whether its edge exists is up to the network.
+#[cfg(feature = "serde")]
+fn check_state(state: &Candidate) -> Result<(), String> {
+    /// Bound on all coordinates of the plane and lengths of edges.
+    const LARGEST: f64 = 1e12;
+    /// Tolerance for rounding in sums and products.
+    const ROUNDING: f64 = 1e-9;
+    let Candidate { edge: _, along, point, place: Place { mean, covariance, shares }, inlier } =
+        *state;
+    let range = |most: f64| -most..=most;
+    let mut numbers = vec![
+        ("metres along", along, 0.0..=LARGEST),
+        ("probability of the road", inlier, 0.0..=1.0),
+    ];
+    numbers.extend(point.map(|value| ("coordinate", value, range(LARGEST))));
+    let [xx, xy, xz, yy, yz, zz] = covariance;
+    for value in mean.as_flattened() {
+        numbers.push(("mean", *value, range(LARGEST)));
+    }
+    for value in [xx, yy, zz].as_flattened() {
+        numbers.push(("variance", *value, 0.0..=LARGEST * LARGEST));
+    }
+    for (covariances, a, b) in [(xy, xx, yy), (xz, xx, zz), (yz, yy, zz)] {
+        for ((covariance, a), b) in covariances.into_iter().zip(a).zip(b) {
+            // |cov(a, b)| ≤ √(var a · var b), as `Place::rounded` left it.
+            let most = (a * b).max(0.0).sqrt() * (1.0 + ROUNDING);
+            numbers.push(("covariance", covariance, range(most)));
+        }
+    }
+    numbers.extend(shares.map(|share| ("probability", share, 0.0..=1.0 + ROUNDING)));
+    // The state off the road has no place.
+    let total = if state.is_off_road() { 0.0 } else { 1.0 };
+    let sum = shares.iter().sum();
+    numbers.push(("sum of probabilities", sum, total - ROUNDING..=total + ROUNDING));
+    for (what, value, range) in numbers {
+        if !range.contains(&value) {
+            return Err(format!("a state has the {what} {value}, expected {range:?}"));
+        }
+    }
+    Ok(())
 }

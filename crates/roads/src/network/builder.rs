@@ -4,6 +4,7 @@
 //! so that the edges out of a node are a range, and renumbers pairs and forbidden turns.
 
 use super::road_network::{Edge, NONE, RoadNetwork};
+use crate::NetworkError;
 use wayfix::internal::{Places, check_position};
 use wayfix::map::Place;
 use wayfix::map::{Coordinates, MapError, Position, RoadClass};
@@ -49,7 +50,7 @@ impl<P: Coordinates> NetworkBuilder<P> {
     /// # Errors
     ///
     /// As [`place`](Self::place).
-    pub fn node(&mut self, id: u64, position: P) -> Result<usize, MapError> {
+    pub fn node(&mut self, id: u64, position: P) -> Result<usize, NetworkError> {
         self.place(Place { id, position, name: String::new() })
     }
 
@@ -59,8 +60,8 @@ impl<P: Coordinates> NetworkBuilder<P> {
     ///
     /// [`MapError::Coordinate`] for a position that is not on Earth (or in the plane), and
     /// [`MapError::DuplicatePlace`] for an id that was given before.
-    pub fn place(&mut self, place: Place<P>) -> Result<usize, MapError> {
-        self.nodes.add(place)
+    pub fn place(&mut self, place: Place<P>) -> Result<usize, NetworkError> {
+        Ok(self.nodes.add(place)?)
     }
 
     /// Adds a straight one-way edge between two nodes, by their ids. Returns the number of the
@@ -69,7 +70,7 @@ impl<P: Coordinates> NetworkBuilder<P> {
     /// # Errors
     ///
     /// As [`edge`](Self::edge).
-    pub fn one_way(&mut self, from: u64, to: u64, class: RoadClass) -> Result<usize, MapError> {
+    pub fn one_way(&mut self, from: u64, to: u64, class: RoadClass) -> Result<usize, NetworkError> {
         self.edge(from, to, EdgeOptions::of(class))
     }
 
@@ -79,7 +80,12 @@ impl<P: Coordinates> NetworkBuilder<P> {
     /// # Errors
     ///
     /// As [`edge`](Self::edge).
-    pub fn both_ways(&mut self, from: u64, to: u64, class: RoadClass) -> Result<usize, MapError> {
+    pub fn both_ways(
+        &mut self,
+        from: u64,
+        to: u64,
+        class: RoadClass,
+    ) -> Result<usize, NetworkError> {
         let there = self.edge(from, to, EdgeOptions::of(class))?;
         let back = self.edge(to, from, EdgeOptions::of(class))?;
         self.pair(there, back);
@@ -91,10 +97,15 @@ impl<P: Coordinates> NetworkBuilder<P> {
     /// # Errors
     ///
     /// [`MapError::UnknownPlace`] for a node that was not added, [`MapError::Coordinate`] for a
-    /// point that is not on Earth (or in the plane), [`MapError::Length`] for a length that is not
-    /// above 0 or is above 1e12, and [`MapError::Speed`] for a speed that is not above 0 or is
-    /// above 1e9.
-    pub fn edge(&mut self, from: u64, to: u64, options: EdgeOptions<P>) -> Result<usize, MapError> {
+    /// point that is not on Earth (or in the plane), [`NetworkError::Length`] for a length that is
+    /// not above 0 or is above 1e12, and [`NetworkError::Speed`] for a speed that is not above 0 or
+    /// is above 1e9.
+    pub fn edge(
+        &mut self,
+        from: u64,
+        to: u64,
+        options: EdgeOptions<P>,
+    ) -> Result<usize, NetworkError> {
         let ends = self.nodes.ends(from, to)?;
         options.between.iter().try_for_each(|&point| check_position(from, point))?;
         let metres = options.metres.unwrap_or_else(|| {
@@ -104,12 +115,12 @@ impl<P: Coordinates> NetworkBuilder<P> {
             between.map(|point| std::mem::replace(&mut before, point).metres_to(point)).sum()
         });
         if !(metres > 0.0 && metres <= LONGEST_ROAD) {
-            return Err(MapError::Length { from, to, length: metres });
+            return Err(NetworkError::Length { from, to, length: metres });
         }
         if let Some(speed) = options.speed
             && !(speed > 0.0 && speed <= FASTEST_ROAD)
         {
-            return Err(MapError::Speed { from, to, speed });
+            return Err(NetworkError::Speed { from, to, speed });
         }
         Ok(self.checked_edge(ends, metres, options))
     }
@@ -169,7 +180,7 @@ impl<P: Coordinates> NetworkBuilder<P> {
 
     /// Straight distance between two nodes, by their ids; `None` for a node and itself.
     #[cfg(feature = "csv")]
-    pub(crate) fn metres_between(&self, from: u64, to: u64) -> Result<Option<f64>, MapError> {
+    pub(crate) fn metres_between(&self, from: u64, to: u64) -> Result<Option<f64>, NetworkError> {
         let ends = self.nodes.ends(from, to)?;
         Ok((from != to).then(|| self.nodes.straight(ends)))
     }
@@ -191,9 +202,9 @@ impl<P: Coordinates> NetworkBuilder<P> {
     /// # Errors
     ///
     /// [`MapError::Empty`] if there are no nodes.
-    pub fn build(self) -> Result<RoadNetwork<P>, MapError> {
+    pub fn build(self) -> Result<RoadNetwork<P>, NetworkError> {
         if self.nodes.list.is_empty() {
-            return Err(MapError::Empty);
+            return Err(MapError::Empty.into());
         }
         Ok(self.finish())
     }
@@ -263,10 +274,11 @@ impl<P> RoadNetwork<P> {
 /// use wayfix_roads::EdgeOptions;
 /// use wayfix::map::{Position, RoadClass};
 ///
-/// let options: EdgeOptions<Position> = EdgeOptions { metres: Some(120.0), ..EdgeOptions::of(RoadClass::Street) };
+/// let options: EdgeOptions<Position> = EdgeOptions::of(RoadClass::Street).with_metres(120.0);
 /// assert!(options.between.is_empty());
 /// ```
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct EdgeOptions<P = Position> {
     /// Class of the road.
     pub class: RoadClass,
@@ -285,5 +297,29 @@ impl<P> EdgeOptions<P> {
     #[must_use]
     pub fn of(class: RoadClass) -> Self {
         Self { class, metres: None, speed: None, roundabout: false, between: Vec::new() }
+    }
+
+    /// Sets the length in metres; `None` for that of the line.
+    #[must_use]
+    pub fn with_metres(self, metres: impl Into<Option<f64>>) -> Self {
+        Self { metres: metres.into(), ..self }
+    }
+
+    /// Sets the posted speed in metres per second; `None` if it is unknown.
+    #[must_use]
+    pub fn with_speed(self, speed: impl Into<Option<f64>>) -> Self {
+        Self { speed: speed.into(), ..self }
+    }
+
+    /// Makes the edge a part of a roundabout, or not.
+    #[must_use]
+    pub fn with_roundabout(self, roundabout: bool) -> Self {
+        Self { roundabout, ..self }
+    }
+
+    /// Sets the points of the line between the ends.
+    #[must_use]
+    pub fn with_between(self, between: Vec<P>) -> Self {
+        Self { between, ..self }
     }
 }

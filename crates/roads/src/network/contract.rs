@@ -5,7 +5,7 @@
 //! keeps its first.
 
 use super::builder::NetworkBuilder;
-use super::cleaning_step::{Cleaning, CleaningStep};
+use super::cleaning::{Cleaning, CleaningStep};
 use super::road_network::{Edge, NONE, RoadNetwork};
 use wayfix::map::Coordinates;
 
@@ -33,7 +33,7 @@ impl<P: Coordinates> RoadNetwork<P> {
     /// assert_eq!(network.nodes().len(), 2);
     /// assert_eq!(network.edges()[0].metres, 200.0);
     /// assert_eq!(network.shape(0)[1], PlanePosition { x: 100.0, y: 0.0 });
-    /// # Ok::<(), wayfix::map::MapError>(())
+    /// # Ok::<(), wayfix_roads::NetworkError>(())
     /// ```
     #[must_use]
     pub fn contracted(&self) -> (Self, CleaningStep<P>) {
@@ -125,13 +125,13 @@ impl<P: Coordinates> RoadNetwork<P> {
             neighbors.dedup();
             // Two edges into the node come from different neighbours, and the edges out are their
             // reverses.
-            let apart = into.len() == 1
+            let is_two_way_through = into.len() == 1
                 || (self.edges[into[0]].from != self.edges[into[1]].from
                     && into
                         .iter()
                         .all(|&edge| self.reverse(edge).is_some_and(|back| out.contains(&back))));
             neighbors.len() == 2
-                && apart
+                && is_two_way_through
                 && !neighbors.contains(&n)
                 && into.iter().all(|&edge| {
                     let from = self.edges[edge].from;

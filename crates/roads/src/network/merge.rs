@@ -1,10 +1,11 @@
 //! Merging of intersections, by clustering their nodes, nearest pairs first.
 
-use super::cleaning_step::{Cleaning, CleaningStep};
+use super::cleaning::{Cleaning, CleaningStep};
 use super::road_network::{Edge, RoadNetwork};
+use crate::NetworkError;
 use wayfix::error::Parameter;
 use wayfix::internal::turned;
-use wayfix::map::{Coordinates, MapError, Place};
+use wayfix::map::{Coordinates, Place};
 
 impl<P: Coordinates> RoadNetwork<P> {
     /// Network with intersections merged within a radius: where a dual carriageway crosses another,
@@ -23,8 +24,8 @@ impl<P: Coordinates> RoadNetwork<P> {
     ///
     /// # Errors
     ///
-    /// [`MapError::Parameter`] for metres that are negative, infinite or NaN.
-    pub fn merged(&self, metres: f64) -> Result<(Self, CleaningStep<P>), MapError> {
+    /// [`NetworkError::Parameter`] for metres that are negative, infinite or NaN.
+    pub fn merged(&self, metres: f64) -> Result<(Self, CleaningStep<P>), NetworkError> {
         if !(metres >= 0.0 && metres.is_finite()) {
             return Err(Parameter::new("the radius of merging", metres, "metres from 0").into());
         }

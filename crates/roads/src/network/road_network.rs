@@ -1,10 +1,11 @@
-//! Directed road networks: places, edges with their lines, and forbidden turns.
+//! Directed road networks: places, edges with their lines, and forbidden turns; their nodes as a
+//! map, and consistent flows on them.
 
 use std::ops::Range;
 
-use wayfix::internal::Places;
-use wayfix::map::Place;
-use wayfix::map::{Position, RoadClass};
+use crate::NetworkError;
+use wayfix::internal::{Places, balance};
+use wayfix::map::{Coordinates, Place, Position, Road, RoadClass, RoadMap};
 
 /// Directed edge of a network, from one node to another, with a line between them.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -51,7 +52,7 @@ pub struct Edge {
 /// // From edge 1 → 2: on to 3, or back.
 /// let next: Vec<_> = network.next(out).map(|e| network.edges()[e].to).collect();
 /// assert_eq!(next, [0, 2]);
-/// # Ok::<(), wayfix::map::MapError>(())
+/// # Ok::<(), wayfix_roads::NetworkError>(())
 /// ```
 #[derive(Debug, Clone)]
 pub struct RoadNetwork<P = Position> {
@@ -151,5 +152,36 @@ impl<P> RoadNetwork<P> {
     #[must_use]
     pub fn shape(&self, edge: usize) -> &[P] {
         &self.points[self.shape_starts[edge] as usize..self.shape_starts[edge + 1] as usize]
+    }
+}
+
+impl<P: Coordinates> RoadNetwork<P> {
+    /// Map with the nodes as places, with the shortest of parallel edges and without loops.
+    /// O((nodes + edges) log).
+    ///
+    /// # Errors
+    ///
+    /// [`NetworkError::Map`] if there are no nodes.
+    pub fn to_map(&self) -> Result<RoadMap<P>, NetworkError> {
+        let road = |edge: &Edge| {
+            let [from, to] = [edge.from, edge.to].map(|node| self.nodes()[node].id);
+            Road { from, to, class: edge.class, metres: edge.metres }
+        };
+        let cleaned = RoadMap::cleaned(self.nodes().iter().cloned(), self.edges().iter().map(road));
+        Ok(cleaned?.0)
+    }
+}
+
+impl<P> RoadNetwork<P> {
+    /// Flow nearest to counts of traffic, one per edge, such that inflow equals outflow at each
+    /// node. See [`RoadMap::consistent_flow`](wayfix::map::RoadMap::consistent_flow).
+    ///
+    /// # Errors
+    ///
+    /// [`NetworkError::Map`] with the errors of
+    /// [`RoadMap::consistent_flow`](wayfix::map::RoadMap::consistent_flow).
+    pub fn consistent_flow(&self, counts: &[f64]) -> Result<Vec<f64>, NetworkError> {
+        let ends: Vec<_> = self.edges().iter().map(|edge| [edge.from, edge.to]).collect();
+        Ok(balance(self.nodes().len(), &ends, counts, |i| self.nodes()[i].id)?)
     }
 }

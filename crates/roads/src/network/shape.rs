@@ -3,7 +3,7 @@
 //! Lines are measured in the plane, where their length may differ from that of the edge. Both are
 //! related by one factor per edge, so metres along an edge are shares of its length.
 
-use super::near_edge::{NearEdge, direction};
+use super::index::{NearEdge, direction};
 use super::road_network::RoadNetwork;
 use wayfix::map::Coordinates;
 

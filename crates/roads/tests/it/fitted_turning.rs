@@ -8,7 +8,7 @@ use wayfix::transition::MoveCounts;
 use wayfix::{Belief, Fixed, Hmm, Prior, TransitionError, canberra};
 use wayfix_roads::cells::RoadCells;
 use wayfix_roads::cells::{CellTransition, EdgeTurns, TurnWeights};
-use wayfix_roads::{NetworkBuilder, RoadNetwork};
+use wayfix_roads::{NetworkBuilder, NetworkError, RoadNetwork};
 
 use crate::kit::{cases, rng};
 
@@ -274,7 +274,8 @@ fn errors_name_what_is_wrong() {
     let line = builder.build().unwrap();
     let no_u_turn = TurnWeights { u_turn: 0.0, ..weights };
     let error = EdgeTurns::fit_traffic(&line, &[9.0, 9.0, 1.0, 1.0], &no_u_turn).unwrap_err();
-    assert!(matches!(error, MapError::Unbalanced { id: 8, .. }), "{error}");
+    let is_unbalanced = matches!(error, NetworkError::Map(MapError::Unbalanced { id: 8, .. }));
+    assert!(is_unbalanced, "{error}");
     assert!(EdgeTurns::fit_traffic(&line, &[9.0, 9.0, 1.0, 1.0], &weights).is_ok());
     assert!(EdgeTurns::fit_traffic(&line, &[9.0; 4], &no_u_turn).is_ok());
     // Turns of a different network.

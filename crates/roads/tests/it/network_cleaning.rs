@@ -2,8 +2,8 @@
 
 use proptest::collection::vec;
 use proptest::prelude::*;
-use wayfix::map::{MapError, PlanePosition, RoadClass};
-use wayfix_roads::{Cleaning, EdgeOptions, NetworkBuilder, RoadNetwork};
+use wayfix::map::{PlanePosition, RoadClass};
+use wayfix_roads::{Cleaning, EdgeOptions, NetworkBuilder, NetworkError, RoadNetwork};
 
 use crate::kit::cases;
 
@@ -26,7 +26,7 @@ fn any_network() -> impl Strategy<Value = Network> {
             let [from, to] = [from, to].map(|id| id % nodes.len() as u64);
             let class = if class == 0 { RoadClass::Main } else { RoadClass::Street };
             let metres = Some(at(from).metres_to(at(to)).max(1.0) * stretch);
-            let options = || EdgeOptions { metres, ..EdgeOptions::of(class) };
+            let options = || EdgeOptions::of(class).with_metres(metres);
             let there = builder.edge(from, to, options()).unwrap();
             ends.push((from, to));
             if both {
@@ -210,7 +210,7 @@ proptest! {
                 is_whole(&cut);
                 prop_assert_eq!(old(&network, &cut), expected);
             }
-            Err(MapError::EmptyBox { .. }) => prop_assert!(expected.is_empty()),
+            Err(NetworkError::EmptyBox { .. }) => prop_assert!(expected.is_empty()),
             Err(other) => panic!("{other}"),
         }
     }
@@ -326,6 +326,6 @@ fn chains_of_short_roads_are_not_drawn_together() {
     let merged = xs(100.0);
     assert!(merged.len() >= 4 && merged.len() <= 5, "{merged:?}");
     for bad in [-1.0, f64::NAN, f64::INFINITY] {
-        assert!(matches!(network.merged(bad), Err(MapError::Parameter(_))));
+        assert!(matches!(network.merged(bad), Err(NetworkError::Parameter(_))));
     }
 }

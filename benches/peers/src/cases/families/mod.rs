@@ -144,7 +144,7 @@ where
     where
         S: Sequence<(), L::Observation> + Sync,
     {
-        let learning = LearningOptions { iterations, tolerance: 0.0, ..LearningOptions::default() };
+        let learning = LearningOptions::default().with_iterations(iterations).with_tolerance(0.0);
         let start = Instant::now();
         let learned = self.start.learn(seen, &learning)?;
         let seconds = start.elapsed().as_secs_f64();

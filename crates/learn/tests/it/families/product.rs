@@ -165,7 +165,7 @@ fn an_iteration_of_learning_learns_each_factor() {
     let prior = Prior::AtFirstObservation(Belief::uniform(2).unwrap());
     let hmm = Hmm::new(prior.clone(), transition.clone(), family.clone()).unwrap();
     let rows = [[1.5, 0.0], [3.0, 2.0], [12.0, 5.0], [9.0, 3.0], [2.0, 1.0], [8.0, 4.0]];
-    let options = LearningOptions { iterations: 1, ..LearningOptions::default() };
+    let options = LearningOptions::default().with_iterations(1);
     let learned = hmm.learn(&[rows], &options).unwrap().into_model();
 
     let smoothed = hmm.smooth(&rows).unwrap();

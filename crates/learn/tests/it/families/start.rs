@@ -319,7 +319,7 @@ fn tables_start_from_symbols() {
     let symbol = |k: usize| k / 40 % 2 + drawn.random_range(0..2_usize);
     let seen: Vec<usize> = (0..400).map(symbol).collect();
     let table = TableLikelihood::from_rows(&[[0.25, 0.25, 0.25, 0.25, 0.0]; 2]).unwrap();
-    let learning = LearningOptions { likelihood_pseudo_count: 0.1, ..Default::default() };
+    let learning = LearningOptions::default().with_likelihood_pseudo_count(0.1);
     let starts = table_starts(&table, &[&seen], 5, &mut rng(1)).unwrap();
     for start in &starts {
         let table = start.likelihood();

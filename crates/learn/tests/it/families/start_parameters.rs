@@ -196,7 +196,7 @@ fn placeholders_of_counts_and_directions_make_no_difference() {
 fn learning_far_from_the_placeholder_ends_at_the_same_maximum() {
     for seed in [11, 12, 13] {
         let rows = gaps(100_000.0, 300, seed);
-        let options = LearningOptions { iterations: 300, ..LearningOptions::default() };
+        let options = LearningOptions::default().with_iterations(300);
         for kind in KINDS {
             let family = |means: &[[f64; 3]; 2]| {
                 Gaussian::new(kind, means, &covariances(kind, 4.0)).unwrap().with_missing()

@@ -84,7 +84,7 @@ fn bad_input_is_an_error() {
         StandardErrors::from_likelihood(&hmm, &[vec![0, 1], vec![0, 7]], &kept(), probabilities)
             .unwrap_err();
     assert!(error.to_string().starts_with("sequence 1 failed"), "{error}");
-    let options = LearningOptions { transition_pseudo_count: f64::NAN, ..kept() };
+    let options = kept().with_transition_pseudo_count(f64::NAN);
     let error =
         StandardErrors::from_likelihood(&hmm, &[path], &options, probabilities).unwrap_err();
     assert!(matches!(error, LearnError::Parameter(_)), "{error}");

@@ -147,14 +147,12 @@ fn random(states: usize, symbols: usize, seed: u64) -> Discrete {
 }
 
 fn options(count: f64) -> LearningOptions {
-    LearningOptions {
-        iterations: 400,
-        tolerance: 1e-9,
-        prior_pseudo_count: count,
-        transition_pseudo_count: count,
-        likelihood_pseudo_count: count,
-        ..LearningOptions::default()
-    }
+    LearningOptions::default()
+        .with_iterations(400)
+        .with_tolerance(1e-9)
+        .with_prior_pseudo_count(count)
+        .with_transition_pseudo_count(count)
+        .with_likelihood_pseudo_count(count)
 }
 
 proptest! {

@@ -14,7 +14,7 @@ use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
 
 /// Options that keep the prior.
 fn kept() -> LearningOptions {
-    LearningOptions { keep_prior: true, ..LearningOptions::default() }
+    LearningOptions::default().with_keep_prior(true)
 }
 
 fn uniform(states: usize) -> Prior {

@@ -30,7 +30,7 @@ fn the_prior_of_one_sequence_is_at_a_bound() {
     for seed in 0..5 {
         let sequence = truth().simulate(800, &mut rng(seed)).observations().to_vec();
         let [found, other] = [LearningOptions::default(), kept()].map(|options| {
-            let options = LearningOptions { tolerance: 1e-4, iterations: 1000, ..options };
+            let options = options.with_tolerance(1e-4).with_iterations(1000);
             let learned = truth().learn(&[&sequence], &options).unwrap().into_model();
             StandardErrors::from_likelihood(&learned, &[&sequence], &options, probabilities)
                 .unwrap()
@@ -47,7 +47,7 @@ fn the_prior_of_one_sequence_is_at_a_bound() {
 #[test]
 fn errors_are_those_of_the_spread_of_estimates() {
     let truth = truth();
-    let options = LearningOptions { tolerance: 1e-4, iterations: 1000, ..kept() };
+    let options = kept().with_tolerance(1e-4).with_iterations(1000);
     let (count, steps) = size();
     let expected = probabilities(&truth);
     let numbers = expected.len();

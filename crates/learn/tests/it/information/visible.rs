@@ -49,7 +49,7 @@ fn covariances_are_those_of_multinomial_counts() {
 #[test]
 fn pseudo_counts_are_counts() {
     let (moves, left) = counts(&PATH);
-    let options = LearningOptions { transition_pseudo_count: 1.5, ..kept() };
+    let options = kept().with_transition_pseudo_count(1.5);
     let hmm = Hmm::new(uniform(3), third(), Fixed(identity(3))).unwrap();
     let learned = hmm.learn(&[PATH], &options).unwrap().into_model();
     let read = |hmm: &Hmm<DenseTransition, Fixed<_>>| hmm.transition().to_rows().concat();
@@ -157,7 +157,7 @@ fn stationary_starts_count() {
     let half = DenseTransition::from_fn(2, |_, _| 0.5).unwrap();
     let prior = Prior::stationary(&half).unwrap();
     let hmm = Hmm::new(prior, half, Fixed(identity(2))).unwrap();
-    let options = LearningOptions { tolerance: 1e-12, ..LearningOptions::default() };
+    let options = LearningOptions::default().with_tolerance(1e-12);
     let learned = hmm.learn(&paths, &options).unwrap().into_model();
     let read = |hmm: &Hmm<DenseTransition, Fixed<_>>| {
         vec![hmm.transition().get(1, 0), hmm.transition().get(0, 1)]

@@ -236,12 +236,7 @@ proptest! {
                 close(seen.unwrap().1.get(m.from, m.to), m.weight, 1e-10, 1e-12)?;
             }
         }
-        let learning = LearningOptions {
-            iterations: 8,
-            tolerance: 0.0,
-            transition_pseudo_count,
-            ..LearningOptions::default()
-        };
+        let learning = LearningOptions::default().with_iterations(8).with_tolerance(0.0).with_transition_pseudo_count(transition_pseudo_count);
         let learned = own.learn(&driven, &learning).unwrap();
         let rises = learned.objectives().windows(2);
         for pair in rises {
@@ -475,8 +470,7 @@ fn learning_finds_simulated_coefficients() {
     let seen = truth.simulate_with(&inputs, &mut rng).unwrap().observations().to_vec();
     let sequence = [Controlled::new(&inputs, &seen).unwrap()];
     let start = hmm([[-1.0, 0.0, 0.0]; 2], [[0.7, 0.3], [0.3, 0.7]]);
-    let learning =
-        LearningOptions { iterations: 300, keep_prior: true, ..LearningOptions::default() };
+    let learning = LearningOptions::default().with_iterations(300).with_keep_prior(true);
     let learned = start.learn(&sequence, &learning).unwrap();
     let ratio = 2.0 * (learned.log_likelihood() - truth.log_likelihood(&sequence[0]).unwrap());
     assert!((0.0..32.0).contains(&ratio), "{ratio}");

@@ -33,7 +33,7 @@ fn learned(
         Hmm::new(prior(&a).unwrap_or(known), a, sensor).unwrap()
     };
     let starts: Vec<Quakes> = starts.into_iter().map(with_prior).collect();
-    let learning = LearningOptions { iterations: 2000, tolerance, ..Default::default() };
+    let learning = LearningOptions::default().with_iterations(2000).with_tolerance(tolerance);
     Hmm::learn_best(&starts, &[&years[..]], &learning, |_, _| ()).unwrap()
 }
 

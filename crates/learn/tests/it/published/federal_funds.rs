@@ -41,7 +41,7 @@ fn the_published_fit_is_found() {
     assert!((found + 508.63592).abs() < 1e-5, "{found}");
 
     let start = model([0.9, 0.9], [2.0, 8.0], 9.0);
-    let learning = LearningOptions { iterations: 2000, tolerance: 1e-11, ..Default::default() };
+    let learning = LearningOptions::default().with_iterations(2000).with_tolerance(1e-11);
     let learned = start.learn(&[&rates[..]], &learning).unwrap();
     assert!((learned.objective() + 508.63592).abs() < 1e-5, "{}", learned.objective());
     let model = learned.model();

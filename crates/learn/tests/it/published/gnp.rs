@@ -101,7 +101,7 @@ fn learning_reaches_the_published_fit() {
     let rows = Rows::new(&GROWTH, 1).unwrap().lagged(4).unwrap();
     let start = SwitchingMean { means: [-0.5, 1.0], lags: [0.0; 4], variance: 1.0 };
     let start = model([0.7, 0.1], start).unwrap();
-    let options = LearningOptions { iterations: 1000, tolerance: 1e-9, ..Default::default() };
+    let options = LearningOptions::default().with_iterations(1000).with_tolerance(1e-9);
     let learned = start.learn(&[rows], &options).unwrap();
     assert!((learned.log_likelihood() + 181.26339).abs() < 1e-5, "{}", learned.log_likelihood());
     let hmm = learned.model();

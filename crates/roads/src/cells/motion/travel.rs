@@ -183,6 +183,19 @@ impl fmt::Debug for Travel {
     }
 }
 
+/// Checks a reading; the metres may be negative.
+pub(super) fn check_reading(metres: f64, variance: f64) -> Result<(), TransitionError> {
+    if !metres.is_finite() {
+        let text = format!("{metres} metres driven, expected a finite value");
+        return Err(TransitionError::Control(text));
+    }
+    if !(variance >= 0.0 && variance.is_finite()) {
+        let text = format!("a variance of {variance} of the metres driven, expected 0 or more");
+        return Err(TransitionError::Control(text));
+    }
+    Ok(())
+}
+
 fn too_far(what: &str, value: f64) -> TransitionError {
     Parameter::new(what.to_owned(), value, "at most 10,000,000").into()
 }

@@ -2,11 +2,9 @@
 //! of scales and the move A_g = Σ w_k M^k by the distance of the new scale.
 
 use super::{CellTransition, Travel, WheelOdometer, WheelTravel, Wheels};
-use wayfix::Belief;
-use wayfix::TransitionError;
 use wayfix::internal::{buffers, check_count, check_slices};
 use wayfix::likelihood::Groups;
-use wayfix::{Transition, TransitionEntries};
+use wayfix::{Belief, Transition, TransitionEntries, TransitionError};
 
 /// Motion on the [cells of roads](crate::cells::RoadCells) by the metres that wheels read, with
 /// [errors](Wheels) that last: a [`CellTransition`] for each of several hidden scales.
@@ -144,8 +142,8 @@ impl WheelTransition {
     }
 
     /// Returns a belief over cells as one over states, with the scales by their
-    /// [shares](Self::shares): to start from, or to [restart](wayfix::transition::RestartTransition)
-    /// from.
+    /// [shares](Self::shares): to start from, or to
+    /// [restart](wayfix::transition::RestartTransition) from.
     ///
     /// # Errors
     ///

@@ -10,8 +10,8 @@ use miniz_oxide::inflate::{TINFLStatus, decompress_to_vec_zlib_with_limit};
 
 use super::elements::Block;
 use super::wire::each_field;
+use crate::NetworkError;
 use wayfix::internal::excerpt;
-use wayfix::map::MapError;
 
 /// Largest sizes of a head and of data in bytes, as the format defines them.
 const LONGEST_HEAD: u64 = 64 * 1024;
@@ -67,7 +67,7 @@ impl<'a, R: Read + Seek> Blocks<'a, R> {
     pub(super) fn each(
         &mut self,
         mut visit: impl FnMut(&Block<'_>) -> Result<bool, String>,
-    ) -> Result<Vec<BlockPlace>, MapError> {
+    ) -> Result<Vec<BlockPlace>, NetworkError> {
         let (mut wanted, mut place) = (Vec::new(), BlockPlace { block: 1, byte: 0 });
         self.seek(0).map_err(|failure| self.error(place, failure))?;
         loop {
@@ -94,7 +94,7 @@ impl<'a, R: Read + Seek> Blocks<'a, R> {
         &mut self,
         places: &[BlockPlace],
         mut visit: impl FnMut(&Block<'_>) -> Result<(), String>,
-    ) -> Result<(), MapError> {
+    ) -> Result<(), NetworkError> {
         for &place in places {
             let blob = self.seek(place.byte).and_then(|()| self.next());
             let blob = blob.map_err(|failure| self.error(place, failure))?;
@@ -161,17 +161,17 @@ impl<'a, R: Read + Seek> Blocks<'a, R> {
         Err(format!("the file ends after {} of {length} bytes of {what}", bytes.len()).into())
     }
 
-    fn error(&self, BlockPlace { block, byte }: BlockPlace, failure: Failure) -> MapError {
+    fn error(&self, BlockPlace { block, byte }: BlockPlace, failure: Failure) -> NetworkError {
         let file = self.file.to_owned();
         let mut problem = match failure {
-            Failure::Read(error) => return MapError::Read { file, reason: error.to_string() },
+            Failure::Read(error) => return NetworkError::Read { file, reason: error.to_string() },
             Failure::Invalid(problem) => problem,
         };
         if block == 1 {
             // Most likely a file of another format.
             problem += "; expected an OpenStreetMap extract (.osm.pbf)";
         }
-        MapError::Block { file, block, byte, problem }
+        NetworkError::Block { file, block, byte, problem }
     }
 }
 

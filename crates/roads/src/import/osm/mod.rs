@@ -16,14 +16,14 @@ use std::path::Path;
 use self::blocks::Blocks;
 use self::elements::{Block, Element, Member, Relation, Way};
 use self::restrictions::Restriction;
-use super::finish::{finish, position_problem};
 use super::lines::Lines;
-use super::options::ImportOptions;
+use super::report::ImportOptions;
 use super::report::{ImportNote, ImportReport};
+use super::report::{finish, position_problem};
 use super::tags::road_of;
-use crate::{NetworkBuilder, RoadNetwork};
+use crate::{NetworkBuilder, NetworkError, RoadNetwork};
 use wayfix::internal::open;
-use wayfix::map::{MapError, Position};
+use wayfix::map::Position;
 
 impl RoadNetwork {
     /// Reads a network from an OpenStreetMap extract (`.osm.pbf`).
@@ -51,14 +51,14 @@ impl RoadNetwork {
     ///
     /// # Errors
     ///
-    /// [`MapError::Block`] with file, block and byte for a file that is not an extract, is
+    /// [`NetworkError::Block`] with file, block and byte for a file that is not an extract, is
     /// truncated or damaged, or requires unsupported features (history), and for a node not on
-    /// Earth; [`MapError::Read`] if the file can't be opened; [`MapError::Empty`] if no road is
-    /// left; and those of [`cleaned`](Self::cleaned).
+    /// Earth; [`NetworkError::Read`] if the file can't be opened; [`NetworkError::Map`] if no road
+    /// is left; and those of [`cleaned`](Self::cleaned).
     pub fn from_osm_file(
         path: impl AsRef<Path>,
         options: &ImportOptions,
-    ) -> Result<(Self, ImportReport), MapError> {
+    ) -> Result<(Self, ImportReport), NetworkError> {
         let (file, reader) = open(path.as_ref())?;
         read(&file, BufReader::new(reader), options)
     }
@@ -72,7 +72,7 @@ impl RoadNetwork {
     pub fn from_osm(
         reader: impl Read + Seek,
         options: &ImportOptions,
-    ) -> Result<(Self, ImportReport), MapError> {
+    ) -> Result<(Self, ImportReport), NetworkError> {
         read("extract", reader, options)
     }
 }
@@ -81,7 +81,7 @@ fn read(
     file: &str,
     reader: impl Read + Seek,
     options: &ImportOptions,
-) -> Result<(RoadNetwork, ImportReport), MapError> {
+) -> Result<(RoadNetwork, ImportReport), NetworkError> {
     let mut report = ImportReport::default();
     let mut roads = Roads::default();
     let mut blocks = Blocks::new(file, reader);

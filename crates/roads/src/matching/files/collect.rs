@@ -6,10 +6,64 @@
 
 use std::cmp::Ordering;
 use std::collections::HashMap;
+use std::fmt;
 
-use super::{Trace, TraceReport};
 use crate::matching::TracePoint;
 use wayfix::internal::excerpt;
+
+/// Drive read from a file. [`Matcher::learn`](crate::matching::Matcher::learn) takes it as it is,
+/// and [`Matcher::match_drive`](crate::matching::Matcher::match_drive) its `points`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Trace {
+    /// Name of the drive in the file.
+    pub name: String,
+    /// Points in the order of the file, each later than the one before.
+    pub points: Vec<TracePoint>,
+    /// Number of points left out because they have the same time as the last one taken.
+    pub repeated: usize,
+    /// Number of points that were left out, earlier than the last one taken.
+    pub backwards: usize,
+}
+
+impl AsRef<[TracePoint]> for Trace {
+    fn as_ref(&self) -> &[TracePoint] {
+        &self.points
+    }
+}
+
+/// Report of a file of drives.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[non_exhaustive]
+pub struct TraceReport {
+    /// Number of points of all drives left out because they have the same time as the last one
+    /// kept; each [`Trace`] has its own count.
+    pub repeated: usize,
+    /// Number of points that were left out, earlier than the last one taken.
+    pub backwards: usize,
+    /// Lines of the first ten points that were left out; empty for GeoJSON, where points have no
+    /// lines.
+    pub skipped_lines: Vec<u64>,
+    /// Unknown columns, which were not read.
+    pub ignored_columns: Vec<String>,
+}
+
+/// Prints the counts, and one line for each unknown column.
+impl fmt::Display for TraceReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { repeated, backwards, skipped_lines: lines, ignored_columns } = self;
+        write!(
+            f,
+            "skipped {repeated} points of the same time and {backwards} that go back in time"
+        )?;
+        if !lines.is_empty() {
+            let named: Vec<String> = lines.iter().map(u64::to_string).collect();
+            let more = if lines.len() < repeated + backwards { ", …" } else { "" };
+            let word = if lines.len() == 1 { "line" } else { "lines" };
+            write!(f, " ({word} {}{more})", named.join(", "))?;
+        }
+        ignored_columns.iter().try_for_each(|column| write!(f, "\nunknown column: {column}"))
+    }
+}
 
 /// Largest number of lines of skipped points that are reported.
 const MOST_LINES: usize = 10;

@@ -6,17 +6,20 @@ use std::io::Read;
 
 use csv::StringRecord;
 
-use super::collect::Collector;
+use super::collect::{Collector, Trace, TraceReport};
 use super::time::{TIMES, seconds_of};
-use super::{Trace, TraceReport};
+use crate::NetworkError;
 use crate::matching::TracePoint;
 use wayfix::internal::{Row, Text, each_row, excerpt, unknown};
-use wayfix::map::{MapError, Position};
+use wayfix::map::Position;
 
 const COLUMNS: [&str; 7] =
     ["trace", "time", "longitude", "latitude", "accuracy", "heading", "speed"];
 
-pub(super) fn read(file: &str, reader: impl Read) -> Result<(Vec<Trace>, TraceReport), MapError> {
+pub(super) fn read(
+    file: &str,
+    reader: impl Read,
+) -> Result<(Vec<Trace>, TraceReport), NetworkError> {
     let mut ignored_columns = Vec::new();
     let find = |header: &StringRecord| {
         let columns = COLUMNS.map(|name| header.iter().position(|found| found == name));
@@ -42,7 +45,7 @@ pub(super) fn read(file: &str, reader: impl Read) -> Result<(Vec<Trace>, TraceRe
         Ok(())
     })?;
     drives.report.ignored_columns = ignored_columns;
-    let at = |(line, problem)| MapError::Line { file: file.to_owned(), line, problem };
+    let at = |(line, problem)| NetworkError::Line { file: file.to_owned(), line, problem };
     drives.finish(end).map_err(at)
 }
 

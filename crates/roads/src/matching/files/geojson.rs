@@ -4,13 +4,12 @@ use std::io::Read;
 
 use geojson::{Feature, GeoJson, GeometryValue, JsonObject, JsonValue};
 
-use super::collect::Collector;
+use super::collect::{Collector, Trace, TraceReport};
 use super::time::{TIMES, seconds_of};
-use super::{Trace, TraceReport};
 use crate::matching::TracePoint;
-use crate::parse_geojson;
+use crate::{NetworkError, parse_geojson};
 use wayfix::internal::excerpt;
-use wayfix::map::{MapError, Position};
+use wayfix::map::Position;
 
 /// Properties of a line with the times of its points.
 const LINE_TIMES: [&str; 2] = ["coordTimes", "times"];
@@ -18,9 +17,12 @@ const LINE_TIMES: [&str; 2] = ["coordTimes", "times"];
 const POINT_TIME: [&str; 2] = ["time", "timestamp"];
 const NAMES: [&str; 2] = ["trace", "name"];
 
-pub(super) fn read(file: &str, reader: impl Read) -> Result<(Vec<Trace>, TraceReport), MapError> {
+pub(super) fn read(
+    file: &str,
+    reader: impl Read,
+) -> Result<(Vec<Trace>, TraceReport), NetworkError> {
     let mut drives = Collector::default();
-    let at = |(number, problem)| MapError::Feature {
+    let at = |(number, problem)| NetworkError::Feature {
         file: file.to_owned(),
         feature: number as usize,
         problem,

@@ -10,19 +10,22 @@ use quick_xml::Reader;
 use quick_xml::escape::resolve_predefined_entity;
 use quick_xml::events::{BytesRef, BytesStart, Event};
 
-use super::collect::{Collector, Problem};
+use super::collect::{Collector, Problem, Trace, TraceReport};
 use super::time::{TIMES, seconds_of};
-use super::{Trace, TraceReport};
+use crate::NetworkError;
 use crate::matching::TracePoint;
 use wayfix::internal::{excerpt, shortened, text_of};
-use wayfix::map::{MapError, Position};
+use wayfix::map::Position;
 
 /// Largest number of characters of the parser's message, which quotes the text.
 const LONGEST_PROBLEM: usize = 300;
 
-pub(super) fn read(file: &str, reader: impl Read) -> Result<(Vec<Trace>, TraceReport), MapError> {
+pub(super) fn read(
+    file: &str,
+    reader: impl Read,
+) -> Result<(Vec<Trace>, TraceReport), NetworkError> {
     let text = text_of(file, reader)?;
-    let at = |(line, problem)| MapError::Line { file: file.to_owned(), line, problem };
+    let at = |(line, problem)| NetworkError::Line { file: file.to_owned(), line, problem };
     drives(&text).map_err(at)
 }
 

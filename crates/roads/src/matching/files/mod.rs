@@ -9,67 +9,12 @@ mod geojson;
 mod gpx;
 mod time;
 
-use std::fmt;
 use std::io::Read;
 use std::path::Path;
 
-use super::TracePoint;
+use crate::NetworkError;
+pub use collect::{Trace, TraceReport};
 use wayfix::internal::open;
-use wayfix::map::MapError;
-
-/// Drive read from a file. [`Matcher::learn`](super::Matcher::learn) takes it as it is, and
-/// [`Matcher::match_drive`](super::Matcher::match_drive) its `points`.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Trace {
-    /// Name of the drive in the file.
-    pub name: String,
-    /// Points in the order of the file, each later than the one before.
-    pub points: Vec<TracePoint>,
-    /// Number of points left out because they have the same time as the last one taken.
-    pub repeated: usize,
-    /// Number of points that were left out, earlier than the last one taken.
-    pub backwards: usize,
-}
-
-impl AsRef<[TracePoint]> for Trace {
-    fn as_ref(&self) -> &[TracePoint] {
-        &self.points
-    }
-}
-
-/// Report of a file of drives.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
-#[non_exhaustive]
-pub struct TraceReport {
-    /// Number of points of all drives left out because they have the same time as the last one
-    /// kept; each [`Trace`] has its own count.
-    pub repeated: usize,
-    /// Number of points that were left out, earlier than the last one taken.
-    pub backwards: usize,
-    /// Lines of the first ten points that were left out; empty for GeoJSON, where points have no
-    /// lines.
-    pub skipped_lines: Vec<u64>,
-    /// Unknown columns, which were not read.
-    pub ignored_columns: Vec<String>,
-}
-
-/// Prints the counts, and one line for each unknown column.
-impl fmt::Display for TraceReport {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { repeated, backwards, skipped_lines: lines, ignored_columns } = self;
-        write!(
-            f,
-            "skipped {repeated} points of the same time and {backwards} that go back in time"
-        )?;
-        if !lines.is_empty() {
-            let named: Vec<String> = lines.iter().map(u64::to_string).collect();
-            let more = if lines.len() < repeated + backwards { ", …" } else { "" };
-            let word = if lines.len() == 1 { "line" } else { "lines" };
-            write!(f, " ({word} {}{more})", named.join(", "))?;
-        }
-        ignored_columns.iter().try_for_each(|column| write!(f, "\nunknown column: {column}"))
-    }
-}
 
 /// Reads drives from a file: GPX (`.gpx`), GeoJSON (`.geojson`, `.json`), or CSV (any other).
 ///
@@ -94,12 +39,12 @@ impl fmt::Display for TraceReport {
 ///
 /// # Errors
 ///
-/// [`MapError::Read`] if the file cannot be opened or read, or the feature for its format (`csv`,
-/// `gpx`, `geojson`) is not enabled; otherwise [`MapError::Line`] with file and line, or
-/// [`MapError::Feature`] with the feature of GeoJSON, for a missing column, attribute or property,
-/// a value that cannot be parsed or is out of range, a drive whose points are not contiguous or
-/// mostly go back in time, text not in the format, and a file without points.
-pub fn read_traces(path: impl AsRef<Path>) -> Result<(Vec<Trace>, TraceReport), MapError> {
+/// [`NetworkError::Read`] if the file cannot be opened or read, or the feature for its format
+/// (`csv`, `gpx`, `geojson`) is not enabled; otherwise [`NetworkError::Line`] with file and line,
+/// or [`NetworkError::Feature`] with the feature of GeoJSON, for a missing column, attribute or
+/// property, a value that cannot be parsed or is out of range, a drive whose points are not
+/// contiguous or mostly go back in time, text not in the format, and a file without points.
+pub fn read_traces(path: impl AsRef<Path>) -> Result<(Vec<Trace>, TraceReport), NetworkError> {
     let (name, file) = open(path.as_ref())?;
     read_traces_from(&name, file)
 }
@@ -125,7 +70,7 @@ pub fn read_traces(path: impl AsRef<Path>) -> Result<(Vec<Trace>, TraceReport), 
 ///     error.to_string(),
 ///     "drive, line 3: the point has latitude -95, expected a latitude from -90 to 90 degrees"
 /// );
-/// # Ok::<(), wayfix::map::MapError>(())
+/// # Ok::<(), wayfix_roads::NetworkError>(())
 /// ```
 ///
 /// # Errors
@@ -134,7 +79,7 @@ pub fn read_traces(path: impl AsRef<Path>) -> Result<(Vec<Trace>, TraceReport), 
 pub fn read_traces_from(
     name: &str,
     reader: impl Read,
-) -> Result<(Vec<Trace>, TraceReport), MapError> {
+) -> Result<(Vec<Trace>, TraceReport), NetworkError> {
     let end = Path::new(name).extension().unwrap_or_default();
     let is = |extension: &str| end.eq_ignore_ascii_case(extension);
     if is("gpx") {
@@ -157,7 +102,7 @@ pub fn read_traces_from(
 
 /// Error for a format whose feature is not enabled.
 #[cfg(not(all(feature = "csv", feature = "geojson", feature = "gpx")))]
-fn needs(feature: &str, name: &str) -> Result<(Vec<Trace>, TraceReport), MapError> {
+fn needs(feature: &str, name: &str) -> Result<(Vec<Trace>, TraceReport), NetworkError> {
     let reason = format!("this format needs the feature `{feature}`");
-    Err(MapError::Read { file: name.to_owned(), reason })
+    Err(NetworkError::Read { file: name.to_owned(), reason })
 }

@@ -7,10 +7,10 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use super::rules::{Link, Mode, RouteExtension, RouteRules, links};
 use crate::RoadNetwork;
 use crate::matching::MatchedDrive;
 use crate::matching::candidates::{Candidate, OFF_ROAD};
+use crate::matching::route::{Link, RouteEnd, RouteExtension, RouteRules, links};
 use crate::matching::step::MatchStep;
 use wayfix::map::Coordinates;
 
@@ -19,9 +19,10 @@ const LEAST_MOVE: f64 = 1e-30;
 /// Word after the last edge of a route.
 pub(super) const END: u32 = OFF_ROAD - 1;
 
-/// Lattice of a drive: nodes are states, one for each [`Mode`] in which a state is reached, between
-/// a start and an end. Arcs carry p(state | previous state, all points) and the words that they add
-/// to the route: edges, off the road, and the end. All paths with the same words are one route.
+/// Lattice of a drive: nodes are states, one for each [`RouteEnd`] in which a state is reached,
+/// between a start and an end. Arcs carry p(state | previous state, all points) and the words that
+/// they add to the route: edges, off the road, and the end. All paths with the same words are one
+/// route.
 #[derive(Debug, Default)]
 pub(super) struct Lattice {
     /// State of each node in its step; 0 for the start and the end.
@@ -63,7 +64,7 @@ impl Arc {
 }
 
 /// Nodes of a step by state and mode.
-type Nodes = Vec<BTreeMap<Mode, u32>>;
+type Nodes = Vec<BTreeMap<RouteEnd, u32>>;
 
 impl Lattice {
     /// Builds the lattice of a drive. O(moves) time, and that of the searches for their ways.
@@ -89,8 +90,8 @@ impl Lattice {
         }
         let end = lattice.node(0);
         let last = &drive.states[drive.states.len() - 1];
-        for (state, modes) in last.iter().zip(&nodes) {
-            for (mode, node) in modes {
+        for (state, ends) in last.iter().zip(&nodes) {
+            for (mode, node) in ends {
                 let (mut added, first) = (RouteExtension::default(), lattice.arcs.len());
                 RouteRules::<P>::finish(*mode, state, &mut added);
                 lattice.arc(end, 1.0, &added);
@@ -134,7 +135,7 @@ impl Lattice {
             targets.clear();
             targets.extend(moves.iter().map(|to| states[to.0]).filter(|to| !to.is_off_road()));
             let ways = links(from, &targets, points, search);
-            // The next state depends on the state alone, so all its modes share the moves and ways.
+            // The next state depends on the state alone, so all its ends share the moves and ways.
             for (mode, node) in &nodes[number] {
                 let first = self.arcs.len();
                 let mut links = ways.iter();
@@ -144,7 +145,7 @@ impl Lattice {
                     // none at all if the vehicle is off the road; then no link is looked at.
                     let link = if to.is_off_road() { None } else { links.next() };
                     let link = link.unwrap_or(&Link::SameEdge);
-                    let mode = rules.go(*mode, [from, to], link, &mut added);
+                    let mode = rules.advance(*mode, [from, to], link, &mut added);
                     let to = self.node_of(&mut next, state, mode);
                     self.arc(to, probability / sum, &added);
                 }
@@ -160,7 +161,7 @@ impl Lattice {
         (self.states.len() - 1) as u32
     }
 
-    fn node_of(&mut self, nodes: &mut Nodes, state: usize, mode: Mode) -> u32 {
+    fn node_of(&mut self, nodes: &mut Nodes, state: usize, mode: RouteEnd) -> u32 {
         *nodes[state].entry(mode).or_insert_with(|| self.node(state))
     }
 
@@ -179,5 +180,51 @@ impl Lattice {
     pub(super) fn arcs(&self, node: u32) -> &[Arc] {
         let arcs = &self.arcs_of[node as usize];
         &self.arcs[arcs.start as usize..arcs.end as usize]
+    }
+
+    /// Most probable states of a route, one per step, given its words. Ties go to the lowest node.
+    pub(super) fn best_states(&self, route: &[u32]) -> Vec<u32> {
+        let mut words = route.to_vec();
+        words.push(END);
+        // Viterbi over pairs of a node and the number of words spelled so far: for each pair of a
+        // step, the probability of the best way and the pair before.
+        let mut steps = vec![BTreeMap::from([((0_u32, 0_usize), (1.0_f64, (0_u32, 0_usize)))])];
+        let end = ((self.states.len() - 1) as u32, words.len());
+        while steps.last().is_some_and(|step| !step.is_empty() && !step.contains_key(&end)) {
+            let mut next = BTreeMap::new();
+            let before = &steps[steps.len() - 1];
+            // Divided by the largest of the step: products over a long drive would underflow, and
+            // only ratios matter.
+            let scale = before.values().map(|way| way.0).fold(0.0, f64::max);
+            for (&(node, done), way) in before {
+                for arc in self.arcs(node) {
+                    let said = &self.words[arc.words[0] as usize..arc.words[1] as usize];
+                    // Only arcs that spell the next words of this route.
+                    if !words[done..].starts_with(said) {
+                        continue;
+                    }
+                    let probability = way.0 / scale * arc.probability;
+                    let best =
+                        next.entry((arc.to, done + said.len())).or_insert((0.0, (node, done)));
+                    // Strictly: pairs ascend by node, so a tie keeps the lowest.
+                    if probability > best.0 {
+                        *best = (probability, (node, done));
+                    }
+                }
+            }
+            // A pair whose ratio to the best underflowed could only lead to 0 / 0.
+            next.retain(|_, way| way.0 > 0.0);
+            steps.push(next);
+        }
+        let (mut states, mut at) = (Vec::new(), end);
+        for step in steps.iter().skip(1).rev() {
+            let Some(way) = step.get(&at) else { break };
+            at = way.1;
+            states.push(self.states[at.0 as usize]);
+        }
+        // The last is the start.
+        states.pop();
+        states.reverse();
+        states
     }
 }

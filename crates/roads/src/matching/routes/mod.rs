@@ -2,25 +2,32 @@
 //!
 //! Rules determine which stretches a move adds to a route. They turn a path of states into a route,
 //! and the posterior of a drive into a lattice whose arcs spell out edges. Many paths spell the
-//! same route, so the best path is not the best route: a best-first search over the first edges of
-//! routes, guided by upper bounds, finds the most probable sequences of edges.
+//! same route, so the best path is not the best route: a best-first search over the first words of
+//! routes finds the most probable sequences of edges. A prefix stands for all routes that begin
+//! with its words. Its bound is never below the probability of any of them, and exact for a whole
+//! route, so, as in A*, a whole route that is taken from the queue is the best of all routes that
+//! are left.
+//!
+//! **Bounds.** From a node, the routes whose next word is w have at most the probability B(w), the
+//! sum over arcs without words of p · B'(w) with B' of the arc's end, plus, over the arcs whose
+//! first word is w, the same sum with the best word that may follow. This bounds every route whose
+//! next word is w: each of its paths is in one of the two sums, and the best word that may follow
+//! is at least as probable as the one that the route has next. Paths of one route leave an edge at
+//! different points; they are added up before the best word is taken, which keeps the bound tight.
 
-mod bounds;
 mod lattice;
-mod path;
-mod rules;
-mod search;
 #[cfg(test)]
 mod tests;
 
-use std::collections::BTreeMap;
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+use std::ops::Range;
 
 use super::candidates::Candidate;
+use super::route::route;
 use super::step::MatchStep;
 use super::{MatchError, MatchedDrive, Matcher, Stretches};
-use lattice::{END, Lattice};
-pub(super) use path::route;
-use search::RouteSearcher;
+use lattice::{END, Lattice, Share};
 use wayfix::map::Coordinates;
 
 /// Most probable routes of a drive.
@@ -116,50 +123,248 @@ impl<P: Coordinates> Matcher<P> {
     }
 }
 
-impl Lattice {
-    /// Most probable states of a route, one per step, given its words. Ties go to the lowest node.
-    fn best_states(&self, route: &[u32]) -> Vec<u32> {
-        let mut words = route.to_vec();
-        words.push(END);
-        // Viterbi over pairs of a node and the number of words spelled so far: for each pair of a
-        // step, the probability of the best way and the pair before.
-        let mut steps = vec![BTreeMap::from([((0_u32, 0_usize), (1.0_f64, (0_u32, 0_usize)))])];
-        let end = ((self.states.len() - 1) as u32, words.len());
-        while steps.last().is_some_and(|step| !step.is_empty() && !step.contains_key(&end)) {
-            let mut next = BTreeMap::new();
-            let before = &steps[steps.len() - 1];
-            // Divided by the largest of the step: products over a long drive would underflow, and
-            // only ratios matter.
-            let scale = before.values().map(|way| way.0).fold(0.0, f64::max);
-            for (&(node, done), way) in before {
-                for arc in self.arcs(node) {
-                    let said = &self.words[arc.words[0] as usize..arc.words[1] as usize];
-                    // Only arcs that spell the next words of this route.
-                    if !words[done..].starts_with(said) {
-                        continue;
-                    }
-                    let probability = way.0 / scale * arc.probability;
-                    let best =
-                        next.entry((arc.to, done + said.len())).or_insert((0.0, (node, done)));
-                    // Strictly: pairs ascend by node, so a tie keeps the lowest.
-                    if probability > best.0 {
-                        *best = (probability, (node, done));
-                    }
-                }
-            }
-            // A pair whose ratio to the best underflowed could only lead to 0 / 0.
-            next.retain(|_, way| way.0 > 0.0);
-            steps.push(next);
-        }
-        let (mut states, mut at) = (Vec::new(), end);
-        for step in steps.iter().skip(1).rev() {
-            let Some(way) = step.get(&at) else { break };
-            at = way.1;
-            states.push(self.states[at.0 as usize]);
-        }
-        // The last is the start.
-        states.pop();
-        states.reverse();
-        states
+/// Routes as sequences of words, with their probabilities.
+struct Found {
+    routes: Vec<(Vec<u32>, f64)>,
+    /// True if no other route is more probable than any of these, and there are as many as
+    /// requested or all there are.
+    is_exact: bool,
+}
+
+/// First words of routes, as a link to the prefix that is one word shorter.
+struct Prefix {
+    /// Number of the prefix without the last word.
+    before: u32,
+    word: u32,
+    /// Parts of the probability that have just spelled the last word.
+    shares: Vec<Share>,
+}
+
+/// Search for the routes of a lattice.
+struct RouteSearcher<'a> {
+    lattice: &'a Lattice,
+    bounds: RouteBounds,
+    prefixes: Vec<Prefix>,
+    /// Prefixes with the bits of their bounds, which have the order of the bounds, since these are
+    /// not negative.
+    open: BinaryHeap<(u64, Reverse<u32>)>,
+    arcs_visited: usize,
+    /// Probability at each node for the prefix being expanded; all zero in between.
+    mass: Vec<f64>,
+}
+
+impl<'a> RouteSearcher<'a> {
+    fn new(lattice: &'a Lattice) -> Self {
+        let bounds = RouteBounds::new(lattice);
+        let start = Share { to: 0, words: [0; 2], probability: 1.0 };
+        let prefixes = vec![Prefix { before: 0, word: END, shares: vec![start] }];
+        let open = BinaryHeap::from([(1_f64.to_bits(), Reverse(0))]);
+        let mass = vec![0.0; lattice.states.len()];
+        Self { lattice, bounds, prefixes, open, arcs_visited: 0, mass }
     }
+
+    /// Finds the most probable routes, best first. After `most_arcs` arcs it heads straight for
+    /// likely routes.
+    fn find(mut self, count: usize, most_arcs: usize) -> Found {
+        let (mut routes, mut is_exact) = (Vec::new(), true);
+        while routes.len() < count
+            && let Some((bound, Reverse(prefix))) = self.open.pop()
+        {
+            let mut next = Some((bound, prefix));
+            while let Some((bound, prefix)) = next.take() {
+                if prefix > 0 && self.prefixes[prefix as usize].word == END {
+                    routes.push((self.words(prefix), f64::from_bits(bound)));
+                    break;
+                }
+                // A prefix leaves the queue once, and its shares are moved on to its children.
+                let mut children = self.expand(prefix);
+                if self.arcs_visited >= most_arcs {
+                    // Too many to prove an order: follow the best child down to a whole route.
+                    is_exact = false;
+                    let best = (0..children.len()).max_by_key(|child| children[*child]);
+                    next = best.map(|best| children.swap_remove(best));
+                }
+                let open = |(bound, child)| (bound, Reverse(child));
+                self.open.extend(children.into_iter().map(open));
+            }
+        }
+        // Already in order if exact; routes found by diving are not.
+        routes.sort_by(|a: &(Vec<u32>, f64), b| b.1.total_cmp(&a.1));
+        Found { routes, is_exact }
+    }
+
+    /// Extends a prefix by each word that may follow. Returns the longer prefixes with their
+    /// bounds.
+    fn expand(&mut self, prefix: u32) -> Vec<(u64, u32)> {
+        let mut next: Vec<(u32, Share)> = Vec::new();
+        let mut nodes = BinaryHeap::new();
+        let lattice = self.lattice;
+        let advance =
+            |mass: &mut [f64], nodes: &mut BinaryHeap<_>, next: &mut Vec<_>, share: Share| {
+                if share.has_arrived() {
+                    let mass = &mut mass[share.to as usize];
+                    // A node enters the heap with its first probability, so it is there once.
+                    if *mass == 0.0 && share.probability > 0.0 {
+                        nodes.push(Reverse(share.to));
+                    }
+                    *mass += share.probability;
+                } else {
+                    let [word, end] = share.words;
+                    next.push((
+                        lattice.words[word as usize],
+                        Share { words: [word + 1, end], ..share },
+                    ));
+                }
+            };
+        for share in std::mem::take(&mut self.prefixes[prefix as usize].shares) {
+            advance(&mut self.mass, &mut nodes, &mut next, share);
+        }
+        // Arcs lead to higher nodes, so everything that reaches a node has arrived when its turn
+        // comes. Taking the probability leaves a zero for the next prefix.
+        while let Some(Reverse(node)) = nodes.pop() {
+            let probability = std::mem::take(&mut self.mass[node as usize]);
+            for arc in lattice.arcs(node) {
+                advance(&mut self.mass, &mut nodes, &mut next, arc.share(probability));
+            }
+            self.arcs_visited += lattice.arcs(node).len();
+        }
+        next.sort_by_key(|next| next.0);
+        let mut children = Vec::new();
+        // One child per word, with the shares of all paths that spell it: this is where paths of
+        // one route are added up.
+        for same in next.chunk_by(|a, b| a.0 == b.0) {
+            let shares: Vec<Share> = same.iter().map(|next| next.1).collect();
+            // The bound advances the shares that it is given.
+            let bound = self.bounds.of(lattice, &mut shares.clone());
+            if bound > 0.0 {
+                let child = self.prefixes.len() as u32;
+                self.prefixes.push(Prefix { before: prefix, word: same[0].0, shares });
+                children.push((bound.to_bits(), child));
+            }
+        }
+        children
+    }
+
+    /// Words of a whole route, without END.
+    fn words(&self, route: u32) -> Vec<u32> {
+        let mut words = Vec::new();
+        let mut prefix = self.prefixes[route as usize].before;
+        while prefix > 0 {
+            let Prefix { before, word, .. } = self.prefixes[prefix as usize];
+            words.push(word);
+            prefix = before;
+        }
+        words.reverse();
+        words
+    }
+}
+
+/// Largest number of next words of a node with bounds of their own.
+const WORDS: usize = 12;
+
+/// Bounds of all nodes.
+#[derive(Debug, Default)]
+struct RouteBounds {
+    nodes: Vec<NodeBounds>,
+    /// Next words in ascending order, with the excess of their bounds over that for any word.
+    excess: Vec<(u32, f64)>,
+}
+
+#[derive(Debug, Clone, Default)]
+struct NodeBounds {
+    /// Bound for any word that is not listed.
+    bound_any: f64,
+    best: f64,
+    excess: Range<u32>,
+}
+
+impl RouteBounds {
+    /// Computes the bounds of all nodes, from the last to the first. O(arcs).
+    fn new(lattice: &Lattice) -> Self {
+        let nodes = lattice.states.len();
+        let mut bounds = Self { nodes: vec![NodeBounds::default(); nodes], excess: Vec::new() };
+        let (mut shares, mut excess) = (Vec::new(), Vec::new());
+        // Arcs lead to higher nodes, whose bounds are there already.
+        for node in (0..nodes).rev() {
+            // Nothing follows the end: what arrives there is a whole route.
+            let mut bound_any = 1.0;
+            excess.clear();
+            if node + 1 < nodes {
+                shares.clear();
+                shares.extend(lattice.arcs(node as u32).iter().map(|arc| arc.share(1.0)));
+                bound_any = bounds.bound_by_word(lattice, &mut shares, &mut excess);
+            }
+            if excess.len() > WORDS {
+                excess.sort_unstable_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+                // The largest excess that is dropped goes to the bound for any word, and comes off
+                // the listed ones, which are at least as large: their bounds stay the same, and
+                // those of dropped words can only grow.
+                let most = excess[WORDS].1;
+                excess.truncate(WORDS);
+                excess.iter_mut().for_each(|word| word.1 -= most);
+                bound_any += most;
+                excess.sort_unstable_by_key(|word| word.0);
+            }
+            let first = bounds.excess.len() as u32;
+            bounds.excess.extend_from_slice(&excess);
+            let best = bound_any + most_of(&excess);
+            let excess = first..bounds.excess.len() as u32;
+            bounds.nodes[node] = NodeBounds { bound_any, best, excess };
+        }
+        bounds
+    }
+
+    /// Bound on the routes that have these shares, whatever their next word. Sorts the shares.
+    fn of(&self, lattice: &Lattice, shares: &mut [Share]) -> f64 {
+        if let [share] = shares {
+            // The usual case on long roads. The words left on the arc of a single share are
+            // certain, so the best at its end bounds it, whether or not it has arrived.
+            return share.probability * self.nodes[share.to as usize].best;
+        }
+        let mut excess = Vec::new();
+        let bound_any = self.bound_by_word(lattice, shares, &mut excess);
+        bound_any + most_of(&excess)
+    }
+
+    /// Computes the bound of shares for any next word, and the excess for some words.
+    fn bound_by_word(
+        &self,
+        lattice: &Lattice,
+        shares: &mut [Share],
+        excess: &mut Vec<(u32, f64)>,
+    ) -> f64 {
+        let mut bound_any = 0.0;
+        // Arrived shares first, then the others by their next word, for chunks of one word each.
+        let next = |share: &Share| lattice.words[share.words[0] as usize];
+        shares.sort_by_key(|share| if share.has_arrived() { (0, 0) } else { (1, next(share)) });
+        let arrived = shares.partition_point(Share::has_arrived);
+        let (arrived, on_the_way) = shares.split_at_mut(arrived);
+        for share in arrived {
+            let bound = &self.nodes[share.to as usize];
+            // B(w) is linear in the shares: excesses of one word add up below.
+            bound_any += share.probability * bound.bound_any;
+            let words = &self.excess[bound.excess.start as usize..bound.excess.end as usize];
+            excess.extend(words.iter().map(|(word, more)| (*word, share.probability * more)));
+        }
+        for shares in on_the_way.chunk_by_mut(|a, b| next(a) == next(b)) {
+            // All paths with this word in common, one word further: their sum with the best next
+            // word.
+            let word = next(&shares[0]);
+            shares.iter_mut().for_each(|share| share.words[0] += 1);
+            excess.push((word, self.of(lattice, shares)));
+        }
+        excess.sort_by_key(|word| word.0);
+        // `dedup_by` drops `next` if the closure is true, after its excess was added to the one
+        // kept.
+        excess.dedup_by(|next, word| {
+            let is_same = next.0 == word.0;
+            word.1 += if is_same { next.1 } else { 0.0 };
+            is_same
+        });
+        bound_any
+    }
+}
+
+fn most_of(excess: &[(u32, f64)]) -> f64 {
+    excess.iter().fold(0.0, |most, word| f64::max(most, word.1))
 }

@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use proptest::collection::vec;
 use proptest::prelude::*;
 
+use super::RouteSearcher;
 use super::lattice::Lattice;
-use super::search::RouteSearcher;
 use crate::matching::candidates::{Candidate, OFF_ROAD};
 use crate::matching::step::MatchStep;
 use crate::matching::{MatchModel, MatchedDrive, Matcher, Stretch, TracePoint};
@@ -32,10 +32,8 @@ fn any_network() -> impl Strategy<Value = RoadNetwork<PlanePosition>> {
             let (from, to) = (from % nodes.len(), to % nodes.len());
             let between = PlanePosition { x: 70.0, y: 40.0 };
             let bends = bends || nodes[from] == nodes[to];
-            let options = || EdgeOptions {
-                between: if bends { vec![between] } else { Vec::new() },
-                ..EdgeOptions::of(RoadClass::Street)
-            };
+            let between = if bends { vec![between] } else { Vec::new() };
+            let options = || EdgeOptions::of(RoadClass::Street).with_between(between.clone());
             let there = builder.edge(from as u64, to as u64, options()).unwrap();
             ends.push((from, to));
             if both && from != to {

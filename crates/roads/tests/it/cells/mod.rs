@@ -29,7 +29,7 @@ fn networks(nodes: usize, edges: usize) -> impl Strategy<Value = RoadCells<Plane
         }
         for (from, to, class, metres, both) in edges {
             let (from, to) = (from as u64, to as u64);
-            let options = EdgeOptions { metres: Some(metres), ..EdgeOptions::of(class) };
+            let options = EdgeOptions::of(class).with_metres(metres);
             let there = builder.edge(from, to, options.clone()).unwrap();
             if both {
                 let back = builder.edge(to, from, options).unwrap();

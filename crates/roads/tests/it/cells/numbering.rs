@@ -88,8 +88,7 @@ fn an_edge_of_another_length_has_the_same_places() {
     builder.node(1, PlanePosition { x: 0.0, y: 0.0 }).unwrap();
     builder.node(2, PlanePosition { x: 4.0, y: 0.0 }).unwrap();
     let class = wayfix::map::RoadClass::Street;
-    let options =
-        wayfix_roads::EdgeOptions { metres: Some(8.0), ..wayfix_roads::EdgeOptions::of(class) };
+    let options = wayfix_roads::EdgeOptions::of(class).with_metres(8.0);
     let there = builder.one_way(1, 2, class).unwrap();
     let back = builder.edge(2, 1, options).unwrap();
     builder.pair(there, back);

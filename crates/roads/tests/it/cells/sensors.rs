@@ -172,7 +172,7 @@ proptest! {
         let sensor = FusedLikelihood::new(sensor, tags).unwrap();
         let prior = Prior::AtFirstObservation(Belief::uniform(n).unwrap());
         let hmm = Hmm::new(prior, motion, sensor).unwrap();
-        let mut pruned = hmm.pruned_filter(Pruning { tolerance: 1e-6, ..Pruning::default() });
+        let mut pruned = hmm.pruned_filter(Pruning::default().with_tolerance(1e-6));
         let mut exact = hmm.filter();
         for (metres, x, y, tag) in steps {
             let travel = odometer.add(metres, 0.01 * metres).unwrap();
@@ -199,7 +199,7 @@ fn a_step_on_a_city_looks_at_few_cells() {
     let start = cells.nearest(PlanePosition { x: 4950.0, y: 5000.0 });
     let prior = Prior::BeforeFirstTransition(Belief::certain(n, start).unwrap());
     let hmm = Hmm::new(prior, motion, PositionLikelihood::new(&cells)).unwrap();
-    let mut filter = hmm.pruned_filter(Pruning { tolerance: 1e-6, ..Pruning::default() });
+    let mut filter = hmm.pruned_filter(Pruning::default().with_tolerance(1e-6));
     for second in 1..=60 {
         let x = 4950.0 + 12.0 * f64::from(second);
         let travel = odometer.add(12.0, 1.0).unwrap();

@@ -3,7 +3,6 @@
 use std::error::Error;
 
 use wayfix::error::At;
-use wayfix::inference::SnapshotError;
 use wayfix::map::{PlanePosition, Position, RoadClass};
 use wayfix_roads::NetworkBuilder;
 use wayfix_roads::matching::{
@@ -84,6 +83,7 @@ fn fits_are_the_same_to_the_bit() {
     assert!(LearnedMatchModel { model, ..expected }.at_limits().contains(&"deviation"));
 }
 
+#[cfg(feature = "serde")]
 #[test]
 fn vehicles_stay_on_their_network() {
     let matcher = town();
@@ -103,27 +103,31 @@ fn vehicles_stay_on_their_network() {
 
     let points = drives(1).remove(0);
     let vehicle = matcher.start(&points[0], 2).unwrap();
-    let bytes = vehicle.to_bytes();
-    for mut vehicle in [vehicle.clone(), Vehicle::from_bytes(&bytes).unwrap()] {
+    let bytes = postcard::to_stdvec(&vehicle).unwrap();
+    for mut vehicle in [vehicle.clone(), postcard::from_bytes(&bytes).unwrap()] {
         let before = vehicle.clone();
-        let error = other.step(&mut vehicle, &points[1]).unwrap_err();
+        let error = vehicle.step(&other, &points[1]).unwrap_err();
         let MatchError::Network { found, expected } = error else { panic!("{error}") };
         assert_ne!(found, expected);
-        assert!(error.to_string().starts_with("the network is another one: "), "{error}");
+        assert!(
+            error.to_string().starts_with("the vehicle or drive is from another network: "),
+            "{error}"
+        );
         assert_eq!(vehicle, before);
         assert!(matches!(vehicle.credible(&other, 0.5), Err(MatchError::Network { .. })));
         // With another model, or built again, the network counts as the same.
         let model = MatchModel { noise: 12.0, ..MatchModel::default() };
         let again = town().with_model(model).unwrap();
-        again.step(&mut vehicle, &points[1]).unwrap();
+        vehicle.step(&again, &points[1]).unwrap();
     }
     let drive = matcher.match_drive(&points).unwrap();
     assert!(matches!(other.routes(&drive, 1), Err(MatchError::Network { .. })));
     assert!(matches!(drive.credible(&other, 3, 0.5), Err(MatchError::Network { .. })));
 
-    let error = Vehicle::<Position>::from_bytes(&bytes).unwrap_err();
-    let (found, expected) = ("Vehicle<PlanePosition>", "Vehicle<Position>");
-    assert_eq!(error, SnapshotError::Kind { found, expected });
+    // With coordinates of another kind.
+    let text = serde_json::to_string(&vehicle).unwrap();
+    let error = serde_json::from_str::<Vehicle<Position>>(&text).unwrap_err().to_string();
+    assert!(error.starts_with("a vehicle with coordinates in metres, expected degrees"), "{error}");
 }
 
 #[test]
@@ -195,7 +199,7 @@ fn edges_at_points_of_a_drive() {
     }
     let mut vehicle = matcher.start(&points[0], 0).unwrap();
     for point in &points[1..] {
-        matcher.step(&mut vehicle, point).unwrap();
+        vehicle.step(&matcher, point).unwrap();
     }
     let last = found.edges(points.len() - 1);
     for (edge, p) in vehicle.edges() {
@@ -228,8 +232,7 @@ fn lines_of_routes() {
     builder.node(0, at(0.0, 0.0)).unwrap();
     builder.node(1, at(100.0, 0.0)).unwrap();
     let between = vec![at(0.0, 50.0), at(100.0, 50.0)];
-    let options =
-        wayfix_roads::EdgeOptions { between, ..wayfix_roads::EdgeOptions::of(RoadClass::Street) };
+    let options = wayfix_roads::EdgeOptions::of(RoadClass::Street).with_between(between);
     builder.edge(0, 1, options).unwrap();
     let matcher = Matcher::new(builder.build().unwrap());
     let drive = [(0.0, at(1.0, 20.0)), (10.0, at(99.0, 30.0))];

@@ -33,7 +33,7 @@ fn city(west: f64) -> RoadNetwork {
                 at(-17.0 - 1e-3 * row - south, 2.1e-3 * (column + share), west)
             };
             let between = vec![bend(0.3, 1e-4), bend(0.8, -1e-4)];
-            let mut options = EdgeOptions { between, ..EdgeOptions::of(RoadClass::Street) };
+            let mut options = EdgeOptions::of(RoadClass::Street).with_between(between);
             let there = builder.edge(id, id + 1, options.clone()).unwrap();
             options.between.reverse();
             let back = builder.edge(id + 1, id, options).unwrap();
@@ -101,7 +101,7 @@ fn a_drive_across_is_matched_as_elsewhere() {
     let [mut live, mut moved] =
         [(&here, &points), (&there, &shifted)].map(|(m, points)| m.start(&points[0], 3).unwrap());
     for (point, other) in points.iter().zip(&shifted).skip(1) {
-        let logs = [here.step(&mut live, point).unwrap(), there.step(&mut moved, other).unwrap()];
+        let logs = [live.step(&here, point).unwrap(), moved.step(&there, other).unwrap()];
         close(logs[0], logs[1], 1e-6);
         same(&live.live(), &moved.live());
         same(&live.late(), &moved.late());

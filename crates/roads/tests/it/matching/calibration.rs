@@ -172,7 +172,7 @@ fn credible_stretches_hold_the_vehicle() {
                 let mut vehicle = matcher.start(&drive.points[0], 0).unwrap();
                 for (number, point) in drive.points.iter().enumerate() {
                     if number > 0 {
-                        matcher.step(&mut vehicle, point).unwrap();
+                        vehicle.step(&matcher, point).unwrap();
                     }
                     let (edge, along) = drive.truth[number].unwrap();
                     let around =

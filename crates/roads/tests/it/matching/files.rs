@@ -2,8 +2,9 @@
 
 use std::io::{Error, Read, Write};
 
-use wayfix::map::{MapError, Position, RoadClass};
+use wayfix::map::{Position, RoadClass};
 use wayfix_roads::NetworkBuilder;
+use wayfix_roads::NetworkError;
 use wayfix_roads::matching::{
     AnswerWriter, Matcher, Trace, TracePoint, TraceReport, read_traces, read_traces_from,
 };
@@ -216,7 +217,7 @@ impl Write for Failing {
 
 #[test]
 fn files_that_cannot_be_read() {
-    let is_read = |error: MapError| matches!(error, MapError::Read { .. });
+    let is_read = |error: NetworkError| matches!(error, NetworkError::Read { .. });
     assert!(is_read(read_traces("no/such/file.csv").unwrap_err()));
     // A folder opens like a file, but can't be read.
     assert!(is_read(read_traces(".").unwrap_err()));

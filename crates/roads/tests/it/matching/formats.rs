@@ -2,10 +2,10 @@
 
 use std::fmt::Write;
 
-use wayfix::map::MapError;
+use wayfix_roads::NetworkError;
 use wayfix_roads::matching::{Trace, TracePoint, TraceReport, read_traces, read_traces_from};
 
-type Read = Result<(Vec<Trace>, TraceReport), MapError>;
+type Read = Result<(Vec<Trace>, TraceReport), NetworkError>;
 
 fn gpx(text: &str) -> Read {
     read_traces_from("drives.gpx", text.as_bytes())
@@ -147,7 +147,7 @@ fn errors_of_gpx_name_the_line() {
     }
     let bytes = [HEAD.as_bytes(), b"\xff\xfe"].concat();
     let error = read_traces_from("drives.gpx", &bytes[..]).unwrap_err();
-    assert!(matches!(error, MapError::Read { .. }), "{error}");
+    assert!(matches!(error, NetworkError::Read { .. }), "{error}");
     let long = "x".repeat(1_000_000);
     problem(track(&format!("<trkpt {at}><time>{long}</time></trkpt>")));
     problem(track(&format!("<trkpt lat=\"{long}\" lon=\"1\"/>")));

@@ -116,7 +116,7 @@ fn check<P: Coordinates>(matcher: &Matcher<P>, points: &[TracePoint<P>]) {
     is_sane(&vehicle.live());
     for point in &points[1..] {
         let before = vehicle.clone();
-        match matcher.step(&mut vehicle, point) {
+        match vehicle.step(matcher, point) {
             Ok(log) => assert!(log.is_finite()),
             Err(_) => assert_eq!(vehicle, before),
         }

@@ -1,8 +1,9 @@
 //! Settings, points and bytes that nobody should pass, but somebody will.
 
-use wayfix::error::SnapshotError;
 use wayfix::map::{PlanePosition, RoadClass};
-use wayfix_roads::matching::{MatchError, MatchModel, Matcher, TracePoint, Vehicle};
+#[cfg(feature = "serde")]
+use wayfix_roads::matching::Vehicle;
+use wayfix_roads::matching::{MatchError, MatchModel, Matcher, TracePoint};
 use wayfix_roads::{EdgeOptions, NetworkBuilder};
 
 use super::city::{Network, Point, at, city};
@@ -21,7 +22,7 @@ fn any_lag_and_any_number_of_routes() {
     let (matcher, points) = (town(), points());
     let mut vehicle = matcher.start(&points[0], usize::MAX).unwrap();
     for point in &points[1..] {
-        matcher.step(&mut vehicle, point).unwrap();
+        vehicle.step(&matcher, point).unwrap();
     }
     assert_eq!(vehicle.points_late(), 5);
     let drive = matcher.match_drive(&points[..2]).unwrap();
@@ -45,7 +46,7 @@ fn drives_and_vehicles_of_another_network() {
     for result in [vehicle.credible(&small, 0.9), drive.credible(&small, 5, 0.9)] {
         assert!(matches!(result, Err(MatchError::Network { .. })));
     }
-    let result = small.step(&mut vehicle, &TracePoint { time: 99.0, ..points[5] });
+    let result = vehicle.step(&small, &TracePoint { time: 99.0, ..points[5] });
     assert!(matches!(result, Err(MatchError::Network { .. })));
 }
 
@@ -103,7 +104,7 @@ fn rates_off_the_road_near_0_and_1() {
             assert!(drive.log_likelihood().is_finite(), "{case}");
             let mut vehicle = matcher.start(&points[0], 2).unwrap();
             for point in &points[1..] {
-                matcher.step(&mut vehicle, point).unwrap();
+                vehicle.step(&matcher, point).unwrap();
                 assert!(vehicle.log_likelihood().is_finite(), "{case}");
             }
             let fitted = matcher.learn(&[&points], 2).unwrap();
@@ -140,13 +141,13 @@ fn lengths_and_speeds_of_networks_are_bounded() {
     };
     let options = EdgeOptions::of(RoadClass::Main);
     for metres in [1.1e12, 1e308, f64::INFINITY] {
-        let error = two().edge(0, 1, EdgeOptions { metres: Some(metres), ..options.clone() });
+        let error = two().edge(0, 1, options.clone().with_metres(metres));
         assert!(
             error.unwrap_err().to_string().ends_with("expected metres above 0 and at most 1e12")
         );
     }
     for speed in [0.0, -1.0, f64::NAN, 1e10] {
-        let error = two().edge(0, 1, EdgeOptions { speed: Some(speed), ..options.clone() });
+        let error = two().edge(0, 1, options.clone().with_speed(speed));
         assert_eq!(
             error.unwrap_err().to_string(),
             format!(
@@ -159,7 +160,7 @@ fn lengths_and_speeds_of_networks_are_bounded() {
     let mut builder = two();
     for (from, to) in [(0, 1), (1, 2)] {
         let metres = Some(1e12);
-        builder.edge(from, to, EdgeOptions { metres, ..options.clone() }).unwrap();
+        builder.edge(from, to, options.clone().with_metres(metres)).unwrap();
     }
     let (network, _): (Network, _) = builder.build().unwrap().contracted();
     assert_eq!(network.edges()[0].metres, 2e12);
@@ -177,97 +178,122 @@ fn only_opposite_edges_are_pairs() {
     builder.pair(0, 1);
 }
 
-/// Bytes with one word replaced, and a matching checksum.
-fn with_word(bytes: &[u8], word: usize, value: u64) -> Vec<u8> {
-    let mut bytes = bytes[..bytes.len() - 8].to_vec();
-    bytes[8 * word..8 * word + 8].copy_from_slice(&value.to_le_bytes());
-    let (words, rest) = bytes.as_chunks::<8>();
-    assert!(rest.is_empty());
-    let words = words.iter().map(|word| u64::from_le_bytes(*word)).chain([0]);
-    let add =
-        |sum: u64, word: u64| (sum ^ word).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(29);
-    let sum = words.fold(bytes.len() as u64, add);
-    bytes.extend(sum.to_le_bytes());
-    bytes
+/// Pointers to all numbers of a stored vehicle.
+#[cfg(feature = "serde")]
+fn leaves(value: &serde_json::Value, at: &str, found: &mut Vec<String>) {
+    use serde_json::Value;
+    match value {
+        Value::Array(values) => {
+            for (number, value) in values.iter().enumerate() {
+                leaves(value, &format!("{at}/{number}"), found);
+            }
+        }
+        Value::Object(fields) => {
+            for (name, value) in fields {
+                leaves(value, &format!("{at}/{name}"), found);
+            }
+        }
+        _ => found.push(at.to_owned()),
+    }
 }
 
+/// Checks that a vehicle whose stored numbers were changed gives sane answers.
+#[cfg(feature = "serde")]
+fn check_sane(mut vehicle: Vehicle<PlanePosition>, matcher: &Matcher<PlanePosition>, case: &str) {
+    for point in &points()[2..] {
+        for answer in [vehicle.live(), vehicle.late()] {
+            let numbers = [answer.probability, answer.off_road, answer.entropy];
+            let sane = numbers.iter().all(|number| (-1e-9..10.0).contains(number));
+            assert!(sane && answer.metres_along >= 0.0, "{case}: {answer:?}");
+        }
+        let logs = [vehicle.log_likelihood(), vehicle.log_normalizer()];
+        assert!(logs.iter().all(|log| log.is_finite()), "{case}: {logs:?}");
+        let around = vehicle.credible(matcher, 0.5);
+        let around = around.as_ref().map_or(&[][..], |around| &around.stretches);
+        for part in around {
+            assert!(part.enter <= part.exit, "{case}: {part:?}");
+        }
+        let _ = vehicle.step(matcher, point);
+    }
+}
+
+#[cfg(feature = "serde")]
 #[test]
-fn vehicles_of_any_bytes_give_sane_answers() {
+fn vehicles_of_any_numbers_give_sane_answers() {
+    use serde::Deserialize;
+    use serde_json::{Value, json};
     let (matcher, points) = (town(), points());
     let mut vehicle = matcher.start(&points[0], 2).unwrap();
-    matcher.step(&mut vehicle, &points[1]).unwrap();
-    let bytes = vehicle.to_bytes();
-    let special = [0.0, -0.0, -1.0, 1e300, -1e300, f64::NAN, f64::INFINITY, f64::NEG_INFINITY];
-    let words = special.map(f64::to_bits).into_iter().chain([1, 2, u64::MAX, u64::MAX - 1]);
+    vehicle.step(&matcher, &points[1]).unwrap();
+    let mut stored = serde_json::to_value(&vehicle).unwrap();
+    let special = [0.0, -0.0, -1.0, 1e300, -1e300].map(|value| json!(value));
+    let whole = [1, 2, u64::MAX, u64::MAX - 1].map(|value| json!(value));
+    let values: Vec<Value> = special.into_iter().chain(whole).chain([Value::Null]).collect();
+    let mut all = Vec::new();
+    leaves(&stored, "", &mut all);
     let mut accepted = 0;
-    for word in 1..bytes.len() / 8 - 1 {
-        for value in words.clone() {
-            let damaged = with_word(&bytes, word, value);
-            let Ok(mut vehicle) = Vehicle::<PlanePosition>::from_bytes(&damaged) else { continue };
-            accepted += 1;
-            for point in &points[2..] {
-                let answers = [vehicle.live(), vehicle.late()];
-                for answer in answers {
-                    let numbers = [answer.probability, answer.off_road, answer.entropy];
-                    let sane = numbers.iter().all(|number| (-1e-9..10.0).contains(number));
-                    assert!(
-                        sane && answer.metres_along >= 0.0,
-                        "word {word}, {value:x}: {answer:?}"
-                    );
-                }
-                let logs = [vehicle.log_likelihood(), vehicle.log_normalizer()];
-                assert!(logs.iter().all(|log| log.is_finite()), "word {word}, {value:x}: {logs:?}");
-                let around = vehicle.credible(&matcher, 0.5);
-                let around = around.as_ref().map_or(&[][..], |around| &around.stretches);
-                for part in around {
-                    assert!(part.enter <= part.exit, "word {word}, {value:x}: {part:?}");
-                }
-                let _ = matcher.step(&mut vehicle, point);
+    for at in all {
+        for value in &values {
+            let before = std::mem::replace(stored.pointer_mut(&at).unwrap(), value.clone());
+            if let Ok(vehicle) = Vehicle::deserialize(&stored) {
+                accepted += 1;
+                check_sane(vehicle, &matcher, &format!("{at} {value}"));
             }
+            *stored.pointer_mut(&at).unwrap() = before;
         }
     }
     assert!(accepted > 100, "{accepted}");
-}
 
-#[test]
-fn snapshots_of_no_distributions_are_refused() {
-    /// Words of the first state on a road: its covariances (of the position along the road and the
-    /// error to the east and north, by rows, each for three receptions), then the probabilities of
-    /// the receptions.
-    const COVARIANCES: usize = 31;
-    const WITH_EAST: usize = COVARIANCES + 3;
-    const EAST: usize = COVARIANCES + 3 * 3;
-    const SHARES: usize = COVARIANCES + 6 * 3;
-    let (matcher, points) = (town(), points());
-    let mut vehicle = matcher.start(&points[0], 0).unwrap();
-    matcher.step(&mut vehicle, &points[1]).unwrap();
-    let bytes = vehicle.to_bytes();
-    let number = |word: usize| f64::from_le_bytes(*bytes[8 * word..].first_chunk().unwrap());
-    let shares = [0, 1, 2].map(|reception| number(SHARES + reception));
-    assert!((shares.iter().sum::<f64>() - 1.0).abs() < 1e-12, "{shares:?}");
-    let [along, east] = [COVARIANCES, EAST].map(number);
-    let most = (along * east).sqrt();
-    assert!(number(WITH_EAST).abs() <= most);
-
-    let last = bytes.len() / 8 - 2;
-    let cases = [
-        (SHARES, shares[0] + 1e-6, "the sum of probabilities"),
-        (SHARES, 0.0, "the sum of probabilities"),
-        (SHARES, -shares[0], "the probability -0."),
-        (SHARES, f64::NAN, "the probability NaN"),
-        (COVARIANCES, -1e-9, "the variance -"),
-        (WITH_EAST, 1.001 * most, "the covariance"),
-        (WITH_EAST, -1.001 * most, "the covariance"),
-        (EAST, 0.0, "the covariance"),
-        (WITH_EAST, f64::NAN, "the covariance NaN"),
-        (last, number(last) + 0.1, "probabilities sum to"),
-        (last, f64::NAN, "probabilities sum to NaN"),
-    ];
-    for (word, value, expected) in cases {
-        let read = Vehicle::<PlanePosition>::from_bytes(&with_word(&bytes, word, value.to_bits()));
-        match read {
-            Err(SnapshotError::Contents { reason }) if reason.contains(expected) => {}
-            other => panic!("word {word}, {value}: {other:?}"),
+    // NaN and infinities, anywhere in a compact format.
+    let bytes = postcard::to_stdvec(&vehicle).unwrap();
+    for at in 0..bytes.len() - 8 {
+        for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            let mut damaged = bytes.clone();
+            damaged[at..at + 8].copy_from_slice(&value.to_le_bytes());
+            if let Ok(vehicle) = postcard::from_bytes(&damaged) {
+                check_sane(vehicle, &matcher, &format!("byte {at}: {value}"));
+            }
         }
     }
+}
+
+#[cfg(feature = "serde")]
+#[test]
+fn stored_vehicles_without_distributions_are_refused() {
+    use serde::Deserialize;
+    use serde_json::json;
+    let (matcher, points) = (town(), points());
+    let mut vehicle = matcher.start(&points[0], 0).unwrap();
+    vehicle.step(&matcher, &points[1]).unwrap();
+    let stored = serde_json::to_value(&vehicle).unwrap();
+    // Covariances of the first state's place along and of its error to the east, by rows of the
+    // upper triangle, each in three receptions.
+    let place = |field: &str| format!("/window/0/0/state/place/{field}");
+    let [along, with_east, east] = [0, 1, 3].map(|part| place(&format!("covariance/{part}/0")));
+    let share = place("shares/0");
+    let last = format!("/log_filtered/{}", stored["log_filtered"].as_array().unwrap().len() - 1);
+    let number = |at: &str| stored.pointer(at).unwrap().as_f64().unwrap();
+    let most = (number(&along) * number(&east)).sqrt();
+    assert!(number(&with_east).abs() <= most);
+
+    let cases = [
+        (&share, number(&share) + 1e-6, "the sum of probabilities"),
+        (&share, 0.0, "the sum of probabilities"),
+        (&share, -number(&share), "the probability -0."),
+        (&along, -1e-9, "the variance -"),
+        (&with_east, 1.001 * most, "the covariance"),
+        (&with_east, -1.001 * most, "the covariance"),
+        (&east, 0.0, "the covariance"),
+        (&last, number(&last) + 0.1, "probabilities sum to"),
+    ];
+    for (at, value, expected) in cases {
+        let mut stored = stored.clone();
+        *stored.pointer_mut(at).unwrap() = json!(value);
+        let error = Vehicle::<PlanePosition>::deserialize(&stored).unwrap_err().to_string();
+        assert!(error.contains(expected), "{at} {value}: {error}");
+    }
+    let mut other = stored.clone();
+    other["log_filtered"].as_array_mut().unwrap().pop();
+    let error = Vehicle::<PlanePosition>::deserialize(&other).unwrap_err().to_string();
+    assert!(error.contains("probabilities for"), "{error}");
 }

@@ -28,7 +28,7 @@ fn any_network<P: Coordinates + 'static>(
             let mut between: Vec<P> = between.into_iter().map(&place).collect();
             let ends = [from as u64, to as u64];
             let options =
-                |between: Vec<P>| EdgeOptions { between, ..EdgeOptions::of(RoadClass::Street) };
+                |between: Vec<P>| EdgeOptions::of(RoadClass::Street).with_between(between);
             let there = builder.edge(ends[0], ends[1], options(between.clone())).unwrap();
             if both {
                 between.reverse();
@@ -146,7 +146,7 @@ fn both_directions_have_their_own_lines() {
     for (from, to, y) in [(0, 1, -60.0), (1, 0, 60.0)] {
         let between =
             if from == 0 { vec![at(0.0, y), at(200.0, y)] } else { vec![at(200.0, y), at(0.0, y)] };
-        let options = EdgeOptions { between, ..EdgeOptions::of(RoadClass::Street) };
+        let options = EdgeOptions::of(RoadClass::Street).with_between(between);
         builder.edge(from, to, options).unwrap();
     }
     let network = builder.build().unwrap();
@@ -244,7 +244,7 @@ fn lines_without_length() {
         let mut builder = NetworkBuilder::new();
         builder.node(1, at(0.0, 0.0)).unwrap();
         builder.node(2, at(x, 0.0)).unwrap();
-        let options = EdgeOptions { metres: Some(1e5), ..EdgeOptions::of(RoadClass::Street) };
+        let options = EdgeOptions::of(RoadClass::Street).with_metres(1e5);
         builder.edge(1, 2, options).unwrap();
         let Ok(network) = builder.build() else { continue };
         let index = EdgeIndex::new(&network);

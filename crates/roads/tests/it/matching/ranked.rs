@@ -1,8 +1,11 @@
 //! Distinct routes with their probabilities.
 
 use proptest::prelude::*;
+#[cfg(feature = "serde")]
 use wayfix::map::PlanePosition;
-use wayfix_roads::matching::{Matcher, TracePoint, Vehicle};
+use wayfix_roads::matching::Matcher;
+#[cfg(feature = "serde")]
+use wayfix_roads::matching::{TracePoint, Vehicle};
 
 use super::city::{Scenario, at, city, points};
 use crate::kit::cases_of;
@@ -57,8 +60,9 @@ proptest! {
 
     /// A vehicle that is stored at any point continues with the same bits; damaged bytes are an
     /// error, or a vehicle that takes the next point without a panic.
+    #[cfg(feature = "serde")]
     #[test]
-    fn vehicles_as_bytes(
+    fn stored_vehicles(
         seed in any::<u64>(), lag in 0..4_usize, stored_at in any::<proptest::sample::Index>(),
         damage in proptest::collection::vec((any::<proptest::sample::Index>(), any::<u8>()), 1..4),
     ) {
@@ -69,14 +73,17 @@ proptest! {
         let matcher = Matcher::new(network);
         let mut vehicle = matcher.start(&points[0], lag).unwrap();
         for point in &points[1..=stored_at] {
-            matcher.step(&mut vehicle, point).unwrap();
+            vehicle.step(&matcher, point).unwrap();
         }
-        let bytes = vehicle.to_bytes();
-        let mut other: Vehicle<PlanePosition> = Vehicle::from_bytes(&bytes).unwrap();
-        prop_assert_eq!(other.to_bytes(), bytes.clone());
+        let bytes = postcard::to_stdvec(&vehicle).unwrap();
+        let mut other: Vehicle<PlanePosition> = postcard::from_bytes(&bytes).unwrap();
+        prop_assert_eq!(postcard::to_stdvec(&other).unwrap(), bytes.clone());
+        let text = serde_json::to_string(&vehicle).unwrap();
+        let from_text: Vehicle<PlanePosition> = serde_json::from_str(&text).unwrap();
+        prop_assert_eq!(&from_text, &vehicle);
         for point in &points[stored_at + 1..] {
             let logs = [&mut vehicle, &mut other]
-                .map(|vehicle| matcher.step(vehicle, point).unwrap());
+                .map(|vehicle| vehicle.step(&matcher, point).unwrap());
             prop_assert_eq!(logs[0], logs[1]);
             prop_assert_eq!(vehicle.live(), other.live());
             prop_assert_eq!(vehicle.late(), other.late());
@@ -86,9 +93,9 @@ proptest! {
             let at = at.index(damaged.len());
             damaged[at] = value;
         }
-        if let Ok(mut vehicle) = Vehicle::from_bytes(&damaged) {
+        if let Ok(mut vehicle) = postcard::from_bytes::<Vehicle<PlanePosition>>(&damaged) {
             let next = TracePoint::new(1e6, at(100.0, 100.0));
-            if let Ok(log) = matcher.step(&mut vehicle, &next) {
+            if let Ok(log) = vehicle.step(&matcher, &next) {
                 prop_assert!(log.is_finite());
             }
         }

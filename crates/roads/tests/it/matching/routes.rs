@@ -20,10 +20,7 @@ fn any_network() -> impl Strategy<Value = Network> {
         let mut ends = Vec::new();
         for (from, to, both, metres) in edges {
             let (from, to) = (from % nodes, to % nodes);
-            let options = || EdgeOptions {
-                metres: Some(metres.into()),
-                ..EdgeOptions::of(RoadClass::Street)
-            };
+            let options = || EdgeOptions::of(RoadClass::Street).with_metres(f64::from(metres));
             let there = builder.edge(from, to, options()).unwrap();
             ends.push((from, to));
             if both && from != to {
@@ -166,10 +163,7 @@ fn short_edges() -> impl Strategy<Value = Network> {
                 _ => 1.3 * straight,
             };
             let [from, to] = if forward { [from, to] } else { [to, from] };
-            let options = EdgeOptions {
-                metres: Some(metres.max(0.01)),
-                ..EdgeOptions::of(RoadClass::Street)
-            };
+            let options = EdgeOptions::of(RoadClass::Street).with_metres(metres.max(0.01));
             builder.edge(from as u64, to as u64, options).unwrap();
         }
         builder.build().unwrap()
@@ -212,7 +206,7 @@ fn a_way_far_shorter_than_straight() {
         builder.node(n, at(4.9 * n as f64, 0.0)).unwrap();
     });
     (0..100).for_each(|n| {
-        let options = EdgeOptions { metres: Some(0.01), ..EdgeOptions::of(RoadClass::Street) };
+        let options = EdgeOptions::of(RoadClass::Street).with_metres(0.01);
         builder.edge(n, n + 1, options).unwrap();
     });
     let network = builder.build().unwrap();

@@ -14,7 +14,7 @@ fn of_line(points: &[(f64, f64)], metres: Option<f64>) -> Network {
     builder.node(0, all[0]).unwrap();
     builder.node(1, all[all.len() - 1]).unwrap();
     let between = all[1..all.len() - 1].to_vec();
-    let options = EdgeOptions { metres, between, ..EdgeOptions::of(RoadClass::Street) };
+    let options = EdgeOptions::of(RoadClass::Street).with_metres(metres).with_between(between);
     builder.edge(0, 1, options).unwrap();
     builder.build().unwrap()
 }

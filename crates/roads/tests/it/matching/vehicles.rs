@@ -45,7 +45,7 @@ proptest! {
         let mut vehicle = matcher.start(&points[0], lag).unwrap();
         for (number, point) in points.iter().enumerate() {
             if number > 0 {
-                let log = matcher.step(&mut vehicle, point).unwrap();
+                let log = vehicle.step(&matcher, point).unwrap();
                 prop_assert_eq!(log, vehicle.log_normalizer());
             }
             prop_assert_eq!(vehicle.points(), number + 1);
@@ -88,7 +88,7 @@ fn errors_leave_the_vehicle_as_it_was() {
     let good = |time: f64| TracePoint::new(time, at(12.0 * time, 3.0));
     let mut vehicle = matcher.start(&good(0.0), 3).unwrap();
     (1..6).for_each(|time| {
-        matcher.step(&mut vehicle, &good(f64::from(time))).unwrap();
+        vehicle.step(&matcher, &good(f64::from(time))).unwrap();
     });
     let before = vehicle.clone();
     let next = good(6.0);
@@ -110,7 +110,7 @@ fn errors_leave_the_vehicle_as_it_was() {
         ("speed", TracePoint { speed: Some(f64::INFINITY), ..next }),
     ];
     for (name, point) in bad {
-        match matcher.step(&mut vehicle, &point) {
+        match vehicle.step(&matcher, &point) {
             Err(MatchError::Point { point: 6, what, .. }) => assert_eq!(what, name),
             other => panic!("{name}: {other:?}"),
         }
@@ -125,7 +125,7 @@ fn errors_leave_the_vehicle_as_it_was() {
         ));
     }
     for time in [5.0, 4.0, -1e9] {
-        let error = matcher.step(&mut vehicle, &TracePoint { time, ..next }).unwrap_err();
+        let error = vehicle.step(&matcher, &TracePoint { time, ..next }).unwrap_err();
         assert!(matches!(error, MatchError::Time { point: 6, time: t, before: 5.0 } if t == time));
         assert!(error.to_string().contains(&format!("{time}")) && error.to_string().contains('5'));
         assert_eq!(vehicle, before);
@@ -139,14 +139,14 @@ fn errors_leave_the_vehicle_as_it_was() {
 
     // It continues as if it had never seen them.
     let mut other = before;
-    let found = matcher.step(&mut vehicle, &next).unwrap();
-    assert_eq!(found, matcher.step(&mut other, &next).unwrap());
+    let found = vehicle.step(&matcher, &next).unwrap();
+    assert_eq!(found, other.step(&matcher, &next).unwrap());
     assert_eq!(vehicle, other);
 
     // A vehicle of a different network.
     let small = Matcher::new(city(2, 1, 100.0, |_, _| false));
     let state = vehicle.clone();
-    let result = small.step(&mut vehicle, &good(7.0));
+    let result = vehicle.step(&small, &good(7.0));
     assert!(matches!(result, Err(MatchError::Network { .. })));
     assert_eq!(vehicle, state);
 }

@@ -1,7 +1,7 @@
 //! Files that are not networks.
 
 use wayfix::map::{MapError, Position, RoadMap};
-use wayfix_roads::{Cleaning, ImportNote, ImportOptions, RoadNetwork};
+use wayfix_roads::{Cleaning, ImportNote, ImportOptions, NetworkError, RoadNetwork};
 
 use super::pbf::{Extract, blob, header, stored};
 use super::{Read, csv, geojson, osm};
@@ -80,7 +80,7 @@ fn csv_errors_name_the_line_after_fields_of_several() {
 #[test]
 fn geojson_errors_name_line_or_feature() {
     let error = geojson("{\"type\": \"FeatureCollection\",\n\"features\": [\n").unwrap_err();
-    assert!(matches!(error, MapError::Line { line: 3 | 2, .. }), "{error}");
+    assert!(matches!(error, NetworkError::Line { line: 3 | 2, .. }), "{error}");
     assert!(geojson("<osm/>").unwrap_err().to_string().starts_with("features, line 1: "));
     let feature = |properties: &str, line: &str| {
         geojson(&format!(
@@ -167,7 +167,7 @@ fn what_is_not_taken_is_counted() {
 #[test]
 fn a_file_that_cannot_be_read() {
     let options = ImportOptions::default();
-    let is_read = |read: Read| matches!(read, Err(MapError::Read { .. }));
+    let is_read = |read: Read| matches!(read, Err(NetworkError::Read { .. }));
     // A folder opens like a file, but can't be read.
     assert!(is_read(RoadNetwork::from_csv_files(".", ".", &options)));
     assert!(is_read(RoadNetwork::from_geojson_file(".", &options)));
@@ -189,7 +189,7 @@ fn blocks_that_claim_more_than_there_is() {
         // No data, data of 4 GiB less 1, and compressed data of the same size.
         for data in [&[][..], &[10, 255, 255, 255, 255, 15], &[26, 255, 255, 255, 255, 15]] {
             let result = osm(&claims(length, data));
-            assert!(matches!(result, Err(MapError::Block { block: 2, .. })), "{result:?}");
+            assert!(matches!(result, Err(NetworkError::Block { block: 2, .. })), "{result:?}");
         }
     }
 }
@@ -218,14 +218,14 @@ fn blocks_with_wrong_contents() {
     let (ids, latitude) = (group(18, &ids), [&[64][..], &most].concat());
     for (found, expected) in [
         (data(1, &[8]), "a truncated number"),
-        (data(1, &[18, 5, 1]), "a field of 5 bytes, of which 1 are left"),
+        (data(1, &[18, 5, 1]), "a field of 5 bytes, but only 1 are left"),
         (data(1, &[10, 2, 8, 1]), "a number, expected bytes"),
         (data(1, &[16, 1]), "a number, expected bytes"),
         (data(1, &[11]), "a field of unknown type"),
         (data(2, &[]), "no data, expected them plain or compressed by zlib"),
         (data(7, &[1]), "data in another compression, expected them plain or compressed by zlib"),
         (data(3, &[1, 2, 3]), "damaged compressed data"),
-        (data(3, &stored(&[18, 5, 1])), "a field of 5 bytes, of which 1 are left"),
+        (data(3, &stored(&[18, 5, 1])), "a field of 5 bytes, but only 1 are left"),
         (way(&[18, 1, 0, 26, 1, 5]), "string 5, of 1"),
         (way(&[18, 1, 0]), "1 keys of tags and 0 values, expected one each"),
         (members, "1 roles of members, 0 ids and 0 kinds, expected one each"),
@@ -252,13 +252,13 @@ fn a_truncated_extract_is_an_error_at_every_byte() {
     let mut in_blocks = 0;
     for end in 0..bytes.len() {
         match osm(&bytes[..end]) {
-            Err(MapError::Block { file, byte, .. }) => {
+            Err(NetworkError::Block { file, byte, .. }) => {
                 assert_eq!(file, "extract");
                 assert!(byte as usize <= end);
                 in_blocks += 1;
             }
             // A file may end between two blocks; without ways there are no roads.
-            Err(MapError::Empty) => {}
+            Err(NetworkError::Map(MapError::Empty)) => {}
             other => panic!("{end}: {other:?}"),
         }
     }
@@ -293,7 +293,7 @@ fn other_files_are_no_extracts() {
     let text = osm(b"<?xml version='1.0'?>").unwrap_err().to_string();
     assert!(text.starts_with("extract, block 1 (from byte 0): "), "{text}");
     assert!(text.ends_with("expected an OpenStreetMap extract (.osm.pbf)"), "{text}");
-    assert!(matches!(osm(b""), Err(MapError::Block { block: 1, .. })));
+    assert!(matches!(osm(b""), Err(NetworkError::Block { block: 1, .. })));
     let history = [header(&["HistoricalInformation"]), extract().bytes()].concat();
     let text = osm(&history).unwrap_err().to_string();
     assert!(
@@ -317,7 +317,7 @@ fn an_empty_box_is_an_error() {
     let corners =
         [Position { latitude: 0.0, longitude: 10.0 }, Position { latitude: 1.0, longitude: 11.0 }];
     let cleaning = vec![Cleaning::Within(corners)];
-    let options = ImportOptions { cleaning, ..ImportOptions::default() };
+    let options = ImportOptions::default().with_cleaning(cleaning);
     says(
         RoadNetwork::from_csv(NODES.as_bytes(), &b"from,to\n1,2\n"[..], &options),
         "no node lies in the box of latitude 0 to 1 and longitude 10 to 11; all lie in latitude \

@@ -103,7 +103,7 @@ fn a_path_leads_to_each_format() {
 fn cleaning_comes_with_the_import() {
     // 2 → 4 is one-way, so that 4 stays with its three neighbours.
     let cleaning = vec![Cleaning::LargestComponent, Cleaning::Contraction];
-    let options = ImportOptions { cleaning, ..ImportOptions::default() };
+    let options = ImportOptions::default().with_cleaning(cleaning);
     let nodes = format!("{NODES}E,5,149.15,-35.28\n");
     let edges = format!("{EDGES}5,3,yes,main,60\n");
     let read = RoadNetwork::from_csv(nodes.as_bytes(), edges.as_bytes(), &options);
@@ -147,11 +147,8 @@ fn written_lengths_are_read_to_the_bit() {
             let mut builder = NetworkBuilder::new();
             builder.node(1, place).unwrap();
             builder.node(2, end).unwrap();
-            let options = EdgeOptions {
-                metres: Some(metres),
-                between: between.clone(),
-                ..EdgeOptions::of(RoadClass::Main)
-            };
+            let options =
+                EdgeOptions::of(RoadClass::Main).with_metres(metres).with_between(between.clone());
             builder.edge(1, 2, options).unwrap();
             let text = builder.build().unwrap().to_geojson();
             let (again, report) = geojson(&text).unwrap_or_else(|error| panic!("{error}: {text}"));

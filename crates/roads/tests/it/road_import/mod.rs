@@ -5,10 +5,10 @@ mod formats;
 mod osm;
 mod pbf;
 
-use wayfix::map::MapError;
+use wayfix_roads::NetworkError;
 use wayfix_roads::{ImportOptions, ImportReport, RoadNetwork};
 
-type Read = Result<(RoadNetwork, ImportReport), MapError>;
+type Read = Result<(RoadNetwork, ImportReport), NetworkError>;
 
 fn csv(nodes: &str, edges: &str) -> Read {
     RoadNetwork::from_csv(nodes.as_bytes(), edges.as_bytes(), &ImportOptions::default())

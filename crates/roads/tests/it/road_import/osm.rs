@@ -119,9 +119,9 @@ fn options_choose_roads() {
     };
     let usual = ImportOptions::default;
     assert_eq!(roads(usual()), [1, 2, 5]);
-    assert_eq!(roads(ImportOptions { parking_aisles: false, ..usual() }), [1, 5]);
-    assert_eq!(roads(ImportOptions { service_roads: false, ..usual() }), [5]);
-    let all = ImportOptions { tracks: true, private_roads: true, ..usual() };
+    assert_eq!(roads(usual().with_parking_aisles(false)), [1, 5]);
+    assert_eq!(roads(usual().with_service_roads(false)), [5]);
+    let all = usual().with_tracks(true).with_private_roads(true);
     assert_eq!(roads(all), [1, 2, 3, 4, 5]);
 }
 

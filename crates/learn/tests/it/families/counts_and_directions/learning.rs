@@ -114,12 +114,10 @@ fn learns<B: Family>((states, truth, lengths, seed, prior, gaps): Case) -> TestC
     let start = Prior::AtFirstObservation(Belief::uniform(n).unwrap());
     let hmm = Hmm::new(start, transition, family).unwrap();
     let pseudo = if prior { 0.5 } else { 0.0 };
-    let options = LearningOptions {
-        iterations: 12,
-        tolerance: 0.0,
-        likelihood_pseudo_count: pseudo,
-        ..LearningOptions::default()
-    };
+    let options = LearningOptions::default()
+        .with_iterations(12)
+        .with_tolerance(0.0)
+        .with_likelihood_pseudo_count(pseudo);
     match hmm.learn(&sequences, &options) {
         Ok(learned) => {
             let pairs = learned.objectives().windows(2);
@@ -146,7 +144,7 @@ fn parameters_are_found_back<B: Family>() {
         let model = staying(B::build(std::slice::from_ref(&truth)), 0);
         let seen = model.simulate(2000, &mut rng(seed)).observations().to_vec();
         let start = staying(B::build(&[B::parameters(&[0.7, 0.3, 0.2])]), 0);
-        let options = LearningOptions { tolerance: 1e-9, ..LearningOptions::default() };
+        let options = LearningOptions::default().with_tolerance(1e-9);
         let learned = start.learn(std::slice::from_ref(&seen), &options).unwrap();
         let learned = learned.model().likelihood();
         let seen: Vec<_> = seen.into_iter().map(|y| (y, 1.0)).collect();

@@ -242,7 +242,7 @@ fn of_a_learned_model_and_far_outliers() {
     let mut seen: Vec<f64> = random(&gaussian(1.0), 400, 7).concat();
     seen[200] += 45.0;
     let rows = Rows::new(&seen, 1).unwrap();
-    let options = LearningOptions { iterations: 2, ..LearningOptions::default() };
+    let options = LearningOptions::default().with_iterations(2);
     let learned = gaussian(1.0).learn(&[rows], &options);
     let learned = learned.unwrap();
     for hmm in [learned.model(), &gaussian(1.0)] {

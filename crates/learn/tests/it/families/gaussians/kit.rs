@@ -134,7 +134,7 @@ pub(super) fn lasting<B: Likelihood>(family: B) -> Hmm<DenseTransition, B> {
 /// Asserts that learning ends with a model or an error, without a panic or a NaN. With values of
 /// ordinary size, the objective does not fall, either.
 pub(super) fn assert_learns<B: Family>(family: &B, sequences: &[Vec<Vec<f64>>]) {
-    let options = LearningOptions { iterations: 8, ..LearningOptions::default() };
+    let options = LearningOptions::default().with_iterations(8);
     let ordinary = sequences.iter().flatten().flatten().all(|y| y.is_nan() || y.abs() <= 1e3);
     match lasting(family.clone()).learn(sequences, &options) {
         Ok(learned) => {

@@ -218,7 +218,7 @@ fn learning_finds_means_and_degrees_back() {
             Gaussian::spherical(&[[1.0], [6.0]], &[2.0, 2.0]).unwrap(),
         )
         .unwrap();
-        let options = LearningOptions { iterations: 300, tolerance: 1e-4, ..Default::default() };
+        let options = LearningOptions::default().with_iterations(300).with_tolerance(1e-4);
         let learned = lasting(start).learn(&[simulated.observations()], &options).unwrap();
         let found = learned.model().likelihood();
         for state in 0..2 {

@@ -28,12 +28,7 @@ proptest! {
         let hmm = Hmm::new(prior, generator(&rates), sensor).unwrap();
         let drives: Vec<(Vec<f64>, Vec<usize>)> = drives.into_iter().map(|d| d.into_iter().unzip()).collect();
         let drives: Vec<_> = drives.iter().map(|(times, ys)| Controlled::new(times, ys).unwrap()).collect();
-        let options = LearningOptions {
-            iterations: 12,
-            tolerance: 0.0,
-            transition_pseudo_count: pseudo_count,
-            ..LearningOptions::default()
-        };
+        let options = LearningOptions::default().with_iterations(12).with_tolerance(0.0).with_transition_pseudo_count(pseudo_count);
         match hmm.learn(&drives, &options) {
             Ok(learned) => {
                 let objectives = learned.objectives();
@@ -111,8 +106,7 @@ fn rates_are_found_from_hidden_states() {
         Fixed(TableLikelihood::from_rows(&sensor).unwrap()),
     )
     .unwrap();
-    let options =
-        LearningOptions { keep_prior: true, iterations: 200, ..LearningOptions::default() };
+    let options = LearningOptions::default().with_keep_prior(true).with_iterations(200);
     let learned = hmm.learn(&[Controlled::new(&times, &seen).unwrap()], &options).unwrap();
     assert_near(learned.model().transition(), 6000);
     assert_eq!(learned.model().transition().free_parameters(), 6);
@@ -142,7 +136,7 @@ fn rates_are_found_from_labels() {
 fn listed_moves_give_the_same_rates() {
     let truth = GeneratorTransition::from_triplets(3, TRUTH).unwrap();
     let times = [0.3, 1.7, 0.3, 40.0, 0.02, 2.5];
-    let options = LearningOptions { iterations: 1, ..LearningOptions::default() };
+    let options = LearningOptions::default().with_iterations(1);
     let prior = || Prior::BeforeFirstTransition(Belief::uniform(3).unwrap());
     let within = RestartTransition::new(truth.clone(), 0.0, Belief::uniform(3).unwrap()).unwrap();
     // The second belief is out of the range of doubles in all but one state.

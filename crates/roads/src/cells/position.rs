@@ -1,21 +1,20 @@
 //! Positions measured on cells of roads, as by a satellite receiver: a Student density, along the
 //! cell and across it.
-
-mod grid;
-mod points;
+//!
+//! Cells are compared by their middles, projected to the plane of the map with their directions and
+//! lengths. Middles are sorted by squares of a grid, so that a row of squares is a run of the
+//! sorted points, and a pruned filter finds the cells near a fix without visiting the others.
 
 use std::marker::PhantomData;
 use std::sync::Arc;
 
+use crate::NetworkError;
 use crate::cells::RoadCells;
-use points::Points;
-use wayfix::LikelihoodError;
 use wayfix::error::Parameter;
 use wayfix::internal::turned;
 use wayfix::likelihood::LocalLikelihood;
 use wayfix::map::{Coordinates, Position};
-use wayfix::observation::ObservationError;
-use wayfix::{Diagonal, Likelihood, Scratch};
+use wayfix::{Diagonal, Likelihood, LikelihoodError, Scratch};
 
 /// Distance, in deviations, within which cells stand out.
 const NEAR: f64 = 10.0;
@@ -110,8 +109,8 @@ impl<P: Coordinates> PositionLikelihood<P> {
     ///
     /// # Errors
     ///
-    /// [`ObservationError::Parameter`] unless they are from 1 to 1,000.
-    pub fn with_degrees(self, degrees: f64) -> Result<Self, ObservationError> {
+    /// [`NetworkError::Parameter`] unless they are from 1 to 1,000.
+    pub fn with_degrees(self, degrees: f64) -> Result<Self, NetworkError> {
         if !(1.0..=1000.0).contains(&degrees) {
             let (what, expected) = ("the degrees of freedom", "a value from 1 to 1000");
             return Err(Parameter::new(what, degrees, expected).into());
@@ -119,10 +118,10 @@ impl<P: Coordinates> PositionLikelihood<P> {
         Ok(Self { degrees, ..self })
     }
 
-    fn look(&self, fix: &PositionFix<P>) -> Result<Look<'_>, LikelihoodError> {
+    fn density_of(&self, fix: &PositionFix<P>) -> Result<FixDensity<'_>, LikelihoodError> {
         let PositionFix { position, deviation, ahead } = *fix;
         let parameter = |what, value, expected| {
-            let error = ObservationError::Parameter(Parameter::new(what, value, expected));
+            let error = NetworkError::Parameter(Parameter::new(what, value, expected));
             Err(LikelihoodError::sensor(error))
         };
         for ((what, limit), value) in P::AXES.into_iter().zip(position.values()) {
@@ -140,12 +139,12 @@ impl<P: Coordinates> PositionLikelihood<P> {
         let (points, degrees) = (&*self.points, self.degrees);
         let metres = P::scale(at);
         let variance = deviation * deviation;
-        Ok(Look { points, at, metres, turn: P::TURN, variance, ahead, degrees })
+        Ok(FixDensity { points, at, metres, turn: P::TURN, variance, ahead, degrees })
     }
 }
 
 /// A fix, compared with cells.
-struct Look<'a> {
+struct FixDensity<'a> {
     points: &'a Points,
     at: [f64; 2],
     /// Metres per unit of the plane.
@@ -157,7 +156,7 @@ struct Look<'a> {
     degrees: f64,
 }
 
-impl Look<'_> {
+impl FixDensity<'_> {
     /// Logarithm of the likelihood of a cell, at most 0.
     fn log(&self, cell: usize) -> f64 {
         let ([x, y], [u, v]) = (self.points.middles[cell], self.points.directions[cell]);
@@ -214,17 +213,17 @@ impl<P: Coordinates> Likelihood for PositionLikelihood<P> {
 
     /// # Errors
     ///
-    /// [`LikelihoodError::Sensor`] with an [`ObservationError::Parameter`] for a fix that is not
+    /// [`LikelihoodError::Sensor`] with an [`NetworkError::Parameter`] for a fix that is not
     /// on Earth (or in the plane), or a deviation that is not above 0.
     fn diagonal<'a>(
         &'a self,
         fix: &'a PositionFix<P>,
         scratch: &'a mut Scratch,
     ) -> Result<Diagonal<'a>, LikelihoodError> {
-        let look = self.look(fix)?;
+        let density = self.density_of(fix)?;
         let logs = scratch.values(self.states());
-        logs.iter_mut().enumerate().for_each(|(cell, log)| *log = look.log(cell));
-        Ok(Diagonal::log(logs).with_log_factor(look.log_factor()))
+        logs.iter_mut().enumerate().for_each(|(cell, log)| *log = density.log(cell));
+        Ok(Diagonal::log(logs).with_log_factor(density.log_factor()))
     }
 }
 
@@ -238,23 +237,151 @@ impl<P: Coordinates> LocalLikelihood for PositionLikelihood<P> {
         states: &[usize],
         scratch: &'a mut Scratch,
     ) -> Result<(Diagonal<'a>, f64), LikelihoodError> {
-        let look = self.look(fix)?;
+        let density = self.density_of(fix)?;
         let out = scratch.values(states.len());
-        out.iter_mut().zip(states).for_each(|(out, &cell)| *out = look.log(cell));
+        out.iter_mut().zip(states).for_each(|(out, &cell)| *out = density.log(cell));
         // Cells that are not near are beyond ten deviations: this bounds them. Near ones that were
         // not asked for are looked at.
-        let mut largest = look.tail(NEAR * NEAR);
-        look.near(|cell| {
+        let mut largest = density.tail(NEAR * NEAR);
+        density.near(|cell| {
             if states.binary_search(&cell).is_err() {
-                largest = largest.max(look.log(cell));
+                largest = largest.max(density.log(cell));
             }
         });
-        Ok((Diagonal::log(out).with_log_factor(look.log_factor()), largest))
+        Ok((Diagonal::log(out).with_log_factor(density.log_factor()), largest))
     }
 
     fn listed_states(&self, fix: &PositionFix<P>, states: &mut Vec<usize>) {
-        if let Ok(look) = self.look(fix) {
-            look.near(|cell| states.push(cell));
+        if let Ok(density) = self.density_of(fix) {
+            density.near(|cell| states.push(cell));
+        }
+    }
+}
+
+/// Side of the squares of the grid, in mean cells.
+const SQUARE: f64 = 8.0;
+
+/// Middles of the cells in the plane.
+#[derive(Debug)]
+pub(super) struct Points {
+    pub(super) middles: Vec<[f64; 2]>,
+    /// Unit vector along each cell, or zero.
+    pub(super) directions: Vec<[f32; 2]>,
+    /// ℓ² / 12, in square metres, of each cell.
+    pub(super) squares: Vec<f32>,
+    pub(super) largest_square: f64,
+    pub(super) grid: Grid,
+}
+
+impl Points {
+    pub(super) fn new<P: Coordinates>(cells: &RoadCells<P>) -> Self {
+        let n = cells.states();
+        let (mut middles, mut directions) = (Vec::with_capacity(n), Vec::with_capacity(n));
+        let mut squares = Vec::with_capacity(n);
+        let network = cells.network();
+        let (mut line, mut marks) = (Vec::new(), Vec::new());
+        for (edge, road) in network.edges().iter().enumerate() {
+            let count = cells.cells(edge).len();
+            line.clear();
+            line.extend(P::unwrap(network.shape(edge).iter().copied()));
+            // Start, middle and end of each cell: successive cells share a mark.
+            divide(&line, 2 * count, &mut marks);
+            for ends in marks.windows(3).step_by(2) {
+                let [dx, dy] = [ends[2][0] - ends[0][0], ends[2][1] - ends[0][1]];
+                let length = dx.hypot(dy);
+                let unit = |d: f64| if length > 0.0 { (d / length) as f32 } else { 0.0 };
+                middles.push(ends[1]);
+                directions.push([unit(dx), unit(dy)]);
+                squares.push(((road.metres / count as f64).powi(2) / 12.0) as f32);
+            }
+        }
+        let largest_square = squares.iter().copied().fold(0.0, f32::max).into();
+        let grid = Grid::new(&middles, SQUARE * cells.mean_metres());
+        Self { middles, directions, squares, largest_square, grid }
+    }
+}
+
+/// Points that divide a line into parts of equal length, including both ends.
+fn divide(line: &[[f64; 2]], parts: usize, marks: &mut Vec<[f64; 2]>) {
+    let length = |pair: &[[f64; 2]]| (pair[1][0] - pair[0][0]).hypot(pair[1][1] - pair[0][1]);
+    let total: f64 = line.windows(2).map(length).sum();
+    let (mut piece, mut before) = (0, 0.0);
+    marks.clear();
+    for mark in 0..=parts {
+        let along = total * mark as f64 / parts as f64;
+        // Marks ascend, so the piece only moves on. It stops at the last one, which rounding of the
+        // sum must not pass.
+        while piece + 2 < line.len() && before + length(&line[piece..piece + 2]) < along {
+            before += length(&line[piece..piece + 2]);
+            piece += 1;
+        }
+        let (a, b) = (line[piece], line[piece + 1]);
+        let here = length(&[a, b]);
+        let share = if here > 0.0 { ((along - before) / here).clamp(0.0, 1.0) } else { 0.0 };
+        marks.push([a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])]);
+    }
+}
+
+/// Largest number of squares in a row or column.
+const MOST_SQUARES: f64 = 65_536.0;
+
+/// Numbered points, found by their square.
+#[derive(Debug, Clone)]
+pub(super) struct Grid {
+    low: [f64; 2],
+    side: f64,
+    /// Largest square of each axis.
+    last: [u64; 2],
+    /// Row and column of each point's square, and its number; sorted.
+    points: Vec<(u64, u32)>,
+}
+
+impl Grid {
+    /// Sorts points into squares with at least this side. O(points log points).
+    #[expect(clippy::cast_sign_loss, reason = "no point is below the lowest")]
+    pub(super) fn new(points: &[[f64; 2]], side: f64) -> Self {
+        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        for point in points {
+            for axis in 0..2 {
+                low[axis] = low[axis].min(point[axis]);
+                high[axis] = high[axis].max(point[axis]);
+            }
+        }
+        let extent = (high[0] - low[0]).max(high[1] - low[1]);
+        // At most 2^16 squares on an axis: row and column fit 32 bits each.
+        let side = side.max(extent / MOST_SQUARES);
+        let square = |axis: usize, x: f64| ((x - low[axis]) / side) as u64;
+        let mut sorted: Vec<(u64, u32)> = (0..)
+            .zip(points)
+            .map(|(number, &[x, y])| (square(1, y) << 32 | square(0, x), number))
+            .collect();
+        sorted.sort_unstable();
+        let last = [square(0, high[0]), square(1, high[1])];
+        Self { low, side, last, points: sorted }
+    }
+
+    /// Passes on all points within a distance of a point, and some others nearby.
+    #[expect(clippy::cast_sign_loss, reason = "squares are counted from the lowest, 0")]
+    pub(super) fn near(&self, [x, y]: [f64; 2], distance: f64, mut take: impl FnMut(usize)) {
+        let range = |axis: usize, x: f64| {
+            let square = |x: f64| (x - self.low[axis]) / self.side;
+            (square(x - distance).max(0.0), square(x + distance).min(self.last[axis] as f64))
+        };
+        let (columns, rows) = (range(0, x), range(1, y));
+        // Empty if the distance does not reach the grid, or is NaN.
+        if !(columns.0 < columns.1 + 1.0
+            && rows.0 < rows.1 + 1.0
+            && columns.1 >= 0.0
+            && rows.1 >= 0.0)
+        {
+            return;
+        }
+        // Columns of a row are consecutive keys, so one search finds their run.
+        for row in rows.0 as u64..=rows.1 as u64 {
+            let (first, last) = (row << 32 | columns.0 as u64, row << 32 | columns.1 as u64);
+            let start = self.points.partition_point(|point| point.0 < first);
+            let points = self.points[start..].iter().take_while(|point| point.0 <= last);
+            points.for_each(|point| take(point.1 as usize));
         }
     }
 }

@@ -1,15 +1,16 @@
-//! Rules by which moves add stretches to a route, such that no stretch has zero length.
+//! The connected route through one state per point, by rules of its moves such that no stretch has
+//! zero length.
 //!
 //! An edge enters the route with the first metre driven on it, not with the first state on it. So a
 //! position at the very end of an edge, or at the place of a U-turn, leaves no stretch of 0 m. What
-//! has been driven so far is kept in a [`Mode`], which depends on the previous mode and the move
+//! has been driven so far is kept in a [`RouteEnd`], which depends on the previous one and the move
 //! alone: so the lattice of all routes can carry it in its nodes.
 
 use crate::RoadNetwork;
-use crate::matching::TracePoint;
 use crate::matching::candidates::{Candidate, OFF_ROAD};
+use crate::matching::moves::WayKind;
 use crate::matching::step::MatchStep;
-use crate::matching::ways::WayKind;
+use crate::matching::{Stretch, TracePoint};
 use wayfix::map::Coordinates;
 
 /// Metres up to which a stretch counts as having no length.
@@ -17,7 +18,7 @@ pub(super) const LEAST: f64 = 1e-3;
 
 /// Relation of a state's edge to the end of the route that leads to it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Mode {
+pub(super) enum RouteEnd {
     /// The last stretch is on the edge, or off the road.
     Driven,
     /// Nothing has been driven on a road since the start or the last stretch off the road.
@@ -90,48 +91,48 @@ pub(super) struct RouteRules<'a, P>(pub(super) &'a RoadNetwork<P>);
 
 impl<P: Coordinates> RouteRules<'_, P> {
     /// Begins a route.
-    pub(super) fn start(state: &Candidate, added: &mut RouteExtension) -> Mode {
+    pub(super) fn start(state: &Candidate, added: &mut RouteExtension) -> RouteEnd {
         if !state.is_off_road() {
-            return Mode::Fresh { after_off_road: false };
+            return RouteEnd::Fresh { after_off_road: false };
         }
         added.off_road();
-        Mode::Driven
+        RouteEnd::Driven
     }
 
     /// Ends a route. The route of a vehicle that was stationary throughout has one stretch without
     /// length.
-    pub(super) fn finish(mode: Mode, state: &Candidate, added: &mut RouteExtension) {
-        if mode == (Mode::Fresh { after_off_road: false }) {
+    pub(super) fn finish(end: RouteEnd, state: &Candidate, added: &mut RouteExtension) {
+        if end == (RouteEnd::Fresh { after_off_road: false }) {
             added.push(state.edge as usize, state.along, state.along);
         }
     }
 
     /// Moves from a state to the next. `link` is only read if both are on roads.
-    pub(super) fn go(
+    pub(super) fn advance(
         &self,
-        mode: Mode,
+        end: RouteEnd,
         [from, to]: [&Candidate; 2],
         link: &Link,
         added: &mut RouteExtension,
-    ) -> Mode {
+    ) -> RouteEnd {
         added.from_off_road = from.is_off_road();
         match (from.is_off_road(), to.is_off_road()) {
-            (true, true) => Mode::Driven,
-            (true, false) => Mode::Fresh { after_off_road: true },
+            (true, true) => RouteEnd::Driven,
+            (true, false) => RouteEnd::Fresh { after_off_road: true },
             (false, true) => {
                 // A single point on a road between two off it does not interrupt the stretch off
                 // the road.
-                if mode == (Mode::Fresh { after_off_road: true }) {
+                if end == (RouteEnd::Fresh { after_off_road: true }) {
                     added.from_off_road = true;
                 } else {
                     added.off_road();
                 }
-                Mode::Driven
+                RouteEnd::Driven
             }
             (false, false) => match link {
-                Link::SameEdge => self.same_edge(mode, from, to, added),
-                Link::Turn => self.turn(mode, from, to, added),
-                Link::Edges(edges) => self.edges(mode, from, to, edges, added),
+                Link::SameEdge => self.same_edge(end, from, to, added),
+                Link::Turn => self.turn(end, from, to, added),
+                Link::Edges(edges) => self.edges(end, from, to, edges, added),
             },
         }
     }
@@ -141,112 +142,113 @@ impl<P: Coordinates> RouteRules<'_, P> {
     }
 
     /// True if the edge before was left by a U-turn for this one.
-    fn is_back(&self, edge: usize, after: u32) -> bool {
+    fn is_u_turn_of(&self, edge: usize, after: u32) -> bool {
         self.0.reverse(edge) == Some(after as usize)
     }
 
     fn same_edge(
         &self,
-        mode: Mode,
+        end: RouteEnd,
         from: &Candidate,
         to: &Candidate,
         added: &mut RouteExtension,
-    ) -> Mode {
+    ) -> RouteEnd {
         let edge = from.edge as usize;
-        match mode {
-            Mode::Driven => added.extend = Some(to.along),
-            Mode::Fresh { .. } | Mode::Waiting { turned: false, .. }
+        match end {
+            RouteEnd::Driven => added.extend = Some(to.along),
+            RouteEnd::Fresh { .. } | RouteEnd::Waiting { turned: false, .. }
                 if to.along > from.along + LEAST =>
             {
                 // Over its start the edge is entered at 0; after a U-turn or fresh, where the state
                 // was.
-                let at_start =
-                    matches!(mode, Mode::Waiting { after, .. } if !self.is_back(edge, after));
+                let at_start = matches!(end, RouteEnd::Waiting { after, .. } if !self.is_u_turn_of(edge, after));
                 added.push(edge, if at_start { 0.0 } else { from.along }, to.along);
-                return Mode::Driven;
+                return RouteEnd::Driven;
             }
-            Mode::Waiting { after, turned: false } if self.is_back(edge, after) => {
+            RouteEnd::Waiting { after, turned: false } if self.is_u_turn_of(edge, after) => {
                 // Further back on this edge means that the turn came later, further along the
                 // reverse one.
                 added.extend = Some(self.length(after as usize) - to.along);
             }
-            Mode::Waiting { turned: true, .. } if to.along < self.length(edge) - LEAST => {
+            RouteEnd::Waiting { turned: true, .. } if to.along < self.length(edge) - LEAST => {
                 return self.turned_later(to, added);
             }
-            Mode::Fresh { .. } | Mode::Waiting { .. } => {}
+            RouteEnd::Fresh { .. } | RouteEnd::Waiting { .. } => {}
         }
-        mode
+        end
     }
 
     /// The vehicle went some way into the reverse of a state's edge, and turned.
-    fn turned_later(&self, to: &Candidate, added: &mut RouteExtension) -> Mode {
-        let Some(reverse) = self.0.reverse(to.edge as usize) else { return Mode::Driven };
+    fn turned_later(&self, to: &Candidate, added: &mut RouteExtension) -> RouteEnd {
+        let Some(reverse) = self.0.reverse(to.edge as usize) else { return RouteEnd::Driven };
         added.push(reverse, 0.0, (self.length(reverse) - to.along).max(0.0));
-        Mode::Waiting { after: reverse as u32, turned: false }
+        RouteEnd::Waiting { after: reverse as u32, turned: false }
     }
 
     fn turn(
         &self,
-        mode: Mode,
+        end: RouteEnd,
         from: &Candidate,
         to: &Candidate,
         added: &mut RouteExtension,
-    ) -> Mode {
+    ) -> RouteEnd {
         let [edge, next] = [from.edge as usize, to.edge as usize];
         // The place of the state before, measured along the reverse edge.
         let here = (self.length(next) - from.along).max(0.0);
         let moves = to.along > here + LEAST;
-        match mode {
-            Mode::Driven | Mode::Fresh { .. } if moves => added.push(next, here, to.along),
-            Mode::Driven => {
+        match end {
+            RouteEnd::Driven | RouteEnd::Fresh { .. } if moves => added.push(next, here, to.along),
+            RouteEnd::Driven => {
                 added.extend = Some(self.length(edge) - to.along);
-                return Mode::Waiting { after: from.edge, turned: false };
+                return RouteEnd::Waiting { after: from.edge, turned: false };
             }
-            Mode::Fresh { .. } => return mode,
-            Mode::Waiting { after, turned: false } if after == to.edge => {
+            RouteEnd::Fresh { .. } => return end,
+            RouteEnd::Waiting { after, turned: false } if after == to.edge => {
                 added.extend = Some(to.along);
             }
-            Mode::Waiting { turned: true, .. } if to.along > LEAST => {
+            RouteEnd::Waiting { turned: true, .. } if to.along > LEAST => {
                 added.push(next, 0.0, to.along);
             }
-            Mode::Waiting { after, turned: true } => return Mode::Waiting { after, turned: false },
-            Mode::Waiting { .. } if to.along < self.length(next) - LEAST => {
+            RouteEnd::Waiting { after, turned: true } => {
+                return RouteEnd::Waiting { after, turned: false };
+            }
+            RouteEnd::Waiting { .. } if to.along < self.length(next) - LEAST => {
                 return self.turned_later(to, added);
             }
-            Mode::Waiting { after, .. } => return Mode::Waiting { after, turned: true },
+            RouteEnd::Waiting { after, .. } => return RouteEnd::Waiting { after, turned: true },
         }
-        Mode::Driven
+        RouteEnd::Driven
     }
 
     fn edges(
         &self,
-        mode: Mode,
+        end: RouteEnd,
         from: &Candidate,
         to: &Candidate,
         edges: &[usize],
         added: &mut RouteExtension,
-    ) -> Mode {
+    ) -> RouteEnd {
         // At least both states' edges, as the ways of the trellis were found by the same search.
-        let [_, between @ .., next] = edges else { return mode };
+        let [_, between @ .., next] = edges else { return end };
         let (edge, first) = (from.edge as usize, *between.first().unwrap_or(next));
         let length = self.length(edge);
         let at_end = from.along >= length - LEAST;
         // The edge of the last stretch, if there is one, for a state at the very start of its edge.
         let mut last = Some(from.edge);
-        match mode {
-            Mode::Driven => added.extend = Some(length),
-            Mode::Fresh { .. } if at_end => last = None,
-            Mode::Fresh { .. } => added.push(edge, from.along, length),
-            Mode::Waiting { after, turned: false } if self.is_back(edge, after) => {
+        match end {
+            RouteEnd::Driven => added.extend = Some(length),
+            RouteEnd::Fresh { .. } if at_end => last = None,
+            RouteEnd::Fresh { .. } => added.push(edge, from.along, length),
+            RouteEnd::Waiting { after, turned: false } if self.is_u_turn_of(edge, after) => {
                 added.push(edge, from.along, length);
             }
-            Mode::Waiting { turned: false, .. } if !at_end => added.push(edge, 0.0, length),
-            Mode::Waiting { after, .. } if self.connects(after as usize, first) => {
+            RouteEnd::Waiting { turned: false, .. } if !at_end => added.push(edge, 0.0, length),
+            RouteEnd::Waiting { after, .. } if self.connects(after as usize, first) => {
                 last = Some(after);
             }
             // Skipping the edge would make a forbidden turn of two allowed ones, so the way in and
             // back stays, with no length.
-            Mode::Waiting { turned, .. } => {
+            RouteEnd::Waiting { turned, .. } => {
                 if let Some(reverse) = self.0.reverse(edge).filter(|_| turned) {
                     added.push(reverse, 0.0, 0.0);
                 }
@@ -259,13 +261,93 @@ impl<P: Coordinates> RouteRules<'_, P> {
         }
         if to.along > LEAST {
             added.push(*next, 0.0, to.along);
-            return Mode::Driven;
+            return RouteEnd::Driven;
         }
-        last.map_or(mode, |after| Mode::Waiting { after, turned: false })
+        last.map_or(end, |after| RouteEnd::Waiting { after, turned: false })
     }
 
     fn connects(&self, edge: usize, next: usize) -> bool {
         let edges = self.0.edges();
         edges[edge].to == edges[next].from && self.0.may_turn(edge, next)
+    }
+}
+
+/// Connected route through one state per point.
+pub(in crate::matching) fn route<P: Coordinates>(
+    network: &RoadNetwork<P>,
+    points: &[TracePoint<P>],
+    path: &[Candidate],
+    step: &mut MatchStep<'_, P>,
+) -> Vec<Stretch<P>> {
+    let (rules, mut route, mut added) =
+        (RouteRules(network), Vec::new(), RouteExtension::default());
+    let mut end = RouteRules::<P>::start(&path[0], &mut added);
+    rules.extend(&mut route, [&points[0]; 2], &added);
+    for (pair, points) in path.windows(2).zip(points.windows(2)) {
+        let ([from, to], points) = ([&pair[0], &pair[1]], [&points[0], &points[1]]);
+        let on_road = if to.is_off_road() { &[][..] } else { &pair[1..] };
+        let link = links(from, on_road, points, step).pop().unwrap_or(Link::SameEdge);
+        added = RouteExtension::default();
+        end = rules.advance(end, [from, to], &link, &mut added);
+        rules.extend(&mut route, points, &added);
+    }
+    added = RouteExtension::default();
+    RouteRules::<P>::finish(end, &path[path.len() - 1], &mut added);
+    rules.extend(&mut route, [&points[points.len() - 1]; 2], &added);
+    route
+}
+
+impl<P: Coordinates> RouteRules<'_, P> {
+    /// Metres along an edge, snapped to its end if what is left would be no stretch.
+    fn up_to_end(&self, edge: usize, along: f64) -> f64 {
+        let length = self.length(edge);
+        if along >= length - LEAST { length } else { along }
+    }
+
+    /// Extends a route by what a move between two points adds.
+    fn extend(
+        &self,
+        route: &mut Vec<Stretch<P>>,
+        [from, to]: [&TracePoint<P>; 2],
+        added: &RouteExtension,
+    ) {
+        if let Some(last) = route.last_mut() {
+            match (last.edge, added.extend) {
+                (None, _) if added.from_off_road => {
+                    last.ends[1] = to.position;
+                    last.exit = last.ends[0].metres_to(to.position);
+                }
+                (Some(edge), Some(exit)) => {
+                    // Positions jitter backwards; a route does not.
+                    last.exit = last.exit.max(self.up_to_end(edge, exit));
+                    last.ends[1] = self.0.position_along(edge, last.exit);
+                }
+                _ => {}
+            }
+        }
+        for &Part { edge, mut enter, mut exit } in &added.parts {
+            if edge == OFF_ROAD {
+                let metres = from.position.metres_to(to.position);
+                let ends = [from.position, to.position];
+                route.push(Stretch { edge: None, enter: 0.0, exit: metres, ends });
+                continue;
+            }
+            let edge = edge as usize;
+            if exit > enter {
+                exit = self.up_to_end(edge, exit);
+            }
+            // After a U-turn, the reverse edge is entered where the stretch before ends. Both edges
+            // may differ in length, so at the end of one the other starts at 0.
+            if let Some((before, end)) =
+                route.last().and_then(|last| last.edge.zip(Some(last.exit)))
+                && self.0.reverse(edge) == Some(before)
+            {
+                let at_end = end >= self.length(before);
+                let turn = if at_end { 0.0 } else { (self.length(edge) - end).max(0.0) };
+                enter = turn.min(exit);
+            }
+            let ends = [enter, exit].map(|along| self.0.position_along(edge, along));
+            route.push(Stretch { edge: Some(edge), enter, exit, ends });
+        }
     }
 }
