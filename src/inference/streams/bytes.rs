@@ -52,6 +52,7 @@ pub struct Writer {
 }
 
 impl Writer {
+    #[must_use]
     pub fn new(kind: Kind) -> Self {
         Self { bytes: [MAGIC, &[kind as u8, VERSION]].concat() }
     }
@@ -88,6 +89,7 @@ impl Writer {
         others.for_each(|value| self.double(*value));
     }
 
+    #[must_use]
     pub fn finish(mut self) -> Vec<u8> {
         let sum = checksum(&self.bytes);
         self.bytes.extend(sum.to_le_bytes());
@@ -205,6 +207,7 @@ impl<'a> Reader<'a> {
     }
 }
 
+#[must_use]
 pub fn contents(reason: String) -> SnapshotError {
     SnapshotError::Contents { reason }
 }

@@ -6,8 +6,7 @@ mod shape;
 mod step;
 
 use self::shape::{Direction, RouteShape, Stencil};
-use super::OdometryModel;
-use super::speeds::{Speeds, Window};
+use super::speeds::{OdometryModel, Speeds, Window};
 use wayfix::Belief;
 use wayfix::TransitionError;
 use wayfix::error::Parameter;
@@ -430,7 +429,7 @@ impl RouteTransition {
         let on = self.speeds.shares().iter().map(|share| share * (1.0 - off) / n as f64);
         let layers = on.chain(self.off_map.map(|_| off / n as f64));
         // The shares sum to one, so on- and off-map mass sum to one without a division.
-        Belief::known(layers.flat_map(|p| std::iter::repeat_n(p, n)).collect())
+        Belief::from_valid(layers.flat_map(|p| std::iter::repeat_n(p, n)).collect())
     }
 
     fn with_stencils(self) -> Self {
