@@ -14,6 +14,7 @@ use crate::sequence::Sequence;
 use crate::transition::Transition;
 
 /// Distributions of X_k for k = 1 … T, in rows of n numbers.
+#[derive(Debug)]
 pub struct LeftOut {
     /// p(X_k | y_1 … y_{k-1})
     pub predicted: Vec<f64>,
