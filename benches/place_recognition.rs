@@ -64,7 +64,7 @@ fn live(criterion: &mut Criterion) {
     let linear = |row: &Vec<f32>| row.iter().map(|d| f64::from(-d).exp()).collect();
     let likelihoods: Vec<Vec<f64>> = rows.iter().map(linear).collect();
 
-    let window = WindowTransition::new(PLACES, -1, &[0.05, 0.15, 0.6, 0.15, 0.05], false)
+    let window = WindowTransition::open(PLACES, -1, &[0.05, 0.15, 0.6, 0.15, 0.05])
         .expect("the weights sum to one");
     let given = LikelihoodVector::linear(PLACES).owned();
     step(criterion, "window of 5, likelihoods given", &window, given, &(), &likelihoods);

@@ -116,7 +116,8 @@ impl Belief {
 
     /// Creates a belief from values that are known to be a distribution.
     #[doc(hidden)]
-    pub fn known(probabilities: Vec<f64>) -> Self {
+    #[must_use]
+    pub fn from_valid(probabilities: Vec<f64>) -> Self {
         Self { probabilities }
     }
 }
@@ -124,6 +125,7 @@ impl Belief {
 impl<'a> Belief<&'a [f64]> {
     /// Creates a view of values that are known to be a distribution.
     #[doc(hidden)]
+    #[must_use]
     pub fn view(probabilities: &'a [f64]) -> Self {
         Self { probabilities }
     }

@@ -10,8 +10,8 @@ use std::error::Error;
 use crate::fixed::Fixed;
 
 /// A part of a model (an operator, a sensor) whose free parameters, those that
-/// [learning](crate::Hmm::learn) changes, can be moved: for
-/// [`Hmm::standard_errors`](crate::Hmm::standard_errors).
+/// [learning](crate::Hmm::learn) changes, can be moved: for the standard errors of
+/// [wayfix-learn](https://docs.rs/wayfix-learn).
 ///
 /// All operators and sensors that learn implement it; [`Fixed`](crate::Fixed) has no free
 /// parameters.
@@ -87,7 +87,7 @@ pub struct Displacement<'d> {
     at: usize,
     at_bound: usize,
     /// Parameters seen so far, if the displacement is by nothing.
-    seen: Vec<Seen>,
+    recorded: Vec<Seen>,
 }
 
 /// A parameter seen by a displacement by nothing.
@@ -115,7 +115,7 @@ impl<'d> Displacement<'d> {
     /// parameters after them.
     #[must_use]
     pub fn new(by: &'d [f64]) -> Self {
-        Self { by, at: 0, at_bound: 0, seen: Vec::new() }
+        Self { by, at: 0, at_bound: 0, recorded: Vec::new() }
     }
 
     /// Number of free parameters seen so far.
@@ -131,8 +131,9 @@ impl<'d> Displacement<'d> {
     }
 
     /// Parameters seen, if the displacement is by nothing.
+    #[must_use]
     pub fn into_seen(self) -> Vec<Seen> {
-        self.seen
+        self.recorded
     }
 
     /// Returns the displacement of the next free parameter.
@@ -140,7 +141,7 @@ impl<'d> Displacement<'d> {
         let by = self.by.get(self.at).copied().unwrap_or(0.0);
         self.at += 1;
         if self.by.is_empty() {
-            self.seen.push(Seen { value, scale });
+            self.recorded.push(Seen { value, scale });
         }
         by
     }

@@ -42,25 +42,26 @@ struct Run {
     states: Range<usize>,
     /// Group of the first state.
     group: usize,
-    same: bool,
+    single_group: bool,
 }
 
 impl Run {
     fn all(of: &[usize]) -> Vec<Self> {
         // Greedy: a state extends the last run if it fits its kind. A run of one state has no kind
-        // yet (`same` is false), and takes that of its second state.
+        // yet (`single_group` is false), and takes that of its second state.
         let mut runs: Vec<Self> = Vec::new();
         for (state, &group) in of.iter().enumerate() {
             if let Some(run) = runs.last_mut() {
                 let count = run.states.len();
-                let (same, next) = (group == run.group, group == run.group + count);
-                if (same && (run.same || count == 1)) || (next && !run.same) {
-                    run.same = same;
+                let (single_group, next) = (group == run.group, group == run.group + count);
+                if (single_group && (run.single_group || count == 1)) || (next && !run.single_group)
+                {
+                    run.single_group = single_group;
                     run.states.end = state + 1;
                     continue;
                 }
             }
-            runs.push(Self { states: state..state + 1, group, same: false });
+            runs.push(Self { states: state..state + 1, group, single_group: false });
         }
         runs
     }
@@ -91,6 +92,7 @@ impl Groups {
 
     /// Creates a grouping from groups that are known to be numbered without gaps.
     #[doc(hidden)]
+    #[must_use]
     pub fn numbered(of: Vec<usize>, count: usize) -> Self {
         // A counting sort, stable, so that the states of a group ascend.
         let mut ends = vec![0; count];
@@ -142,7 +144,7 @@ impl Groups {
     pub fn marginal<S: AsRef<[f64]>>(&self, belief: &Belief<S>) -> Result<Belief, BeliefError> {
         let mut sums = vec![0.0; self.count()];
         self.marginal_into(belief, &mut sums)?;
-        Ok(Belief::known(sums))
+        Ok(Belief::from_valid(sums))
     }
 
     /// Writes the [marginal distribution](Self::marginal) over the groups to a slice with one
@@ -178,15 +180,15 @@ impl Groups {
             return Err(BeliefError::Room { found, expected });
         }
         out.fill(0.0);
-        self.add_up(belief.values(), out);
+        self.add_group_sums(belief.values(), out);
         Ok(())
     }
 
     /// Adds to each sum the values of the group's states, in the order of the states.
-    pub(crate) fn add_up(&self, values: &[f64], sums: &mut [f64]) {
-        for Run { states, group, same } in &self.runs {
+    pub(crate) fn add_group_sums(&self, values: &[f64], sums: &mut [f64]) {
+        for Run { states, group, single_group } in &self.runs {
             let values = &values[states.clone()];
-            if *same {
+            if *single_group {
                 values.iter().for_each(|value| sums[*group] += value);
             } else {
                 let sums = sums[*group..].iter_mut();
@@ -197,9 +199,9 @@ impl Groups {
 
     /// Writes to each state the value of its group.
     pub(crate) fn expand(&self, groups: &[f64], out: &mut [f64]) {
-        for Run { states, group, same } in &self.runs {
+        for Run { states, group, single_group } in &self.runs {
             let out = &mut out[states.clone()];
-            if *same {
+            if *single_group {
                 out.fill(groups[*group]);
             } else {
                 out.copy_from_slice(&groups[*group..][..out.len()]);
@@ -218,8 +220,9 @@ impl Groups {
         let runs = self.runs[first..].iter().take_while(move |run| run.states.start < states.end);
         runs.map(move |run| {
             let start = run.states.start.max(states.start);
-            let group = if run.same { run.group } else { run.group + start - run.states.start };
-            (start..run.states.end.min(states.end), group, run.same)
+            let group =
+                if run.single_group { run.group } else { run.group + start - run.states.start };
+            (start..run.states.end.min(states.end), group, run.single_group)
         })
     }
 

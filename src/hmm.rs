@@ -10,7 +10,7 @@ use crate::belief::Belief;
 use crate::error::{HmmError, TransitionError};
 use crate::likelihood::Likelihood;
 use crate::reorder::ReorderStates;
-use crate::transition::{self, Stationary, Transition, TransitionEntries, the_control};
+use crate::transition::{self, Stationary, Transition, TransitionEntries, stationary_control};
 
 /// Largest Σ |A π − π| of a stationary prior: ten times the tolerance of the sum of a column.
 const STATIONARY_TOLERANCE: f64 = 1e-8;
@@ -69,8 +69,7 @@ impl Prior {
     ///
     /// # Errors
     ///
-    /// [`TransitionError`] if the operator has a control, does not
-    /// [declare that it has none](Transition::no_control), or has evidence on moves
+    /// [`TransitionError`] if the operator has a control or evidence on moves
     /// ([`Stationary`](TransitionError::Stationary)); if the chain has several closed classes
     /// ([`ClosedClasses`](TransitionError::ClosedClasses)); if the elimination takes more than
     /// 2^26 entries ([`Elimination`](TransitionError::Elimination)), as for a large graph without
@@ -91,6 +90,7 @@ impl Prior {
 
     /// Returns another distribution under the same convention.
     #[doc(hidden)]
+    #[must_use]
     pub fn with_belief(&self, belief: Belief) -> Self {
         match self {
             Self::BeforeFirstTransition(_) => Self::BeforeFirstTransition(belief),
@@ -139,9 +139,9 @@ pub struct Hmm<A, B> {
 impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// Creates a model from three parts with the same number of states. O(n + E).
     ///
-    /// If the transition operator declares that it has [no control](Transition::no_control), this
-    /// checks the sums of its columns, and that its two products are those of one matrix and its
-    /// transpose. Any other operator is checked at each step, by the sum of its prediction.
+    /// If the transition operator takes no control, this checks the sums of its columns, and that
+    /// its two products are those of one matrix and its transpose. Any other operator is checked at
+    /// each step, by the sum of its prediction.
     ///
     /// # Errors
     ///
@@ -195,6 +195,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     }
 
     #[doc(hidden)]
+    #[must_use]
     pub fn rounding_tails(self, rounds_tails: bool) -> Self {
         Self { rounds_tails, ..self }
     }
@@ -260,7 +261,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         }
         // Reordering changes no number, so that the checks of `new` still hold.
         let probabilities = self.prior.belief().as_slice();
-        let belief = Belief::known(order.iter().map(|&state| probabilities[state]).collect());
+        let belief = Belief::from_valid(order.iter().map(|&state| probabilities[state]).collect());
         Ok(Self {
             prior: self.prior.with_belief(belief),
             transition: self.transition.reordered(order),
@@ -298,7 +299,7 @@ impl<M: Deref<Target = Hmm<A, B>>, A: Transition, B: Likelihood> ModelPointer fo
 
 /// Checks that a transition does not change a belief.
 fn check_stationary<A: Transition>(belief: &Belief, transition: &A) -> Result<(), HmmError> {
-    let control = the_control(transition).map_err(HmmError::Stationary)?;
+    let control = stationary_control(transition).map_err(HmmError::Stationary)?;
     let mut after = vec![0.0; belief.states()];
     transition.apply(control, belief.as_slice(), &mut after);
     let changes =

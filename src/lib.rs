@@ -40,10 +40,7 @@
 //! | [`Hmm::pruned_filter`] | [`PrunedFilter`]: the filter for millions of states, with a proven error bound |
 //! | [`Hmm::online_viterbi`] | [`OnlineViterbi`]: the final part of the most probable path |
 //!
-//! A stream is plain data: `snapshot` and `restore` copy it,
-//! [`to_bytes`](inference::FilterSnapshot::to_bytes) and `from_bytes` store it, exact to the bit. A
-//! fixed-lag smoother under a control keeps the last controls, which it stores by a function of
-//! yours: [`to_bytes_with`](inference::FixedLagSnapshot::to_bytes_with) and `from_bytes_with`.
+//! A stream is plain data: `snapshot` and `restore` copy it, exact to the bit.
 //!
 //! For a **whole [`Sequence`]** of observations, or of observations with
 //! [controls](Controlled):
@@ -52,48 +49,46 @@
 //! |---|---|
 //! | [`Hmm::forward`] | each step, given the observations up to it ([`FilteredSequence`](inference::FilteredSequence)) |
 //! | [`Hmm::smooth`] | each step, given all observations ([`SmoothedSequence`](inference::SmoothedSequence)) |
-//! | [`Hmm::smooth_each`] | the same in O(n √T) memory, with pairwise posteriors, passed to a visitor |
 //! | [`Hmm::log_likelihood`] | ln p(y_1 … y_T) |
 //! | [`Hmm::viterbi`], [`Hmm::k_best`], [`Hmm::beam_viterbi`] | the most probable paths |
 //! | [`Hmm::path_sampler`] | paths drawn given all observations |
 //! | [`Hmm::expected_moves`], [`Hmm::path_entropy`] | the expected count of each move; the entropy of the whole path |
 //! | [`Hmm::learn`], [`Hmm::fit`] | a maximum-likelihood model, from sequences without labels or [with some](guide::labels); the same with all |
-//! | [`Hmm::learn_best`], [`Hmm::expectations`], [`Hmm::maximize`] | the same from several starts; an iteration in parts |
-//! | [`inference::LearnedModel::criteria`], [`inference::ModelSelection`] | AIC, BIC and held-out likelihood |
-//! | [`Hmm::standard_errors`], [`Hmm::jackknife`] | standard errors and intervals of what was learned: from the likelihood, for one long sequence too; from many sequences, for models that are not true |
+//! | [`Hmm::simulate`] | states and observations drawn from the model |
 //!
-//! With the feature `emission`, `Hmm::pseudo_residuals` says whether a model fits, and
-//! `Filter::predictive` how the next observation is distributed.
-//!
-//! For **many sequences**, [`Hmm::forward_all`], [`Hmm::smooth_all`], [`Hmm::log_likelihood_all`]
-//! and [`Hmm::viterbi_all`] return the results of a slice.
-//! [`Hmm::simulate`] and [`Filter::simulate`] sample from the model, [`Hmm::simulate_after`] from an
-//! autoregressive one. Methods of a stream whose names end in `_with`
-//! take a control.
+//! [`guide::routines`] lists all routines, those for many sequences among them, with their
+//! limitations. Methods of a stream whose names end in `_with` take a control.
 //!
 //! The root holds the names that nearly every program needs. Everything else is in a module,
 //! whose front page tells which item to use:
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`transition`] | operators: sparse, dense, windows, switched, dwell times, evidence on moves |
-//! | [`likelihood`] | sensors: tables, vectors, sparse, missing, fused, grouped |
-//! | `emission` | families of observations that are learned: Gaussians and their kin, counts, angles, durations (feature `emission`) |
+//! | [`transition`] | operators: sparse, dense, windows, switched, dwell times, evidence on moves; [`transition::kit`] for your own |
+//! | [`likelihood`] | sensors: tables, vectors, sparse, missing, fused, grouped; [`likelihood::kit`] for your own |
 //! | [`inference`] | options and results of the methods above; trellises |
-//! | [`map`] | places and roads, the transitions derived from them, positions along roads |
-//! | [`motion`] | vehicles: speeds along a route, odometry, metres along roads or on a map, off the map |
-//! | [`observation`] | images by their descriptors or distances, measured positions, tags, sensors that confuse neighbouring places |
-//! | [`recognition`] | place recognition by images, from references and queries to answers, live and afterwards |
-//! | `matching` | positions of vehicles on road networks, live and afterwards (feature `matching`) |
+//! | [`map`] | places and roads, and the transitions derived from them |
+//! | [`motion`] | vehicles: the distance driven as evidence, off the map |
+//! | [`observation`] | sensors that confuse neighbouring places, measured positions, places that are seen or not |
 //! | [`evaluate`] | recall, precision, calibration and other scores |
 //! | `canberra` | the paper's instance with 105 intersections, built from public items only (feature `canberra`) |
-//! | [`guide`] | chapters: [which routine](guide::routines), [formulas](guide::formulas), [performance](guide::performance), [from descriptors to a position](guide::from_descriptors), from GPS points to a route (`from_gps`, feature `matching`), [a lost robot on a grid](guide::lost_robot), [labels of all steps or of some](guide::labels), [silent states](guide::silent_states), [from hmmlearn](guide::from_hmmlearn), [from dynamax](guide::from_dynamax), [from depmixS4, momentuHMM and others of R](guide::from_depmixs4_and_momentuhmm) |
+//! | [`error`] | all errors |
+//! | [`guide`] | chapters: [which routine](guide::routines), [formulas](guide::formulas), [performance](guide::performance), [labels of all steps or of some](guide::labels), [silent states](guide::silent_states), [a lost robot on a grid](guide::lost_robot), [storing models](guide::storing), [from dynamax](guide::from_dynamax) |
 //!
 //! You can also implement [`Transition`] or [`Likelihood`] yourself: each has an example of a
-//! dozen lines; [`with_scratch`](transition::with_scratch) lends an operator memory. With
-//! [`LearnTransition`](transition::LearnTransition) or
-//! [`LearnLikelihood`](likelihood::LearnLikelihood), [`Hmm::learn`] estimates them, too, and with
-//! [`FreeParameters`](inference::FreeParameters) they have standard errors.
+//! dozen lines, and a `kit` with tools and a test of all methods. With
+//! [`LearnFromMoves`](transition::LearnFromMoves) or
+//! [`LearnLikelihood`](likelihood::LearnLikelihood), [`Hmm::learn`] estimates them, too.
+//!
+//! # When to take another crate
+//!
+//! | for | take |
+//! |---|---|
+//! | Gaussians, counts, angles and other families that are learned, regression, starts, choice of models, standard errors, residuals | [wayfix-learn](https://docs.rs/wayfix-learn) |
+//! | road networks, imported maps, GPS points matched to roads | [wayfix-roads](https://docs.rs/wayfix-roads) |
+//! | places recognised by images | [wayfix-recognition](https://docs.rs/wayfix-recognition) |
+//!
+//! They stand on this crate, and their operators and sensors work with every method of [`Hmm`].
 //!
 //! # Conventions
 //!
@@ -134,6 +129,7 @@
 //!
 //! - Learning the parameters of structured operators (a window's weights, rates of restarts).
 //! - Continuous states (Kalman and particle filters).
+//! - Families of observations with their own M steps: they are in wayfix-learn.
 //! - Computer vision: descriptors of images, or their similarities, are inputs.
 //! - Silent states, which emit nothing and take no step; a [chapter](guide::silent_states) shows how to
 //!   compose the moves through them into an operator.
@@ -147,27 +143,17 @@
 //!
 //! # Crate features
 //!
+//! None is on by default.
+//!
 //! - **`canberra`**: the module `canberra`, the instance of the paper. Compiles in its places and roads,
 //!   which alone in the crate are under the Open Database License 1.0.
-//! - **`csv`** (default): `RoadMap::from_csv_files` and `RoadNetwork::from_csv_files` read maps and
-//!   road networks (with `places`), `matching::read_traces` drives (with `matching`),
-//!   `emission::Series` columns of numbers (with `emission`).
-//! - **`emission`**: the module `emission`, families of observations that are learned. Compiles faer.
+//! - **`csv`**: `RoadMap::from_csv_files` reads maps.
 //! - **`faer`**: operators and tables from [faer](https://docs.rs/faer)
 //!   matrices, dense operators as faer views. Adds most to compile time.
-//! - **`geojson`**: `RoadNetwork::from_geojson_file` reads road networks, `to_geojson` writes them;
-//!   `matching::read_traces` reads drives (with `matching`).
-//! - **`gpx`**: `matching::read_traces` reads drives from GPX files. Implies `matching`.
-//! - **`matching`**: the module `matching`, which places positions of vehicles on road networks.
-//! - **`osm`**: `RoadNetwork::from_osm_file` reads OpenStreetMap extracts (`.osm.pbf`).
-//! - **`places`** (default): all about vehicles that must know where they are, the modules [`map`],
-//!   [`motion`], [`observation`], [`recognition`] and [`evaluate`]. Half of the library; an HMM needs
-//!   none of it. `canberra`, `geojson`, `gpx`, `matching`, `osm` and `roads` imply it.
 //! - **`rayon`**: many sequences, and the rows of large sparse matrices, in parallel, with
 //!   identical results.
-//! - **`roads`**: `csv`, `geojson`, `gpx`, `osm` and `matching`.
 //! - **`serde`**: models and snapshots as JSON or in any other format of
-//!   [serde](https://serde.rs), exact to the bit; see the module `persistence`.
+//!   [serde](https://serde.rs), exact to the bit; [a chapter](guide::storing) has the formats.
 //!
 //! Random numbers come from any generator of rand 0.10.
 //!
@@ -177,9 +163,13 @@
 
 // On docs.rs, labels items with the features that they need.
 #![cfg_attr(docsrs, feature(doc_cfg))]
-#![allow(missing_docs)] // TEMP
 
 mod belief;
+#[allow(
+    missing_docs,
+    clippy::missing_errors_doc,
+    reason = "hidden: what the sibling crates share has no promise"
+)]
 mod files;
 mod fixed;
 mod free_parameters;

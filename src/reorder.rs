@@ -27,6 +27,7 @@ pub trait ReorderStates: Sized {
 }
 
 /// New position of each former state, the inverse permutation of `order`.
+#[must_use]
 pub fn positions(order: &[usize]) -> Vec<usize> {
     let mut positions = vec![0; order.len()];
     order.iter().enumerate().for_each(|(new, &old)| positions[old] = new);

@@ -7,7 +7,7 @@ use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, Exp1};
 use wayfix::motion::{DistanceTransition, OdometryReading, OffMapTransition};
 use wayfix::transition::{
-    DwellTransition, KroneckerTransition, PowerTransition, RestartTransition, WindowTransition,
+    DwellTransition, KroneckerTransition, RestartTransition, WindowTransition,
 };
 use wayfix::{Belief, DenseTransition, SparseTransition, TransitionEntries};
 use wayfix_recognition::motion::{
@@ -19,7 +19,7 @@ use crate::timed::Group;
 /// Benches of all operators, with 1,050 places.
 pub(crate) fn all(criterion: &mut Criterion) {
     let n = 1050;
-    let window = WindowTransition::new(n, 0, &[0.1, 0.6, 0.2, 0.1], true).expect("a window");
+    let window = WindowTransition::closed(n, 0, &[0.1, 0.6, 0.2, 0.1]).expect("a window");
     let uniform = |n| Belief::uniform(n).expect("there are states");
     let turns = DenseTransition::from_fn(4, |i, j| if i == j { 0.7 } else { 0.1 }).expect("turns");
     let times = vec![[0.1, 0.4, 0.3, 0.2]; n];
@@ -34,7 +34,6 @@ pub(crate) fn all(criterion: &mut Criterion) {
     operator_with(criterion, "by distance", &distance, &Some(driven));
     let off_map = OffMapTransition::new(sparse, 0.01, 0.1, uniform(n)).expect("one size");
     operator(criterion, "off the map", &off_map);
-    operator(criterion, "power of 3", &PowerTransition::new(window.clone(), 3));
     let kronecker = KroneckerTransition::new(window.clone(), turns).expect("few states");
     operator(criterion, "kronecker with 4 headings", &kronecker);
     let dwell = DwellTransition::new(window, &times).expect("distributions");

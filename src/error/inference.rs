@@ -173,12 +173,14 @@ impl InferenceError {
 
     /// Error of a step whose likelihood could not be computed, or is invalid.
     #[doc(hidden)]
+    #[must_use]
     pub fn likelihood(step: usize, cause: LikelihoodError) -> Self {
         Self::Likelihood(At::new(&["step ", " has no valid likelihood"], step, cause))
     }
 
     /// Error of a step whose control the transition operator does not accept.
     #[doc(hidden)]
+    #[must_use]
     pub fn control(step: usize, cause: TransitionError) -> Self {
         Self::Control(At::new(&["step ", " has no valid control"], step, cause))
     }

@@ -209,6 +209,7 @@ pub enum LearnError {
 impl LearnError {
     /// Error of sequences none of which can be learned from; `first` is the first failure, if any.
     #[doc(hidden)]
+    #[must_use]
     pub fn nothing(sequences: usize, first: Option<SequenceError>) -> Self {
         let words = &["there is no observation to learn from, in ", " sequences given"];
         match first {

@@ -3,7 +3,7 @@
 use std::error::Error;
 use std::sync::Arc;
 
-use super::{Failed, Number, Parameter};
+use super::{Disagreement, Failed, Number, Parameter};
 
 /// A likelihood that could not be computed or is invalid.
 #[derive(Debug, Clone, thiserror::Error)]
@@ -71,6 +71,16 @@ pub enum LikelihoodError {
     /// [`sensor`](Self::sensor).
     #[error(transparent)]
     Sensor(Failed<Arc<dyn Error + Send + Sync>>),
+    /// Two methods of a sensor do not agree, as [`kit`](crate::likelihood::kit) found.
+    #[error(transparent)]
+    Disagreement(#[from] Disagreement),
+    /// A sensor draws observations that are impossible in the state they are drawn in, as
+    /// [`kit`](crate::likelihood::kit) found.
+    #[error("an observation drawn in state {state} is impossible there")]
+    ImpossibleSample {
+        /// The state, from 0.
+        state: usize,
+    },
 }
 
 impl LikelihoodError {

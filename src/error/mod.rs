@@ -22,8 +22,9 @@ pub use hmm::HmmError;
 pub use inference::InferenceError;
 pub use learn::{LearnError, SequenceError};
 pub use likelihood::LikelihoodError;
+#[doc(hidden)]
 pub use payload::Number;
-pub use payload::{At, Count, Failed, Parameter};
+pub use payload::{At, Count, Disagreement, Failed, Parameter};
 pub use snapshot::SnapshotError;
 pub use table::TableError;
 pub use transition::TransitionError;

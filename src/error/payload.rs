@@ -1,5 +1,5 @@
 //! Payloads shared by the errors: a number out of its range, a wrong count, an error at a step, a
-//! failure with its cause.
+//! failure with its cause, two methods that disagree.
 
 use std::borrow::Cow;
 use std::error::Error;
@@ -131,3 +131,36 @@ impl<E: Error> Error for Failed<E> {
         self.cause.source()
     }
 }
+
+/// A method of an operator or a sensor that does not agree with its other methods.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Disagreement {
+    /// Name of the method.
+    pub method: &'static str,
+    /// Destination state, or the state of a likelihood, if the value belongs to one.
+    pub to: Option<usize>,
+    /// Source state, if the value belongs to one.
+    pub from: Option<usize>,
+    /// Value returned, in the unit of the method: a number, or a natural or base-2 logarithm. Natural
+    /// logarithms for sensors.
+    pub found: f64,
+    /// Value of the other methods, in the same unit.
+    pub expected: f64,
+}
+
+impl fmt::Display for Disagreement {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { method, to, from, found, expected } = self;
+        write!(f, "`{method}` gives {}", Number(*found))?;
+        match (to, from) {
+            (Some(to), Some(from)) => {
+                write!(f, " for the transition from state {from} to state {to}")?;
+            }
+            (Some(state), None) | (None, Some(state)) => write!(f, " for state {state}")?,
+            (None, None) => {}
+        }
+        write!(f, ", expected {} as by its other methods", Number(*expected))
+    }
+}
+
+impl Error for Disagreement {}

@@ -1,6 +1,6 @@
 //! Errors of transition operators.
 
-use super::{Number, Parameter};
+use super::{Disagreement, Number, Parameter};
 
 /// An invalid transition operator, or a control that it does not accept.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -209,4 +209,21 @@ pub enum TransitionError {
     /// The operator does not accept the control.
     #[error("{0}")]
     Control(String),
+    /// An operator with restarts was given to an operator with evidence on moves.
+    #[error(
+        "an EvidenceTransition around a RestartTransition would take restarts for moves: put the restart outside, RestartTransition::new(EvidenceTransition::new(…)?, …)?.with_evidence(…)"
+    )]
+    Restarts,
+    /// Two methods of the operator are not those of one matrix, as
+    /// [`kit::check`](crate::transition::kit::check) found.
+    #[error(transparent)]
+    Disagreement(#[from] Disagreement),
+    /// A method of the operator breaks the contract of its trait in another way.
+    #[error("`{method}` {problem}")]
+    Contract {
+        /// Name of the method.
+        method: &'static str,
+        /// Description of the problem, with the expected behaviour.
+        problem: String,
+    },
 }

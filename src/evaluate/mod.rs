@@ -60,6 +60,12 @@ fn check_lengths<T, E>(truth: &[T], estimates: &[E]) -> Result<(), EvaluationErr
     if truth == estimated { Ok(()) } else { Err(EvaluationError::Length { truth, estimated }) }
 }
 
+/// Checks that a level of confidence is from 0 to 1.
+///
+/// # Errors
+///
+/// [`EvaluationError::Parameter`] for any other level, and for NaN.
+#[doc(hidden)]
 pub fn check_level(level: f64) -> Result<(), EvaluationError> {
     if (0.0..=1.0).contains(&level) {
         Ok(())

@@ -51,11 +51,13 @@ pub fn text_of(file: &str, mut reader: impl Read) -> Result<String, FileError> {
 const LONGEST: usize = 60;
 
 /// Returns a field, shortened to the length that error messages quote.
+#[must_use]
 pub fn excerpt(field: &str) -> Cow<'_, str> {
     shortened(field, LONGEST)
 }
 
 /// Returns a text, shortened to at most `most` characters and an ellipsis.
+#[must_use]
 pub fn shortened(text: &str, most: usize) -> Cow<'_, str> {
     match text.char_indices().nth(most) {
         // Indices of characters, so the cut is on a boundary.

@@ -16,7 +16,7 @@ pub enum Text {
     Lossy,
 }
 
-/// A row, and the places of its columns. Spaces around fields are ignored.
+/// A row, and where its columns are. Spaces around fields are ignored.
 #[derive(Debug)]
 pub struct Row<'a> {
     /// First line of the row in the file, from 1.
@@ -25,13 +25,15 @@ pub struct Row<'a> {
     pub width: usize,
     record: &'a StringRecord,
     /// Place of each column in the row, if the file has it.
-    places: &'a [Option<usize>],
+    columns: &'a [Option<usize>],
     /// Name of each column in errors.
     names: &'a [&'a str],
 }
 
 impl Row<'_> {
     /// Number of fields.
+    #[must_use]
+    #[expect(clippy::len_without_is_empty, reason = "a row has at least one field")]
     pub fn len(&self) -> usize {
         self.record.len()
     }
@@ -49,13 +51,15 @@ impl Row<'_> {
     }
 
     /// True if the file has a column.
+    #[must_use]
     pub fn has(&self, column: usize) -> bool {
-        self.places[column].is_some()
+        self.columns[column].is_some()
     }
 
     /// Text of a column, empty if the file does not have it.
+    #[must_use]
     pub fn text(&self, column: usize) -> &str {
-        self.places[column].and_then(|place| self.record.get(place)).unwrap_or_default().trim()
+        self.columns[column].and_then(|place| self.record.get(place)).unwrap_or_default().trim()
     }
 
     pub fn id(&self, column: usize) -> Result<u64, String> {
@@ -71,6 +75,7 @@ impl Row<'_> {
     }
 
     /// Describes an unexpected field.
+    #[must_use]
     pub fn unexpected(&self, column: usize, expected: &str) -> String {
         let found = excerpt(self.text(column));
         format!("{} is {found:?}, expected {expected}", self.names[column])
@@ -103,21 +108,21 @@ pub fn each_row<C: AsRef<[Option<usize>]>>(
     let (mut record, line, _) = read(StringRecord::new())?;
     record.trim();
     let width = record.len();
-    let places = find(&record).map_err(|problem| at(line, problem))?;
+    let columns = find(&record).map_err(|problem| at(line, problem))?;
     loop {
         let (next, line, more) = read(record)?;
         if !more {
             return Ok(line);
         }
         record = next;
-        let row = Row { line, width, record: &record, places: places.as_ref(), names };
+        let row = Row { line, width, record: &record, columns: columns.as_ref(), names };
         take(row).map_err(|problem| at(line, problem))?;
     }
 }
 
 /// Names in a header that belong to none of the columns read.
-pub fn unknown(header: &StringRecord, places: &[Option<usize>]) -> impl Iterator<Item = String> {
-    let unknown = header.iter().enumerate().filter(|(place, _)| !places.contains(&Some(*place)));
+pub fn unknown(header: &StringRecord, columns: &[Option<usize>]) -> impl Iterator<Item = String> {
+    let unknown = header.iter().enumerate().filter(|(place, _)| !columns.contains(&Some(*place)));
     unknown.map(|(_, name)| excerpt(name).into_owned())
 }
 

@@ -1,15 +1,15 @@
-//! Guides: which routine to take, the formulas of each routine and the limits of its speed, from
-//! image descriptors to a position, from GPS points to a route, a lost robot on a grid, labels,
-//! silent states, and the names of other libraries.
+//! Guides: which routine to take, the formulas of each routine and the limits of its speed, a lost
+//! robot on a grid, labels, silent states, storing models, and the names of dynamax.
+//!
+//! Other chapters are in the crates that they need: from hmmlearn and from R in wayfix-learn, from
+//! GPS points to a route in wayfix-roads, from descriptors of images to a position in
+//! wayfix-recognition.
 
 #[doc = include_str!("routines.md")]
 pub mod routines {}
 
 #[doc = include_str!("formulas.md")]
 pub mod formulas {}
-
-#[doc = include_str!("from_hmmlearn.md")]
-pub mod from_hmmlearn {}
 
 #[doc = include_str!("from_dynamax.md")]
 pub mod from_dynamax {}

@@ -24,8 +24,6 @@
 //! | [`Hmm::learn_best`](crate::Hmm::learn_best), from several starts | [`LearnedModel`] | at most that, for each start |
 //! | [`Hmm::expectations`](crate::Hmm::expectations), [`Hmm::maximize`](crate::Hmm::maximize): an iteration in parts | [`Expectations`] | three products |
 //! | [`LearnedModel::criteria`], [`ModelSelection`]: to choose among models | [`Criteria`] | none; learning once for each candidate and fold |
-//! | [`Hmm::jackknife`](crate::Hmm::jackknife): standard errors of the learned parameters | [`StandardErrors`] | learning once for each group of sequences |
-//! | [`Hmm::standard_errors`](crate::Hmm::standard_errors): the same from the curvature of the likelihood, even for a single sequence | [`StandardErrors`] | a product for each of 2 p² models |
 //! | [`Hmm::fit`](crate::Hmm::fit) | a model, from [`LabelledSequence`]s | one count |
 //!
 //! [`formulas`](crate::guide::formulas) derives each algorithm;

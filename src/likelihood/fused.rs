@@ -138,6 +138,10 @@ where
 }
 
 /// Product of two diagonals, written to `out`, which has a value for each state.
+///
+/// # Errors
+///
+/// [`LikelihoodError`] if one of them is not valid.
 pub fn product_of<'a>(
     first: &Diagonal<'_>,
     second: &Diagonal<'_>,

@@ -11,8 +11,8 @@ use super::Likelihood;
 ///
 /// [`TableLikelihood`](crate::TableLikelihood) learns each row; compositions learn their parts;
 /// [`Fixed`](crate::Fixed) excludes a sensor from learning. With
-/// [`FreeParameters`](crate::inference::FreeParameters), learned parameters have
-/// [standard errors](crate::Hmm::standard_errors).
+/// [`FreeParameters`](crate::inference::FreeParameters), learned parameters have standard errors, in
+/// wayfix-learn.
 ///
 /// # Implement it yourself
 ///

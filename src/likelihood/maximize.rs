@@ -14,6 +14,7 @@ type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;
 
 /// Probabilities in proportion to counts plus a pseudo-count. Those of 0 stay 0, and without counts
 /// all stay as they are.
+#[must_use]
 pub fn shares(old: &[f64], counts: &[f64], pseudo_count: f64) -> Vec<f64> {
     let pairs = old.iter().zip(counts);
     let weight = |(p, count): (&f64, &f64)| if *p > 0.0 { count + pseudo_count } else { 0.0 };

@@ -13,16 +13,17 @@
 //! | a function of observation and state | [`LogLikelihoodFn`] |
 //! | a place that is known at some steps (a toll gate, a label) | [`OptionalLikelihood`] of a [`SparseLikelihood`], with [`SparseObservation::known`] |
 //! | observations that may be missing | [`OptionalLikelihood`] |
-//! | several sensors | [`FusedLikelihood`]; for families that are learned, in one row of numbers, `emission::Product` |
+//! | several sensors | [`FusedLikelihood`]; for families that are learned, in one row of numbers, `Product` of wayfix-learn |
 //! | a sensor that sees only part of a state | [`GroupedLikelihood`], with [`Groups`] |
 //! | several references for each state | [`PooledLikelihood`] |
 //!
-//! Sensors of vehicles are in [`observation`](crate::observation).
+//! Sensors of vehicles are in [`observation`](crate::observation). [`kit`] tests sensors of your own.
 
 mod diagonal;
 mod function;
 mod fused;
 mod grouped;
+pub mod kit;
 mod learn;
 mod local;
 mod maximize;
@@ -43,11 +44,13 @@ pub use diagonal::Diagonal;
 pub(crate) use diagonal::Values;
 pub use function::LogLikelihoodFn;
 pub use fused::FusedLikelihood;
+#[doc(hidden)]
 pub use fused::product_of;
 pub use grouped::GroupedLikelihood;
 pub use learn::LearnLikelihood;
 pub use local::LocalLikelihood;
 pub(crate) use local::check_local;
+#[doc(hidden)]
 pub use maximize::shares;
 pub use next::SampleNext;
 pub use optional::OptionalLikelihood;
@@ -75,7 +78,8 @@ use crate::error::LikelihoodError;
 ///
 /// # Implement it yourself
 ///
-/// A sensor that distinguishes odd places from even ones, correctly nine times out of ten:
+/// A sensor that distinguishes odd places from even ones, correctly nine times out of ten
+/// ([`kit`] has tests for it):
 ///
 /// ```
 /// use wayfix::{Diagonal, Likelihood, LikelihoodError, Scratch};

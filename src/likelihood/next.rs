@@ -9,7 +9,7 @@ use crate::error::LikelihoodError;
 
 /// A likelihood that draws an observation given the previous one, for
 /// [`Hmm::simulate_after`](crate::Hmm::simulate_after): an autoregressive model, such as
-/// `emission::LinearRegression`.
+/// `LinearRegression` of wayfix-learn.
 pub trait SampleNext: Likelihood {
     /// An observation by value: `Vec<f64>` for rows of numbers.
     type Sample: Borrow<Self::Observation>;

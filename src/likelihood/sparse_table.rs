@@ -99,7 +99,7 @@ impl SparseTableLikelihood {
     }
 
     /// Creates a table from valid likelihoods of states that exist.
-    pub(crate) fn known(states: usize, symbols: Vec<SparseObservation>) -> Self {
+    pub(crate) fn from_valid(states: usize, symbols: Vec<SparseObservation>) -> Self {
         Self { states, symbols }
     }
 

@@ -41,7 +41,7 @@ pub struct TableLikelihood {
 }
 
 /// Largest number of states stored in `listed_states` per symbol.
-const STANDING_OUT: usize = 16;
+const LISTED_STATES: usize = 16;
 
 impl TableLikelihood {
     /// Creates a table from one row per state, each a distribution over the symbols. O(n m).
@@ -131,7 +131,9 @@ impl TableLikelihood {
             return Err(LikelihoodError::WrongLength { found, expected });
         }
         let columns = self.columns.chunks_exact(self.states);
-        Ok(Belief::known(columns.map(|column| kernels::dot(column, belief.values())).collect()))
+        Ok(Belief::from_valid(
+            columns.map(|column| kernels::dot(column, belief.values())).collect(),
+        ))
     }
 
     /// Returns the rows, as [`from_rows`](Self::from_rows) takes them. O(n m).
@@ -200,7 +202,7 @@ impl LocalLikelihood for TableLikelihood {
         // of those. If all 16 are asked for, the last of them bounds the others; with fewer than 16
         // listed, all others are 0.
         let other = known.iter().find(|entry| states.binary_search(&entry.0).is_err());
-        let rest = known.last().filter(|_| known.len() == STANDING_OUT);
+        let rest = known.last().filter(|_| known.len() == LISTED_STATES);
         Ok((Diagonal::linear(out), other.or(rest).map_or(0.0, |entry| entry.1)))
     }
 
@@ -222,12 +224,12 @@ impl ReorderStates for TableLikelihood {
 fn listed_states(column: &[f64]) -> Vec<(usize, f64)> {
     // Insertion into a short sorted list. Of equal values the lower state comes first, as it was
     // inserted first.
-    let mut known: Vec<(usize, f64)> = Vec::with_capacity(STANDING_OUT + 1);
+    let mut known: Vec<(usize, f64)> = Vec::with_capacity(LISTED_STATES + 1);
     for (state, &value) in column.iter().enumerate().filter(|entry| *entry.1 > 0.0) {
-        if known.len() < STANDING_OUT || known.last().is_some_and(|last| value > last.1) {
+        if known.len() < LISTED_STATES || known.last().is_some_and(|last| value > last.1) {
             let at = known.partition_point(|entry| entry.1 >= value);
             known.insert(at, (state, value));
-            known.truncate(STANDING_OUT);
+            known.truncate(LISTED_STATES);
         }
     }
     known

@@ -11,43 +11,43 @@ pub fn components<I: Iterator<Item = usize>>(
     next: impl Fn(usize) -> I,
 ) -> Vec<u32> {
     let (mut component, mut found) = (vec![NONE; vertices], 0);
-    // For each vertex, the order in which it was met, and the lowest order of a vertex in `open`
+    // For each vertex, the order in which it was met, and the lowest order of a vertex in `stack`
     // that it is known to reach.
-    let (mut met, mut lowest, mut count) = (vec![NONE; vertices], vec![0; vertices], 0);
-    // `open` holds the vertices without a component in the order in which they were met; `path` the
+    let (mut order, mut low_link, mut count) = (vec![NONE; vertices], vec![0; vertices], 0);
+    // `stack` holds the vertices without a component in the order in which they were met; `path` the
     // depth-first path to the current vertex, with the ends that are left of each. Every vertex in
-    // `open` reaches one in `path` that was met no later than itself, or it would have its
+    // `stack` reaches one in `path` that was met no later than itself, or it would have its
     // component.
-    let (mut open, mut path) = (Vec::new(), Vec::new());
+    let (mut stack, mut path) = (Vec::new(), Vec::new());
     for root in 0..vertices {
-        if met[root] != NONE {
+        if order[root] != NONE {
             continue;
         }
         path.push((root, next(root)));
         while let Some((vertex, ends)) = path.last_mut() {
             let vertex = *vertex;
-            if met[vertex] == NONE {
-                (met[vertex], lowest[vertex]) = (count, count);
+            if order[vertex] == NONE {
+                (order[vertex], low_link[vertex]) = (count, count);
                 count += 1;
-                open.push(vertex);
+                stack.push(vertex);
             }
             if let Some(to) = ends.next() {
-                if met[to] == NONE {
+                if order[to] == NONE {
                     path.push((to, next(to)));
                 } else if component[to] == NONE {
                     // An edge into a finished component cannot lead back, and is skipped.
-                    lowest[vertex] = lowest[vertex].min(met[to]);
+                    low_link[vertex] = low_link[vertex].min(order[to]);
                 }
                 continue;
             }
             path.pop();
             if let Some(&(before, _)) = path.last() {
-                lowest[before] = lowest[before].min(lowest[vertex]);
+                low_link[before] = low_link[before].min(low_link[vertex]);
             }
             // The vertex reaches nothing met earlier, so it is the root of a component: itself and
-            // all that is above it in `open`.
-            if lowest[vertex] == met[vertex] {
-                while let Some(member) = open.pop() {
+            // all that is above it in `stack`.
+            if low_link[vertex] == order[vertex] {
+                while let Some(member) = stack.pop() {
                     component[member] = found;
                     if member == vertex {
                         break;

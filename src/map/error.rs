@@ -64,8 +64,7 @@ pub enum MapError {
     },
     /// A road's length is NaN, infinite, zero or negative.
     #[error(
-        "the road from place {from} to place {to} has length {length}, expected metres above 0{}",
-        if *.length > 1e12 { " and at most 1e12" } else { "" },
+        "the road from place {from} to place {to} has length {length}, expected metres above 0",
         length = Number(*.length)
     )]
     Length {
@@ -94,7 +93,7 @@ pub enum MapError {
         /// Description of the problem, with the valid values.
         problem: String,
     },
-    /// A number of a rule or prior, the spacing of cells, or a radius is out of range.
+    /// A number of a rule or a prior is out of range.
     #[error(transparent)]
     Parameter(#[from] Parameter),
     /// A turn has a probability above 0 but there is no road.

@@ -38,10 +38,17 @@
 mod class;
 mod components;
 mod error;
+#[allow(clippy::missing_errors_doc, reason = "hidden: for road networks")]
 mod flow;
+#[allow(
+    missing_docs,
+    clippy::missing_errors_doc,
+    reason = "hidden: what the sibling crates share has no promise"
+)]
 mod places;
 mod position;
 mod road_map;
+#[allow(missing_docs, reason = "hidden: for road networks")]
 mod search;
 mod turning;
 

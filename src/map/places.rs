@@ -34,11 +34,13 @@ impl<P> Default for Places<P> {
 
 impl<P> Places<P> {
     /// Lists places whose ids and positions the caller has checked.
+    #[must_use]
     pub fn of_checked(list: Vec<Place<P>>) -> Self {
         let indices = list.iter().zip(0..).map(|(place, index)| (place.id, index)).collect();
         Self { list, indices }
     }
 
+    #[must_use]
     pub fn index_of(&self, id: u64) -> Option<usize> {
         self.indices.get(&id).map(|&index| index as usize)
     }
@@ -65,6 +67,7 @@ impl<P: Coordinates> Places<P> {
 
     /// Straight distance between two places.
     #[cfg(feature = "csv")]
+    #[must_use]
     pub fn straight(&self, [from, to]: [usize; 2]) -> f64 {
         self.list[from].position.metres_to(self.list[to].position)
     }

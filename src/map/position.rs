@@ -11,7 +11,6 @@ const EARTH_RADIUS: f64 = 6_371_008.8;
 
 /// Coordinates of places: [on Earth](Position), or [in a plane](PlanePosition). Sealed: only
 /// these two types implement it.
-#[expect(private_bounds, reason = "what a map needs to know of an axis is its own affair")]
 pub trait Coordinates: Copy + PartialEq + Debug + Send + Sync + Axes {
     /// Straight-line distance in metres; NaN if a coordinate is NaN.
     #[must_use]
@@ -65,6 +64,7 @@ pub trait Axes: Sized {
 }
 
 /// Returns a periodic value, shifted to within half a period of another number.
+#[must_use]
 pub fn turned(value: f64, near: f64, period: f64) -> f64 {
     let off = value - near;
     // False for NaN and for an infinite period.

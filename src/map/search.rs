@@ -84,11 +84,13 @@ impl<T: Copy + Default> Search<T> {
     }
 
     /// Label of a vertex that the last search settled.
+    #[must_use]
     pub fn settled(&self, vertex: usize) -> Option<&Label<T>> {
         self.labels.get(vertex).filter(|label| label.search == self.number && label.is_settled)
     }
 
     /// Label of a vertex that the last search met.
+    #[must_use]
     pub fn met(&self, vertex: usize) -> Option<&Label<T>> {
         self.labels.get(vertex).filter(|label| label.search == self.number)
     }

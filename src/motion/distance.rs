@@ -7,7 +7,7 @@ use std::f64::consts::PI;
 use crate::error::{Parameter, TransitionError};
 use crate::map::RoadMap;
 use crate::transition::{
-    Measured, MoveLikelihood, SparseTransition, Transition, TransitionEntries, delegate,
+    MoveLikelihood, SparseTransition, Transition, TransitionEntries, WithMoveLikelihood, delegate,
 };
 use wayfix_kernels::limits::LARGEST_LOG;
 use wayfix_kernels::log2;
@@ -66,7 +66,7 @@ use wayfix_kernels::log2;
 /// # Ok::<(), wayfix::TransitionError>(())
 /// ```
 #[derive(Debug, Clone)]
-pub struct DistanceTransition(pub(crate) Measured<SparseTransition, Lengths>);
+pub struct DistanceTransition(pub(crate) WithMoveLikelihood<SparseTransition, Lengths>);
 
 impl DistanceTransition {
     /// Creates an operator with the moves of `base`, each with its `length(to, from)`.
@@ -135,9 +135,9 @@ impl DistanceTransition {
         base: SparseTransition,
         mut length: impl FnMut(usize, usize) -> Result<f64, TransitionError>,
     ) -> Result<Self, TransitionError> {
-        // `of_moves` grows in the order of the base's entries, column by column: `lengths` relies
+        // `moves` grows in the order of the base's entries, column by column: `lengths` relies
         // on it when it cuts out a column by the positions of the base.
-        let (mut of_moves, mut least) = (Vec::with_capacity(base.entries()), 1.0_f64);
+        let (mut moves, mut least) = (Vec::with_capacity(base.entries()), 1.0_f64);
         for from in 0..base.states() {
             for (to, p) in base.outgoing(&(), from) {
                 let value = length(to, from)?;
@@ -147,15 +147,15 @@ impl DistanceTransition {
                     let expected = "a finite value of at least 0";
                     return Err(Parameter::new(what, value, expected).into());
                 }
-                of_moves.push(Length { to: to as u32, metres: value, p, log2: log2(p) });
+                moves.push(Length { to: to as u32, metres: value, p, log2: log2(p) });
                 least = least.min(p);
             }
         }
-        let mut distinct: Vec<f64> = of_moves.iter().map(|length| length.metres).collect();
+        let mut distinct: Vec<f64> = moves.iter().map(|length| length.metres).collect();
         distinct.sort_unstable_by(f64::total_cmp);
         distinct.dedup();
         distinct.shrink_to_fit();
-        Ok(Self(Measured { base, likelihood: Lengths { of_moves, distinct, least } }))
+        Ok(Self(WithMoveLikelihood { base, likelihood: Lengths { moves, distinct, least } }))
     }
 }
 
@@ -184,7 +184,7 @@ pub struct OdometryReading {
 /// Lengths of the moves of an operator, in the order of its columns.
 #[derive(Debug, Clone)]
 pub(crate) struct Lengths {
-    pub(crate) of_moves: Vec<Length>,
+    pub(crate) moves: Vec<Length>,
     /// The distinct lengths, in ascending order.
     distinct: Vec<f64>,
     /// Smallest entry of the base.
@@ -206,7 +206,7 @@ const LEAST_LOG: f64 = -708.396_418_532_264;
 
 impl Lengths {
     fn lengths(&self, base: &SparseTransition, from: usize) -> &[Length] {
-        &self.of_moves[base.positions(from)]
+        &self.moves[base.positions(from)]
     }
 
     fn length(&self, base: &SparseTransition, to: usize, from: usize) -> Option<f64> {
@@ -240,7 +240,7 @@ impl MoveLikelihood<SparseTransition> for Lengths {
         })
     }
 
-    fn logs(
+    fn move_log_likelihood(
         &self,
         base: &SparseTransition,
         read: &Option<OdometryReading>,
@@ -250,7 +250,7 @@ impl MoveLikelihood<SparseTransition> for Lengths {
         Some(move |to, from, metres: Option<f64>| {
             // Only entries of the base are asked for, so there always is a length.
             let length = metres.or_else(|| self.length(base, to, from));
-            length.map_or(f64::NEG_INFINITY, |length| relative(read, length, nearest))
+            length.map_or(f64::NEG_INFINITY, |length| log_density_ratio(read, length, nearest))
         })
     }
 
@@ -278,7 +278,8 @@ impl MoveLikelihood<SparseTransition> for Lengths {
             // ends of the sorted lengths.
             let nearest = self.nearest(read.distance);
             let ends = [self.distinct.first(), self.distinct.last()];
-            let least = ends.into_iter().flatten().map(|length| relative(read, *length, nearest));
+            let least =
+                ends.into_iter().flatten().map(|length| log_density_ratio(read, *length, nearest));
             least.fold(0.0, f64::min) < LEAST_LOG - self.least.ln()
         })
     }
@@ -307,7 +308,7 @@ impl MoveLikelihood<SparseTransition> for Lengths {
 ///
 /// It is −[(d − L)² − (d − N)²] / 2 s², computed as the product of L − N and (L + N) / 2 − d: a
 /// difference of large squares would lose its digits.
-fn relative(read: OdometryReading, length: f64, nearest: f64) -> f64 {
+fn log_density_ratio(read: OdometryReading, length: f64, nearest: f64) -> f64 {
     let gap = length - nearest;
     // Half of the second factor, (L + N) / 2 − d, which cannot overflow.
     let off = 0.25 * length + 0.25 * nearest - 0.5 * read.distance;
@@ -322,7 +323,7 @@ fn relative(read: OdometryReading, length: f64, nearest: f64) -> f64 {
 crate::stored! {
     [] DistanceTransition: [], |a| {
         base: SparseTransition = a.base(),
-        lengths: Vec<f64> = a.0.likelihood.of_moves.iter().map(|length| length.metres).collect::<Vec<_>>(),
+        lengths: Vec<f64> = a.0.likelihood.moves.iter().map(|length| length.metres).collect::<Vec<_>>(),
     } => distances(base, &lengths);
 }
 

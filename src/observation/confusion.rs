@@ -136,7 +136,7 @@ impl Confusion {
         let symbol =
             |seen| SparseObservation { listed: by_seen.line(seen).collect(), elsewhere: 0.0 };
         let places = by_seen.lines();
-        let by_seen = SparseTableLikelihood::known(places, (0..places).map(symbol).collect());
+        let by_seen = SparseTableLikelihood::from_valid(places, (0..places).map(symbol).collect());
         let (starts, seen) = by_place.into_pattern();
         Ok(Self { by_seen, seen, starts })
     }

@@ -20,12 +20,8 @@
 //! A confusion alone is also a sensor, for any number of places: from a map, or from
 //! [counts](Confusion::from_weights) of places seen as others.
 //!
-//! A camera that gives a descriptor of its view is matched with the descriptors of the map:
-//! [`ReferenceDescriptors`] computes the distance to each, [`Standardizer`] their scores, and
-//! [`MatchOdds`] the odds of each reference.
-//!
-//! On the [cells of roads](crate::map::RoadCells), [`PositionLikelihood`] takes measured positions,
-//! and [`TagLikelihood`] tags that are read at nodes, or names of roads.
+//! Descriptors of images are matched in wayfix-recognition; positions on road networks and tags are in
+//! wayfix-roads.
 
 mod confusion;
 mod error;

@@ -55,7 +55,8 @@ pub fn with<T: Pooled, R>(count: usize, work: impl FnOnce(&mut [T]) -> R) -> R {
 /// they nest, allocate only the first time. If `work` panics, its buffer is dropped.
 ///
 /// ```
-/// use wayfix::transition::{WindowTransition, with_scratch};
+/// use wayfix::transition::WindowTransition;
+/// use wayfix::transition::kit::with_scratch;
 /// use wayfix::{Belief, Hmm, LikelihoodVector, Prior, Transition};
 ///
 /// /// One operator after the other: first the vehicle moves, then it is shunted.
@@ -65,9 +66,6 @@ pub fn with<T: Pooled, R>(count: usize, work: impl FnOnce(&mut [T]) -> R) -> R {
 ///     type Control = ();
 ///     fn states(&self) -> usize {
 ///         self.0.states()
-///     }
-///     fn no_control(&self) -> Option<&'static ()> {
-///         self.0.no_control().and(self.1.no_control())
 ///     }
 ///     fn apply(&self, _: &(), x: &[f64], out: &mut [f64]) {
 ///         with_scratch(x.len(), |moved| {
@@ -83,7 +81,7 @@ pub fn with<T: Pooled, R>(count: usize, work: impl FnOnce(&mut [T]) -> R) -> R {
 ///     }
 /// }
 ///
-/// let by = |places| WindowTransition::new(5, places, &[1.0], true);
+/// let by = |places| WindowTransition::closed(5, places, &[1.0]);
 /// let prior = Prior::BeforeFirstTransition(Belief::certain(5, 0)?);
 /// let hmm = Hmm::new(prior, Then(by(1)?, by(2)?), LikelihoodVector::linear(5))?;
 /// assert_eq!(hmm.filter().forecast(1)?.mode(), 3);

@@ -31,7 +31,11 @@ pub(crate) fn check_columns_of(
     })
 }
 
-/// Checks that a count fits 32-bit indices.
+/// Checks that a count fits 32-bit indices; `what` names the counted things in errors.
+///
+/// # Errors
+///
+/// [`TransitionError::TooMany`] for 2^32 or more.
 pub fn check_count(what: &'static str, count: usize) -> Result<(), TransitionError> {
     if u32::try_from(count).is_err() {
         return Err(TransitionError::TooMany { what, count });
@@ -39,7 +43,13 @@ pub fn check_count(what: &'static str, count: usize) -> Result<(), TransitionErr
     Ok(())
 }
 
-/// Checks that values are probabilities that sum to one; `whole` names the sum in errors.
+/// Checks that values are probabilities that sum to one; `whole` names the sum in errors, and
+/// `name` each value.
+///
+/// # Errors
+///
+/// [`TransitionError::Parameter`] for a value that is NaN, negative or infinite, or for a sum that is not one
+/// within 1e-9.
 pub fn check_sum(
     values: &[f64],
     whole: String,
@@ -57,6 +67,10 @@ pub fn check_sum(
 }
 
 /// Checks that a value is from 0 to 1; `what` names it in errors.
+///
+/// # Errors
+///
+/// [`TransitionError::Parameter`] for any other value, and for NaN.
 pub fn check_probability(value: f64, what: impl FnOnce() -> String) -> Result<(), TransitionError> {
     if !(0.0..=1.0).contains(&value) {
         let expected = "a value from 0 to 1";
@@ -65,8 +79,12 @@ pub fn check_probability(value: f64, what: impl FnOnce() -> String) -> Result<()
     Ok(())
 }
 
-/// Panics unless the slices of a product have one value per state. Inference guarantees it; direct
+/// Checks that the slices of a product have one value per state. Inference guarantees it; direct
 /// callers must.
+///
+/// # Panics
+///
+/// Otherwise.
 pub fn check_slices(states: usize, x: &[f64], out: &[f64]) {
     assert_eq!(x.len(), states, "x must have one value per state");
     assert_eq!(out.len(), states, "out must have one value per state");

@@ -48,6 +48,7 @@ impl Compressed {
 
     /// Returns the lines of the transpose, with ascending indices. O(n + entries).
     #[doc(hidden)]
+    #[must_use]
     pub fn transposed(&self) -> Self {
         // Lines are visited in order and `new` keeps the order of entries: hence indices ascend,
         // whatever their order here.
@@ -59,21 +60,25 @@ impl Compressed {
     }
 
     /// Returns the starts of all lines, followed by the end of the last, and all indices.
+    #[must_use]
     pub fn into_pattern(self) -> (Vec<u32>, Vec<u32>) {
         (self.starts, self.indices)
     }
 
     /// Number of lines.
+    #[must_use]
     pub fn lines(&self) -> usize {
         self.starts.len() - 1
     }
 
     /// Number of entries.
+    #[must_use]
     pub fn entries(&self) -> usize {
         self.indices.len()
     }
 
     /// The start of each line, and the end of the last.
+    #[must_use]
     pub fn starts(&self) -> &[u32] {
         &self.starts
     }
@@ -86,6 +91,7 @@ impl Compressed {
 
     /// The indices of a line.
     #[inline]
+    #[must_use]
     pub fn indices(&self, line: usize) -> &[u32] {
         &self.indices[self.range(line)]
     }
@@ -103,6 +109,7 @@ impl Compressed {
     /// Index and value of the entry at a position among all entries.
     #[inline]
     #[doc(hidden)]
+    #[must_use]
     pub fn entry(&self, at: usize) -> (usize, f64) {
         (self.indices[at] as usize, self.values[at])
     }

@@ -7,19 +7,17 @@
 //! the counts of their entries, as if all states of a kind were one.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::ops::Deref;
 
 use super::maximize::weights;
 use super::{
-    LearnTransition, MoveCounts, SparseTransition, Transition, TransitionEntries, delegate,
+    LearnFromMoves, MoveCounts, SparseTransition, Transition, TransitionEntries, delegate,
 };
 use crate::error::TransitionError;
 
 /// Parameter number that marks an entry which learning keeps.
 pub(crate) const FIXED: u32 = u32::MAX;
 
-/// A sparse operator with a description of how its entries are learned. It dereferences to a
-/// [`SparseTransition`].
+/// A sparse operator with a description of how its entries are learned.
 ///
 /// Each entry above 0 is a parameter of its own, but entries may have:
 ///
@@ -42,8 +40,9 @@ pub(crate) const FIXED: u32 = u32::MAX;
 /// let loop_road = ConstrainedTransition::new(loop_road);
 /// let tied = loop_road.with_ties(|from, to| usize::from(from == to));
 /// // State 0 never stays, so that its labels differ from those of 1 to 3.
-/// assert_eq!(tied.get(1, 0), 1.0);
-/// assert!((tied.get(1, 1) - 0.2).abs() < 1e-15 && (tied.get(3, 3) - 0.2).abs() < 1e-15);
+/// let a = tied.inner();
+/// assert_eq!(a.get(1, 0), 1.0);
+/// assert!((a.get(1, 1) - 0.2).abs() < 1e-15 && (a.get(3, 3) - 0.2).abs() < 1e-15);
 /// # Ok::<(), wayfix::TransitionError>(())
 /// ```
 ///
@@ -61,8 +60,8 @@ pub(crate) const FIXED: u32 = u32::MAX;
 /// let sensor = TableLikelihood::from_rows(&[[0.8, 0.2, 0.0], [0.3, 0.7, 0.0], [0.0, 0.2, 0.8]])?;
 /// let hmm = Hmm::new(Prior::AtFirstObservation(Belief::certain(3, 0)?), states, sensor)?;
 /// let learned = hmm.learn(&[[0, 0, 1, 1, 2, 0, 0, 0, 1, 2, 2]], &LearningOptions::default())?;
-/// assert_eq!(learned.model().transition().get(0, 2), 0.25);
-/// assert!(learned.model().transition().get(1, 1) > 0.7);
+/// let states = learned.model().transition().inner();
+/// assert!(states.get(0, 2) == 0.25 && states.get(1, 1) > 0.7);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone)]
@@ -75,20 +74,18 @@ pub struct ConstrainedTransition {
     pub(crate) pseudo_counts: Vec<f64>,
 }
 
-impl Deref for ConstrainedTransition {
-    type Target = SparseTransition;
-
-    fn deref(&self) -> &SparseTransition {
-        &self.transition
-    }
-}
-
 impl ConstrainedTransition {
     /// Creates an operator in which each entry is a parameter of its own. O(E).
     #[must_use]
     pub fn new(transition: SparseTransition) -> Self {
         let parameters = (0..transition.entries() as u32).map(|entry| (entry, 1)).collect();
         Self { transition, parameters, pseudo_counts: Vec::new() }
+    }
+
+    /// The operator without the description.
+    #[must_use]
+    pub fn inner(&self) -> &SparseTransition {
+        &self.transition
     }
 
     /// Keeps the entries of these moves, `is_fixed(from, to)`, as they are. O(E log E).
@@ -105,10 +102,10 @@ impl ConstrainedTransition {
         let mut tied = self.relabelled(|from, to, known| {
             if known == FIXED as usize { known } else { label(from, to).min(FIXED as usize - 1) }
         });
-        let shares = tied.columns(|column, rest| {
+        let shares = tied.map_free_columns(|column, rest| {
             column.iter_mut().for_each(|entry| entry.2 /= rest);
         });
-        let means = tied.shared(shares, 0.0);
+        let means = tied.tied_entries(shares, 0.0);
         // Means of distributions are distributions with the same support.
         if let Ok(transition) = SparseTransition::from_triplets(tied.states(), means) {
             tied.transition = transition;
@@ -127,7 +124,7 @@ impl ConstrainedTransition {
         mut self,
         mut count: impl FnMut(usize, usize) -> f64,
     ) -> Result<Self, TransitionError> {
-        let mut pseudo_counts = Vec::with_capacity(self.entries());
+        let mut pseudo_counts = Vec::with_capacity(self.transition.entries());
         for (to, from, _) in self.by_columns() {
             let value = count(from, to);
             if !(value >= 0.0 && value.is_finite()) {
@@ -161,7 +158,7 @@ impl ConstrainedTransition {
     fn relabelled(mut self, mut label: impl FnMut(usize, usize, usize) -> usize) -> Self {
         // A kind of state is the sorted list of the labels of its free ways out, with repetitions;
         // a parameter is a kind and one of its labels.
-        let mut known: BTreeMap<(Vec<usize>, usize), u32> = BTreeMap::new();
+        let mut parameter_numbers: BTreeMap<(Vec<usize>, usize), u32> = BTreeMap::new();
         let mut parameters = Vec::with_capacity(self.parameters.len());
         for from in 0..self.states() {
             let present = &self.parameters[parameters.len()..];
@@ -177,8 +174,8 @@ impl ConstrainedTransition {
                     continue;
                 }
                 let times = sorted.iter().filter(|other| **other == label).count();
-                let next = known.len() as u32;
-                let parameter = *known.entry((sorted.clone(), label)).or_insert(next);
+                let next = parameter_numbers.len() as u32;
+                let parameter = *parameter_numbers.entry((sorted.clone(), label)).or_insert(next);
                 parameters.push((parameter, times as u32));
             }
         }
@@ -188,7 +185,7 @@ impl ConstrainedTransition {
 
     /// Entries (to, from, p) after `change(free entries, their sum)` has been called for each
     /// column.
-    pub(super) fn columns(
+    pub(super) fn map_free_columns(
         &self,
         mut change: impl FnMut(&mut [(usize, usize, f64)], f64),
     ) -> Vec<(usize, usize, f64)> {
@@ -211,7 +208,7 @@ impl ConstrainedTransition {
 
     /// Entries from weights, which are summed over all entries that share a parameter, and then
     /// normalised over the free entries of each column. A column without weights stays.
-    fn shared(
+    fn tied_entries(
         &self,
         weights: Vec<(usize, usize, f64)>,
         pseudo_count: f64,
@@ -220,11 +217,11 @@ impl ConstrainedTransition {
         let free = |entry: &(&(u32, u32), (usize, usize, f64))| entry.0.0 != FIXED;
         let all = self.parameters.iter().zip(weights).filter(free);
         all.clone().for_each(|(parameter, entry)| sums[parameter.0 as usize] += entry.2);
-        // For each free entry in order; `columns` asks for them column by column, in that order.
+        // For each free entry in order; `map_free_columns` asks for them column by column, in that order.
         let mut each =
             all.map(|(parameter, _)| sums[parameter.0 as usize] / f64::from(parameter.1));
         let mut shares = Vec::new();
-        self.columns(|column, rest| {
+        self.map_free_columns(|column, rest| {
             shares.clear();
             shares.extend(each.by_ref().take(column.len()));
             let sum: f64 = shares.iter().sum();
@@ -241,20 +238,18 @@ impl Transition for ConstrainedTransition {
     type Control = ();
 
     delegate!(a, control => a.transition, control;
-        states no_control products blocks evidence needs_logs stored check_control);
+        states products blocks evidence needs_logs stored check_control);
 }
 
 impl TransitionEntries for ConstrainedTransition {
     delegate!(a, control => a.transition, control; all_entries);
 }
 
-impl LearnTransition for ConstrainedTransition {
-    delegate!(move_counts);
-
+impl LearnFromMoves for ConstrainedTransition {
     fn maximize(&self, counts: &MoveCounts, pseudo_count: f64) -> Result<Self, TransitionError> {
         let mut weights = weights(&self.transition, counts)?;
         weights.iter_mut().zip(&self.pseudo_counts).for_each(|(entry, count)| entry.2 += count);
-        let entries = self.shared(weights, pseudo_count);
+        let entries = self.tied_entries(weights, pseudo_count);
         // A sparse matrix drops an entry that becomes 0, and parameters are matched by position.
         let kept = (0..entries.len()).filter(|at| entries[*at].2 > 0.0);
         let kept: Vec<usize> = kept.collect();

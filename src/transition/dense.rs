@@ -35,7 +35,7 @@ const SHOWN: usize = 8;
 pub struct DenseTransition {
     pub(super) matrix: Dense,
     /// True if all entries above 0 are at least 2^-100.
-    pub(super) plain: bool,
+    pub(super) no_tiny_entries: bool,
     /// log2 of the entries, computed by the first decoding.
     pub(super) log2: OnceLock<Panels>,
 }
@@ -121,7 +121,7 @@ impl DenseTransition {
             }
         }
         check_columns_of(&sums, |to| (0..states).map(|from| matrix.column(from)[to]).sum())?;
-        Ok(Self::known(matrix))
+        Ok(Self::from_valid(matrix))
     }
 
     /// Creates an operator from a faer view of A (columns sum to one). O(n²).
@@ -162,10 +162,10 @@ impl DenseTransition {
     }
 
     /// Creates an operator from entries that are known to be valid.
-    pub(super) fn known(matrix: Dense) -> Self {
+    pub(super) fn from_valid(matrix: Dense) -> Self {
         // Zeros are exact in any product, so they, and the padding, do not count.
-        let plain = matrix.values().iter().all(|&p| p == 0.0 || limits::is_plain(p));
-        Self { matrix, plain, log2: OnceLock::new() }
+        let no_tiny_entries = matrix.values().iter().all(|&p| p == 0.0 || limits::is_plain(p));
+        Self { matrix, no_tiny_entries, log2: OnceLock::new() }
     }
 
     /// Rows and columns of A.

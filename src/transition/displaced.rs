@@ -69,14 +69,14 @@ impl FreeParameters for ConstrainedTransition {
             kind.iter().zip(values).for_each(|(entry, value)| shares[entry.0] = Some(value));
         }
         let mut free = self.parameters.iter().filter(|own| own.0 != FIXED);
-        let entries = self.columns(|column, rest| {
+        let entries = self.map_free_columns(|column, rest| {
             for (entry, &(parameter, times)) in column.iter_mut().zip(free.by_ref()) {
                 let share = shares[parameter as usize].unwrap_or(0.0);
                 entry.2 = share / f64::from(times) * rest;
             }
         });
         let transition = SparseTransition::from_triplets(self.states(), entries)?;
-        if transition.entries() != self.entries() {
+        if transition.entries() != self.transition.entries() {
             // A sparse matrix drops entries of 0, and parameters are matched by position: one that
             // underflows would shift all after it.
             return Err(Parameter::new("a displaced probability", 0.0, "a value above 0").into());
@@ -97,6 +97,6 @@ impl<A: FreeParameters + Transition<Control = ()>> FreeParameters for SwitchedTr
 /// Parameters of the inner operator; the rate and the states of restarts are not learned.
 impl<A: FreeParameters + Transition> FreeParameters for RestartTransition<A> {
     fn displaced(&self, by: &mut Displacement<'_>) -> Outcome<Self> {
-        Ok(Self { jumps: self.jumps.beside(self.inner().displaced(by)?) })
+        Ok(Self { jumps: self.jumps.with_inner(self.inner().displaced(by)?) })
     }
 }

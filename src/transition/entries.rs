@@ -10,7 +10,8 @@ use wayfix_kernels::log2;
 /// decoding go to the lowest state. Entries must agree with the products: if they do not, results
 /// are wrong, or an error where pairs do not sum to one; listing a state that does not exist causes
 /// a panic. Inference asks only for states below [`states`](Transition::states); for others the
-/// operators of this crate panic.
+/// operators of this crate panic. A test by [`kit::check`](crate::transition::kit::check) shows that
+/// they agree.
 ///
 /// # Implement it yourself
 ///
@@ -20,7 +21,6 @@ use wayfix_kernels::log2;
 /// # impl Transition for Around {
 /// #     type Control = ();
 /// #     fn states(&self) -> usize { self.0 }
-/// #     fn no_control(&self) -> Option<&'static ()> { Some(&()) }
 /// #     fn apply(&self, _: &(), x: &[f64], out: &mut [f64]) {}
 /// #     fn apply_transpose(&self, _: &(), x: &[f64], out: &mut [f64]) {}
 /// # }
@@ -94,7 +94,8 @@ pub trait TransitionEntries: Transition {
     }
 }
 
-/// The maximum of `log2 A[i, j] + x[j]` and the first j that attains it.
+/// Maximum of `log2 A[i, j] + x[j]` over the entries (j, `log2 A[i, j]`) of a row, and the first j
+/// that attains it: what [`max_product`](TransitionEntries::max_product) returns for a state.
 #[inline]
 pub fn best_of(entries: impl Iterator<Item = (u32, f64)>, x: &[f64]) -> (f64, u32) {
     let mut best = (f64::NEG_INFINITY, 0);
@@ -108,8 +109,8 @@ pub fn best_of(entries: impl Iterator<Item = (u32, f64)>, x: &[f64]) -> (f64, u3
     best
 }
 
-/// Merges two ascending lists of entries, adding entries of the same state.
-pub(super) fn merge(
+/// Merges two ascending lists of entries; `plus` adds entries of the same state.
+pub fn merge(
     a: impl Iterator<Item = (usize, f64)>,
     b: impl Iterator<Item = (usize, f64)>,
     plus: impl Fn(f64, f64) -> f64,

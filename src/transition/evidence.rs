@@ -1,11 +1,11 @@
 //! [`EvidenceTransition`]: a likelihood of moves on any operator, given by a function. Products and
-//! entries are those of [`Measured`]; here are the function, its checks, and learning.
+//! entries are those of [`WithMoveLikelihood`]; here are the function, its checks, and learning.
 
 use std::error::Error;
 use std::fmt;
 use std::marker::PhantomData;
 
-use super::measured::{Measured, MoveLikelihood};
+use super::measured::{MoveLikelihood, WithMoveLikelihood};
 use super::{LearnTransition, delegate};
 use super::{Transition, TransitionEntries, validate_with};
 use crate::error::TransitionError;
@@ -48,7 +48,9 @@ use wayfix_kernels::limits::LARGEST_LOG;
 /// assert!(filter.belief().mass(3..6)? > 0.999);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-pub struct EvidenceTransition<A, U, F, G = fn(&U) -> f64>(Measured<A, ByFunction<U, F, G>>);
+pub struct EvidenceTransition<A, U, F, G = fn(&U) -> f64>(
+    WithMoveLikelihood<A, ByFunction<U, F, G>>,
+);
 
 impl<A, U, F> EvidenceTransition<A, U, F>
 where
@@ -61,14 +63,19 @@ where
     ///
     /// # Errors
     ///
-    /// As [`Hmm::new`](crate::Hmm::new) for an operator that is not stochastic, or
-    /// [`TransitionError::Control`] for one that has evidence already.
+    /// As [`Hmm::new`](crate::Hmm::new) for an operator that is not stochastic,
+    /// [`TransitionError::Control`] for one that has evidence already, or
+    /// [`TransitionError::Restarts`] for one with [restarts](super::RestartTransition), which belong
+    /// outside.
     pub fn new(base: A, log_likelihood: F) -> Result<Self, TransitionError> {
         validate_with(&base, &())?;
+        if base.has_restarts() {
+            return Err(TransitionError::Restarts);
+        }
         super::refuse_evidence(&base, &(), "EvidenceTransition")?;
         let log_factor: fn(&U) -> f64 = |_| 0.0;
         let likelihood = ByFunction { log_likelihood, log_factor, control: PhantomData };
-        Ok(Self(Measured { base, likelihood }))
+        Ok(Self(WithMoveLikelihood { base, likelihood }))
     }
 }
 
@@ -81,9 +88,10 @@ impl<A, U, F, G> EvidenceTransition<A, U, F, G> {
         self,
         log_factor: H,
     ) -> EvidenceTransition<A, U, F, H> {
-        let Measured { base, likelihood: ByFunction { log_likelihood, control, .. } } = self.0;
+        let WithMoveLikelihood { base, likelihood: ByFunction { log_likelihood, control, .. } } =
+            self.0;
         let likelihood = ByFunction { log_likelihood, log_factor, control };
-        EvidenceTransition(Measured { base, likelihood })
+        EvidenceTransition(WithMoveLikelihood { base, likelihood })
     }
 
     /// The operator without evidence.
@@ -114,7 +122,11 @@ where
         Some((self.log_factor)(measured))
     }
 
-    fn logs(&self, _: &A, measured: &U) -> Option<impl Fn(usize, usize, Option<()>) -> f64> {
+    fn move_log_likelihood(
+        &self,
+        _: &A,
+        measured: &U,
+    ) -> Option<impl Fn(usize, usize, Option<()>) -> f64> {
         let log_factor = (self.log_factor)(measured);
         Some(move |to, from, _| (self.log_likelihood)(measured, to, from) - log_factor)
     }
@@ -185,7 +197,7 @@ where
         pseudo_count: f64,
     ) -> Result<Self, TransitionError> {
         let base = self.0.base.maximize(statistics, pseudo_count)?;
-        Ok(Self(Measured { base, likelihood: self.0.likelihood.clone() }))
+        Ok(Self(WithMoveLikelihood { base, likelihood: self.0.likelihood.clone() }))
     }
 }
 
@@ -193,7 +205,7 @@ where
 impl<A: FreeParameters, U, F: Clone, G: Clone> FreeParameters for EvidenceTransition<A, U, F, G> {
     fn displaced(&self, by: &mut Displacement<'_>) -> Result<Self, Box<dyn Error + Send + Sync>> {
         let base = self.0.base.displaced(by)?;
-        Ok(Self(Measured { base, likelihood: self.0.likelihood.clone() }))
+        Ok(Self(WithMoveLikelihood { base, likelihood: self.0.likelihood.clone() }))
     }
 }
 

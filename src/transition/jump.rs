@@ -8,7 +8,7 @@
 use std::f64::consts::LOG2_E;
 
 use super::Transition;
-use super::log::{self, LARGEST};
+use super::log::{self, LARGEST_LINEAR_ENTRY};
 use crate::belief::Belief;
 use crate::error::{Parameter, TransitionError};
 use wayfix_kernels::{self as kernels, log2};
@@ -18,10 +18,10 @@ use wayfix_kernels::{self as kernels, log2};
 pub(crate) struct Jumps<A> {
     pub(crate) inner: A,
     /// Probability of a move by the inner operator, κ.
-    pub(crate) keep: f64,
+    pub(crate) move_probability: f64,
     /// Probability of a jump to each state, r, and its logarithms.
-    pub(crate) to: Vec<f64>,
-    pub(crate) log2_to: Vec<f64>,
+    pub(crate) jump_probabilities: Vec<f64>,
+    pub(crate) log2_jump_probabilities: Vec<f64>,
     /// ln p(u) at a jump; if `None`, the log factor that the inner operator takes out.
     pub(crate) evidence: Option<f64>,
 }
@@ -29,14 +29,23 @@ pub(crate) struct Jumps<A> {
 impl<A: Transition> Jumps<A> {
     /// Adds jumps to the moves of an operator. The caller has checked the probabilities, and that
     /// there is one for each state.
-    pub(crate) fn new(inner: A, keep: f64, to: Vec<f64>) -> Self {
-        let log2_to = to.iter().map(|&p| log2(p)).collect();
-        Self { inner, keep, to, log2_to, evidence: None }
+    pub(crate) fn new(inner: A, move_probability: f64, jump_probabilities: Vec<f64>) -> Self {
+        let log2_jump_probabilities = jump_probabilities.iter().map(|&p| log2(p)).collect();
+        Self {
+            inner,
+            move_probability,
+            jump_probabilities,
+            log2_jump_probabilities,
+            evidence: None,
+        }
     }
 
     /// The same jumps beside another operator.
-    pub(super) fn beside(&self, inner: A) -> Self {
-        Self { evidence: self.evidence, ..Self::new(inner, self.keep, self.to.clone()) }
+    pub(super) fn with_inner(&self, inner: A) -> Self {
+        Self {
+            evidence: self.evidence,
+            ..Self::new(inner, self.move_probability, self.jump_probabilities.clone())
+        }
     }
 
     /// Sets the log-likelihood of evidence at a jump, which must be finite; `place` names the jumps
@@ -69,17 +78,18 @@ impl<A: Transition> Jumps<A> {
     /// the range of doubles.
     pub(crate) fn need_logs(&self, control: &A::Control, further: &[f64]) -> bool {
         let log = self.log_factor(control);
-        let beyond =
-            |p: &f64| *p > 0.0 && !(f64::MIN_POSITIVE..=LARGEST).contains(&(p * log.exp()));
-        // With a factor of 1, the probabilities themselves count: `scaled` has checked them.
-        log != 0.0 && self.to.iter().chain(further).any(beyond)
+        let beyond = |p: &f64| {
+            *p > 0.0 && !(f64::MIN_POSITIVE..=LARGEST_LINEAR_ENTRY).contains(&(p * log.exp()))
+        };
+        // With a factor of 1, the probabilities themselves count: `scale_belief` has checked them.
+        log != 0.0 && self.jump_probabilities.iter().chain(further).any(beyond)
     }
 
     /// Computes `out = κ A x + r jumping`.
     pub(crate) fn apply(&self, control: &A::Control, x: &[f64], jumping: f64, out: &mut [f64]) {
         self.inner.apply(control, x, out);
-        for (out, to) in out.iter_mut().zip(&self.to) {
-            *out = times(self.keep, *out) + times(*to, jumping);
+        for (out, to) in out.iter_mut().zip(&self.jump_probabilities) {
+            *out = product_or_zero(self.move_probability, *out) + product_or_zero(*to, jumping);
         }
     }
 
@@ -93,14 +103,14 @@ impl<A: Transition> Jumps<A> {
         out: &mut [f64],
     ) {
         self.inner.apply_transpose(control, x, out);
-        out.iter_mut().for_each(|out| *out = times(self.keep, *out) + jumped);
+        out.iter_mut().for_each(|out| *out = product_or_zero(self.move_probability, *out) + jumped);
     }
 
     /// Computes [`apply`](Self::apply) in logarithms.
     pub(crate) fn apply_log(&self, control: &A::Control, x: &[f64], jumping: f64, out: &mut [f64]) {
         self.inner.apply_log(control, x, out);
-        let keep = self.keep.ln();
-        for (out, to) in out.iter_mut().zip(&self.to) {
+        let keep = self.move_probability.ln();
+        for (out, to) in out.iter_mut().zip(&self.jump_probabilities) {
             *out = log::add(keep + *out, to.ln() + jumping);
         }
     }
@@ -114,41 +124,45 @@ impl<A: Transition> Jumps<A> {
         out: &mut [f64],
     ) {
         self.inner.apply_transpose_log(control, x, out);
-        let keep = self.keep.ln();
+        let keep = self.move_probability.ln();
         out.iter_mut().for_each(|out| *out = log::add(keep + *out, jumped));
     }
 
     /// Lists the states that jumps lead to, with their probabilities.
     pub(crate) fn targets(&self) -> impl Iterator<Item = (usize, f64)> + Clone {
-        self.to.iter().copied().enumerate().filter(|entry| entry.1 > 0.0)
+        self.jump_probabilities.iter().copied().enumerate().filter(|entry| entry.1 > 0.0)
     }
 
     /// Scales entries of A by κ.
-    pub(crate) fn kept(
+    pub(crate) fn scaled_entries(
         &self,
         entries: impl Iterator<Item = (usize, f64)>,
     ) -> impl Iterator<Item = (usize, f64)> {
-        entries.map(|(state, p)| (state, self.keep * p)).filter(|entry| entry.1 > 0.0)
+        entries.map(|(state, p)| (state, self.move_probability * p)).filter(|entry| entry.1 > 0.0)
     }
 
     /// Scales base-2 logarithms of entries of A by κ.
-    pub(crate) fn kept_log2(
+    pub(crate) fn scaled_log2(
         &self,
         entries: impl Iterator<Item = (usize, f64)>,
     ) -> impl Iterator<Item = (usize, f64)> {
-        let keep = log2(self.keep);
+        let keep = log2(self.move_probability);
         let entries = entries.map(move |(state, log2)| (state, keep + log2));
         entries.filter(|entry| entry.1 > f64::NEG_INFINITY)
     }
 }
 
 /// Product that is 0 if either factor is, even if the other is infinite.
-pub(crate) fn times(a: f64, b: f64) -> f64 {
+pub(crate) fn product_or_zero(a: f64, b: f64) -> f64 {
     if a == 0.0 || b == 0.0 { 0.0 } else { a * b }
 }
 
 /// Multiplies a belief by a rate. A product that underflows is an error.
-pub(crate) fn scaled(belief: Belief, rate: f64, what: &str) -> Result<Vec<f64>, TransitionError> {
+pub(crate) fn scale_belief(
+    belief: Belief,
+    rate: f64,
+    what: &str,
+) -> Result<Vec<f64>, TransitionError> {
     let mut values = belief.into_vec();
     for (state, r) in values.iter_mut().enumerate() {
         let value = *r * rate;

@@ -4,7 +4,7 @@
 //! A₂ for each row, then one with A₁ for each column. The same two passes serve the transpose,
 //! logarithms and the max-product, since the parts are independent in all of them.
 
-use super::log::LARGEST;
+use super::log::LARGEST_LINEAR_ENTRY;
 use super::{Transition, TransitionEntries, buffers, check_count, check_slices};
 use crate::error::TransitionError;
 use crate::groups::Groups;
@@ -27,7 +27,7 @@ use crate::groups::Groups;
 /// use wayfix::transition::{KroneckerTransition, WindowTransition};
 /// use wayfix::{SparseTransition, Transition};
 ///
-/// let place = WindowTransition::new(4, 1, &[1.0], true)?; // one on
+/// let place = WindowTransition::closed(4, 1, &[1.0])?; // one on
 /// let lane = SparseTransition::from_rows(&[[0.75, 0.25], [0.25, 0.75]])?;
 /// let a = KroneckerTransition::new(place, lane)?;
 /// let mut out = [0.0; 8];
@@ -139,9 +139,8 @@ impl<A1: Transition, A2: Transition<Control = A1::Control>> Transition
         self.first.states() * self.second.states()
     }
 
-    fn no_control(&self) -> Option<&'static A1::Control> {
-        // The same at all steps only if both parts are.
-        self.first.no_control().and(self.second.no_control())
+    fn has_restarts(&self) -> bool {
+        self.first.has_restarts() || self.second.has_restarts()
     }
 
     fn apply(&self, control: &A1::Control, x: &[f64], out: &mut [f64]) {
@@ -236,7 +235,7 @@ impl<A1: TransitionEntries, A2: TransitionEntries<Control = A1::Control>> Transi
             // extremes of the products are the products of the extremes.
             let ((least1, most1), (least2, most2)) =
                 (extremes(&self.first, control), extremes(&self.second, control));
-            least1 * least2 < f64::MIN_POSITIVE || most1 * most2 > LARGEST
+            least1 * least2 < f64::MIN_POSITIVE || most1 * most2 > LARGEST_LINEAR_ENTRY
         }
     }
 

@@ -1,24 +1,26 @@
 //! [`LearnTransition`]: operators that Baum-Welch re-estimates from expected moves. The E-step adds
-//! the moves of each step to statistics, and the M-step turns the sums into an operator.
+//! the moves of each step to statistics, and the M-step turns the sums into an operator. For most
+//! operators these statistics are the counts of moves alone: [`LearnFromMoves`].
 
-use super::{MoveCounts, TransitionEntries};
+use super::{MoveCounts, TransitionEntries, maximize};
 use crate::error::TransitionError;
 
 /// A transition operator that can be estimated from expected moves.
+///
+/// An operator without a control whose parameters depend on the counts of its moves implements
+/// [`LearnFromMoves`], which takes two methods, and has this trait by it.
 ///
 /// | operator | learned |
 /// |---|---|
 /// | [`SparseTransition`](crate::SparseTransition), [`DenseTransition`](crate::DenseTransition) | each entry above 0 |
 /// | [`ConstrainedTransition`](crate::transition::ConstrainedTransition) | the same, but entries that are fixed, and tied ones together |
 /// | [`DwellTransition`](crate::transition::DwellTransition) | moves and durations |
-/// | [`GeneratorTransition`](crate::transition::GeneratorTransition) | rates |
-/// | [`LogitTransition`](crate::transition::LogitTransition) | coefficients of inputs |
 /// | [`SwitchedTransition`](crate::transition::SwitchedTransition) | each of its operators |
 /// | [`RestartTransition`](crate::transition::RestartTransition), [`EvidenceTransition`](crate::transition::EvidenceTransition) | the operator within |
 /// | [`Fixed`](crate::Fixed) | nothing |
 ///
-/// With [`FreeParameters`](crate::inference::FreeParameters), learned parameters have
-/// [standard errors](crate::Hmm::standard_errors).
+/// With [`FreeParameters`](crate::inference::FreeParameters), learned parameters have standard
+/// errors, in wayfix-learn; operators whose rates or coefficients of inputs are learned are there, too.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not say how it is learned",
     note = "to keep it as it is, wrap it in `wayfix::Fixed`"
@@ -119,4 +121,133 @@ pub trait LearnTransition: TransitionEntries + Sized {
     /// Number of parameters that learning may change independently, as information criteria count
     /// them before learning: the entries above 0 less one for each column, if nothing is tied.
     fn free_parameters(&self) -> usize;
+}
+
+/// An operator without a control that is estimated from the expected numbers of its moves.
+///
+/// # Implement it yourself
+///
+/// A vehicle on a loop that moves on by one place with a probability that is learned, the same
+/// everywhere:
+///
+/// ```
+/// use wayfix::inference::LearningOptions;
+/// use wayfix::transition::{LearnFromMoves, MoveCounts, kit};
+/// use wayfix::{Belief, Hmm, Prior, TableLikelihood, Transition, TransitionEntries, TransitionError};
+///
+/// struct Around {
+///     places: usize,
+///     moves: f64,
+/// }
+///
+/// impl Around {
+///     fn entries(&self, stay: usize, next: usize) -> impl Iterator<Item = (usize, f64)> {
+///         let mut entries = [(stay, 1.0 - self.moves), (next, self.moves)];
+///         entries.sort_by_key(|entry| entry.0);
+///         entries.into_iter().filter(|entry| entry.1 > 0.0)
+///     }
+/// }
+///
+/// impl Transition for Around {
+///     type Control = ();
+///     fn states(&self) -> usize {
+///         self.places
+///     }
+///     fn apply(&self, _: &(), x: &[f64], out: &mut [f64]) {
+///         for (i, out) in out.iter_mut().enumerate() {
+///             *out = self.incoming(&(), i).map(|(j, p)| p * x[j]).sum();
+///         }
+///     }
+///     fn apply_transpose(&self, _: &(), x: &[f64], out: &mut [f64]) {
+///         for (j, out) in out.iter_mut().enumerate() {
+///             *out = self.outgoing(&(), j).map(|(i, p)| p * x[i]).sum();
+///         }
+///     }
+/// }
+///
+/// impl TransitionEntries for Around {
+///     fn incoming(&self, _: &(), to: usize) -> impl Iterator<Item = (usize, f64)> {
+///         self.entries(to, (to + self.places - 1) % self.places)
+///     }
+///     fn outgoing(&self, _: &(), from: usize) -> impl Iterator<Item = (usize, f64)> {
+///         self.entries(from, (from + 1) % self.places)
+///     }
+/// }
+///
+/// impl LearnFromMoves for Around {
+///     fn maximize(&self, counts: &MoveCounts, pseudo_count: f64) -> Result<Self, TransitionError> {
+///         // The share of moves among all steps is the most probable value.
+///         let (mut stays, mut moves) = (pseudo_count, pseudo_count);
+///         for m in counts.moves() {
+///             *(if m.from == m.to { &mut stays } else { &mut moves }) += m.weight;
+///         }
+///         let sum = stays + moves;
+///         Ok(Self { moves: if sum > 0.0 { moves / sum } else { self.moves }, ..*self })
+///     }
+///     fn free_parameters(&self) -> usize {
+///         1
+///     }
+///     // The default would count each entry as a parameter of its own.
+///     fn log_prior(&self, pseudo_count: f64) -> f64 {
+///         if pseudo_count == 0.0 { 0.0 } else { pseudo_count * (self.moves.ln() + (1.0 - self.moves).ln()) }
+///     }
+/// }
+///
+/// let around = Around { places: 3, moves: 0.5 };
+/// kit::check(&around, &())?;
+/// let camera = TableLikelihood::from_rows(&[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])?;
+/// let hmm = Hmm::new(Prior::AtFirstObservation(Belief::certain(3, 0)?), around, camera)?;
+/// let learned = hmm.learn(&[[0, 1, 2, 2, 0]], &LearningOptions::default())?;
+/// assert_eq!(learned.model().transition().moves, 0.75);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub trait LearnFromMoves: TransitionEntries<Control = ()> + Sized {
+    /// Returns the operator that makes the counted moves most probable, with `pseudo_count` added
+    /// to the count of each free parameter: as [`LearnTransition::maximize`].
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError::Forbidden`] for a move that the operator does not allow.
+    fn maximize(&self, counts: &MoveCounts, pseudo_count: f64) -> Result<Self, TransitionError>;
+
+    /// Number of parameters that learning may change independently.
+    fn free_parameters(&self) -> usize;
+
+    /// Log-prior that the pseudo-counts stand for, as [`LearnTransition::log_prior`]. By default
+    /// each entry above 0 is a parameter: `pseudo_count` Σ ln A\[i, j\].
+    fn log_prior(&self, pseudo_count: f64) -> f64 {
+        maximize::free_log_prior(self, pseudo_count)
+    }
+}
+
+impl<A: LearnFromMoves> LearnTransition for A {
+    type Statistics = MoveCounts;
+
+    fn statistics(&self) -> MoveCounts {
+        MoveCounts::default()
+    }
+
+    fn merge(&self, counts: &mut MoveCounts, other: &MoveCounts) {
+        counts.merge(other);
+    }
+
+    fn counts<'s>(&self, counts: &'s mut MoveCounts, (): &()) -> Option<&'s mut MoveCounts> {
+        Some(counts)
+    }
+
+    fn maximize(&self, counts: &MoveCounts, pseudo_count: f64) -> Result<Self, TransitionError> {
+        LearnFromMoves::maximize(self, counts, pseudo_count)
+    }
+
+    fn log_probability(&self, counts: &MoveCounts) -> Option<f64> {
+        Some(maximize::log_probability(self, counts))
+    }
+
+    fn log_prior(&self, pseudo_count: f64) -> f64 {
+        LearnFromMoves::log_prior(self, pseudo_count)
+    }
+
+    fn free_parameters(&self) -> usize {
+        LearnFromMoves::free_parameters(self)
+    }
 }

@@ -9,21 +9,21 @@ use wayfix_kernels::limits::LIFT;
 use wayfix_kernels::{exp_in_place, log2};
 
 /// Largest entry of a step with evidence that is taken in linear space.
-pub const LARGEST: f64 = 1e300;
+pub const LARGEST_LINEAR_ENTRY: f64 = 1e300;
 
 /// Width of a band, in nats: the smallest number of a band, lifted, times the smallest entry is
 /// still a normal double (2^-866 · 2^1000 · 2^-1022 = 2^-888).
 const BAND: f64 = 600.0;
 
 /// Largest logarithm of a double, and so of an entry.
-const HIGHEST: f64 = 709.8;
+const LN_MAX: f64 = 709.8;
 
 /// A number this many nats below a sum is less than half of the sum's last digit.
 const DIGITS: f64 = 40.0;
 
 /// Computes a product in logarithms by a linear one for each band of numbers of similar size.
 pub fn by_bands(x: &[f64], out: &mut [f64], product: impl FnMut(&[f64], &mut [f64])) {
-    bands(x, out, (usize::MAX, HIGHEST), product);
+    bands(x, out, (usize::MAX, LN_MAX), product);
 }
 
 /// Computes a product in logarithms for a dense matrix, whose entries are at most about 1: by a few
@@ -52,8 +52,8 @@ fn bands(
 ) -> f64 {
     out.fill(f64::NEG_INFINITY);
     // Numbers up to e^next that are left add at most n e^(highest + next) to a sum, which is beyond
-    // its digits if it is at least e^(next + around).
-    let around = highest + (x.len() as f64).ln() + DIGITS;
+    // its digits if it is at least e^(next + settled_margin).
+    let settled_margin = highest + (x.len() as f64).ln() + DIGITS;
     buffers::with_two(x.len(), |band, sums| {
         let mut top = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         for _ in 0..most {
@@ -91,16 +91,17 @@ fn bands(
                 outs.for_each(|((out, sum), _)| *out = add(*out, sum.ln() + above));
             }
             // Settled: what is left changes no sum. False for a NaN, so that all bands are taken.
-            if out.iter().all(|out| *out >= next + around) {
+            if out.iter().all(|out| *out >= next + settled_margin) {
                 return f64::NEG_INFINITY;
             }
             top = next;
         }
-        top + around
+        top + settled_margin
     })
 }
 
-/// ln Σ of value · exp(x\[index\]) over entries (index, value).
+/// Natural logarithm of Σ `value` exp(`x[index]`) over entries (index, value): an element of a
+/// product in logarithms. −∞ without entries.
 pub fn sum(entries: impl Iterator<Item = (usize, f64)> + Clone, x: &[f64]) -> f64 {
     let largest = entries.clone().map(|(j, _)| x[j]).fold(f64::NEG_INFINITY, f64::max);
     if largest == f64::NEG_INFINITY {
@@ -116,7 +117,8 @@ pub fn sum(entries: impl Iterator<Item = (usize, f64)> + Clone, x: &[f64]) -> f6
     entries.fold(f64::NEG_INFINITY, |sum, (j, value)| add(sum, value.ln() + x[j]))
 }
 
-/// ln(e^a + e^b); NaN if one of them is.
+/// Natural logarithm of e^a + e^b; NaN if one of them is.
+#[must_use]
 pub fn add(a: f64, b: f64) -> f64 {
     // A NaN in a fails the comparison and becomes `low`; in b it becomes `high`. Both propagate.
     let (high, low) = if a > b { (a, b) } else { (b, a) };
@@ -124,7 +126,8 @@ pub fn add(a: f64, b: f64) -> f64 {
     if low == f64::NEG_INFINITY { high } else { high + (low - high).exp().ln_1p() }
 }
 
-/// log2(2^a + 2^b), rounded to the grid of scores.
+/// Base-2 logarithm of 2^a + 2^b, rounded to a multiple of 2^-45 as scores of decoders are.
+#[must_use]
 pub fn add_log2(a: f64, b: f64) -> f64 {
     let (high, low) = if a > b { (a, b) } else { (b, a) };
     if low == f64::NEG_INFINITY { high } else { high + log2(1.0 + (low - high).exp2()) }

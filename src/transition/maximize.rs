@@ -2,8 +2,8 @@
 //! A\[i, j\] = (count of j → i + pseudo-count) / (the same, summed over the entries of column j).
 
 use super::{
-    DenseTransition, LearnTransition, Move, MoveCounts, SparseTransition, SwitchedTransition,
-    Transition, TransitionEntries, delegate,
+    DenseTransition, LearnFromMoves, LearnTransition, Move, MoveCounts, SparseTransition,
+    SwitchedTransition, Transition, TransitionEntries,
 };
 use crate::error::TransitionError;
 use crate::fixed::Fixed;
@@ -83,7 +83,10 @@ fn free<A: TransitionEntries<Control = ()>>(
 }
 
 /// Pseudo-count times Σ ln p over the entries.
-fn free_log_prior<A: TransitionEntries<Control = ()>>(transition: &A, pseudo_count: f64) -> f64 {
+pub(super) fn free_log_prior<A: TransitionEntries<Control = ()>>(
+    transition: &A,
+    pseudo_count: f64,
+) -> f64 {
     // The usual case, which need not compute E logarithms.
     if pseudo_count == 0.0 {
         return 0.0;
@@ -99,15 +102,9 @@ fn free_entries<A: TransitionEntries<Control = ()>>(transition: &A) -> usize {
     columns.map(|from| transition.outgoing(&(), from).count() - 1).sum()
 }
 
-impl LearnTransition for SparseTransition {
-    delegate!(move_counts);
-
+impl LearnFromMoves for SparseTransition {
     fn maximize(&self, counts: &MoveCounts, pseudo_count: f64) -> Result<Self, TransitionError> {
         Self::from_triplets(self.states(), free(self, counts, pseudo_count)?)
-    }
-
-    fn log_prior(&self, pseudo_count: f64) -> f64 {
-        free_log_prior(self, pseudo_count)
     }
 
     fn free_parameters(&self) -> usize {
@@ -115,9 +112,7 @@ impl LearnTransition for SparseTransition {
     }
 }
 
-impl LearnTransition for DenseTransition {
-    delegate!(move_counts);
-
+impl LearnFromMoves for DenseTransition {
     fn maximize(&self, counts: &MoveCounts, pseudo_count: f64) -> Result<Self, TransitionError> {
         let n = self.states();
         let mut matrix = vec![0.0; n * n];
@@ -125,10 +120,6 @@ impl LearnTransition for DenseTransition {
             matrix[to * n + from] = p;
         }
         Self::from_row_major(n, &matrix)
-    }
-
-    fn log_prior(&self, pseudo_count: f64) -> f64 {
-        free_log_prior(self, pseudo_count)
     }
 
     fn free_parameters(&self) -> usize {

@@ -7,7 +7,7 @@
 
 use std::f64::consts::LOG2_E;
 
-use super::log::{self, LARGEST};
+use super::log::{self, LARGEST_LINEAR_ENTRY};
 use super::{Transition, TransitionEntries, check_slices};
 use crate::error::TransitionError;
 use wayfix_kernels as kernels;
@@ -23,7 +23,7 @@ pub(crate) trait MoveLikelihood<A: TransitionEntries<Control = ()>> {
 
     /// Returns a function of a move (to, from) and of its stored data, if at hand: its
     /// log-likelihood less the log factor. `None` if nothing was measured.
-    fn logs(
+    fn move_log_likelihood(
         &self,
         base: &A,
         measured: &Self::Measurement,
@@ -34,10 +34,10 @@ pub(crate) trait MoveLikelihood<A: TransitionEntries<Control = ()>> {
 
     /// True if an entry is out of the range of doubles.
     fn needs_logs(&self, base: &A, measured: &Self::Measurement) -> bool {
-        let Some(log) = self.logs(base, measured) else { return false };
+        let Some(log) = self.move_log_likelihood(base, measured) else { return false };
         // An impossible move, of −∞, is exactly 0 in doubles, too.
         let beyond = |log: f64, p: f64| {
-            let in_range = f64::MIN_POSITIVE..=LARGEST;
+            let in_range = f64::MIN_POSITIVE..=LARGEST_LINEAR_ENTRY;
             log > f64::NEG_INFINITY && !in_range.contains(&(p * log.exp()))
         };
         let mut columns = (0..base.states()).map(|from| (from, base.outgoing(&(), from)));
@@ -53,21 +53,23 @@ pub(crate) trait MoveLikelihood<A: TransitionEntries<Control = ()>> {
 
 /// An operator whose entries are those of the base times the likelihood of a move.
 #[derive(Debug, Clone)]
-pub(crate) struct Measured<A, L> {
+pub(crate) struct WithMoveLikelihood<A, L> {
     pub(crate) base: A,
     pub(crate) likelihood: L,
 }
 
-impl<A: TransitionEntries<Control = ()>, L: MoveLikelihood<A>> Measured<A, L> {
-    fn logs(
+impl<A: TransitionEntries<Control = ()>, L: MoveLikelihood<A>> WithMoveLikelihood<A, L> {
+    fn move_log_likelihood(
         &self,
         measured: &L::Measurement,
     ) -> Option<impl Fn(usize, usize, Option<L::Move>) -> f64> {
-        self.likelihood.logs(&self.base, measured)
+        self.likelihood.move_log_likelihood(&self.base, measured)
     }
 }
 
-impl<A: TransitionEntries<Control = ()>, L: MoveLikelihood<A>> Transition for Measured<A, L> {
+impl<A: TransitionEntries<Control = ()>, L: MoveLikelihood<A>> Transition
+    for WithMoveLikelihood<A, L>
+{
     type Control = L::Measurement;
 
     fn states(&self) -> usize {
@@ -75,7 +77,9 @@ impl<A: TransitionEntries<Control = ()>, L: MoveLikelihood<A>> Transition for Me
     }
 
     fn apply(&self, measured: &L::Measurement, x: &[f64], out: &mut [f64]) {
-        let Some(log) = self.logs(measured) else { return self.base.apply(&(), x, out) };
+        let Some(log) = self.move_log_likelihood(measured) else {
+            return self.base.apply(&(), x, out);
+        };
         check_slices(self.states(), x, out);
         out.fill(0.0);
         // By columns in both directions, since stored data of moves are found by columns. States
@@ -88,7 +92,9 @@ impl<A: TransitionEntries<Control = ()>, L: MoveLikelihood<A>> Transition for Me
     }
 
     fn apply_transpose(&self, measured: &L::Measurement, x: &[f64], out: &mut [f64]) {
-        let Some(log) = self.logs(measured) else { return self.base.apply_transpose(&(), x, out) };
+        let Some(log) = self.move_log_likelihood(measured) else {
+            return self.base.apply_transpose(&(), x, out);
+        };
         check_slices(self.states(), x, out);
         for (from, out) in out.iter_mut().enumerate() {
             let column = self.likelihood.column(&self.base, from);
@@ -98,7 +104,9 @@ impl<A: TransitionEntries<Control = ()>, L: MoveLikelihood<A>> Transition for Me
     }
 
     fn apply_log(&self, measured: &L::Measurement, x: &[f64], out: &mut [f64]) {
-        let Some(log) = self.logs(measured) else { return self.base.apply_log(&(), x, out) };
+        let Some(log) = self.move_log_likelihood(measured) else {
+            return self.base.apply_log(&(), x, out);
+        };
         check_slices(self.states(), x, out);
         out.fill(f64::NEG_INFINITY);
         for (from, x) in x.iter().enumerate().filter(|entry| *entry.1 > f64::NEG_INFINITY) {
@@ -109,7 +117,7 @@ impl<A: TransitionEntries<Control = ()>, L: MoveLikelihood<A>> Transition for Me
     }
 
     fn apply_transpose_log(&self, measured: &L::Measurement, x: &[f64], out: &mut [f64]) {
-        let Some(log) = self.logs(measured) else {
+        let Some(log) = self.move_log_likelihood(measured) else {
             return self.base.apply_transpose_log(&(), x, out);
         };
         check_slices(self.states(), x, out);
@@ -134,11 +142,11 @@ impl<A: TransitionEntries<Control = ()>, L: MoveLikelihood<A>> Transition for Me
 }
 
 impl<A: TransitionEntries<Control = ()>, L: MoveLikelihood<A>> TransitionEntries
-    for Measured<A, L>
+    for WithMoveLikelihood<A, L>
 {
     fn incoming(&self, measured: &L::Measurement, to: usize) -> impl Iterator<Item = (usize, f64)> {
         // Rows of the base come without stored data: the likelihood computes or looks them up.
-        let log = self.logs(measured);
+        let log = self.move_log_likelihood(measured);
         let entry = move |(from, p): (usize, f64)| {
             (from, log.as_ref().map_or(p, |log| p * log(to, from, None).exp()))
         };
@@ -150,7 +158,7 @@ impl<A: TransitionEntries<Control = ()>, L: MoveLikelihood<A>> TransitionEntries
         measured: &L::Measurement,
         from: usize,
     ) -> impl Iterator<Item = (usize, f64)> {
-        let log = self.logs(measured);
+        let log = self.move_log_likelihood(measured);
         let entry = move |(to, p, stored): (usize, f64, L::Move)| {
             (to, log.as_ref().map_or(p, |log| p * log(to, from, Some(stored)).exp()))
         };
@@ -162,7 +170,7 @@ impl<A: TransitionEntries<Control = ()>, L: MoveLikelihood<A>> TransitionEntries
         measured: &L::Measurement,
         to: usize,
     ) -> impl Iterator<Item = (usize, f64)> {
-        let log = self.logs(measured);
+        let log = self.move_log_likelihood(measured);
         let entry = move |(from, log2): (usize, f64)| {
             (from, log2 + log.as_ref().map_or(0.0, |log| log2_of(log(to, from, None))))
         };
@@ -175,7 +183,7 @@ impl<A: TransitionEntries<Control = ()>, L: MoveLikelihood<A>> TransitionEntries
         measured: &L::Measurement,
         from: usize,
     ) -> impl Iterator<Item = (usize, f64)> {
-        let log = self.logs(measured);
+        let log = self.move_log_likelihood(measured);
         let entry = move |(to, log2, stored): (usize, f64, L::Move)| {
             (to, log2 + log.as_ref().map_or(0.0, |log| log2_of(log(to, from, Some(stored)))))
         };
@@ -190,7 +198,7 @@ impl<A: TransitionEntries<Control = ()>, L: MoveLikelihood<A>> TransitionEntries
         out: &mut [f64],
         predecessor: &mut [u32],
     ) {
-        let Some(log) = self.logs(measured) else {
+        let Some(log) = self.move_log_likelihood(measured) else {
             return self.base.max_product(&(), x, out, predecessor);
         };
         check_slices(self.states(), x, out);

@@ -11,8 +11,9 @@ use crate::error::TransitionError;
 /// [`TransitionEntries`](super::TransitionEntries).
 ///
 /// An operator may depend on a **control**, the input of the step from k − 1 to k, such as
-/// odometry, elapsed time or a gear. An operator without one has `Control = ()` and declares it by
-/// [`no_control`](Self::no_control); its columns are checked when a model is built from it.
+/// odometry, elapsed time or a gear. An operator without one has `Control = ()`: it is the same at
+/// every step. Its columns and transpose are then checked when a model is built from it, and
+/// inference has faster routines for it.
 ///
 /// A control may also be **evidence on the move**, a measurement between two steps, such as
 /// odometry or a compass. It does not choose an operator; its likelihood p(u | `X_{k-1}`, `X_k`)
@@ -30,8 +31,7 @@ use crate::error::TransitionError;
 ///
 /// # Implement it yourself
 ///
-/// A drive around a loop: one place forward with probability 0.9, else stay. It is the same at
-/// every step. `no_control` says so, so that the model checks it once and inference is faster.
+/// A drive around a loop: one place forward with probability 0.9, else stay.
 ///
 /// ```
 /// use wayfix::{Belief, Hmm, LikelihoodVector, Prior, Transition};
@@ -42,9 +42,6 @@ use crate::error::TransitionError;
 ///     type Control = ();
 ///     fn states(&self) -> usize {
 ///         self.0
-///     }
-///     fn no_control(&self) -> Option<&'static ()> {
-///         Some(&())
 ///     }
 ///     fn apply(&self, _: &(), x: &[f64], out: &mut [f64]) {
 ///         (0..self.0).for_each(|i| out[i] = 0.1 * x[i] + 0.9 * x[(i + self.0 - 1) % self.0]);
@@ -62,7 +59,8 @@ use crate::error::TransitionError;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 ///
-/// [`with_scratch`](crate::transition::with_scratch) lends memory for intermediate results.
+/// [`kit`](crate::transition::kit) lends memory for intermediate results, and checks that the methods
+/// of an operator agree.
 ///
 /// An operator with a control, the metres driven since the last observation, on a line of n places
 /// 100 m apart. The vehicle stops at the end:
@@ -112,27 +110,12 @@ use crate::error::TransitionError;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub trait Transition {
-    /// Input of a step, on which the operator depends; `()` if there is none.
+    /// Input of a step, on which the operator depends. With `()` the operator must be the same at
+    /// every step.
     type Control: 'static;
 
     /// Number of states, n.
     fn states(&self) -> usize;
-
-    /// Returns the only control of an operator that is the same at every step, `Some(&())`; `None`,
-    /// the default, if the operator depends on its control.
-    ///
-    /// With `Some`, inference takes this control for every step. Columns and transpose are then
-    /// checked when a model is built, models of few states and many sequences at once go through
-    /// faster routines, and a [`PrunedFilter`](crate::PrunedFilter) bounds the entries once, not at
-    /// each step. An operator with `Control = ()` that returns `None` gives the same results up to
-    /// rounding, but more slowly and with a looser [`Certificate`](crate::inference::Certificate);
-    /// if its columns do not sum to one, the first step whose prediction does not sum to one is an
-    /// error.
-    ///
-    /// Wrappers return that of their inner operator. The answer must never change.
-    fn no_control(&self) -> Option<&'static Self::Control> {
-        None
-    }
 
     /// Computes `out = A x`, the distribution one step later. Overwrites all of `out`.
     ///
@@ -231,6 +214,15 @@ pub trait Transition {
     fn stored(&self, control: &Self::Control) -> Option<Stored<'_>> {
         let _ = control;
         None
+    }
+
+    /// True if some moves are [restarts](super::RestartTransition), which lead anywhere whatever
+    /// state was left. False by default; a wrapper returns that of its inner operator.
+    ///
+    /// Evidence on moves says nothing of a restart, and there are n² of them. So
+    /// [`EvidenceTransition`](super::EvidenceTransition) refuses such an operator.
+    fn has_restarts(&self) -> bool {
+        false
     }
 
     /// Checks that the operator accepts a control. The default accepts every control.

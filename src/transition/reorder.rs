@@ -15,7 +15,7 @@ impl ReorderStates for DenseTransition {
             let column = matrix.column_mut(from).iter_mut().zip(order);
             column.for_each(|(p, &to)| *p = self.get(to, old));
         }
-        Self::known(matrix)
+        Self::from_valid(matrix)
     }
 }
 

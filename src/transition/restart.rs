@@ -5,7 +5,7 @@
 
 use std::ops::{Add, Range};
 
-use super::jump::{Jumps, scaled, times};
+use super::jump::{Jumps, product_or_zero, scale_belief};
 use super::log::add_log2;
 use super::{LearnTransition, Transition, TransitionEntries};
 use super::{best_of, check_probability, delegate, log, merge};
@@ -21,7 +21,7 @@ use wayfix_kernels::{self as kernels, log2};
 /// If A has [evidence on moves](Transition::evidence), such as odometry, restarts have one
 /// likelihood of their own: [`with_evidence`](Self::with_evidence). The evidence belongs inside: an
 /// [`EvidenceTransition`](super::EvidenceTransition) around a restart would take restarts for
-/// moves, and evaluate its likelihood for all n² of them. The guide has an example,
+/// moves, and evaluate its likelihood for all n² of them; it is an error. The guide has an example,
 /// [a lost robot](crate::guide::lost_robot).
 ///
 /// Products, and so filters and smoothers, cost O(n) more than those of A. Viterbi takes
@@ -63,7 +63,7 @@ impl<A: Transition> RestartTransition<A> {
             let part = "restart belief";
             return Err(TransitionError::PartStates { part, found, expected });
         }
-        let restart = scaled(restart, rate, "a restart in")?;
+        let restart = scale_belief(restart, rate, "a restart in")?;
         Ok(Self::from_parts(inner, 1.0 - rate, restart))
     }
 
@@ -101,25 +101,33 @@ impl<A: Transition> RestartTransition<A> {
 
     /// States from which a restart leads to this one: all, or none.
     fn origins(&self, to: usize) -> Range<usize> {
-        if self.jumps.to[to] > 0.0 { 0..self.jumps.to.len() } else { 0..0 }
+        if self.jumps.jump_probabilities[to] > 0.0 {
+            0..self.jumps.jump_probabilities.len()
+        } else {
+            0..0
+        }
     }
 }
 
 impl<A: Transition> Transition for RestartTransition<A> {
     type Control = A::Control;
 
-    delegate!(a, control => a.jumps.inner, control; states no_control evidence check_control);
+    delegate!(a, control => a.jumps.inner, control; states evidence check_control);
+
+    fn has_restarts(&self) -> bool {
+        true
+    }
 
     fn apply(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
         // ε r 1' x is ε r times the sum of x: all of x restarts, by the factor p(u | restart).
-        let restarting = times(kernels::sum(x), self.jumps.log_factor(control).exp());
+        let restarting = product_or_zero(kernels::sum(x), self.jumps.log_factor(control).exp());
         self.jumps.apply(control, x, restarting, out);
     }
 
     fn apply_transpose(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
         // The transpose, 1 (ε r)' x, adds one number to all states.
         let factor = self.jumps.log_factor(control).exp();
-        let restarted = times(kernels::dot(&self.jumps.to, x), factor);
+        let restarted = product_or_zero(kernels::dot(&self.jumps.jump_probabilities, x), factor);
         self.jumps.apply_transpose(control, x, restarted, out);
     }
 
@@ -141,9 +149,10 @@ impl<A: Transition> Transition for RestartTransition<A> {
 impl<A: TransitionEntries> TransitionEntries for RestartTransition<A> {
     fn incoming(&self, control: &A::Control, to: usize) -> impl Iterator<Item = (usize, f64)> {
         let jumps = &self.jumps;
-        let restart = times(jumps.to[to], jumps.log_factor(control).exp());
+        let restart =
+            product_or_zero(jumps.jump_probabilities[to], jumps.log_factor(control).exp());
         let restarts = self.origins(to).map(move |j| (j, restart)).filter(|entry| entry.1 > 0.0);
-        merge(jumps.kept(jumps.inner.incoming(control, to)), restarts, f64::add)
+        merge(jumps.scaled_entries(jumps.inner.incoming(control, to)), restarts, f64::add)
     }
 
     fn outgoing(&self, control: &A::Control, from: usize) -> impl Iterator<Item = (usize, f64)> {
@@ -151,7 +160,7 @@ impl<A: TransitionEntries> TransitionEntries for RestartTransition<A> {
         let factor = jumps.log_factor(control).exp();
         let restarts = jumps.targets().map(move |(i, restart)| (i, restart * factor));
         let restarts = restarts.filter(|entry| entry.1 > 0.0);
-        merge(jumps.kept(jumps.inner.outgoing(control, from)), restarts, f64::add)
+        merge(jumps.scaled_entries(jumps.inner.outgoing(control, from)), restarts, f64::add)
     }
 
     // Without evidence, the linear sum of both terms is rounded to a logarithm, as an entry of a
@@ -164,9 +173,9 @@ impl<A: TransitionEntries> TransitionEntries for RestartTransition<A> {
         let measured = jumps.inner.evidence(control).is_some();
         let sums = (!measured).then(|| self.incoming(control, to).map(|(j, p)| (j, log2(p))));
         let logs = measured.then(|| {
-            let restart = jumps.log2_to[to] + jumps.log2_factor(control);
+            let restart = jumps.log2_jump_probabilities[to] + jumps.log2_factor(control);
             let restarts = self.origins(to).map(move |j| (j, restart));
-            merge(jumps.kept_log2(jumps.inner.incoming_log2(control, to)), restarts, add_log2)
+            merge(jumps.scaled_log2(jumps.inner.incoming_log2(control, to)), restarts, add_log2)
         });
         sums.into_iter().flatten().chain(logs.into_iter().flatten())
     }
@@ -181,8 +190,9 @@ impl<A: TransitionEntries> TransitionEntries for RestartTransition<A> {
         let sums = (!measured).then(|| self.outgoing(control, from).map(|(i, p)| (i, log2(p))));
         let logs = measured.then(|| {
             let factor = jumps.log2_factor(control);
-            let restarts = jumps.targets().map(move |(i, _)| (i, jumps.log2_to[i] + factor));
-            merge(jumps.kept_log2(jumps.inner.outgoing_log2(control, from)), restarts, add_log2)
+            let restarts =
+                jumps.targets().map(move |(i, _)| (i, jumps.log2_jump_probabilities[i] + factor));
+            merge(jumps.scaled_log2(jumps.inner.outgoing_log2(control, from)), restarts, add_log2)
         });
         sums.into_iter().flatten().chain(logs.into_iter().flatten())
     }
@@ -197,11 +207,12 @@ impl<A: TransitionEntries> TransitionEntries for RestartTransition<A> {
         // the state at ε r_i as well changes no maximum, and if the offer ties, so does the entry.
         // Hence the first of all best states, and those with an entry, are enough: O(entries + n).
         let (most, first) = best_of((0..).zip(x.iter().map(|_| 0.0)), x);
-        let Jumps { inner, keep, to, log2_to, .. } = &self.jumps;
+        let Jumps { inner, move_probability, jump_probabilities, log2_jump_probabilities, .. } =
+            &self.jumps;
         let measured = inner.evidence(control).is_some();
-        let (log2_keep, factor) = (log2(*keep), self.jumps.log2_factor(control));
+        let (log2_keep, factor) = (log2(*move_probability), self.jumps.log2_factor(control));
         for (i, (out, from)) in out.iter_mut().zip(from).enumerate() {
-            let restart = log2_to[i] + factor;
+            let restart = log2_jump_probabilities[i] + factor;
             let mut best = (restart + most, first);
             // `first` need not be the lowest, so a tie compares the states, too.
             let mut offer = |value: f64, j: usize| {
@@ -219,7 +230,7 @@ impl<A: TransitionEntries> TransitionEntries for RestartTransition<A> {
                 // reaches the best score so far. Ties pass, since the bound is at least the score.
                 let mut least = restart + most;
                 for (j, p) in inner.incoming(control, i) {
-                    let p = keep * p + to[i];
+                    let p = move_probability * p + jump_probabilities[i];
                     if log2_bound(p) + x[j] >= least {
                         least = offer(log2(p) + x[j], j);
                     }
@@ -238,7 +249,7 @@ impl<A: LearnTransition> LearnTransition for RestartTransition<A> {
     delegate!(a, control => a.jumps.inner, control; statistics parameters);
 
     fn counted(&self, control: &A::Control, from: usize) -> impl Iterator<Item = (usize, f64)> {
-        self.jumps.kept(self.jumps.inner.counted(control, from))
+        self.jumps.scaled_entries(self.jumps.inner.counted(control, from))
     }
 
     fn counted_log2(
@@ -246,13 +257,13 @@ impl<A: LearnTransition> LearnTransition for RestartTransition<A> {
         control: &A::Control,
         from: usize,
     ) -> impl Iterator<Item = (usize, f64)> {
-        self.jumps.kept_log2(self.jumps.inner.counted_log2(control, from))
+        self.jumps.scaled_log2(self.jumps.inner.counted_log2(control, from))
     }
 
     fn restart_log2(&self, control: &A::Control, to: usize) -> f64 {
         // The inner operator may restart, too: those restarts are kept with probability 1 − ε.
-        let within = log2(self.jumps.keep) + self.jumps.inner.restart_log2(control, to);
-        add_log2(self.jumps.log2_to[to] + self.jumps.log2_factor(control), within)
+        let within = log2(self.jumps.move_probability) + self.jumps.inner.restart_log2(control, to);
+        add_log2(self.jumps.log2_jump_probabilities[to] + self.jumps.log2_factor(control), within)
     }
 
     fn maximize(
@@ -261,7 +272,7 @@ impl<A: LearnTransition> LearnTransition for RestartTransition<A> {
         pseudo_count: f64,
     ) -> Result<Self, TransitionError> {
         let inner = self.jumps.inner.maximize(statistics, pseudo_count)?;
-        Ok(Self { jumps: self.jumps.beside(inner) })
+        Ok(Self { jumps: self.jumps.with_inner(inner) })
     }
 
     fn log_probability(&self, statistics: &A::Statistics) -> Option<f64> {
@@ -280,8 +291,8 @@ fn log2_bound(p: f64) -> f64 {
 crate::stored! {
     [A: Transition] RestartTransition<A>: [A], |a| {
         inner: A = a.jumps.inner,
-        keep: f64 = a.jumps.keep,
-        restart: Vec<f64> = a.jumps.to,
+        keep: f64 = a.jumps.move_probability,
+        restart: Vec<f64> = a.jumps.jump_probabilities,
         evidence: Option<f64> = a.jumps.evidence,
     } => restarting(inner, keep, restart).and_then(|a| a.with_optional_evidence(evidence));
 }

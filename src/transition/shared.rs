@@ -12,7 +12,7 @@ use crate::fixed::Fixed;
 
 /// Implements the named methods of [`Transition`], [`TransitionEntries`] and
 /// [`LearnTransition`](super::LearnTransition) by those of an inner operator, with its control:
-/// `delegate!(a, control => a.inner, control; no_control evidence)`.
+/// `delegate!(a, control => a.inner, control; states evidence)`.
 macro_rules! delegate {
     // One internal rule for each name. `$a` and `$u` come from the caller, since identifiers of a
     // macro are invisible to the expressions `$inner` and `$control`.
@@ -47,10 +47,10 @@ macro_rules! delegate {
             $inner.states()
         }
     };
-    (@no_control $a:ident, $u:ident => $inner:expr, $control:expr) => {
-        fn no_control(&self) -> Option<&'static Self::Control> {
+    (@has_restarts $a:ident, $u:ident => $inner:expr, $control:expr) => {
+        fn has_restarts(&self) -> bool {
             let $a = self;
-            $inner.no_control()
+            $inner.has_restarts()
         }
     };
     (@products $($rest:tt)+) => {
@@ -126,34 +126,6 @@ macro_rules! delegate {
             $inner.counts(statistics, $control)
         }
     };
-    // Statistics of an operator that is the same at all steps: plain move counts.
-    (move_counts) => {
-        type Statistics = $crate::transition::MoveCounts;
-
-        fn statistics(&self) -> $crate::transition::MoveCounts {
-            $crate::transition::MoveCounts::default()
-        }
-
-        fn merge(
-            &self,
-            counts: &mut $crate::transition::MoveCounts,
-            other: &$crate::transition::MoveCounts,
-        ) {
-            counts.merge(other);
-        }
-
-        fn counts<'s>(
-            &self,
-            counts: &'s mut $crate::transition::MoveCounts,
-            _: &Self::Control,
-        ) -> Option<&'s mut $crate::transition::MoveCounts> {
-            Some(counts)
-        }
-
-        fn log_probability(&self, counts: &$crate::transition::MoveCounts) -> Option<f64> {
-            Some($crate::transition::maximize::log_probability(self, counts))
-        }
-    };
     (@parameters $a:ident, $u:ident => $inner:expr, $control:expr) => {
         fn log_prior(&self, pseudo_count: f64) -> f64 {
             let $a = self;
@@ -177,7 +149,7 @@ macro_rules! as_target {
             type Control = <$target as Transition>::Control;
 
             delegate!(a, control => (**a), control;
-                states no_control products blocks evidence needs_logs stored check_control);
+                states products blocks evidence needs_logs stored has_restarts check_control);
         }
 
         impl<$($generics)*> TransitionEntries for $type

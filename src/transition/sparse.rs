@@ -39,7 +39,7 @@ pub struct SparseTransition {
     pub(crate) sliced_rows: Sliced,
     pub(crate) sliced_columns: Sliced,
     /// True if all entries are at least 2^-100.
-    pub(crate) plain: bool,
+    pub(crate) no_tiny_entries: bool,
     /// log2 of the values of the rows, computed by the first decoding.
     log2: OnceLock<EntryValues>,
 }
@@ -136,9 +136,10 @@ impl SparseTransition {
         let (sliced_rows, sliced_columns) = rayon::join(sliced_rows, sliced_columns);
         #[cfg(not(feature = "rayon"))]
         let (sliced_rows, sliced_columns) = (sliced_rows(), sliced_columns());
-        let plain = (0..rows.lines()).all(|i| rows.line(i).all(|(_, p)| limits::is_plain(p)));
+        let no_tiny_entries =
+            (0..rows.lines()).all(|i| rows.line(i).all(|(_, p)| limits::is_plain(p)));
         let log2 = OnceLock::new();
-        Self { rows, columns, sliced_rows, sliced_columns, plain, log2 }
+        Self { rows, columns, sliced_rows, sliced_columns, no_tiny_entries, log2 }
     }
 
     /// Creates an operator from the rows of A, including zeros:

@@ -8,7 +8,7 @@
 
 use std::collections::BTreeSet;
 
-use super::{Transition, TransitionEntries};
+use super::{Transition, TransitionEntries, constant_control};
 use crate::belief::Belief;
 use crate::error::{Parameter, TransitionError};
 
@@ -19,11 +19,11 @@ const LARGE: f64 = 1e150;
 
 /// The control of an operator that is the same at all steps and whose columns are distributions;
 /// an error for other operators, which have no stationary distribution.
-pub(crate) fn the_control<A: Transition>(
+pub(crate) fn stationary_control<A: Transition>(
     transition: &A,
 ) -> Result<&'static A::Control, TransitionError> {
-    let Some(control) = transition.no_control() else {
-        let cause = "the operator has a control, or does not declare that it has none";
+    let Some(control) = constant_control::<A>() else {
+        let cause = "the operator has a control";
         return Err(TransitionError::Stationary(cause));
     };
     if transition.evidence(control).is_some() {
@@ -55,7 +55,7 @@ impl Stationary {
     /// Eliminates the states of the closed class. O(n³) for a full matrix, and for maps of places
     /// little more than O(n √n).
     pub(crate) fn of<A: TransitionEntries>(transition: &A) -> Result<Self, TransitionError> {
-        let control = the_control(transition)?;
+        let control = stationary_control(transition)?;
         let states = transition.states();
         // Moves to other states. A stay changes nothing but the time, which `leaves` accounts for.
         let column = |from: usize| {
@@ -88,7 +88,7 @@ impl Stationary {
             weights[*state] = flow / leaves;
         }
         let sum: f64 = weights.iter().sum();
-        Belief::known(weights.iter().map(|weight| weight / sum).collect())
+        Belief::from_valid(weights.iter().map(|weight| weight / sum).collect())
     }
 
     /// Derivatives of Σ `rewards[i]` `π[i]`: to first order, moving probability ε in column j from
@@ -208,7 +208,7 @@ fn eliminate(
         let mut from_others = Vec::new();
         for from in std::mem::take(&mut into[state]) {
             let column = std::mem::take(&mut out[from as usize]);
-            let (column, p) = through(from, column, k, &shares, |to| into[to as usize].push(from));
+            let (column, p) = bypass(from, column, k, &shares, |to| into[to as usize].push(from));
             out[from as usize] = column;
             from_others.push((from, p));
         }
@@ -233,7 +233,7 @@ fn eliminate(
 
 /// Returns the moves out of a state after those to state k have been passed on to where k leads,
 /// and the probability of the moves to k. Calls `new` for each state that was not reached before.
-fn through(
+fn bypass(
     from: u32,
     column: Vec<(u32, f64)>,
     k: u32,

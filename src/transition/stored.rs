@@ -27,6 +27,19 @@ impl<'a> Stored<'a> {
         Self(Form::Dense(matrix))
     }
 
+    /// A column of the matrix.
+    pub(crate) fn column(self, from: usize) -> Vec<f64> {
+        fn dense(states: usize, column: impl Iterator<Item = (usize, f64)>) -> Vec<f64> {
+            let mut values = vec![0.0; states];
+            column.for_each(|(to, p)| values[to] = p);
+            values
+        }
+        match self.0 {
+            Form::Sparse(matrix) => dense(matrix.states(), matrix.outgoing(&(), from)),
+            Form::Dense(matrix) => dense(matrix.states(), matrix.outgoing(&(), from)),
+        }
+    }
+
     /// The matrix, if it is sparse.
     pub(crate) fn as_sparse(self) -> Option<&'a SparseTransition> {
         match self.0 {
@@ -36,10 +49,10 @@ impl<'a> Stored<'a> {
     }
 
     /// True if all values above 0 are at least 2^-100.
-    pub(crate) fn is_plain(self) -> bool {
+    pub(crate) fn has_no_tiny_entries(self) -> bool {
         match self.0 {
-            Form::Sparse(matrix) => matrix.plain,
-            Form::Dense(matrix) => matrix.plain,
+            Form::Sparse(matrix) => matrix.no_tiny_entries,
+            Form::Dense(matrix) => matrix.no_tiny_entries,
         }
     }
 
@@ -77,6 +90,41 @@ impl SparseTransition {
         }
         Self::from_triplets(n, entries)
     }
+
+    /// Returns the operator of `exponent` steps, A^m, for motion that is observed only at every m-th
+    /// step; 0 steps are the identity. O(m n E).
+    ///
+    /// A power fills in: its entries are sums over the paths between two states.
+    ///
+    /// ```
+    /// use wayfix::SparseTransition;
+    ///
+    /// let step = SparseTransition::from_rows(&[[0.5, 0.0, 0.0], [0.5, 0.5, 0.0], [0.0, 0.5, 1.0]])?;
+    /// let twice = step.power(2)?;
+    /// assert_eq!([0, 1, 2].map(|to| twice.get(to, 0)), [0.25, 0.5, 0.25]);
+    /// # Ok::<(), wayfix::TransitionError>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError::TooMany`] for more than 2^32 − 1 entries.
+    pub fn power(&self, exponent: u32) -> Result<Self, TransitionError> {
+        let n = self.states();
+        let mut entries = Vec::new();
+        let (mut column, mut next) = (vec![0.0; n], vec![0.0; n]);
+        for from in 0..n {
+            // A^m e_j by m products, so that no power is rounded twice.
+            column.fill(0.0);
+            column[from] = 1.0;
+            for _ in 0..exponent {
+                self.apply(&(), &column, &mut next);
+                std::mem::swap(&mut column, &mut next);
+            }
+            let reached = column.iter().enumerate().filter(|(_, p)| **p > 0.0);
+            entries.extend(reached.map(|(to, &p)| (to, from, p)));
+        }
+        Self::from_triplets(n, entries)
+    }
 }
 
 impl Transition for SparseTransition {
@@ -84,10 +132,6 @@ impl Transition for SparseTransition {
 
     fn states(&self) -> usize {
         self.rows.lines()
-    }
-
-    fn no_control(&self) -> Option<&'static ()> {
-        Some(&())
     }
 
     fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
@@ -138,10 +182,6 @@ impl Transition for DenseTransition {
 
     fn states(&self) -> usize {
         self.matrix.states()
-    }
-
-    fn no_control(&self) -> Option<&'static ()> {
-        Some(&())
     }
 
     fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {

@@ -67,6 +67,10 @@ impl<A: Transition<Control = ()>> Transition for SwitchedTransition<A> {
         self.operators[0].states()
     }
 
+    fn has_restarts(&self) -> bool {
+        self.operators.iter().any(Transition::has_restarts)
+    }
+
     fn stored(&self, &control: &usize) -> Option<Stored<'_>> {
         self.operators.get(control)?.stored(&())
     }

@@ -1,13 +1,13 @@
 //! Checks of whole operators by products: two that cost O(n) memory and need no entries.
 
-use super::{Transition, check_columns};
+use super::{Transition, check_columns, constant_control};
 use crate::error::TransitionError;
 use wayfix_kernels as kernels;
 
 /// Checks an operator that is the same at every step, by [`validate_with`]. An operator with a
 /// control can't be checked without one, except for its number of states.
 pub(crate) fn validate<A: Transition>(transition: &A) -> Result<(), TransitionError> {
-    match transition.no_control() {
+    match constant_control::<A>() {
         Some(control) => validate_with(transition, control),
         None if transition.states() == 0 => Err(TransitionError::Empty),
         None => Ok(()),
@@ -16,6 +16,10 @@ pub(crate) fn validate<A: Transition>(transition: &A) -> Result<(), TransitionEr
 
 /// Checks the operator of a control: its columns sum to one, A' 1 = 1 (unless it has evidence on
 /// moves), and its two products are transposes, v' (A u) = u' (A' v).
+///
+/// # Errors
+///
+/// [`TransitionError`] with the column or the products that are wrong.
 pub fn validate_with<A: Transition>(
     transition: &A,
     control: &A::Control,
@@ -49,6 +53,10 @@ pub fn validate_with<A: Transition>(
 
 /// Refuses inner operators with evidence, for wrappers whose own moves have no likelihood of the
 /// measurement.
+///
+/// # Errors
+///
+/// [`TransitionError::Control`] with the name of the wrapper, `operator`.
 pub fn refuse_evidence<A: Transition>(
     inner: &A,
     control: &A::Control,

@@ -12,8 +12,8 @@ use wayfix_kernels::log2;
 /// A banded matrix that stores only its window: the places of a route in order, with one
 /// distribution of the number of places moved in a step.
 ///
-/// On a closed route, a loop, the first place follows the last; on an open one, moves beyond an
-/// end stop there.
+/// On a [closed](Self::closed) route, a loop, the first place follows the last; on an
+/// [open](Self::open) one, moves beyond an end stop there.
 ///
 /// Products cost O(n w) for w weights, in contiguous loops. Memory is O(w), plus O(w) for each of
 /// the e places from which the window reaches beyond an end. Listing the entries *into* a state
@@ -24,7 +24,7 @@ use wayfix_kernels::log2;
 /// use wayfix::Transition;
 ///
 /// // One place back, a stay, or one place ahead; the route ends after four places.
-/// let a = WindowTransition::new(4, -1, &[0.125, 0.25, 0.625], false)?;
+/// let a = WindowTransition::open(4, -1, &[0.125, 0.25, 0.625])?;
 /// let mut out = [0.0; 4];
 /// a.apply(&(), &[0.0, 0.0, 0.0, 1.0], &mut out);
 /// assert_eq!(out, [0.0, 0.0, 0.125, 0.875]);
@@ -36,14 +36,14 @@ pub struct WindowTransition {
     /// True if the first place follows the last.
     #[cfg(feature = "serde")]
     pub(crate) closed: bool,
-    /// Offset of the window: a place j in `whole` leads to j + `first` + `to` for each entry.
+    /// Offset of the window: a place j in `interior` leads to j + `first` + `to` for each entry.
     pub(crate) first: isize,
     pub(crate) window: Vec<Entry>,
     /// Places from which the whole window stays on the route.
-    whole: Range<usize>,
-    /// Columns of the places before and after `whole`.
-    before: Vec<Vec<Entry>>,
-    after: Vec<Vec<Entry>>,
+    interior: Range<usize>,
+    /// Columns of the places before and after `interior`.
+    start_columns: Vec<Vec<Entry>>,
+    end_columns: Vec<Vec<Entry>>,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -58,18 +58,31 @@ pub(crate) struct Entry {
 const BLOCK: usize = 2048;
 
 impl WindowTransition {
-    /// Creates an operator that moves from place j to j + `first` + d with probability
-    /// `weights[d]`. O(w log w) for each place near an end.
-    ///
-    /// On a closed route, moves to the same place add up, so the window may be longer than the
-    /// route.
+    /// Creates an operator on an open route that moves from place j to j + `first` + d with
+    /// probability `weights[d]`; moves beyond an end stop there. O(w log w) for each place near an
+    /// end.
     ///
     /// # Errors
     ///
     /// [`TransitionError`] for no states or more than 2^32 − 1 of them, for a
     /// weight that is NaN, negative or infinite, and for weights that do not sum to
     /// one within 1e-9.
-    pub fn new(
+    pub fn open(states: usize, first: isize, weights: &[f64]) -> Result<Self, TransitionError> {
+        Self::new(states, first, weights, false)
+    }
+
+    /// Creates an operator on a closed route, a loop, whose first place follows the last, as
+    /// [`open`](Self::open) does. Moves to the same place add up, so the window may be longer than
+    /// the route.
+    ///
+    /// # Errors
+    ///
+    /// As [`open`](Self::open).
+    pub fn closed(states: usize, first: isize, weights: &[f64]) -> Result<Self, TransitionError> {
+        Self::new(states, first, weights, true)
+    }
+
+    fn new(
         states: usize,
         first: isize,
         weights: &[f64],
@@ -96,11 +109,11 @@ impl WindowTransition {
         let moves = weights[leading..].iter().enumerate().filter(|(_, w)| **w > 0.0);
         let window: Vec<_> = moves.map(|(to, &value)| Entry::new(to, value)).collect();
         // Place j stays on the route with its whole window if j + first ≥ 0 and j + last < n.
-        // If there is no such place, all columns are in `before`.
+        // If there is no such place, all columns are in `start_columns`.
         let last = window.last().map_or(first, |entry| first.saturating_add_unsigned(entry.to));
         let start = first.min(0).unsigned_abs();
         let end = states.saturating_sub(last.max(0).unsigned_abs());
-        let whole = if start < end { start..end } else { states..states };
+        let interior = if start < end { start..end } else { states..states };
         let column = |from: usize| {
             let to = |entry: &Entry| {
                 from.cast_signed().saturating_add(first).saturating_add_unsigned(entry.to)
@@ -120,49 +133,49 @@ impl WindowTransition {
             });
             column.into_iter().map(|(to, value)| Entry::new(to, value)).collect::<Vec<_>>()
         };
-        let before = (0..whole.start).map(column).collect();
-        let after = (whole.end..states).map(column).collect();
+        let start_columns = (0..interior.start).map(column).collect();
+        let end_columns = (interior.end..states).map(column).collect();
         Ok(Self {
             states,
             #[cfg(feature = "serde")]
             closed,
             first,
             window,
-            whole,
-            before,
-            after,
+            interior,
+            start_columns,
+            end_columns,
         })
     }
 
     /// Places near the start, with their columns.
-    fn before(&self) -> impl Iterator<Item = (usize, &Vec<Entry>)> + Clone {
-        (0..).zip(&self.before)
+    fn start_columns(&self) -> impl Iterator<Item = (usize, &Vec<Entry>)> + Clone {
+        (0..).zip(&self.start_columns)
     }
 
-    fn after(&self) -> impl Iterator<Item = (usize, &Vec<Entry>)> + Clone {
-        (self.whole.end..).zip(&self.after)
+    fn end_columns(&self) -> impl Iterator<Item = (usize, &Vec<Entry>)> + Clone {
+        (self.interior.end..).zip(&self.end_columns)
     }
 
     /// Blocks of the places whose whole window stays on the route.
     fn blocks(&self) -> impl Iterator<Item = Range<usize>> {
-        let starts = self.whole.clone().step_by(BLOCK);
-        starts.map(|start| start..self.whole.end.min(start + BLOCK))
+        let starts = self.interior.clone().step_by(BLOCK);
+        starts.map(|start| start..self.interior.end.min(start + BLOCK))
     }
 
     /// The places to which an entry of the window leads from a block.
     fn target(&self, block: &Range<usize>, entry: &Entry) -> Range<usize> {
-        // Does not wrap: places of a block lie in `whole`, where j + first ≥ 0.
+        // Does not wrap: places of a block lie in `interior`, where j + first ≥ 0.
         let start = block.start.wrapping_add_signed(self.first) + entry.to;
         start..start + block.len()
     }
 
     fn column(&self, from: usize) -> impl Iterator<Item = (usize, f64)> + Clone {
         assert!(from < self.states, "there is no state {from}");
-        let (base, entries) = if self.whole.contains(&from) {
+        let (base, entries) = if self.interior.contains(&from) {
             (from.wrapping_add_signed(self.first), &self.window)
         } else {
-            let after = from.checked_sub(self.whole.end).map(|at| &self.after[at]);
-            (0, after.unwrap_or_else(|| &self.before[from]))
+            let after = from.checked_sub(self.interior.end).map(|at| &self.end_columns[at]);
+            (0, after.unwrap_or_else(|| &self.start_columns[from]))
         };
         entries.iter().map(move |entry| (base + entry.to, entry.value))
     }
@@ -198,14 +211,10 @@ impl Transition for WindowTransition {
         self.states
     }
 
-    fn no_control(&self) -> Option<&'static ()> {
-        Some(&())
-    }
-
     fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
         check_slices(self.states, x, out);
         out.fill(0.0);
-        // Columns are added into `out`, which starts at 0: a place may be reached both from `whole`
+        // Columns are added into `out`, which starts at 0: a place may be reached both from `interior`
         // and from places near an end.
         for block in self.blocks() {
             let x = &x[block.clone()];
@@ -220,7 +229,7 @@ impl Transition for WindowTransition {
                 out.iter_mut().zip(x).for_each(|(out, x)| *out += entry.value * x);
             }
         }
-        for (from, column) in self.before().chain(self.after()) {
+        for (from, column) in self.start_columns().chain(self.end_columns()) {
             column.iter().for_each(|entry| out[entry.to] += entry.value * x[from]);
         }
     }
@@ -235,7 +244,7 @@ impl Transition for WindowTransition {
                 out.iter_mut().zip(x).for_each(|(out, x)| *out += entry.value * x);
             }
         }
-        for (from, column) in self.before().chain(self.after()) {
+        for (from, column) in self.start_columns().chain(self.end_columns()) {
             out[from] = column.iter().map(|entry| entry.value * x[entry.to]).sum();
         }
     }
@@ -264,12 +273,15 @@ impl TransitionEntries for WindowTransition {
             Some((from, column[at].value))
         };
         // The farther the move, the lower its source: reversed, sources ascend, and all lie between
-        // those of `before` and `after`. A source below 0 or beyond `whole` is skipped.
-        let whole = self.window.iter().rev().filter_map(move |entry| {
+        // those of `start_columns` and `end_columns`. A source below 0 or beyond `interior` is skipped.
+        let interior = self.window.iter().rev().filter_map(move |entry| {
             let from = to.checked_add_signed(self.first.checked_neg()?)?.checked_sub(entry.to)?;
-            self.whole.contains(&from).then_some((from, entry.value))
+            self.interior.contains(&from).then_some((from, entry.value))
         });
-        self.before().filter_map(find).chain(whole).chain(self.after().filter_map(find))
+        self.start_columns()
+            .filter_map(find)
+            .chain(interior)
+            .chain(self.end_columns().filter_map(find))
     }
 
     fn outgoing(&self, (): &(), from: usize) -> impl Iterator<Item = (usize, f64)> {
@@ -280,7 +292,7 @@ impl TransitionEntries for WindowTransition {
         check_slices(self.states, x, out);
         out.fill(f64::NEG_INFINITY);
         from.fill(0);
-        // Each state is offered its predecessors in ascending order (places before `whole`, blocks
+        // Each state is offered its predecessors in ascending order (places before `interior`, blocks
         // in order, far moves before near ones, places after), so that the lowest wins ties.
         let offer = |out: &mut f64, from: &mut u32, value: f64, place: usize| {
             let better = value > *out;
@@ -293,7 +305,7 @@ impl TransitionEntries for WindowTransition {
                     offer(&mut out[entry.to], &mut from[entry.to], entry.log2 + x[place], place);
                 }
             };
-        self.before().for_each(|column| offer_column(column, out, from));
+        self.start_columns().for_each(|column| offer_column(column, out, from));
         for block in self.blocks() {
             for entry in self.window.iter().rev() {
                 let target = self.target(&block, entry);
@@ -303,7 +315,7 @@ impl TransitionEntries for WindowTransition {
                 }
             }
         }
-        self.after().for_each(|column| offer_column(column, out, from));
+        self.end_columns().for_each(|column| offer_column(column, out, from));
     }
 }
 

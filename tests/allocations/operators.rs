@@ -3,8 +3,7 @@
 use wayfix::likelihood::{GroupedLikelihood, Groups, PooledLikelihood, SparseObservation};
 use wayfix::motion::{DistanceTransition, OdometryReading, OffMapTransition};
 use wayfix::transition::{
-    DwellTransition, EvidenceTransition, KroneckerTransition, PowerTransition, RestartTransition,
-    WindowTransition,
+    DwellTransition, EvidenceTransition, KroneckerTransition, RestartTransition, WindowTransition,
 };
 use wayfix::{
     Belief, FusedLikelihood, Hmm, LikelihoodVector, OptionalLikelihood, Prior, SparseLikelihood,
@@ -25,7 +24,7 @@ fn check_with<A: TransitionEntries>(name: &str, a: &A, control: &A::Control) {
 
 #[test]
 fn products_allocate_nothing_after_the_first() {
-    let route = || WindowTransition::new(20, -1, &[0.25, 0.25, 0.5], false).unwrap();
+    let route = || WindowTransition::open(20, -1, &[0.25, 0.25, 0.5]).unwrap();
     let gears = || SparseTransition::from_rows(&[[0.5, 0.25], [0.5, 0.75]]).unwrap();
     let lost = || RestartTransition::new(route(), 0.125, Belief::uniform(20).unwrap()).unwrap();
     let times = vec![vec![0.25, 0.25, 0.5]; 20];
@@ -45,12 +44,10 @@ fn products_allocate_nothing_after_the_first() {
     check_with("evidence", &measured, &60.0);
     let off = OffMapTransition::new(measured.clone(), 0.1, 0.1, Belief::uniform(20).unwrap());
     check_with("evidence off the map", &off.unwrap(), &60.0);
-    check("power", &PowerTransition::new(lost(), 3));
     check("dwell", &dwell());
     let pairs = || KroneckerTransition::new(dwell(), gears()).unwrap();
     check("kronecker", &pairs());
-    let power = PowerTransition::new(pairs(), 2);
-    check("nested", &KroneckerTransition::new(gears(), power).unwrap());
+    check("nested", &KroneckerTransition::new(gears(), pairs()).unwrap());
 
     // A filter on them, with a sensor of places.
     let rows = (0..20).map(|i| [0.25 + f64::from(i) / 40.0, 0.75 - f64::from(i) / 40.0]);

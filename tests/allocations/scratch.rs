@@ -1,6 +1,6 @@
 //! Scratch memory for a user's own operators.
 
-use wayfix::transition::with_scratch;
+use wayfix::transition::kit::with_scratch;
 
 use crate::allocations;
 

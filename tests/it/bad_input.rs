@@ -137,9 +137,6 @@ impl Transition for Leaky {
     fn states(&self) -> usize {
         2
     }
-    fn no_control(&self) -> Option<&'static ()> {
-        Some(&())
-    }
     fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
         out.copy_from_slice(&[x[0], 0.9 * x[1]]);
     }
@@ -155,9 +152,6 @@ impl Transition for Twisted {
     type Control = ();
     fn states(&self) -> usize {
         2
-    }
-    fn no_control(&self) -> Option<&'static ()> {
-        Some(&())
     }
     fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
         out.copy_from_slice(&[0.5 * x[0] + 0.25 * x[1], 0.5 * x[0] + 0.75 * x[1]]);

@@ -27,6 +27,7 @@ mod map;
 mod map_files;
 mod no_control;
 mod operators;
+mod own_operators;
 #[cfg(feature = "serde")]
 mod persistence;
 mod pruned;

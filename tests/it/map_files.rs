@@ -38,7 +38,7 @@ fn a_plane_is_euclidean() {
 
     // Everything that a map can make works for this one.
     let turning = TurningProbabilities::by_rule(&map, &TurningRule::default()).unwrap();
-    assert_eq!(turning.clone().tied(&map).entries(), 5);
+    assert_eq!(turning.clone().tied(&map).inner().entries(), 5);
     assert_eq!(turning.get(2, 2), 1.0);
     let sensor = Confusion::new(&map, 1.0).unwrap().with_gaussian(&map, Metric::Metres, 5.0);
     let sensor = sensor.unwrap();

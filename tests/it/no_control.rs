@@ -1,20 +1,13 @@
-//! Operators without a control, whether they declare it or not.
-
-use std::rc::Rc;
-use std::sync::Arc;
+//! Operators without a control, by their faster routines, against the same with one.
 
 use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::test_runner::TestCaseResult;
 use wayfix::inference::Pruning;
-use wayfix::motion::{DistanceTransition, OffMapTransition};
-use wayfix::transition::{
-    ConstrainedTransition, DwellTransition, EvidenceTransition, KroneckerTransition,
-    PowerTransition, RestartTransition, Stored, SwitchedTransition, WindowTransition,
-};
+use wayfix::transition::{EvidenceTransition, Stored, SwitchedTransition};
 use wayfix::{
-    Belief, Fixed, Hmm, InferenceError, LikelihoodVector, Prior, SparseTransition, TableLikelihood,
-    Transition, TransitionEntries, TransitionError,
+    Belief, Controlled, Hmm, InferenceError, LikelihoodVector, Prior, TableLikelihood, Transition,
+    TransitionEntries, TransitionError,
 };
 
 use crate::kit::{
@@ -22,111 +15,43 @@ use crate::kit::{
     says, sparse, stochastic, weighted,
 };
 
-/// An operator whose author forgot to declare that it has no control.
+/// An operator that takes a control, which changes nothing.
 #[derive(Debug, Clone)]
-struct Undeclared<A>(A);
+struct Driven<A>(A);
 
-impl<A: Transition<Control = ()>> Transition for Undeclared<A> {
-    type Control = ();
+impl<A: Transition<Control = ()>> Transition for Driven<A> {
+    type Control = u8;
     fn states(&self) -> usize {
         self.0.states()
     }
-    fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
+    fn apply(&self, _: &u8, x: &[f64], out: &mut [f64]) {
         self.0.apply(&(), x, out);
     }
-    fn apply_transpose(&self, (): &(), x: &[f64], out: &mut [f64]) {
+    fn apply_transpose(&self, _: &u8, x: &[f64], out: &mut [f64]) {
         self.0.apply_transpose(&(), x, out);
     }
-    fn apply_log(&self, (): &(), x: &[f64], out: &mut [f64]) {
+    fn apply_log(&self, _: &u8, x: &[f64], out: &mut [f64]) {
         self.0.apply_log(&(), x, out);
     }
-    fn apply_transpose_log(&self, (): &(), x: &[f64], out: &mut [f64]) {
+    fn apply_transpose_log(&self, _: &u8, x: &[f64], out: &mut [f64]) {
         self.0.apply_transpose_log(&(), x, out);
     }
-    fn stored(&self, (): &()) -> Option<Stored<'_>> {
+    fn stored(&self, _: &u8) -> Option<Stored<'_>> {
         self.0.stored(&())
     }
 }
 
-impl<A: TransitionEntries<Control = ()>> TransitionEntries for Undeclared<A> {
-    fn incoming(&self, (): &(), to: usize) -> impl Iterator<Item = (usize, f64)> {
+impl<A: TransitionEntries<Control = ()>> TransitionEntries for Driven<A> {
+    fn incoming(&self, _: &u8, to: usize) -> impl Iterator<Item = (usize, f64)> {
         self.0.incoming(&(), to)
     }
-    fn outgoing(&self, (): &(), from: usize) -> impl Iterator<Item = (usize, f64)> {
+    fn outgoing(&self, _: &u8, from: usize) -> impl Iterator<Item = (usize, f64)> {
         self.0.outgoing(&(), from)
     }
 }
 
-fn declares<A: Transition>(operator: A) -> bool {
-    operator.no_control().is_some()
-}
-
-#[test]
-fn operators_declare_to_have_no_control_or_not() {
-    let a = still();
-    assert!(declares(still()));
-    assert!(declares(dense(&vec![vec![1.0]])));
-    assert!(declares(WindowTransition::new(1, 0, &[1.0], true).unwrap()));
-    assert!(declares(ConstrainedTransition::new(still()).with_ties(|_, _| 0)));
-
-    assert!(!declares(gears()));
-    assert!(!declares(DistanceTransition::new(still(), |_, _| 1.0).unwrap()));
-    assert!(!declares(EvidenceTransition::new(&a, |_: &f64, _, _| -1.0).unwrap()));
-    assert!(!declares(EvidenceTransition::new(&a, |(): &(), _, _| -1.0).unwrap()));
-}
-
-#[test]
-fn wrappers_declare_what_their_operator_does() {
-    fn check<A: Transition + Clone>(a: &A, expected: bool) {
-        assert_eq!(declares(a), expected);
-        let certain = || Belief::certain(1, 0).unwrap();
-        let a = || a.clone();
-        assert_eq!(declares(a()), expected);
-        assert_eq!(declares(Box::new(a())), expected);
-        assert_eq!(declares(Rc::new(a())), expected);
-        assert_eq!(declares(Arc::new(a())), expected);
-        assert_eq!(declares(Fixed(a())), expected);
-        assert_eq!(declares(RestartTransition::new(a(), 0.5, certain()).unwrap()), expected);
-        assert_eq!(declares(PowerTransition::new(a(), 2)), expected);
-        assert_eq!(declares(DwellTransition::new(a(), &[[1.0]]).unwrap()), expected);
-        assert_eq!(declares(OffMapTransition::new(a(), 0.5, 0.5, certain()).unwrap()), expected);
-        assert_eq!(declares(KroneckerTransition::new(a(), a()).unwrap()), expected);
-    }
-
-    check(&still(), true);
-    check(&Box::new(PowerTransition::new(Arc::new(still()), 2)), true);
-    check(&gears(), false);
-    check(&Undeclared(still()), false);
-    // A choice of two.
-    assert!(!declares(KroneckerTransition::new(still(), Undeclared(still())).unwrap()));
-    assert!(!declares(KroneckerTransition::new(Undeclared(still()), still()).unwrap()));
-}
-
-/// One state.
-fn still() -> SparseTransition {
-    SparseTransition::from_triplets(1, [(0, 0, 1.0)]).unwrap()
-}
-
-fn gears() -> SwitchedTransition<SparseTransition> {
-    SwitchedTransition::new(vec![still(), still()]).unwrap()
-}
-
 /// Operators of several types, chosen at run time.
 type Chosen = Box<dyn Transition<Control = ()> + Send + Sync>;
-
-#[test]
-fn a_trait_object_declares_what_its_operator_does() {
-    let chosen: [(Chosen, bool); 4] = [
-        (Box::new(still()), true),
-        (Box::new(PowerTransition::new(dense(&vec![vec![1.0]]), 2)), true),
-        (Box::new(Undeclared(still())), false),
-        (Box::new(PowerTransition::new(Undeclared(still()), 2)), false),
-    ];
-    for (operator, expected) in chosen {
-        assert_eq!(declares(&*operator), expected);
-        assert_eq!(declares(operator), expected);
-    }
-}
 
 /// A model with symbols, and sequences of these.
 #[derive(Debug, Clone)]
@@ -165,12 +90,15 @@ impl Case {
     where
         A: TransitionEntries<Control = ()> + Clone + Sync,
     {
-        let (hmm, other) = (self.hmm(operator.clone()), self.hmm(Undeclared(operator)));
+        let (hmm, other) = (self.hmm(operator.clone()), self.hmm(Driven(operator)));
         let (ys, count) = (&self.sequences, self.sequences.len());
+        let controls: Vec<Vec<u8>> = ys.iter().map(|ys| vec![0; ys.len()]).collect();
+        let driven: Vec<_> =
+            controls.iter().zip(ys).map(|(us, ys)| Controlled::new(us, ys).unwrap()).collect();
         let near = |found: &[f64], expected: &[f64]| all_close(found, expected, 1e-11, 1e-280);
         let near_log = |found, expected| close_logs(found, expected, 1e-11).is_ok();
         same_results(
-            &other.forward_all(ys),
+            &other.forward_all(&driven),
             count,
             |i| hmm.forward(&ys[i]),
             |found, expected| {
@@ -181,7 +109,7 @@ impl Case {
         same_results(
             &hmm.smooth_all(ys),
             count,
-            |i| other.smooth(&ys[i]),
+            |i| other.smooth(&driven[i]),
             |found, expected| {
                 near(found.posteriors().as_slice(), expected.posteriors().as_slice()).is_ok()
                     && near_log(found.log_likelihood(), expected.log_likelihood())
@@ -190,13 +118,13 @@ impl Case {
         same_results(
             &hmm.log_likelihood_all(ys),
             count,
-            |i| other.log_likelihood(&ys[i]),
+            |i| other.log_likelihood(&driven[i]),
             |found, expected| near_log(*found, *expected),
         )?;
         same_results(
             &hmm.viterbi_all(ys),
             count,
-            |i| other.viterbi(&ys[i]),
+            |i| other.viterbi(&driven[i]),
             |found, expected| {
                 found.states() == expected.states()
                     && near_log(found.log_probability(), expected.log_probability())
@@ -235,12 +163,12 @@ impl Case {
     where
         A: TransitionEntries<Control = ()> + Clone,
     {
-        let (hmm, other) = (self.hmm(operator.clone()), self.hmm(Undeclared(operator)));
+        let (hmm, other) = (self.hmm(operator.clone()), self.hmm(Driven(operator)));
         let (mut filter, mut filter_of_other) = (hmm.filter(), other.filter());
         let (mut pruned, mut pruned_of_other) =
             (hmm.pruned_filter(pruning), other.pruned_filter(pruning));
         for y in self.sequences.iter().flatten() {
-            let log = match (filter.step(y), filter_of_other.step(y)) {
+            let log = match (filter.step(y), filter_of_other.step_with(&0, y)) {
                 (Ok(log), Ok(of_other)) => {
                     prop_assert_eq!(log.to_bits(), of_other.to_bits());
                     log
@@ -251,14 +179,16 @@ impl Case {
                         of_other.unwrap_err().to_string()
                     );
                     pruned.step(y).unwrap_err();
-                    pruned_of_other.step(y).unwrap_err();
+                    pruned_of_other.step_with(&0, y).unwrap_err();
                     continue;
                 }
             };
             prop_assert!(log.is_finite());
             let belief = filter.belief();
             prop_assert_eq!(bits(belief.as_slice()), bits(filter_of_other.belief().as_slice()));
-            let (Ok(certificate), Ok(of_other)) = (pruned.step(y), pruned_of_other.step(y)) else {
+            let (Ok(certificate), Ok(of_other)) =
+                (pruned.step(y), pruned_of_other.step_with(&0, y))
+            else {
                 // The only state that explains the observation was dropped.
                 prop_assert!(pruning.tolerance > 0.0);
                 break;
@@ -284,7 +214,7 @@ proptest! {
     #![proptest_config(cases_of(1000))]
 
     #[test]
-    fn batches_are_the_same_without_the_declaration(case in instances()) {
+    fn batches_are_the_same_with_a_control(case in instances()) {
         case.check_batches(sparse(&case.matrix))?;
         case.check_batches(dense(&case.matrix))?;
         case.check_batches(Own(case.matrix.clone()))?;
@@ -295,11 +225,10 @@ proptest! {
         case.check_trait_object(sparse(&case.matrix))?;
         case.check_trait_object(dense(&case.matrix))?;
         case.check_trait_object(Own(case.matrix.clone()))?;
-        case.check_trait_object(Undeclared(Own(case.matrix.clone())))?;
     }
 
     #[test]
-    fn streams_are_the_same_without_the_declaration(
+    fn streams_are_the_same_with_a_control(
         case in instances(),
         tolerance in prop_oneof![Just(0.0), Just(1e-9), Just(1e-3)],
     ) {
@@ -319,46 +248,45 @@ fn anywhere() -> Prior {
 }
 
 #[test]
-fn a_bad_operator_is_refused_by_the_model_if_it_is_declared() {
+fn a_bad_operator_is_refused_by_the_model() {
     let refused = "the transition operator is not valid: column 1 (the transitions out of state 1) sums to 0.9, expected 1";
     let sensor = || LikelihoodVector::linear(2);
     says(Hmm::new(anywhere(), Box::new(leaky()), sensor()), refused);
     says(Hmm::new(anywhere(), &leaky(), sensor()), refused);
     says(Hmm::new(anywhere(), Box::new(leaky()) as Chosen, sensor()), refused);
-    says(Hmm::new(anywhere(), PowerTransition::new(leaky(), 1), sensor()), refused);
 }
 
 #[test]
-fn a_bad_operator_is_an_error_of_the_first_step_if_it_is_not_declared() {
-    let hmm = Hmm::new(anywhere(), Undeclared(leaky()), LikelihoodVector::linear(2)).unwrap();
+fn a_bad_operator_with_a_control_is_an_error_of_the_first_step() {
+    let hmm = Hmm::new(anywhere(), Driven(leaky()), LikelihoodVector::linear(2)).unwrap();
     let found = |error: InferenceError| match error {
         InferenceError::PredictedSum { step: 1, sum } => assert!((sum - 0.95).abs() < 1e-15),
         error => panic!("{error}"),
     };
-    // As many steps as models of few states take at once.
     let ys = vec![[0.5, 0.5]; 3000];
-    found(hmm.forward(&ys).unwrap_err());
-    found(hmm.smooth(&ys).unwrap_err());
-    found(hmm.log_likelihood(&ys).unwrap_err());
+    let driven = Controlled::new(&[0; 3000], &ys).unwrap();
+    found(hmm.forward(&driven).unwrap_err());
+    found(hmm.smooth(&driven).unwrap_err());
+    found(hmm.log_likelihood(&driven).unwrap_err());
 
     let mut filter = hmm.filter();
-    found(filter.step(&ys[0]).unwrap_err());
-    found(filter.predict().unwrap_err());
+    found(filter.step_with(&0, &ys[0]).unwrap_err());
+    found(filter.predict_with(&0).unwrap_err());
     assert_eq!(filter.belief().as_slice(), [0.5, 0.5]);
-    found(hmm.fixed_lag(1).step(&ys[0]).unwrap_err());
+    found(hmm.fixed_lag(1).step_with(&0, &ys[0]).unwrap_err());
     let mut pruned = hmm.pruned_filter(Pruning::default());
-    found(pruned.step(&ys[0]).unwrap_err());
+    found(pruned.step_with(&0, &ys[0]).unwrap_err());
     assert_eq!(pruned.probabilities(), [0.5, 0.5]);
 }
 
 /// Steps with evidence may have any sum, so a wrong column would not be found later.
 #[test]
-fn families_and_evidence_check_operators_that_are_not_declared() {
+fn families_and_evidence_check_their_operators() {
     let refused = |error| match error {
         TransitionError::ColumnSum { .. } => {}
         error => panic!("{error}"),
     };
-    refused(SwitchedTransition::new(vec![Undeclared(leaky())]).unwrap_err());
+    refused(SwitchedTransition::new(vec![leaky()]).unwrap_err());
     let log = |_: &f64, _, _| -1.0;
-    refused(EvidenceTransition::new(Undeclared(leaky()), log).err().unwrap());
+    refused(EvidenceTransition::new(leaky(), log).err().unwrap());
 }

@@ -391,9 +391,6 @@ impl wayfix::Transition for Listed {
     fn states(&self) -> usize {
         self.0.len()
     }
-    fn no_control(&self) -> Option<&'static ()> {
-        Some(&())
-    }
     fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
         for (out, row) in out.iter_mut().zip(&self.0) {
             *out = row.iter().map(|(j, a)| a * x[*j]).sum();

@@ -371,9 +371,6 @@ impl<A: Transition<Control = ()>> Transition for Counting<A> {
     fn states(&self) -> usize {
         self.0.states()
     }
-    fn no_control(&self) -> Option<&'static ()> {
-        self.0.no_control()
-    }
     fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
         self.1.set(self.1.get() + 1);
         self.0.apply(&(), x, out);

@@ -263,9 +263,6 @@ impl Transition for Stay {
     fn states(&self) -> usize {
         self.0
     }
-    fn no_control(&self) -> Option<&'static ()> {
-        Some(&())
-    }
     fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
         out.copy_from_slice(x);
     }

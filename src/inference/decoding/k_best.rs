@@ -14,7 +14,7 @@ use crate::inference::step::scores::TakenOut;
 use crate::inference::step::{SensorScratch, Step};
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
-use crate::transition::TransitionEntries;
+use crate::transition::{TransitionEntries, constant_control};
 
 impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
     /// Returns the `count` most probable paths x_1 … x_T, the best first; fewer if the model
@@ -110,7 +110,7 @@ impl EntryLogs {
         let mut logs = Self { starts: Vec::new(), entries: Vec::new() };
         // Storing them pays with two moves or more. An operator without a matrix may have n²
         // entries.
-        if let (Some(control), 3..) = (hmm.transition().no_control(), steps)
+        if let (Some(control), 3..) = (constant_control::<A>(), steps)
             && hmm.transition().stored(control).is_some()
         {
             for state in 0..hmm.states() {

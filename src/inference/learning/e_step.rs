@@ -17,7 +17,7 @@ use crate::inference::engines::{choice, few_states, parallel};
 use crate::inference::sequences::smooth_each::Order;
 use crate::likelihood::LearnLikelihood;
 use crate::sequence::{Sequence, by_length};
-use crate::transition::{LearnTransition, MoveCounts};
+use crate::transition::{LearnTransition, MoveCounts, constant_control};
 use wayfix_kernels::LANES;
 
 /// # Learning in parts
@@ -179,7 +179,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     ) -> Expectations<B, A::Statistics> {
         let mut expected = self.no_expectations();
         (expected.first, expected.sensor) = (found.first, found.sensor);
-        let control = self.transition().no_control();
+        let control = constant_control::<A>();
         let counts = control.and_then(|u| self.transition().counts(&mut expected.moves, u));
         // Nothing is counted for a fixed operator.
         if let (Some(counts), Some(moves)) = (counts, found.moves) {

@@ -9,7 +9,7 @@ use std::ops::Range;
 use crate::hmm::Hmm;
 use crate::inference::step::state::BeliefRef;
 use crate::likelihood::LearnLikelihood;
-use crate::transition::{LearnTransition, MoveCounts};
+use crate::transition::{LearnTransition, MoveCounts, constant_control};
 use wayfix_kernels::{self as kernels, Lines, exp_in_place};
 
 /// Sums of ξ over steps for each entry of a matrix.
@@ -30,7 +30,7 @@ impl<'m> EntrySums<'m> {
         statistics: &mut A::Statistics,
     ) -> Option<Self> {
         let (transition, states) = (hmm.transition(), hmm.states());
-        let control = transition.no_control()?;
+        let control = constant_control::<A>()?;
         transition.counts(statistics, control)?;
         if transition.evidence(control).is_some() {
             return None;
@@ -140,7 +140,7 @@ impl<'m> EntrySums<'m> {
         hmm: &Hmm<A, B>,
         statistics: &mut A::Statistics,
     ) {
-        let control = hmm.transition().no_control();
+        let control = constant_control::<A>();
         if let Some(counts) = control.and_then(|u| hmm.transition().counts(statistics, u)) {
             counts.merge(&MoveCounts::of_entries(self.columns, self.states, |at, _| self.sums[at]));
         }

@@ -23,7 +23,7 @@ use crate::belief::Belief;
 use crate::error::{LearnError, Parameter};
 use crate::hmm::{Hmm, Prior};
 use crate::likelihood::LearnLikelihood;
-use crate::transition::{LearnTransition, Move, Stationary, the_control};
+use crate::transition::{LearnTransition, Move, Stationary, stationary_control};
 
 /// # Learning in parts
 impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
@@ -219,7 +219,7 @@ impl<A: LearnTransition> Expected<'_, A> {
         here: &Point,
         damping: f64,
     ) -> Result<A::Statistics, LearnError> {
-        let control = the_control(transition)?;
+        let control = stationary_control(transition)?;
         let constant = damping * here.potentials.iter().copied().fold(0.0, f64::max);
         let mut statistics = self.statistics.clone();
         if constant > 0.0

@@ -6,7 +6,7 @@
 
 use std::f64::consts::LN_2;
 
-use crate::transition::{Transition, TransitionEntries};
+use crate::transition::{Transition, TransitionEntries, constant_control};
 
 /// Upper bound on the sum of a stochastic column, including its tolerance of 1e-9 and rounding.
 const COLUMN: f64 = 1.0 + 1.1e-9;
@@ -54,7 +54,7 @@ impl Bounds {
     /// Computes the bounds on an operator that is the same at all steps, without controls and
     /// without evidence; `None` for others. O(E).
     pub(crate) fn constant<A: TransitionEntries>(transition: &A) -> Option<Self> {
-        let control = transition.no_control()?;
+        let control = constant_control::<A>()?;
         transition.check_control(control).ok()?;
         if transition.evidence(control).is_some() {
             return None;

@@ -163,27 +163,44 @@ impl<A: TransitionEntries<Control = ()>, B: SampleNext> Hmm<A, B> {
     /// [`simulate`](Self::simulate).
     ///
     /// ```
-    /// #    /// # {
+    /// use rand::{Rng, RngExt};
     /// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-    /// use wayfix::emission::LinearRegression;
-    /// use wayfix::{Belief, DenseTransition, Hmm, Prior};
+    /// use wayfix::likelihood::SampleNext;
+    /// use wayfix::{Belief, DenseTransition, Diagonal, Hmm, Likelihood, LikelihoodError, Prior, Scratch};
     ///
-    /// // Each value is 0.9 of the one before, with much noise in state 1.
-    /// let family = LinearRegression::diagonal(&[[0.9]; 2], &[[0.0]; 2], &[[0.01], [4.0]])?;
-    /// let hmm = Hmm::new(
-    ///     Prior::AtFirstObservation(Belief::uniform(2)?),
-    ///     DenseTransition::from_rows(&[[0.95, 0.05], [0.05, 0.95]])?,
-    ///     family,
-    /// )?;
-    /// let drawn = hmm.simulate_after(&[3.0], 100, &mut ChaCha8Rng::seed_from_u64(1))?;
-    /// // An observation is a row of the value before and the value.
-    /// let series: Vec<f64> = drawn.observations().iter().map(|row| row[1]).collect();
-    /// assert_eq!(drawn.observations()[7], [series[6], series[7]]);
+    /// /// Pairs of a symbol and the next one: kept in state 0, changed in state 1, nine times of ten.
+    /// struct Keeps;
     ///
-    /// let path = hmm.viterbi(drawn.observations())?;
-    /// let right = path.states().iter().zip(drawn.states()).filter(|(a, b)| a == b).count();
-    /// assert!(right > 80);
-    /// # }
+    /// impl Likelihood for Keeps {
+    ///     type Observation = [bool; 2];
+    ///     fn states(&self) -> usize {
+    ///         2
+    ///     }
+    ///     fn diagonal<'a>(
+    ///         &'a self, [before, now]: &[bool; 2], scratch: &'a mut Scratch,
+    ///     ) -> Result<Diagonal<'a>, LikelihoodError> {
+    ///         let b = scratch.values(2);
+    ///         b.copy_from_slice(if before == now { &[0.9, 0.1] } else { &[0.1, 0.9] });
+    ///         Ok(Diagonal::linear(b))
+    ///     }
+    /// }
+    ///
+    /// impl SampleNext for Keeps {
+    ///     type Sample = [bool; 2];
+    ///     fn sample_next<R: Rng + ?Sized>(
+    ///         &self, state: usize, &[_, last]: &[bool; 2], rng: &mut R,
+    ///     ) -> Result<[bool; 2], LikelihoodError> {
+    ///         let usual = last == (state == 0);
+    ///         Ok([last, if rng.random_bool(0.9) { usual } else { !usual }])
+    ///     }
+    /// }
+    ///
+    /// let moves = DenseTransition::from_rows(&[[0.95, 0.05], [0.05, 0.95]])?;
+    /// let hmm = Hmm::new(Prior::AtFirstObservation(Belief::uniform(2)?), moves, Keeps)?;
+    /// let drawn = hmm.simulate_after(&[true, true], 100, &mut ChaCha8Rng::seed_from_u64(1))?;
+    /// for pair in drawn.observations().windows(2) {
+    ///     assert_eq!(pair[0][1], pair[1][0]);
+    /// }
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     ///

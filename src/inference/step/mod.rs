@@ -205,7 +205,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         // A α is 0 or at least 2^-1000 ("A plain step" in `limits`).
         if !lifted.is_needed()
             && let Some(matrix) = matrix
-            && matrix.plain
+            && matrix.no_tiny_entries
         {
             let product = Product::Sparse { matrix: &matrix.sliced_rows, x: belief };
             let updated = kernels::forward_step(likelihoods.update(product, 1.0, out));

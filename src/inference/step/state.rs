@@ -58,6 +58,7 @@ impl LogSum {
     }
 
     #[doc(hidden)]
+    #[must_use]
     pub fn value(self) -> f64 {
         // An infinite sum has no meaningful compensation.
         if self.sum.is_finite() { self.sum + self.compensation } else { self.sum }

@@ -60,6 +60,7 @@ pub struct Writer {
 }
 
 impl Writer {
+    #[must_use]
     pub fn new(kind: Kind) -> Self {
         Self { bytes: [MAGIC, &[kind as u8, VERSION]].concat() }
     }
@@ -103,6 +104,7 @@ impl Writer {
         others.for_each(|value| self.double(*value));
     }
 
+    #[must_use]
     pub fn finish(mut self) -> Vec<u8> {
         let sum = checksum(&self.bytes);
         self.bytes.extend(sum.to_le_bytes());
@@ -232,6 +234,7 @@ impl<'a> Reader<'a> {
     }
 }
 
+#[must_use]
 pub fn contents(reason: String) -> SnapshotError {
     SnapshotError::Contents { reason }
 }

@@ -244,6 +244,7 @@ pub struct Scale {
 impl Scale {
     /// ln p(y_k | y_1 … y_{k-1}).
     #[doc(hidden)]
+    #[must_use]
     pub fn log(self) -> f64 {
         (self.weight + self.likelihood) + self.sum
     }

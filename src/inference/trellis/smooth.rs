@@ -65,6 +65,7 @@ impl Trellis {
 
     /// Computes the smoothed distributions after a forward pass over all steps.
     #[doc(hidden)]
+    #[must_use]
     pub fn smooth_after(&self, forward: TrellisForward) -> SmoothedTrellis {
         let TrellisForward { log_filtered, scales } = forward;
         let mut steps = self.steps.clone();
@@ -243,6 +244,7 @@ impl Trellis {
 
     /// Bytes of heap memory.
     #[doc(hidden)]
+    #[must_use]
     pub fn bytes(&self) -> usize {
         let doubles = self.log_likelihoods.capacity() + self.log_weights.capacity();
         let indices = 2 * self.steps.capacity() + self.moves.capacity();

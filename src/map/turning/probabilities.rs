@@ -115,7 +115,7 @@ impl TurningProbabilities {
     /// use wayfix::canberra;
     ///
     /// let tied = canberra::turning().tied(&canberra::map());
-    /// assert_eq!(tied.entries(), 420);
+    /// assert_eq!(tied.inner().entries(), 420);
     /// assert!(tied.parameters() < 100);
     /// ```
     #[must_use]

@@ -18,7 +18,8 @@ impl<A: Transition> OffMapTransition<A> {
     ) -> impl Iterator<Item = (usize, f64)> {
         let n = self.off_map_state();
         // Into the state off the map lead all others at the same rate, and no move of A.
-        let (leavers, back) = if to == n { (0..n, self.stay) } else { (0..0, self.jumps.to[to]) };
+        let (leavers, back) =
+            if to == n { (0..n, self.stay) } else { (0..0, self.jumps.jump_probabilities[to]) };
         let (leave, back) = (entry(self.leave), entry(back));
         let entries = moves.chain(leavers.map(move |j| (j, leave))).chain(once((n, back)));
         entries.filter(move |entry| entry.1 > zero)
@@ -46,21 +47,27 @@ impl<A: TransitionEntries> TransitionEntries for OffMapTransition<A> {
     fn incoming(&self, control: &A::Control, to: usize) -> impl Iterator<Item = (usize, f64)> {
         let weight = self.jumps.log_factor(control).exp();
         let moves = (to < self.off_map_state()).then(|| self.jumps.inner.incoming(control, to));
-        let moves = self.jumps.kept(moves.into_iter().flatten());
+        let moves = self.jumps.scaled_entries(moves.into_iter().flatten());
         self.row(to, moves, move |p| weight * p, 0.0)
     }
 
     fn outgoing(&self, control: &A::Control, from: usize) -> impl Iterator<Item = (usize, f64)> {
         let weight = self.jumps.log_factor(control).exp();
         let moves = (from < self.off_map_state()).then(|| self.jumps.inner.outgoing(control, from));
-        let moves = self.jumps.kept(moves.into_iter().flatten());
-        self.column(from, moves, move |i| weight * self.jumps.to[i], move |p| weight * p, 0.0)
+        let moves = self.jumps.scaled_entries(moves.into_iter().flatten());
+        self.column(
+            from,
+            moves,
+            move |i| weight * self.jumps.jump_probabilities[i],
+            move |p| weight * p,
+            0.0,
+        )
     }
 
     fn incoming_log2(&self, control: &A::Control, to: usize) -> impl Iterator<Item = (usize, f64)> {
         let (inner, log2_off) = (&self.jumps.inner, self.jumps.log2_factor(control));
         let moves = (to < self.off_map_state()).then(|| inner.incoming_log2(control, to));
-        let moves = self.jumps.kept_log2(moves.into_iter().flatten());
+        let moves = self.jumps.scaled_log2(moves.into_iter().flatten());
         self.row(to, moves, move |p| log2(p) + log2_off, f64::NEG_INFINITY)
     }
 
@@ -71,8 +78,8 @@ impl<A: TransitionEntries> TransitionEntries for OffMapTransition<A> {
     ) -> impl Iterator<Item = (usize, f64)> {
         let (inner, log2_off) = (&self.jumps.inner, self.jumps.log2_factor(control));
         let moves = (from < self.off_map_state()).then(|| inner.outgoing_log2(control, from));
-        let moves = self.jumps.kept_log2(moves.into_iter().flatten());
-        let returns = move |i: usize| self.jumps.log2_to[i] + log2_off;
+        let moves = self.jumps.scaled_log2(moves.into_iter().flatten());
+        let returns = move |i: usize| self.jumps.log2_jump_probabilities[i] + log2_off;
         self.column(from, moves, returns, move |p| log2(p) + log2_off, f64::NEG_INFINITY)
     }
 
@@ -88,12 +95,12 @@ impl<A: TransitionEntries> TransitionEntries for OffMapTransition<A> {
         // map, the best predecessor is the first of the best states. Ways back come from the last
         // state, so on a tie they lose: they must be strictly better.
         self.jumps.inner.max_product(control, &x[..n], &mut out[..n], &mut from[..n]);
-        let keep = log2(self.jumps.keep);
+        let keep = log2(self.jumps.move_probability);
         out[..n].iter_mut().for_each(|out| *out += keep);
         let log2_off = self.jumps.log2_factor(control);
         let leave = log2(self.leave) + log2_off;
         (out[n], from[n]) = best_of((0..n as u32).map(|j| (j, leave)), x);
-        let returns = self.jumps.log2_to.iter().copied().chain([log2(self.stay)]);
+        let returns = self.jumps.log2_jump_probabilities.iter().copied().chain([log2(self.stay)]);
         for ((out, from), log2) in out.iter_mut().zip(from).zip(returns) {
             let value = (log2 + log2_off) + x[n];
             if value > *out {

@@ -7,7 +7,8 @@ use crate::belief::Belief;
 use crate::error::TransitionError;
 use crate::groups::Groups;
 use crate::transition::{
-    Jumps, Transition, check_count, check_probability, check_slices, delegate, log, scaled, times,
+    Jumps, Transition, check_count, check_probability, check_slices, delegate, log,
+    product_or_zero, scale_belief,
 };
 use wayfix_kernels as kernels;
 
@@ -77,7 +78,7 @@ impl<A: Transition> OffMapTransition<A> {
     ) -> Result<Self, TransitionError> {
         check_probability(leave, || "the rate of leaving".to_owned())?;
         check_probability(return_rate, || "the rate of return".to_owned())?;
-        let back = scaled(back, return_rate, "a return to")?;
+        let back = scale_belief(back, return_rate, "a return to")?;
         Self::from_parts(inner, leave, 1.0 - return_rate, back)
     }
 
@@ -112,7 +113,7 @@ impl<A: Transition> OffMapTransition<A> {
     /// The state off the map, the last one.
     #[must_use]
     pub fn off_map_state(&self) -> usize {
-        self.jumps.to.len()
+        self.jumps.jump_probabilities.len()
     }
 
     /// Extends a grouping of the states on the map to all states, with off the map as the last
@@ -125,8 +126,8 @@ impl<A: Transition> OffMapTransition<A> {
     /// use wayfix::likelihood::GroupedLikelihood;
     /// use wayfix::TableLikelihood;
     ///
-    /// let place = WindowTransition::new(2, 1, &[1.0], false)?;
-    /// let gear = WindowTransition::new(3, 0, &[0.75, 0.25], true)?;
+    /// let place = WindowTransition::open(2, 1, &[1.0])?;
+    /// let gear = WindowTransition::closed(3, 0, &[0.75, 0.25])?;
     /// let pairs = KroneckerTransition::new(place, gear)?;
     /// let places = pairs.first_groups();
     /// let a = OffMapTransition::new(pairs, 0.125, 0.5, Belief::uniform(6)?)?;
@@ -172,10 +173,10 @@ impl<A: Transition> OffMapTransition<A> {
 impl<A: Transition> Transition for OffMapTransition<A> {
     type Control = A::Control;
 
-    delegate!(a, control => a.jumps.inner, control; no_control evidence check_control);
+    delegate!(a, control => a.jumps.inner, control; evidence has_restarts check_control);
 
     fn states(&self) -> usize {
-        self.jumps.to.len() + 1
+        self.jumps.jump_probabilities.len() + 1
     }
 
     fn apply(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
@@ -185,11 +186,11 @@ impl<A: Transition> Transition for OffMapTransition<A> {
         // Likelihood of the evidence off the map, relative to the factor that A takes out: both
         // parts of the product are then on one scale.
         let weight = self.jumps.log_factor(control).exp();
-        let returning = times(weight, x[n]);
+        let returning = product_or_zero(weight, x[n]);
         self.jumps.apply(control, &x[..n], returning, out);
-        // `times` keeps 0 · ∞ at 0, as a factor of 0 rules a move out whatever its evidence.
-        let left = times(self.leave, times(weight, kernels::sum(&x[..n])));
-        off[0] = left + times(self.stay, returning);
+        // `product_or_zero` keeps 0 · ∞ at 0, as a factor of 0 rules a move out whatever its evidence.
+        let left = product_or_zero(self.leave, product_or_zero(weight, kernels::sum(&x[..n])));
+        off[0] = left + product_or_zero(self.stay, returning);
     }
 
     fn apply_transpose(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
@@ -197,9 +198,12 @@ impl<A: Transition> Transition for OffMapTransition<A> {
         let n = self.off_map_state();
         let (out, off) = out.split_at_mut(n);
         let weight = self.jumps.log_factor(control).exp();
-        let left = times(weight, self.leave * x[n]);
+        let left = product_or_zero(weight, self.leave * x[n]);
         self.jumps.apply_transpose(control, &x[..n], left, out);
-        off[0] = times(weight, kernels::dot(&self.jumps.to, &x[..n]) + self.stay * x[n]);
+        off[0] = product_or_zero(
+            weight,
+            kernels::dot(&self.jumps.jump_probabilities, &x[..n]) + self.stay * x[n],
+        );
     }
 
     fn apply_log(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
@@ -236,7 +240,7 @@ crate::stored! {
         inner: A = a.jumps.inner,
         leave: f64 = a.leave,
         stay: f64 = a.stay,
-        back: Vec<f64> = a.jumps.to,
+        back: Vec<f64> = a.jumps.jump_probabilities,
         evidence: Option<f64> = a.jumps.evidence,
     } => off_map(inner, leave, stay, back).and_then(|a| a.with_optional_evidence(evidence));
 }

@@ -14,7 +14,7 @@ use std::ops::Range;
 
 pub use durations::Durations;
 
-use super::{Transition, buffers, check_slices, delegate, log};
+use super::{Transition, buffers, check_slices, log};
 use crate::belief::Belief;
 use crate::error::{BeliefError, Parameter, TransitionError};
 use crate::groups::Groups;
@@ -147,7 +147,7 @@ impl<A: Transition> DwellTransition<A> {
         }
         let mut states = vec![0.0; self.states()];
         self.starts.iter().zip(places.values()).for_each(|(&state, &p)| states[state] = p);
-        Ok(Belief::known(states))
+        Ok(Belief::from_valid(states))
     }
 
     fn places(&self) -> usize {
@@ -220,7 +220,9 @@ impl<A: Transition> Transition for DwellTransition<A> {
         self.leave.len()
     }
 
-    delegate!(a, control => a.moves, control; no_control);
+    fn has_restarts(&self) -> bool {
+        self.moves.has_restarts()
+    }
 
     fn apply(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
         let leaving = |range: Range<usize>| kernels::dot(&self.leave[range.clone()], &x[range]);

@@ -44,10 +44,6 @@ impl Transition for Large {
         2
     }
 
-    fn no_control(&self) -> Option<&'static ()> {
-        Some(&())
-    }
-
     fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
         (out[0], out[1]) = (self.0 * x[0], 0.5 * self.0 * x[1]);
     }

@@ -5,7 +5,7 @@ use proptest::prelude::*;
 use wayfix::error::At;
 use wayfix::motion::OffMapTransition;
 use wayfix::transition::{
-    DwellTransition, EvidenceTransition, KroneckerTransition, PowerTransition, RestartTransition,
+    DwellTransition, EvidenceTransition, KroneckerTransition, RestartTransition,
 };
 use wayfix::{
     Belief, Controlled, Hmm, InferenceError, LikelihoodVector, Prior, SparseTransition, Transition,
@@ -287,7 +287,6 @@ fn refused<A: Transition<Control = f64>>(a: A, name: &str) {
 fn operators_that_cannot_take_evidence_refuse_it() {
     let a = || EvidenceTransition::new(still(1), |_: &f64, _, _| -1.0).unwrap();
     let one = || Belief::certain(1, 0).unwrap();
-    refused(PowerTransition::new(a(), 2), "PowerTransition");
     refused(DwellTransition::new(a(), &[[1.0]]).unwrap(), "DwellTransition");
     let inner = EvidenceTransition::new(still(1), |(): &(), _, _| -1.0).unwrap();
     let twice = EvidenceTransition::new(inner, |_: &f64, _, _| -1.0);

@@ -30,7 +30,7 @@ proptest! {
 
 #[test]
 fn bad_pairs_are_named() {
-    let long = || WindowTransition::new(100_000, 1, &[1.0], true).unwrap();
+    let long = || WindowTransition::closed(100_000, 1, &[1.0]).unwrap();
     assert_eq!(
         text(KroneckerTransition::new(long(), long())),
         "10000000000 states, expected at most 4294967295 (32-bit indices)"

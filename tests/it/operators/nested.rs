@@ -2,31 +2,30 @@
 
 use proptest::prelude::*;
 use wayfix::transition::{
-    DwellTransition, KroneckerTransition, PowerTransition, RestartTransition, SwitchedTransition,
-    WindowTransition,
+    DwellTransition, KroneckerTransition, RestartTransition, SwitchedTransition, WindowTransition,
 };
 use wayfix::{Belief, Transition};
 
 use crate::kit::{
-    Expected, any_distribution, any_stochastic, assert_operator, cases, dwell, kronecker, power,
-    rate, restart, sparse, text, window,
+    Expected, any_distribution, any_stochastic, assert_operator, cases, dwell, kronecker, rate,
+    restart, sparse, text, window,
 };
 
 proptest! {
     #![proptest_config(cases())]
 
-    /// Three factors, one of them with a restart and one a power: buffers nest.
+    /// Three factors, one of them with a restart: buffers nest.
     #[test]
     fn nested_products(
         (a, b, c) in (any_stochastic(false, 3), any_stochastic(false, 3), any_stochastic(false, 3)),
-        (rate, exponent) in (rate(false), 0..4_u32),
+        rate in rate(false),
     ) {
         let r = vec![1.0 / b.len() as f64; b.len()];
         let belief = Belief::new(r.clone()).unwrap();
         let restarted = RestartTransition::new(sparse(&b), rate, belief).unwrap();
-        let within = KroneckerTransition::new(PowerTransition::new(sparse(&c), exponent), restarted);
+        let within = KroneckerTransition::new(sparse(&c), restarted);
         let all = KroneckerTransition::new(sparse(&a), within.unwrap()).unwrap();
-        let m = kronecker(&a, &kronecker(&power(&c, exponent), &restart(&b, rate, &r)));
+        let m = kronecker(&a, &kronecker(&c, &restart(&b, rate, &r)));
         assert_operator(all, &m)?;
     }
 
@@ -37,7 +36,7 @@ proptest! {
         weights in [any_distribution(false, 4), any_distribution(false, 4)],
     ) {
         let gears = || {
-            let gear = |w: &Vec<f64>| WindowTransition::new(n, 0, w, false).unwrap();
+            let gear = |w: &Vec<f64>| WindowTransition::open(n, 0, w).unwrap();
             SwitchedTransition::new(weights.iter().map(gear).collect()).unwrap()
         };
         let belief = Belief::uniform(n).unwrap();
@@ -45,7 +44,7 @@ proptest! {
         let restarted = RestartTransition::new(gears(), rate, belief).unwrap();
         let leaving = vec![vec![0.25, 0.5]; n];
         let all = KroneckerTransition::new(
-            PowerTransition::new(gears(), 2),
+            gears(),
             DwellTransition::from_leaving(restarted, &leaving).unwrap(),
         ).unwrap();
         prop_assert_eq!(
@@ -54,7 +53,7 @@ proptest! {
         );
         let whole = |weights: &Vec<f64>| {
             let m = window(n, 0, weights, false);
-            kronecker(&power(&m, 2), &dwell(&restart(&m, rate, &r), &leaving))
+            kronecker(&m, &dwell(&restart(&m, rate, &r), &leaving))
         };
         let controls = [0, 1, 0];
         let expected = controls.map(|gear: usize| whole(&weights[gear]));

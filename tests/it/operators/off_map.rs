@@ -5,9 +5,7 @@ use proptest::prelude::*;
 use wayfix::likelihood::GroupedLikelihood;
 use wayfix::likelihood::Groups;
 use wayfix::motion::OffMapTransition;
-use wayfix::transition::{
-    DwellTransition, KroneckerTransition, PowerTransition, RestartTransition,
-};
+use wayfix::transition::{DwellTransition, KroneckerTransition, RestartTransition};
 use wayfix::{
     Belief, Hmm, LikelihoodVector, Prior, SparseTransition, TableLikelihood, Transition,
     TransitionEntries,
@@ -15,7 +13,7 @@ use wayfix::{
 
 use crate::kit::{
     Expected, Matrix, assert_operator, cases_of, close_logs, dense, distribution, dwell, kronecker,
-    off_map, power, rate, restart, rng, sparse, still, stochastic, switched, text,
+    off_map, rate, restart, rng, sparse, still, stochastic, switched, text,
 };
 
 /// Three matrices of one size, and a distribution.
@@ -82,8 +80,6 @@ proptest! {
         let a = OffMapTransition::new(pairs, again, 0.5, uniform(2 * n + 2)).unwrap();
         let expected = over(&|m| off_map(&kronecker(&turns, m), again, 0.5, &even(2 * n + 2)));
         assert_operator(a, Expected::each(&controls, &expected))?;
-        let expected = over(&|m| power(m, 2));
-        assert_operator(PowerTransition::new(lost(), 2), Expected::each(&controls, &expected))?;
         let a = DwellTransition::from_leaving(lost(), &vec![[again, 1.0]; n + 1]).unwrap();
         let expected = over(&|m| dwell(m, &vec![vec![again, 1.0]; m.len()]));
         assert_operator(a, Expected::each(&controls, &expected))?;
@@ -156,7 +152,7 @@ fn bad_ways_off_the_map_are_named() {
         text(a.groups(&Groups::new(vec![0, 0, 1]).unwrap())),
         "the grouping has 3 states, expected 2 to match the inner operator"
     );
-    let endless = wayfix::transition::WindowTransition::new(1, 0, &[1.0], true).unwrap();
+    let endless = wayfix::transition::WindowTransition::closed(1, 0, &[1.0]).unwrap();
     let one = Belief::uniform(1).unwrap();
     assert_eq!(OffMapTransition::new(endless, 0.5, 0.5, one).unwrap().off_map_state(), 1);
 }

@@ -29,7 +29,7 @@ proptest! {
         weights in any_distribution(false, 5), (n, first) in (1..=6_usize, -3..3_isize),
         rate in rate(false),
     ) {
-        let inner = WindowTransition::new(n, first, &weights, true).unwrap();
+        let inner = WindowTransition::closed(n, first, &weights).unwrap();
         let m = window(n, first, &weights, true);
         let r = vec![1.0 / n as f64; n];
         let a = RestartTransition::new(inner, rate, Belief::uniform(n).unwrap()).unwrap();

@@ -4,7 +4,9 @@ use proptest::prelude::*;
 use wayfix::transition::WindowTransition;
 use wayfix::{Transition, TransitionEntries};
 
-use crate::kit::{Expected, NEVER, any_distribution, assert_operator, cases, text, window};
+use crate::kit::{
+    Expected, NEVER, any_distribution, assert_operator, cases, text, window, window_transition,
+};
 
 proptest! {
     #![proptest_config(cases())]
@@ -14,7 +16,7 @@ proptest! {
         (exact, weights) in any::<bool>().prop_flat_map(|e| (Just(e), any_distribution(e, 12))),
         (n, first, closed) in (1..=10_usize, -14..12_isize, any::<bool>()),
     ) {
-        let a = WindowTransition::new(n, first, &weights, closed).unwrap();
+        let a = window_transition(n, first, &weights, closed).unwrap();
         // Weights that add up on a loop are not powers of two.
         let exact = exact && weights.len() <= n;
         let m = window(n, first, &weights, closed);
@@ -26,7 +28,7 @@ proptest! {
 fn leading_weights_of_0_change_no_bit() {
     let x: Vec<f64> = (0..10).map(|i| 1.0 / (3.0 + f64::from(i))).collect();
     let product = |first, weights: &[f64]| {
-        let a = WindowTransition::new(10, first, weights, true).unwrap();
+        let a = WindowTransition::closed(10, first, weights).unwrap();
         let mut out = vec![0.0; 10];
         a.apply(&(), &x, &mut out);
         out
@@ -42,7 +44,7 @@ fn long_routes_go_block_by_block() {
     let x: Vec<f64> = (0..n).map(|i| (f64::from(i) * 0.618_033_988_749_894_9).fract()).collect();
     let (mut out, mut back, mut from) = (x.clone(), x.clone(), vec![0; x.len()]);
     for (first, closed) in [(-3, true), (-1, false)] {
-        let a = WindowTransition::new(x.len(), first, &[0.125, 0.0, 0.5, 0.375], closed).unwrap();
+        let a = window_transition(x.len(), first, &[0.125, 0.0, 0.5, 0.375], closed).unwrap();
         a.apply(&(), &x, &mut out);
         a.apply_transpose(&(), &x, &mut back);
         for (i, (out, back)) in out.iter().zip(&back).enumerate() {
@@ -63,7 +65,7 @@ fn long_routes_go_block_by_block() {
 fn windows_far_beyond_the_route_are_none_the_worse() {
     for closed in [true, false] {
         for first in [isize::MIN, -1_000_000_007, 1_000_000_007, isize::MAX] {
-            let a = WindowTransition::new(3, first, &[0.25, 0.75], closed).unwrap();
+            let a = window_transition(3, first, &[0.25, 0.75], closed).unwrap();
             let mut out = [0.0; 3];
             a.apply(&(), &[0.25, 0.25, 0.5], &mut out);
             assert_eq!(out.iter().sum::<f64>(), 1.0, "{closed:?} {first}");
@@ -74,7 +76,7 @@ fn windows_far_beyond_the_route_are_none_the_worse() {
 #[test]
 fn bad_windows_are_named() {
     let window =
-        |n, first, weights: &[f64], closed| text(WindowTransition::new(n, first, weights, closed));
+        |n, first, weights: &[f64], closed| text(window_transition(n, first, weights, closed));
     assert_eq!(
         window(0, 0, &[1.0], true),
         "a transition operator needs at least one state, found none"

@@ -10,12 +10,12 @@ use proptest::prelude::*;
 use wayfix::inference::{FixedLagSnapshot, LearningOptions};
 use wayfix::likelihood::{GroupedLikelihood, SparseObservation};
 use wayfix::transition::{
-    ConstrainedTransition, DwellTransition, KroneckerTransition, PowerTransition,
-    RestartTransition, SwitchedTransition, WindowTransition,
+    ConstrainedTransition, DwellTransition, KroneckerTransition, RestartTransition,
+    SwitchedTransition, WindowTransition,
 };
 use wayfix::{
     Belief, DenseTransition, Fixed, FusedLikelihood, Hmm, LikelihoodVector, OptionalLikelihood,
-    Prior, SparseLikelihood, SparseTransition, TableLikelihood, Transition,
+    Prior, SparseLikelihood, SparseTransition, TableLikelihood,
 };
 
 use crate::kit::{
@@ -31,7 +31,6 @@ struct Parts {
     weights: Vec<f64>,
     closed: bool,
     rate: f64,
-    exponent: u32,
     dwell: Vec<Vec<f64>>,
 }
 
@@ -45,14 +44,13 @@ fn parts() -> impl Strategy<Value = Parts> {
     let rate = prop_oneof![1 => Just(0.0), 1 => Just(1.0), 4 => 0.0..1.0];
     let model = models(Kind::Extreme).prop_filter("matrices", |model| !model.matrices.is_empty());
     let window = (-9..9_isize, tiny_and_usual(8), any::<bool>());
-    (model, window, rate, 0..4_u32, vec(tiny_and_usual(4), 5)).prop_map(
-        |(model, (first, weights, closed), rate, exponent, dwell)| Parts {
+    (model, window, rate, vec(tiny_and_usual(4), 5)).prop_map(
+        |(model, (first, weights, closed), rate, dwell)| Parts {
             model,
             first,
             weights,
             closed,
             rate,
-            exponent,
             dwell,
         },
     )
@@ -72,7 +70,8 @@ impl Parts {
     }
 
     fn window(&self) -> Option<WindowTransition> {
-        WindowTransition::new(self.model.states, self.first, &self.weights, self.closed).ok()
+        crate::kit::window_transition(self.model.states, self.first, &self.weights, self.closed)
+            .ok()
     }
 
     fn nested(&self) -> DwellTransition<RestartTransition<Fixed<ConstrainedTransition>>> {
@@ -116,7 +115,7 @@ proptest! {
         operator(&parts.tied(), &());
         prop_assert_eq!(stored(&parts.tied()).parameters(), parts.tied().parameters());
         operator(&parts.nested(), &());
-        operator(&PowerTransition::new(restart(parts.sparse()), parts.exponent), &());
+        operator(&restart(parts.sparse()), &());
         let leaving: Vec<_> = (0..n).map(|i| vec![parts.rate, 1.0 / (3.0 + i as f64)]).collect();
         let leaving = DwellTransition::from_leaving(parts.model.sparse(), &leaving).unwrap();
         operator(&RestartTransition::new(

@@ -8,8 +8,8 @@ use wayfix::likelihood::{GroupedLikelihood, PooledLikelihood, SparseTableLikelih
 use wayfix::motion::{DistanceTransition, OffMapTransition};
 use wayfix::observation::Confusion;
 use wayfix::transition::{
-    ConstrainedTransition, DwellTransition, KroneckerTransition, PowerTransition,
-    RestartTransition, SwitchedTransition, WindowTransition,
+    ConstrainedTransition, DwellTransition, KroneckerTransition, RestartTransition,
+    SwitchedTransition, WindowTransition,
 };
 use wayfix::{
     DenseTransition, FusedLikelihood, Hmm, LikelihoodVector, OptionalLikelihood, SparseLikelihood,
@@ -35,7 +35,6 @@ fn names_of_structs_stay() {
         (name::<WindowTransition>(), "WindowTransition"),
         (name::<RestartTransition<A>>(), "RestartTransition"),
         (name::<KroneckerTransition<A, A>>(), "KroneckerTransition"),
-        (name::<PowerTransition<A>>(), "PowerTransition"),
         (name::<DwellTransition<A>>(), "DwellTransition"),
         (name::<B>(), "TableLikelihood"),
         (name::<LikelihoodVector>(), "LikelihoodVector"),

@@ -55,7 +55,7 @@ proptest! {
         let rows: Vec<Vec<f64>> = weights.into_iter().map(|w| normalized(w, 0)).collect();
         let repeated: Vec<_> = of.iter().map(|&g| rows[g].clone()).collect();
         let prior = Prior::AtFirstObservation(Belief::uniform(n).unwrap());
-        let around = WindowTransition::new(n, 0, &[0.5, 0.5], true).unwrap();
+        let around = WindowTransition::closed(n, 0, &[0.5, 0.5]).unwrap();
         let groups = Groups::new(of).unwrap();
         let table = TableLikelihood::from_rows(&rows).unwrap();
         let grouped = Hmm::new(prior.clone(), &around, GroupedLikelihood::new(table, groups).unwrap());

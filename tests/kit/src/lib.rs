@@ -38,7 +38,7 @@ pub use errors::{says, text, with_causes};
 pub use exponential::exponential;
 pub use matrices::{
     Matrix, dense, dwell, kronecker, matrix, off_map, power, restart, sparse, still, switched,
-    window,
+    window, window_transition,
 };
 pub use model::{Evidence, Model, Sensor, prior, sensor};
 pub use noise::noise;

@@ -1,7 +1,7 @@
 //! Dense matrices of operators, entry by entry from their definitions.
 
-use wayfix::transition::SwitchedTransition;
-use wayfix::{DenseTransition, SparseTransition};
+use wayfix::transition::{SwitchedTransition, WindowTransition};
+use wayfix::{DenseTransition, SparseTransition, TransitionError};
 
 /// `matrix[to][from]`.
 pub type Matrix = Vec<Vec<f64>>;
@@ -30,6 +30,20 @@ pub fn still(n: usize) -> SparseTransition {
 
 fn times(a: &Matrix, b: &Matrix) -> Matrix {
     matrix(a.len(), |i, j| (0..a.len()).map(|k| a[i][k] * b[k][j]).sum())
+}
+
+/// The operator of [`window`].
+pub fn window_transition(
+    states: usize,
+    first: isize,
+    weights: &[f64],
+    closed: bool,
+) -> Result<WindowTransition, TransitionError> {
+    if closed {
+        WindowTransition::closed(states, first, weights)
+    } else {
+        WindowTransition::open(states, first, weights)
+    }
 }
 
 pub fn power(m: &Matrix, exponent: u32) -> Matrix {

@@ -13,9 +13,6 @@ impl Transition for Own {
     fn states(&self) -> usize {
         self.0.len()
     }
-    fn no_control(&self) -> Option<&'static ()> {
-        Some(&())
-    }
     fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
         for (out, row) in out.iter_mut().zip(&self.0) {
             *out = row.iter().zip(x).map(|(a, x)| a * x).sum();
@@ -48,9 +45,6 @@ impl Transition for OwnMeasured {
     type Control = ();
     fn states(&self) -> usize {
         self.entries.states()
-    }
-    fn no_control(&self) -> Option<&'static ()> {
-        Some(&())
     }
     fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
         self.entries.apply(&(), x, out);

@@ -29,7 +29,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let SwitchingMean { means, lags, variance } = hmm.likelihood();
     // Bit 0 of a state is the present regime. The moves 0 → 0 and 31 → 31 stay in the regimes 0 and
     // 1, and ties give all moves of a kind the same probability.
-    let stay = [hmm.transition().get(0, 0), hmm.transition().get(31, 31)];
+    let moves = hmm.transition().inner();
+    let stay = [moves.get(0, 0), moves.get(31, 31)];
     for state in 0..2 {
         // The number of quarters in a regime is geometric, of mean 1 / (1 − stay).
         let (mean, quarters) = (means[state], 1.0 / (1.0 - stay[state]));

@@ -45,7 +45,7 @@ fn a_generator_allocates_nothing() {
 /// One with moves by inputs, near and below the range of doubles.
 #[test]
 fn moves_by_inputs_allocate_nothing() {
-    let route = WindowTransition::new(20, -1, &[0.25, 0.25, 0.5], false).unwrap();
+    let route = WindowTransition::open(20, -1, &[0.25, 0.25, 0.5]).unwrap();
     let by_inputs = LogitTransition::new(&route, 2).unwrap();
     let by_inputs = by_inputs.with_slopes(3, 4, &[1.0, -300.0]).unwrap();
     check_with("by inputs", &by_inputs, &vec![0.5, -1.0]);

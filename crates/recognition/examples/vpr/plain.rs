@@ -19,7 +19,8 @@ const NEVER: f64 = -700.0;
 
 pub(crate) fn model(recording: &Recording) -> Fallible<Hmm<WindowTransition, LikelihoodVector>> {
     let n = recording.references;
-    let motion = WindowTransition::new(n, MOVES.0, &MOVES.1, recording.closed)?;
+    let window = if recording.closed { WindowTransition::closed } else { WindowTransition::open };
+    let motion = window(n, MOVES.0, &MOVES.1)?;
     let prior = Prior::AtFirstObservation(Belief::uniform(n)?);
     Ok(Hmm::new(prior, motion, LikelihoodVector::log(n))?)
 }

@@ -35,7 +35,7 @@ fn rows(drive: &[Option<usize>], seed: u64) -> Vec<Vec<f32>> {
 }
 
 fn ahead() -> WindowTransition {
-    WindowTransition::new(PLACES, 0, &[0.1, 0.8, 0.1], true).unwrap()
+    WindowTransition::closed(PLACES, 0, &[0.1, 0.8, 0.1]).unwrap()
 }
 
 /// Camera whose frames are given as log-odds.

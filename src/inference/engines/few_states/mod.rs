@@ -19,7 +19,7 @@ use super::choice;
 use super::choice::Engine;
 use crate::hmm::Hmm;
 use crate::likelihood::Likelihood;
-use crate::transition::Transition;
+use crate::transition::{Transition, constant_control};
 use wayfix_kernels::limits::{
     LARGEST_EXPONENT_GAP, LEAST_FACTOR, LEAST_IN_CHAIN, LIFT, MIDDLE_RANGE, exponent, power,
 };
@@ -118,7 +118,7 @@ fn rescale(x: &mut ChainState) -> Option<()> {
 /// Returns the control of the operator if the model suits this engine. (`choice` has decided on the
 /// numbers of states and steps.)
 fn control_of<A: Transition, B: Likelihood>(hmm: &Hmm<A, B>) -> Option<&'static A::Control> {
-    let control = hmm.transition().no_control()?;
+    let control = constant_control::<A>()?;
     hmm.transition().check_control(control).ok()?;
     // With evidence, columns do not sum to one; this is left to single steps.
     hmm.transition().evidence(control).is_none().then_some(control)

@@ -11,7 +11,7 @@ use crate::inference::engines::choice;
 use crate::inference::engines::parallel::{self, ScratchPool};
 use crate::likelihood::LearnLikelihood;
 use crate::sequence::Sequence;
-use crate::transition::{LearnTransition, MoveCounts};
+use crate::transition::{LearnTransition, MoveCounts, constant_control};
 use wayfix_kernels::limits::BACK_LIFT;
 use wayfix_kernels::{self as kernels, LANES, Packed};
 
@@ -65,7 +65,7 @@ impl<A: LearnTransition, B: LearnLikelihood> LaneModel<'_, A, B> {
     fn counted_entries(&self) -> usize {
         let transition = self.hmm.transition();
         let mut statistics = transition.statistics();
-        let control = transition.no_control();
+        let control = constant_control::<A>();
         let counted = control.and_then(|u| transition.counts(&mut statistics, u)).is_some();
         if counted { self.columns.values().len() } else { 0 }
     }

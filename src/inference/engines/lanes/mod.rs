@@ -29,7 +29,7 @@ use crate::inference::LogSum;
 use crate::inference::step::SensorScratch;
 use crate::likelihood::{Likelihood, Values};
 use crate::sequence::Sequence;
-use crate::transition::Transition;
+use crate::transition::{Transition, constant_control};
 use wayfix_kernels as kernels;
 use wayfix_kernels::limits::{BACK_LIFT, LEAST_NORMALIZER, LIFT, TINY, UNSCALED, exponent, power};
 use wayfix_kernels::{Eight, LANES, Lines, Packed, limits};
@@ -52,7 +52,7 @@ pub(crate) struct LaneModel<'m, A, B> {
 impl<'m, A: Transition, B: Likelihood> LaneModel<'m, A, B> {
     /// Creates the model; `None` if it does not suit lanes.
     pub(crate) fn new(hmm: &'m Hmm<A, B>) -> Option<Self> {
-        let control = hmm.transition().no_control()?;
+        let control = constant_control::<A>()?;
         hmm.transition().check_control(control).ok()?;
         if hmm.transition().evidence(control).is_some() {
             return None;
@@ -60,7 +60,7 @@ impl<'m, A: Transition, B: Likelihood> LaneModel<'m, A, B> {
         // No entry is below `LEAST_ENTRY`. With normal beliefs and likelihoods of at least `TINY`,
         // no product then becomes 0 unnoticed.
         let (rows, columns) =
-            hmm.transition().stored(control).filter(|matrix| matrix.is_plain())?.lines();
+            hmm.transition().stored(control).filter(|matrix| matrix.has_no_tiny_entries())?.lines();
         // A subnormal prior could let a lifted product become 0 unnoticed.
         let prior = hmm.prior().belief().as_slice();
         if prior.iter().any(|p| 0.0 < *p && *p < f64::MIN_POSITIVE) {

@@ -8,7 +8,7 @@ use crate::inference::step::scores::{TakenOut, best, likelihood_scores};
 use crate::inference::step::{SensorScratch, Step};
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
-use crate::transition::TransitionEntries;
+use crate::transition::{TransitionEntries, constant_control};
 use wayfix_kernels::{self as kernels, LANES, Packed, ScoresIn};
 
 impl<A: TransitionEntries, B: Likelihood> LaneModel<'_, A, B> {
@@ -23,7 +23,7 @@ impl<A: TransitionEntries, B: Likelihood> LaneModel<'_, A, B> {
     {
         let n = self.states();
         let mut first = vec![0.0; n];
-        let control = self.hmm.transition().no_control().filter(|_| self.hmm.prior().moves_at(1));
+        let control = constant_control::<A>().filter(|_| self.hmm.prior().moves_at(1));
         let step = Step { hmm: self.hmm, number: 1, control };
         // They depend on no observation, so that they, or an error, are the same for all lanes.
         if step.first_scores(&mut first, &mut TakenOut::default()).is_err() {

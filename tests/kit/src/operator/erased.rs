@@ -14,8 +14,8 @@ pub trait Steps {
     fn stored(&self, step: usize) -> Option<Stored<'_>>;
     fn apply(&self, step: usize, x: &[f64], out: &mut [f64]);
     fn smallest_entry(&self, step: usize) -> f64;
-    /// The product, and the number of times that each state was passed on.
-    fn blocks(&self, step: usize, x: &[f64]) -> (Vec<f64>, Vec<usize>);
+    fn apply_in_blocks(&self, step: usize, x: &[f64], take: &mut dyn FnMut(usize, &[f64]));
+    fn entries_need_logs(&self, step: usize) -> bool;
     fn apply_transpose(&self, step: usize, x: &[f64], out: &mut [f64]);
     fn apply_log(&self, step: usize, x: &[f64], out: &mut [f64]);
     fn apply_transpose_log(&self, step: usize, x: &[f64], out: &mut [f64]);
@@ -54,13 +54,11 @@ impl<A: TransitionEntries<Control: Debug>> Steps for WithControls<A> {
     fn smallest_entry(&self, step: usize) -> f64 {
         self.operator.smallest_entry(&self.controls[step])
     }
-    fn blocks(&self, step: usize, x: &[f64]) -> (Vec<f64>, Vec<usize>) {
-        let (mut out, mut times) = (vec![f64::NAN; x.len()], vec![0; x.len()]);
-        self.operator.apply_in_blocks(&self.controls[step], x, &mut |first, values| {
-            out[first..first + values.len()].copy_from_slice(values);
-            times[first..first + values.len()].iter_mut().for_each(|times| *times += 1);
-        });
-        (out, times)
+    fn apply_in_blocks(&self, step: usize, x: &[f64], take: &mut dyn FnMut(usize, &[f64])) {
+        self.operator.apply_in_blocks(&self.controls[step], x, take);
+    }
+    fn entries_need_logs(&self, step: usize) -> bool {
+        self.operator.entries_need_logs(&self.controls[step])
     }
     fn apply_transpose(&self, step: usize, x: &[f64], out: &mut [f64]) {
         self.operator.apply_transpose(&self.controls[step], x, out);
@@ -101,14 +99,11 @@ pub struct EachStep<'a>(pub &'a dyn Steps);
 
 /// Implements both traits by those of the inner operator.
 macro_rules! delegate {
-    ($type:ident, $control:ty, $only:expr, |$self:ident, $u:ident| $operator:expr, $step:expr) => {
+    ($type:ident, $control:ty, |$self:ident, $u:ident| $operator:expr, $step:expr) => {
         impl Transition for $type<'_> {
             type Control = $control;
             fn states(&$self) -> usize {
                 $operator.states()
-            }
-            fn no_control(&$self) -> Option<&'static $control> {
-                $only
             }
             fn check_control(&$self, $u: &$control) -> Result<(), TransitionError> {
                 $operator.check_control($step)
@@ -125,6 +120,17 @@ macro_rules! delegate {
             fn apply(&$self, $u: &$control, x: &[f64], out: &mut [f64]) {
                 $operator.apply($step, x, out);
             }
+            fn smallest_entry(&$self, $u: &$control) -> f64 {
+                $operator.smallest_entry($step)
+            }
+            fn apply_in_blocks(
+                &$self,
+                $u: &$control,
+                x: &[f64],
+                take: &mut dyn FnMut(usize, &[f64]),
+            ) {
+                $operator.apply_in_blocks($step, x, take);
+            }
             fn apply_transpose(&$self, $u: &$control, x: &[f64], out: &mut [f64]) {
                 $operator.apply_transpose($step, x, out);
             }
@@ -136,6 +142,9 @@ macro_rules! delegate {
             }
         }
         impl TransitionEntries for $type<'_> {
+            fn entries_need_logs(&$self, $u: &$control) -> bool {
+                $operator.entries_need_logs($step)
+            }
             fn incoming(&$self, $u: &$control, to: usize) -> impl Iterator<Item = (usize, f64)> {
                 $operator.incoming($step, to).into_iter()
             }
@@ -163,5 +172,5 @@ macro_rules! delegate {
     };
 }
 
-delegate!(AtStep, (), Some(&()), |self, _u| self.operator, self.step);
-delegate!(EachStep, usize, None, |self, u| self.0, *u);
+delegate!(AtStep, (), |self, _u| self.operator, self.step);
+delegate!(EachStep, usize, |self, u| self.0, *u);

@@ -1,10 +1,11 @@
 //! The methods of an operator against its matrix.
 
 use proptest::prelude::*;
-use proptest::test_runner::TestCaseResult;
+use proptest::test_runner::{TestCaseError, TestCaseResult};
 
 use super::super::{Matrix, NEVER, close, close_logs, log_sum, transposed};
-use super::{Inputs, Rounding, Steps};
+use super::{EachStep, Inputs, Rounding, Steps};
+use wayfix::transition::kit;
 
 pub fn check(
     a: &dyn Steps,
@@ -13,23 +14,10 @@ pub fn check(
     inputs: &Inputs,
     rounding: Rounding,
 ) -> TestCaseResult {
-    prop_assert!(a.check_control(step).is_ok());
-    let mut sums = vec![f64::NAN; m.len()];
-    a.apply_transpose(step, &vec![1.0; m.len()], &mut sums);
-    let stochastic = a.evidence(step).is_none();
-    let one = |sum: &f64| !stochastic || (sum - 1.0).abs() <= 1e-12;
-    prop_assert!(sums.iter().all(one), "column sums {sums:?}");
+    // All methods agree; so what follows shows that they are right, and to more digits.
+    kit::check(&EachStep(a), &step).map_err(|error| TestCaseError::fail(error.to_string()))?;
     products(|x, out| a.apply(step, x, out), m, inputs, rounding)?;
     logarithms(|x, out| a.apply_log(step, x, out), m, inputs, rounding)?;
-    let in_blocks = |x: &[f64], out: &mut [f64]| {
-        let (values, times) = a.blocks(step, x);
-        assert!(times.iter().all(|times| *times == 1), "{times:?}");
-        out.copy_from_slice(&values);
-    };
-    products(in_blocks, m, inputs, rounding)?;
-    let smallest = a.smallest_entry(step) * (1.0 - 1e-12);
-    let above = |p: &&f64| **p > rounding.least.max(f64::MIN_POSITIVE);
-    prop_assert!(m.iter().flatten().filter(above).all(|p| *p >= smallest), "{smallest}");
     entries(|state| a.incoming(step, state), m, rounding)?;
     let columns = transposed(m);
     products(|x, out| a.apply_transpose(step, x, out), &columns, inputs, rounding)?;
@@ -38,10 +26,6 @@ pub fn check(
     let linear = |logs: Vec<(usize, f64)>| logs.into_iter().map(|(j, log2)| (j, log2.exp2()));
     entries(|state| linear(a.incoming_log2(step, state)).collect(), m, rounding)?;
     entries(|state| linear(a.outgoing_log2(step, state)).collect(), &columns, rounding)?;
-    for state in 0..m.len() {
-        let sum: f64 = a.outgoing(step, state).iter().map(|entry| entry.1).sum();
-        prop_assert!(one(&sum), "entries of column {state} sum to {sum}");
-    }
     best_predecessors(a, step, m, inputs, rounding)
 }
 

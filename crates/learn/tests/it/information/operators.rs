@@ -108,8 +108,8 @@ fn constraints_hold_for_displaced_operators() {
     let fixed = plain.clone().with_fixed(|from, to| from == 3 && to < 2);
     assert_eq!(check(&fixed, &[()]), 1 + 2 + 2 + 1);
     let moved = fixed.displaced(&mut Displacement::new(&[0.5; 6])).unwrap();
-    assert_eq!((moved.get(0, 3), moved.get(1, 3)), (0.3, 0.1));
-    assert!((moved.get(2, 3) + moved.get(3, 3) - 0.6).abs() < 1e-15);
+    assert_eq!((moved.inner().get(0, 3), moved.inner().get(1, 3)), (0.3, 0.1));
+    assert!((moved.inner().get(2, 3) + moved.inner().get(3, 3) - 0.6).abs() < 1e-15);
 
     // Columns 1 and 2 share their probabilities; two ways out of state 3 are equally probable.
     let tied = plain.with_ties(|from, to| match (from, to) {
@@ -119,6 +119,7 @@ fn constraints_hold_for_displaced_operators() {
     });
     assert_eq!(check(&tied, &[()]), 1 + 2 + 2);
     let moved = tied.displaced(&mut Displacement::new(&[0.5, -0.3, 0.2, 1.0, -1.0])).unwrap();
+    let moved = moved.inner();
     for (to, other) in [(0, 1), (1, 2), (2, 3)] {
         assert!((moved.get(to, 1) - moved.get(other, 2)).abs() < 1e-15);
     }

@@ -430,7 +430,7 @@ impl RouteTransition {
         let on = self.speeds.shares().iter().map(|share| share * (1.0 - off) / n as f64);
         let layers = on.chain(self.off_map.map(|_| off / n as f64));
         // The shares sum to one, so on- and off-map mass sum to one without a division.
-        Belief::known(layers.flat_map(|p| std::iter::repeat_n(p, n)).collect())
+        Belief::from_valid(layers.flat_map(|p| std::iter::repeat_n(p, n)).collect())
     }
 
     fn with_stencils(self) -> Self {

@@ -21,10 +21,6 @@ impl Transition for Step {
         self.0.states()
     }
 
-    fn no_control(&self) -> Option<&'static ()> {
-        Some(&())
-    }
-
     fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
         self.0.apply(&self.1, x, out);
     }

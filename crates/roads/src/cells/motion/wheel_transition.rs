@@ -155,7 +155,7 @@ impl WheelTransition {
         }
         let pairs =
             self.shares.iter().flat_map(|share| cells.values().iter().map(move |p| share * p));
-        Ok(Belief::known(pairs.collect()))
+        Ok(Belief::from_valid(pairs.collect()))
     }
 
     /// Moves the cells of each scale by its distance, in a step where no scale changes.
