@@ -186,21 +186,6 @@ impl Transition for GeneratorTransition {
     }
 }
 
-#[cfg(feature = "serde")]
-wayfix::stored! {
-    [] GeneratorTransition: [], |a| {
-        rates: Vec<Vec<(usize, f64)>> = {
-            let mut rates = vec![Vec::new(); a.states()];
-            a.triplets().for_each(|(to, from, rate)| rates[from].push((to, rate)));
-            rates
-        },
-    } => {
-        let columns = rates.iter().enumerate();
-        let moves = columns.flat_map(|(from, out)| out.iter().map(move |&(to, rate)| (to, from, rate)));
-        Self::from_triplets(rates.len(), moves)
-    };
-}
-
 // Generators from rates: P = I + Q / Λ, by columns, with Λ = 1.25 times the largest exit rate.
 
 /// Λ over the largest exit rate. With 1, a diagonal entry of P could be 0, and beliefs could
@@ -391,4 +376,19 @@ impl TransitionEntries for GeneratorTransition {
             });
         });
     }
+}
+
+#[cfg(feature = "serde")]
+wayfix::stored! {
+    [] GeneratorTransition: [], |a| {
+        rates: Vec<Vec<(usize, f64)>> = {
+            let mut rates = vec![Vec::new(); a.states()];
+            a.triplets().for_each(|(to, from, rate)| rates[from].push((to, rate)));
+            rates
+        },
+    } => {
+        let columns = rates.iter().enumerate();
+        let moves = columns.flat_map(|(from, out)| out.iter().map(move |&(to, rate)| (to, from, rate)));
+        Self::from_triplets(rates.len(), moves)
+    };
 }

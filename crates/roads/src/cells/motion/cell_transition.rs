@@ -54,8 +54,8 @@ use wayfix::{Transition, TransitionEntries, TransitionError};
 /// A distance chooses the operator, and its columns sum to one. That loses nothing here: with all
 /// distances equally likely beforehand, the probability of a reading is the same wherever the
 /// vehicle is, so the reading says nothing about where it is. A
-/// [`DistanceTransition`](super::DistanceTransition) differs: its roads have lengths to compare
-/// with.
+/// [`DistanceTransition`](wayfix::motion::DistanceTransition) differs: its roads have lengths to
+/// compare with.
 ///
 /// The exception is the end of the network: an edge that nothing may follow, such as a one-way road
 /// that leaves the map. By default, a vehicle there stays. Its odometer speaks against that, and a
