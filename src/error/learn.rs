@@ -65,7 +65,9 @@ pub enum LearnError {
         sequences: usize,
     },
     /// A labelled sequence does not have one state per observation.
-    #[error("sequence {sequence} has {states} states for {observations} observations, expected one each")]
+    #[error(
+        "sequence {sequence} has {states} states for {observations} observations, expected one each"
+    )]
     Length {
         /// The sequence, from 0.
         sequence: usize,

@@ -59,7 +59,9 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     {
         learning.check()?;
         let is_empty = |labelled: &LabelledSequence<'_, S>| {
-            labelled.initial.is_none() && labelled.states.is_empty() && labelled.sequence.steps() == 0
+            labelled.initial.is_none()
+                && labelled.states.is_empty()
+                && labelled.sequence.steps() == 0
         };
         if sequences.iter().all(is_empty) {
             return Err(LearnError::nothing(sequences.len(), None));
