@@ -47,7 +47,8 @@ use wayfix::{Transition, TransitionEntries, TransitionError};
 /// variance.
 ///
 /// **Errors of readings are taken to be independent**, so they average out. Wheels that are 2% too
-/// large do not: if they are the odometer, take a [`WheelTransition`], which learns their scale.
+/// large do not: if they are the odometer, take a [`WheelTransition`](super::WheelTransition),
+/// which learns their scale.
 ///
 /// # Control or evidence
 ///
