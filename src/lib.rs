@@ -40,7 +40,9 @@
 //! | [`Hmm::pruned_filter`] | [`PrunedFilter`]: the filter for millions of states, with a proven error bound |
 //! | [`Hmm::online_viterbi`] | [`OnlineViterbi`]: the final part of the most probable path |
 //!
-//! A stream is plain data: `snapshot` and `restore` copy it, exact to the bit.
+//! A stream is plain data: `snapshot` and `restore` copy it, and with the feature `serde` its state
+//! is [stored](guide::storing), exact to the bit. A filter's state also has compact
+//! [bytes](inference::FilterSnapshot::to_bytes), without a feature.
 //!
 //! For a **whole [`Sequence`]** of observations, or of observations with
 //! [controls](Controlled):

@@ -39,6 +39,26 @@ pub fn refused<E: serde::de::Error>(error: impl Into<Box<dyn Error>>) -> E {
     E::custom(text)
 }
 
+/// Returns a finite number, or `None`: JSON has neither infinity nor NaN.
+pub(crate) fn finite(value: f64) -> Option<f64> {
+    value.is_finite().then_some(value)
+}
+
+/// Returns a number, or ∞ for `None`.
+pub(crate) fn or_infinite(value: Option<f64>) -> f64 {
+    value.unwrap_or(f64::INFINITY)
+}
+
+/// Returns logarithms, with `None` for −∞.
+pub(crate) fn finite_logs(logs: &[f64]) -> Vec<Option<f64>> {
+    logs.iter().copied().map(finite).collect()
+}
+
+/// Returns logarithms, with −∞ for `None`.
+pub(crate) fn logs(values: Vec<Option<f64>>) -> Vec<f64> {
+    values.into_iter().map(|log| log.unwrap_or(f64::NEG_INFINITY)).collect()
+}
+
 /// Implements `Serialize` and `Deserialize` for structs of the module where it stands:
 ///
 /// ```text

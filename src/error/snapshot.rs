@@ -44,12 +44,6 @@ pub enum SnapshotError {
     /// There are bytes after the end of the snapshot.
     #[error(transparent)]
     Trailing(Count),
-    /// The control of a past step could not be read.
-    #[error("the control of past step {index} could not be read")]
-    Control {
-        /// Index of the past step, from 0.
-        index: usize,
-    },
     /// The numbers are not a valid state of a stream.
     #[error("{reason}")]
     Contents {

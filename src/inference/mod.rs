@@ -55,10 +55,8 @@ pub use sequences::simulation::{LabelledSequence, Simulation};
 pub use sequences::smooth_each::{Order, SmoothedStep};
 pub use step::state::FilterSnapshot;
 pub use streams::filter::Filter;
-pub use streams::fixed_lag::FixedLag;
-pub use streams::fixed_lag_snapshot::FixedLagSnapshot;
-pub use streams::online_viterbi::OnlineViterbi;
-pub use streams::online_viterbi_snapshot::OnlineViterbiSnapshot;
+pub use streams::fixed_lag::{FixedLag, FixedLagSnapshot};
+pub use streams::online_viterbi::{OnlineViterbi, OnlineViterbiSnapshot};
 pub use trellis::{SmoothedTrellis, Trellis};
 
 pub use sequences::left_out::left_out;

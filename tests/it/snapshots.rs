@@ -1,25 +1,12 @@
-//! States of streams as bytes: they come back to the bit, and damage is detected.
+//! States of streams, and those of filters as bytes: they come back to the bit, and damage is
+//! detected.
 
 use proptest::collection::vec;
 use proptest::prelude::*;
-use wayfix::inference::{
-    FilterSnapshot, FixedLagSnapshot, OnlineViterbiSnapshot, PrunedFilterSnapshot, Pruning,
-    SnapshotError,
-};
-use wayfix::{
-    Belief, Hmm, InferenceError, LikelihoodVector, OptionalLikelihood, Prior, SparseLikelihood,
-    SparseTransition,
-};
+use wayfix::inference::{FilterSnapshot, SnapshotError};
+use wayfix::{Belief, Hmm, InferenceError, LikelihoodVector, Prior, SparseTransition};
 
 use crate::kit::{Kind, cases, models};
-
-fn control(control: usize, out: &mut Vec<u8>) {
-    out.extend(vec![7; control]);
-}
-
-fn its_control(bytes: &[u8]) -> Option<usize> {
-    bytes.iter().all(|byte| *byte == 7).then_some(bytes.len())
-}
 
 /// The checksum of the format.
 fn checksum(bytes: &[u8]) -> u64 {
@@ -41,9 +28,9 @@ proptest! {
     #![proptest_config(cases())]
 
     #[test]
-    fn states_come_back_to_the_bit(model in models(Kind::Extreme), lag in 0..4_usize) {
+    fn states_come_back_to_the_bit(model in models(Kind::Extreme)) {
         let hmm = model.hmm(model.sparse());
-        let (mut filter, mut smoother) = (hmm.filter(), hmm.fixed_lag(lag));
+        let mut filter = hmm.filter();
         let mut kept = filter.snapshot();
         for k in 0..model.steps() {
             let bytes = filter.snapshot().to_bytes();
@@ -58,14 +45,9 @@ proptest! {
             // Header, two counts, a sum, lengths, mask and checksum, if there are no logarithms.
             let has_logs = bytes.len() > 8 + 2 * 8 + 16 + 2 * 8 + 8 * n.div_ceil(64) + 8 * possible + 8;
             prop_assert_eq!(state.heap_bytes(), 8 * n * if has_logs { 2 } else { 1 });
-            let bytes = smoother.snapshot().to_bytes_with(|u, out| control(*u, out));
-            let state = FixedLagSnapshot::from_bytes_with(&bytes, its_control).unwrap();
-            prop_assert_eq!(&state, &smoother.snapshot());
-            prop_assert_eq!(state.to_bytes_with(|u, out| control(*u, out)), bytes);
             if filter.step_with(&k, &model.logs[k]).is_err() {
                 break;
             }
-            smoother.step_with(&k, &model.logs[k]).unwrap();
         }
     }
 
@@ -81,13 +63,11 @@ proptest! {
         for k in 0..model.steps() {
             if k >= stop {
                 let snapshot = decoder.snapshot();
-                let state = OnlineViterbiSnapshot::from_bytes(&snapshot.to_bytes()).unwrap();
-                prop_assert_eq!(&state, &snapshot);
-                prop_assert_eq!(state.steps(), k);
+                prop_assert_eq!(snapshot.steps(), k);
                 if k == stop {
-                    other.restore(&state).unwrap();
+                    other.restore(&snapshot).unwrap();
                 }
-                prop_assert_eq!(other.snapshot().to_bytes(), snapshot.to_bytes());
+                prop_assert_eq!(other.snapshot(), snapshot);
                 prop_assert_eq!(other.undecided(), decoder.undecided());
             } else {
                 // (It has another state until then.)
@@ -122,79 +102,35 @@ proptest! {
         ]).prop_map(Some)],
     ) {
         let hmm = model.hmm(model.sparse());
-        let (mut filter, mut smoother) = (hmm.filter(), hmm.fixed_lag(2));
-        let mut decoder = hmm.online_viterbi();
-        let plain = {
-            let n = model.states;
-            let motion = SparseTransition::from_triplets(n, (0..n).map(|i| (i, i, 1.0))).unwrap();
-            let sensor = OptionalLikelihood::new(SparseLikelihood::new(n));
-            Hmm::new(model.prior(), motion, sensor).unwrap()
-        };
-        let mut pruned = plain.pruned_filter(Pruning::default());
+        let mut filter = hmm.filter();
         for k in 0..=model.steps() {
-            for (kind, bytes) in [
-                filter.snapshot().to_bytes(),
-                smoother.snapshot().to_bytes_with(|u, out| control(*u, out)),
-                decoder.snapshot().to_bytes(),
-                pruned.snapshot().to_bytes(),
-            ].into_iter().enumerate() {
-                let mut damaged = bytes.clone();
-                for (at, with, add) in &changes {
-                    let at = at.index(damaged.len());
-                    if *add { damaged.insert(at, *with) } else { damaged[at] ^= with }
-                }
-                if let Some(cut) = cut {
-                    damaged.truncate(cut.index(damaged.len()));
-                }
-                // A number of eight bytes is replaced.
-                let mut replaced = bytes[..bytes.len() - 8].to_vec();
-                if let Some(special) = special {
-                    let at = 8 + changes[0].0.index(replaced.len() / 8 - 1) * 8;
-                    replaced[at..at + 8].copy_from_slice(&special.to_le_bytes());
-                }
-                let resealed = damaged[..damaged.len().saturating_sub(8)].to_vec();
-                for (sealed, damaged) in
-                    [(false, damaged), (true, sealed(resealed)), (true, sealed(replaced))]
-                {
-                    let sealed = sealed || damaged == bytes;
-                    match kind {
-                        0 => if let Ok(state) = FilterSnapshot::from_bytes(&damaged) {
-                            prop_assert!(sealed);
-                            let mut other = hmm.filter();
-                            if other.restore(&state).is_ok() {
-                                let _ = other.step_with(&0, &model.logs.first().cloned().flatten());
-                                check(other.belief().as_slice())?;
-                                prop_assert!(!other.log_likelihood().is_nan());
-                            }
-                        },
-                        1 => if let Ok(state) = FixedLagSnapshot::from_bytes_with(&damaged, its_control) {
-                            prop_assert!(sealed);
-                            let mut other = hmm.fixed_lag(1);
-                            if other.restore(&state).is_ok() {
-                                let _ = other.step_with(&0, &model.logs.first().cloned().flatten());
-                                check(other.lagged().as_slice())?;
-                            }
-                        },
-                        2 => if let Ok(state) = OnlineViterbiSnapshot::from_bytes(&damaged) {
-                            prop_assert!(sealed);
-                            let mut other = hmm.online_viterbi();
-                            if other.restore(&state).is_ok() {
-                                let _ = other.step_with(&0, &model.logs.first().cloned().flatten());
-                                prop_assert!(other.undecided().iter().all(|i| *i < model.states));
-                                prop_assert!(!other.log_probability().is_nan());
-                            }
-                        },
-                        _ => if let Ok(state) = PrunedFilterSnapshot::from_bytes(&damaged) {
-                            prop_assert!(sealed);
-                            let mut other = plain.pruned_filter(Pruning::default());
-                            if other.restore(&state).is_ok() {
-                                let _ = other.step(&None);
-                                check(other.probabilities())?;
-                                prop_assert!((0.0..=1.0).contains(&other.certificate().bound()));
-                                let range = other.log_likelihood();
-                                prop_assert!(!range.start().is_nan() && !range.end().is_nan());
-                            }
-                        },
+            let bytes = filter.snapshot().to_bytes();
+            let mut damaged = bytes.clone();
+            for (at, with, add) in &changes {
+                let at = at.index(damaged.len());
+                if *add { damaged.insert(at, *with) } else { damaged[at] ^= with }
+            }
+            if let Some(cut) = cut {
+                damaged.truncate(cut.index(damaged.len()));
+            }
+            // A number of eight bytes is replaced.
+            let mut replaced = bytes[..bytes.len() - 8].to_vec();
+            if let Some(special) = special {
+                let at = 8 + changes[0].0.index(replaced.len() / 8 - 1) * 8;
+                replaced[at..at + 8].copy_from_slice(&special.to_le_bytes());
+            }
+            let resealed = damaged[..damaged.len().saturating_sub(8)].to_vec();
+            for (sealed, damaged) in
+                [(false, damaged), (true, sealed(resealed)), (true, sealed(replaced))]
+            {
+                let sealed = sealed || damaged == bytes;
+                if let Ok(state) = FilterSnapshot::from_bytes(&damaged) {
+                    prop_assert!(sealed);
+                    let mut other = hmm.filter();
+                    if other.restore(&state).is_ok() {
+                        let _ = other.step_with(&0, &model.logs.first().cloned().flatten());
+                        check(other.belief().as_slice())?;
+                        prop_assert!(!other.log_likelihood().is_nan());
                     }
                 }
             }
@@ -202,9 +138,6 @@ proptest! {
             if filter.step_with(&k, y).is_err() {
                 break;
             }
-            smoother.step_with(&k, y).unwrap();
-            decoder.step_with(&k, y).unwrap();
-            pruned.step(&None).unwrap();
         }
     }
 }
@@ -222,6 +155,31 @@ fn ring(n: usize) -> Hmm<SparseTransition, LikelihoodVector> {
     Hmm::new(prior, motion, LikelihoodVector::linear(n)).unwrap()
 }
 
+/// Bytes that were written by any earlier build are read: the format is fixed.
+#[test]
+fn bytes_are_those_of_version_1() {
+    let hmm = ring(70);
+    let mut filter = hmm.filter();
+    (0..2).for_each(|_| _ = filter.step(&[0.5; 70][..]).unwrap());
+    // From state 10 the second step leads to 10 or 11.
+    let mut expected = b"wayfix\x01\x01".to_vec();
+    let log_likelihood = filter.log_likelihood();
+    let words = [
+        2,
+        0,
+        log_likelihood.to_bits(),
+        0.0_f64.to_bits(), // steps, those in logarithms, sum
+        70,
+        1 << 10 | 1 << 11,
+        0,
+        0.25_f64.to_bits(),
+        0.75_f64.to_bits(), // the belief
+        0,                  // no logarithms
+    ];
+    words.iter().for_each(|word: &u64| expected.extend(word.to_le_bytes()));
+    assert_eq!(filter.snapshot().to_bytes(), sealed(expected));
+}
+
 #[test]
 fn states_that_are_ruled_out_take_a_bit() {
     let n = 8930;
@@ -232,14 +190,6 @@ fn states_that_are_ruled_out_take_a_bit() {
     // ends.
     let expected = 8 * (3 + n.div_ceil(64) + 4 + 2 + 2);
     assert_eq!(filter.snapshot().to_bytes().len(), expected);
-    let mut pruned = hmm.pruned_filter(Pruning::default());
-    (0..3).for_each(|_| _ = pruned.step(&vec![0.5; n][..]).unwrap());
-    let length = pruned.snapshot().to_bytes().len();
-    assert!(length < 300, "{length}");
-    let mut decoder = hmm.online_viterbi();
-    (0..3).for_each(|_| _ = decoder.step(&vec![0.5; n][..]).unwrap());
-    let length = decoder.snapshot().to_bytes().len();
-    assert!(length < 1400, "{length}");
 }
 
 #[test]
@@ -258,13 +208,12 @@ fn bytes_of_something_else_say_what_they_are() {
         b"a long text that is no snapshot",
         "the bytes do not begin with the header of a snapshot",
     );
-    let other = hmm.online_viterbi().snapshot().to_bytes();
-    refused(&other, "the bytes are of type OnlineViterbiSnapshot, expected FilterSnapshot");
     let changed = |at: usize, to: u8| {
         let mut changed = bytes.clone();
         changed[at] = to;
         changed
     };
+    refused(&changed(6, 5), "the bytes are of type Vehicle, expected FilterSnapshot");
     refused(&changed(6, 99), "the bytes are of type unknown, expected FilterSnapshot");
     refused(&changed(7, 2), "the bytes are of version 2, expected 1");
     assert!(matches!(
@@ -287,11 +236,6 @@ fn bytes_of_something_else_say_what_they_are() {
     let mut long = within.to_vec();
     long[40..48].copy_from_slice(&(1_u64 << 60).to_le_bytes());
     assert!(matches!(FilterSnapshot::from_bytes(&sealed(long)), Err(SnapshotError::Length { .. })));
-    let mut smoother = hmm.fixed_lag(2);
-    (0..3).for_each(|_| _ = smoother.step(&[0.5; 20]).unwrap());
-    let bytes = smoother.snapshot().to_bytes();
-    let error = FixedLagSnapshot::<usize>::from_bytes_with(&bytes, |_| None).unwrap_err();
-    assert_eq!(error, SnapshotError::Control { index: 0 });
 }
 
 #[test]

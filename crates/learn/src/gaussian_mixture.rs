@@ -316,29 +316,6 @@ impl Marginals for GaussianMixture {
     }
 }
 
-#[cfg(feature = "serde")]
-wayfix::stored! {
-    [] GaussianMixture: [], |family| {
-        covariance_type: CovarianceType = family.covariance_type(),
-        weights: Vec<Vec<f64>> = weights_of(family),
-        means: Vec<Vec<Vec<f64>>> = family.means(),
-        covariances: Vec<Vec<Vec<f64>>> = family.covariances(),
-        missing: bool = family.takes_missing(),
-        fixed_means: bool = family.has_fixed_means(),
-        fixed_covariances: bool = family.has_fixed_covariances(),
-        prior: Option<crate::GaussianPrior> = family.prior(),
-    } => Self::new(covariance_type, &weights, &means, &covariances)
-        .map(|new| crate::family::when(missing, new, Self::with_missing))
-        .map(|new| crate::family::when(fixed_means, new, Self::with_fixed_means))
-        .map(|new| crate::family::when(fixed_covariances, new, Self::with_fixed_covariances))
-        .and_then(|new| prior.into_iter().try_fold(new, Self::with_prior));
-}
-
-#[cfg(feature = "serde")]
-fn weights_of(family: &GaussianMixture) -> Vec<Vec<f64>> {
-    crate::family::by_state(|state| family.weights(state).map(<[f64]>::to_vec))
-}
-
 // Checks of the parameters of mixtures.
 
 /// Checks the weights of all states.
@@ -508,4 +485,27 @@ impl StartFromClusters for GaussianMixture {
             )?;
         Ok(Self::of(normals, m, weights))
     }
+}
+
+#[cfg(feature = "serde")]
+wayfix::stored! {
+    [] GaussianMixture: [], |family| {
+        covariance_type: CovarianceType = family.covariance_type(),
+        weights: Vec<Vec<f64>> = weights_of(family),
+        means: Vec<Vec<Vec<f64>>> = family.means(),
+        covariances: Vec<Vec<Vec<f64>>> = family.covariances(),
+        missing: bool = family.takes_missing(),
+        fixed_means: bool = family.has_fixed_means(),
+        fixed_covariances: bool = family.has_fixed_covariances(),
+        prior: Option<crate::GaussianPrior> = family.prior(),
+    } => Self::new(covariance_type, &weights, &means, &covariances)
+        .map(|new| crate::family::when(missing, new, Self::with_missing))
+        .map(|new| crate::family::when(fixed_means, new, Self::with_fixed_means))
+        .map(|new| crate::family::when(fixed_covariances, new, Self::with_fixed_covariances))
+        .and_then(|new| prior.into_iter().try_fold(new, Self::with_prior));
+}
+
+#[cfg(feature = "serde")]
+fn weights_of(family: &GaussianMixture) -> Vec<Vec<f64>> {
+    crate::family::by_state(|state| family.weights(state).map(<[f64]>::to_vec))
 }

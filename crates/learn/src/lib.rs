@@ -19,7 +19,7 @@
 //! assert_eq!(hmm.viterbi(&calls)?.states()[4..7], [0, 1, 1]); // it became busy in the sixth hour
 //! let mut filter = hmm.filter();
 //! calls.iter().try_for_each(|count| filter.step(count).map(drop))?;
-//! assert_eq!(Predictive::ahead(&filter, 1, 0)?.quantile(0.5)?, 3.0); // median of the next hour
+//! assert_eq!(Predictive::ahead(&filter, 1, 0)?.quantile(0.5)?, 2.0); // median of the next hour
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
@@ -89,17 +89,18 @@
 //! - General linear constraints and bounds on parameters.
 //! - Formulas, factors and plots: inputs are columns of numbers.
 //!
-//! The [chapter for users of R](guide::from_depmixs4_and_momentuhmm) has the names of depmixS4,
-//! momentuHMM and other packages, two of their models, and the conventions that differ. In terms of
-//! the [formulas](wayfix::guide::formulas), a family is the b_i(y) of section 1, and learning it is
-//! the M step of section 9.
+//! The [guide] has the names of [hmmlearn](guide::from_hmmlearn) and of [depmixS4, momentuHMM and
+//! others of R](guide::from_depmixs4_and_momentuhmm) with the conventions that differ, and chapters
+//! on [rows with labels](guide::labels) at some steps and on [storing models](guide::storing). In
+//! terms of the [formulas](wayfix::guide::formulas), a family is the b_i(y) of section 1, and
+//! learning it is the M step of section 9.
 //!
 //! # Crate features
 //!
 //! - **`csv`**: `Series`, columns of numbers from CSV files.
 //! - **`rayon`**: sequences, starts and groups of the jackknife in parallel, with identical results.
 //! - **`serde`**: families and operators as JSON or in any other format of [serde](https://serde.rs),
-//!   exact to the bit; the core's chapter on [storing](wayfix::guide::storing) lists the fields.
+//!   exact to the bit; the chapter on [storing](guide::storing) lists the fields.
 
 #![cfg_attr(docsrs, feature(doc_cfg))]
 

@@ -223,27 +223,6 @@ impl Marginals for StudentT {
     }
 }
 
-#[cfg(feature = "serde")]
-wayfix::stored! {
-    [] StudentT: [], |family| {
-        scale_type: crate::CovarianceType = family.gaussian().covariance_type(),
-        degrees: Vec<f64> = family.degrees(),
-        means: Vec<Vec<f64>> = family.gaussian().means(),
-        scales: Vec<Vec<f64>> = family.gaussian().covariances(),
-        fixed_degrees: bool = family.has_fixed_degrees(),
-        missing: bool = family.gaussian().takes_missing(),
-        fixed_means: bool = family.gaussian().has_fixed_means(),
-        fixed_covariances: bool = family.gaussian().has_fixed_covariances(),
-        prior: Option<crate::GaussianPrior> = family.gaussian().prior(),
-    } => Gaussian::new(scale_type, &means, &scales)
-        .map(|new| crate::family::when(missing, new, Gaussian::with_missing))
-        .map(|new| crate::family::when(fixed_means, new, Gaussian::with_fixed_means))
-        .map(|new| crate::family::when(fixed_covariances, new, Gaussian::with_fixed_covariances))
-        .and_then(|new| prior.into_iter().try_fold(new, Gaussian::with_prior))
-        .and_then(|gaussian| Self::new(&degrees, gaussian))
-        .map(|new| crate::family::when(fixed_degrees, new, Self::with_fixed_degrees));
-}
-
 // Learning of Student's t (section 9 of the formulas): expected precisions in the E step, weighted
 // least squares in the M step.
 //
@@ -367,4 +346,25 @@ impl StartFromClusters for StudentT {
         let last = (0..ROUNDS).try_fold(first, |family, _| clusters.round(&family))?;
         Ok(Self { fixed: self.fixed, ..last })
     }
+}
+
+#[cfg(feature = "serde")]
+wayfix::stored! {
+    [] StudentT: [], |family| {
+        scale_type: crate::CovarianceType = family.gaussian().covariance_type(),
+        degrees: Vec<f64> = family.degrees(),
+        means: Vec<Vec<f64>> = family.gaussian().means(),
+        scales: Vec<Vec<f64>> = family.gaussian().covariances(),
+        fixed_degrees: bool = family.has_fixed_degrees(),
+        missing: bool = family.gaussian().takes_missing(),
+        fixed_means: bool = family.gaussian().has_fixed_means(),
+        fixed_covariances: bool = family.gaussian().has_fixed_covariances(),
+        prior: Option<crate::GaussianPrior> = family.gaussian().prior(),
+    } => Gaussian::new(scale_type, &means, &scales)
+        .map(|new| crate::family::when(missing, new, Gaussian::with_missing))
+        .map(|new| crate::family::when(fixed_means, new, Gaussian::with_fixed_means))
+        .map(|new| crate::family::when(fixed_covariances, new, Gaussian::with_fixed_covariances))
+        .and_then(|new| prior.into_iter().try_fold(new, Gaussian::with_prior))
+        .and_then(|gaussian| Self::new(&degrees, gaussian))
+        .map(|new| crate::family::when(fixed_degrees, new, Self::with_fixed_degrees));
 }

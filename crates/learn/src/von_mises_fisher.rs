@@ -261,18 +261,6 @@ impl ReorderStates for VonMisesFisher {
     }
 }
 
-#[cfg(feature = "serde")]
-wayfix::stored! {
-    [] VonMisesFisher: [], |family| {
-        means: Vec<Vec<f64>> = family.means(),
-        concentrations: Vec<f64> = family.concentrations(),
-        missing: bool = family.takes_missing(),
-        prior: Option<(self::VonMisesFisher, f64)> = family.prior(),
-    } => Self::new(&means, &concentrations)
-        .map(|new| crate::family::when(missing, new, Self::with_missing))
-        .and_then(|new| prior.into_iter().try_fold(new, |new, (prior, count)| new.with_prior(prior, count)));
-}
-
 // Learning of directions: the M step of section 9 of the formulas, with a conjugate prior.
 //
 // ln p is linear in y and in 1, so the mean vector R and the weight are sufficient: μ = R / ‖R‖,
@@ -388,4 +376,16 @@ impl FreeParameters for VonMisesFisher {
         let (missing, prior) = (self.missing, self.prior.clone());
         Ok(Self { missing, prior, ..Self::new(&means, &concentrations)? })
     }
+}
+
+#[cfg(feature = "serde")]
+wayfix::stored! {
+    [] VonMisesFisher: [], |family| {
+        means: Vec<Vec<f64>> = family.means(),
+        concentrations: Vec<f64> = family.concentrations(),
+        missing: bool = family.takes_missing(),
+        prior: Option<(self::VonMisesFisher, f64)> = family.prior(),
+    } => Self::new(&means, &concentrations)
+        .map(|new| crate::family::when(missing, new, Self::with_missing))
+        .and_then(|new| prior.into_iter().try_fold(new, |new, (prior, count)| new.with_prior(prior, count)));
 }

@@ -1,5 +1,5 @@
-//! Visual place recognition along a route: where is the camera on a route of which reference images
-//! are known, with what probability, and is it on the route at all?
+//! Visual place recognition along a route with known reference images: where is the camera, with what
+//! probability, and is it on the route at all?
 //!
 //! You drove a route once and kept an image every few metres, each as a descriptor: a vector by a
 //! network, a histogram of gradients, or the pixels of a small image. Now a camera passes again, at
@@ -70,7 +70,6 @@
 //!
 //! None is a default.
 
-mod answer;
 mod curves;
 mod decode;
 mod error;
@@ -85,21 +84,19 @@ mod options;
 mod parameters;
 mod recognizer;
 mod recording;
-mod references;
 mod sensor;
 mod temperature;
 mod track;
 mod views;
 mod warning;
 
-pub use answer::Answer;
 pub use curves::{ThresholdCurve, ThresholdPoint};
 pub use error::RecognitionError;
 pub use fit::LabelledPart;
 pub use mapper::Mapper;
 pub use options::Options;
 pub use parameters::Parameters;
-pub use recognizer::Recognizer;
+pub use recognizer::{Answer, Recognizer};
 pub use recording::{PlaceBeliefs, Recording};
 pub use track::{Track, TrackSnapshot};
 pub use warning::Warning;

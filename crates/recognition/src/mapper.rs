@@ -4,7 +4,7 @@
 use std::collections::VecDeque;
 
 use super::recognizer::check_control;
-use super::references::Exemplar;
+use super::sensor::Exemplar;
 use super::{Answer, Options, RecognitionError, Recognizer, Track};
 use crate::motion::{OffMap, RouteControl, RouteTransition};
 use crate::observation::{Distance, ViewError, check_descriptor, view_change};

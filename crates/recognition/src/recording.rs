@@ -5,8 +5,7 @@ use std::borrow::Borrow;
 use std::f64::consts::LN_2;
 use std::ops::RangeInclusive;
 
-use super::answer::at_most_one;
-use super::recognizer::check_control;
+use super::recognizer::{at_most_one, check_control};
 use super::sensor::Scratch;
 use super::views::StrongestWarnings;
 use super::warning::Warning;

@@ -4,15 +4,8 @@
 
 use std::ops::RangeInclusive;
 
-use super::envelope::{Envelope, LEAST_KEPT, Others};
-use crate::belief::SUM_TOLERANCE;
-use crate::error::SnapshotError;
-use crate::inference::step::state::{LogSum, MOST_STEPS};
-use crate::inference::streams::bytes::{Kind, Reader, Writer, contents};
-use crate::inference::streams::format::{
-    COUNT, COUNT_OR_ANY, Codec, DOUBLE, DOUBLES, FLAG, OPEN_DOUBLES, OPEN_SUM, STATES, SUM,
-    TOLERANCE, finite, in_bytes, or_infinite,
-};
+use super::envelope::{Envelope, LEAST_KEPT};
+use crate::inference::step::state::LogSum;
 
 /// Initial and largest share of the tolerance that a step may drop. It is this small because an
 /// observation that contradicts the belief multiplies the dropped mass, and because a tenth of the
@@ -193,28 +186,6 @@ impl PrunedFilterSnapshot {
         low..=low + self.log_excess.value() + self.belief.deficit().ln_1p()
     }
 
-    /// Returns the state as bytes, in the format of
-    /// [`FilterSnapshot`](crate::inference::FilterSnapshot::to_bytes): about 32 bytes for each
-    /// active state, and 180 more.
-    #[must_use]
-    pub fn to_bytes(&self) -> Vec<u8> {
-        Writer::whole(Kind::Pruned, |out| self.write(out))
-    }
-
-    /// Reads a state from bytes. O(length).
-    ///
-    /// # Errors
-    ///
-    /// [`SnapshotError`] if the bytes are damaged, or not of such a state.
-    pub fn from_bytes(bytes: &[u8]) -> Result<Self, SnapshotError> {
-        Reader::whole(bytes, Kind::Pruned, Self::read)?.checked().map_err(contents)
-    }
-
-    /// Creates an empty state, whose fields are read next.
-    pub(crate) fn blank() -> Self {
-        Self::start(0, Pruning::default())
-    }
-
     /// Creates the state before any step, whose belief is set next.
     pub(super) fn start(states: usize, pruning: Pruning) -> Self {
         let zero = LogSum::default();
@@ -247,9 +218,21 @@ impl PrunedFilterSnapshot {
         let factor = if used > NEAR { LESS } else { MORE };
         self.share = (self.share * factor).clamp(LEAST_SHARE, LARGEST_SHARE);
     }
+}
 
+#[cfg(feature = "serde")]
+use super::envelope::Others;
+#[cfg(feature = "serde")]
+use crate::belief::SUM_TOLERANCE;
+#[cfg(feature = "serde")]
+use crate::inference::step::state::MOST_STEPS;
+#[cfg(feature = "serde")]
+use crate::stored::{finite, or_infinite};
+
+#[cfg(feature = "serde")]
+impl PrunedFilterSnapshot {
     /// Checks that the numbers, which may be damaged, can be those of a filter.
-    pub(crate) fn checked(self) -> Result<Self, String> {
+    fn checked(self) -> Result<Self, String> {
         let Self { states, steps, belief, bound, share, .. } = &self;
         if *steps > MOST_STEPS {
             return Err(format!("{steps} steps, expected at most {MOST_STEPS}"));
@@ -310,43 +293,57 @@ impl PrunedFilterSnapshot {
     }
 }
 
-pub(crate) const OTHERS: Codec<Others, [Option<f64>; 2]> = Codec {
-    write: |v, out| [v.each_inactive, v.all_inactive].into_iter().for_each(|v| out.double(v)),
-    read: |from| Ok(Others { each_inactive: from.double()?, all_inactive: from.double()? }),
-    data: |v| [v.each_inactive, v.all_inactive].map(finite),
-    value: |data| {
-        let [each_inactive, all_inactive] = data.map(or_infinite);
-        Others { each_inactive, all_inactive }
-    },
-};
-
-/// The fields of a pruned filter's state.
-macro_rules! pruned_fields {
-    ($apply:ident) => {
-        $apply! {
-            PrunedFilterSnapshot, {
-                states: usize = COUNT(states),
-                steps: usize = COUNT(steps),
-                tolerance: Option<f64> = TOLERANCE(pruning.tolerance),
-                most_active: Option<usize> = COUNT_OR_ANY(pruning.most_active),
-                active: Vec<usize> = STATES(belief.states),
-                estimate: Vec<f64> = DOUBLES(belief.estimate),
-                lower: Vec<f64> = DOUBLES(belief.lower),
-                excess: Vec<Option<f64>> = OPEN_DOUBLES(belief.excess),
-                others: [Option<f64>; 2] = OTHERS(belief.others),
-                bound: f64 = DOUBLE(bound),
-                log_likelihood: [f64; 2] = SUM(log),
-                log_excess: [Option<f64>; 2] = OPEN_SUM(log_excess),
-                log_lost: bool = FLAG(log_lost),
-                share: f64 = DOUBLE(share),
-            }
-            bytes: states, steps, tolerance, most_active, bound, log_likelihood, log_excess,
-                log_lost, share, others, active, estimate, lower, excess
-        }
+#[cfg(feature = "serde")]
+crate::stored! {
+    [] PrunedFilterSnapshot: [], |state| {
+        states: usize = state.states,
+        steps: usize = state.steps,
+        tolerance: Option<f64> = match state.pruning.tolerance {
+            // JSON has neither NaN nor infinity: a finite number that means the same stands for
+            // them. NaN and −∞ mean the same as any value below 0.
+            tolerance if tolerance < f64::INFINITY => Some(tolerance.max(f64::MIN)),
+            tolerance => Some(-1.0).filter(|_| tolerance.is_nan()),
+        },
+        // No limit is null, also on a machine with another `usize`.
+        most_active: Option<usize> = Some(state.pruning.most_active).filter(|most| *most < usize::MAX),
+        active: Vec<usize> = state.belief.states,
+        estimate: Vec<f64> = state.belief.estimate,
+        lower: Vec<f64> = state.belief.lower,
+        excess: Vec<Option<f64>> =
+            state.belief.excess.iter().copied().map(finite).collect::<Vec<_>>(),
+        others: [Option<f64>; 2] =
+            [state.belief.others.each_inactive, state.belief.others.all_inactive].map(finite),
+        bound: f64 = state.bound,
+        log_likelihood: [f64; 2] = [state.log.sum, state.log.compensation],
+        log_excess: [Option<f64>; 2] =
+            [state.log_excess.sum, state.log_excess.compensation].map(finite),
+        log_lost: bool = state.log_lost,
+        share: f64 = state.share,
+    } => {
+        let log_sum = |[sum, compensation]: [f64; 2]| LogSum { sum, compensation };
+        let [each_inactive, all_inactive] = others.map(or_infinite);
+        let belief = Envelope {
+            states: active,
+            estimate,
+            lower,
+            excess: excess.into_iter().map(or_infinite).collect(),
+            others: Others { each_inactive, all_inactive },
+        };
+        let pruning = Pruning {
+            tolerance: or_infinite(tolerance),
+            most_active: most_active.unwrap_or(usize::MAX),
+        };
+        let state = self::PrunedFilterSnapshot {
+            states,
+            steps,
+            pruning,
+            belief,
+            bound,
+            log: log_sum(log_likelihood),
+            log_excess: log_sum(log_excess.map(or_infinite)),
+            log_lost,
+            share,
+        };
+        state.checked()
     };
 }
-pruned_fields!(in_bytes);
-#[cfg(feature = "serde")]
-use crate::inference::streams::format::with_names;
-#[cfg(feature = "serde")]
-pruned_fields!(with_names);

@@ -17,21 +17,12 @@ const HEADER: usize = 8;
 const SUM: usize = 8;
 
 /// Stored types and their names.
-const KINDS: [(Kind, &str); 5] = [
-    (Kind::Filter, "FilterSnapshot"),
-    (Kind::FixedLag, "FixedLagSnapshot"),
-    (Kind::Pruned, "PrunedFilterSnapshot"),
-    (Kind::OnlineViterbi, "OnlineViterbiSnapshot"),
-    (Kind::Vehicle, "Vehicle"),
-];
+const KINDS: [(Kind, &str); 2] = [(Kind::Filter, "FilterSnapshot"), (Kind::Vehicle, "Vehicle")];
 
 /// Type of a stored state, by its byte in the header.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Kind {
     Filter = 1,
-    FixedLag = 2,
-    Pruned = 3,
-    OnlineViterbi = 4,
     /// State of a vehicle, in the module `matching`.
     Vehicle = 5,
 }
@@ -55,21 +46,15 @@ fn checksum(bytes: &[u8]) -> u64 {
     words.fold(bytes.len() as u64, add)
 }
 
+#[derive(Debug)]
 pub struct Writer {
-    pub bytes: Vec<u8>,
+    bytes: Vec<u8>,
 }
 
 impl Writer {
     #[must_use]
     pub fn new(kind: Kind) -> Self {
         Self { bytes: [MAGIC, &[kind as u8, VERSION]].concat() }
-    }
-
-    /// Returns the bytes of a whole state, which `write` writes.
-    pub fn whole(kind: Kind, write: impl FnOnce(&mut Self)) -> Vec<u8> {
-        let mut writer = Self::new(kind);
-        write(&mut writer);
-        writer.finish()
     }
 
     pub fn word(&mut self, value: u64) {
@@ -112,6 +97,7 @@ impl Writer {
     }
 }
 
+#[derive(Debug)]
 pub struct Reader<'a> {
     /// All bytes before the checksum.
     bytes: &'a [u8],
@@ -152,20 +138,7 @@ impl<'a> Reader<'a> {
         Ok(Self { bytes: before, at: HEADER })
     }
 
-    /// Reads a whole state with `read`, and checks that no bytes are left over. The state itself is
-    /// checked by the caller, after that, since leftover bytes explain a wrong number.
-    pub fn whole<T>(
-        bytes: &'a [u8],
-        kind: Kind,
-        read: impl FnOnce(&mut Self) -> Result<T, SnapshotError>,
-    ) -> Result<T, SnapshotError> {
-        let mut reader = Self::new(bytes, kind)?;
-        let state = read(&mut reader)?;
-        reader.finish()?;
-        Ok(state)
-    }
-
-    pub fn take(&mut self, count: usize) -> Result<&'a [u8], SnapshotError> {
+    fn take(&mut self, count: usize) -> Result<&'a [u8], SnapshotError> {
         // Saturating: a count from damaged bytes may be anything up to 2^64 − 1.
         let end = self.at.saturating_add(count);
         let found = self.bytes.get(self.at..end).ok_or(SnapshotError::Length {
@@ -176,7 +149,7 @@ impl<'a> Reader<'a> {
         Ok(found)
     }
 
-    pub fn words(
+    fn words(
         &mut self,
         count: usize,
     ) -> Result<impl Iterator<Item = u64> + use<'a>, SnapshotError> {

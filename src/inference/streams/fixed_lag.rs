@@ -1,5 +1,5 @@
 //! Fixed-lag smoother: a live estimate of the step L steps ago that takes the observations since
-//! then into account (section 5 of the [formulas](crate::guide::formulas)).
+//! then into account (sections 3 and 5 of the [formulas](crate::guide::formulas)).
 //!
 //! It is a filter with a window of its last states and has no recursion of its own: after each step
 //! it goes back through the window, as the batch smoother does through the whole sequence.
@@ -8,10 +8,10 @@ use std::collections::VecDeque;
 use std::ops::Deref;
 
 use super::filter::Filter;
-use super::fixed_lag_snapshot::{FixedLagSnapshot, Window};
 use crate::belief::{Belief, BeliefView};
 use crate::error::InferenceError;
 use crate::hmm::{Hmm, ModelPointer};
+use crate::inference::step::Step;
 use crate::inference::step::forward_backward::Backward;
 use crate::inference::step::state::FilterSnapshot;
 use crate::likelihood::Likelihood;
@@ -303,4 +303,95 @@ where
     {
         self.predict_with(&A::Control::NONE)
     }
+}
+
+/// State of a fixed-lag smoother: plain data that can be kept, compared, sent elsewhere and
+/// restored.
+///
+/// Made by [`FixedLag::snapshot`](crate::FixedLag::snapshot), and
+/// [stored](crate::guide::storing) with the controls of the window (feature `serde`).
+#[derive(Debug, Clone, PartialEq)]
+pub struct FixedLagSnapshot<U> {
+    present: FilterSnapshot,
+    window: Window<U>,
+}
+
+/// Filter states of the steps that may still be smoothed.
+#[derive(Debug, Clone, PartialEq)]
+struct Window<U> {
+    /// The lag, L.
+    lag: usize,
+    /// State of the filter before each of the last moves (at most L, oldest first), with the
+    /// control of the move.
+    past: VecDeque<(FilterSnapshot, U)>,
+}
+
+impl<U> Window<U> {
+    /// Goes back from the filtered belief through the window, and writes a row for each step.
+    fn smooth<A: Transition<Control = U>, B: Likelihood>(
+        &self,
+        hmm: &Hmm<A, B>,
+        filtered: &[f64],
+        smoothed: &mut Vec<Vec<f64>>,
+        backward: &mut Backward,
+    ) -> Result<(), InferenceError> {
+        // During a step the window holds one extra state, until this backward pass has succeeded.
+        let back = self.past.len().min(self.lag);
+        if smoothed.len() <= back {
+            smoothed.resize_with(back + 1, || vec![0.0; filtered.len()]);
+        }
+        // At the present step smoothed and filtered beliefs are the same by definition. The steps
+        // back recompute predictions, since the observations of the window were not kept.
+        smoothed[0].copy_from_slice(filtered);
+        for (row, (state, control)) in (1..=back).zip(self.past.iter().rev()) {
+            let step = Step::after(hmm, state.steps(), control)?;
+            let (gammas, out) = smoothed.split_at_mut(row);
+            backward.step_back(&step, state.belief_ref(), &gammas[row - 1], &mut out[0])?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(feature = "serde")]
+impl<U> FixedLagSnapshot<U> {
+    /// Creates a snapshot from parts that may be damaged.
+    fn checked(
+        lag: usize,
+        present: FilterSnapshot,
+        past: VecDeque<(FilterSnapshot, U)>,
+    ) -> Result<Self, String> {
+        let (found, steps) = (past.len(), present.steps);
+        // A window may be shorter than min(L, k): after a relocation, and under a prior at the
+        // first observation, where no move leads to step 1.
+        if found > lag.min(steps) {
+            return Err(format!(
+                "{found} past states after {steps} steps with a lag of {lag}, expected at most {}",
+                lag.min(steps)
+            ));
+        }
+        // The states are of consecutive steps, and the last is of the step before the present one.
+        for (index, (state, _)) in past.iter().enumerate() {
+            let expected = steps - found + index;
+            if state.steps != expected {
+                let found = state.steps;
+                return Err(format!("past state {index} is of step {found}, expected {expected}"));
+            }
+            let (found, expected) = (state.belief.len(), present.belief.len());
+            if found != expected {
+                return Err(format!(
+                    "past state {index} is over {found} states, expected {expected} as the present one"
+                ));
+            }
+        }
+        Ok(Self { present, window: Window { lag, past } })
+    }
+}
+
+#[cfg(feature = "serde")]
+crate::stored! {
+    [U] FixedLagSnapshot<U>: [U], |state| {
+        lag: usize = state.window.lag,
+        present: FilterSnapshot = state.present,
+        past: VecDeque<(FilterSnapshot, U)> = state.window.past,
+    } => self::FixedLagSnapshot::checked(lag, present, past);
 }

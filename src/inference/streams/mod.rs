@@ -10,10 +10,6 @@
 #[allow(missing_debug_implementations, reason = "hidden")]
 pub mod bytes;
 pub(crate) mod filter;
-pub(crate) mod filter_snapshot;
 pub(crate) mod fixed_lag;
-pub(crate) mod fixed_lag_snapshot;
-pub(crate) mod format;
 pub(crate) mod online_viterbi;
-pub(crate) mod online_viterbi_snapshot;
 pub(crate) mod tree;

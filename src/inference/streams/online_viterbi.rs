@@ -2,13 +2,14 @@
 //! and Vinař 2007; section 7 of the [formulas](crate::guide::formulas)).
 //!
 //! A step computes the next scores beside the present ones, and swaps them once nothing can fail
-//! any more; only then does the [tree](super::tree) of paths grow.
+//! any more; only then does the [tree](super::tree) of paths grow. It relies on two invariants, for
+//! which a stored state is checked: the best score is from 0 to 1, and every node of the tree is on
+//! a path to a possible present state.
 
 use std::mem;
 use std::ops::Deref;
 
-use super::online_viterbi_snapshot::{BestScores, OnlineViterbiSnapshot};
-use super::tree::Tree;
+use super::tree::{Node, Tree};
 use crate::error::InferenceError;
 use crate::hmm::{Hmm, ModelPointer};
 use crate::inference::step::scores::{TakenOut, best};
@@ -230,4 +231,163 @@ where
     {
         self.predict_with(&A::Control::NONE)
     }
+}
+
+/// State of an online Viterbi decoder after k steps: plain data that can be kept, compared, sent
+/// elsewhere and restored.
+///
+/// Made by [`OnlineViterbi::snapshot`](crate::OnlineViterbi::snapshot). Memory: 8 n bytes, and 8
+/// for each state of an undecided step on a surviving path.
+///
+/// ```
+/// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
+/// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
+/// # let table = TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?;
+/// # let hmm = Hmm::new(prior, DenseTransition::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?, table)?;
+/// let mut decoder = hmm.online_viterbi();
+/// let mut path = decoder.step(&0)?.to_vec();
+/// let snapshot = decoder.snapshot();
+///
+/// let mut next = hmm.online_viterbi();
+/// next.restore(&snapshot)?;
+/// path.extend_from_slice(next.step(&1)?);
+/// path.extend(next.undecided());
+/// assert_eq!(path, hmm.viterbi(&[0, 1])?.states());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub struct OnlineViterbiSnapshot {
+    best: BestScores,
+    /// For each undecided step, oldest first, its states on surviving paths in ascending order.
+    levels: Vec<Vec<Node>>,
+}
+
+/// Scores of the best path to each state.
+#[derive(Debug, Clone, PartialEq)]
+struct BestScores {
+    steps: usize,
+    scores: Vec<f64>,
+    taken_out: TakenOut,
+}
+
+impl BestScores {
+    /// Creates the scores before the first step.
+    fn start(states: usize) -> Self {
+        Self { steps: 0, scores: vec![0.0; states], taken_out: TakenOut::default() }
+    }
+
+    /// Returns ln p(path, y_1 … y_k) of the best path.
+    fn log_probability(&self) -> f64 {
+        self.taken_out.log_probability(self.scores[best(&self.scores)])
+    }
+}
+
+impl OnlineViterbiSnapshot {
+    /// Number of steps taken, k.
+    #[must_use]
+    pub fn steps(&self) -> usize {
+        self.best.steps
+    }
+
+    /// Log-probability ln p(path, y_1 … y_k) of the best path so far; 0 before any step.
+    #[must_use]
+    pub fn log_probability(&self) -> f64 {
+        self.best.log_probability()
+    }
+}
+
+#[cfg(feature = "serde")]
+use crate::inference::step::state::{LogSum, MOST_STEPS};
+#[cfg(feature = "serde")]
+use crate::stored::{finite_logs, logs};
+
+#[cfg(feature = "serde")]
+impl OnlineViterbiSnapshot {
+    /// Checks that this can be the state of a decoder; the numbers may be damaged.
+    fn checked(self) -> Result<Self, String> {
+        let Self { best: BestScores { steps, scores, taken_out }, levels } = &self;
+        let states = scores.len();
+        if *steps > MOST_STEPS {
+            return Err(format!("{steps} steps, expected at most {MOST_STEPS}"));
+        }
+        let TakenOut { whole, factors } = taken_out;
+        // Each step takes a whole number out of the scores and leaves the best from 0 to 1.
+        let largest = scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        if scores.iter().any(|score| score.is_nan()) || !(0.0..=1.0).contains(&largest) {
+            return Err(format!("the best score is {largest}, expected one from 0 to 1"));
+        }
+        let whole_number = whole.is_finite() && whole.fract() == 0.0;
+        if !(whole_number && factors.is_finite() && taken_out.log_probability(largest).is_finite())
+        {
+            return Err(format!(
+                "{whole}, {} and {} were taken out of the scores, expected a whole number and \
+                 finite values",
+                factors.sum, factors.compensation
+            ));
+        }
+        if levels.len() > *steps {
+            return Err(format!("{} undecided steps, expected at most {steps}", levels.len()));
+        }
+        // The tree: every node has a predecessor, and every node before the last level has a
+        // successor. Otherwise the counts of uses would go below 0 when a path ends.
+        for (at, nodes) in levels.iter().enumerate() {
+            let ascending = nodes.is_sorted_by(|a, b| a.state < b.state);
+            if !ascending || nodes.last().is_none_or(|last| last.state as usize >= states) {
+                return Err(format!(
+                    "undecided step {at} does not have states below {states} in ascending order"
+                ));
+            }
+            // Both conditions at once: the set of predecessors equals the level before. The oldest
+            // level has no predecessors, and stores 0 for each.
+            let mut used: Vec<u32> = nodes.iter().map(|node| node.from).collect();
+            used.sort_unstable();
+            used.dedup();
+            let linked = match at.checked_sub(1) {
+                Some(before) => levels[before].iter().map(|node| node.state).eq(used),
+                None => used == [0],
+            };
+            if !linked {
+                return Err(format!(
+                    "the predecessors in undecided step {at} are not the states of the step before"
+                ));
+            }
+        }
+        // The last level is the present step. Without a level everything is committed, which
+        // requires that only one present state is possible.
+        let possible = || (0..).zip(scores).filter(|entry| *entry.1 > f64::NEG_INFINITY);
+        let ends = match levels.last() {
+            Some(last) => possible().map(|entry| entry.0).eq(last.iter().map(|node| node.state)),
+            None => *steps == 0 || possible().count() == 1,
+        };
+        if !ends {
+            return Err("the paths do not end in exactly the possible states".to_owned());
+        }
+        Ok(self)
+    }
+}
+
+#[cfg(feature = "serde")]
+crate::stored! {
+    [] OnlineViterbiSnapshot: [], |state| {
+        steps: usize = state.best.steps,
+        scores: Vec<Option<f64>> = finite_logs(&state.best.scores),
+        taken_out: [f64; 3] = {
+            let TakenOut { whole, factors: LogSum { sum, compensation } } = state.best.taken_out;
+            [whole, sum, compensation]
+        },
+        // Of each undecided step, its states with their predecessors.
+        undecided: Vec<Vec<(u32, u32)>> = {
+            let level = |nodes: &Vec<Node>| nodes.iter().map(|node| (node.state, node.from)).collect();
+            state.levels.iter().map(level).collect::<Vec<Vec<_>>>()
+        },
+    } => {
+        let [whole, sum, compensation] = taken_out;
+        let taken_out = TakenOut { whole, factors: LogSum { sum, compensation } };
+        let level = |nodes: Vec<(u32, u32)>| {
+            nodes.into_iter().map(|(state, from)| Node { state, from }).collect()
+        };
+        let levels = undecided.into_iter().map(level).collect();
+        let best = BestScores { steps, scores: logs(scores), taken_out };
+        self::OnlineViterbiSnapshot { best, levels }.checked()
+    };
 }

@@ -6,8 +6,6 @@
 
 use std::collections::VecDeque;
 
-use super::online_viterbi_snapshot::Node;
-
 /// Tree of the best paths over the undecided steps.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Tree {
@@ -17,6 +15,14 @@ pub(crate) struct Tree {
     spare: Vec<Level>,
     /// Predecessors of the nodes of the last level that no path extends.
     predecessors_of_removed: Vec<u32>,
+}
+
+/// A state on a surviving path.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Node {
+    pub(crate) state: u32,
+    /// Predecessor; 0 at the oldest undecided step.
+    pub(crate) from: u32,
 }
 
 /// States of one step as nodes of the tree of best paths.

@@ -114,7 +114,7 @@ fn cubic<S: Simd>(s: S, k: usize, r: S::V, square: S::V) -> S::V {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pack;
+    use crate::ops::packing::pack;
 
     #[test]
     fn exponentials_are_those_of_the_platform() {

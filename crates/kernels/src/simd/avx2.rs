@@ -7,7 +7,7 @@ use super::lanes::{Eight, LANES, Simd};
 
 /// Proof of AVX2. True if gathers are instructions.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Avx2(pub(in crate::simd) bool);
+pub(crate) struct Avx2(pub(super) bool);
 
 type Pair = (__m256d, __m256d);
 

@@ -8,7 +8,7 @@ use super::lanes::{Eight, LANES, Simd};
 
 /// Proof of AVX-512 F and VL, and AVX2. True if gathers are instructions.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Avx512(pub(in crate::simd) bool);
+pub(crate) struct Avx512(pub(super) bool);
 
 /// Methods that are one intrinsic.
 macro_rules! single {

@@ -34,7 +34,7 @@ const MOST_PRODUCTS: f64 = (1_u64 << 30) as f64;
 /// It is built from the rates q of legal moves; a state without moves is absorbing. Between
 /// observations the vehicle may make any number of moves, at any moment: it leaves state j after an
 /// exponential time of mean 1 / Σ_i q\[i, j\]. A gap is a step with a long Δt and needs no rows of
-/// missing values. [`TransitionEntries`](crate::TransitionEntries) lists the moves of a whole step,
+/// missing values. [`TransitionEntries`](wayfix::TransitionEntries) lists the moves of a whole step,
 /// between all pairs of connected states; learning estimates the rates.
 ///
 /// ```
@@ -83,7 +83,7 @@ const MOST_PRODUCTS: f64 = (1_u64 << 30) as f64;
 /// at most 2^30.
 ///
 /// A row or column of entries costs such a product, and allocates; a step of Viterbi costs n of
-/// them. If Δt takes few values, a [`SwitchedTransition`](crate::SwitchedTransition) of matrices is
+/// them. If Δt takes few values, a [`SwitchedTransition`](wayfix::transition::SwitchedTransition) of matrices is
 /// faster.
 ///
 /// # Learning
@@ -184,21 +184,6 @@ impl Transition for GeneratorTransition {
         }
         Ok(())
     }
-}
-
-#[cfg(feature = "serde")]
-wayfix::stored! {
-    [] GeneratorTransition: [], |a| {
-        rates: Vec<Vec<(usize, f64)>> = {
-            let mut rates = vec![Vec::new(); a.states()];
-            a.triplets().for_each(|(to, from, rate)| rates[from].push((to, rate)));
-            rates
-        },
-    } => {
-        let columns = rates.iter().enumerate();
-        let moves = columns.flat_map(|(from, out)| out.iter().map(move |&(to, rate)| (to, from, rate)));
-        Self::from_triplets(rates.len(), moves)
-    };
 }
 
 // Generators from rates: P = I + Q / Λ, by columns, with Λ = 1.25 times the largest exit rate.
@@ -391,4 +376,19 @@ impl TransitionEntries for GeneratorTransition {
             });
         });
     }
+}
+
+#[cfg(feature = "serde")]
+wayfix::stored! {
+    [] GeneratorTransition: [], |a| {
+        rates: Vec<Vec<(usize, f64)>> = {
+            let mut rates = vec![Vec::new(); a.states()];
+            a.triplets().for_each(|(to, from, rate)| rates[from].push((to, rate)));
+            rates
+        },
+    } => {
+        let columns = rates.iter().enumerate();
+        let moves = columns.flat_map(|(from, out)| out.iter().map(move |&(to, rate)| (to, from, rate)));
+        Self::from_triplets(rates.len(), moves)
+    };
 }

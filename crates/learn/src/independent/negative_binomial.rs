@@ -255,17 +255,6 @@ impl Cumulative for NegativeBinomial {
     }
 }
 
-#[cfg(feature = "serde")]
-wayfix::stored! {
-    [] NegativeBinomial for Independent<self::NegativeBinomial>: [], |family| {
-        means: Vec<Vec<f64>> = family.parameters(self::NegativeBinomial::mean),
-        dispersions: Vec<Vec<f64>> = family.parameters(self::NegativeBinomial::dispersion),
-        missing: bool = family.takes_missing(),
-        prior: Option<(Independent<self::NegativeBinomial>, f64)> = family.prior(),
-    } => self::NegativeBinomial::family(&means, &dispersions)
-        .and_then(|new| crate::independent::with_settings(new, missing, prior));
-}
-
 // Dispersion of negative binomial counts: its sums and its M step.
 //
 // At the mean m of the counts, the log-likelihood of a dispersion α per observation is, up to a
@@ -376,6 +365,17 @@ fn maximize(present: f64, mean: f64, variance: f64, [first, second]: [f64; 2]) -
     } else {
         present
     }
+}
+
+#[cfg(feature = "serde")]
+wayfix::stored! {
+    [] NegativeBinomial for Independent<self::NegativeBinomial>: [], |family| {
+        means: Vec<Vec<f64>> = family.parameters(self::NegativeBinomial::mean),
+        dispersions: Vec<Vec<f64>> = family.parameters(self::NegativeBinomial::dispersion),
+        missing: bool = family.takes_missing(),
+        prior: Option<(Independent<self::NegativeBinomial>, f64)> = family.prior(),
+    } => self::NegativeBinomial::family(&means, &dispersions)
+        .and_then(|new| crate::independent::with_settings(new, missing, prior));
 }
 
 #[cfg(test)]

@@ -172,15 +172,6 @@ impl Cumulative for Poisson {
     }
 }
 
-#[cfg(feature = "serde")]
-wayfix::stored! {
-    [] Poisson for Independent<self::Poisson>: [], |family| {
-        rates: Vec<Vec<f64>> = family.parameters(self::Poisson::rate),
-        missing: bool = family.takes_missing(),
-        prior: Option<(Independent<self::Poisson>, f64)> = family.prior(),
-    } => self::Poisson::family(&rates).and_then(|new| crate::independent::with_settings(new, missing, prior));
-}
-
 // Expectations over counts, also where far too many have a probability to sum over them all.
 
 /// Log probability below which counts above the mean are negligible.
@@ -254,4 +245,13 @@ pub(super) fn tails<F: Univariate>(y: f64, of: &F, sides: impl Fn(f64) -> [f64; 
         }
         None => Tails::between(sides(count)),
     }
+}
+
+#[cfg(feature = "serde")]
+wayfix::stored! {
+    [] Poisson for Independent<self::Poisson>: [], |family| {
+        rates: Vec<Vec<f64>> = family.parameters(self::Poisson::rate),
+        missing: bool = family.takes_missing(),
+        prior: Option<(Independent<self::Poisson>, f64)> = family.prior(),
+    } => self::Poisson::family(&rates).and_then(|new| crate::independent::with_settings(new, missing, prior));
 }

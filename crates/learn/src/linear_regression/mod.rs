@@ -292,28 +292,6 @@ impl ReorderStates for LinearRegression {
     }
 }
 
-#[cfg(feature = "serde")]
-wayfix::stored! {
-    [] LinearRegression: [], |family| {
-        full: bool = (family.noise().covariance_type() == CovarianceType::Full),
-        coefficients: Vec<Vec<f64>> = crate::family::by_state(|state| family.coefficients(state)),
-        intercepts: Vec<Vec<f64>> = crate::family::by_state(|state| family.intercept(state)),
-        covariances: Vec<Vec<f64>> = family.noise().covariances(),
-        missing: bool = family.noise().takes_missing(),
-        ridge: f64 = family.ridge(),
-        noise_prior: Option<crate::GaussianPrior> = family.noise().prior(),
-    } => Self::new(matrices(full), &coefficients, &intercepts, &covariances)
-        .and_then(|new| new.with_ridge(ridge))
-        .map(|new| crate::family::when(missing, new, Self::with_missing))
-        .and_then(|new| noise_prior.into_iter().try_fold(new, Self::with_noise_prior));
-}
-
-/// Type of covariances that are matrices, or variances.
-#[cfg(feature = "serde")]
-fn matrices(full: bool) -> CovarianceType {
-    if full { CovarianceType::Full } else { CovarianceType::Diagonal }
-}
-
 // Linear regression on previous outputs: draws of autoregressive models (section 8 of the
 // formulas).
 
@@ -432,4 +410,26 @@ impl Family for LinearRegression {
     fn components(&self) -> usize {
         self.inputs + self.outputs()
     }
+}
+
+#[cfg(feature = "serde")]
+wayfix::stored! {
+    [] LinearRegression: [], |family| {
+        full: bool = (family.noise().covariance_type() == CovarianceType::Full),
+        coefficients: Vec<Vec<f64>> = crate::family::by_state(|state| family.coefficients(state)),
+        intercepts: Vec<Vec<f64>> = crate::family::by_state(|state| family.intercept(state)),
+        covariances: Vec<Vec<f64>> = family.noise().covariances(),
+        missing: bool = family.noise().takes_missing(),
+        ridge: f64 = family.ridge(),
+        noise_prior: Option<crate::GaussianPrior> = family.noise().prior(),
+    } => Self::new(matrices(full), &coefficients, &intercepts, &covariances)
+        .and_then(|new| new.with_ridge(ridge))
+        .map(|new| crate::family::when(missing, new, Self::with_missing))
+        .and_then(|new| noise_prior.into_iter().try_fold(new, Self::with_noise_prior));
+}
+
+/// Type of covariances that are matrices, or variances.
+#[cfg(feature = "serde")]
+fn matrices(full: bool) -> CovarianceType {
+    if full { CovarianceType::Full } else { CovarianceType::Diagonal }
 }

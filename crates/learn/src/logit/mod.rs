@@ -136,107 +136,6 @@ pub struct LogitTransition {
     widest: usize,
 }
 
-#[cfg(feature = "serde")]
-wayfix::stored! {
-    [] LogitTransition: [], |a| {
-        states: usize = a.states(),
-        inputs: usize = a.inputs(),
-        to: Vec<u32> = a.moves().map(|(_, to)| to as u32).collect::<Vec<_>>(),
-        from: Vec<u32> = a.moves().map(|(from, _)| from as u32).collect::<Vec<_>>(),
-        intercept: Vec<f64> = a.intercepts(),
-        group: Vec<Option<u32>> = {
-            let group = |(from, to)| a.slope_group(from, to).map(|group| group as u32);
-            a.moves().map(group).collect::<Vec<_>>()
-        },
-        slopes: Vec<Vec<f64>> = a.groups().collect::<Vec<_>>(),
-        ridge: f64 = a.ridge(),
-    } => logit(states, inputs, [&to, &from], (&intercept, &group, &slopes), ridge);
-}
-
-/// Coefficients of moves: intercepts, numbers of slopes, and the slopes.
-#[cfg(feature = "serde")]
-type Coefficients<'a> = (&'a [f64], &'a [Option<u32>], &'a [Vec<f64>]);
-
-#[cfg(feature = "serde")]
-fn logit(
-    states: usize,
-    inputs: usize,
-    [to, from]: [&[u32]; 2],
-    (intercept, group, slopes): Coefficients<'_>,
-    ridge: f64,
-) -> Result<LogitTransition, wayfix::TransitionError> {
-    for (what, found) in
-        [("from", from.len()), ("intercept", intercept.len()), ("group", group.len())]
-    {
-        if found != to.len() {
-            let what = format!("the number of values in `{what}`");
-            let expected = "as many as in `to`";
-            return Err(wayfix::error::Parameter::new(what, found as f64, expected).into());
-        }
-    }
-    if states == 0 {
-        return Err(wayfix::TransitionError::Empty);
-    }
-    // Column by column: each move comes after the one before, and no state without a move is skipped.
-    let mut last = None;
-    for (&from, &to) in from.iter().zip(to) {
-        let (to, from) = (to as usize, from as usize);
-        if to >= states || from >= states {
-            return Err(wayfix::TransitionError::OutOfRange { to, from, states });
-        }
-        let next = last.map_or(0, |(before, _)| before + 1);
-        match last {
-            Some(before) if (from, to) == before => {
-                return Err(wayfix::TransitionError::Duplicate { to, from });
-            }
-            Some(before) if (from, to) < before => {
-                let what = format!("the state left by a move from state {from} to state {to}");
-                let expected = "moves column by column, in ascending order";
-                return Err(wayfix::error::Parameter::new(what, from as f64, expected).into());
-            }
-            _ if from > next => return Err(wayfix::TransitionError::NoWeight { column: next }),
-            _ => last = Some((from, to)),
-        }
-    }
-    let left = last.map_or(0, |(from, _)| from + 1);
-    if left < states {
-        return Err(wayfix::TransitionError::NoWeight { column: left });
-    }
-    let mut used = vec![false; slopes.len()];
-    for &group in group.iter().flatten() {
-        let used = used.get_mut(group as usize);
-        *used.ok_or_else(|| {
-            let expected = "the number of one of the rows of `slopes`, from 0";
-            wayfix::error::Parameter::new(
-                "a number of slopes in `group`",
-                f64::from(group),
-                expected,
-            )
-        })? = true;
-    }
-    if let Some(unused) = used.iter().position(|used| !used) {
-        let expected = "a number in `group`";
-        return Err(wayfix::error::Parameter::new(
-            "a row of `slopes` without a move",
-            unused as f64,
-            expected,
-        )
-        .into());
-    }
-    if let Some(row) = slopes.iter().find(|row| row.len() != inputs) {
-        let expected = "the number of inputs";
-        return Err(wayfix::error::Parameter::new(
-            "the number of slopes in a row",
-            row.len() as f64,
-            expected,
-        )
-        .into());
-    }
-    let moves = from.iter().zip(to).zip(intercept.iter().zip(group));
-    let moves = moves.map(|((&from, &to), (&a, group))| (from, to, a, group.map_or(0, |g| g + 1)));
-    LogitTransition::from_parts(states, &moves.collect::<Vec<_>>(), slopes.concat(), inputs, ridge)
-}
-
 // Construction from another operator, or from parts.
 
 /// A move as it is stored: from, to, intercept, and the number of its group of slopes, from 1, or 0
@@ -552,4 +451,105 @@ impl LogitTransition {
         let entries = columns.flat_map(|(from, column)| column.map(move |(to, p)| (to, from, p)));
         SparseTransition::from_triplets(self.states(), entries)
     }
+}
+
+#[cfg(feature = "serde")]
+wayfix::stored! {
+    [] LogitTransition: [], |a| {
+        states: usize = a.states(),
+        inputs: usize = a.inputs(),
+        to: Vec<u32> = a.moves().map(|(_, to)| to as u32).collect::<Vec<_>>(),
+        from: Vec<u32> = a.moves().map(|(from, _)| from as u32).collect::<Vec<_>>(),
+        intercept: Vec<f64> = a.intercepts(),
+        group: Vec<Option<u32>> = {
+            let group = |(from, to)| a.slope_group(from, to).map(|group| group as u32);
+            a.moves().map(group).collect::<Vec<_>>()
+        },
+        slopes: Vec<Vec<f64>> = a.groups().collect::<Vec<_>>(),
+        ridge: f64 = a.ridge(),
+    } => logit(states, inputs, [&to, &from], (&intercept, &group, &slopes), ridge);
+}
+
+/// Coefficients of moves: intercepts, numbers of slopes, and the slopes.
+#[cfg(feature = "serde")]
+type Coefficients<'a> = (&'a [f64], &'a [Option<u32>], &'a [Vec<f64>]);
+
+#[cfg(feature = "serde")]
+fn logit(
+    states: usize,
+    inputs: usize,
+    [to, from]: [&[u32]; 2],
+    (intercept, group, slopes): Coefficients<'_>,
+    ridge: f64,
+) -> Result<LogitTransition, wayfix::TransitionError> {
+    for (what, found) in
+        [("from", from.len()), ("intercept", intercept.len()), ("group", group.len())]
+    {
+        if found != to.len() {
+            let what = format!("the number of values in `{what}`");
+            let expected = "as many as in `to`";
+            return Err(wayfix::error::Parameter::new(what, found as f64, expected).into());
+        }
+    }
+    if states == 0 {
+        return Err(wayfix::TransitionError::Empty);
+    }
+    // Column by column: each move comes after the one before, and no state without a move is skipped.
+    let mut last = None;
+    for (&from, &to) in from.iter().zip(to) {
+        let (to, from) = (to as usize, from as usize);
+        if to >= states || from >= states {
+            return Err(wayfix::TransitionError::OutOfRange { to, from, states });
+        }
+        let next = last.map_or(0, |(before, _)| before + 1);
+        match last {
+            Some(before) if (from, to) == before => {
+                return Err(wayfix::TransitionError::Duplicate { to, from });
+            }
+            Some(before) if (from, to) < before => {
+                let what = format!("the state left by a move from state {from} to state {to}");
+                let expected = "moves column by column, in ascending order";
+                return Err(wayfix::error::Parameter::new(what, from as f64, expected).into());
+            }
+            _ if from > next => return Err(wayfix::TransitionError::NoWeight { column: next }),
+            _ => last = Some((from, to)),
+        }
+    }
+    let left = last.map_or(0, |(from, _)| from + 1);
+    if left < states {
+        return Err(wayfix::TransitionError::NoWeight { column: left });
+    }
+    let mut used = vec![false; slopes.len()];
+    for &group in group.iter().flatten() {
+        let used = used.get_mut(group as usize);
+        *used.ok_or_else(|| {
+            let expected = "the number of one of the rows of `slopes`, from 0";
+            wayfix::error::Parameter::new(
+                "a number of slopes in `group`",
+                f64::from(group),
+                expected,
+            )
+        })? = true;
+    }
+    if let Some(unused) = used.iter().position(|used| !used) {
+        let expected = "a number in `group`";
+        return Err(wayfix::error::Parameter::new(
+            "a row of `slopes` without a move",
+            unused as f64,
+            expected,
+        )
+        .into());
+    }
+    if let Some(row) = slopes.iter().find(|row| row.len() != inputs) {
+        let expected = "the number of inputs";
+        return Err(wayfix::error::Parameter::new(
+            "the number of slopes in a row",
+            row.len() as f64,
+            expected,
+        )
+        .into());
+    }
+    let moves = from.iter().zip(to).zip(intercept.iter().zip(group));
+    let moves = moves.map(|((&from, &to), (&a, group))| (from, to, a, group.map_or(0, |g| g + 1)));
+    LogitTransition::from_parts(states, &moves.collect::<Vec<_>>(), slopes.concat(), inputs, ridge)
 }

@@ -1,8 +1,10 @@
-//! Learning the shares and the changes of speeds from labelled moves: Baum-Welch in a model whose
-//! states are speeds alone, with Σ_v q(v) w(m, v) as the likelihood of a move m (`guide::formulas`,
-//! Route). Priors keep every speed and every change possible.
+//! Learning from labelled moves: the shares and the changes of speeds, and odometry.
+//!
+//! Speeds by Baum-Welch in a model whose states are speeds alone, with Σ_v q(v) w(m, v) as the
+//! likelihood of a move m (`guide::formulas`, Route); priors keep every speed and every change
+//! possible. Odometry by least squares over spans of steps.
 
-use super::speeds::{Speeds, Window};
+use super::speeds::{FARTHEST, OdometryModel, Speeds, Window};
 use wayfix::Belief;
 use wayfix::DenseTransition;
 use wayfix::InferenceError;
@@ -150,6 +152,107 @@ impl Speeds {
     }
 }
 
+/// Prior deviations of scale and bias: readings at a single speed could not tell them apart.
+const SCALE_PRIOR_SD: f64 = 0.05;
+const BIAS_PRIOR_SD: f64 = 0.005;
+/// Smallest deviation that is learned.
+const LEAST_DEVIATION: f64 = 0.05;
+/// Steps of a span over which readings are compared with places: over fewer, the error of counting
+/// in whole references dominates.
+const SPAN: usize = 10;
+
+impl OdometryModel {
+    /// Learns the model from drives, given as the number of places that each step moved on, and the
+    /// readings. Scale and bias are found by least squares over spans of ten steps, held near 1 and
+    /// 0 by priors (deviations 0.05 and 0.005); the deviation comes from the errors, less the
+    /// effect of counting in whole places. O(steps).
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError::PartStates`] for a drive whose moves and readings differ in number,
+    /// or [`TransitionError::Parameter`] for a number that is NaN or beyond ±1e6.
+    pub fn fit<M, R>(drives: &[(M, R)]) -> Result<Self, TransitionError>
+    where
+        M: AsRef<[f64]>,
+        R: AsRef<[f64]>,
+    {
+        let mut spans = Vec::new();
+        for (moves, read) in drives {
+            let (moves, read) = (moves.as_ref(), read.as_ref());
+            let (found, expected) = (read.len(), moves.len());
+            if found != expected {
+                return Err(TransitionError::PartStates { part: "readings", found, expected });
+            }
+            if let Some(&value) =
+                moves.iter().chain(read).find(|x| x.is_nan() || x.abs() > FARTHEST)
+            {
+                let what = "a move or a reading";
+                let expected = "a value from -1e6 to 1e6";
+                return Err(Parameter::new(what, value, expected).into());
+            }
+            let sum = |x: &[f64]| x.iter().sum::<f64>();
+            let pairs = moves.chunks(SPAN).zip(read.chunks(SPAN));
+            spans.extend(pairs.map(|(m, r)| (m.len() as f64, sum(m), sum(r))));
+        }
+        let mut model = Self::default();
+        // Iterated, since the weight of the priors depends on the deviation, and the deviation on
+        // scale and bias.
+        for _ in 0..4 {
+            // Ridge regression: the priors enter the normal equations of r ≈ scale m + bias n as
+            // pseudo- observations with the mean (1, 0), in units of the errors' variance. The sums
+            // over a span have a variance in proportion to its length n, hence the weight 1 / n.
+            let prior = [SCALE_PRIOR_SD, BIAS_PRIOR_SD].map(|sd| (model.deviation / sd).powi(2));
+            let (mut mm, mut mn, mut nn) = (prior[0], 0.0, prior[1]);
+            let (mut mr, mut nr) = (prior[0], 0.0);
+            for &(n, m, r) in &spans {
+                let weight = 1.0 / n;
+                (mm, mn, nn) = (mm + weight * m * m, mn + weight * m * n, nn + weight * n * n);
+                (mr, nr) = (mr + weight * m * r, nr + weight * n * r);
+            }
+            // Above 0, as the prior terms are on the diagonal of a matrix that is positive
+            // semidefinite.
+            let determinant = mm * nn - mn * mn;
+            model.scale = (mr * nn - nr * mn) / determinant;
+            model.bias = (nr * mm - mr * mn) / determinant;
+            model.deviation = model.deviation_of(drives);
+        }
+        Ok(model)
+    }
+
+    /// Deviation by the moments of the errors. Counting in whole places makes the errors of
+    /// successive steps negatively correlated, and adds twice as much to the variance as it takes
+    /// from the covariance; so variance + 2 covariance is free of it.
+    fn deviation_of<M: AsRef<[f64]>, R: AsRef<[f64]>>(&self, drives: &[(M, R)]) -> f64 {
+        let (mut squares, mut products, mut count) = (0.0, 0.0, 0.0);
+        for (moves, read) in drives {
+            let pairs = moves.as_ref().iter().zip(read.as_ref());
+            let errors: Vec<f64> = pairs.map(|(m, r)| r - self.scale * m - self.bias).collect();
+            // Winsorised, so that a slip counts little, as in the density.
+            let bound = 4.0 * median(errors.iter().map(|e| e.abs()).collect()).max(0.05);
+            let errors: Vec<f64> = errors.iter().map(|e| e.clamp(-bound, bound)).collect();
+            squares += errors.iter().map(|e| e * e).sum::<f64>();
+            products += errors.windows(2).map(|pair| pair[0] * pair[1]).sum::<f64>();
+            count += errors.len() as f64;
+        }
+        if count == 0.0 {
+            return Self::default().deviation;
+        }
+        let (variance, covariance) = (squares / count, products / count);
+        let own = (variance + 2.0 * covariance).clamp(0.25 * variance, variance);
+        // Errors are between a Gaussian, whose variance is the scale squared, and a t with four
+        // degrees of freedom, whose variance is twice that.
+        (own / 1.4).sqrt().max(LEAST_DEVIATION)
+    }
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    let middle = values.len() / 2;
+    if values.is_empty() {
+        return 0.0;
+    }
+    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -176,5 +279,21 @@ mod tests {
         let jumps = speeds.fit(&[vec![500.0; 10]]).unwrap();
         assert!(jumps.shares().iter().zip(speeds.shares()).all(|(a, b)| (a - b).abs() < 0.1));
         assert!(speeds.fit(&[[f64::NAN]]).is_err());
+    }
+
+    #[test]
+    fn counting_in_whole_places_is_no_error_of_the_wheels() {
+        // 0.7 places a step, read to a tenth.
+        let moves: Vec<f64> = (1..400)
+            .map(|k| (0.7 * f64::from(k)).round() - (0.7 * f64::from(k - 1)).round())
+            .collect();
+        let read: Vec<f64> = (1..400).map(|k| 0.7 + [0.1, 0.0, -0.1][k % 3]).collect();
+        let learned = OdometryModel::fit(&[(&moves, &read)]).unwrap();
+        assert!(learned.deviation < 0.3, "{learned:?}");
+        let none: [(Vec<f64>, Vec<f64>); 0] = [];
+        let default = OdometryModel::fit(&none).unwrap();
+        assert!((default.scale - 1.0).abs() < 1e-12 && default.bias == 0.0);
+        assert!(OdometryModel::fit(&[(&moves[1..], &read[..])]).is_err());
+        assert!(OdometryModel::fit(&[([f64::NAN], [0.0])]).is_err());
     }
 }

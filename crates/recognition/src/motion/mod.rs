@@ -7,12 +7,10 @@
 //! | a vehicle that may leave the route | [`OffMap`] |
 
 mod fit;
-mod odometry;
 mod route;
 mod speeds;
 
-pub use odometry::OdometryModel;
 pub use route::{
     Driven, OffMap, RouteControl, RouteTransition, ViewChange, ViewChangeRates, ViewEvidence,
 };
-pub use speeds::Speeds;
+pub use speeds::{OdometryModel, Speeds};

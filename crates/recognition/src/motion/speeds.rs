@@ -1,6 +1,9 @@
 //! Speeds of a vehicle along a route, and their changes: the grid, the shares r, the matrix G and the
 //! distributions w(m, v) of the moves of a speed (`guide::formulas`, Route). Columns of G sum to one,
 //! and so do the weights of each v.
+//!
+//! Odometry, given a speed, is Student's t about scale · v + bias, relative to its largest value,
+//! which is a constant of the model.
 
 use wayfix::TransitionError;
 use wayfix::error::Parameter;
@@ -313,6 +316,109 @@ wayfix::stored! {
         .and_then(|speeds| speeds.with_slack(slack));
 }
 
+/// Measurement model of odometry.
+///
+/// At a speed of v places a step, a reading, in places, is scale · v + bias with an error that
+/// has heavier tails than a Gaussian (Student's t with four degrees of freedom, Lange, Little
+/// and Taylor 1989): a wheel that slips once should not rule out the vehicle's place. Give
+/// `None` for a step without a reading, and also while wheels are stuck or a counter has
+/// stopped: a fault is not a slip, and each of its readings counts in full.
+///
+/// ```
+/// use wayfix_recognition::motion::OdometryModel;
+///
+/// // Labelled steps: places moved on, and readings, which are 4% too large.
+/// let moves: Vec<f64> = (0..300).map(|k| f64::from(k / 50 % 3)).collect();
+/// let read: Vec<f64> = moves.iter().zip(0..).map(|(m, k)| 1.04 * m + [0.1, -0.1][k % 2]).collect();
+/// let learned = OdometryModel::fit(&[(moves, read)])?;
+/// assert!((learned.scale - 1.04).abs() < 0.01 && learned.bias.abs() < 0.02);
+/// assert!(learned.deviation > 0.04 && learned.deviation < 0.2);
+/// # Ok::<(), wayfix::TransitionError>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+pub struct OdometryModel {
+    /// Places read for each place driven.
+    pub scale: f64,
+    /// Places read while standing.
+    pub bias: f64,
+    /// Scale of the error, in places: two thirds of errors are within about 1.1 times this. For
+    /// a grid speed that stands for a cell of speeds, the variance of an eighth of the cell is added
+    /// to its square: (scale × width / 8)² / 12.
+    pub deviation: f64,
+}
+
+impl Default for OdometryModel {
+    /// Unbiased, with an error of 0.5 places: drives whose true error was 0.3 lost nothing by it,
+    /// and with 0.3 the drives whose error was 1 went wrong.
+    fn default() -> Self {
+        Self { scale: 1.0, bias: 0.0, deviation: 0.5 }
+    }
+}
+
+/// Density at 0 of Student's t with four degrees of freedom.
+const PEAK: f64 = 0.375;
+/// Largest absolute value of a valid reading.
+pub(super) const FARTHEST: f64 = 1e6;
+
+impl OdometryModel {
+    pub(super) fn check(&self) -> Result<(), TransitionError> {
+        let Self { scale, bias, deviation } = *self;
+        let named = [("scale", scale, 0.01..=100.0), ("bias", bias, -FARTHEST..=FARTHEST)];
+        for (name, value, range) in named {
+            if !range.contains(&value) {
+                let what = format!("the {name} of the odometry");
+                let expected =
+                    if name == "scale" { "from 0.01 to 100" } else { "from -1e6 to 1e6" };
+                return Err(Parameter::new(what, value, expected).into());
+            }
+        }
+        if !(1e-3..=1e6).contains(&deviation) {
+            let what = "the deviation of the odometry";
+            let expected = "from 0.001 to 1e6";
+            return Err(Parameter::new(what, deviation, expected).into());
+        }
+        Ok(())
+    }
+
+    pub(super) fn check_reading(reading: f64) -> Result<(), TransitionError> {
+        if reading.abs() <= FARTHEST {
+            return Ok(());
+        }
+        let text = format!("an odometry of {reading} places, expected a value from -1e6 to 1e6");
+        Err(TransitionError::Control(text))
+    }
+
+    /// Density of a reading at a speed known up to a cell of width `spacing`, relative to the
+    /// largest density.
+    pub(super) fn relative(&self, reading: f64, speed: f64, spacing: f64) -> f64 {
+        let width = self.scale * spacing;
+        // The variance of a uniform distribution over the cell is added.
+        let s = (self.deviation * self.deviation + width * width / 12.0).sqrt();
+        let r = (reading - self.scale * speed - self.bias) / s;
+        // (1 + r² / 4)^(−5/2), the kernel of a t with four degrees of freedom; the ratio of the
+        // scales is that of the peaks.
+        let x = 1.0 + 0.25 * r * r;
+        self.deviation / s / (x * x * x.sqrt())
+    }
+
+    /// Density of a reading given the mean of earlier readings at the same speed, relative to the
+    /// largest density.
+    pub(super) fn predictive_density(&self, reading: f64, mean: f64, count: u32) -> f64 {
+        // Predictive density: the variance of the mean, 1 / count, adds to that of the reading.
+        let width = (1.0 + 1.0 / f64::from(count)).sqrt();
+        let r = (reading - mean) / (width * self.deviation);
+        let x = 1.0 + 0.25 * r * r;
+        1.0 / width / (x * x * x.sqrt())
+    }
+
+    /// Logarithm of the largest density.
+    pub(super) fn log_peak(&self) -> f64 {
+        (PEAK / self.deviation).ln()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -355,5 +461,14 @@ mod tests {
         assert!(Speeds::default().with_changes(0.6, 0.6).is_err());
         assert!(Speeds::default().with_shares(&[1.0]).is_err());
         assert!(Speeds::default().with_slack(0.6).is_err());
+    }
+
+    #[test]
+    fn the_density_is_one() {
+        let model = OdometryModel { scale: 1.1, bias: 0.2, deviation: 0.4 };
+        let step = 1e-3;
+        let sum: f64 =
+            (-400_000..400_000).map(|k| step * model.relative(f64::from(k) * step, 1.5, 0.0)).sum();
+        assert!((sum * model.log_peak().exp() - 1.0).abs() < 1e-6, "{sum}");
     }
 }

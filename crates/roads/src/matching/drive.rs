@@ -4,7 +4,6 @@
 //! formulas) and the Viterbi path (section 7) then run on the stored trellis; the route joins the
 //! states of that path by the same ways that the moves were weighted with.
 
-use std::fmt::Write;
 use std::ops::ControlFlow;
 
 use super::answer::{RoadAnswer, Stretch, Stretches, credible, edges};
@@ -13,7 +12,6 @@ use super::matcher::DRIVES_AHEAD;
 use super::route::route;
 use super::step::{MatchStep, SmoothedDrive};
 use super::{MatchError, Matcher, TracePoint};
-use crate::line_string;
 use wayfix::inference::{SmoothedTrellis, Trellis};
 use wayfix::internal::parallel;
 use wayfix::map::{Coordinates, Position};
@@ -237,6 +235,9 @@ impl Matcher {
     /// `off_road`.
     #[must_use]
     pub fn route_to_geojson(&self, route: &[Stretch]) -> String {
+        use crate::line_string;
+        use std::fmt::Write;
+
         let mut text = String::from(r#"{"type":"FeatureCollection","features":["#);
         for (number, stretch) in route.iter().enumerate() {
             let Stretch { edge, enter, exit, .. } = *stretch;

@@ -53,7 +53,7 @@ pub enum MatchError {
         /// Fingerprint of the network of this matcher.
         expected: u64,
     },
-    /// A saved vehicle is on an edge that its network does not have: its bytes were changed.
+    /// A stored vehicle is on an edge that its network does not have: what was stored was changed.
     #[error("the vehicle is on edge {edge}, but the network has {edges} edges (0 to {})", .edges.saturating_sub(1))]
     Vehicle {
         /// An edge of the vehicle.

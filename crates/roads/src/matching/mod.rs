@@ -6,8 +6,8 @@
 //! of consecutive points. This is the model of Newson and Krumm (2009), with every answer that a
 //! hidden Markov model has: the [road now](Vehicle::live), a few [points late](Vehicle::late),
 //! [with all points](MatchedDrive::smoothed), the most probable [route](MatchedDrive::route), and
-//! [distinct routes](Matcher::routes), each with a probability. The chapter
-//! [`from_gps`](crate::guide::from_gps) leads from files to routes and says when another model fits
+//! [distinct routes](Matcher::routes), each with a probability. The [guide](crate::guide)
+//! leads from files to routes and says when another model fits
 //! better.
 //!
 //! ```

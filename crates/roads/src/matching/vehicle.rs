@@ -150,7 +150,7 @@ impl<P: Coordinates> Vehicle<P> {
         let Self { progress, window } = self;
         matcher.check_network(progress.network)?;
         point.check(progress.points, Some(&progress.point))?;
-        // A vehicle read from damaged bytes may have the right fingerprint and edges that do not
+        // A stored vehicle that was changed may have the right fingerprint and edges that do not
         // exist, which would panic in the search.
         matcher.check(window.last())?;
         let states = window.states.last().map_or(&[][..], |states| states);
@@ -310,10 +310,10 @@ wayfix::stored! {
         window: Vec<Vec<StoredState>> = vehicle.window.stored(),
         log_filtered: Vec<Option<f64>> =
             vehicle.window.log_filtered.iter().map(|log| above_zero(*log)).collect::<Vec<_>>(),
-    } => point.read().and_then(|point: TracePoint<P>| {
+    } => point.read(&unit).and_then(|point: TracePoint<P>| {
         let progress =
             Progress { network, lag, points, point, speed, p_stationary, log_likelihood, last };
-        self::Vehicle::read(&unit, progress, Window::read(window, log_filtered)?)
+        self::Vehicle::read(progress, Window::read(window, log_filtered)?)
     });
 }
 
@@ -336,7 +336,11 @@ impl StoredPoint {
         Self { time, position: position.values(), accuracy, heading, speed }
     }
 
-    fn read<P: Coordinates>(self) -> Result<TracePoint<P>, String> {
+    fn read<P: Coordinates>(self, unit: &str) -> Result<TracePoint<P>, String> {
+        // Before the numbers, whose ranges depend on it.
+        if unit != P::UNIT {
+            return Err(format!("a vehicle with coordinates in {unit}, expected {}", P::UNIT));
+        }
         let Self { time, position, accuracy, heading, speed } = self;
         let point =
             TracePoint { time, position: P::from_values(position), accuracy, heading, speed };
@@ -426,10 +430,7 @@ impl Window {
 impl<P: Coordinates> Vehicle<P> {
     /// Checks what was stored, which may have been changed: every number is in its range before a
     /// vehicle exists. Whether its edges exist is left to the matcher, which knows the network.
-    fn read(unit: &str, progress: Progress<P>, window: Window) -> Result<Self, String> {
-        if unit != P::UNIT {
-            return Err(format!("a vehicle with coordinates in {unit}, expected {}", P::UNIT));
-        }
+    fn read(progress: Progress<P>, window: Window) -> Result<Self, String> {
         let Progress { lag, points, speed, p_stationary, log_likelihood, last, .. } = progress;
         if !(0.0..=1.0).contains(&p_stationary) {
             return Err(format!("the probability of a stop is {p_stationary}, expected 0 to 1"));

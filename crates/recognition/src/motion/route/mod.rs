@@ -6,8 +6,7 @@ mod shape;
 mod step;
 
 use self::shape::{Direction, RouteShape, Stencil};
-use super::OdometryModel;
-use super::speeds::{Speeds, Window};
+use super::speeds::{OdometryModel, Speeds, Window};
 use wayfix::Belief;
 use wayfix::TransitionError;
 use wayfix::error::Parameter;

@@ -69,9 +69,9 @@ impl Step<'_> {
             // Without any term, as at the ends of an open route, zeros are written.
             let terms = &terms[..count];
             if some {
-                add_linear_combination(out, terms)
+                add_linear_combination(out, terms);
             } else {
-                set_linear_combination(out, terms)
+                set_linear_combination(out, terms);
             }
         }
     }
@@ -300,9 +300,9 @@ fn add_layers(x: &[f64], n: usize, factor: impl Fn(usize) -> f64, out: &mut [f64
         }
         let terms = &terms[..count];
         if number == 0 {
-            set_linear_combination(out, terms)
+            set_linear_combination(out, terms);
         } else {
-            add_linear_combination(out, terms)
+            add_linear_combination(out, terms);
         }
     }
 }

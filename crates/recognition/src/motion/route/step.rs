@@ -356,7 +356,7 @@ impl TransitionEntries for RouteTransition {
         let mut entries = Vec::new();
         self.with_step(control, |step, _| {
             step.column(from, |to, factors| {
-                entries.push((to, factors.into_iter().map(log2).sum()))
+                entries.push((to, factors.into_iter().map(log2).sum()));
             });
         });
         entries.into_iter().filter(|entry: &(usize, f64)| entry.1 > f64::NEG_INFINITY)

@@ -33,8 +33,7 @@ fn made_up() -> (Vec<Vec<f32>>, Vec<Vec<f32>>) {
 }
 
 fn options() -> Options {
-    let options = Options::default().with_off_map(Some(OffMap::default()));
-    options
+    Options::default().with_off_map(Some(OffMap::default()))
 }
 
 fn fitted() -> &'static (Recognizer, Vec<Vec<f32>>) {

@@ -47,15 +47,16 @@ use wayfix::{Transition, TransitionEntries, TransitionError};
 /// variance.
 ///
 /// **Errors of readings are taken to be independent**, so they average out. Wheels that are 2% too
-/// large do not: if they are the odometer, take a [`WheelTransition`], which learns their scale.
+/// large do not: if they are the odometer, take a [`WheelTransition`](super::WheelTransition),
+/// which learns their scale.
 ///
 /// # Control or evidence
 ///
 /// A distance chooses the operator, and its columns sum to one. That loses nothing here: with all
 /// distances equally likely beforehand, the probability of a reading is the same wherever the
 /// vehicle is, so the reading says nothing about where it is. A
-/// [`DistanceTransition`](super::DistanceTransition) differs: its roads have lengths to compare
-/// with.
+/// [`DistanceTransition`](wayfix::motion::DistanceTransition) differs: its roads have lengths to
+/// compare with.
 ///
 /// The exception is the end of the network: an edge that nothing may follow, such as a one-way road
 /// that leaves the map. By default, a vehicle there stays. Its odometer speaks against that, and a

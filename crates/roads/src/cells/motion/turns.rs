@@ -164,8 +164,8 @@ const ROUNDS: usize = 100_000;
 /// each turn. Unlike those of [places](wayfix::map::TurningProbabilities), they depend on where a
 /// vehicle comes from.
 ///
-/// For [`CellTransition::with_turns`]. Memory: 20 bytes for each turn with a probability above 0,
-/// and 4 bytes an edge.
+/// For [`CellTransition::with_turns`](super::CellTransition::with_turns). Memory: 20 bytes for each
+/// turn with a probability above 0, and 4 bytes an edge.
 #[derive(Debug, Clone)]
 pub struct EdgeTurns {
     pub(super) turns: Turns,
