@@ -11,7 +11,6 @@ import wayfix
 from test_learning import parts, smooth
 from wayfix.learning import Family, learn
 
-T = scipy.stats.t
 MEANS = np.array([[0.0, 1.0], [2.0, -1.0]])
 COVARIANCES = np.array([[[1.0, 0.3], [0.3, 2.0]], [[2.0, -0.5], [-0.5, 0.5]]])
 POINTS = [[0.1, 0.4], [3.0, -2.0], [-1.0, 5.0]]
@@ -114,7 +113,6 @@ def data(kind):
     rng = np.random.default_rng(5)
     state = np.repeat([0, 1] * 3, 100)
     return {
-        "real": np.where(state == 0, rng.standard_t(5, 600), 4 + 3 * rng.standard_t(4, 600)),
         "positive": np.where(state == 0, rng.gamma(2, 1, 600), rng.gamma(4, 3, 600)),
         "zeros": np.where(rng.random(600) < 0.3, 0, np.where(state == 0, rng.gamma(2, 1, 600), rng.gamma(4, 3, 600))),
         "counts": np.where(rng.random(600) < 0.3, 0, np.where(state == 0, rng.negative_binomial(2, 0.5, 600), rng.negative_binomial(3, 0.2, 600))),
