@@ -45,7 +45,7 @@ pub enum LearnError {
     /// number is that of the sequences given, the cause is the first failure.
     #[error(transparent)]
     AllFailed(At<SequenceError>),
-    /// A sequence (or labelled drive) is invalid.
+    /// A sequence is invalid.
     #[error(transparent)]
     Sequence(#[from] SequenceError),
     /// A number in [`LearningOptions`](crate::inference::LearningOptions) is NaN, negative or
@@ -64,21 +64,23 @@ pub enum LearnError {
         /// Number of sequences given.
         sequences: usize,
     },
-    /// A labelled drive does not have one state per observation.
-    #[error("drive {drive} has {states} states for {observations} observations, expected one each")]
+    /// A labelled sequence does not have one state per observation.
+    #[error(
+        "sequence {sequence} has {states} states for {observations} observations, expected one each"
+    )]
     Length {
-        /// The drive, from 0.
-        drive: usize,
+        /// The sequence, from 0.
+        sequence: usize,
         /// Number of states.
         states: usize,
         /// Number of observations.
         observations: usize,
     },
-    /// A labelled drive is in a state that does not exist.
-    #[error("drive {drive} is in state {state} at step {step}, expected 0 to {}", .states - 1)]
+    /// A labelled sequence is in a state that does not exist.
+    #[error("sequence {sequence} is in state {state} at step {step}, expected 0 to {}", .states - 1)]
     State {
-        /// The drive, from 0.
-        drive: usize,
+        /// The sequence, from 0.
+        sequence: usize,
         /// The step, 0 for the initial state.
         step: usize,
         /// The state.
@@ -86,21 +88,21 @@ pub enum LearnError {
         /// Number of states.
         states: usize,
     },
-    /// A labelled drive starts in a state with prior probability 0.
-    #[error("drive {drive} starts in state {state}, which the prior rules out")]
+    /// A labelled sequence starts in a state with prior probability 0.
+    #[error("sequence {sequence} starts in state {state}, which the prior rules out")]
     Start {
-        /// The drive, from 0.
-        drive: usize,
+        /// The sequence, from 0.
+        sequence: usize,
         /// State in which it starts.
         state: usize,
     },
-    /// A labelled drive makes a move that the transition operator forbids.
+    /// A labelled sequence makes a move that the transition operator forbids.
     #[error(
-        "drive {drive} moves from state {from} to state {to} at step {step}, which the transition operator forbids"
+        "sequence {sequence} moves from state {from} to state {to} at step {step}, which the transition operator forbids"
     )]
     Forbidden {
-        /// The drive, from 0.
-        drive: usize,
+        /// The sequence, from 0.
+        sequence: usize,
         /// The step that the move leads to.
         step: usize,
         /// Source state.
@@ -108,13 +110,13 @@ pub enum LearnError {
         /// Destination state.
         to: usize,
     },
-    /// A labelled drive has an observation that is impossible in its state.
+    /// A labelled sequence has an observation that is impossible in its state.
     #[error(
-        "drive {drive} is in state {state} at step {step}, where the sensor rules its observation out"
+        "sequence {sequence} is in state {state} at step {step}, where the sensor rules its observation out"
     )]
     Sighting {
-        /// The drive, from 0.
-        drive: usize,
+        /// The sequence, from 0.
+        sequence: usize,
         /// The step.
         step: usize,
         /// The state.

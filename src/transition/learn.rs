@@ -2,7 +2,7 @@
 //! the moves of each step to statistics, and the M-step turns the sums into an operator. For most
 //! operators these statistics are the counts of moves alone: [`LearnFromMoves`].
 
-use super::{MoveCounts, TransitionEntries, maximize};
+use super::{MoveCounts, TransitionEntries};
 use crate::error::TransitionError;
 
 /// A transition operator that can be estimated from expected moves.
@@ -216,7 +216,7 @@ pub trait LearnFromMoves: TransitionEntries<Control = ()> + Sized {
     /// Log-prior that the pseudo-counts stand for, as [`LearnTransition::log_prior`]. By default
     /// each entry above 0 is a parameter: `pseudo_count` Σ ln A\[i, j\].
     fn log_prior(&self, pseudo_count: f64) -> f64 {
-        maximize::free_log_prior(self, pseudo_count)
+        free_log_prior(self, pseudo_count)
     }
 }
 
@@ -240,7 +240,7 @@ impl<A: LearnFromMoves> LearnTransition for A {
     }
 
     fn log_probability(&self, counts: &MoveCounts) -> Option<f64> {
-        Some(maximize::log_probability(self, counts))
+        Some(log_probability(self, counts))
     }
 
     fn log_prior(&self, pseudo_count: f64) -> f64 {
@@ -250,4 +250,30 @@ impl<A: LearnFromMoves> LearnTransition for A {
     fn free_parameters(&self) -> usize {
         LearnFromMoves::free_parameters(self)
     }
+}
+
+/// Σ counts ln A\[i, j\]. O(E + moves).
+fn log_probability<A: TransitionEntries<Control = ()>>(transition: &A, counts: &MoveCounts) -> f64 {
+    // The same merge. Counts of 0 are skipped, since 0 ln 0 counts as 0.
+    let mut moves = counts.moves().filter(|m| m.weight > 0.0).peekable();
+    let mut sum = 0.0;
+    for from in 0..transition.states() {
+        for (to, p) in transition.outgoing(&(), from) {
+            if let Some(m) = moves.next_if(|m| (m.from, m.to) == (from, to)) {
+                sum += m.weight * p.ln();
+            }
+        }
+    }
+    // A move without an entry, which has probability 0, is still there, with all after it.
+    if moves.next().is_some() { f64::NEG_INFINITY } else { sum }
+}
+
+/// Pseudo-count times Σ ln p over the entries.
+fn free_log_prior<A: TransitionEntries<Control = ()>>(transition: &A, pseudo_count: f64) -> f64 {
+    // The usual case, which need not compute E logarithms.
+    if pseudo_count == 0.0 {
+        return 0.0;
+    }
+    let columns = (0..transition.states()).flat_map(|from| transition.outgoing(&(), from));
+    pseudo_count * columns.map(|entry| entry.1.ln()).sum::<f64>()
 }

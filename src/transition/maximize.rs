@@ -30,25 +30,6 @@ pub(super) fn weights<A: TransitionEntries<Control = ()>>(
     }
 }
 
-/// Σ counts ln A\[i, j\]. O(E + moves).
-pub(super) fn log_probability<A: TransitionEntries<Control = ()>>(
-    transition: &A,
-    counts: &MoveCounts,
-) -> f64 {
-    // The same merge. Counts of 0 are skipped, since 0 ln 0 counts as 0.
-    let mut moves = counts.moves().filter(|m| m.weight > 0.0).peekable();
-    let mut sum = 0.0;
-    for from in 0..transition.states() {
-        for (to, p) in transition.outgoing(&(), from) {
-            if let Some(m) = moves.next_if(|m| (m.from, m.to) == (from, to)) {
-                sum += m.weight * p.ln();
-            }
-        }
-    }
-    // A move without an entry, which has probability 0, is still there, with all after it.
-    if moves.next().is_some() { f64::NEG_INFINITY } else { sum }
-}
-
 /// Normalises columns of weights. A column whose sum is below the smallest normal double keeps the
 /// entries of the operator. A NaN or infinite weight makes its column NaN, which no constructor
 /// accepts.
@@ -80,19 +61,6 @@ fn free<A: TransitionEntries<Control = ()>>(
     // Maximises Σ (count + pseudo-count) ln p in each column, by Gibbs' inequality.
     weights.iter_mut().for_each(|entry| entry.2 += pseudo_count);
     Ok(normalized(transition, weights))
-}
-
-/// Pseudo-count times Σ ln p over the entries.
-pub(super) fn free_log_prior<A: TransitionEntries<Control = ()>>(
-    transition: &A,
-    pseudo_count: f64,
-) -> f64 {
-    // The usual case, which need not compute E logarithms.
-    if pseudo_count == 0.0 {
-        return 0.0;
-    }
-    let columns = (0..transition.states()).flat_map(|from| transition.outgoing(&(), from));
-    pseudo_count * columns.map(|entry| entry.1.ln()).sum::<f64>()
 }
 
 /// Number of entries above 0, less one for each column.

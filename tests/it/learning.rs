@@ -584,17 +584,20 @@ fn labelled_drives_that_do_not_fit_are_errors() {
         hmm.fit(&drives, &LearningOptions::default()).unwrap_err().to_string()
     };
     for (found, expected) in [
-        (text(None, &[1], &[0, 0]), "drive 1 has 1 states for 2 observations, expected one each"),
-        (text(None, &[1, 2], &[0, 0]), "drive 1 is in state 2 at step 2, expected 0 to 1"),
-        (text(Some(3), &[1, 1], &[0, 0]), "drive 1 is in state 3 at step 0, expected 0 to 1"),
-        (text(Some(1), &[1], &[0]), "drive 1 starts in state 1, which the prior rules out"),
+        (
+            text(None, &[1], &[0, 0]),
+            "sequence 1 has 1 states for 2 observations, expected one each",
+        ),
+        (text(None, &[1, 2], &[0, 0]), "sequence 1 is in state 2 at step 2, expected 0 to 1"),
+        (text(Some(3), &[1, 1], &[0, 0]), "sequence 1 is in state 3 at step 0, expected 0 to 1"),
+        (text(Some(1), &[1], &[0]), "sequence 1 starts in state 1, which the prior rules out"),
         (
             text(Some(0), &[1, 0], &[0, 0]),
-            "drive 1 moves from state 1 to state 0 at step 2, which the transition operator forbids",
+            "sequence 1 moves from state 1 to state 0 at step 2, which the transition operator forbids",
         ),
         (
             text(Some(0), &[1, 1], &[0, 2]),
-            "drive 1 is in state 1 at step 2, where the sensor rules its observation out",
+            "sequence 1 is in state 1 at step 2, where the sensor rules its observation out",
         ),
         (
             text(Some(0), &[1], &[5]),

@@ -406,7 +406,7 @@ fn each_of_several_long_sequences_is_cut() {
     assert!(errors.is_empty());
     let mut sum = hmm.no_expectations();
     for ys in &seen {
-        hmm.merge_expectations(&mut sum, &hmm.expectations(&[ys]).0);
+        sum.merge(&hmm, &hmm.expectations(&[ys]).0);
     }
     let near = |a: &[f64], b: &[f64]| all_close(a, b, 1e-10, 1e-280).unwrap();
     near(together.sensor(), sum.sensor());

@@ -41,7 +41,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     ///     for (number, part) in parts.iter().enumerate() {
     ///         let (expected, left_out) = model.expectations(part);
     ///         left_out.iter().for_each(|error| eprintln!("part {number}: {error}"));
-    ///         model.merge_expectations(&mut sum, &expected);
+    ///         sum.merge(&model, &expected);
     ///     }
     ///     let log_likelihood = sum.log_likelihood();
     ///     if log_likelihood - before < 1e-6 {
@@ -108,7 +108,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             };
             for result in results.into_iter().flatten() {
                 match result {
-                    Ok(expected) => self.merge_expectations(&mut sum, &expected),
+                    Ok(expected) => sum.merge(self, &expected),
                     Err(error) => failed.push(error),
                 }
             }
@@ -168,7 +168,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     {
         let mut sum = self.no_expectations();
         model.expectations_in_segments(sequence, |found| {
-            self.merge_expectations(&mut sum, &self.expectations_of_lanes(found));
+            sum.merge(self, &self.expectations_of_lanes(found));
         })?;
         Some(sum)
     }
@@ -249,7 +249,7 @@ fn sort(failed: &mut [SequenceError]) {
 /// Baum–Welch.
 ///
 /// Made by [`Hmm::expectations`]. Those of several parts of the data are
-/// [added](Hmm::merge_expectations), and [`Hmm::maximize`] computes the next model from the sum.
+/// [merged](Expectations::merge), and [`Hmm::maximize`] computes the next model from the sum.
 ///
 /// To add those of several machines, send their fields, and reassemble them by
 /// [`new`](Self::new). The fields are plain numbers if the statistics are. Those of tables, counts,
@@ -265,7 +265,7 @@ fn sort(failed: &mut [SequenceError]) {
 /// let (mut sum, failed) = hmm.expectations(&[[0, 0, 0, 1], [0, 1, 1, 1]]);
 /// assert!(failed.is_empty());
 /// let (others, _) = hmm.expectations(&[[1, 1, 1, 1], [0, 0, 1, 1]]); // another part of the data
-/// hmm.merge_expectations(&mut sum, &others);
+/// sum.merge(&hmm, &others);
 /// assert!((sum.first().iter().sum::<f64>() - 4.0).abs() < 1e-12);
 ///
 /// let options = LearningOptions::default();
@@ -321,6 +321,19 @@ impl<B: LearnLikelihood, M> Expectations<B, M> {
     pub fn log_likelihood(&self) -> f64 {
         self.log_likelihood.value()
     }
+
+    /// Adds expectations of other sequences under the same model. The caller must ensure that they
+    /// are: a sum over different models is meaningless, and [`Hmm::maximize`] detects only some of
+    /// these. O(n + moves + statistics).
+    pub fn merge<A>(&mut self, model: &Hmm<A, B>, other: &Self)
+    where
+        A: LearnTransition<Statistics = M>,
+    {
+        self.first.iter_mut().zip(&other.first).for_each(|(sum, p)| *sum += p);
+        model.transition().merge(&mut self.moves, &other.moves);
+        model.likelihood().merge(&mut self.sensor, &other.sensor);
+        self.log_likelihood.add(other.log_likelihood.value());
+    }
 }
 
 impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
@@ -333,20 +346,6 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             sensor: self.likelihood().statistics(),
             log_likelihood: LogSum::default(),
         }
-    }
-
-    /// Adds expectations of other sequences. The caller must ensure that they were computed under
-    /// this model: a sum over different models is meaningless, and [`maximize`](Self::maximize)
-    /// detects only some of these. O(n + moves + statistics).
-    pub fn merge_expectations(
-        &self,
-        sum: &mut Expectations<B, A::Statistics>,
-        other: &Expectations<B, A::Statistics>,
-    ) {
-        sum.first.iter_mut().zip(&other.first).for_each(|(sum, p)| *sum += p);
-        self.transition().merge(&mut sum.moves, &other.moves);
-        self.likelihood().merge(&mut sum.sensor, &other.sensor);
-        sum.log_likelihood.add(other.log_likelihood.value());
     }
 }
 

@@ -1,4 +1,4 @@
-//! Estimation by counting, from drives whose states are known: one M-step (section 9 of the
+//! Estimation by counting, from sequences whose states are known: one M-step (section 9 of the
 //! [formulas](crate::guide::formulas)) with γ and ξ of 0 and 1.
 
 use super::learned_model::LearningOptions;
@@ -11,11 +11,11 @@ use crate::sequence::Sequence;
 use crate::transition::{LearnTransition, Move, Transition};
 
 impl<A: Transition, B: Likelihood> Hmm<A, B> {
-    /// Estimates the model from labelled drives: relative frequencies, with the pseudo-counts of
-    /// `learning` added to the entries that this model allows. O(T n) for each drive.
+    /// Estimates the model from labelled sequences: relative frequencies, with the pseudo-counts of
+    /// `learning` added to the entries that this model allows. O(T n) for each sequence.
     ///
-    /// With a [stationary](Prior::Stationary) prior, the states in which drives start count for the
-    /// operator too.
+    /// With a [stationary](Prior::Stationary) prior, the states in which sequences start count for
+    /// the operator too.
     ///
     /// Probabilities of 0 stay 0, so that smoothing adds no move where the map has no road.
     /// Parameters without observations or pseudo-counts keep their values. If only some states
@@ -34,9 +34,9 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     ///     )?,
     ///     TableLikelihood::from_rows(&[[0.8, 0.1, 0.1], [0.1, 0.8, 0.1], [0.1, 0.1, 0.8]])?,
     /// )?;
-    /// let drive = LabelledSequence { initial: Some(0), states: &[0, 0, 1, 2], sequence: &[0, 0, 1, 2] };
+    /// let labelled = LabelledSequence { initial: Some(0), states: &[0, 0, 1, 2], sequence: &[0, 0, 1, 2] };
     /// let learning = LearningOptions::default().with_transition_pseudo_count(1.0);
-    /// let learned = hmm.fit(&[drive], &learning)?;
+    /// let learned = hmm.fit(&[labelled], &learning)?;
     /// assert_eq!(learned.transition().get(1, 0), (1.0 + 1.0) / (3.0 + 2.0));
     /// assert_eq!(learned.transition().get(2, 0), 0.0);
     /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -44,12 +44,12 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     ///
     /// # Errors
     ///
-    /// [`LearnError`] if there is neither an observation nor an initial state; and, naming drive
-    /// and step, for a state that does not exist, a move or a sighting that the model forbids, an
-    /// observation without a valid likelihood, or a control that is not valid.
+    /// [`LearnError`] if there is neither an observation nor an initial state; and, naming
+    /// sequence and step, for a state that does not exist, a move or an observation that the model
+    /// forbids, an observation without a valid likelihood, or a control that is not valid.
     pub fn fit<S>(
         &self,
-        drives: &[LabelledSequence<'_, S>],
+        sequences: &[LabelledSequence<'_, S>],
         learning: &LearningOptions,
     ) -> Result<Self, LearnError>
     where
@@ -58,33 +58,35 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
         learning.check()?;
-        let is_empty = |drive: &LabelledSequence<'_, S>| {
-            drive.initial.is_none() && drive.states.is_empty() && drive.sequence.steps() == 0
+        let is_empty = |labelled: &LabelledSequence<'_, S>| {
+            labelled.initial.is_none()
+                && labelled.states.is_empty()
+                && labelled.sequence.steps() == 0
         };
-        if drives.iter().all(is_empty) {
-            return Err(LearnError::nothing(drives.len(), None));
+        if sequences.iter().all(is_empty) {
+            return Err(LearnError::nothing(sequences.len(), None));
         }
         let mut expected = self.no_expectations();
         // The E-step with certain posteriors: at each step one state has probability 1.
         let mut certain = vec![0.0; self.states()];
         let mut moves = Vec::new();
-        for (number, drive) in drives.iter().enumerate() {
-            self.check_drive(number, drive)?;
+        for (number, labelled) in sequences.iter().enumerate() {
+            self.check_labelled(number, labelled)?;
             // The prior is the distribution of X_0, or of X_1 if no move leads to it.
             let (mut before, first) = match self.prior() {
-                Prior::BeforeFirstTransition(_) => (drive.initial, drive.initial),
+                Prior::BeforeFirstTransition(_) => (labelled.initial, labelled.initial),
                 Prior::AtFirstObservation(_) | Prior::Stationary(_) => {
-                    (None, drive.states.first().copied())
+                    (None, labelled.states.first().copied())
                 }
             };
             first.into_iter().for_each(|state| expected.first[state] += 1.0);
-            for (step, &to) in (1..).zip(drive.states) {
+            for (step, &to) in (1..).zip(labelled.states) {
                 certain[to] = 1.0;
-                let observation = drive.sequence.observation(step);
+                let observation = labelled.sequence.observation(step);
                 self.likelihood().add(&mut expected.sensor, observation, &certain);
                 certain[to] = 0.0;
                 if let Some(from) = before {
-                    moves.push((from, to, drive.sequence.control(step)));
+                    moves.push((from, to, labelled.sequence.control(step)));
                 }
                 before = Some(to);
             }
@@ -101,19 +103,19 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
 }
 
 impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
-    /// Checks that the model allows the states, moves and observations of a drive.
-    fn check_drive<S>(
+    /// Checks that the model allows the states, moves and observations of a sequence.
+    fn check_labelled<S>(
         &self,
-        drive: usize,
+        sequence: usize,
         labelled: &LabelledSequence<'_, S>,
     ) -> Result<(), LearnError>
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
-        let LabelledSequence { initial, states: path, sequence } = *labelled;
-        let (states, observations) = (path.len(), sequence.steps());
+        let LabelledSequence { initial, states: path, sequence: observed } = *labelled;
+        let (states, observations) = (path.len(), observed.steps());
         if states != observations {
-            return Err(LearnError::Length { drive, states, observations });
+            return Err(LearnError::Length { sequence, states, observations });
         }
         let states = self.states();
         let initial = initial.filter(|_| self.prior().moves_at(1));
@@ -122,31 +124,31 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         // Checked before a state is used as an index.
         for (step, state) in all.clone() {
             if state >= states {
-                return Err(LearnError::State { drive, step, state, states });
+                return Err(LearnError::State { sequence, step, state, states });
             }
         }
         let start = if self.prior().moves_at(1) { initial } else { path.first().copied() };
         if let Some(state) = start
             && self.prior().belief().as_slice()[state] == 0.0
         {
-            return Err(LearnError::Start { drive, state });
+            return Err(LearnError::Start { sequence, state });
         }
         let mut scratch = Scratch::default();
         let mut before = initial;
         for (number, to) in all.filter(|step| step.0 > 0) {
-            let step = Step::of(self, sequence, number);
-            let wrap = |source| SequenceError { sequence: drive, source };
+            let step = Step::of(self, observed, number);
+            let wrap = |source| SequenceError { sequence, source };
             let (diagonal, _) =
-                step.diagonal(sequence.observation(number), &mut scratch).map_err(wrap)?;
+                step.diagonal(observed.observation(number), &mut scratch).map_err(wrap)?;
             // The known state has likelihood 0: no model that keeps this zero could have made the
-            // drive.
+            // sequence.
             if diagonal.logs().nth(to) == Some(f64::NEG_INFINITY) {
-                return Err(LearnError::Sighting { drive, step: number, state: to });
+                return Err(LearnError::Sighting { sequence, step: number, state: to });
             }
             if let (Some(control), Some(from)) = (step.control, before) {
                 step.check_control(control).map_err(wrap)?;
                 if !self.transition().outgoing(control, from).any(|entry| entry.0 == to) {
-                    return Err(LearnError::Forbidden { drive, step: number, from, to });
+                    return Err(LearnError::Forbidden { sequence, step: number, from, to });
                 }
             }
             before = Some(to);

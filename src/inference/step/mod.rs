@@ -15,8 +15,8 @@ pub(crate) mod scores;
 pub(crate) mod state;
 
 use self::state::{
-    BeliefForm, BeliefRef, FilterSnapshot, LiftedBelief, StepOutcome, StepOutput, StepScratch,
-    loses, normalize_logs,
+    BeliefForm, BeliefRef, LiftedBelief, StepOutcome, StepOutput, StepScratch, loses,
+    normalize_logs,
 };
 use crate::error::InferenceError;
 use crate::groups::Groups;
@@ -590,19 +590,5 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
         }
         let tiny = kernels::normalize_in_place(&mut output.updated, updated.products, rows);
         Some((updated.products, BeliefForm::Plain { tiny }))
-    }
-}
-
-impl FilterSnapshot {
-    /// Takes a step with an observation.
-    pub(crate) fn advance<A: Transition, B: Likelihood>(
-        &mut self,
-        step: &Step<'_, A, B>,
-        observation: &B::Observation,
-        scratch: &mut StepScratch,
-    ) -> Result<StepOutcome, InferenceError> {
-        let outcome = step.advance(observation, self.belief_ref(), scratch, None)?;
-        self.commit(step.number, &outcome, scratch);
-        Ok(outcome)
     }
 }

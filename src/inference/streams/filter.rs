@@ -15,7 +15,7 @@ use crate::belief::{Belief, BeliefView, SUM_TOLERANCE};
 use crate::error::{InferenceError, SnapshotError};
 use crate::hmm::{Hmm, ModelPointer};
 use crate::inference::step::Step;
-use crate::inference::step::state::{FilterSnapshot, LogSum, MOST_STEPS, StepScratch};
+use crate::inference::step::state::{FilterSnapshot, LogSum, MOST_STEPS, StepOutcome, StepScratch};
 use crate::likelihood::Likelihood;
 use crate::transition::{NoControl, Transition};
 use wayfix_kernels::Aligned;
@@ -117,6 +117,20 @@ impl<M: Clone> Clone for Filter<M> {
         let mut state = FilterSnapshot::start(&self.state.belief);
         state.copy(&self.state);
         Self { model: self.model.clone(), state, scratch: self.scratch.clone() }
+    }
+}
+
+impl FilterSnapshot {
+    /// Takes a step with an observation.
+    pub(crate) fn advance<A: Transition, B: Likelihood>(
+        &mut self,
+        step: &Step<'_, A, B>,
+        observation: &B::Observation,
+        scratch: &mut StepScratch,
+    ) -> Result<StepOutcome, InferenceError> {
+        let outcome = step.advance(observation, self.belief_ref(), scratch, None)?;
+        self.commit(step.number, &outcome, scratch);
+        Ok(outcome)
     }
 }
 

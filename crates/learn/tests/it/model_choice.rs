@@ -83,7 +83,7 @@ proptest! {
                     expected.sensor().clone(),
                     expected.log_likelihood(),
                 );
-                model.merge_expectations(&mut sum, &sent);
+                sum.merge(&model, &sent);
             }
             model = model.maximize(&sum, &learning).unwrap();
         }
