@@ -131,7 +131,7 @@ impl Expected {
     where
         A: LearnTransition<Control = (), Statistics = MoveCounts>,
     {
-        let options = LearningOptions { keep_prior, ..LearningOptions::default() };
+        let options = LearningOptions::default().with_keep_prior(keep_prior);
         let learned = hmm.maximize(&self.sum, &options);
         learned.map_err(|error| FleetError::Learning(error.to_string()))
     }

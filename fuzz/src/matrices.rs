@@ -1,10 +1,16 @@
 //! Random operators with the matrices that they must equal.
 
 use wayfix::motion::{DistanceTransition, OdometryReading};
-use wayfix_recognition::motion::{OdometryModel, OffMap, RouteControl, RouteTransition, Speeds, ViewChange, ViewChangeRates, ViewEvidence};
-use wayfix::transition::{EvidenceTransition, KroneckerTransition, RestartTransition, SwitchedTransition, WindowTransition};
-use wayfix_learn::GeneratorTransition;
+use wayfix::transition::{
+    EvidenceTransition, KroneckerTransition, RestartTransition, SwitchedTransition,
+    WindowTransition,
+};
 use wayfix::{Belief, DenseTransition, SparseTransition, TransitionEntries};
+use wayfix_learn::GeneratorTransition;
+use wayfix_recognition::motion::{
+    OdometryModel, OffMap, RouteControl, RouteTransition, Speeds, ViewChange, ViewChangeRates,
+    ViewEvidence,
+};
 
 use crate::draw::Draw;
 use crate::model::{Matrix, Range, weight};
@@ -36,15 +42,10 @@ fn listed<A: TransitionEntries>(a: &A, control: &A::Control) -> Matrix {
 pub(crate) fn plain(draw: &mut Draw<'_>, n: usize, range: Range) -> (Plain, Matrix) {
     let inner = matrix(draw, n, range);
     match draw.below(10) {
-        0..=2 => (Plain::Sparse(sparse(&inner)), inner),
+        0..=2 | 6 => (Plain::Sparse(sparse(&inner)), inner),
         3..=5 => {
             let dense = DenseTransition::from_rows(&inner);
             (Plain::Dense(dense.expect("a stochastic matrix")), inner)
-        }
-        6 => {
-            let single = sparse(&inner).with_single_values();
-            let rounded = listed(&single, &());
-            (Plain::Sparse(single), rounded)
         }
         7 => {
             let rate = draw.pick(&[0.0, 0.25, 1e-9, 1.0]);
@@ -64,7 +65,8 @@ fn window(draw: &mut Draw<'_>, n: usize, range: Range) -> Option<(Plain, Matrix)
     let first = draw.below(9).cast_signed() - 4;
     let count = 1 + draw.below(6);
     let weights = draw.distribution(count, |draw| weight(draw, range));
-    let window = WindowTransition::new(n, first, &weights, closed).ok()?;
+    let made = if closed { WindowTransition::closed } else { WindowTransition::open };
+    let window = made(n, first, &weights).ok()?;
     let mut all = vec![vec![0.0; n]; n];
     let length = n.cast_signed();
     for from in 0..n {
@@ -258,7 +260,8 @@ fn route(draw: &mut Draw<'_>, n: usize) -> RouteTransition {
         .and_then(|speeds| speeds.with_slack(draw.pick(&[0.02, 0.0, 0.5])))
         .expect("valid speeds");
     let odometry = OdometryModel { scale: 1.1, bias: 0.1, deviation: draw.pick(&[0.3, 0.01, 5.0]) };
-    let route = RouteTransition::new(places, draw.one_in(2), speeds)
+    let made = if draw.one_in(2) { RouteTransition::closed } else { RouteTransition::open };
+    let route = made(places, speeds)
         .and_then(|route| route.with_odometry(odometry))
         .expect("a valid route");
     let route = if draw.one_in(2) {

@@ -2,10 +2,13 @@
 //! forwarded to the operator.
 
 use wayfix::motion::{DistanceTransition, OdometryReading};
-use wayfix_recognition::motion::{RouteControl, RouteTransition};
-use wayfix::transition::{EvidenceTransition, KroneckerTransition, LearnTransition, MoveCounts, RestartTransition, Stored, SwitchedTransition, WindowTransition};
-use wayfix_learn::GeneratorTransition;
+use wayfix::transition::{
+    EvidenceTransition, KroneckerTransition, LearnTransition, MoveCounts, RestartTransition,
+    Stored, SwitchedTransition, WindowTransition,
+};
 use wayfix::{DenseTransition, SparseTransition, Transition, TransitionEntries, TransitionError};
+use wayfix_learn::GeneratorTransition;
+use wayfix_recognition::motion::{RouteControl, RouteTransition};
 
 use crate::model::Matrix;
 
@@ -100,10 +103,6 @@ impl Transition for Plain {
 
     fn states(&self) -> usize {
         plain!(self, a, _u => a.states())
-    }
-
-    fn no_control(&self) -> Option<&'static ()> {
-        Some(&())
     }
 
     fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {

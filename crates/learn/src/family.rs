@@ -92,7 +92,7 @@ pub(crate) fn by_state(values: impl Fn(usize) -> Option<Vec<f64>>) -> Vec<Vec<f6
 /// numbers. A sensor of your own takes part with a few lines:
 ///
 /// ```
-/// use wayfix_learn::{Marginals, Tails};
+/// use wayfix_learn::{Marginals, PseudoResiduals, Tails};
 /// use wayfix::{Diagonal, Likelihood, LikelihoodError, Scratch};
 ///
 /// /// A number that is uniform from 0 to a width of each state.

@@ -19,7 +19,7 @@
 //! assert_eq!(hmm.viterbi(&calls)?.states()[4..7], [0, 1, 1]); // it became busy in the sixth hour
 //! let mut filter = hmm.filter();
 //! calls.iter().try_for_each(|count| filter.step(count).map(drop))?;
-//! assert_eq!(Predictive::ahead(&filter, 1, 0)?.quantile(0.5)?, 3.0); // median of the next hour
+//! assert_eq!(Predictive::ahead(&filter, 1, 0)?.quantile(0.5)?, 2.0); // median of the next hour
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!

@@ -1,17 +1,17 @@
 //! Results of a batch of drives, from the routines of the library.
 //!
-//! The `_map_all` routines of the library compute several drives at a time and hand out the results
-//! in their order; each becomes rows at once, so posteriors are not kept.
+//! The `_all` routines of the library compute several drives at a time. They take the batch in
+//! slices, whose results become rows before the next slice, so posteriors are not kept.
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
 use arrow_schema::Schema;
 use wayfix::error::At;
-use wayfix::inference::Posteriors;
+use wayfix::inference::{Posteriors, SequenceError};
 use wayfix::likelihood::LearnLikelihood;
 use wayfix::transition::LearnTransition;
-use wayfix::{Hmm, InferenceError};
+use wayfix::{Hmm, InferenceError, Sequence};
 
 use super::measures::Measures;
 use super::rows::{Failure, Rows, kind};
@@ -58,31 +58,40 @@ where
         best: Vec::new(),
     };
     let stopped = match (results.verb, results.table) {
-        (Verb::Smooth, Table::Steps | Table::Best(_)) => {
-            hmm.smooth_map_all(&sequences, |drive, result| {
-                out.take(drive, result.map_err(|error| error.source), |out, smoothed| {
+        (Verb::Smooth, Table::Steps | Table::Best(_)) => by_slices(
+            &sequences,
+            hmm.states(),
+            |some| hmm.smooth_all(some),
+            |drive, result| {
+                out.take(drive, result, |out, smoothed| {
                     out.beliefs(drive, smoothed.posteriors(), smoothed.log_likelihood());
                 })
-            })
-        }
-        (Verb::Filter, Table::Steps | Table::Best(_)) => {
-            hmm.forward_map_all(&sequences, |drive, result| {
-                out.take(drive, result.map_err(|error| error.source), |out, filtered| {
+            },
+        ),
+        (Verb::Filter, Table::Steps | Table::Best(_)) => by_slices(
+            &sequences,
+            hmm.states(),
+            |some| hmm.forward_all(some),
+            |drive, result| {
+                out.take(drive, result, |out, filtered| {
                     if out.results.has_step_logs() {
                         out.rows.log_likelihood.extend_from_slice(filtered.log_likelihoods());
                     }
                     out.beliefs(drive, filtered.posteriors(), filtered.log_likelihood());
                 })
-            })
-        }
+            },
+        ),
         // The first of the k best paths is the Viterbi path, which this finds with less work.
-        (Verb::Decode, Table::Drives | Table::Paths(1)) => {
-            hmm.viterbi_map_all(&sequences, |drive, result| {
-                out.take(drive, result.map_err(|error| error.source), |out, path| {
+        (Verb::Decode, Table::Drives | Table::Paths(1)) => by_slices(
+            &sequences,
+            1,
+            |some| hmm.viterbi_all(some),
+            |drive, result| {
+                out.take(drive, result, |out, path| {
                     out.path(drive, 1, path.states(), path.log_probability());
                 })
-            })
-        }
+            },
+        ),
         (Verb::Decode, Table::Paths(count)) => {
             sequences.iter().enumerate().try_for_each(|(drive, sequence)| {
                 out.take(drive, hmm.k_best(*sequence, count), |out, paths| {
@@ -93,16 +102,49 @@ where
             })
         }
         // Tables of drives need no posteriors: a forward pass gives the same log-likelihood.
-        _ => hmm.log_likelihood_map_all(&sequences, |drive, result| {
-            out.take(drive, result.map_err(|error| error.source), |out, log_likelihood| {
-                out.rows.end(drive, 1, out.steps(drive), log_likelihood);
-            })
-        }),
+        _ => by_slices(
+            &sequences,
+            0,
+            |some| hmm.log_likelihood_all(some),
+            |drive, result| {
+                out.take(drive, result, |out, log_likelihood| {
+                    out.rows.end(drive, 1, out.steps(drive), log_likelihood);
+                })
+            },
+        ),
     };
     match stopped {
         ControlFlow::Break(error) => Err(error),
         ControlFlow::Continue(()) => out.rows.finish(results, schema, drives),
     }
+}
+
+/// Numbers that results of a slice may hold: 32 MB, beside tables that take as much.
+const SLICE: usize = 1 << 22;
+
+/// Runs a routine on slices of the sequences and passes each result on, with the number of its
+/// sequence. Results of a sequence hold `width` numbers a step; those of a slice are dropped before
+/// the next slice, so that memory does not grow with the batch.
+fn by_slices<S: Sequence<(), Observation>, R>(
+    sequences: &[S],
+    width: usize,
+    routine: impl Fn(&[S]) -> Vec<Result<R, SequenceError>>,
+    mut visit: impl FnMut(usize, Result<R, InferenceError>) -> ControlFlow<FleetError>,
+) -> ControlFlow<FleetError> {
+    let mut start = 0;
+    while start < sequences.len() {
+        // At least one sequence, however long; after that as many as fit.
+        let (mut end, mut held) = (start, 0);
+        while end < sequences.len() && (end == start || held < SLICE) {
+            held += width * sequences[end].steps();
+            end += 1;
+        }
+        for (drive, result) in (start..).zip(routine(&sequences[start..end])) {
+            visit(drive, result.map_err(|error| error.source))?;
+        }
+        start = end;
+    }
+    ControlFlow::Continue(())
 }
 
 /// Turns results into rows.

@@ -128,14 +128,12 @@ where
     B: LearnLikelihood + Clone + Sync,
     S: wayfix::Sequence<A::Control, B::Observation> + Sync,
 {
-    let learning = LearningOptions {
-        iterations: 1,
-        tolerance: 0.0,
-        prior_pseudo_count: pseudo,
-        transition_pseudo_count: pseudo,
-        likelihood_pseudo_count: pseudo,
-        ..LearningOptions::default()
-    };
+    let learning = LearningOptions::default()
+        .with_iterations(1)
+        .with_tolerance(0.0)
+        .with_prior_pseudo_count(pseudo)
+        .with_transition_pseudo_count(pseudo)
+        .with_likelihood_pseudo_count(pseudo);
     match hmm.learn(drives, &learning) {
         Ok(learned) => {
             assert!(!nothing, "learned from nothing");

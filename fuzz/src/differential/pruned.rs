@@ -55,7 +55,8 @@ fn filter<A: TransitionEntries, B: LocalLikelihood<Observation: Sized>>(
 ) {
     let tolerance = draw.pick(&[0.0, 1e-12, 1e-6, 1e-3, 1.0]);
     let most_active = draw.pick(&[usize::MAX, usize::MAX, 1, 2, 4]);
-    let mut filter = hmm.pruned_filter(Pruning { tolerance, most_active });
+    let mut filter = hmm
+        .pruned_filter(Pruning::default().with_tolerance(tolerance).with_most_active(most_active));
     let mut log = 0.0;
     for (step, (control, observation)) in (1..).zip(controls.iter().zip(drive)) {
         let before = (filter.active().to_vec(), filter.probabilities().to_vec());

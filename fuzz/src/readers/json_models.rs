@@ -3,13 +3,16 @@
 use serde::{Serialize, de::DeserializeOwned};
 use wayfix::likelihood::{GroupedLikelihood, Groups, PooledLikelihood, SparseObservation};
 use wayfix::motion::{DistanceTransition, OffMapTransition};
-use wayfix::transition::{ConstrainedTransition, DwellTransition, KroneckerTransition, PowerTransition, RestartTransition, SwitchedTransition};
-use wayfix_learn::GeneratorTransition;
+use wayfix::transition::{
+    ConstrainedTransition, DwellTransition, KroneckerTransition, RestartTransition,
+    SwitchedTransition,
+};
 use wayfix::{
     Belief, DenseTransition, FusedLikelihood, Hmm, Likelihood, LikelihoodVector,
     OptionalLikelihood, Prior, SparseLikelihood, SparseTransition, TableLikelihood, Transition,
     TransitionEntries,
 };
+use wayfix_learn::GeneratorTransition;
 
 use super::json_recognition::recognition;
 use super::read;
@@ -72,13 +75,7 @@ fn plain(draw: &mut Draw<'_>, n: usize, range: Range, belief: Belief, counts: &m
             let dwell = DwellTransition::new(base, &dwell).expect("dwell times");
             operator(draw, &dwell, &(), counts);
         }
-        6 => {
-            let power = PowerTransition::new(base, draw.below(4) as u32);
-            let read = read(draw, &power, counts);
-            if let Some(power) = read.filter(|power| power.exponent() < 100) {
-                usable(&power, &(), counts);
-            }
-        }
+        6 => operator(draw, &base, &(), counts),
         7 => {
             let other = sparse(draw, 2, range);
             let pairs = KroneckerTransition::new(base, other).expect("few states");

@@ -9,14 +9,14 @@ use crate::draw::Draw;
 
 /// Reads a damaged fit, or the damaged state of a track.
 pub(super) fn recognition(draw: &mut Draw<'_>, n: usize, counts: &mut Counts) {
-    let mut options = Options::default();
-    options.off_map = draw.one_in(2).then(OffMap::default);
-    options.closed = draw.one_in(2);
+    let options = Options::default()
+        .with_off_map(draw.one_in(2).then(OffMap::default))
+        .with_closed(draw.one_in(2));
     let recognizer = Recognizer::from_distances(n, options).expect("references");
     let mut track = recognizer.track();
     for _ in 0..draw.below(4) {
         let row = row(draw, n);
-        let _ = track.step(&row, None);
+        let _ = track.step(&row);
     }
     if draw.one_in(2) {
         let Some(state) = read(draw, &track.snapshot(), counts) else { return };
@@ -42,7 +42,7 @@ fn row(draw: &mut Draw<'_>, n: usize) -> Vec<f32> {
 fn drive(draw: &mut Draw<'_>, mut track: Track, n: usize, counts: &mut Counts) {
     for _ in 0..4 {
         let row = row(draw, n);
-        match track.step(&row, draw.pick(&[None, Some(1.0), Some(-30.0)])) {
+        match track.step_with(draw.pick(&[None, Some(1.0), Some(-30.0)]), &row) {
             Ok(answer) => {
                 assert!((0.0..=1.0).contains(&answer.probability), "{answer:?}");
                 assert!((0.0..=1.0).contains(&answer.off_map), "{answer:?}");

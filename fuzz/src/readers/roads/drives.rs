@@ -1,8 +1,10 @@
 //! Drives of arbitrary points.
 
-use wayfix_roads::NetworkBuilder;
 use wayfix::map::{Position, RoadClass};
-use wayfix_roads::matching::{MatchError, MatchModel, MatchedDrive, Matcher, RoadAnswer, TracePoint};
+use wayfix_roads::NetworkBuilder;
+use wayfix_roads::matching::{
+    MatchError, MatchModel, MatchedDrive, Matcher, RoadAnswer, TracePoint,
+};
 
 use super::super::check_message;
 use super::{CORNERS, place};
@@ -159,7 +161,7 @@ pub(super) fn any_points(draw: &mut Draw<'_>, counts: &mut Counts) {
         let point = point(draw, corner, before);
         counts.note(|| format!("{point:?} {:?}", matcher.model()));
         let (was, drive) = (vehicle.clone(), [points[points.len() - 1], point]);
-        match matcher.step(&mut vehicle, &point) {
+        match vehicle.step(&matcher, &point) {
             Ok(log) => {
                 assert!(log.is_finite(), "{log}");
                 before = point.time;

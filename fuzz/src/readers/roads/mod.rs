@@ -2,15 +2,14 @@
 
 mod drives;
 mod networks;
-#[path = "../../../../tests/it/road_import/pbf.rs"]
+#[path = "../../../../crates/roads/tests/it/road_import/pbf.rs"]
 mod pbf;
 mod traces;
 mod vehicles;
 
 use std::io::Cursor;
 
-use wayfix_roads::{ImportOptions, ImportReport, RoadNetwork};
-use wayfix::map::MapError;
+use wayfix_roads::{ImportOptions, ImportReport, NetworkError, RoadNetwork};
 
 use super::{check_message, damage::damaged};
 use crate::counts::Counts;
@@ -160,7 +159,7 @@ fn extract(draw: &mut Draw<'_>, counts: &mut Counts) {
 
 /// Checks a network and its report, or an error.
 fn check(
-    read: Result<(RoadNetwork, ImportReport), MapError>,
+    read: Result<(RoadNetwork, ImportReport), NetworkError>,
     file: &[u8],
     draw: &mut Draw<'_>,
     counts: &mut Counts,
@@ -179,11 +178,11 @@ fn check(
     }
 }
 
-fn refused(error: &MapError, file: &[u8], counts: &mut Counts) {
+fn refused(error: &NetworkError, file: &[u8], counts: &mut Counts) {
     counts.add("files refused");
     counts.note(|| error.to_string());
     check_message(error);
-    if let MapError::Line { line, .. } = error {
+    if let NetworkError::Line { line, .. } = error {
         let lines = file.len() as u64 + 1;
         assert!((1..=lines).contains(line), "line {line} of at most {lines}");
     }

@@ -1,8 +1,8 @@
 //! Checks of networks that were accepted, and of their cleaning.
 
-use wayfix_roads::{Cleaning, ImportNote, ImportOptions, RoadNetwork};
 use wayfix::map::Position;
 use wayfix_roads::matching::Matcher;
+use wayfix_roads::{Cleaning, ImportNote, ImportOptions, RoadNetwork};
 
 use super::super::check_message;
 use super::drives;

@@ -1,6 +1,6 @@
 //! Drives from files of each format.
 
-use wayfix::map::MapError;
+use wayfix_roads::NetworkError;
 use wayfix_roads::matching::read_traces_from;
 
 use super::super::damage::damaged;
@@ -47,7 +47,7 @@ pub(super) fn traces(draw: &mut Draw<'_>, counts: &mut Counts) {
             }
         }
         Err(error) => {
-            if let MapError::Feature { feature, .. } = &error {
+            if let NetworkError::Feature { feature, .. } = &error {
                 assert!((1..=file.len()).contains(feature), "feature {feature}");
             }
             refused(&error, &file, counts);
