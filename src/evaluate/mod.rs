@@ -6,19 +6,18 @@
 //!
 //! - **States** against true ones: [`accuracy`], [`mean_error`], and
 //!   [`illegal_moves`] of a path.
-//! - **Places** recognised: [`recall_within`] a tolerance. With a confidence for each answer, a
-//!   [`ThresholdCurve`] shows the recall at each precision, or how well a score tells places on the
-//!   map from others.
+//! - **Places** recognised: [`recall_within`] a tolerance. (Curves over thresholds of a confidence
+//!   are in wayfix-recognition.)
 //! - **Probabilities** against outcomes: [`reliability`] by bins, with the
 //!   calibration errors, [`brier_score`], [`binary_log_score`], and
 //!   [`log_score`] for beliefs over places.
 //! - **Localisation**: [`steps_to_localize`], [`steps_to_localize_correctly`].
 //!
 //! ```
-//! use wayfix::evaluate::{ThresholdCurve, self};
+//! use wayfix::evaluate;
 //!
 //! // The true places of four pictures (the third shows a new place), and a
-//! // recogniser's answers, each with its confidence.
+//! // recogniser's answers, each with the probability that it is right.
 //! let truth = [Some(3..=5), Some(9..=9), None, Some(20..=22)];
 //! let answers = [(4, 0.9), (30, 0.2), (7, 0.4), (23, 0.8)];
 //!
@@ -26,15 +25,14 @@
 //! assert_eq!(evaluate::recall_within(&truth, &places, 1)?, 2.0 / 3.0);
 //!
 //! let mut judged = Vec::new();
-//! for (truth, (place, confidence)) in truth.iter().zip(answers) {
+//! for (truth, (place, probability)) in truth.iter().zip(answers) {
 //!     let right = match truth {
 //!         Some(places) => evaluate::is_within(places, place, 1)?,
 //!         None => false,
 //!     };
-//!     judged.push((confidence, right));
+//!     judged.push((probability, right));
 //! }
-//! let curve = ThresholdCurve::precision_recall(&judged, 3)?; // 3 have a right answer
-//! assert_eq!(curve.recall_at_precision(1.0)?, 2.0 / 3.0);
+//! assert!(evaluate::brier_score(&judged)? < 0.1);
 //! # Ok::<(), evaluate::EvaluationError>(())
 //! ```
 

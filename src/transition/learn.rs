@@ -135,6 +135,7 @@ pub trait LearnTransition: TransitionEntries + Sized {
 /// use wayfix::transition::{LearnFromMoves, MoveCounts, kit};
 /// use wayfix::{Belief, Hmm, Prior, TableLikelihood, Transition, TransitionEntries, TransitionError};
 ///
+/// #[derive(Clone)]
 /// struct Around {
 ///     places: usize,
 ///     moves: f64,

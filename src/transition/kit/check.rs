@@ -161,9 +161,11 @@ impl Unit {
 
 /// True if two base-2 logarithms count as equal; false for NaN.
 fn close(found: f64, expected: f64, least: f64) -> bool {
-    let tolerance = TOLERANCE * expected.abs().max(1.0);
+    // Beside an entry of 0, whose logarithm is infinite, nothing is close by a relative difference.
+    let relative =
+        expected.is_finite() && (found - expected).abs() <= TOLERANCE * expected.abs().max(1.0);
     found == expected
-        || (found - expected).abs() <= tolerance
+        || relative
         // Both are no more than rounding errors of larger entries.
         || (found <= least && expected <= least)
 }
@@ -458,6 +460,7 @@ mod tests {
                 assert!(close(unit.log2(unit.of(log)), log, f64::NEG_INFINITY));
             }
         }
+        assert!(!close(0.0, f64::NEG_INFINITY, -40.0) && !close(f64::NEG_INFINITY, 0.0, -40.0));
         assert!(!close(f64::NAN, 0.0, 1.0) && !close(Unit::Linear.log2(-1.0), 0.0, 1.0));
     }
 }
