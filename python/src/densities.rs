@@ -4,8 +4,8 @@
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use wayfix::Likelihood;
-use wayfix_learn::{Gaussian, Poisson};
 use wayfix::likelihood::Scratch;
+use wayfix_learn::{Gaussian, Poisson};
 
 use crate::array::matrix;
 use crate::error::{invalid, of_step};

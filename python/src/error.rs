@@ -4,10 +4,10 @@
 use pyo3::create_exception;
 use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
-use wayfix::error::{SequenceError, TransitionError};
 use wayfix::InferenceError;
-use wayfix_roads::matching::MatchError;
+use wayfix::error::{SequenceError, TransitionError};
 use wayfix_recognition::RecognitionError;
+use wayfix_roads::matching::MatchError;
 
 create_exception!(
     wayfix,

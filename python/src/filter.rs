@@ -54,7 +54,7 @@ live_methods!(PyFilter, FilterSnapshot, |live| live, {
         &self,
         py: Python<'py>,
     ) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>,))> {
-        Ok((self.hmm.bind(py).getattr("filter_from_bytes")?, (self.to_bytes(py),)))
+        Ok((self.hmm.bind(py).getattr("filter_from_bytes")?, (self.to_bytes(py)?,)))
     }
 
     fn __repr__(&self) -> String {

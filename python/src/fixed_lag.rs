@@ -94,7 +94,7 @@ live_methods!(PyFixedLag, FixedLagSnapshot<()>, |live| live.filter(), {
         py: Python<'py>,
     ) -> PyResult<(Bound<'py, PyAny>, (Py<PyHmm>, usize, Bound<'py, PyBytes>))> {
         let made = py.get_type::<Self>().getattr("_from_bytes")?;
-        Ok((made, (self.hmm.clone_ref(py), self.lag(), self.to_bytes(py))))
+        Ok((made, (self.hmm.clone_ref(py), self.lag(), self.to_bytes(py)?)))
     }
 
     fn __repr__(&self) -> String {

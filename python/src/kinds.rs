@@ -7,8 +7,8 @@ use std::sync::Arc;
 
 use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
-use wayfix_learn::Rows;
 use wayfix::{DenseTransition, Hmm, LikelihoodVector, Prior, SparseTransition, TableLikelihood};
+use wayfix_learn::Rows;
 
 use crate::array::{self, matrix};
 use crate::error::{invalid, of_several};

@@ -2,8 +2,38 @@
 //! classes, so a macro writes the methods into each class.
 
 use pyo3::prelude::*;
+use wayfix::inference::{FilterSnapshot, FixedLagSnapshot};
 
 use crate::array::{contiguous, doubles};
+use crate::error::invalid;
+
+/// State of a stream that is stored as bytes, from which it continues with the same bits.
+pub(crate) trait StoredState: Sized {
+    fn write(&self) -> PyResult<Vec<u8>>;
+    fn read(bytes: &[u8]) -> PyResult<Self>;
+}
+
+impl StoredState for FilterSnapshot {
+    fn write(&self) -> PyResult<Vec<u8>> {
+        Ok(self.to_bytes())
+    }
+
+    fn read(bytes: &[u8]) -> PyResult<Self> {
+        Self::from_bytes(bytes).map_err(invalid)
+    }
+}
+
+// The library has a format of its own for filters alone; this is JSON.
+impl StoredState for FixedLagSnapshot<()> {
+    fn write(&self) -> PyResult<Vec<u8>> {
+        serde_json::to_vec(self).map_err(invalid)
+    }
+
+    fn read(bytes: &[u8]) -> PyResult<Self> {
+        serde_json::from_slice(bytes)
+            .map_err(|error| invalid(format!("the state of a FixedLag: {error}")))
+    }
+}
 
 /// Stream over a model with one of the two operators and one of the two sensors.
 #[derive(Debug, Clone)]
@@ -118,13 +148,14 @@ macro_rules! live_methods {
             }
 
             /// Returns the state as bytes, without the model.
-            fn to_bytes<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
-                PyBytes::new(py, &with_live!(&self.live, |live| live.snapshot().to_bytes()))
+            fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+                let bytes = with_live!(&self.live, |live| $crate::live::StoredState::write(&live.snapshot()));
+                Ok(PyBytes::new(py, &bytes?))
             }
 
             /// Restores the state that `to_bytes` returned; it continues with the same bits.
             pub(crate) fn restore(&mut self, bytes: &[u8]) -> PyResult<()> {
-                let snapshot = <$snapshot>::from_bytes(bytes).map_err(invalid)?;
+                let snapshot = <$snapshot as $crate::live::StoredState>::read(bytes)?;
                 with_live!(&mut self.live, |live| live.restore(&snapshot)).map_err(invalid)
             }
 

@@ -3,41 +3,64 @@
 //! The threads work without the global lock. The thread that called waits for them and looks for
 //! signals meanwhile, since Python handles these on its main thread only.
 
-use std::ops::ControlFlow;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
 
 use pyo3::prelude::*;
 use wayfix::error::SequenceError;
+use wayfix::{Hmm, Likelihood, Sequence, Transition};
 
 use crate::error::of_sequence;
 use crate::watch::{PAUSE, Watch, Watched, caught, computed, defect};
 
-/// Takes the result of a sequence by its number.
-pub(crate) type Visit<'v, R> =
-    dyn FnMut(usize, Result<R, SequenceError>) -> ControlFlow<SequenceError> + 'v;
+/// Most sequences of a chunk: enough to find groups of nearly the same length among them, and few
+/// enough to report progress often.
+const SEQUENCES: usize = 256;
+/// Numbers, one for each state at each step, that fill a chunk: 32 MB. Any eight sequences that are
+/// short enough for the library to run them side by side have no more, so that no group is cut.
+const NUMBERS: usize = 1 << 22;
 
-/// Returns a visitor that keeps a part of each result and stops at the first error.
-pub(crate) fn collect<R, T>(
-    results: &mut Vec<T>,
-    mut make: impl FnMut(R) -> T,
-) -> impl FnMut(usize, Result<R, SequenceError>) -> ControlFlow<SequenceError> {
-    move |_, result| match result {
-        Ok(result) => {
-            results.push(make(result));
-            ControlFlow::Continue(())
+/// Runs a routine on the sequences, a chunk at a time, and passes each result on, in order, up to
+/// the first error. Besides what is kept of them, there are only the results of one chunk.
+pub(crate) fn in_chunks<A: Transition, B: Likelihood, S, R>(
+    hmm: &Hmm<A, B>,
+    watch: &Watch,
+    sequences: Vec<S>,
+    run: impl Fn(&[Watched<'_, S>]) -> Vec<Result<R, SequenceError>>,
+    mut take: impl FnMut(R),
+) -> Result<(), SequenceError>
+where
+    S: Sequence<A::Control, B::Observation>,
+{
+    let numbers = |sequence: &S| hmm.states().saturating_mul(sequence.steps());
+    let sizes: Vec<usize> = sequences.iter().map(numbers).collect();
+    let sequences = watch.over_all(sequences);
+    let mut start = 0;
+    while start < sequences.len() {
+        let end = start + chunk(&sizes[start..]);
+        for result in run(&sequences[start..end]) {
+            // The routine counts from the start of the chunk.
+            take(result.map_err(|error| of_part(start, error))?);
         }
-        Err(error) => ControlFlow::Break(error),
+        start = end;
     }
+    Ok(())
 }
 
-/// Raises the error that ended the visits, if one did.
-pub(crate) fn check(py: Python<'_>, ended: ControlFlow<SequenceError>) -> PyResult<()> {
-    match ended {
-        ControlFlow::Continue(()) => Ok(()),
-        ControlFlow::Break(error) => Err(of_sequence(py, &error)),
+/// Returns the number of sequences of the next chunk, given how many numbers each has.
+fn chunk(sizes: &[usize]) -> usize {
+    let (mut count, mut numbers) = (0, 0_usize);
+    while count < sizes.len().min(SEQUENCES) && numbers < NUMBERS {
+        numbers = numbers.saturating_add(sizes[count]);
+        count += 1;
     }
+    count
+}
+
+/// Returns the error of a sequence of a part, counted from the first sequence of all.
+fn of_part(start: usize, error: SequenceError) -> SequenceError {
+    SequenceError { sequence: start + error.sequence, ..error }
 }
 
 /// Average number of parts for each thread, so that threads with short sequences take more parts.
@@ -50,23 +73,27 @@ pub(crate) struct Way<'a, 'py> {
     pub(crate) progress: Option<&'a Bound<'py, PyAny>>,
 }
 
-/// Returns a part of the result of each sequence, in order, or raises the first error.
-pub(crate) fn results<S: Send, R, T: Send>(
+/// Returns the result of each sequence, in order, or raises the first error.
+pub(crate) fn results<A, B, S, R: Send>(
     py: Python<'_>,
     way: &Way<'_, '_>,
+    hmm: &Hmm<A, B>,
     sequences: Vec<S>,
-    run: impl Fn(Vec<Watched<'_, S>>, &mut Visit<'_, R>) -> ControlFlow<SequenceError> + Sync,
-    make: impl Fn(R) -> T + Sync,
-) -> PyResult<Vec<T>> {
+    run: impl Fn(&[Watched<'_, S>]) -> Vec<Result<R, SequenceError>> + Sync,
+) -> PyResult<Vec<R>>
+where
+    A: Transition + Sync,
+    B: Likelihood + Sync,
+    S: Sequence<A::Control, B::Observation> + Send,
+{
     let (all, done) = (sequences.len(), AtomicUsize::new(0));
-    let part = |sequences: Vec<S>, watch: &Watch| -> Result<Vec<T>, SequenceError> {
+    let part = |sequences: Vec<S>, watch: &Watch| -> Result<Vec<R>, SequenceError> {
         let mut kept = Vec::with_capacity(sequences.len());
-        let count = |result| {
+        in_chunks(hmm, watch, sequences, &run, |result| {
             done.fetch_add(1, Ordering::Relaxed);
-            make(result)
-        };
-        let ended = run(watch.over_all(sequences), &mut collect(&mut kept, count));
-        ended.break_value().map_or(Ok(kept), Err)
+            kept.push(result);
+        })?;
+        Ok(kept)
     };
     // One thread without progress needs no other thread: the sequences themselves look for signals.
     if way.jobs <= 1 && way.progress.is_none() {
@@ -85,8 +112,7 @@ pub(crate) fn results<S: Send, R, T: Send>(
             Err(error) => {
                 // Parts are contiguous and come in order, and those before were kept whole, so
                 // `kept` has as many results as there are sequences before this part.
-                let sequence = kept.len() + error.sequence;
-                return Err(of_sequence(py, &SequenceError { sequence, ..error }));
+                return Err(of_sequence(py, &of_part(kept.len(), error)));
             }
         }
     }

@@ -251,7 +251,7 @@ impl PyHmm {
         let (all, way) =
             (self.model.many(sequences, lengths)?, Way { jobs: threads(n_jobs)?, progress });
         let scores = with_sequences!(&self.model, &all, |hmm, ys| {
-            results(py, &way, ys, |ys, visit| hmm.log_likelihood_map_all(ys, visit), |score| score)?
+            results(py, &way, hmm, ys, |ys| hmm.log_likelihood_all(ys))?
         });
         Ok(PyArray1::from_vec(py, scores))
     }
@@ -270,7 +270,7 @@ impl PyHmm {
         let (all, way) =
             (self.model.many(sequences, lengths)?, Way { jobs: threads(n_jobs)?, progress });
         let smoothed = with_sequences!(&self.model, &all, |hmm, ys| {
-            results(py, &way, ys, |ys, visit| hmm.smooth_map_all(ys, visit), |smoothed| smoothed)?
+            results(py, &way, hmm, ys, |ys| hmm.smooth_all(ys))?
         });
         smoothed.into_iter().map(|smoothed| PySmoothed::smoothed(py, smoothed)).collect()
     }
@@ -289,7 +289,7 @@ impl PyHmm {
         let (all, way) =
             (self.model.many(sequences, lengths)?, Way { jobs: threads(n_jobs)?, progress });
         let paths = with_sequences!(&self.model, &all, |hmm, ys| {
-            results(py, &way, ys, |ys, visit| hmm.viterbi_map_all(ys, visit), |path| path)?
+            results(py, &way, hmm, ys, |ys| hmm.viterbi_all(ys))?
         });
         Ok(paths.into_iter().map(|path| PyPath::of(py, path)).collect())
     }

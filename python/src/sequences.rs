@@ -8,14 +8,14 @@ use std::sync::atomic::AtomicU64;
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, ToPyArray};
 use pyo3::prelude::*;
-use wayfix_learn::Rows;
 use wayfix::inference::{SmoothedSequence, ViterbiPath};
 use wayfix::{Belief, DenseTransition, Hmm, Likelihood, LikelihoodVector, Prior};
+use wayfix_learn::Rows;
 
 use crate::array::{contiguous, matrix};
 use crate::error::{invalid, of_sequence};
 use crate::kinds::split;
-use crate::many::{check, collect};
+use crate::many::in_chunks;
 use crate::recorder::Recorder;
 use crate::results::states_of;
 use crate::watch::{Watch, Watched, computed};
@@ -112,9 +112,10 @@ pub(crate) fn log_likelihoods<'py>(
     let hmm = input.of_rows()?;
     let mut scores = Vec::with_capacity(lengths.len());
     let run = |watch: &Watch| {
-        hmm.log_likelihood_map_all(input.watched(watch), collect(&mut scores, |score| score))
+        let keep = |score| scores.push(score);
+        in_chunks(&hmm, watch, input.sequences.clone(), |ys| hmm.log_likelihood_all(ys), keep)
     };
-    check(py, computed(py, run)?)?;
+    computed(py, run)?.map_err(|error| of_sequence(py, &error))?;
     Ok(PyArray1::from_vec(py, scores))
 }
 
@@ -136,7 +137,7 @@ pub(crate) fn smooth<'py>(
         // The first row of a result is step 0, before the first observation. A single result is
         // kept in its own memory: a copy beside it may be more than fits.
         let keep = |smoothed: SmoothedSequence| {
-            let log_likelihood = smoothed.log_likelihood();
+            scores.push(smoothed.log_likelihood());
             if lengths.len() == 1 {
                 posteriors = smoothed.into_posteriors().into_vec();
                 posteriors.drain(..n);
@@ -145,11 +146,10 @@ pub(crate) fn smooth<'py>(
                 posteriors.reserve_exact(input.values.len() - posteriors.len());
                 posteriors.extend_from_slice(&smoothed.posteriors().as_slice()[n..]);
             }
-            log_likelihood
         };
-        hmm.smooth_map_all(input.watched(watch), collect(&mut scores, keep))
+        in_chunks(&hmm, watch, input.sequences.clone(), |ys| hmm.smooth_all(ys), keep)
     };
-    check(py, computed(py, run)?)?;
+    computed(py, run)?.map_err(|error| of_sequence(py, &error))?;
     Ok((PyArray1::from_vec(py, scores), input.rows(py, posteriors)?))
 }
 
@@ -169,13 +169,12 @@ pub(crate) fn viterbi<'py>(
     let mut states = Vec::with_capacity(input.values.len() / input.states);
     let run = |watch: &Watch| {
         let keep = |path: ViterbiPath| {
-            let score = path.log_probability();
+            scores.push(path.log_probability());
             states.extend(states_of(path));
-            score
         };
-        hmm.viterbi_map_all(input.watched(watch), collect(&mut scores, keep))
+        in_chunks(&hmm, watch, input.sequences.clone(), |ys| hmm.viterbi_all(ys), keep)
     };
-    check(py, computed(py, run)?)?;
+    computed(py, run)?.map_err(|error| of_sequence(py, &error))?;
     Ok((PyArray1::from_vec(py, scores), PyArray1::from_vec(py, states)))
 }
 

@@ -11,7 +11,6 @@ import wayfix
 from test_learning import parts, smooth
 from wayfix.learning import Family, learn
 
-T = scipy.stats.t
 MEANS = np.array([[0.0, 1.0], [2.0, -1.0]])
 COVARIANCES = np.array([[[1.0, 0.3], [0.3, 2.0]], [[2.0, -0.5], [-0.5, 0.5]]])
 POINTS = [[0.1, 0.4], [3.0, -2.0], [-1.0, 5.0]]
@@ -29,14 +28,6 @@ def mixture(k):
     parts = [lambda y, w=w, m=m, v=v: np.log(w) + scipy.stats.norm(m, v**0.5).logpdf(y[:, 0])
              for w, m, v in zip(weights, means, [[1.0, 2.0], [0.5, 4.0]][k], strict=True)]
     return lambda y: scipy.special.logsumexp([part(y) for part in parts], axis=0)
-
-
-def skewed(location, scale, skew, degrees):
-    """Fernández and Steel (1998)."""
-    def log(y):
-        z = (y[:, 0] - location) / scale
-        return np.log(2 / (scale * (skew + 1 / skew))) + T(degrees).logpdf(np.where(z < 0, z * skew, z / skew))
-    return log
 
 
 def beside(law, p, kind):
@@ -79,8 +70,6 @@ FAMILIES = {
                     [[5, 3, 1], [0, 0, 2], [1, 4, 9]]),
     "negative_binomial": (dict(means=[[2.0], [9.0]], dispersions=[[0.5], [1.5]]),
                           lambda k: lambda y: counted([2, 9][k], [0.5, 1.5][k]).logpmf(y[:, 0]), COUNTS),
-    "skewed_t": (dict(locations=[[0.1], [0.0]], scales=[[0.6], [2.0]], skewnesses=[[1.0], [0.8]], degrees=[[8.0], [4.0]]),
-                 lambda k: skewed(*[(0.1, 0.6, 1.0, 8.0), (0.0, 2.0, 0.8, 4.0)][k]), [[0.0], [-4.1], [2.5]]),
     "von_mises_fisher": (dict(means=UNIT[:2], concentrations=[20.0, 5.0]),
                          lambda k: scipy.stats.vonmises_fisher(UNIT[k], [20, 5][k]).logpdf, UNIT),
     "wrapped_cauchy": (dict(means=[[3.1], [0.5]], concentrations=[[0.2], [0.9]]),
@@ -124,7 +113,6 @@ def data(kind):
     rng = np.random.default_rng(5)
     state = np.repeat([0, 1] * 3, 100)
     return {
-        "real": np.where(state == 0, rng.standard_t(5, 600), 4 + 3 * rng.standard_t(4, 600)),
         "positive": np.where(state == 0, rng.gamma(2, 1, 600), rng.gamma(4, 3, 600)),
         "zeros": np.where(rng.random(600) < 0.3, 0, np.where(state == 0, rng.gamma(2, 1, 600), rng.gamma(4, 3, 600))),
         "counts": np.where(rng.random(600) < 0.3, 0, np.where(state == 0, rng.negative_binomial(2, 0.5, 600), rng.negative_binomial(3, 0.2, 600))),
@@ -140,7 +128,6 @@ LEARNED = {
     "gamma": ("positive", dict(shapes=[[1.0], [2.0]], scales=[[1.0], [5.0]])),
     "weibull": ("positive", dict(shapes=[[1.0], [2.0]], scales=[[2.0], [9.0]])),
     "log_normal": ("positive", dict(means=[[0.0], [2.0]], deviations=[[1.0], [1.0]])),
-    "skewed_t": ("real", dict(locations=[[0.0], [4.0]], scales=[[1.0], [3.0]], skewnesses=[[1.0], [1.2]], degrees=[[6.0], [5.0]])),
     "negative_binomial": ("counts", dict(means=[[2.0], [9.0]], dispersions=[[0.5], [0.5]])),
     "von_mises": ("angles", dict(means=[[0.5], [2.5]], concentrations=[[1.0], [4.0]])),
     "wrapped_cauchy": ("angles", dict(means=[[0.5], [2.5]], concentrations=[[0.3], [0.6]])),

@@ -328,7 +328,7 @@ ONE = {"time": [0.0, 1.0], "lat": [LAT, LAT], "lon": [LON, LON]}
     (lambda m: m.match_drive(ONE).credible(0, 1.5), "mass is 1.5"),
     (lambda m: m.start(0, 100, 0), "latitude 100"),
     (lambda m: m.start(0, LAT, LON).step(0, LAT, LON), "time 0"),
-    (lambda m: m.vehicle_from_bytes(b"abc"), "Vehicle|bytes"),
+    (lambda m: m.vehicle_from_bytes(b"abc"), "state of a vehicle: expected value"),
     (lambda m: Matcher(RoadNetwork(NODES, {"from": [1], "to": [2]})).vehicle_from_bytes(
         m.start(0, LAT, LON).to_bytes()), "network is another one"),
     (lambda m: m.with_model(noise=-1), "noise is -1"),

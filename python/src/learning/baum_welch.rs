@@ -4,10 +4,10 @@ use std::ops::ControlFlow;
 
 use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
-use wayfix_learn::Rows;
 use wayfix::error::{LearnError, SequenceError};
 use wayfix::inference::{LearnedModel, LearningOptions};
 use wayfix::{Hmm, Likelihood, Transition};
+use wayfix_learn::Rows;
 
 use super::family::PyFamily;
 use super::kinds::AnyFamily;
@@ -149,14 +149,13 @@ pub(crate) fn learn(
     table_count: f64,
     progress: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<PyLearned> {
-    let options = LearningOptions {
-        iterations: iterations.0,
-        tolerance,
-        keep_prior: keep_start,
-        prior_pseudo_count: start_count,
-        transition_pseudo_count: move_count,
-        likelihood_pseudo_count: table_count,
-    };
+    let options = LearningOptions::default()
+        .with_iterations(iterations.0)
+        .with_tolerance(tolerance)
+        .with_keep_prior(keep_start)
+        .with_prior_pseudo_count(start_count)
+        .with_transition_pseudo_count(move_count)
+        .with_likelihood_pseudo_count(table_count);
     let family = family.map(Bound::get);
     let symbols = || -> PyResult<Vec<Vec<usize>>> {
         // Otherwise the family would be ignored without a word.
@@ -174,7 +173,7 @@ pub(crate) fn learn(
         Model::DenseTable(hmm) => {
             let symbols = symbols()?;
             let found = run(py, progress, |watch, tell| {
-                hmm.learn_with(&watch.over_all(symbols), &options, tell)
+                hmm.learn_until(&watch.over_all(symbols), &options, tell)
             })?;
             let model = found.model();
             let moves = dense_moves(py, model.transition())?;
@@ -183,7 +182,7 @@ pub(crate) fn learn(
         Model::SparseTable(hmm) => {
             let symbols = symbols()?;
             let found = run(py, progress, |watch, tell| {
-                hmm.learn_with(&watch.over_all(symbols), &options, tell)
+                hmm.learn_until(&watch.over_all(symbols), &options, tell)
             })?;
             let model = found.model();
             let moves = sparse_moves(py, model.transition())?;
@@ -193,7 +192,7 @@ pub(crate) fn learn(
             let (hmm, arrays) = (with_family(hmm, family)?, read(&sequences)?);
             let rows = rows_of(&arrays)?;
             let found = run(py, progress, |watch, tell| {
-                hmm.learn_with(&watch.over_all(rows), &options, tell)
+                hmm.learn_until(&watch.over_all(rows), &options, tell)
             })?;
             let family = PyFamily(found.model().likelihood().clone());
             learned(py, &found, dense_moves(py, found.model().transition())?, None, Some(family))
@@ -202,7 +201,7 @@ pub(crate) fn learn(
             let (hmm, arrays) = (with_family(hmm, family)?, read(&sequences)?);
             let rows = rows_of(&arrays)?;
             let found = run(py, progress, |watch, tell| {
-                hmm.learn_with(&watch.over_all(rows), &options, tell)
+                hmm.learn_until(&watch.over_all(rows), &options, tell)
             })?;
             let family = PyFamily(found.model().likelihood().clone());
             learned(py, &found, sparse_moves(py, found.model().transition())?, None, Some(family))

@@ -19,9 +19,9 @@ use crate::options::{from_python, to_python};
 /// kind : str
 ///     "bernoulli", "beta", "binomial", "exponential", "gamma", "gaussian", "gaussian_mixture",
 ///     "linear_regression", "log_normal", "multinomial", "negative_binomial", "poisson",
-///     "skewed_t", "student_t", "von_mises", "von_mises_fisher", "weibull" or "wrapped_cauchy";
-///     or "zero_inflated_" before "binomial", "gamma", "log_normal", "negative_binomial",
-///     "poisson" or "weibull"; or "hurdle_" before "binomial", "negative_binomial" or "poisson".
+///     "student_t", "von_mises", "von_mises_fisher", "weibull" or "wrapped_cauchy"; or
+///     "zero_inflated_" before "binomial", "gamma", "log_normal", "negative_binomial", "poisson" or
+///     "weibull"; or "hurdle_" before "binomial", "negative_binomial" or "poisson".
 ///     The last two take `probabilities` and, in a dictionary `inner`, the parameters of the family
 ///     whose name follows.
 /// **parameters
@@ -48,7 +48,6 @@ use crate::options::{from_python, to_python};
 /// multinomial         probabilities; trials, a number (1)
 /// negative_binomial   means, dispersions
 /// poisson             rates
-/// skewed_t            locations, scales, skewnesses, degrees
 /// student_t           scale_type, degrees (n,), means, scales (as covariances, see below)
 /// von_mises           means, concentrations
 /// von_mises_fisher    means, concentrations (n,)

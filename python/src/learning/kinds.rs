@@ -8,9 +8,13 @@ use std::error::Error;
 use pyo3::prelude::*;
 use serde_json::Value;
 use wayfix::Likelihood;
-use wayfix_learn::{Bernoulli, Beta, Binomial, Exponential, Family, Gamma, Gaussian, GaussianMixture, Hurdle, Independent, LinearRegression, LogNormal, Multinomial, NegativeBinomial, Poisson, SkewedT, StudentT, VonMises, VonMisesFisher, Weibull, WrappedCauchy, ZeroInflated};
 use wayfix::error::LikelihoodError;
 use wayfix::likelihood::{Diagonal, LearnLikelihood, Scratch};
+use wayfix_learn::{
+    Bernoulli, Beta, Binomial, Exponential, Family, Gamma, Gaussian, GaussianMixture, Hurdle,
+    Independent, LinearRegression, LogNormal, Multinomial, NegativeBinomial, Poisson, StudentT,
+    VonMises, VonMisesFisher, Weibull, WrappedCauchy, ZeroInflated,
+};
 
 use crate::error::invalid;
 use crate::options::merge;
@@ -164,7 +168,6 @@ families! {
     Multinomial, "multinomial", Multinomial, MULTINOMIAL;
     NegativeBinomial, "negative_binomial", Independent<NegativeBinomial>, USUAL;
     Poisson, "poisson", Independent<Poisson>, USUAL;
-    SkewedT, "skewed_t", Independent<SkewedT>, USUAL;
     StudentT, "student_t", StudentT, STUDENT;
     VonMises, "von_mises", Independent<VonMises>, USUAL;
     VonMisesFisher, "von_mises_fisher", VonMisesFisher, USUAL;

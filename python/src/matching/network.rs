@@ -6,8 +6,8 @@ use std::sync::Arc;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, ToPyArray};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
-use wayfix_roads::{Cleaning, ImportOptions, ImportReport, RoadNetwork};
-use wayfix::map::{MapError, Position};
+use wayfix::map::Position;
+use wayfix_roads::{Cleaning, ImportOptions, ImportReport, NetworkError, RoadNetwork};
 
 use super::stored::Stored;
 use crate::error::invalid;
@@ -93,13 +93,18 @@ fn options(
     cleaning: Vec<Operation>,
 ) -> PyResult<ImportOptions> {
     let cleaning = cleaning.into_iter().map(Operation::cleaning).collect::<PyResult<_>>()?;
-    Ok(ImportOptions { service_roads, parking_aisles, tracks, private_roads, cleaning })
+    Ok(ImportOptions::default()
+        .with_service_roads(service_roads)
+        .with_parking_aisles(parking_aisles)
+        .with_tracks(tracks)
+        .with_private_roads(private_roads)
+        .with_cleaning(cleaning))
 }
 
 impl PyRoadNetwork {
     fn imported(
         py: Python<'_>,
-        import: impl FnOnce() -> Result<(RoadNetwork, ImportReport), MapError> + Send + 'static,
+        import: impl FnOnce() -> Result<(RoadNetwork, ImportReport), NetworkError> + Send + 'static,
     ) -> PyResult<Self> {
         let imported = in_background(py, move |_| import())?;
         let (network, report) = imported.map_err(invalid)?;
@@ -290,11 +295,11 @@ impl PyRoadNetwork {
 }
 
 /// Makes an error name the row of a frame rather than the line of its text.
-fn in_frame(error: MapError) -> MapError {
+fn in_frame(error: NetworkError) -> NetworkError {
     match error {
         // Line 1 is the header, so row 0 is in line 2.
-        MapError::Line { file, line: line @ 2.., problem } => {
-            MapError::Read { file: format!("row {} of {file}", line - 2), reason: problem }
+        NetworkError::Line { file, line: line @ 2.., problem } => {
+            NetworkError::Read { file: format!("row {} of {file}", line - 2), reason: problem }
         }
         other => other,
     }

@@ -2,8 +2,8 @@
 //! would not do, since it has no ids and no forbidden turns.
 
 use serde::{Deserialize, Serialize};
-use wayfix_roads::{EdgeOptions, NetworkBuilder, RoadNetwork};
 use wayfix::map::{Place, Position, RoadClass};
+use wayfix_roads::{EdgeOptions, NetworkBuilder, NetworkError, RoadNetwork};
 
 type Point = (f64, f64);
 
@@ -54,7 +54,7 @@ impl Stored {
     }
 
     pub(super) fn network(self) -> Result<RoadNetwork, String> {
-        let text = |error: wayfix::map::MapError| error.to_string();
+        let text = |error: NetworkError| error.to_string();
         let mut builder = NetworkBuilder::new();
         for (id, point, name) in self.nodes {
             builder.place(Place { id, position: position(point), name }).map_err(text)?;
@@ -63,7 +63,11 @@ impl Stored {
         for (from, to, class, metres, speed, roundabout, between) in self.edges {
             let class: RoadClass = class.parse()?;
             let between = between.into_iter().map(position).collect();
-            let options = EdgeOptions { class, metres: Some(metres), speed, roundabout, between };
+            let options = EdgeOptions::of(class)
+                .with_metres(metres)
+                .with_speed(speed)
+                .with_roundabout(roundabout)
+                .with_between(between);
             builder.edge(from, to, options).map_err(text)?;
             ends.push((from, to));
         }

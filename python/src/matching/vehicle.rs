@@ -29,7 +29,8 @@ impl PyVehicle {
     }
 
     pub(super) fn from_bytes(matcher: &Bound<'_, PyMatcher>, bytes: &[u8]) -> PyResult<Self> {
-        let vehicle = Vehicle::from_bytes(bytes).map_err(invalid)?;
+        let vehicle: Vehicle = serde_json::from_slice(bytes)
+            .map_err(|error| invalid(format!("the state of a vehicle: {error}")))?;
         // Fails for a vehicle of another network: here, rather than at its next point.
         vehicle.credible(&matcher.get().matcher, 0.5).map_err(invalid)?;
         Ok(Self::new(matcher, vehicle))
@@ -71,7 +72,7 @@ impl PyVehicle {
         let matcher = &self.matcher.get().matcher;
         // The number of points is read under the same lock: another thread may take a step.
         let (points, done) =
-            self.with(py, |vehicle| (vehicle.points(), matcher.step(vehicle, &point)));
+            self.with(py, |vehicle| (vehicle.points(), vehicle.step(matcher, &point)));
         done.map_err(|error| placed(py, of_drive(py, &error), 0, Some(points + 1)))
     }
 
@@ -124,9 +125,10 @@ impl PyVehicle {
         self.with(py, |vehicle| vehicle.log_likelihood())
     }
 
-    /// Returns the state as bytes, for `vehicle_from_bytes` of a matcher with the same network.
-    fn to_bytes<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
-        PyBytes::new(py, &self.with(py, |vehicle| vehicle.to_bytes()))
+    /// Returns the state as bytes (JSON), for `vehicle_from_bytes` of a matcher with the same network.
+    fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        let bytes = self.with(py, |vehicle| serde_json::to_vec(vehicle));
+        Ok(PyBytes::new(py, &bytes.map_err(invalid)?))
     }
 
     fn __copy__(&self, py: Python<'_>) -> Self {
@@ -143,7 +145,7 @@ impl PyVehicle {
         &self,
         py: Python<'py>,
     ) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>,))> {
-        Ok((self.matcher.bind(py).getattr("vehicle_from_bytes")?, (self.to_bytes(py),)))
+        Ok((self.matcher.bind(py).getattr("vehicle_from_bytes")?, (self.to_bytes(py)?,)))
     }
 
     fn __repr__(&self, py: Python<'_>) -> String {

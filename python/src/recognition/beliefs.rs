@@ -47,7 +47,7 @@ impl Answers {
         py: Python<'_>,
         recognizer: Recognizer,
     ) -> PyResult<PyPlaceBeliefs> {
-        let off_map = usize::from(recognizer.options().off_map.is_some());
+        let off_map = usize::from(recognizer.options().off_map().is_some());
         // The state off the map comes after the references.
         let width = recognizer.references() + off_map;
         let probabilities = PyArray1::from_vec(py, self.rows).reshape([self.steps, width])?;

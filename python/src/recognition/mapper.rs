@@ -78,7 +78,7 @@ impl PyMapper {
         let query = self::query(query, false)?;
         // NaN is a missing reading, as it is in arrays.
         let odometry = odometry.filter(|reading| !reading.is_nan());
-        let seen = py.detach(|| self.lock().step(&query, odometry));
+        let seen = py.detach(|| self.lock().step_with(odometry, &query));
         Ok(seen.map_err(|error| recognition(py, &error))?.map(PyAnswer::from))
     }
 

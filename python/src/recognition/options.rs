@@ -4,9 +4,9 @@
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use serde_json::Value;
+use wayfix_recognition::Options;
 use wayfix_recognition::motion::Speeds;
 use wayfix_recognition::observation::Distance;
-use wayfix_recognition::Options;
 
 use crate::error::{invalid, reserve};
 use crate::options::replaced;
@@ -14,11 +14,11 @@ use crate::options::replaced;
 /// Returns options with those of a dictionary replaced.
 pub(super) fn options(before: &Options, given: Option<&Bound<'_, PyDict>>) -> PyResult<Options> {
     let mut before = before.clone();
-    let off_map = before.off_map.unwrap_or_default();
+    let off_map = before.off_map().unwrap_or_default();
     // Rates may be given in part. If none are set yet, the rest are the defaults: merged into null,
     // the part alone would remain.
     if given.is_some_and(|given| given.contains("off_map").unwrap_or(false)) {
-        before.off_map = Some(off_map);
+        before = before.with_off_map(Some(off_map));
     }
     replaced(&before, given, |given| {
         // True and False stand for the rates of before, and for none.
@@ -54,7 +54,7 @@ fn stored<T: serde::Serialize>(value: &T) -> PyResult<Value> {
 /// Raises MemoryError if the tables for the references would not fit into memory, where the library
 /// would abort.
 pub(super) fn check_memory(references: usize, options: &Options) -> PyResult<()> {
-    let speeds = options.speeds.values().len();
+    let speeds = options.speeds().values().len();
     // Beyond the range of its indices, the library returns an error before it allocates.
     if references.saturating_mul(speeds + 1) > u32::MAX as usize {
         return Ok(());

@@ -214,7 +214,7 @@ impl PyRecognizer {
     /// Reasons to doubt the fit, as texts; empty for parameters that were read from JSON.
     #[getter]
     fn doubts(&self) -> Vec<String> {
-        self.recognizer.parameters().doubts().iter().map(ToString::to_string).collect()
+        self.recognizer.parameters().warnings().iter().map(ToString::to_string).collect()
     }
 
     /// Starts to track a vehicle, which may be anywhere on the route at first.

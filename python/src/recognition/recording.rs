@@ -111,7 +111,7 @@ impl PyRecording {
     /// as texts. Costs as much as `filtered`.
     fn doubts(&self, py: Python<'_>) -> PyResult<Vec<String>> {
         let recording = Arc::clone(&self.recording);
-        in_background(py, move |_| recording.doubts().iter().map(ToString::to_string).collect())
+        in_background(py, move |_| recording.warnings().iter().map(ToString::to_string).collect())
     }
 
     fn __copy__(&self, py: Python<'_>) -> Self {

@@ -67,7 +67,7 @@ impl PyTrack {
     ) -> PyResult<PyAnswer> {
         let query = self::query(query, self.negated)?;
         let odometry = odometry.filter(|reading| !reading.is_nan());
-        let answer = self.with(py, |track| track.step(&query, odometry));
+        let answer = self.with(py, |track| track.step_with(odometry, &query));
         Ok(answer.map_err(|error| recognition(py, &error))?.into())
     }
 
@@ -75,7 +75,7 @@ impl PyTrack {
     #[pyo3(signature = (odometry=None))]
     fn predict(&self, py: Python<'_>, odometry: Option<f64>) -> PyResult<PyAnswer> {
         let odometry = odometry.filter(|reading| !reading.is_nan());
-        let answer = self.with(py, |track| track.predict(odometry));
+        let answer = self.with(py, |track| track.predict_with(odometry));
         Ok(answer.map_err(|error| recognition(py, &error))?.into())
     }
 
@@ -105,7 +105,7 @@ impl PyTrack {
     /// Reasons to doubt the recent views and readings, as texts.
     #[getter]
     fn doubts(&self, py: Python<'_>) -> Vec<String> {
-        self.with(py, |track| track.doubts().iter().map(ToString::to_string).collect())
+        self.with(py, |track| track.warnings().iter().map(ToString::to_string).collect())
     }
 
     /// The recogniser.

@@ -215,7 +215,8 @@ where
     let mut results: Vec<_> = order.iter().map(|_| None).collect();
     let mut taken = order.iter();
     let take = |chunk: Vec<Result<R, InferenceError>>| {
-        for (&sequence, result) in taken.by_ref().zip(chunk) {
+        // The chunk first: at its end, `zip` must not have taken a sequence of the next one.
+        for (result, &sequence) in chunk.into_iter().zip(taken.by_ref()) {
             results[sequence] = Some(result.map_err(|source| SequenceError { sequence, source }));
         }
         ControlFlow::<Infallible>::Continue(())
