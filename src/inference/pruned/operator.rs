@@ -155,7 +155,7 @@ impl<'a, A: TransitionEntries> StepOperator<'a, A> {
             EntryForm::Log2 { taken_out } => {
                 let entries = self.transition.incoming_log2(self.control, to);
                 entries.for_each(|(j, log2)| {
-                    add_power(log2, taken_out, |a, relative_error| add(j, a, relative_error))
+                    add_power(log2, taken_out, |a, relative_error| add(j, a, relative_error));
                 });
             }
         }
