@@ -1,5 +1,7 @@
 //! The trait of transition operators: their two products.
 
+use std::any::Any;
+
 use super::{Stored, buffers, log};
 use crate::error::TransitionError;
 
@@ -234,4 +236,25 @@ pub trait Transition {
         let _ = control;
         Ok(())
     }
+}
+
+/// The type `()` as a trait, so that compiler errors name the method that takes a control.
+#[diagnostic::on_unimplemented(
+    message = "this model takes a control of type `{Self}` at each step",
+    label = "call the method whose name ends in `_with`, which takes the control",
+    note = "`step_with(&control, &observation)`, `predict_with(&control)`, `forecast_with(&controls)`"
+)]
+pub trait NoControl: Copy {
+    /// The only value.
+    const NONE: Self;
+}
+
+impl NoControl for () {
+    const NONE: Self = ();
+}
+
+/// The only control of an operator that is the same at every step, by its type; `None` if the
+/// operator depends on a control.
+pub(crate) fn constant_control<A: Transition + ?Sized>() -> Option<&'static A::Control> {
+    (&() as &'static dyn Any).downcast_ref()
 }
