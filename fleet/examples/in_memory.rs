@@ -9,7 +9,6 @@
 
 use std::error::Error;
 use std::fs::{self, File};
-use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -17,6 +16,7 @@ use arrow::array::AsArray;
 use arrow::datatypes::UInt32Type;
 use clap::Parser;
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
+use wayfix::inference::SmoothedSequence;
 use wayfix::{Hmm, SparseTransition, TableLikelihood};
 
 #[derive(Debug, Parser)]
@@ -54,32 +54,20 @@ fn main() -> Result<(), Box<dyn Error>> {
              (sum {sum:.6})"
         );
     };
-    time("smooth_map_all, results dropped", &|| {
-        let mut sum = 0.0;
-        let ControlFlow::Continue(()) = hmm.smooth_map_all(&drives, |_, smoothed| {
-            sum += smoothed.map_or(0.0, |smoothed| smoothed.log_likelihood());
-            ControlFlow::<std::convert::Infallible>::Continue(())
-        });
-        sum
+    // A slice at a time, so that results are dropped before the next.
+    let smoothed = || drives.chunks(1_000).flat_map(|some| hmm.smooth_all(some)).flatten();
+    time("smooth_all, results dropped", &|| {
+        smoothed().map(|smoothed| smoothed.log_likelihood()).sum()
     });
-    time("smooth_map_all, most probable states", &|| {
-        let mut sum = 0.0;
-        let ControlFlow::Continue(()) = hmm.smooth_map_all(&drives, |_, smoothed| {
-            sum += smoothed.map_or(0, |smoothed| smoothed.posteriors().modes()[0]) as f64;
-            ControlFlow::<std::convert::Infallible>::Continue(())
-        });
-        sum
+    time("smooth_all, most probable states", &|| {
+        smoothed().map(|smoothed| smoothed.posteriors().modes()[0] as f64).sum()
     });
-    time("smooth_map_all, most probable states and entropies", &|| {
-        let mut sum = 0.0;
-        let ControlFlow::Continue(()) = hmm.smooth_map_all(&drives, |_, smoothed| {
-            if let Ok(smoothed) = smoothed {
-                let beliefs = smoothed.posteriors().iter();
-                sum += beliefs.map(|belief| belief.peak().1 + belief.entropy()).sum::<f64>();
-            }
-            ControlFlow::<std::convert::Infallible>::Continue(())
-        });
-        sum
+    time("smooth_all, most probable states and entropies", &|| {
+        let sum_of = |smoothed: SmoothedSequence| -> f64 {
+            let beliefs = smoothed.posteriors().iter();
+            beliefs.map(|belief| belief.peak().1 + belief.entropy()).sum()
+        };
+        smoothed().map(sum_of).sum()
     });
     time("smooth_all, in blocks of 10,000 drives", &|| {
         let blocks = drives.chunks(10_000).flat_map(|block| hmm.smooth_all(block));

@@ -106,7 +106,7 @@ impl Expected {
     where
         A: LearnTransition<Control = (), Statistics = MoveCounts>,
     {
-        hmm.merge_expectations(&mut self.sum, &other.sum);
+        self.sum.merge(hmm, &other.sum);
         self.drives += other.drives;
         self.left_out += other.left_out;
     }

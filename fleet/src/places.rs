@@ -7,6 +7,9 @@ use serde::{Deserialize, Serialize};
 use wayfix::map::Position;
 use wayfix::{Diagonal, Likelihood, LikelihoodError, Scratch};
 
+/// Version of stored sensors, in the format of the library and in those of this crate.
+pub(crate) const VERSION: u32 = 1;
+
 /// A measured position with its standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fix {
@@ -85,7 +88,7 @@ impl TryFrom<Stored> for Places {
     type Error = String;
 
     fn try_from(stored: Stored) -> Result<Self, String> {
-        if stored.version != wayfix::persistence::VERSION {
+        if stored.version != VERSION {
             return Err(format!("version {} of places, expected 1", stored.version));
         }
         let place = |[latitude, longitude]: [f64; 2]| Position { latitude, longitude };
@@ -97,7 +100,7 @@ impl TryFrom<Stored> for Places {
 impl From<Places> for Stored {
     fn from(places: Places) -> Self {
         Self {
-            version: wayfix::persistence::VERSION,
+            version: VERSION,
             places: places.places.iter().map(|place| [place.latitude, place.longitude]).collect(),
             degrees: places.degrees,
         }

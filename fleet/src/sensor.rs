@@ -11,7 +11,7 @@ use wayfix::{
     TableLikelihood,
 };
 
-use crate::places::{Fix, Places};
+use crate::places::{Fix, Places, VERSION};
 
 /// Observation of one step.
 #[derive(Debug, Clone, PartialEq)]
@@ -196,8 +196,7 @@ impl Serialize for Sensor {
         }
         if self.optional {
             // The format of the library's `OptionalLikelihood`.
-            let version = wayfix::persistence::VERSION;
-            return Optional { version, sensor: &self.kind }.serialize(serializer);
+            return Optional { version: VERSION, sensor: &self.kind }.serialize(serializer);
         }
         self.kind.serialize(serializer)
     }

@@ -31,7 +31,7 @@ pub(crate) fn learned(
 ) -> LearnedModel<SparseTransition, TableLikelihood> {
     let seen: Vec<Vec<usize>> =
         drives.iter().map(|drive| drive.iter().map(|&symbol| symbol as usize).collect()).collect();
-    let options = LearningOptions { iterations: 10, tolerance: 0.0, ..LearningOptions::default() };
+    let options = LearningOptions::default().with_iterations(10).with_tolerance(0.0);
     model.learn(&seen, &options).unwrap()
 }
 
