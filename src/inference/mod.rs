@@ -23,7 +23,7 @@
 //! | [`Hmm::learn`](crate::Hmm::learn) | [`LearnedModel`], by [`LearningOptions`] | three products in each iteration |
 //! | [`Hmm::learn_best`](crate::Hmm::learn_best), from several starts | [`LearnedModel`] | at most that, for each start |
 //! | [`Hmm::expectations`](crate::Hmm::expectations), [`Hmm::maximize`](crate::Hmm::maximize): an iteration in parts | [`Expectations`] | three products |
-//! | [`LearnedModel::criteria`], [`ModelSelection`]: to choose among models | [`Criteria`] | none; learning once for each candidate and fold |
+//! | [`LearnedModel::criteria`]: to choose among models | [`Criteria`] | none |
 //! | [`Hmm::fit`](crate::Hmm::fit) | a model, from [`LabelledSequence`]s | one count |
 //!
 //! [`formulas`](crate::guide::formulas) derives each algorithm;

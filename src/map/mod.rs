@@ -9,8 +9,8 @@
 //! from counts of traffic ([`TurningProbabilities::fit`] and
 //! [`fit_traffic`](TurningProbabilities::fit_traffic)).
 //!
-//! Where the position along a road matters, a [`RoadNetwork`] of directed edges with their lines is
-//! cut into [`RoadCells`], and [`motion`](crate::motion) moves vehicles on them.
+//! Where the position along a road matters, a `RoadNetwork` of directed edges with their lines is
+//! cut into `RoadCells`, on which vehicles move: both are in wayfix-roads.
 //!
 //! ```
 //! use wayfix::map::{Place, Position, Road, RoadClass, RoadMap, TurningProbabilities, TurningRule};

@@ -6,7 +6,7 @@ use std::collections::hash_map::Entry;
 use super::{Coordinates, MapError, Position};
 
 /// A place on Earth or in a plane (see [`Coordinates`]): a state of the model on a
-/// [`RoadMap`](super::RoadMap), and a node of a [`RoadNetwork`](super::RoadNetwork), which is a
+/// [`RoadMap`](super::RoadMap), and a node of a `RoadNetwork` of wayfix-roads, which is a
 /// junction, a dead end, or a point of a road.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Place<P = Position> {

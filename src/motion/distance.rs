@@ -20,9 +20,9 @@ use wayfix_kernels::log2;
 /// 200 m, a state cannot remember the metres since the last place: each tick is taken for a stay or
 /// for a whole road, without an error, and the belief becomes sure of wrong places (in 6,000 such
 /// ticks, above 0.9 in 5,841 and right in 2,645). A log-likelihood far below 0 at each step is the
-/// sign. Take a [`CellTransition`](super::CellTransition), whose states are positions along roads;
+/// sign. Take a `CellTransition` of wayfix-roads, whose states are positions along roads;
 /// or add up readings and their variances until a place is reached or seen, and step then. For
-/// places in a row take a [`RouteTransition`](super::RouteTransition).
+/// places in a row take a `RouteTransition` of wayfix-recognition.
 ///
 /// The control of a step is an `Option<OdometryReading>`: a distance d with its variance s², in the
 /// unit of the lengths (metres, on a map), which is [evidence on the move](Transition::evidence).

@@ -138,7 +138,7 @@ impl TurningProbabilities {
     ///
     /// These are the only turning probabilities (apart from staying) whose long-run flow is that
     /// flow, since Φ depends on the place alone. They cannot tell turns apart by where vehicles
-    /// come from; for that, see [`EdgeTurns`](crate::motion::EdgeTurns). A road with a count of 0
+    /// come from; for that, see `EdgeTurns` of wayfix-roads. A road with a count of 0
     /// is never taken: pass an expected number for a road that was not counted.
     ///
     /// # Errors

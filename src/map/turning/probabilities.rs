@@ -137,7 +137,7 @@ impl TurningProbabilities {
 /// A turn out of a place or an edge, with the data behind it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FittedTurn {
-    /// Index of the place that is left, or of the edge among [`EdgeTurns`](crate::motion::EdgeTurns).
+    /// Index of the place that is left, or of the edge among the `EdgeTurns` of wayfix-roads.
     pub from: usize,
     /// Index of the next place or edge; the same for a stay.
     pub to: usize,
