@@ -330,7 +330,7 @@ ONE = {"time": [0.0, 1.0], "lat": [LAT, LAT], "lon": [LON, LON]}
     (lambda m: m.start(0, LAT, LON).step(0, LAT, LON), "time 0"),
     (lambda m: m.vehicle_from_bytes(b"abc"), "state of a vehicle: expected value"),
     (lambda m: Matcher(RoadNetwork(NODES, {"from": [1], "to": [2]})).vehicle_from_bytes(
-        m.start(0, LAT, LON).to_bytes()), "network is another one"),
+        m.start(0, LAT, LON).to_bytes()), "from another network"),
     (lambda m: m.with_model(noise=-1), "noise is -1"),
     (lambda m: m.with_model(nois=1), "unknown field `nois`"),
     (lambda m: m.learn(ONE | {"lat": [LAT, 100.0]}), "drive 0.*latitude 100"),
