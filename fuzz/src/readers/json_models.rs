@@ -49,7 +49,7 @@ fn plain(draw: &mut Draw<'_>, n: usize, range: Range, belief: Belief, counts: &m
     let base = sparse(draw, n, range);
     let rate = draw.pick(&[0.5, 0.0, 1.0, 1e-9]);
     match draw.below(10) {
-        0 => operator(draw, &base, &(), counts),
+        0 | 6 => operator(draw, &base, &(), counts),
         1 => {
             let dense = DenseTransition::from_fn(n, |to, from| base.get(to, from));
             operator(draw, &dense.expect("a matrix"), &(), counts);
@@ -75,7 +75,6 @@ fn plain(draw: &mut Draw<'_>, n: usize, range: Range, belief: Belief, counts: &m
             let dwell = DwellTransition::new(base, &dwell).expect("dwell times");
             operator(draw, &dwell, &(), counts);
         }
-        6 => operator(draw, &base, &(), counts),
         7 => {
             let other = sparse(draw, 2, range);
             let pairs = KroneckerTransition::new(base, other).expect("few states");
