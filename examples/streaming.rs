@@ -7,7 +7,7 @@
 use std::sync::Arc;
 
 use wayfix::observation::Confusion;
-use wayfix::{Belief, Filter, Hmm, InferenceError, OptionalLikelihood, Prior, canberra};
+use wayfix::{Belief, Filter, Hmm, HmmError, OptionalLikelihood, Prior, canberra};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     // Motion, a camera that may see nothing, and the start at place 5.
@@ -21,7 +21,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     for place_seen in [Some(6), Some(7), None, Some(61), Some(8), Some(9)] {
         match position.step(&place_seen.map(|place| place - 1)) {
             Ok(_) => {}
-            Err(error @ InferenceError::Impossible { .. }) => {
+            Err(error @ HmmError::Impossible { .. }) => {
                 // The observation is impossible here, and the filter unchanged: predict without it.
                 println!("{error}; without it:");
                 position.predict()?;

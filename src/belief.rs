@@ -5,7 +5,7 @@
 
 use std::ops::Range;
 
-use crate::error::{BeliefError, Parameter};
+use crate::error::OutOfRange;
 
 /// Largest difference from one of a sum of probabilities.
 ///
@@ -26,7 +26,7 @@ pub const SUM_TOLERANCE: f64 = 1e-9;
 /// assert_eq!(belief.mode(), 1);
 /// assert_eq!(belief.credible_set(0.85)?, [1, 2]);
 /// assert!((belief.mass([0, 2])? - 0.4).abs() < 1e-15);
-/// # Ok::<(), wayfix::BeliefError>(())
+/// # Ok::<(), wayfix::error::OutOfRange>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Belief<S = Vec<f64>> {
@@ -43,12 +43,12 @@ impl Belief {
     ///
     /// # Errors
     ///
-    /// [`BeliefError`] if there are no values, if one is NaN, negative or infinite, or if their
+    /// [`OutOfRange`] if there are no values, if one is NaN, negative or infinite, or if their
     /// sum differs from one by more than 1e-9.
-    pub fn new(probabilities: Vec<f64>) -> Result<Self, BeliefError> {
+    pub fn new(probabilities: Vec<f64>) -> Result<Self, OutOfRange> {
         let sum = sum_of_valid(&probabilities)?;
         if (sum - 1.0).abs() > SUM_TOLERANCE {
-            return Err(BeliefError::Sum { sum, expected: "1" });
+            return Err(OutOfRange::new("the sum of the probabilities", sum, "1"));
         }
         Ok(Self { probabilities })
     }
@@ -57,13 +57,13 @@ impl Belief {
     ///
     /// # Errors
     ///
-    /// [`BeliefError`] if there are no weights, if one is NaN, negative or infinite, or if all
+    /// [`OutOfRange`] if there are no weights, if one is NaN, negative or infinite, or if all
     /// are 0.
-    pub fn from_weights(mut weights: Vec<f64>) -> Result<Self, BeliefError> {
+    pub fn from_weights(mut weights: Vec<f64>) -> Result<Self, OutOfRange> {
         sum_of_valid(&weights)?;
         let largest = weights.iter().copied().fold(0.0, f64::max);
         if largest == 0.0 {
-            return Err(BeliefError::Sum { sum: 0.0, expected: "weights above 0" });
+            return Err(OutOfRange::new("the sum of the weights", 0.0, "a value above 0"));
         }
         // Divided by the maximum first: a sum of weights near the limits of a double would
         // overflow, or lose precision below the smallest normal number.
@@ -77,10 +77,10 @@ impl Belief {
     ///
     /// # Errors
     ///
-    /// [`BeliefError::Empty`] if `states` is 0.
-    pub fn uniform(states: usize) -> Result<Self, BeliefError> {
+    /// [`OutOfRange`] if `states` is 0.
+    pub fn uniform(states: usize) -> Result<Self, OutOfRange> {
         if states == 0 {
-            return Err(BeliefError::Empty);
+            return Err(no_states());
         }
         Ok(Self { probabilities: vec![1.0 / states as f64; states] })
     }
@@ -89,13 +89,13 @@ impl Belief {
     ///
     /// # Errors
     ///
-    /// [`BeliefError`] if the state does not exist.
-    pub fn certain(states: usize, state: usize) -> Result<Self, BeliefError> {
+    /// [`OutOfRange`] if the state does not exist.
+    pub fn certain(states: usize, state: usize) -> Result<Self, OutOfRange> {
         if states == 0 {
-            return Err(BeliefError::Empty);
+            return Err(no_states());
         }
         if state >= states {
-            return Err(BeliefError::State { state, states });
+            return Err(no_state(state, states));
         }
         let mut probabilities = vec![0.0; states];
         probabilities[state] = 1.0;
@@ -169,7 +169,7 @@ impl<S: AsRef<[f64]>> Belief<S> {
     /// let belief = wayfix::Belief::new(vec![0.1, 0.6, 0.3])?;
     /// let (place, probability) = belief.peak();
     /// assert_eq!((place, probability), (1, 0.6));
-    /// # Ok::<(), wayfix::BeliefError>(())
+    /// # Ok::<(), wayfix::error::OutOfRange>(())
     /// ```
     #[must_use]
     pub fn peak(&self) -> (usize, f64) {
@@ -196,11 +196,11 @@ impl<S: AsRef<[f64]>> Belief<S> {
     ///
     /// # Errors
     ///
-    /// [`BeliefError::State`] if one of them does not exist.
-    pub fn mass(&self, states: impl IntoIterator<Item = usize>) -> Result<f64, BeliefError> {
+    /// [`OutOfRange`] if one of them does not exist.
+    pub fn mass(&self, states: impl IntoIterator<Item = usize>) -> Result<f64, OutOfRange> {
         let p = self.values();
         states.into_iter().try_fold(0.0, |sum, state| {
-            let p = p.get(state).ok_or(BeliefError::State { state, states: p.len() })?;
+            let p = p.get(state).ok_or_else(|| no_state(state, p.len()))?;
             Ok(sum + p)
         })
     }
@@ -217,16 +217,16 @@ impl<S: AsRef<[f64]>> Belief<S> {
     /// let belief = wayfix::Belief::new(vec![0.02, 0.3, 0.5, 0.13, 0.05])?;
     /// let localised = belief.mass_around(belief.mode(), 1)? >= 0.9;
     /// assert!(localised);
-    /// # Ok::<(), wayfix::BeliefError>(())
+    /// # Ok::<(), wayfix::error::OutOfRange>(())
     /// ```
     ///
     /// # Errors
     ///
-    /// [`BeliefError::State`] if the centre does not exist.
-    pub fn mass_around(&self, centre: usize, radius: usize) -> Result<f64, BeliefError> {
+    /// [`OutOfRange`] if the centre does not exist.
+    pub fn mass_around(&self, centre: usize, radius: usize) -> Result<f64, OutOfRange> {
         let states = self.states();
         if centre >= states {
-            return Err(BeliefError::State { state: centre, states });
+            return Err(no_state(centre, states));
         }
         let end = centre.saturating_add(radius).saturating_add(1).min(states);
         self.mass(centre.saturating_sub(radius)..end)
@@ -238,20 +238,20 @@ impl<S: AsRef<[f64]>> Belief<S> {
     /// ```
     /// let belief = wayfix::Belief::new(vec![0.5, 0.25, 0.25])?; // the last state is off the map
     /// assert_eq!(belief.given(1..3)?.as_slice(), [0.5, 0.5]);
-    /// # Ok::<(), wayfix::BeliefError>(())
+    /// # Ok::<(), wayfix::error::OutOfRange>(())
     /// ```
     ///
     /// # Errors
     ///
-    /// [`BeliefError`] if a state does not exist, or the range has probability 0.
-    pub fn given(&self, range: Range<usize>) -> Result<Belief, BeliefError> {
+    /// [`OutOfRange`] if a state does not exist, or the range has probability 0.
+    pub fn given(&self, range: Range<usize>) -> Result<Belief, OutOfRange> {
         let values = self.values();
         let states = values.len();
         if range.is_empty() {
-            return Err(BeliefError::Empty);
+            return Err(no_states());
         }
         let state = range.end - 1;
-        let kept = values.get(range).ok_or(BeliefError::State { state, states })?;
+        let kept = values.get(range).ok_or_else(|| no_state(state, states))?;
         Belief::from_weights(kept.to_vec())
     }
 
@@ -262,10 +262,10 @@ impl<S: AsRef<[f64]>> Belief<S> {
     ///
     /// # Errors
     ///
-    /// [`BeliefError::Parameter`] if `level` is outside 0 to 1.
-    pub fn credible_set(&self, level: f64) -> Result<Vec<usize>, BeliefError> {
+    /// [`OutOfRange`] if `level` is outside 0 to 1.
+    pub fn credible_set(&self, level: f64) -> Result<Vec<usize>, OutOfRange> {
         if !(0.0..=1.0).contains(&level) {
-            return Err(Parameter::new("the level", level, "a value from 0 to 1").into());
+            return Err(OutOfRange::new("the level", level, "a value from 0 to 1"));
         }
         let p = self.values();
         let mut order: Vec<usize> = (0..p.len()).filter(|&i| p[i] > 0.0).collect();
@@ -289,13 +289,24 @@ impl<S: AsRef<[f64]>> Belief<S> {
     }
 }
 
+fn no_states() -> OutOfRange {
+    OutOfRange::none("the number of states of a belief")
+}
+
+fn no_state(state: usize, states: usize) -> OutOfRange {
+    OutOfRange::index("the state", state, states)
+}
+
 /// Checks each value and returns the sum.
-fn sum_of_valid(values: &[f64]) -> Result<f64, BeliefError> {
+fn sum_of_valid(values: &[f64]) -> Result<f64, OutOfRange> {
     if values.is_empty() {
-        return Err(BeliefError::Empty);
+        return Err(no_states());
     }
     match values.iter().position(|&p| !(p >= 0.0 && p.is_finite())) {
-        Some(state) => Err(BeliefError::Probability { state, value: values[state] }),
+        Some(state) => {
+            let what = format!("the probability of state {state}");
+            Err(OutOfRange::new(what, values[state], "a finite value of at least 0"))
+        }
         None => Ok(values.iter().sum()),
     }
 }
@@ -321,19 +332,19 @@ mod tests {
     #[test]
     fn refuses_what_is_no_distribution_and_says_where() {
         let text = |p: Vec<f64>| Belief::new(p).unwrap_err().to_string();
-        assert_eq!(text(vec![]), "a belief needs at least one state, found none");
+        assert_eq!(text(vec![]), "the number of states of a belief is 0, expected at least 1");
         assert_eq!(
             text(vec![0.5, f64::NAN]),
-            "state 1 has probability NaN, expected a finite value of at least 0"
+            "the probability of state 1 is NaN, expected a finite value of at least 0"
         );
         assert_eq!(
             text(vec![1.5, -0.5]),
-            "state 1 has probability -0.5, expected a finite value of at least 0"
+            "the probability of state 1 is -0.5, expected a finite value of at least 0"
         );
-        assert_eq!(text(vec![0.5, 0.4]), "the probabilities sum to 0.9, expected 1");
+        assert_eq!(text(vec![0.5, 0.4]), "the sum of the probabilities is 0.9, expected 1");
         assert_eq!(
             Belief::certain(3, 3).unwrap_err().to_string(),
-            "state 3 does not exist, the belief has 3 states (0 to 2)"
+            "the state is 3, expected 0 to 2"
         );
         assert!(Belief::from_weights(vec![0.0, 0.0]).is_err());
     }
@@ -378,8 +389,8 @@ mod tests {
         assert_eq!(belief.given(1..3).unwrap().as_slice(), [0.25, 0.75]);
         assert_eq!(belief.given(0..4).unwrap().as_slice(), belief.as_slice());
         let text = |range| belief.given(range).unwrap_err().to_string();
-        assert_eq!(text(2..5), "state 4 does not exist, the belief has 4 states (0 to 3)");
-        assert_eq!(text(3..4), "the probabilities sum to 0, expected weights above 0");
+        assert_eq!(text(2..5), "the state is 4, expected 0 to 3");
+        assert_eq!(text(3..4), "the sum of the weights is 0, expected a value above 0");
         assert!(belief.given(2..2).is_err() && belief.given(9..9).is_err());
     }
 

@@ -6,7 +6,7 @@
 use std::ops::Range;
 
 use crate::belief::Belief;
-use crate::error::BeliefError;
+use crate::error::OutOfRange;
 
 /// Partition of the states into groups, such as the states of one place where places are expanded
 /// by age ([`DwellTransition`](crate::transition::DwellTransition)) or by weather
@@ -73,9 +73,10 @@ impl Groups {
     ///
     /// # Errors
     ///
-    /// [`BeliefError`] if there are no states, or a group has none.
-    pub fn new(of: Vec<usize>) -> Result<Self, BeliefError> {
-        let last = *of.iter().max().ok_or(BeliefError::NoGroups)?;
+    /// [`OutOfRange`] if there are no states, or a group has none.
+    pub fn new(of: Vec<usize>) -> Result<Self, OutOfRange> {
+        let last =
+            *of.iter().max().ok_or_else(|| OutOfRange::none("the number of grouped states"))?;
         // With more groups than states, one of the first n groups is empty: looking at those is
         // enough, and a huge number allocates nothing.
         let mut seen = vec![false; of.len().min(last.saturating_add(1))];
@@ -85,7 +86,11 @@ impl Groups {
             }
         }
         match seen.iter().position(|seen| !seen) {
-            Some(group) => Err(BeliefError::Gap { group, last }),
+            Some(group) => {
+                let what = format!("the number of states in group {group}");
+                let expected = format!("at least 1, as groups are numbered up to {last}");
+                Err(OutOfRange::new(what, 0.0, expected))
+            }
             None => Ok(Self::numbered(of, last + 1)),
         }
     }
@@ -140,8 +145,8 @@ impl Groups {
     ///
     /// # Errors
     ///
-    /// [`BeliefError::StateCount`] if the belief has a different number of states.
-    pub fn marginal<S: AsRef<[f64]>>(&self, belief: &Belief<S>) -> Result<Belief, BeliefError> {
+    /// [`OutOfRange`] if the belief has a different number of states.
+    pub fn marginal<S: AsRef<[f64]>>(&self, belief: &Belief<S>) -> Result<Belief, OutOfRange> {
         let mut sums = vec![0.0; self.count()];
         self.marginal_into(belief, &mut sums)?;
         Ok(Belief::from_valid(sums))
@@ -164,20 +169,20 @@ impl Groups {
     ///
     /// # Errors
     ///
-    /// [`BeliefError::StateCount`] if the belief has a different number of states, or
-    /// [`BeliefError::Room`] if the slice has another length. The slice is then unchanged.
+    /// [`OutOfRange`] if the belief has a different number of states, or the slice has another
+    /// length. The slice is then unchanged.
     pub fn marginal_into<S: AsRef<[f64]>>(
         &self,
         belief: &Belief<S>,
         out: &mut [f64],
-    ) -> Result<(), BeliefError> {
+    ) -> Result<(), OutOfRange> {
         let (found, expected) = (belief.states(), self.of.len());
         if found != expected {
-            return Err(BeliefError::StateCount { found, expected });
+            return Err(OutOfRange::count("the number of states of the belief", found, expected));
         }
         let (found, expected) = (out.len(), self.count());
         if found != expected {
-            return Err(BeliefError::Room { found, expected });
+            return Err(OutOfRange::count("the length of the slice", found, expected));
         }
         out.fill(0.0);
         self.add_group_sums(belief.values(), out);
@@ -230,11 +235,12 @@ impl Groups {
     ///
     /// # Errors
     ///
-    /// [`BeliefError::Ungrouped`] for a state that does not exist.
-    pub fn map_path(&self, path: &[usize]) -> Result<Vec<usize>, BeliefError> {
+    /// [`OutOfRange`] for a state that does not exist.
+    pub fn map_path(&self, path: &[usize]) -> Result<Vec<usize>, OutOfRange> {
         let states = self.of.len();
-        let group =
-            |&state: &usize| self.group_of(state).ok_or(BeliefError::Ungrouped { state, states });
+        let group = |&state: &usize| {
+            self.group_of(state).ok_or_else(|| OutOfRange::index("the state", state, states))
+        };
         path.iter().map(group).collect()
     }
 }

@@ -26,7 +26,7 @@ const STATIONARY_TOLERANCE: f64 = 1e-8;
 /// // The vehicle is at place 4 of 105 and has not moved yet.
 /// let prior = Prior::BeforeFirstTransition(Belief::certain(105, 4)?);
 /// assert_eq!(prior.belief().mode(), 4);
-/// # Ok::<(), wayfix::BeliefError>(())
+/// # Ok::<(), wayfix::error::OutOfRange>(())
 /// ```
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]

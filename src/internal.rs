@@ -8,7 +8,6 @@ pub use crate::files::{FileError, excerpt, open, shortened, text_of};
 pub use crate::files::{Row, Text, each_row, unknown};
 pub use crate::free_parameters::{Scale as ParameterScale, Seen, cholesky};
 pub use crate::inference::engines::parallel;
-pub use crate::inference::streams::bytes;
 pub use crate::inference::{LogSum, MOST_STEPS, Scale, TrellisForward, left_out};
 pub use crate::likelihood::{product_of, shares};
 pub use crate::map::{Label, Places, Search, balance, check_position, components, turned};

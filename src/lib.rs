@@ -121,7 +121,7 @@
 //! sensors of [`observation`] with a Gaussian, a model
 //! [`with_rounded_tails`](Hmm::with_rounded_tails) avoids most of them.
 //!
-//! An observation that the model rules out is an [error](InferenceError::Impossible) with its
+//! An observation that the model rules out is an [error](HmmError::Impossible) with its
 //! step, and leaves the filter unchanged. Invalid input is an error that names the value and its
 //! position. Panics occur only in direct calls of an operator's own methods with slices of a
 //! wrong length, or with states that do not exist, as with slices; and if an operator of your own
@@ -198,7 +198,7 @@ pub mod observation;
 pub mod transition;
 
 pub use belief::{Belief, BeliefView};
-pub use error::{BeliefError, HmmError, InferenceError, LikelihoodError, TransitionError};
+pub use error::{HmmError, LikelihoodError, TransitionError};
 pub use fixed::Fixed;
 pub use hmm::{Hmm, Prior};
 #[doc(inline)]

@@ -2,7 +2,7 @@
 
 use std::borrow::Borrow;
 
-use crate::error::InferenceError;
+use crate::error::HmmError;
 
 /// A sequence of steps 1 to T, each with an observation of type `Y` and a
 /// control of type `U`.
@@ -129,11 +129,11 @@ impl<'a, U, T> Controlled<'a, U, T> {
     ///
     /// # Errors
     ///
-    /// [`InferenceError::ControlCount`] if their numbers differ.
-    pub fn new(controls: &'a [U], observations: &'a [T]) -> Result<Self, InferenceError> {
+    /// [`HmmError::ControlCount`] if their numbers differ.
+    pub fn new(controls: &'a [U], observations: &'a [T]) -> Result<Self, HmmError> {
         if controls.len() != observations.len() {
             let (controls, observations) = (controls.len(), observations.len());
-            return Err(InferenceError::ControlCount { controls, observations });
+            return Err(HmmError::ControlCount { controls, observations });
         }
         Ok(Self { controls, observations })
     }

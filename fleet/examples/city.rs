@@ -77,7 +77,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let (next, right, active) = (AtomicUsize::new(0), AtomicUsize::new(0), AtomicUsize::new(0));
     let cores = thread::available_parallelism().map_or(1, Into::into);
     thread::scope(|scope| {
-        let work = || -> Result<(), wayfix::InferenceError> {
+        let work = || -> Result<(), wayfix::HmmError> {
             let mut filter = hmm.pruned_filter(Pruning::default());
             loop {
                 let number = next.fetch_add(1, Ordering::Relaxed);

@@ -7,7 +7,7 @@
 use wayfix::error::At;
 use wayfix::inference::{Expectations, LearningOptions};
 use wayfix::transition::{LearnTransition, MoveCounts};
-use wayfix::{Hmm, InferenceError};
+use wayfix::{Hmm, HmmError};
 #[cfg(feature = "sql")]
 use wayfix::{likelihood::LearnLikelihood, transition::Move};
 
@@ -58,7 +58,7 @@ impl Expected {
             drives.offsets.windows(2).map(|drive| &all[drive[0]..drive[1]]).collect();
         let (sum, failed) = hmm.expectations(&each);
         for error in &failed {
-            if let InferenceError::Likelihood(At { number: step, cause, .. }) = &error.source {
+            if let HmmError::Likelihood(At { number: step, cause, .. }) = &error.source {
                 // Steps of errors count from 1.
                 let element = drives.offsets[error.sequence] + step - 1;
                 return Err(drives.refuse(element, &cause.to_string()));

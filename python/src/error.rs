@@ -4,7 +4,7 @@
 use pyo3::create_exception;
 use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
-use wayfix::InferenceError;
+use wayfix::HmmError;
 use wayfix::error::{SequenceError, TransitionError};
 use wayfix_recognition::RecognitionError;
 use wayfix_roads::matching::MatchError;
@@ -37,7 +37,7 @@ pub(crate) fn reserve(bytes: usize, what: impl FnOnce() -> String) -> PyResult<(
 }
 
 /// Makes an exception of an error of inference, with its step and its sequence.
-pub(crate) fn inference(py: Python<'_>, sequence: usize, error: &InferenceError) -> PyErr {
+pub(crate) fn inference(py: Python<'_>, sequence: usize, error: &HmmError) -> PyErr {
     noted(py, sequence, error, error.to_string())
 }
 
@@ -163,11 +163,11 @@ fn words(message: &str) -> String {
 }
 
 /// True if the error says that the model rules the observations out.
-pub(crate) fn is_impossible(error: &InferenceError) -> bool {
-    matches!(error, InferenceError::Impossible { .. } | InferenceError::ImpossibleMove { .. })
+pub(crate) fn is_impossible(error: &HmmError) -> bool {
+    matches!(error, HmmError::Impossible { .. } | HmmError::ImpossibleMove { .. })
 }
 
-fn noted(py: Python<'_>, sequence: usize, error: &InferenceError, message: String) -> PyErr {
+fn noted(py: Python<'_>, sequence: usize, error: &HmmError, message: String) -> PyErr {
     let exception =
         if is_impossible(error) { ImpossibleError::new_err(message) } else { invalid(message) };
     placed(py, exception, sequence, error.step())

@@ -24,11 +24,11 @@
 //! ```
 
 use crate::belief::Belief;
-use crate::error::Parameter;
+use crate::error::OutOfRange;
 use crate::hmm::{Hmm, Prior};
 use crate::likelihood::TableLikelihood;
 use crate::map::{Place, Position, Road, RoadMap, TurningProbabilities, TurningRule};
-use crate::observation::{Confusion, Metric, ObservationError};
+use crate::observation::{Confusion, Metric};
 use crate::transition::SparseTransition;
 
 /// Mean probability of a correct observation, before Gaussian noise (paper section II-B).
@@ -80,8 +80,8 @@ pub fn turning() -> TurningProbabilities {
 ///
 /// # Errors
 ///
-/// [`ObservationError::Parameter`] unless `sigma` is finite and above 0.
-pub fn sensor(sigma: f64) -> Result<TableLikelihood, ObservationError> {
+/// [`OutOfRange`] unless `sigma` is finite and above 0.
+pub fn sensor(sigma: f64) -> Result<TableLikelihood, OutOfRange> {
     let map = map();
     Confusion::new(&map, MEAN_CORRECT)?.with_gaussian(&map, Metric::Index, sigma)
 }
@@ -92,12 +92,12 @@ pub fn sensor(sigma: f64) -> Result<TableLikelihood, ObservationError> {
 ///
 /// # Errors
 ///
-/// [`ObservationError::Parameter`] if there is no such place, or `sigma` is not above 0.
+/// [`OutOfRange`] if there is no such place, or `sigma` is not above 0.
 #[expect(clippy::missing_panics_doc, reason = "the parts are all of the same map")]
-pub fn hmm(initial: u64, sigma: f64) -> Result<Model, ObservationError> {
+pub fn hmm(initial: u64, sigma: f64) -> Result<Model, OutOfRange> {
     // A number is an id; `index_of_id` turns it into a state.
     let certain = map().index_of_id(initial).and_then(|i| Belief::certain(PLACES, i).ok());
-    let place = || Parameter::new("the initial place", initial as f64, "1 to 105");
+    let place = || OutOfRange::new("the initial place", initial as f64, "1 to 105");
     let prior = Prior::BeforeFirstTransition(certain.ok_or_else(place)?);
     let hmm = Hmm::new(prior, turning().into_transition(), sensor(sigma)?);
     Ok(hmm.expect("all parts have the same places").with_rounded_tails())

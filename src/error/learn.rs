@@ -4,10 +4,7 @@ use std::error::Error;
 use std::fmt;
 use std::sync::Arc;
 
-use super::{
-    At, BeliefError, Failed, HmmError, InferenceError, Number, Parameter, TableError,
-    TransitionError,
-};
+use super::{At, Failed, HmmError, Number, OutOfRange, TransitionError};
 
 /// A failed sequence among several, with the cause.
 #[derive(Debug, Clone)]
@@ -15,7 +12,7 @@ pub struct SequenceError {
     /// Index of the sequence, from 0.
     pub sequence: usize,
     /// Cause, with the step.
-    pub source: InferenceError,
+    pub source: HmmError,
 }
 
 impl fmt::Display for SequenceError {
@@ -52,7 +49,7 @@ pub enum LearnError {
     /// infinite; or, for standard errors, a level is not between 0 and 1, or a function returned
     /// numbers that are not finite, or not the same number of them each time.
     #[error(transparent)]
-    Parameter(#[from] Parameter),
+    Parameter(#[from] OutOfRange),
     /// There are fewer sequences than groups (such as folds) to divide them into, or only one
     /// group.
     #[error(
@@ -132,7 +129,7 @@ pub enum LearnError {
     },
     /// The prior could not be estimated.
     #[error("the prior cannot be estimated: {0}")]
-    Prior(BeliefError),
+    Prior(OutOfRange),
     /// The transition operator could not be estimated.
     #[error("the transition operator cannot be estimated: {0}")]
     Transition(TransitionError),
@@ -235,20 +232,8 @@ impl LearnError {
     }
 }
 
-impl From<BeliefError> for LearnError {
-    fn from(source: BeliefError) -> Self {
-        Self::Prior(source)
-    }
-}
-
 impl From<TransitionError> for LearnError {
     fn from(source: TransitionError) -> Self {
         Self::Transition(source)
-    }
-}
-
-impl From<TableError> for LearnError {
-    fn from(source: TableError) -> Self {
-        Self::likelihood(source)
     }
 }

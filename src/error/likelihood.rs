@@ -3,7 +3,7 @@
 use std::error::Error;
 use std::sync::Arc;
 
-use super::{Disagreement, Failed, Number, Parameter};
+use super::{Disagreement, Failed, Number, OutOfRange};
 
 /// A likelihood that could not be computed or is invalid.
 #[derive(Debug, Clone, thiserror::Error)]
@@ -23,7 +23,7 @@ pub enum LikelihoodError {
     },
     /// The common log factor is NaN, or above 1e300 in magnitude.
     #[error(transparent)]
-    Parameter(#[from] Parameter),
+    Parameter(#[from] OutOfRange),
     /// The diagonal, or a vector given as an observation, does not have one value per state.
     #[error("the likelihood has {found} values, expected one for each of {expected} states")]
     WrongLength {

@@ -1,27 +1,49 @@
-//! Payloads shared by the errors: a number out of its range, a wrong count, an error at a step, a
-//! failure with its cause, two methods that disagree.
+//! Payloads shared by the errors: a number out of its range, an error at a step, a failure with its
+//! cause, two methods that disagree.
 
 use std::borrow::Cow;
 use std::error::Error;
 use std::fmt;
 use std::ops::RangeInclusive;
 
-/// A number that is out of its range.
+/// A number that is out of its range, such as a probability, a level or a count.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{what} is {value}, expected {expected}", value = Number(*.value))]
-pub struct Parameter {
+pub struct OutOfRange {
     /// Name of the number.
     pub what: Cow<'static, str>,
     /// Value found.
     pub value: f64,
     /// Valid values, in words.
-    pub expected: &'static str,
+    pub expected: Cow<'static, str>,
 }
 
-impl Parameter {
+impl OutOfRange {
     #[doc(hidden)]
-    pub fn new(what: impl Into<Cow<'static, str>>, value: f64, expected: &'static str) -> Self {
-        Self { what: what.into(), value, expected }
+    pub fn new(
+        what: impl Into<Cow<'static, str>>,
+        value: f64,
+        expected: impl Into<Cow<'static, str>>,
+    ) -> Self {
+        Self { what: what.into(), value, expected: expected.into() }
+    }
+
+    /// A number of things that differs from the expected one.
+    #[doc(hidden)]
+    pub fn count(what: impl Into<Cow<'static, str>>, found: usize, expected: usize) -> Self {
+        Self::new(what, found as f64, expected.to_string())
+    }
+
+    /// An index of something that does not exist; there are `count` of them.
+    #[doc(hidden)]
+    pub fn index(what: impl Into<Cow<'static, str>>, index: usize, count: usize) -> Self {
+        Self::new(what, index as f64, format!("0 to {}", count.saturating_sub(1)))
+    }
+
+    /// An empty collection, which needs at least one item.
+    #[doc(hidden)]
+    pub fn none(what: impl Into<Cow<'static, str>>) -> Self {
+        Self::new(what, 0.0, "at least 1")
     }
 
     /// Checks that a value is in its range, which NaN never is.
@@ -50,18 +72,6 @@ impl fmt::Display for Number {
         let text = value.to_string();
         if text.len() <= LONGEST { f.write_str(&text) } else { write!(f, "{value:e}") }
     }
-}
-
-/// A number of things that differs from the expected one.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{found} {what}, expected {expected}")]
-pub struct Count {
-    /// Name of the things, in the plural.
-    pub what: &'static str,
-    /// Number found.
-    pub found: usize,
-    /// Number expected.
-    pub expected: usize,
 }
 
 /// An error at a numbered place, such as a step, with its cause.

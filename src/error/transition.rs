@@ -1,6 +1,6 @@
 //! Errors of transition operators.
 
-use super::{Disagreement, Number, Parameter};
+use super::{Disagreement, Number, OutOfRange};
 
 /// An invalid transition operator, or a control that it does not accept.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -172,7 +172,7 @@ pub enum TransitionError {
     },
     /// A parameter of the operator is out of range.
     #[error(transparent)]
-    Parameter(#[from] Parameter),
+    Parameter(#[from] OutOfRange),
     /// A part of the operator has another number of states than the operator it is built on.
     #[error("the {part} has {found} states, expected {expected} to match the inner operator")]
     PartStates {

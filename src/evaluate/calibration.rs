@@ -1,6 +1,7 @@
 //! Calibration of probabilities: predicted against observed frequencies, in bins of equal width.
 
-use super::{EvaluationError, check_probabilities};
+use super::check_probabilities;
+use crate::error::OutOfRange;
 
 /// Bin of predicted probabilities with the observed frequency of their events; the two are equal if
 /// the probabilities are calibrated. Made by [`reliability`].
@@ -37,22 +38,22 @@ pub struct ReliabilityBin {
 /// assert_eq!(found.collect::<Vec<_>>(), [(2, 0.25, 0.0), (3, 2.75 / 3.0, 2.0 / 3.0)]);
 /// // (2/5) 1/4 + (3/5) 1/4
 /// assert!((evaluate::expected_calibration_error(&bins) - 0.25).abs() < 1e-15);
-/// # Ok::<(), wayfix::evaluate::EvaluationError>(())
+/// # Ok::<(), wayfix::error::OutOfRange>(())
 /// ```
 ///
 /// # Errors
 ///
-/// [`EvaluationError`] if there are no probabilities, if one is NaN or not
+/// [`OutOfRange`] if there are no probabilities, if one is NaN or not
 /// from 0 to 1, or if `bins` is 0.
 pub fn reliability(
     forecasts: &[(f64, bool)],
     bins: usize,
-) -> Result<Vec<ReliabilityBin>, EvaluationError> {
+) -> Result<Vec<ReliabilityBin>, OutOfRange> {
     if bins == 0 {
-        return Err(EvaluationError::NoBins);
+        return Err(OutOfRange::none("the number of bins"));
     }
     if forecasts.is_empty() {
-        return Err(EvaluationError::Missing { what: "probabilities" });
+        return Err(OutOfRange::none("the number of probabilities"));
     }
     check_probabilities("probability", forecasts.iter().map(|forecast| forecast.0))?;
     let mut sorted = forecasts.to_vec();

@@ -33,11 +33,10 @@
 //!     judged.push((probability, right));
 //! }
 //! assert!(evaluate::brier_score(&judged)? < 0.1);
-//! # Ok::<(), evaluate::EvaluationError>(())
+//! # Ok::<(), wayfix::error::OutOfRange>(())
 //! ```
 
 mod calibration;
-mod error;
 mod places;
 mod scores;
 mod states;
@@ -45,30 +44,32 @@ mod states;
 pub use calibration::{
     ReliabilityBin, expected_calibration_error, maximum_calibration_error, reliability,
 };
-pub use error::EvaluationError;
 pub use places::{is_within, recall_within, steps_to_localize, steps_to_localize_correctly};
 pub use scores::{binary_log_score, brier_score, log_score};
 pub use states::{accuracy, illegal_moves, illegal_moves_with, mean_error};
 
 use crate::belief::SUM_TOLERANCE;
-use crate::error::Parameter;
+use crate::error::OutOfRange;
 
-fn check_lengths<T, E>(truth: &[T], estimates: &[E]) -> Result<(), EvaluationError> {
+fn check_lengths<T, E>(truth: &[T], estimates: &[E]) -> Result<(), OutOfRange> {
     let (truth, estimated) = (truth.len(), estimates.len());
-    if truth == estimated { Ok(()) } else { Err(EvaluationError::Length { truth, estimated }) }
+    if truth == estimated {
+        return Ok(());
+    }
+    Err(OutOfRange::count("the number of estimates or controls", estimated, truth))
 }
 
 /// Checks that a level of confidence is from 0 to 1.
 ///
 /// # Errors
 ///
-/// [`EvaluationError::Parameter`] for any other level, and for NaN.
+/// [`OutOfRange`] for any other level, and for NaN.
 #[doc(hidden)]
-pub fn check_level(level: f64) -> Result<(), EvaluationError> {
+pub fn check_level(level: f64) -> Result<(), OutOfRange> {
     if (0.0..=1.0).contains(&level) {
         Ok(())
     } else {
-        Err(Parameter::new("the level", level, "a value from 0 to 1").into())
+        Err(OutOfRange::new("the level", level, "a value from 0 to 1"))
     }
 }
 
@@ -76,13 +77,12 @@ pub fn check_level(level: f64) -> Result<(), EvaluationError> {
 fn check_probabilities(
     what: &'static str,
     values: impl IntoIterator<Item = f64>,
-) -> Result<(), EvaluationError> {
+) -> Result<(), OutOfRange> {
     // NaN is in no range.
     let valid = 0.0..=1.0 + SUM_TOLERANCE;
     match values.into_iter().enumerate().find(|(_, p)| !valid.contains(p)) {
         Some((index, value)) => {
-            let expected = "a value from 0 to 1";
-            Err(EvaluationError::Value { what, index, value, expected })
+            Err(OutOfRange::new(format!("{what} {index}"), value, "a value from 0 to 1"))
         }
         None => Ok(()),
     }

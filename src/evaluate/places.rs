@@ -1,9 +1,11 @@
 //! Places: their recall within a tolerance, and the number of steps until a belief is in one of
 //! them.
 
+use std::fmt::Display;
 use std::ops::RangeInclusive;
 
-use super::{EvaluationError, check_lengths, check_level, check_probabilities};
+use super::{check_lengths, check_level, check_probabilities};
+use crate::error::OutOfRange;
 
 /// True if an estimated place lies in the range of true places, or at most
 /// `tolerance` places from one of its ends.
@@ -13,24 +15,30 @@ use super::{EvaluationError, check_lengths, check_level, check_probabilities};
 ///
 /// assert!(evaluate::is_within(&(7..=9), 5, 2)?);
 /// assert!(!evaluate::is_within(&(7..=9), 4, 2)?);
-/// # Ok::<(), evaluate::EvaluationError>(())
+/// # Ok::<(), wayfix::error::OutOfRange>(())
 /// ```
 ///
 /// # Errors
 ///
-/// [`EvaluationError::EmptyRange`] for a range such as 3..=2.
+/// [`OutOfRange`] for a range such as 3..=2.
 pub fn is_within(
     truth: &RangeInclusive<usize>,
     estimate: usize,
     tolerance: usize,
-) -> Result<bool, EvaluationError> {
-    if truth.is_empty() {
-        return Err(EvaluationError::EmptyRange { index: None, range: truth.clone() });
-    }
+) -> Result<bool, OutOfRange> {
+    check_range(truth, "")?;
     // Saturating: any tolerance is valid, up to one that accepts every place.
     let first = truth.start().saturating_sub(tolerance);
     let last = truth.end().saturating_add(tolerance);
     Ok((first..=last).contains(&estimate))
+}
+
+/// Checks that a range of true places is not empty; a query off the map has none.
+fn check_range(truth: &RangeInclusive<usize>, of: impl Display) -> Result<(), OutOfRange> {
+    if truth.is_empty() {
+        return Err(OutOfRange::none(format!("the number of places in {truth:?}{of}")));
+    }
+    Ok(())
 }
 
 /// Recall at rank 1: the fraction of the queries taken on the map whose estimate is
@@ -47,33 +55,30 @@ pub fn is_within(
 /// let estimates = [Some(1), Some(7), None, Some(3)];
 /// assert_eq!(evaluate::recall_within(&truth, &estimates, 0)?, 1.0 / 3.0);
 /// assert_eq!(evaluate::recall_within(&truth, &estimates, 2)?, 2.0 / 3.0);
-/// # Ok::<(), evaluate::EvaluationError>(())
+/// # Ok::<(), wayfix::error::OutOfRange>(())
 /// ```
 ///
 /// # Errors
 ///
-/// [`EvaluationError`] if the slices differ in length, if a range is empty, or
+/// [`OutOfRange`] if the slices differ in length, if a range is empty, or
 /// if no query is on the map.
 pub fn recall_within(
     truth: &[Option<RangeInclusive<usize>>],
     estimates: &[Option<usize>],
     tolerance: usize,
-) -> Result<f64, EvaluationError> {
+) -> Result<f64, OutOfRange> {
     check_lengths(truth, estimates)?;
     let (mut found, mut on_map) = (0_usize, 0_usize);
     for (index, (places, estimate)) in truth.iter().zip(estimates).enumerate() {
         let Some(places) = places else { continue };
-        if places.is_empty() {
-            let range = places.clone();
-            return Err(EvaluationError::EmptyRange { index: Some(index), range });
-        }
+        check_range(places, format_args!(" of query {index}"))?;
         on_map += 1;
         if let Some(estimate) = *estimate {
             found += usize::from(is_within(places, estimate, tolerance)?);
         }
     }
     if on_map == 0 {
-        return Err(EvaluationError::Missing { what: "queries on the map" });
+        return Err(OutOfRange::none("the number of queries on the map"));
     }
     Ok(found as f64 / on_map as f64)
 }
@@ -91,14 +96,14 @@ pub fn recall_within(
 /// let masses = [0.1, 0.3, 0.9, 0.7, 0.95];
 /// assert_eq!(evaluate::steps_to_localize(&masses, 0.9)?, Some(3));
 /// assert_eq!(evaluate::steps_to_localize(&masses, 0.99)?, None);
-/// # Ok::<(), evaluate::EvaluationError>(())
+/// # Ok::<(), wayfix::error::OutOfRange>(())
 /// ```
 ///
 /// # Errors
 ///
-/// [`EvaluationError`] if a mass is NaN or not from 0 to 1, or if `level` is
+/// [`OutOfRange`] if a mass is NaN or not from 0 to 1, or if `level` is
 /// not from 0 to 1.
-pub fn steps_to_localize(masses: &[f64], level: f64) -> Result<Option<usize>, EvaluationError> {
+pub fn steps_to_localize(masses: &[f64], level: f64) -> Result<Option<usize>, OutOfRange> {
     check_level(level)?;
     check_probabilities("mass", masses.iter().copied())?;
     Ok(masses.iter().position(|&mass| mass >= level).map(|index| index + 1))
@@ -119,7 +124,7 @@ pub fn steps_to_localize(masses: &[f64], level: f64) -> Result<Option<usize>, Ev
 /// let steps = [(0.9, false), (0.5, true), (0.9, true), (0.8, true), (0.9, true)];
 /// assert_eq!(evaluate::steps_to_localize_correctly(&steps, 0.9, 3)?, Some(3));
 /// assert_eq!(evaluate::steps_to_localize_correctly(&steps, 0.9, 4)?, None);
-/// # Ok::<(), evaluate::EvaluationError>(())
+/// # Ok::<(), wayfix::error::OutOfRange>(())
 /// ```
 ///
 /// # Errors
@@ -129,7 +134,7 @@ pub fn steps_to_localize_correctly(
     steps: &[(f64, bool)],
     level: f64,
     hold: usize,
-) -> Result<Option<usize>, EvaluationError> {
+) -> Result<Option<usize>, OutOfRange> {
     check_level(level)?;
     check_probabilities("mass", steps.iter().map(|step| step.0))?;
     // Backwards, to count how long it stays right; the last assignment is the first such step.

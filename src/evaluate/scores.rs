@@ -1,6 +1,7 @@
 //! Proper scores of probabilities: in the long run, the true probabilities score best.
 
-use super::{EvaluationError, check_probabilities};
+use super::check_probabilities;
+use crate::error::OutOfRange;
 
 /// Brier score: the mean of (p − o)², where p is the probability of an event and o is 1 if it
 /// happened, else 0. From 0 to 1, lower is better. O(N).
@@ -12,14 +13,14 @@ use super::{EvaluationError, check_probabilities};
 /// use wayfix::evaluate;
 ///
 /// assert_eq!(evaluate::brier_score(&[(0.5, true), (0.75, true), (0.25, false)])?, 0.125);
-/// # Ok::<(), evaluate::EvaluationError>(())
+/// # Ok::<(), wayfix::error::OutOfRange>(())
 /// ```
 ///
 /// # Errors
 ///
-/// [`EvaluationError`] if there are no probabilities, or if one is NaN or not
+/// [`OutOfRange`] if there are no probabilities, or if one is NaN or not
 /// from 0 to 1.
-pub fn brier_score(forecasts: &[(f64, bool)]) -> Result<f64, EvaluationError> {
+pub fn brier_score(forecasts: &[(f64, bool)]) -> Result<f64, OutOfRange> {
     mean(forecasts, |forecast| forecast.0, |(p, happened)| (p - f64::from(happened)).powi(2))
 }
 
@@ -36,14 +37,14 @@ pub fn brier_score(forecasts: &[(f64, bool)]) -> Result<f64, EvaluationError> {
 /// let score = evaluate::binary_log_score(&[(0.5, true), (0.75, false)])?;
 /// assert!((score - 0.125_f64.ln() / 2.0).abs() < 1e-15);
 /// assert_eq!(evaluate::binary_log_score(&[(0.5, true), (1.0, false)])?, f64::NEG_INFINITY);
-/// # Ok::<(), evaluate::EvaluationError>(())
+/// # Ok::<(), wayfix::error::OutOfRange>(())
 /// ```
 ///
 /// # Errors
 ///
-/// [`EvaluationError`] if there are no probabilities, or if one is NaN or not
+/// [`OutOfRange`] if there are no probabilities, or if one is NaN or not
 /// from 0 to 1.
-pub fn binary_log_score(forecasts: &[(f64, bool)]) -> Result<f64, EvaluationError> {
+pub fn binary_log_score(forecasts: &[(f64, bool)]) -> Result<f64, OutOfRange> {
     mean(
         forecasts,
         |forecast| forecast.0,
@@ -75,9 +76,9 @@ pub fn binary_log_score(forecasts: &[(f64, bool)]) -> Result<f64, EvaluationErro
 ///
 /// # Errors
 ///
-/// [`EvaluationError`] if there are no masses, or if one is NaN or not from 0
+/// [`OutOfRange`] if there are no masses, or if one is NaN or not from 0
 /// to 1.
-pub fn log_score(masses: &[f64]) -> Result<f64, EvaluationError> {
+pub fn log_score(masses: &[f64]) -> Result<f64, OutOfRange> {
     mean(masses, |p| p, f64::ln)
 }
 
@@ -85,9 +86,9 @@ fn mean<T: Copy>(
     samples: &[T],
     probability: impl Fn(T) -> f64,
     score: impl Fn(T) -> f64,
-) -> Result<f64, EvaluationError> {
+) -> Result<f64, OutOfRange> {
     if samples.is_empty() {
-        return Err(EvaluationError::Missing { what: "probabilities" });
+        return Err(OutOfRange::none("the number of probabilities"));
     }
     check_probabilities("probability", samples.iter().copied().map(probability))?;
     // The sum starts at 0, since an empty sum is −0: a perfect score is then 0.

@@ -1,6 +1,7 @@
 //! Estimated states against true ones, and against the moves that an operator allows.
 
-use super::{EvaluationError, check_lengths};
+use super::check_lengths;
+use crate::error::{OutOfRange, TransitionError};
 use crate::transition::TransitionEntries;
 
 /// Fraction of states that were estimated correctly (paper eq. 15). O(N).
@@ -9,13 +10,13 @@ use crate::transition::TransitionEntries;
 /// use wayfix::evaluate;
 ///
 /// assert_eq!(evaluate::accuracy(&[0, 1, 2, 2], &[0, 1, 1, 2])?, 0.75);
-/// # Ok::<(), evaluate::EvaluationError>(())
+/// # Ok::<(), wayfix::error::OutOfRange>(())
 /// ```
 ///
 /// # Errors
 ///
-/// [`EvaluationError`] if the slices differ in length or are empty.
-pub fn accuracy(truth: &[usize], estimate: &[usize]) -> Result<f64, EvaluationError> {
+/// [`OutOfRange`] if the slices differ in length or are empty.
+pub fn accuracy(truth: &[usize], estimate: &[usize]) -> Result<f64, OutOfRange> {
     mean_error(truth, estimate, |i, j| f64::from(u8::from(i == j)))
 }
 
@@ -28,20 +29,20 @@ pub fn accuracy(truth: &[usize], estimate: &[usize]) -> Result<f64, EvaluationEr
 /// let (truth, estimate) = ([0, 1, 2, 2], [0, 1, 1, 2]);
 /// let hops = evaluate::mean_error(&truth, &estimate, |i, j| i.abs_diff(j) as f64)?;
 /// assert_eq!(hops, 0.25);
-/// # Ok::<(), evaluate::EvaluationError>(())
+/// # Ok::<(), wayfix::error::OutOfRange>(())
 /// ```
 ///
 /// # Errors
 ///
-/// [`EvaluationError`] if the slices differ in length or are empty.
+/// [`OutOfRange`] if the slices differ in length or are empty.
 pub fn mean_error(
     truth: &[usize],
     estimate: &[usize],
     mut distance: impl FnMut(usize, usize) -> f64,
-) -> Result<f64, EvaluationError> {
+) -> Result<f64, OutOfRange> {
     check_lengths(truth, estimate)?;
     if truth.is_empty() {
-        return Err(EvaluationError::Empty);
+        return Err(OutOfRange::none("the number of states"));
     }
     let sum: f64 = truth.iter().zip(estimate).map(|(&i, &j)| distance(i, j)).sum();
     Ok(sum / truth.len() as f64)
@@ -63,11 +64,11 @@ pub fn mean_error(
 ///
 /// # Errors
 ///
-/// [`EvaluationError::State`] for a state that does not exist.
+/// [`TransitionError::Parameter`] for a state that does not exist.
 pub fn illegal_moves<A: TransitionEntries<Control = ()>>(
     transition: &A,
     path: &[usize],
-) -> Result<usize, EvaluationError> {
+) -> Result<usize, TransitionError> {
     illegal_moves_with(transition, &vec![(); path.len()], path)
 }
 
@@ -76,18 +77,19 @@ pub fn illegal_moves<A: TransitionEntries<Control = ()>>(
 ///
 /// # Errors
 ///
-/// As [`illegal_moves`]; [`EvaluationError::Length`] unless there is a control
-/// for each state, or [`EvaluationError::Control`] for one that is not valid.
+/// As [`illegal_moves`]; [`TransitionError::Parameter`] unless there is a control for each state, or
+/// [`TransitionError::Control`] for one that is not valid, with its index.
 pub fn illegal_moves_with<A: TransitionEntries>(
     transition: &A,
     controls: &[A::Control],
     path: &[usize],
-) -> Result<usize, EvaluationError> {
+) -> Result<usize, TransitionError> {
     check_lengths(path, controls)?;
     let states = transition.states();
     // All states are checked first: operators may panic for a state that they do not have.
     if let Some(index) = path.iter().position(|&state| state >= states) {
-        return Err(EvaluationError::State { index, state: path[index], states });
+        let what = format!("state {index} of the path");
+        return Err(OutOfRange::index(what, path[index], states).into());
     }
     let mut illegal = 0;
     // The move to `path[index]` from the state before it, hence controls from 1.
@@ -95,7 +97,7 @@ pub fn illegal_moves_with<A: TransitionEntries>(
         let control = &controls[index];
         transition
             .check_control(control)
-            .map_err(|cause| EvaluationError::control(index, cause))?;
+            .map_err(|e| TransitionError::Control(format!("control {index} is not valid: {e}")))?;
         let allowed = transition.outgoing(control, moved[0]).any(|to| to.0 == moved[1]);
         illegal += usize::from(!allowed);
     }

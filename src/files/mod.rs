@@ -13,17 +13,17 @@ use std::path::Path;
 
 /// A file that cannot be read, or an invalid line of it. Modules convert it to errors of their own.
 #[derive(Debug)]
-pub enum FileError {
-    Read {
-        file: String,
-        reason: String,
-    },
-    #[cfg(feature = "csv")]
-    Line {
-        file: String,
-        line: u64,
-        problem: String,
-    },
+pub struct FileError {
+    pub file: String,
+    /// The invalid line, from 1, or `None` if the file cannot be read.
+    pub line: Option<u64>,
+    pub problem: String,
+}
+
+impl FileError {
+    fn read(file: String, error: impl ToString) -> Self {
+        Self { file, line: None, problem: error.to_string() }
+    }
 }
 
 /// Opens a file. Returns it with its name for messages.
@@ -31,7 +31,7 @@ pub fn open(path: &Path) -> Result<(String, File), FileError> {
     let file = path.display().to_string();
     match File::open(path) {
         Ok(reader) => Ok((file, reader)),
-        Err(error) => Err(FileError::Read { file, reason: error.to_string() }),
+        Err(error) => Err(FileError::read(file, error)),
     }
 }
 
@@ -39,7 +39,7 @@ pub fn open(path: &Path) -> Result<(String, File), FileError> {
 pub fn text_of(file: &str, mut reader: impl Read) -> Result<String, FileError> {
     let mut text = String::new();
     if let Err(error) = reader.read_to_string(&mut text) {
-        return Err(FileError::Read { file: file.to_owned(), reason: error.to_string() });
+        return Err(FileError::read(file.to_owned(), error));
     }
     if text.starts_with('\u{feff}') {
         text.drain(..'\u{feff}'.len_utf8());

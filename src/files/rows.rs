@@ -92,7 +92,7 @@ pub fn each_row<C: AsRef<[Option<usize>]>>(
     find: impl FnOnce(&StringRecord) -> Result<C, String>,
     mut take: impl FnMut(Row<'_>) -> Result<(), String>,
 ) -> Result<u64, FileError> {
-    let at = |line, problem| FileError::Line { file: file.to_owned(), line, problem };
+    let at = |line, problem| FileError { file: file.to_owned(), line: Some(line), problem };
     let tail = Tail { reader, last: Vec::new(), end: 0 };
     // Flexible: rows of a wrong width reach `take`, which can report them by their line.
     let reader = ReaderBuilder::new().has_headers(false).flexible(true).from_reader(tail);
@@ -103,7 +103,7 @@ pub fn each_row<C: AsRef<[Option<usize>]>>(
             let record = text_of(bytes, text, rows.line).map_err(|text| at(rows.line, text))?;
             Ok((record, if more { rows.line } else { rows.end + 1 }, more))
         }
-        Err(error) => Err(FileError::Read { file: file.to_owned(), reason: error.to_string() }),
+        Err(error) => Err(FileError::read(file.to_owned(), error)),
     };
     let (mut record, line, _) = read(StringRecord::new())?;
     record.trim();

@@ -45,7 +45,7 @@ pub use self::sequences::forward_backward::FilteredSequence;
 pub use self::sequences::forward_backward::Posteriors;
 pub use self::sequences::forward_backward::SmoothedSequence;
 pub use self::sequences::paths::PathSampler;
-pub use crate::error::{LearnError, SequenceError, SnapshotError};
+pub use crate::error::{LearnError, SequenceError};
 pub use crate::free_parameters::{Displacement, FreeParameters};
 pub use crate::hmm::ModelPointer;
 pub use decoding::viterbi::ViterbiPath;

@@ -6,7 +6,7 @@
 //! written over that of the previous step: all n states are written only if the value of the
 //! unlisted ones changes.
 
-use crate::error::{LikelihoodError, Parameter};
+use crate::error::{LikelihoodError, OutOfRange};
 use wayfix_kernels as kernels;
 use wayfix_kernels::{Valid, limits};
 
@@ -142,7 +142,7 @@ pub(super) fn check_log_factor(value: f64) -> Result<(), LikelihoodError> {
     if limits::is_log(value) {
         return Ok(());
     }
-    Err(Parameter::new("the log factor", value, "a value from -1e300 to 1e300").into())
+    Err(OutOfRange::new("the log factor", value, "a value from -1e300 to 1e300").into())
 }
 
 /// Reusable memory for the values of a diagonal, kept from step to step.

@@ -54,7 +54,8 @@ impl LearnLikelihood for TableLikelihood {
             // A NaN is reported by the table's own check.
             shares(&row(&self.columns), &row(statistics), pseudo_count)
         };
-        Ok(Self::from_rows(&(0..self.states()).map(row).collect::<Vec<Vec<f64>>>())?)
+        let rows: Vec<Vec<f64>> = (0..self.states()).map(row).collect();
+        Self::from_rows(&rows).map_err(Into::into)
     }
 
     fn log_prior(&self, pseudo_count: f64) -> f64 {
@@ -78,7 +79,7 @@ impl FreeParameters for TableLikelihood {
     fn displaced(&self, by: &mut Displacement<'_>) -> Outcome<Self> {
         let mut rows = self.to_rows();
         rows.iter_mut().for_each(|row| by.distribution(row));
-        Ok(Self::from_rows(&rows)?)
+        Self::from_rows(&rows).map_err(Into::into)
     }
 }
 

@@ -34,11 +34,10 @@ mod pooled;
 mod shared;
 mod sparse;
 mod sparse_table;
-mod table;
+pub(crate) mod table;
 mod vector;
 
 pub use self::diagonal::Scratch;
-pub use crate::error::TableError;
 pub use crate::groups::Groups;
 pub use diagonal::Diagonal;
 pub(crate) use diagonal::Values;
@@ -159,7 +158,7 @@ pub trait Likelihood {
 /// let table = TableLikelihood::from_rows(&[[0.9, 0.1], [0.0, 1.0]])?;
 /// let mut rng = ChaCha8Rng::seed_from_u64(1);
 /// assert_eq!(table.sample(1, &mut rng), 1);
-/// # Ok::<(), wayfix::likelihood::TableError>(())
+/// # Ok::<(), wayfix::error::OutOfRange>(())
 /// ```
 pub trait SampleObservation: Likelihood {
     /// An observation by value: `usize` for symbols, `Vec<f64>` for vectors.

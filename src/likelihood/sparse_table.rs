@@ -3,8 +3,9 @@
 //! costs. Symbols, unlike observations, are checked against the number of states once.
 
 use super::sparse::{ListError, SparseObservation};
+use super::table::{check_size, invalid};
 use super::{Diagonal, Likelihood, LocalLikelihood, Scratch};
-use crate::error::{LikelihoodError, TableError};
+use crate::error::{LikelihoodError, OutOfRange};
 
 /// A table of likelihoods in sparse form: each symbol lists the states that it stands for, with
 /// their likelihoods, and has one value for all others. The observation is the symbol, 0 to m − 1.
@@ -46,25 +47,31 @@ impl SparseTableLikelihood {
     ///
     /// # Errors
     ///
-    /// [`TableError`] with the symbol, if there are no states or no symbols, a value is NaN,
+    /// [`OutOfRange`] with the symbol, if there are no states or no symbols, a value is NaN,
     /// negative or infinite, or a state does not exist or is listed twice.
     pub fn from_lists<L: AsRef<[(usize, f64)]>>(
         states: usize,
         symbols: &[(L, f64)],
-    ) -> Result<Self, TableError> {
-        if states == 0 || symbols.is_empty() {
-            return Err(TableError::Empty { states, symbols: symbols.len() });
-        }
+    ) -> Result<Self, OutOfRange> {
+        check_size(states, symbols.len())?;
         let of = |(symbol, (listed, elsewhere)): (usize, &(L, f64))| {
             // Checked here, once, so that no step has to.
             let listed = listed.as_ref().to_vec();
             if let Some(&(state, _)) = listed.iter().find(|entry| entry.0 >= states) {
-                return Err(TableError::Listed { symbol, state, states });
+                let what = format!("a state that symbol {symbol} lists");
+                return Err(OutOfRange::index(what, state, states));
             }
             SparseObservation::of(listed, *elsewhere).map_err(|error| match error {
-                ListError::Value { state, value } => TableError::Entry { state, symbol, value },
-                ListError::Elsewhere { value } => TableError::Elsewhere { symbol, value },
-                ListError::Twice { state } => TableError::Twice { symbol, state },
+                ListError::Value { state, value } => invalid(state, symbol, value),
+                ListError::Elsewhere { value } => {
+                    let what = format!("the probability of symbol {symbol} in unlisted states");
+                    OutOfRange::new(what, value, "a finite value of at least 0")
+                }
+                ListError::Twice { state } => {
+                    let what =
+                        format!("the number of times that symbol {symbol} lists state {state}");
+                    OutOfRange::count(what, 2, 1)
+                }
             })
         };
         let symbols = symbols.iter().enumerate().map(of).collect::<Result<_, _>>()?;

@@ -8,7 +8,7 @@ use rand::Rng;
 
 use super::{Diagonal, Likelihood, LocalLikelihood, SampleObservation, Scratch};
 use crate::belief::{Belief, SUM_TOLERANCE};
-use crate::error::{LikelihoodError, TableError};
+use crate::error::{LikelihoodError, OutOfRange};
 use crate::random::index;
 use crate::reorder::ReorderStates;
 use wayfix_kernels as kernels;
@@ -26,7 +26,7 @@ use wayfix_kernels as kernels;
 /// // One row per state: the probability of each symbol.
 /// let umbrella = TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?;
 /// assert_eq!(umbrella.probability(1, 0), Some(0.2));
-/// # Ok::<(), wayfix::likelihood::TableError>(())
+/// # Ok::<(), wayfix::error::OutOfRange>(())
 /// ```
 #[derive(Debug, Clone)]
 pub struct TableLikelihood {
@@ -48,31 +48,30 @@ impl TableLikelihood {
     ///
     /// # Errors
     ///
-    /// [`TableError`] for an empty table, rows of different lengths, a value
+    /// [`OutOfRange`] for an empty table, rows of different lengths, a value
     /// that is NaN, negative or infinite, or a row that does not sum to one
     /// within 1e-9.
-    pub fn from_rows<R: AsRef<[f64]>>(rows: &[R]) -> Result<Self, TableError> {
+    pub fn from_rows<R: AsRef<[f64]>>(rows: &[R]) -> Result<Self, OutOfRange> {
         let states = rows.len();
         let symbols = rows.first().map_or(0, |row| row.as_ref().len());
-        if states == 0 || symbols == 0 {
-            return Err(TableError::Empty { states, symbols });
-        }
+        check_size(states, symbols)?;
         let mut columns = vec![0.0; states * symbols];
         for (state, row) in rows.iter().enumerate() {
             let row = row.as_ref();
             if row.len() != symbols {
                 let (found, expected) = (row.len(), symbols);
-                return Err(TableError::RowLength { state, found, expected });
+                let what = format!("the length of the row of state {state}");
+                return Err(OutOfRange::count(what, found, expected));
             }
             for (symbol, &value) in row.iter().enumerate() {
                 if !(value >= 0.0 && value.is_finite()) {
-                    return Err(TableError::Entry { state, symbol, value });
+                    return Err(invalid(state, symbol, value));
                 }
                 columns[symbol * states + state] = value;
             }
             let sum = kernels::sum(row);
             if (sum - 1.0).abs() > SUM_TOLERANCE {
-                return Err(TableError::RowSum { state, sum });
+                return Err(row_sum(state, sum));
             }
         }
         Ok(Self::from_columns(states, columns))
@@ -91,9 +90,9 @@ impl TableLikelihood {
     ///
     /// # Errors
     ///
-    /// [`TableError`] as [`from_rows`](Self::from_rows).
+    /// [`OutOfRange`] as [`from_rows`](Self::from_rows).
     #[cfg(feature = "faer")]
-    pub fn from_faer(matrix: faer::MatRef<'_, f64>) -> Result<Self, TableError> {
+    pub fn from_faer(matrix: faer::MatRef<'_, f64>) -> Result<Self, OutOfRange> {
         let row = |i| (0..matrix.ncols()).map(|y| matrix[(i, y)]).collect::<Vec<_>>();
         Self::from_rows(&(0..matrix.nrows()).map(row).collect::<Vec<_>>())
     }
@@ -243,6 +242,27 @@ impl SampleObservation for TableLikelihood {
         let row = self.columns[state..].iter().step_by(self.states).copied();
         index(row.enumerate(), 1.0, rng)
     }
+}
+
+/// Checks that a table has states and symbols.
+pub(super) fn check_size(states: usize, symbols: usize) -> Result<(), OutOfRange> {
+    for (what, count) in [("states", states), ("symbols", symbols)] {
+        if count == 0 {
+            return Err(OutOfRange::none(format!("the number of {what} of a table")));
+        }
+    }
+    Ok(())
+}
+
+/// Error of a value that is NaN, negative or infinite.
+pub(crate) fn invalid(state: usize, symbol: usize, value: f64) -> OutOfRange {
+    let what = format!("the probability of symbol {symbol} in state {state}");
+    OutOfRange::new(what, value, "a finite value of at least 0")
+}
+
+/// Error of a state whose probabilities of symbols do not sum to one.
+pub(crate) fn row_sum(state: usize, sum: f64) -> OutOfRange {
+    OutOfRange::new(format!("the sum of the symbol probabilities of state {state}"), sum, "1")
 }
 
 #[cfg(feature = "serde")]

@@ -1,7 +1,7 @@
 //! Errors of maps, flows and turning probabilities. They name places by their ids, and count lines
 //! of files from 1.
 
-use crate::error::{Number, Parameter, TransitionError};
+use crate::error::{Number, OutOfRange, TransitionError};
 use crate::files::FileError;
 
 /// Places and roads that do not form a map, turning probabilities or counts of traffic that do not
@@ -95,7 +95,7 @@ pub enum MapError {
     },
     /// A number of a rule or a prior is out of range.
     #[error(transparent)]
-    Parameter(#[from] Parameter),
+    Parameter(#[from] OutOfRange),
     /// A turn has a probability above 0 but there is no road.
     #[error(
         "no road leads from place {from} to place {to}, but its turning probability is {value}",
@@ -186,11 +186,10 @@ pub enum MapError {
 }
 
 impl From<FileError> for MapError {
-    fn from(source: FileError) -> Self {
-        match source {
-            FileError::Read { file, reason } => Self::Read { file, reason },
-            #[cfg(feature = "csv")]
-            FileError::Line { file, line, problem } => Self::Line { file, line, problem },
+    fn from(FileError { file, line, problem }: FileError) -> Self {
+        match line {
+            None => Self::Read { file, reason: problem },
+            Some(line) => Self::Line { file, line, problem },
         }
     }
 }

@@ -4,7 +4,7 @@
 
 use std::f64::consts::PI;
 
-use crate::error::{Parameter, TransitionError};
+use crate::error::{OutOfRange, TransitionError};
 use crate::map::RoadMap;
 use crate::transition::{
     MoveLikelihood, SparseTransition, Transition, TransitionEntries, WithMoveLikelihood, delegate,
@@ -112,7 +112,7 @@ impl DistanceTransition {
             road.map(|(_, road)| road.metres).ok_or_else(|| {
                 let what = format!("the number of roads from state {from} to state {to}");
                 let expected = "1, since there is such a transition";
-                TransitionError::Parameter(Parameter::new(what, 0.0, expected))
+                TransitionError::Parameter(OutOfRange::new(what, 0.0, expected))
             })
         })
     }
@@ -145,7 +145,7 @@ impl DistanceTransition {
                     let what =
                         format!("the length of the transition from state {from} to state {to}");
                     let expected = "a finite value of at least 0";
-                    return Err(Parameter::new(what, value, expected).into());
+                    return Err(OutOfRange::new(what, value, expected).into());
                 }
                 moves.push(Length { to: to as u32, metres: value, p, log2: log2(p) });
                 least = least.min(p);
@@ -336,7 +336,7 @@ fn distances(
     if found != expected {
         let what = "the number of lengths".to_owned();
         let expected = "one for each entry of the base";
-        return Err(Parameter::new(what, found as f64, expected).into());
+        return Err(OutOfRange::new(what, found as f64, expected).into());
     }
     let mut lengths = lengths.iter().copied();
     DistanceTransition::build(base, |_, _| Ok(lengths.next().unwrap_or(f64::NAN)))

@@ -1,8 +1,8 @@
 //! Confusion of places, the discrete part P_c of the sensor: a column-stochastic matrix of p(seen |
 //! place), stored once by what is seen, which is how a filter reads it.
 
-use super::ObservationError;
-use crate::error::{Parameter, TableError, TransitionError};
+use crate::error::{OutOfRange, TransitionError};
+use crate::likelihood::table::{invalid, row_sum};
 use crate::likelihood::{SparseObservation, SparseTableLikelihood, TableLikelihood};
 use crate::map::RoadMap;
 use crate::transition::{Compressed, SparseTransition};
@@ -39,23 +39,23 @@ impl Confusion {
     ///
     /// # Errors
     ///
-    /// [`ObservationError`] if the mean is not above 0 and at most 1, if it is below 1 and no
+    /// [`OutOfRange`] if the mean is not above 0 and at most 1, if it is below 1 and no
     /// place has a neighbour, or if a place has so many neighbours that no probability is left
     /// for itself.
-    pub fn new<P>(map: &RoadMap<P>, mean_correct: f64) -> Result<Self, ObservationError> {
+    pub fn new<P>(map: &RoadMap<P>, mean_correct: f64) -> Result<Self, OutOfRange> {
         if !(mean_correct > 0.0 && mean_correct <= 1.0) {
-            return Err(Parameter::new(
+            return Err(OutOfRange::new(
                 "the mean probability of a correct observation",
                 mean_correct,
                 "above 0 and at most 1",
-            )
-            .into());
+            ));
         }
         let n = map.places().len();
         let joined: Vec<Vec<usize>> = (0..n).map(|i| map.joined(i)).collect();
         let pairs: usize = joined.iter().map(Vec::len).sum();
         if pairs == 0 && mean_correct < 1.0 {
-            return Err(ObservationError::NoNeighbors { mean: mean_correct });
+            let what = "the mean probability of a correct observation";
+            return Err(OutOfRange::new(what, mean_correct, "1, as no place has a neighbour"));
         }
         // From n m = Σ (1 − q dᵢ) = n − q Σ dᵢ for the mean m.
         let share = if pairs == 0 { 0.0 } else { (1.0 - mean_correct) * n as f64 / pairs as f64 };
@@ -65,7 +65,10 @@ impl Confusion {
             // A junction with 1 / q neighbours or more would have nothing left for itself.
             if correct <= 0.0 {
                 let (id, neighbors) = (map.places()[i].id, joined.len());
-                return Err(ObservationError::TooManyNeighbors { id, neighbors, correct });
+                let what = format!(
+                    "the probability of a correct observation of place {id}, which has {neighbors} neighbours,"
+                );
+                return Err(OutOfRange::new(what, correct, "a value above 0"));
             }
             entries.push((i, i, correct));
             entries.extend(joined.iter().map(|&j| (i, j, share)));
@@ -84,19 +87,19 @@ impl Confusion {
     /// let confusion = Confusion::from_entries(3, entries)?;
     /// assert_eq!(confusion.probability(0, 1), Some(0.2));
     /// assert_eq!(confusion.probability(2, 1), Some(0.0));
-    /// # Ok::<(), wayfix::observation::ObservationError>(())
+    /// # Ok::<(), wayfix::error::OutOfRange>(())
     /// ```
     ///
     /// # Errors
     ///
-    /// [`ObservationError`] for no places, an index out of range, a probability that is
+    /// [`OutOfRange`] for no places, an index out of range, a probability that is
     /// NaN, negative or infinite, an entry above 0 given twice, a place whose
     /// probabilities do not sum to one within 1e-9, or more than 2^31 − 1 places or
     /// 2^32 − 1 entries.
     pub fn from_entries(
         places: usize,
         entries: impl IntoIterator<Item = (usize, usize, f64)>,
-    ) -> Result<Self, ObservationError> {
+    ) -> Result<Self, OutOfRange> {
         let entries = entries.into_iter().map(|(place, seen_as, p)| (seen_as, place, p));
         Self::of(SparseTransition::compressed(places, entries))
     }
@@ -111,27 +114,25 @@ impl Confusion {
     /// let seen = [(0, 0, 1.0), (0, 1, 1.0), (0, 0, 2.0), (1, 1, 5.0)];
     /// let confusion = Confusion::from_weights(2, seen)?;
     /// assert_eq!(confusion.probability(0, 0), Some(0.75));
-    /// # Ok::<(), wayfix::observation::ObservationError>(())
+    /// # Ok::<(), wayfix::error::OutOfRange>(())
     /// ```
     ///
     /// # Errors
     ///
-    /// [`ObservationError`] for no places, an index out of range, a weight that is NaN,
+    /// [`OutOfRange`] for no places, an index out of range, a weight that is NaN,
     /// negative or infinite, a place without a weight above 0, or more than 2^31 − 1
     /// places or 2^32 − 1 weights.
     pub fn from_weights(
         places: usize,
         weights: impl IntoIterator<Item = (usize, usize, f64)>,
-    ) -> Result<Self, ObservationError> {
+    ) -> Result<Self, OutOfRange> {
         let weights = weights.into_iter().map(|(place, seen_as, w)| (seen_as, place, w));
         Self::of(SparseTransition::compressed_weights(places, weights))
     }
 
     /// Creates a confusion from the rows and columns of a matrix of p(to: seen | from: place),
     /// whose columns sum to one, like those of a transition matrix.
-    fn of(
-        lines: Result<(Compressed, Compressed), TransitionError>,
-    ) -> Result<Self, ObservationError> {
+    fn of(lines: Result<(Compressed, Compressed), TransitionError>) -> Result<Self, OutOfRange> {
         let (by_seen, by_place) = lines.map_err(|error| of_pairs(&error))?;
         let symbol =
             |seen| SparseObservation { listed: by_seen.line(seen).collect(), elsewhere: 0.0 };
@@ -178,14 +179,13 @@ impl Confusion {
         place: &[u32],
         seen_as: &[u32],
         probability: &[f64],
-    ) -> Result<Self, ObservationError> {
+    ) -> Result<Self, OutOfRange> {
         for (what, found) in [
             ("the number of values in `seen_as`", seen_as.len()),
             ("the number of values in `probability`", probability.len()),
         ] {
             if found != place.len() {
-                let (value, expected) = (found as f64, "as many as in `place`");
-                return Err(Parameter::new(what, value, expected).into());
+                return Err(OutOfRange::new(what, found as f64, "as many as in `place`"));
             }
         }
         if place.len() < places {
@@ -193,7 +193,7 @@ impl Confusion {
             // before anything is allocated per place, so that a wrong number cannot exhaust memory.
             let (what, value) = ("the number of places", places as f64);
             let expected = "at most as many as entries";
-            return Err(Parameter::new(what, value, expected).into());
+            return Err(OutOfRange::new(what, value, expected));
         }
         let entries = place.iter().zip(seen_as).zip(probability);
         let entries = entries.map(|((place, seen_as), p)| (*place as usize, *seen_as as usize, *p));
@@ -229,42 +229,41 @@ impl Confusion {
     /// # Errors
     ///
     /// None in practice, since the rows sum to one.
-    pub fn into_table(self) -> Result<TableLikelihood, ObservationError> {
+    pub fn into_table(self) -> Result<TableLikelihood, OutOfRange> {
         let rows: Vec<_> = (0..self.places()).map(|place| self.row(place)).collect();
-        Ok(TableLikelihood::from_rows(&rows)?)
+        TableLikelihood::from_rows(&rows)
     }
 }
 
 /// Converts an error of the underlying sparse matrix to terms of places.
-fn of_pairs(error: &TransitionError) -> ObservationError {
+fn of_pairs(error: &TransitionError) -> OutOfRange {
     match *error {
-        TransitionError::Empty => TableError::Empty { states: 0, symbols: 0 }.into(),
+        TransitionError::Empty => OutOfRange::none("the number of places"),
+        TransitionError::OutOfRange { to, from, states } if from >= states => {
+            OutOfRange::index(format!("a place that is seen as place {to}"), from, states)
+        }
         TransitionError::OutOfRange { to, from, states } => {
-            ObservationError::OutOfRange { place: from, seen_as: to, places: states }
+            OutOfRange::index(format!("a place that place {from} is seen as"), to, states)
         }
-        TransitionError::Entry { to, from, value } => {
-            TableError::Entry { state: from, symbol: to, value }.into()
-        }
+        TransitionError::Entry { to, from, value } => invalid(from, to, value),
         TransitionError::Weight { to, from, value } => {
-            ObservationError::Weight { place: from, seen_as: to, value }
+            let what = format!("the weight of place {from} seen as {to}");
+            OutOfRange::new(what, value, "a finite value of at least 0")
         }
         TransitionError::Duplicate { to, from } => {
-            ObservationError::Twice { place: from, seen_as: to }
+            OutOfRange::count(format!("the number of entries of place {from} seen as {to}"), 2, 1)
         }
         TransitionError::ColumnSum { column, sum }
-        | TransitionError::RowsSumToOne { column, sum } => {
-            TableError::RowSum { state: column, sum }.into()
+        | TransitionError::RowsSumToOne { column, sum } => row_sum(column, sum),
+        TransitionError::NoWeight { column } => {
+            let what = format!("the sum of the weights of place {column}");
+            OutOfRange::new(what, 0.0, "a value above 0")
         }
-        TransitionError::NoWeight { column } => ObservationError::NoWeight { place: column },
-        TransitionError::TooMany { what: "states", count } => ObservationError::Parameter(
-            Parameter::new("the number of places", count as f64, "at most 2147483647"),
-        ),
+        TransitionError::TooMany { what: "states", count } => {
+            OutOfRange::new("the number of places", count as f64, "at most 2147483647")
+        }
         // The only error left is that of too many entries.
-        _ => ObservationError::Parameter(Parameter::new(
-            "the number of entries",
-            f64::INFINITY,
-            "at most 4294967295",
-        )),
+        _ => OutOfRange::new("the number of entries", f64::INFINITY, "at most 4294967295"),
     }
 }
 

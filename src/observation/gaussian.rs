@@ -3,8 +3,8 @@
 
 use std::f64::consts::TAU;
 
-use super::{Confusion, ObservationError};
-use crate::error::Parameter;
+use super::Confusion;
+use crate::error::OutOfRange;
 use crate::likelihood::TableLikelihood;
 use crate::map::{Coordinates, RoadMap};
 use wayfix_kernels as kernels;
@@ -56,21 +56,21 @@ impl Confusion {
     ///
     /// # Errors
     ///
-    /// [`ObservationError::Parameter`] unless `sigma` is finite and above 0, or if the map has a
+    /// [`OutOfRange`] unless `sigma` is finite and above 0, or if the map has a
     /// different number of places.
     pub fn with_gaussian<P: Coordinates>(
         &self,
         map: &RoadMap<P>,
         metric: Metric,
         sigma: f64,
-    ) -> Result<TableLikelihood, ObservationError> {
+    ) -> Result<TableLikelihood, OutOfRange> {
         if !(sigma > 0.0 && sigma.is_finite()) {
             let (what, expected) = ("sigma", "a finite value above 0");
-            return Err(Parameter::new(what, sigma, expected).into());
+            return Err(OutOfRange::new(what, sigma, expected));
         }
         if map.places().len() != self.places() {
-            let (what, found) = ("the number of places of the map", map.places().len() as f64);
-            return Err(Parameter::new(what, found, "that of the confusion").into());
+            let (what, found) = ("the number of places of the map", map.places().len());
+            return Err(OutOfRange::count(what, found, self.places()));
         }
         let mut rows = Vec::with_capacity(self.places());
         for i in 0..self.places() {
@@ -89,6 +89,6 @@ impl Confusion {
             row.iter_mut().zip(&gaussian).for_each(|(p, g)| *p = (*p + g) / normalizer);
             rows.push(row);
         }
-        Ok(TableLikelihood::from_rows(&rows)?)
+        TableLikelihood::from_rows(&rows)
     }
 }

@@ -14,7 +14,7 @@
 //!
 //! let camera = confusion.with_gaussian(&map, Metric::Metres, 150.0)?;
 //! # let _: wayfix::TableLikelihood = camera;
-//! # Ok::<(), wayfix::observation::ObservationError>(())
+//! # Ok::<(), wayfix::error::OutOfRange>(())
 //! ```
 //!
 //! A confusion alone is also a sensor, for any number of places: from a map, or from
@@ -24,10 +24,8 @@
 //! wayfix-roads.
 
 mod confusion;
-mod error;
 mod gaussian;
 mod seen_places;
 
 pub use confusion::Confusion;
-pub use error::ObservationError;
 pub use gaussian::Metric;

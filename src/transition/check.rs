@@ -2,7 +2,7 @@
 //! and the value. Comparisons are written so that a NaN fails them.
 
 use crate::belief::SUM_TOLERANCE;
-use crate::error::{Parameter, TransitionError};
+use crate::error::{OutOfRange, TransitionError};
 use wayfix_kernels as kernels;
 
 /// Checks that all column sums are one.
@@ -57,11 +57,11 @@ pub fn check_sum(
 ) -> Result<(), TransitionError> {
     if let Some(at) = values.iter().position(|&value| !(value >= 0.0 && value.is_finite())) {
         let expected = "a finite value of at least 0";
-        return Err(Parameter::new(name(at), values[at], expected).into());
+        return Err(OutOfRange::new(name(at), values[at], expected).into());
     }
     let sum = kernels::sum(values);
     if (sum - 1.0).abs() > SUM_TOLERANCE {
-        return Err(Parameter::new(whole, sum, "1").into());
+        return Err(OutOfRange::new(whole, sum, "1").into());
     }
     Ok(())
 }
@@ -74,7 +74,7 @@ pub fn check_sum(
 pub fn check_probability(value: f64, what: impl FnOnce() -> String) -> Result<(), TransitionError> {
     if !(0.0..=1.0).contains(&value) {
         let expected = "a value from 0 to 1";
-        return Err(Parameter::new(what(), value, expected).into());
+        return Err(OutOfRange::new(what(), value, expected).into());
     }
     Ok(())
 }
@@ -119,7 +119,7 @@ pub(crate) fn check_square(states: usize, found: usize) -> Result<(), Transition
 #[cfg(feature = "serde")]
 pub(crate) fn check_one(value: f64, what: impl FnOnce() -> String) -> Result<(), TransitionError> {
     if (value - 1.0).abs() > SUM_TOLERANCE {
-        return Err(Parameter::new(what(), value, "1").into());
+        return Err(OutOfRange::new(what(), value, "1").into());
     }
     Ok(())
 }

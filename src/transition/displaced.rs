@@ -9,7 +9,7 @@ use super::{
     ConstrainedTransition, DenseTransition, RestartTransition, SparseTransition,
     SwitchedTransition, Transition, TransitionEntries,
 };
-use crate::error::Parameter;
+use crate::error::OutOfRange;
 use crate::free_parameters::{Displacement, FreeParameters};
 use crate::transition::constrained::FIXED;
 
@@ -79,7 +79,7 @@ impl FreeParameters for ConstrainedTransition {
         if transition.entries() != self.transition.entries() {
             // A sparse matrix drops entries of 0, and parameters are matched by position: one that
             // underflows would shift all after it.
-            return Err(Parameter::new("a displaced probability", 0.0, "a value above 0").into());
+            return Err(OutOfRange::new("a displaced probability", 0.0, "a value above 0").into());
         }
         let (parameters, pseudo_counts) = (self.parameters.clone(), self.pseudo_counts.clone());
         Ok(Self { transition, parameters, pseudo_counts })

@@ -10,7 +10,7 @@ use std::f64::consts::LOG2_E;
 use super::Transition;
 use super::log::{self, LARGEST_LINEAR_ENTRY};
 use crate::belief::Belief;
-use crate::error::{Parameter, TransitionError};
+use crate::error::{OutOfRange, TransitionError};
 use wayfix_kernels::{self as kernels, log2};
 
 /// The moves of an operator, and jumps added to them.
@@ -57,7 +57,7 @@ impl<A: Transition> Jumps<A> {
     ) -> Result<Self, TransitionError> {
         if let Some(value) = evidence.filter(|log| !log.is_finite()) {
             let what = format!("the log-likelihood of evidence {place}");
-            return Err(Parameter::new(what, value, "a finite number").into());
+            return Err(OutOfRange::new(what, value, "a finite number").into());
         }
         Ok(Self { evidence, ..self })
     }
@@ -170,7 +170,7 @@ pub(crate) fn scale_belief(
         if *r > 0.0 && rate > 0.0 && value < f64::MIN_POSITIVE {
             let what = format!("the probability of {what} state {state}");
             let expected = "0 or at least 2.2e-308, the smallest normal double";
-            return Err(Parameter::new(what, value, expected).into());
+            return Err(OutOfRange::new(what, value, expected).into());
         }
         *r = value;
     }

@@ -312,7 +312,7 @@ fn restarting<A: Transition>(
     {
         let what = format!("the probability of a restart in state {state}");
         let expected = "a finite value of at least 0";
-        return Err(crate::error::Parameter::new(what, value, expected).into());
+        return Err(crate::error::OutOfRange::new(what, value, expected).into());
     }
     let sum = keep + restart.iter().sum::<f64>();
     crate::transition::check::check_one(sum, || "the probability of a restart or none".to_owned())?;

@@ -329,7 +329,7 @@ fn sparse(
         if found != to.len() {
             let what = format!("the number of values in `{what}`");
             let expected = "as many as in `to`";
-            return Err(crate::error::Parameter::new(what, found as f64, expected).into());
+            return Err(crate::error::OutOfRange::new(what, found as f64, expected).into());
         }
     }
     if to.len() < states {

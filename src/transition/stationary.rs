@@ -10,7 +10,7 @@ use std::collections::BTreeSet;
 
 use super::{Transition, TransitionEntries, constant_control};
 use crate::belief::Belief;
-use crate::error::{Parameter, TransitionError};
+use crate::error::{OutOfRange, TransitionError};
 
 /// Largest number of entries of an elimination: about 1 GB.
 const MOST_ENTRIES: usize = 1 << 26;
@@ -202,7 +202,7 @@ fn eliminate(
         let leaves: f64 = shares.iter().map(|entry| entry.1).sum();
         if leaves == 0.0 {
             let what = format!("the probability of leaving state {state}");
-            return Err(Parameter::new(what, leaves, "a value in the range of doubles").into());
+            return Err(OutOfRange::new(what, leaves, "a value in the range of doubles").into());
         }
         shares.iter_mut().for_each(|entry| entry.1 /= leaves);
         let mut from_others = Vec::new();

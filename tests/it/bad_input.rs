@@ -9,9 +9,9 @@ use wayfix::map::{
 use wayfix::observation::{Confusion, Metric};
 use wayfix::transition::SwitchedTransition;
 use wayfix::{
-    Belief, Controlled, DenseTransition, Diagonal, FusedLikelihood, Hmm, InferenceError,
-    Likelihood, LikelihoodError, LikelihoodVector, Prior, Scratch, SparseTransition,
-    TableLikelihood, Transition, evaluate,
+    Belief, Controlled, DenseTransition, Diagonal, FusedLikelihood, Hmm, HmmError, Likelihood,
+    LikelihoodError, LikelihoodVector, Prior, Scratch, SparseTransition, TableLikelihood,
+    Transition, evaluate,
 };
 
 use crate::kit::{says, still, text};
@@ -221,7 +221,7 @@ fn operators_that_break_their_contract_give_errors_and_no_nan() {
             filter.forecast_with(&[rate]).unwrap_err(),
             hmm.smooth(&Controlled::new(&[rate], &[y]).unwrap()).unwrap_err(),
         ] {
-            assert!(matches!(error, InferenceError::Predicted { step: 1, .. }), "{error}");
+            assert!(matches!(error, HmmError::Predicted { step: 1, .. }), "{error}");
         }
         assert_eq!(filter.snapshot(), before);
     }
@@ -231,7 +231,7 @@ fn operators_that_break_their_contract_give_errors_and_no_nan() {
     );
     // Its transposed product is wrong, which the smoother notices.
     let error = hmm.smooth(&Controlled::new(&[0.5, 0.5], &[y, y]).unwrap()).unwrap_err();
-    assert!(matches!(error, InferenceError::PredictedSum { .. }), "{error}");
+    assert!(matches!(error, HmmError::PredictedSum { .. }), "{error}");
 }
 
 #[test]

@@ -3,8 +3,7 @@
 use proptest::prelude::*;
 use wayfix::transition::SwitchedTransition;
 use wayfix::{
-    Controlled, Hmm, InferenceError, LikelihoodVector, OptionalLikelihood, SparseTransition,
-    canberra,
+    Controlled, Hmm, HmmError, LikelihoodVector, OptionalLikelihood, SparseTransition, canberra,
 };
 
 use crate::kit::{Kind, Model, Sensor, cases_of, dyadic_models, models, rng};
@@ -49,12 +48,12 @@ fn check(model: &Model, width: f64) -> Result<(), TestCaseError> {
         }
         (Ok(_), Err(error)) => {
             prop_assert!(width < f64::INFINITY);
-            let pruned = matches!(error, InferenceError::Pruned { .. });
+            let pruned = matches!(error, HmmError::Pruned { .. });
             prop_assert!(pruned, "{}", error);
         }
         (Err(exact), Err(error)) => {
             let text = exact.to_string();
-            let pruned = matches!(error, InferenceError::Pruned { .. });
+            let pruned = matches!(error, HmmError::Pruned { .. });
             prop_assert!(error.to_string() == text || (pruned && width < f64::INFINITY));
         }
         (Err(exact), Ok(_)) => prop_assert!(false, "{}", exact),

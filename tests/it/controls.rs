@@ -7,7 +7,7 @@ use wayfix::inference::{LearningOptions, Order};
 use wayfix::likelihood::SparseObservation;
 use wayfix::transition::SwitchedTransition;
 use wayfix::{
-    Belief, Controlled, DenseTransition, FusedLikelihood, Hmm, InferenceError, Likelihood,
+    Belief, Controlled, DenseTransition, FusedLikelihood, Hmm, HmmError, Likelihood,
     LikelihoodVector, OptionalLikelihood, Prior, SparseLikelihood, TableLikelihood, Transition,
 };
 
@@ -69,9 +69,9 @@ fn an_unknown_control_or_a_missing_one_is_an_error_and_the_filter_stays() {
     assert_eq!(filter.snapshot(), before);
 
     let error = hmm.smooth(&Controlled::new(&[0, 2], &[NOTHING; 2]).unwrap()).unwrap_err();
-    assert!(matches!(error, InferenceError::Control(At { number: 2, .. })));
+    assert!(matches!(error, HmmError::Control(At { number: 2, .. })));
     let error = hmm.viterbi(&Controlled::new(&[0, 2], &[NOTHING; 2]).unwrap()).unwrap_err();
-    assert!(matches!(error, InferenceError::Control(At { number: 2, .. })));
+    assert!(matches!(error, HmmError::Control(At { number: 2, .. })));
     let error = Controlled::new(&[0], &[NOTHING; 2]).unwrap_err();
     assert_eq!(error.to_string(), "1 controls for 2 observations, expected one each");
 }

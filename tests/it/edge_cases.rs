@@ -5,9 +5,9 @@ use wayfix::error::At;
 use wayfix::inference::Order;
 use wayfix::transition::{KroneckerTransition, RestartTransition, SwitchedTransition};
 use wayfix::{
-    Belief, DenseTransition, Diagonal, FusedLikelihood, Hmm, InferenceError, Likelihood,
-    LikelihoodError, LikelihoodVector, OptionalLikelihood, Prior, Scratch, SparseTransition,
-    TableLikelihood, Transition, TransitionEntries,
+    Belief, DenseTransition, Diagonal, FusedLikelihood, Hmm, HmmError, Likelihood, LikelihoodError,
+    LikelihoodVector, OptionalLikelihood, Prior, Scratch, SparseTransition, TableLikelihood,
+    Transition, TransitionEntries,
 };
 
 use crate::kit::rng;
@@ -129,7 +129,7 @@ fn one_state_is_always_that_state() {
     assert!(smoothing.posteriors().as_slice().iter().all(|p| *p == 1.0));
     assert!((smoothing.log_likelihood() - 0.5_f64.ln()).abs() <= 1e-12);
     let impossible = hmm.smooth(&[[0.5], [0.0]]).unwrap_err();
-    assert!(matches!(impossible, InferenceError::Impossible { step: 2 }));
+    assert!(matches!(impossible, HmmError::Impossible { step: 2 }));
 }
 
 /// A sensor with a factor taken out.
@@ -439,7 +439,7 @@ fn a_snapshot_with_an_unknown_control_is_refused() {
         other.step_with(&1, &[0.0, -1.0]).unwrap();
         let kept = other.snapshot();
         let error = other.restore(&smoother.snapshot()).unwrap_err();
-        assert!(matches!(error, InferenceError::Control(At { number: 2, .. })), "{error}");
+        assert!(matches!(error, HmmError::Control(At { number: 2, .. })), "{error}");
         assert_eq!(other.snapshot(), kept);
     }
 }
@@ -537,7 +537,7 @@ fn a_slightly_negative_prediction_is_an_error() {
     }
     let hmm = Hmm::new(before(uniform(2)), Negative, LikelihoodVector::linear(2)).unwrap();
     let error = hmm.filter().step_with(&0, &[1.0, 1.0]).unwrap_err();
-    assert!(matches!(error, InferenceError::Predicted { step: 1, state: 1, value } if value < 0.0));
+    assert!(matches!(error, HmmError::Predicted { step: 1, state: 1, value } if value < 0.0));
 }
 
 #[test]

@@ -6,7 +6,7 @@ use proptest::test_runner::TestCaseResult;
 use wayfix::inference::Pruning;
 use wayfix::transition::{EvidenceTransition, Stored, SwitchedTransition};
 use wayfix::{
-    Belief, Controlled, Hmm, InferenceError, LikelihoodVector, Prior, TableLikelihood, Transition,
+    Belief, Controlled, Hmm, HmmError, LikelihoodVector, Prior, TableLikelihood, Transition,
     TransitionEntries, TransitionError,
 };
 
@@ -259,8 +259,8 @@ fn a_bad_operator_is_refused_by_the_model() {
 #[test]
 fn a_bad_operator_with_a_control_is_an_error_of_the_first_step() {
     let hmm = Hmm::new(anywhere(), Driven(leaky()), LikelihoodVector::linear(2)).unwrap();
-    let found = |error: InferenceError| match error {
-        InferenceError::PredictedSum { step: 1, sum } => assert!((sum - 0.95).abs() < 1e-15),
+    let found = |error: HmmError| match error {
+        HmmError::PredictedSum { step: 1, sum } => assert!((sum - 0.95).abs() < 1e-15),
         error => panic!("{error}"),
     };
     let ys = vec![[0.5, 0.5]; 3000];

@@ -9,7 +9,7 @@ use proptest::prelude::*;
 use wayfix::inference::{Certificate, Pruning};
 use wayfix::likelihood::{LocalLikelihood, SparseObservation};
 use wayfix::{
-    Belief, Fixed, FusedLikelihood, Hmm, InferenceError, Likelihood, LikelihoodVector,
+    Belief, Fixed, FusedLikelihood, Hmm, HmmError, Likelihood, LikelihoodVector,
     OptionalLikelihood, Prior, PrunedFilter, Scratch, SparseLikelihood, SparseTransition,
     TableLikelihood, TransitionEntries, canberra,
 };
@@ -185,8 +185,8 @@ where
         let step = pruned.step(seen);
         let Some((belief, log)) = exact.get(k) else {
             // An impossible observation is never taken for possible.
-            let impossible = InferenceError::Impossible { step: k + 1 }.to_string();
-            let dropped = InferenceError::Pruned { step: k + 1 }.to_string();
+            let impossible = HmmError::Impossible { step: k + 1 }.to_string();
+            let dropped = HmmError::Pruned { step: k + 1 }.to_string();
             let error = step.unwrap_err().to_string();
             prop_assert!(error == impossible || error == dropped, "{}", error);
             prop_assert!(case.prunes() || error == impossible);
@@ -213,7 +213,7 @@ where
             }
             Err(error) => {
                 // The observation is possible, so it must not be reported as impossible.
-                let expected = InferenceError::Pruned { step: k + 1 }.to_string();
+                let expected = HmmError::Pruned { step: k + 1 }.to_string();
                 prop_assert_eq!(error.to_string(), expected);
                 prop_assert!(case.prunes());
                 prop_assert_eq!(pruned.active(), before.0);
@@ -295,7 +295,7 @@ where
             Ok(certificate) => certificate,
             Err(error) => {
                 // (A possible observation may only be reported as possibly dropped.)
-                let dropped = matches!(error, InferenceError::Pruned { .. });
+                let dropped = matches!(error, HmmError::Pruned { .. });
                 prop_assert!(dropped || !possible, "{}", error);
                 prop_assert_eq!(pruned.snapshot(), before);
                 break;

@@ -4,8 +4,8 @@
 use wayfix::inference::Order;
 use wayfix::transition::SwitchedTransition;
 use wayfix::{
-    Belief, Controlled, DenseTransition, Hmm, InferenceError, LikelihoodVector, Prior,
-    SparseTransition, TransitionEntries,
+    Belief, Controlled, DenseTransition, Hmm, HmmError, LikelihoodVector, Prior, SparseTransition,
+    TransitionEntries,
 };
 
 struct Case {
@@ -131,7 +131,7 @@ fn an_impossible_observation_is_an_error_that_names_its_step() {
     .unwrap();
     let ys = [[1.0, 0.0], [0.0, 1.0], [1.0, 0.0]];
     // The second observation, index 1, is step 2.
-    let impossible = |error| matches!(error, InferenceError::Impossible { step: 2 });
+    let impossible = |error| matches!(error, HmmError::Impossible { step: 2 });
     assert!(impossible(hmm.smooth(&ys).unwrap_err()));
     assert!(impossible(hmm.viterbi(&ys).unwrap_err()));
     let mut filter = hmm.filter();

@@ -2,7 +2,7 @@
 
 use proptest::collection::vec;
 use proptest::prelude::*;
-use wayfix::{Belief, Hmm, InferenceError, LikelihoodVector, Prior, SparseTransition};
+use wayfix::{Belief, Hmm, HmmError, LikelihoodVector, Prior, SparseTransition};
 
 use crate::kit::{Kind, Model, all_close, cases, close_logs, models, weighted};
 
@@ -184,7 +184,7 @@ fn what_is_refused_leaves_the_smoother_as_it_was() {
     let mut smoother = hmm.fixed_lag(2);
     smoother.step(&[0.9, 0.2]).unwrap();
     let before = smoother.snapshot();
-    assert!(matches!(smoother.update(&[0.0, 0.0]), Err(InferenceError::Impossible { step: 1 })));
+    assert!(matches!(smoother.update(&[0.0, 0.0]), Err(HmmError::Impossible { step: 1 })));
     let text = smoother.relocate(&Belief::uniform(3).unwrap()).unwrap_err().to_string();
     assert_eq!(text, "the belief has 3 states, expected 2 to match the model");
     assert_eq!(smoother.snapshot(), before);

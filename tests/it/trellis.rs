@@ -3,7 +3,7 @@
 use proptest::collection::vec;
 use proptest::prelude::*;
 use wayfix::inference::{Trellis, ViterbiPath};
-use wayfix::{Belief, Controlled, DenseTransition, Hmm, InferenceError, Prior, TableLikelihood};
+use wayfix::{Belief, Controlled, DenseTransition, Hmm, HmmError, Prior, TableLikelihood};
 
 use crate::kit::{Kind, NEVER, all_close, cases, close, close_logs, log_sum, models};
 
@@ -119,9 +119,9 @@ fn steps_with_ties() -> impl Strategy<Value = Steps> {
     steps_of(1, whole, &[0.0, -1e5, 1e3])
 }
 
-fn impossible<T: std::fmt::Debug>(result: Result<T, InferenceError>) -> Option<usize> {
+fn impossible<T: std::fmt::Debug>(result: Result<T, HmmError>) -> Option<usize> {
     match result {
-        Err(InferenceError::Impossible { step }) => Some(step),
+        Err(HmmError::Impossible { step }) => Some(step),
         Ok(_) => None,
         Err(other) => panic!("{other}"),
     }
@@ -255,7 +255,7 @@ proptest! {
         let states = if last > 1 { trellis.states(last - 1) } else { 1 };
         let good = std::iter::repeat_n((0, -1.0), good_moves);
         let value = |result| match result {
-            Err(InferenceError::TrellisValue { step, value }) => {
+            Err(HmmError::TrellisValue { step, value }) => {
                 step == last && value.to_bits() == bad.to_bits()
             }
             _ => false,
@@ -267,7 +267,7 @@ proptest! {
         let result = trellis.state(0.0, good.chain([(states, 0.0)]));
         let named = matches!(
             result,
-            Err(InferenceError::TrellisState { step, from, states: found })
+            Err(HmmError::TrellisState { step, from, states: found })
                 if (step, from, found) == (last, states, states)
         );
         prop_assert!(named, "{result:?}");
@@ -352,8 +352,8 @@ fn default_is_new() {
 #[test]
 fn a_state_without_a_step_is_an_error() {
     let mut trellis = Trellis::new();
-    assert!(matches!(trellis.state(0.0, []), Err(InferenceError::TrellisStep)));
-    assert!(matches!(trellis.state(0.0, [(0, 0.0)]), Err(InferenceError::TrellisStep)));
+    assert!(matches!(trellis.state(0.0, []), Err(HmmError::TrellisStep)));
+    assert!(matches!(trellis.state(0.0, [(0, 0.0)]), Err(HmmError::TrellisStep)));
     assert_eq!(trellis, Trellis::new());
 }
 
@@ -398,10 +398,10 @@ fn no_path_of_an_impossible_model_is_an_error() {
 
 /// The same number of paths, or the same error.
 fn same_answers(
-    one: &Result<Vec<ViterbiPath>, InferenceError>,
-    other: &Result<Vec<ViterbiPath>, InferenceError>,
+    one: &Result<Vec<ViterbiPath>, HmmError>,
+    other: &Result<Vec<ViterbiPath>, HmmError>,
 ) {
-    let say = |result: &Result<Vec<ViterbiPath>, InferenceError>| {
+    let say = |result: &Result<Vec<ViterbiPath>, HmmError>| {
         result.as_ref().map(Vec::len).map_err(ToString::to_string)
     };
     assert_eq!(say(one), say(other));

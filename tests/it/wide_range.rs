@@ -6,7 +6,7 @@ use proptest::prelude::*;
 use proptest::test_runner::TestCaseResult;
 use wayfix::inference::{Certificate, Pruning};
 use wayfix::likelihood::{GroupedLikelihood, Groups, LocalLikelihood};
-use wayfix::{Belief, FusedLikelihood, Hmm, InferenceError, LikelihoodVector, Prior, Transition};
+use wayfix::{Belief, FusedLikelihood, Hmm, HmmError, LikelihoodVector, Prior, Transition};
 
 use crate::kit::{Matrix, NEVER, cases, log_sum, prior, sparse, still, transposed, weighted};
 
@@ -91,11 +91,11 @@ impl Case {
                     let within = range.start() - off <= exact.log && exact.log <= range.end() + off;
                     prop_assert!(within, "{}: {} in {range:?}", k + 1, exact.log);
                 }
-                (Err(InferenceError::Impossible { step }), None) => {
+                (Err(HmmError::Impossible { step }), None) => {
                     prop_assert_eq!(step, k + 1);
                     break;
                 }
-                (Err(InferenceError::Pruned { .. }), _) => break,
+                (Err(HmmError::Pruned { .. }), _) => break,
                 (found, exact) => {
                     prop_assert!(false, "{found:?}, possible: {}", exact.is_some());
                 }
@@ -109,10 +109,10 @@ impl Case {
                 prop_assert!(log <= best + off && best <= found.upper_bound() + off);
                 prop_assert!(!found.is_optimal() || (log - best).abs() <= off, "{log} {best}");
             }
-            (Err(InferenceError::Impossible { step }), None) => {
+            (Err(HmmError::Impossible { step }), None) => {
                 prop_assert_eq!(step, exact.len() + 1);
             }
-            (Err(InferenceError::Pruned { .. }), _) => prop_assert!(width < f64::INFINITY),
+            (Err(HmmError::Pruned { .. }), _) => prop_assert!(width < f64::INFINITY),
             (found, best) => prop_assert!(false, "{found:?}, {best:?}"),
         }
         Ok(())

@@ -3,7 +3,7 @@
 
 use std::fmt;
 
-use wayfix::InferenceError;
+use wayfix::HmmError;
 use wayfix::Sequence;
 use wayfix::inference::{Criteria, LearnedModel};
 use wayfix::inference::{LearnError, SequenceError};
@@ -233,7 +233,7 @@ where
         match learned.model().log_likelihood(observed) {
             Ok(log) => sum.add(log),
             // A model that rules out a held-out sequence gets the lowest score there is.
-            Err(InferenceError::Impossible { .. } | InferenceError::ImpossibleMove { .. }) => {
+            Err(HmmError::Impossible { .. } | HmmError::ImpossibleMove { .. }) => {
                 sum.add(f64::NEG_INFINITY);
             }
             Err(source) => return Err(LearnError::from(SequenceError { sequence, source }).into()),

@@ -15,7 +15,7 @@ use wayfix::Transition;
 use wayfix::internal::NoControl;
 use wayfix::internal::index;
 use wayfix::likelihood::SampleObservation;
-use wayfix::{InferenceError, LikelihoodError};
+use wayfix::{HmmError, LikelihoodError};
 use wayfix_kernels::log_sum;
 
 /// Distribution of one number of an observation under a belief: the mixture of its distributions in
@@ -56,13 +56,13 @@ impl<'a, B: Marginals> Predictive<'a, B> {
     ///
     /// # Errors
     ///
-    /// [`InferenceError`] as for [`Filter::forecast`], and with the step if there is no
+    /// [`HmmError`] as for [`Filter::forecast`], and with the step if there is no
     /// such component.
     pub fn ahead<M, A>(
         filter: &'a Filter<M>,
         steps: usize,
         component: usize,
-    ) -> Result<Self, InferenceError>
+    ) -> Result<Self, HmmError>
     where
         M: Deref<Target = Hmm<A, B>>,
         A: Transition + 'a,
@@ -76,13 +76,13 @@ impl<'a, B: Marginals> Predictive<'a, B> {
     ///
     /// # Errors
     ///
-    /// [`InferenceError`] as for [`Filter::forecast_with`], and with the step if there
+    /// [`HmmError`] as for [`Filter::forecast_with`], and with the step if there
     /// is no such component.
     pub fn ahead_with<M, A>(
         filter: &'a Filter<M>,
         controls: &[A::Control],
         component: usize,
-    ) -> Result<Self, InferenceError>
+    ) -> Result<Self, HmmError>
     where
         M: Deref<Target = Hmm<A, B>>,
         A: Transition + 'a,
@@ -95,14 +95,14 @@ impl<'a, B: Marginals> Predictive<'a, B> {
         belief: Belief,
         ahead: usize,
         component: usize,
-    ) -> Result<Self, InferenceError>
+    ) -> Result<Self, HmmError>
     where
         M: Deref<Target = Hmm<A, B>>,
         A: Transition + 'a,
     {
         let step = filter.steps().saturating_add(ahead);
         Self::new(filter.model().likelihood(), belief, component)
-            .map_err(|error| InferenceError::likelihood(step, error))
+            .map_err(|error| HmmError::likelihood(step, error))
     }
 
     /// Creates the distribution of a component of an observation under a belief. The component is 0

@@ -7,7 +7,7 @@
 use super::{Marginals, Tails};
 use crate::family::check_component;
 use wayfix::Hmm;
-use wayfix::InferenceError;
+use wayfix::HmmError;
 use wayfix::Sequence;
 use wayfix::Transition;
 use wayfix::internal::left_out;
@@ -58,13 +58,9 @@ impl PseudoResiduals {
     ///
     /// # Errors
     ///
-    /// [`InferenceError`] with the step at which an observation is impossible or invalid, or a
+    /// [`HmmError`] with the step at which an observation is impossible or invalid, or a
     /// control is invalid; with step 1 if there is no such component.
-    pub fn new<A, B, S>(
-        hmm: &Hmm<A, B>,
-        sequence: &S,
-        component: usize,
-    ) -> Result<Self, InferenceError>
+    pub fn new<A, B, S>(hmm: &Hmm<A, B>, sequence: &S, component: usize) -> Result<Self, HmmError>
     where
         A: Transition,
         B: Marginals,
@@ -72,14 +68,14 @@ impl PseudoResiduals {
     {
         let likelihood = hmm.likelihood();
         check_component(likelihood, component)
-            .map_err(|error| InferenceError::likelihood(1, error.into()))?;
+            .map_err(|error| HmmError::likelihood(1, error.into()))?;
         let (n, steps) = (hmm.states(), sequence.steps());
         let beliefs = left_out(hmm, sequence)?;
         let rows = beliefs.predicted.chunks_exact(n).zip(beliefs.others.chunks_exact(n));
         let mut found = [Vec::with_capacity(steps), Vec::with_capacity(steps)];
         for (step, (predicted, others)) in (1..).zip(rows) {
             let number = likelihood.number(sequence.observation(step), component);
-            let number = number.map_err(|error| InferenceError::likelihood(step, error))?;
+            let number = number.map_err(|error| HmmError::likelihood(step, error))?;
             let mixed = number.map(|y| {
                 let mut mixed = [Tails::default(); 2];
                 for (state, shares) in predicted.iter().zip(others).enumerate() {

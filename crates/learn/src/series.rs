@@ -142,10 +142,10 @@ fn places(header: &StringRecord, columns: &[&str]) -> Result<Vec<Option<usize>>,
 }
 
 impl From<FileError> for EmissionError {
-    fn from(source: FileError) -> Self {
-        match source {
-            FileError::Read { file, reason } => Self::Read { file, reason },
-            FileError::Line { file, line, problem } => Self::Line { file, line, problem },
+    fn from(FileError { file, line, problem }: FileError) -> Self {
+        match line {
+            None => Self::Read { file, reason: problem },
+            Some(line) => Self::Line { file, line, problem },
         }
     }
 }

@@ -4,7 +4,7 @@
 //! other are the covariances. So they are always a valid covariance matrix, whichever method made
 //! them.
 
-use wayfix::error::Parameter;
+use wayfix::error::OutOfRange;
 use wayfix::inference::{Displacement, FreeParameters, LearnError, LearningOptions};
 use wayfix::internal::parallel;
 use wayfix::likelihood::LearnLikelihood;
@@ -100,7 +100,7 @@ impl StandardErrors {
     pub fn intervals(&self, level: f64) -> Result<Vec<(f64, f64)>, LearnError> {
         if !(level > 0.0 && level < 1.0) {
             let expected = "a value between 0 and 1";
-            return Err(Parameter::new("the level of intervals", level, expected).into());
+            return Err(OutOfRange::new("the level of intervals", level, expected).into());
         }
         let width = -normal_quantile(0.5 * (1.0 - level));
         let each = self.values.iter().zip(&self.errors);
@@ -274,7 +274,7 @@ where
     } else {
         let mut weights = belief.as_slice().to_vec();
         by.distribution(&mut weights);
-        Belief::from_weights(weights)?
+        Belief::from_weights(weights).map_err(LearnError::Prior)?
     };
     let of_prior = by.count();
     let transition = hmm.transition().displaced(by).map_err(LearnError::displaced)?;
@@ -336,11 +336,11 @@ where
 fn checked(values: Vec<f64>, expected: Option<usize>) -> Result<Vec<f64>, LearnError> {
     if let Some(at) = values.iter().position(|value| !value.is_finite()) {
         let what = format!("number {at} that `read` returns");
-        return Err(Parameter::new(what, values[at], "a finite value").into());
+        return Err(OutOfRange::new(what, values[at], "a finite value").into());
     }
     if expected.is_some_and(|expected| expected != values.len()) {
         let (what, found) = ("the number of values that `read` returns", values.len() as f64);
-        return Err(Parameter::new(what, found, "as many as for the model itself").into());
+        return Err(OutOfRange::new(what, found, "as many as for the model itself").into());
     }
     Ok(values)
 }

@@ -5,8 +5,7 @@ use rand::{Rng, RngExt};
 use wayfix::inference::{LearnError, LearningOptions, SequenceError};
 use wayfix::internal::parallel;
 use wayfix::{
-    Belief, DenseTransition, Hmm, InferenceError, Likelihood, Prior, Scratch, Sequence,
-    TableLikelihood,
+    Belief, DenseTransition, Hmm, HmmError, Likelihood, Prior, Scratch, Sequence, TableLikelihood,
 };
 
 use crate::{Clusters, EmissionError, Multinomial, Rows, StartFromClusters, StartKind};
@@ -135,7 +134,7 @@ where
         for step in 1..=observations.steps() {
             let row = observations.observation(step);
             if let Err(source) = family.diagonal(row, &mut scratch) {
-                let source = InferenceError::likelihood(step, source);
+                let source = HmmError::likelihood(step, source);
                 return Err(SequenceError { sequence, source }.into());
             }
             is_missing.resize(row.len(), true);
@@ -327,7 +326,7 @@ where
         for (step, row) in (1..).zip(all.chunks_exact_mut(m)) {
             let symbol = sequence.observation(step);
             if let Err(source) = table.diagonal(symbol, &mut scratch) {
-                let source = InferenceError::likelihood(step, source);
+                let source = HmmError::likelihood(step, source);
                 return Err(SequenceError { sequence: at, source }.into());
             }
             row[*symbol] = 1.0;

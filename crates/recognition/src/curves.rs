@@ -1,7 +1,7 @@
 //! Answers by falling score, at each threshold: precision and recall, and the receiver operating
 //! characteristic.
 
-use wayfix::evaluate::EvaluationError;
+use wayfix::error::OutOfRange;
 use wayfix::internal::check_level;
 
 /// Precision, recall and false positive rate of answers, at each threshold of their score.
@@ -26,7 +26,7 @@ use wayfix::internal::check_level;
 /// let points = curve.points().iter().map(|p| (p.threshold, p.false_positive_rate, p.recall));
 /// assert_eq!(points.collect::<Vec<_>>(), [(0.9, 0.0, 0.5), (0.6, 0.5, 1.0), (0.2, 1.0, 1.0)]);
 /// assert_eq!(curve.area(), 0.875); // 3 pairs of 4 in order, and a tie
-/// # Ok::<(), wayfix::evaluate::EvaluationError>(())
+/// # Ok::<(), wayfix::error::OutOfRange>(())
 /// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct ThresholdCurve {
@@ -61,19 +61,17 @@ impl ThresholdCurve {
     ///
     /// # Errors
     ///
-    /// [`EvaluationError`] if a confidence is NaN, if `positives` is 0, or if
+    /// [`OutOfRange`] if a confidence is NaN, if `positives` is 0, or if
     /// more answers than that are right.
-    pub fn precision_recall(
-        answers: &[(f64, bool)],
-        positives: usize,
-    ) -> Result<Self, EvaluationError> {
+    pub fn precision_recall(answers: &[(f64, bool)], positives: usize) -> Result<Self, OutOfRange> {
         let cuts = cuts("confidence", answers)?;
         if positives == 0 {
-            return Err(EvaluationError::Missing { what: "queries that have a right answer" });
+            return Err(OutOfRange::none("the number of queries that have a right answer"));
         }
         let [correct, wrong] = cuts.last().map_or([0, 0], |all| all.counts);
         if correct > positives {
-            return Err(EvaluationError::Positives { correct, positives });
+            let expected = format!("at most {positives}, as many as queries that have one");
+            return Err(OutOfRange::new("the number of right answers", correct as f64, expected));
         }
         Ok(Self::new(&cuts, [positives, wrong]))
     }
@@ -86,14 +84,16 @@ impl ThresholdCurve {
     ///
     /// # Errors
     ///
-    /// [`EvaluationError`] if a score is NaN, or if there are no positives or
+    /// [`OutOfRange`] if a score is NaN, or if there are no positives or
     /// no negatives.
-    pub fn roc(samples: &[(f64, bool)]) -> Result<Self, EvaluationError> {
+    pub fn roc(samples: &[(f64, bool)]) -> Result<Self, OutOfRange> {
         let cuts = cuts("score", samples)?;
         let all = cuts.last().map_or([0, 0], |all| all.counts);
-        for (what, count) in ["positives", "negatives"].into_iter().zip(all) {
+        for (what, count) in
+            ["the number of positives", "the number of negatives"].into_iter().zip(all)
+        {
             if count == 0 {
-                return Err(EvaluationError::Missing { what });
+                return Err(OutOfRange::none(what));
             }
         }
         Ok(Self::new(&cuts, all))
@@ -162,8 +162,8 @@ impl ThresholdCurve {
     ///
     /// # Errors
     ///
-    /// [`EvaluationError::Parameter`] if `level` is not from 0 to 1.
-    pub fn recall_at_precision(&self, level: f64) -> Result<f64, EvaluationError> {
+    /// [`OutOfRange`] if `level` is not from 0 to 1.
+    pub fn recall_at_precision(&self, level: f64) -> Result<f64, OutOfRange> {
         check_level(level)?;
         // The recall never falls, so the last such point has the largest.
         let last = self.points.iter().rev().find(|point| point.precision >= level);
@@ -178,10 +178,9 @@ struct Cut {
 }
 
 /// Cuts at each score, highest first, with ties together. O(N log N).
-fn cuts(what: &'static str, samples: &[(f64, bool)]) -> Result<Vec<Cut>, EvaluationError> {
+fn cuts(what: &'static str, samples: &[(f64, bool)]) -> Result<Vec<Cut>, OutOfRange> {
     if let Some(index) = samples.iter().position(|(score, _)| score.is_nan()) {
-        let (value, expected) = (f64::NAN, "a number");
-        return Err(EvaluationError::Value { what, index, value, expected });
+        return Err(OutOfRange::new(format!("{what} {index}"), f64::NAN, "a number"));
     }
     let mut sorted = samples.to_vec();
     sorted.sort_unstable_by(|a, b| b.0.total_cmp(&a.0));

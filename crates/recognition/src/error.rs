@@ -1,19 +1,16 @@
 //! Errors of recognition, each with the query, step or labelled part that it is about.
 
 use crate::observation::ViewError;
-use wayfix::error::{At, Count, Failed, Parameter};
-use wayfix::{InferenceError, TransitionError};
+use wayfix::error::{At, Failed, OutOfRange};
+use wayfix::{HmmError, TransitionError};
 
 /// An invalid recogniser, query, label or step. The message includes those of its causes.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RecognitionError {
-    /// An option or another number is out of its range.
+    /// An option, the size of a collection, or another number is out of its range.
     #[error(transparent)]
-    Parameter(#[from] Parameter),
-    /// A collection has too few or too many elements.
-    #[error(transparent)]
-    Count(#[from] Count),
+    Parameter(#[from] OutOfRange),
     /// The descriptors of references are not valid.
     #[error(transparent)]
     References(At<ViewError>),
@@ -49,7 +46,7 @@ pub enum RecognitionError {
     Motion(TransitionError),
     /// The filter or the smoother cannot take a step.
     #[error(transparent)]
-    Inference(Failed<InferenceError>),
+    Inference(Failed<HmmError>),
 }
 
 impl From<TransitionError> for RecognitionError {
@@ -58,8 +55,8 @@ impl From<TransitionError> for RecognitionError {
     }
 }
 
-impl From<InferenceError> for RecognitionError {
-    fn from(source: InferenceError) -> Self {
+impl From<HmmError> for RecognitionError {
+    fn from(source: HmmError) -> Self {
         Self::Inference(Failed { what: "a step cannot be taken", cause: source })
     }
 }

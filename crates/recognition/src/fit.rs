@@ -9,7 +9,7 @@ use super::sensor::Scratch;
 use super::{RecognitionError, Recognizer};
 use crate::motion::{OdometryModel, OffMap, RouteControl};
 use crate::observation::{RowScratch, ViewError, row_scores};
-use wayfix::error::Count;
+use wayfix::error::OutOfRange;
 
 /// Consecutive steps of a drive whose places are known.
 #[derive(Debug)]
@@ -136,12 +136,12 @@ impl Recognizer {
         for (number, part) in parts.iter().enumerate() {
             let expected = part.queries.len();
             let counts = [
-                ("labels", part.places.len(), true),
-                ("odometry readings", part.odometry.len(), !part.odometry.is_empty()),
+                ("the number of labels", part.places.len(), true),
+                ("the number of odometry readings", part.odometry.len(), !part.odometry.is_empty()),
             ];
             for (what, count, needed) in counts {
                 if needed && count != expected {
-                    return Err(Count { what, found: count, expected }.into());
+                    return Err(OutOfRange::count(what, count, expected).into());
                 }
             }
             for (step, places) in part.places.iter().enumerate() {

@@ -2,7 +2,7 @@
 
 use super::{RecognitionError, Recognizer, Recording};
 use crate::motion::OdometryModel;
-use wayfix::error::Count;
+use wayfix::error::OutOfRange;
 
 /// Smoothed answers with at least this probability are taken to be true.
 const SURE: f64 = 0.9;
@@ -37,12 +37,12 @@ impl Recognizer {
     ///
     /// # Errors
     ///
-    /// [`RecognitionError::Count`] for a recording with a different number of references, or
+    /// [`RecognitionError::Parameter`] for a recording with a different number of references, or
     /// [`RecognitionError::Inference`] with the step that is impossible.
     pub fn learn(&self, recording: &Recording) -> Result<Self, RecognitionError> {
         let (found, expected) = (recording.recognizer.references(), self.references());
         if found != expected {
-            return Err(Count { what: "references", found, expected }.into());
+            return Err(OutOfRange::count("the number of references", found, expected).into());
         }
         let answers = recording.smoothed()?.answers();
         let sure = |at: usize| answers[at].place.filter(|_| answers[at].probability >= SURE);

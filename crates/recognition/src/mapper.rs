@@ -8,7 +8,7 @@ use super::sensor::Exemplar;
 use super::{Answer, Options, RecognitionError, Recognizer, Track};
 use crate::motion::{OffMap, RouteControl, RouteTransition};
 use crate::observation::{Distance, ViewError, check_descriptor, view_change};
-use wayfix::error::{At, Parameter};
+use wayfix::error::{At, OutOfRange};
 
 /// Builds the references while the vehicle drives, and decides whether it is at a new place or at
 /// one that it has seen before.
@@ -270,7 +270,7 @@ impl Mapper {
         // The distance between any two such descriptors then fits 32 bits.
         if self.distance == Distance::Euclidean && squares.sqrt() > LONGEST {
             let (what, value) = ("the length of a descriptor", squares.sqrt());
-            return Err(Parameter::new(what, value, "at most 1.7e38").into());
+            return Err(OutOfRange::new(what, value, "at most 1.7e38").into());
         }
         let control = RouteControl { odometry, ..RouteControl::default() };
         check_control(&self.motion, step, &control)

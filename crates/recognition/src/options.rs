@@ -3,7 +3,7 @@
 use super::RecognitionError;
 use crate::motion::{OdometryModel, OffMap, RouteTransition, Speeds, ViewChangeRates};
 use crate::observation::MatchOdds;
-use wayfix::error::Parameter;
+use wayfix::error::OutOfRange;
 
 /// Declares the options, each with its default, a method that returns it and one that sets it.
 macro_rules! options {
@@ -103,15 +103,15 @@ const MOST_LOST: f64 = 0.99;
 
 impl Options {
     pub(super) fn check(&self) -> Result<(), RecognitionError> {
-        Parameter::check("view_fades", self.view_fades, 0.0..=1e6, "from 0 to 1e6")?;
-        Parameter::check("lost_odds", self.lost_odds, 1e-6..=1.0, "from 1e-6 to 1")?;
-        Parameter::check("off_map_odds", self.off_map_odds, 1e-6..=1.0, "from 1e-6 to 1")?;
+        OutOfRange::check("view_fades", self.view_fades, 0.0..=1e6, "from 0 to 1e6")?;
+        OutOfRange::check("lost_odds", self.lost_odds, 1e-6..=1.0, "from 1e-6 to 1")?;
+        OutOfRange::check("off_map_odds", self.off_map_odds, 1e-6..=1.0, "from 1e-6 to 1")?;
         let (threshold, expected) = (self.view_threshold, "a finite value of at least 0");
-        Parameter::check("view_threshold", threshold, 0.0..=f64::MAX, expected)?;
+        OutOfRange::check("view_threshold", threshold, 0.0..=f64::MAX, expected)?;
         let lost = self.lost.share();
         if self.off_map.is_none() && lost > MOST_LOST {
             let (what, expected) = ("the share of time for which it is lost", "at most 0.99");
-            return Err(Parameter::new(what, lost, expected).into());
+            return Err(OutOfRange::new(what, lost, expected).into());
         }
         Ok(())
     }

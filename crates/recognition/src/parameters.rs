@@ -4,9 +4,7 @@
 use super::warning::Warning;
 use super::{Options, RecognitionError};
 use crate::observation::Standardizer;
-use wayfix::error::Count;
-#[cfg(feature = "serde")]
-use wayfix::error::Parameter;
+use wayfix::error::OutOfRange;
 
 /// Result of learning: the options of a [`Recognizer`](super::Recognizer), and what was learned
 /// of each reference.
@@ -52,10 +50,10 @@ impl Parameters {
         options.check()?;
         if let Some([mean, deviation]) = best_scores {
             let (what, all) = ("the mean of the best scores", f64::MIN..=f64::MAX);
-            Parameter::check(what, mean, all, "a finite value")?;
+            OutOfRange::check(what, mean, all, "a finite value")?;
             let (what, expected) =
                 ("the deviation of the best scores", "a finite value of at least 0");
-            Parameter::check(what, deviation, 0.0..=f64::MAX, expected)?;
+            OutOfRange::check(what, deviation, 0.0..=f64::MAX, expected)?;
         }
         Ok(Self { standardizer, best_scores, ..Self::new(options) })
     }
@@ -97,7 +95,7 @@ impl Parameters {
     pub(super) fn checked(self, references: usize) -> Result<Self, RecognitionError> {
         self.options.check()?;
         if references == 0 {
-            return Err(Count { what: "references", found: 0, expected: 1 }.into());
+            return Err(OutOfRange::none("the number of references").into());
         }
         let others = self.standardizer.as_ref().is_some_and(|s| s.references() != references);
         Ok(if others { self.without_references() } else { self })

@@ -10,10 +10,10 @@ use super::sensor::{Exemplar, ExemplarScratch, KNOWN_COUNT, References, Sensor};
 use super::{Options, RecognitionError};
 use crate::motion::{RouteControl, RouteTransition};
 use crate::observation::Distance;
-use wayfix::InferenceError;
+use wayfix::HmmError;
 use wayfix::LikelihoodVector;
 use wayfix::Transition;
-use wayfix::error::Count;
+use wayfix::error::OutOfRange;
 use wayfix::likelihood::GroupedLikelihood;
 use wayfix::{Hmm, Prior};
 use wayfix_kernels as kernels;
@@ -29,7 +29,13 @@ pub(super) fn model(
 ) -> Result<Model, RecognitionError> {
     let groups = motion.place_groups();
     let (found, expected) = (groups.count(), wayfix::Likelihood::states(&sensor));
-    let wrong = |_| RecognitionError::Count(Count { what: "groups of states", found, expected });
+    let wrong = |_| {
+        RecognitionError::Parameter(OutOfRange::count(
+            "the number of groups of states",
+            found,
+            expected,
+        ))
+    };
     let prior = Prior::AtFirstObservation(motion.anywhere());
     let camera = GroupedLikelihood::new(sensor, groups).map_err(wrong)?;
     Hmm::new(prior, motion, camera).map_err(wrong)
@@ -41,7 +47,7 @@ pub(super) fn check_control(
     step: usize,
     control: &RouteControl,
 ) -> Result<(), RecognitionError> {
-    Ok(motion.check_control(control).map_err(|cause| InferenceError::control(step, cause))?)
+    Ok(motion.check_control(control).map_err(|cause| HmmError::control(step, cause))?)
 }
 
 /// Recognises places along a route by images of an earlier pass.

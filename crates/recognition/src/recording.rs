@@ -13,7 +13,7 @@ use super::{Answer, RecognitionError, Recognizer};
 use crate::motion::RouteControl;
 use crate::observation::Standardizer;
 use wayfix::Sequence;
-use wayfix::error::Count;
+use wayfix::error::OutOfRange;
 use wayfix::inference::Order;
 use wayfix::{Belief, BeliefView};
 
@@ -60,7 +60,9 @@ impl Recognizer {
     ) -> Result<Recording, RecognitionError> {
         if !(odometry.is_empty() || odometry.len() == queries.len()) {
             let (found, expected) = (odometry.len(), queries.len());
-            return Err(Count { what: "odometry readings", found, expected }.into());
+            return Err(
+                OutOfRange::count("the number of odometry readings", found, expected).into()
+            );
         }
         let (mut sensor, mut scratch) = (self.sensor.clone(), Scratch::default());
         scratch.single_odds = vec![0.0; self.references()];

@@ -13,7 +13,7 @@ use crate::motion::{Driven, RouteControl, RouteTransition, ViewChange, ViewEvide
 use crate::observation::{
     Distance, ReferenceDescriptors, RowScratch, Spread, Standardizer, ViewError, row_scores, within,
 };
-use wayfix::error::Count;
+use wayfix::error::OutOfRange;
 
 /// Number of evenly spaced references that are compared with all others, to learn the usual scores
 /// of each.
@@ -79,15 +79,15 @@ impl References {
             all.push(ReferenceDescriptors::from_rows(rows, distance).map_err(failed)?);
         }
         let Some(first) = all.first() else {
-            return Err(Count { what: "traverses", found: 0, expected: 1 }.into());
+            return Err(OutOfRange::none("the number of traverses").into());
         };
         for other in &all[1..] {
             let counts = [
-                ("references of a traverse", other.count(), first.count()),
-                ("numbers of a descriptor", other.dimension(), first.dimension()),
+                ("the number of references of a traverse", other.count(), first.count()),
+                ("the number of numbers of a descriptor", other.dimension(), first.dimension()),
             ];
             if let Some(&(what, found, expected)) = counts.iter().find(|(_, a, b)| a != b) {
-                return Err(Count { what, found, expected }.into());
+                return Err(OutOfRange::count(what, found, expected).into());
             }
         }
         Ok(Self::Descriptors(all))

@@ -9,8 +9,8 @@ use super::warning::Warning;
 use super::{Answer, RecognitionError, Recognizer};
 use crate::motion::RouteControl;
 use wayfix::Filter;
-use wayfix::InferenceError;
-use wayfix::error::{Count, Parameter};
+use wayfix::HmmError;
+use wayfix::error::OutOfRange;
 use wayfix::inference::FilterSnapshot;
 use wayfix::internal::MOST_STEPS;
 use wayfix::{Belief, BeliefView};
@@ -201,13 +201,13 @@ impl Track {
         let rows = sensor.last_view.as_ref().map(Vec::len);
         for found in [Some(state.references()), rows].into_iter().flatten() {
             if found != expected {
-                let what = "references of the state of a track";
-                return Err(Count { what, found, expected }.into());
+                let what = "the number of references of the state of a track";
+                return Err(OutOfRange::count(what, found, expected).into());
             }
         }
         // The last step that may be taken is `MOST_STEPS`: a restored track must be able to go on.
         if filter.steps() >= MOST_STEPS {
-            return Err(InferenceError::TooMany { steps: filter.steps() }.into());
+            return Err(HmmError::TooMany { steps: filter.steps() }.into());
         }
         self.check_belief(filter)?;
         self.filter.restore(filter)?;
@@ -232,7 +232,7 @@ impl Track {
             return Ok(());
         }
         let (what, expected) = ("the belief on the map of the state of a track", "above 0");
-        Err(Parameter::new(what, 0.0, expected).into())
+        Err(OutOfRange::new(what, 0.0, expected).into())
     }
 
     /// Extends the track to more references, which start with the present ones.

@@ -1,7 +1,7 @@
 //! Errors of networks, imports, cells and their sensors. They name nodes by their ids, and count
 //! lines, blocks and features of files from 1.
 
-use wayfix::error::{Parameter, TransitionError};
+use wayfix::error::{OutOfRange, TransitionError};
 use wayfix::internal::{FileError, Number};
 use wayfix::map::MapError;
 
@@ -106,18 +106,17 @@ pub enum NetworkError {
     },
     /// A radius, the spacing of cells, a weight of turns, or a number of a sensor is out of range.
     #[error(transparent)]
-    Parameter(#[from] Parameter),
+    Parameter(#[from] OutOfRange),
     /// The turns do not form a transition operator.
     #[error(transparent)]
     Transition(#[from] TransitionError),
 }
 
 impl From<FileError> for NetworkError {
-    fn from(source: FileError) -> Self {
-        match source {
-            FileError::Read { file, reason } => Self::Read { file, reason },
-            #[cfg(feature = "csv")]
-            FileError::Line { file, line, problem } => Self::Line { file, line, problem },
+    fn from(FileError { file, line, problem }: FileError) -> Self {
+        match line {
+            None => Self::Read { file, reason: problem },
+            Some(line) => Self::Line { file, line, problem },
         }
     }
 }

@@ -13,7 +13,7 @@ use arrow_array::{
 use arrow_buffer::{NullBuffer, OffsetBuffer};
 use arrow_schema::{DataType, Schema};
 use arrow_select::take::take;
-use wayfix::InferenceError;
+use wayfix::HmmError;
 use wayfix::error::At;
 
 use super::{Batch, Results, Table};
@@ -30,12 +30,12 @@ pub(super) struct Failure {
 }
 
 /// Returns the kind of a failure and its step, counted from 1.
-pub(crate) fn kind(error: &InferenceError) -> (&'static str, Option<usize>) {
+pub(crate) fn kind(error: &HmmError) -> (&'static str, Option<usize>) {
     match error {
-        InferenceError::Impossible { step } => ("impossible", Some(*step)),
-        InferenceError::ImpossibleMove { step } => ("impossible_move", Some(*step)),
-        InferenceError::Likelihood(At { number: step, .. }) => ("likelihood", Some(*step)),
-        InferenceError::Predicted { step, .. } | InferenceError::PredictedSum { step, .. } => {
+        HmmError::Impossible { step } => ("impossible", Some(*step)),
+        HmmError::ImpossibleMove { step } => ("impossible_move", Some(*step)),
+        HmmError::Likelihood(At { number: step, .. }) => ("likelihood", Some(*step)),
+        HmmError::Predicted { step, .. } | HmmError::PredictedSum { step, .. } => {
             ("transition", Some(*step))
         }
         _ => ("other", None),

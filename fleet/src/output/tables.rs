@@ -11,7 +11,7 @@ use wayfix::error::At;
 use wayfix::inference::{Posteriors, SequenceError};
 use wayfix::likelihood::LearnLikelihood;
 use wayfix::transition::LearnTransition;
-use wayfix::{Hmm, InferenceError, Sequence};
+use wayfix::{Hmm, HmmError, Sequence};
 
 use super::measures::Measures;
 use super::rows::{Failure, Rows, kind};
@@ -129,7 +129,7 @@ fn by_slices<S: Sequence<(), Observation>, R>(
     sequences: &[S],
     width: usize,
     routine: impl Fn(&[S]) -> Vec<Result<R, SequenceError>>,
-    mut visit: impl FnMut(usize, Result<R, InferenceError>) -> ControlFlow<FleetError>,
+    mut visit: impl FnMut(usize, Result<R, HmmError>) -> ControlFlow<FleetError>,
 ) -> ControlFlow<FleetError> {
     let mut start = 0;
     while start < sequences.len() {
@@ -167,12 +167,12 @@ impl Collector<'_> {
     fn take<R>(
         &mut self,
         drive: usize,
-        result: Result<R, InferenceError>,
+        result: Result<R, HmmError>,
         put: impl FnOnce(&mut Self, R),
     ) -> ControlFlow<FleetError> {
         match result {
             Ok(result) => put(self, result),
-            Err(InferenceError::Likelihood(At { number: step, cause, .. })) => {
+            Err(HmmError::Likelihood(At { number: step, cause, .. })) => {
                 // Steps of errors count from 1.
                 let element = self.drives.offsets[drive] + step - 1;
                 return ControlFlow::Break(self.drives.refuse(element, &cause.to_string()));

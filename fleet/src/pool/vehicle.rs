@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::de::{self, Unexpected, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
-use wayfix::InferenceError;
+use wayfix::HmmError;
 
 use crate::error::FleetError;
 use crate::output::error_kind;
@@ -131,7 +131,7 @@ pub enum UpdateError {
     /// The model rules the observation out, or the observation is invalid. Steps count from the
     /// vehicle's first.
     #[error(transparent)]
-    Inference(Box<InferenceError>),
+    Inference(Box<HmmError>),
     /// The state cannot be read back from disk.
     #[error("the state of the vehicle cannot be read back: {0}")]
     Disk(Box<FleetError>),
@@ -150,8 +150,8 @@ impl UpdateError {
     }
 }
 
-impl From<InferenceError> for UpdateError {
-    fn from(error: InferenceError) -> Self {
+impl From<HmmError> for UpdateError {
+    fn from(error: HmmError) -> Self {
         Self::Inference(Box::new(error))
     }
 }

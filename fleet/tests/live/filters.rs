@@ -8,7 +8,7 @@ use std::sync::Arc;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use tempfile::TempDir;
-use wayfix::{Filter, Hmm, InferenceError, Likelihood, Transition};
+use wayfix::{Filter, Hmm, HmmError, Likelihood, Transition};
 use wayfix_fleet::FleetError;
 use wayfix_fleet::pool::{Pool, PoolOptions, Update, UpdateResult, VehicleId};
 
@@ -43,8 +43,8 @@ where
         let known = known.filter(|_| !update.restart);
         let mut filter = known.map_or_else(|| self.hmm.filter(), |known| known.1.clone());
         let log = filter.step(&update.observation).map_err(|error| match error {
-            InferenceError::Impossible { .. } => "impossible",
-            InferenceError::Likelihood(_) => "likelihood",
+            HmmError::Impossible { .. } => "impossible",
+            HmmError::Likelihood(_) => "likelihood",
             other => panic!("{other}"),
         })?;
         let (state, probability) = filter.belief().peak();

@@ -1,6 +1,6 @@
 //! Results of all functions equal those of the library, with any number of partitions.
 
-use wayfix::InferenceError;
+use wayfix::HmmError;
 
 use crate::kit::*;
 use crate::tables::*;
@@ -40,7 +40,7 @@ fn all_functions_are_those_of_the_library() {
                 let [smooth, filter, decode] = lists.each_ref().map(|list| items_of(list, drive));
                 let smoothed = match model.smooth(&seen) {
                     Ok(smoothed) => smoothed,
-                    Err(error @ InferenceError::Impossible { step }) => {
+                    Err(error @ HmmError::Impossible { step }) => {
                         failed += 1;
                         assert!(smooth.is_none() && filter.is_none() && decode.is_none());
                         assert_eq!((logs[drive], at[drive]), (None, Some(step as i64)));

@@ -1,6 +1,6 @@
 //! Tables with one row per step.
 
-use wayfix::InferenceError;
+use wayfix::HmmError;
 use wayfix_fleet::sql::{Query, context};
 
 use crate::kit::*;
@@ -46,7 +46,7 @@ fn rows_are_gathered_in_order() {
                         close(found.unwrap(), belief.peak().1);
                     }
                 }
-                Err(InferenceError::Impossible { .. }) => {
+                Err(HmmError::Impossible { .. }) => {
                     assert!(logs[drive].is_none() && items_of(&smooth, drive).is_none());
                 }
                 Err(other) => panic!("{other}"),

@@ -10,7 +10,7 @@ mod streams;
 mod whole;
 
 use wayfix::error::At;
-use wayfix::{Controlled, Hmm, InferenceError, Sequence, Transition, TransitionEntries};
+use wayfix::{Controlled, Hmm, HmmError, Sequence, Transition, TransitionEntries};
 
 use crate::counts::Counts;
 use crate::draw::Draw;
@@ -95,7 +95,7 @@ fn one<A: TransitionEntries<Control: Clone + PartialEq>>(
 /// step.
 fn expect<R>(
     what: &str,
-    result: Result<R, InferenceError>,
+    result: Result<R, HmmError>,
     chain: &Chain,
     counts: &mut Counts,
 ) -> Option<R> {
@@ -110,12 +110,12 @@ fn expect<R>(
 }
 
 /// True if an error is the one that the reference expects, at the same step.
-fn stops(error: &InferenceError, expected: Option<Stop>) -> bool {
+fn stops(error: &HmmError, expected: Option<Stop>) -> bool {
     expected.is_some_and(|stop| match *error {
-        InferenceError::Impossible { step } | InferenceError::ImpossibleMove { step } => {
+        HmmError::Impossible { step } | HmmError::ImpossibleMove { step } => {
             stop.is_impossible(step)
         }
-        InferenceError::Likelihood(At { number: step, .. }) => stop.is_invalid(step),
+        HmmError::Likelihood(At { number: step, .. }) => stop.is_invalid(step),
         _ => false,
     })
 }

@@ -2,7 +2,7 @@
 
 use wayfix::inference::Pruning;
 use wayfix::likelihood::{LocalLikelihood, SparseObservation};
-use wayfix::{Controlled, Hmm, InferenceError, Sequence, SparseLikelihood, TransitionEntries};
+use wayfix::{Controlled, Hmm, HmmError, Sequence, SparseLikelihood, TransitionEntries};
 
 use super::{close, paths, stops};
 use crate::counts::Counts;
@@ -63,7 +63,7 @@ fn filter<A: TransitionEntries, B: LocalLikelihood<Observation: Sized>>(
         let bound = match filter.step_with(control, observation) {
             Ok(certificate) => certificate.bound(),
             Err(error) => {
-                let pruned = matches!(error, InferenceError::Pruned { .. });
+                let pruned = matches!(error, HmmError::Pruned { .. });
                 let is_true = pruned || stops(&error, chain.stop);
                 assert!(is_true, "pruned_filter: {error}, expected {:?}", chain.stop);
                 let after = (filter.active().to_vec(), filter.probabilities().to_vec());
@@ -108,7 +108,7 @@ fn beam<A: TransitionEntries, B: LocalLikelihood, S: Sequence<A::Control, B::Obs
 const WIDTHS: [f64; 6] = [0.0, 1.0, 5.0, 30.0, 1000.0, f64::INFINITY];
 
 fn say(
-    found: Result<wayfix::inference::BeamPath, InferenceError>,
+    found: Result<wayfix::inference::BeamPath, HmmError>,
     width: f64,
     exact: Option<&[usize]>,
     chain: &Chain,
@@ -117,7 +117,7 @@ fn say(
     let found = match found {
         Ok(found) => found,
         Err(error) => {
-            let pruned = matches!(error, InferenceError::Pruned { .. }) && width < f64::INFINITY;
+            let pruned = matches!(error, HmmError::Pruned { .. }) && width < f64::INFINITY;
             let is_true = pruned || stops(&error, chain.stop);
             assert!(is_true, "beam_viterbi: {error}, expected {:?}", chain.stop);
             return counts.add("errors of the beam");

@@ -8,7 +8,7 @@
 //! ascending order of the state before, then of rank. So ties go to the lowest states.
 
 use super::viterbi::ViterbiPath;
-use crate::error::InferenceError;
+use crate::error::HmmError;
 use crate::hmm::Hmm;
 use crate::inference::step::scores::TakenOut;
 use crate::inference::step::{SensorScratch, Step};
@@ -44,7 +44,7 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
     /// # Errors
     ///
     /// As [`viterbi`](Self::viterbi), also for a `count` of 0.
-    pub fn k_best<S>(&self, sequence: &S, count: usize) -> Result<Vec<ViterbiPath>, InferenceError>
+    pub fn k_best<S>(&self, sequence: &S, count: usize) -> Result<Vec<ViterbiPath>, HmmError>
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
@@ -132,11 +132,7 @@ impl EntryLogs {
 
 impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
     /// Returns the lists of step 1, with a single path to each possible state; X_0 is summed over.
-    fn first_paths(
-        &self,
-        scores: &mut [f64],
-        taken_out: &mut TakenOut,
-    ) -> Result<Lists, InferenceError> {
+    fn first_paths(&self, scores: &mut [f64], taken_out: &mut TakenOut) -> Result<Lists, HmmError> {
         self.first_scores(scores, taken_out)?;
         let mut lists = Lists::with_capacity(scores.len(), scores.len());
         for score in scores {
@@ -153,7 +149,7 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         logs: &EntryLogs,
         count: usize,
         taken_out: &mut TakenOut,
-    ) -> Result<Lists, InferenceError> {
+    ) -> Result<Lists, HmmError> {
         let Some(control) = self.control else { return Ok(Lists::default()) }; // only step 1 has none
         let evidence = self.take_out_evidence(taken_out)?;
         let states = self.hmm.states();

@@ -5,7 +5,7 @@
 //! probability of the best path to it, on a grid on which sums are exact. So ties are ties, and
 //! every decoder finds the same path.
 
-use crate::error::InferenceError;
+use crate::error::HmmError;
 use crate::hmm::Hmm;
 use crate::inference::engines::{choice, few_states};
 use crate::inference::step::scores::{TakenOut, best};
@@ -62,9 +62,9 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
     ///
     /// # Errors
     ///
-    /// [`InferenceError`] with the step at which an observation is impossible
+    /// [`HmmError`] with the step at which an observation is impossible
     /// or has no valid likelihood, or a control is not valid.
-    pub fn viterbi<S>(&self, sequence: &S) -> Result<ViterbiPath, InferenceError>
+    pub fn viterbi<S>(&self, sequence: &S) -> Result<ViterbiPath, HmmError>
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {

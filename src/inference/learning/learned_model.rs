@@ -5,7 +5,7 @@
 //! A parameter is free if learning could have changed it. So parameters are counted in the model
 //! that learning started from, since those that it took to 0 were free as well.
 
-use crate::error::{LearnError, Parameter, SequenceError};
+use crate::error::{LearnError, OutOfRange, SequenceError};
 use crate::hmm::{Hmm, Prior};
 use crate::inference::LogSum;
 use crate::likelihood::LearnLikelihood;
@@ -106,7 +106,7 @@ impl LearningOptions {
             // Negated, so that NaN is refused.
             if !(value >= 0.0 && value.is_finite()) {
                 let (what, expected) = (format!("the {what}"), "a finite value of at least 0");
-                return Err(Parameter::new(what, value, expected).into());
+                return Err(OutOfRange::new(what, value, expected).into());
             }
         }
         Ok(())

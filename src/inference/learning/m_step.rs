@@ -20,7 +20,7 @@
 use super::e_step::Expectations;
 use super::learned_model::LearningOptions;
 use crate::belief::Belief;
-use crate::error::{LearnError, Parameter};
+use crate::error::{LearnError, OutOfRange};
 use crate::hmm::{Hmm, Prior};
 use crate::likelihood::LearnLikelihood;
 use crate::transition::{LearnTransition, Move, Stationary, stationary_control};
@@ -87,7 +87,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
                 let belief = if learning.keep_prior || unseen {
                     belief.clone()
                 } else {
-                    Belief::from_weights(first)?
+                    Belief::from_weights(first).map_err(LearnError::Prior)?
                 };
                 (prior.with_belief(belief), transition.maximize(&expected.moves, pseudo_count)?)
             }
@@ -173,7 +173,7 @@ impl<A: LearnTransition> Expected<'_, A> {
         let mut potentials = chain.potentials(&rewards);
         if let Some(state) = potentials.iter().position(|h| !h.is_finite()) {
             let what = format!("the derivative of the log-likelihood by moves to state {state}");
-            return Err(Parameter::new(what, potentials[state], "a finite value").into());
+            return Err(OutOfRange::new(what, potentials[state], "a finite value").into());
         }
         // h is defined up to a constant: with a least value of 0 in the recurrent class, the counts
         // m_ij are not negative for any c ≥ 0.

@@ -11,7 +11,7 @@
 use std::f64::consts::LOG2_E;
 
 use super::active_set::ActiveSet;
-use crate::error::InferenceError;
+use crate::error::HmmError;
 use crate::hmm::Hmm;
 use crate::inference::decoding::viterbi::ViterbiPath;
 use crate::inference::step::Step;
@@ -116,10 +116,10 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
     ///
     /// # Errors
     ///
-    /// [`InferenceError`] with the step at which an observation is impossible, or has no valid
-    /// likelihood, or a control is not valid; [`InferenceError::Pruned`] if an observation is
+    /// [`HmmError`] with the step at which an observation is impossible, or has no valid
+    /// likelihood, or a control is not valid; [`HmmError::Pruned`] if an observation is
     /// impossible in all states of the beam, but perhaps not in another: a wider beam may help.
-    pub fn beam_viterbi<S>(&self, sequence: &S, width: f64) -> Result<BeamPath, InferenceError>
+    pub fn beam_viterbi<S>(&self, sequence: &S, width: f64) -> Result<BeamPath, HmmError>
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
@@ -184,7 +184,7 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
             // Determined before the likelihoods are added: it decides which error an impossible
             // step gives.
             let nothing = evidence.is_some() && next.is_nowhere();
-            let wrap = |cause| InferenceError::likelihood(step, cause);
+            let wrap = |cause| HmmError::likelihood(step, cause);
             let local = self.likelihood().local(observation, &next.states, &mut scratch);
             let (local, others) = local.map_err(wrap)?;
             let largest = check_local(&local, others, &next.states).map_err(wrap)?;
@@ -196,16 +196,16 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
             };
             taken_out.factors.add(factor + local.log_factor() + evidence.unwrap_or(0.0));
             if nothing && local.is_possible(largest) {
-                return Err(InferenceError::ImpossibleMove { step });
+                return Err(HmmError::ImpossibleMove { step });
             }
             // Take out a whole number, then drop states too far from the best.
             let best = next.scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
             if best == f64::NEG_INFINITY {
                 // If a bound on other paths is above −∞, one of those may be possible.
                 return Err(if next.is_nowhere() {
-                    InferenceError::Impossible { step }
+                    HmmError::Impossible { step }
                 } else {
-                    InferenceError::Pruned { step }
+                    HmmError::Pruned { step }
                 });
             }
             taken_out.whole += best.floor();

@@ -29,7 +29,7 @@ use self::wide::{Exact, Wide};
 use super::step::Step;
 use super::step::state::next_step;
 use crate::belief::Belief;
-use crate::error::InferenceError;
+use crate::error::HmmError;
 use crate::hmm::{Hmm, ModelPointer};
 use crate::likelihood::{Diagonal, LocalLikelihood, Scratch, check_local};
 use crate::transition::{NoControl, TransitionEntries};
@@ -207,11 +207,11 @@ where
     ///
     /// # Errors
     ///
-    /// [`InferenceError::StateCount`] if the belief has another number of states.
-    pub fn relocate(&mut self, belief: &Belief) -> Result<(), InferenceError> {
+    /// [`HmmError::StateCount`] if the belief has another number of states.
+    pub fn relocate(&mut self, belief: &Belief) -> Result<(), HmmError> {
         let (found, expected) = (belief.states(), self.model.states());
         if found != expected {
-            return Err(InferenceError::StateCount { what: "belief", found, expected });
+            return Err(HmmError::StateCount { part: "belief", found, first: "model", expected });
         }
         let Self { state, scratch, .. } = self;
         let mut log_excess = state.log_excess;
@@ -239,11 +239,11 @@ where
     ///
     /// # Errors
     ///
-    /// [`InferenceError::StateCount`] if the snapshot has another number of states.
-    pub fn restore(&mut self, snapshot: &PrunedFilterSnapshot) -> Result<(), InferenceError> {
+    /// [`HmmError::StateCount`] if the snapshot has another number of states.
+    pub fn restore(&mut self, snapshot: &PrunedFilterSnapshot) -> Result<(), HmmError> {
         let (found, expected) = (snapshot.states, self.model.states());
         if found != expected {
-            return Err(InferenceError::StateCount { what: "snapshot", found, expected });
+            return Err(HmmError::StateCount { part: "snapshot", found, first: "model", expected });
         }
         // Copied into the memory of the next belief, which is swapped in as after a step.
         self.scratch.next.copy_from(&snapshot.belief);
@@ -330,15 +330,15 @@ where
     ///
     /// # Errors
     ///
-    /// [`InferenceError`] with the step; the filter is then unchanged.
-    /// [`Impossible`](InferenceError::Impossible) if the model rules out the observation,
-    /// [`Pruned`](InferenceError::Pruned) if it is ruled out in all active states, but perhaps
+    /// [`HmmError`] with the step; the filter is then unchanged.
+    /// [`Impossible`](HmmError::Impossible) if the model rules out the observation,
+    /// [`Pruned`](HmmError::Pruned) if it is ruled out in all active states, but perhaps
     /// not in one that was dropped.
     pub fn step_with(
         &mut self,
         control: &A::Control,
         observation: &B::Observation,
-    ) -> Result<Certificate, InferenceError> {
+    ) -> Result<Certificate, HmmError> {
         let number = next_step(self.state.steps)?;
         let control = Some(control).filter(|_| self.model.prior().moves_at(number));
         self.advance(number, control, Some(observation))
@@ -349,9 +349,9 @@ where
     ///
     /// # Errors
     ///
-    /// [`InferenceError`] if the operator does not give a distribution, or if the control
+    /// [`HmmError`] if the operator does not give a distribution, or if the control
     /// is not valid.
-    pub fn predict_with(&mut self, control: &A::Control) -> Result<Certificate, InferenceError> {
+    pub fn predict_with(&mut self, control: &A::Control) -> Result<Certificate, HmmError> {
         let number = next_step(self.state.steps)?;
         let control = Some(control).filter(|_| self.model.prior().moves_at(number));
         self.advance(number, control, None)
@@ -367,7 +367,7 @@ where
     /// # Errors
     ///
     /// As [`step_with`](Self::step_with).
-    pub fn update(&mut self, observation: &B::Observation) -> Result<Certificate, InferenceError> {
+    pub fn update(&mut self, observation: &B::Observation) -> Result<Certificate, HmmError> {
         let at_first = !self.model.prior().moves_at(1);
         let number = self.state.steps.max(usize::from(at_first));
         self.advance(number, None, Some(observation))
@@ -379,7 +379,7 @@ where
     /// # Errors
     ///
     /// As [`step_with`](Self::step_with).
-    pub fn step(&mut self, observation: &B::Observation) -> Result<Certificate, InferenceError>
+    pub fn step(&mut self, observation: &B::Observation) -> Result<Certificate, HmmError>
     where
         A::Control: NoControl,
     {
@@ -391,7 +391,7 @@ where
     /// # Errors
     ///
     /// As [`predict_with`](Self::predict_with).
-    pub fn predict(&mut self) -> Result<Certificate, InferenceError>
+    pub fn predict(&mut self) -> Result<Certificate, HmmError>
     where
         A::Control: NoControl,
     {
@@ -404,7 +404,7 @@ where
         number: usize,
         control: Option<&A::Control>,
         observation: Option<&B::Observation>,
-    ) -> Result<Certificate, InferenceError> {
+    ) -> Result<Certificate, HmmError> {
         let Self { model, bounds, state, scratch } = self;
         let PrunedScratch { next, active_set, exact, wide, named, values, sensor } = scratch;
         let step = Step { hmm: &**model, number, control };
@@ -431,7 +431,7 @@ where
         values.clear();
         let (mut local, mut others, mut largest) = (Diagonal::linear(&[]), 1.0, 1.0);
         if let Some(observation) = observation {
-            let wrap = |cause| InferenceError::likelihood(number, cause);
+            let wrap = |cause| HmmError::likelihood(number, cause);
             let found = model.likelihood().local(observation, candidates, sensor);
             (local, others) = found.map_err(wrap)?;
             largest = check_local(&local, others, candidates).map_err(wrap)?;
@@ -458,7 +458,7 @@ where
             && operator.as_ref().is_some_and(nothing)
             && local.is_possible(largest)
         {
-            return Err(InferenceError::ImpossibleMove { step: number });
+            return Err(HmmError::ImpossibleMove { step: number });
         }
         let mut predicted = if is_wide {
             next.predict_by(belief, operator.as_ref(), active_set, wide.sums(operator.as_ref()))
@@ -469,7 +469,7 @@ where
             // A sum other than one means that the operator did not list some states that its
             // entries lead to: it breaks its contract.
             if !limits::is_one(predicted.sum) {
-                return Err(InferenceError::PredictedSum { step: number, sum: predicted.sum });
+                return Err(HmmError::PredictedSum { step: number, sum: predicted.sum });
             }
         } else if !SUMS.contains(&predicted.sum)
             && operator.as_ref().is_some_and(|operator| !operator.is_in_powers_of_two())
@@ -479,7 +479,7 @@ where
             predicted = next.predict(belief, operator.as_ref(), active_set);
         }
         if !(0.0..=f64::MAX).contains(&predicted.sum) {
-            return Err(InferenceError::PredictedSum { step: number, sum: predicted.sum });
+            return Err(HmmError::PredictedSum { step: number, sum: predicted.sum });
         }
         // Scaled by the states that the belief leads to, not by all: these must keep their digits,
         // whereas bounds suffice for the others.
@@ -494,9 +494,9 @@ where
         if sums.estimate < f64::MIN_POSITIVE {
             let proven = sums.excess == 0.0;
             return Err(if proven {
-                InferenceError::Impossible { step: number }
+                HmmError::Impossible { step: number }
             } else {
-                InferenceError::Pruned { step: number }
+                HmmError::Pruned { step: number }
             });
         }
         let threshold = state.threshold(candidates.len());

@@ -9,7 +9,7 @@ use std::ops::{Deref, Range};
 use std::sync::Arc;
 
 use crate::belief::{Belief, BeliefView};
-use crate::error::InferenceError;
+use crate::error::HmmError;
 use crate::hmm::Hmm;
 use crate::inference::engines::{choice, few_states, lanes};
 use crate::inference::step::Step;
@@ -264,9 +264,9 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     ///
     /// # Errors
     ///
-    /// [`InferenceError`] with the step at which an observation is impossible
+    /// [`HmmError`] with the step at which an observation is impossible
     /// or has no valid likelihood, or a control is not valid.
-    pub fn forward<S>(&self, sequence: &S) -> Result<FilteredSequence, InferenceError>
+    pub fn forward<S>(&self, sequence: &S) -> Result<FilteredSequence, HmmError>
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
@@ -310,7 +310,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// # Errors
     ///
     /// As [`forward`](Self::forward).
-    pub fn log_likelihood<S>(&self, sequence: &S) -> Result<f64, InferenceError>
+    pub fn log_likelihood<S>(&self, sequence: &S) -> Result<f64, HmmError>
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
@@ -406,9 +406,9 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     ///
     /// # Errors
     ///
-    /// [`InferenceError`] with the step at which an observation is impossible
+    /// [`HmmError`] with the step at which an observation is impossible
     /// or has no valid likelihood, or a control is not valid.
-    pub fn smooth<S>(&self, sequence: &S) -> Result<SmoothedSequence, InferenceError>
+    pub fn smooth<S>(&self, sequence: &S) -> Result<SmoothedSequence, HmmError>
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {

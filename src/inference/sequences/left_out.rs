@@ -4,7 +4,7 @@
 //! γ_k divided by the likelihood of y_k would lose the states that y_k rules out. So the backward
 //! pass computes β_k itself, in logarithms, since it may leave the range of doubles at any step.
 
-use crate::error::InferenceError;
+use crate::error::HmmError;
 use crate::hmm::Hmm;
 use crate::inference::step::Step;
 use crate::inference::step::state::normalize_logs;
@@ -27,8 +27,8 @@ pub struct LeftOut {
 ///
 /// # Errors
 ///
-/// [`InferenceError`] with the step, as for the smoother.
-pub fn left_out<A, B, S>(hmm: &Hmm<A, B>, sequence: &S) -> Result<LeftOut, InferenceError>
+/// [`HmmError`] with the step, as for the smoother.
+pub fn left_out<A, B, S>(hmm: &Hmm<A, B>, sequence: &S) -> Result<LeftOut, HmmError>
 where
     A: Transition,
     B: Likelihood,
@@ -55,7 +55,7 @@ where
         let number = before + 1;
         row.iter_mut().zip(&back).for_each(|(log, back)| *log += back);
         let sum = normalize_logs(row, &mut next);
-        sum.ok_or(InferenceError::PredictedSum { step: number, sum: 0.0 })?;
+        sum.ok_or(HmmError::PredictedSum { step: number, sum: 0.0 })?;
         row.copy_from_slice(&next);
 
         let step = Step::of(hmm, sequence, number);

@@ -14,7 +14,7 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 
 use super::forward_backward::{FilteredSequence, Posteriors, SharedRows, SmoothedSequence};
-use crate::error::{InferenceError, SequenceError};
+use crate::error::{HmmError, SequenceError};
 use crate::hmm::Hmm;
 use crate::inference::decoding::viterbi::ViterbiPath;
 use crate::inference::engines::choice::{CHUNKS_AHEAD, ChunkSize, ManyPlan, STREAMED};
@@ -176,7 +176,7 @@ struct LaneRoutine<A: Transition, B, S, P, R> {
     /// scratch.
     has_rows: bool,
     /// Runs one sequence: handles any range of numbers, and reports any error.
-    single: fn(&Hmm<A, B>, &S) -> Result<R, InferenceError>,
+    single: fn(&Hmm<A, B>, &S) -> Result<R, HmmError>,
     /// Runs a group: returns the numbers of each lane, or `None` for a sequence that has to run by
     /// itself.
     group: GroupRoutine<A, B, S, P>,
@@ -214,7 +214,7 @@ where
     };
     let mut results: Vec<_> = order.iter().map(|_| None).collect();
     let mut taken = order.iter();
-    let take = |chunk: Vec<Result<R, InferenceError>>| {
+    let take = |chunk: Vec<Result<R, HmmError>>| {
         // The chunk first: at its end, `zip` must not have taken a sequence of the next one.
         for (result, &sequence) in chunk.into_iter().zip(taken.by_ref()) {
             results[sequence] = Some(result.map_err(|source| SequenceError { sequence, source }));
@@ -254,7 +254,7 @@ fn in_groups<A, B, S, P, R>(
     routine: &LaneRoutine<A, B, S, P, R>,
     plan: ManyPlan,
     scratches: &ScratchPool<LaneScratch>,
-) -> Vec<Result<R, InferenceError>>
+) -> Vec<Result<R, HmmError>>
 where
     A: Transition + Sync,
     B: Likelihood + Sync,

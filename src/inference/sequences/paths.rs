@@ -11,7 +11,7 @@
 
 use std::fmt;
 
-use crate::error::InferenceError;
+use crate::error::HmmError;
 use crate::hmm::Hmm;
 use crate::inference::step::Step;
 use crate::inference::step::forward_backward::ForwardPass;
@@ -69,7 +69,7 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
     pub fn path_sampler<'m, S>(
         &'m self,
         sequence: &'m S,
-    ) -> Result<PathSampler<'m, A, B, S>, InferenceError>
+    ) -> Result<PathSampler<'m, A, B, S>, HmmError>
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
@@ -97,10 +97,10 @@ where
     ///
     /// # Errors
     ///
-    /// [`InferenceError::PredictedSum`] if the operator lists no entry into a state that its
+    /// [`HmmError::PredictedSum`] if the operator lists no entry into a state that its
     /// product reaches: either it breaks its contract, or the entry is below 1e-323 and not listed
     /// as a logarithm either.
-    pub fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> Result<Vec<usize>, InferenceError> {
+    pub fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> Result<Vec<usize>, HmmError> {
         let mut states = vec![0; self.sequence.steps()];
         let mut predecessors = Vec::new();
         // From the last step back: `states[at + 1]` is drawn before `states[at]`.
@@ -125,7 +125,7 @@ where
             // The weights are proportional to p(x_k | x_{k+1}, y_1 … y_k), and need not sum to one.
             let total: f64 = predecessors.iter().map(|entry| entry.1).sum();
             if total.is_nan() || total <= 0.0 {
-                return Err(InferenceError::PredictedSum { step: row + 1, sum: 0.0 });
+                return Err(HmmError::PredictedSum { step: row + 1, sum: 0.0 });
             }
             states[at] = index(predecessors.iter().copied(), total, rng);
         }
@@ -155,7 +155,7 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
     /// # Errors
     ///
     /// As [`smooth`](Self::smooth).
-    pub fn path_entropy<S>(&self, sequence: &S) -> Result<f64, InferenceError>
+    pub fn path_entropy<S>(&self, sequence: &S) -> Result<f64, HmmError>
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
@@ -205,7 +205,7 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         before: &[f64],
         after: &mut [f64],
         predecessors: &mut Vec<(usize, f64)>,
-    ) -> Result<(), InferenceError> {
+    ) -> Result<(), HmmError> {
         let Some(control) = self.control else { return Ok(()) }; // only step 1 has none
         let in_logs = self.evidence()?.is_some() && self.entries_need_logs();
         for (i, after) in after.iter_mut().enumerate() {

@@ -11,7 +11,7 @@ use std::ops::Deref;
 
 use rand::Rng;
 
-use crate::error::InferenceError;
+use crate::error::HmmError;
 use crate::hmm::Hmm;
 use crate::inference::step::Step;
 use crate::inference::streams::filter::Filter;
@@ -109,31 +109,27 @@ impl<A: TransitionEntries, B: SampleObservation> Hmm<A, B> {
     ///
     /// # Errors
     ///
-    /// [`InferenceError::Control`] with the step whose control is not valid, or
-    /// [`InferenceError::SimulatedEvidence`] with the step whose control is not an input but a
+    /// [`HmmError::Control`] with the step whose control is not valid, or
+    /// [`HmmError::SimulatedEvidence`] with the step whose control is not an input but a
     /// measurement of the move.
     pub fn simulate_with<R: Rng + ?Sized>(
         &self,
         controls: &[A::Control],
         rng: &mut R,
-    ) -> Result<Simulation<B::Sample>, InferenceError> {
+    ) -> Result<Simulation<B::Sample>, HmmError> {
         self.check_controls(0, controls)?;
         Ok(self.draw(self.prior().belief().as_slice(), 0, controls, rng))
     }
 
     /// Checks the controls of the steps after the first `steps_before`.
-    fn check_controls(
-        &self,
-        steps_before: usize,
-        controls: &[A::Control],
-    ) -> Result<(), InferenceError> {
+    fn check_controls(&self, steps_before: usize, controls: &[A::Control]) -> Result<(), HmmError> {
         for (number, control) in (steps_before + 1..).zip(controls) {
             if self.prior().moves_at(number) {
                 let step = Step { hmm: self, number, control: Some(control) };
                 // Evidence is measured on a move that has been made; it cannot be given before the
                 // move is drawn.
                 if step.evidence()?.is_some() {
-                    return Err(InferenceError::SimulatedEvidence { step: number });
+                    return Err(HmmError::SimulatedEvidence { step: number });
                 }
             }
         }
@@ -206,14 +202,14 @@ impl<A: TransitionEntries<Control = ()>, B: SampleNext> Hmm<A, B> {
     ///
     /// # Errors
     ///
-    /// [`InferenceError::Likelihood`] with the step whose observation cannot be drawn: the first if
+    /// [`HmmError::Likelihood`] with the step whose observation cannot be drawn: the first if
     /// `before` is not valid, or one at which values grow beyond the range of doubles.
     pub fn simulate_after<R: Rng + ?Sized>(
         &self,
         before: &B::Observation,
         steps: usize,
         rng: &mut R,
-    ) -> Result<Simulation<B::Sample>, InferenceError> {
+    ) -> Result<Simulation<B::Sample>, HmmError> {
         self.draw_after(self.prior().belief().as_slice(), 0, before, steps, rng)
     }
 
@@ -224,12 +220,12 @@ impl<A: TransitionEntries<Control = ()>, B: SampleNext> Hmm<A, B> {
         before: &B::Observation,
         steps: usize,
         rng: &mut R,
-    ) -> Result<Simulation<B::Sample>, InferenceError> {
+    ) -> Result<Simulation<B::Sample>, HmmError> {
         let sample = |step: usize, state: usize, last: Option<&B::Sample>, rng: &mut R| {
             // The first observation depends on the one that was given.
             let last = last.map_or(before, Borrow::borrow);
             let drawn = self.likelihood().sample_next(state, last, rng);
-            drawn.map_err(|cause| InferenceError::likelihood(step, cause))
+            drawn.map_err(|cause| HmmError::likelihood(step, cause))
         };
         self.draw_with(belief, steps_before, &vec![(); steps], rng, sample)
     }
@@ -302,7 +298,7 @@ where
         &self,
         controls: &[A::Control],
         rng: &mut R,
-    ) -> Result<Simulation<B::Sample>, InferenceError> {
+    ) -> Result<Simulation<B::Sample>, HmmError> {
         self.model().check_controls(self.steps(), controls)?;
         Ok(self.model().draw(self.belief().as_slice(), self.steps(), controls, rng))
     }
@@ -325,7 +321,7 @@ where
         before: &B::Observation,
         steps: usize,
         rng: &mut R,
-    ) -> Result<Simulation<B::Sample>, InferenceError> {
+    ) -> Result<Simulation<B::Sample>, HmmError> {
         self.model().draw_after(self.belief().as_slice(), self.steps(), before, steps, rng)
     }
 }

@@ -15,7 +15,7 @@ use std::fmt;
 use std::ops::Range;
 
 use crate::belief::{Belief, BeliefView};
-use crate::error::InferenceError;
+use crate::error::HmmError;
 use crate::hmm::Hmm;
 use crate::inference::step::Step;
 use crate::inference::step::forward_backward::{Backward, ForwardPass, Rows};
@@ -125,7 +125,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         sequence: &S,
         order: Order,
         mut visit: impl FnMut(&SmoothedStep<'_, A>),
-    ) -> Result<f64, InferenceError>
+    ) -> Result<f64, HmmError>
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
@@ -202,7 +202,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// # Errors
     ///
     /// As [`smooth`](Self::smooth).
-    pub fn expected_moves<S>(&self, sequence: &S) -> Result<MoveCounts, InferenceError>
+    pub fn expected_moves<S>(&self, sequence: &S) -> Result<MoveCounts, HmmError>
     where
         A: TransitionEntries,
         S: Sequence<A::Control, B::Observation> + ?Sized,
@@ -243,7 +243,7 @@ where
     S: Sequence<A::Control, B::Observation> + ?Sized,
 {
     /// Runs the filter over the whole sequence, and keeps a snapshot every `length` steps.
-    fn checkpoints(&mut self, length: usize) -> Result<(Vec<FilterSnapshot>, f64), InferenceError> {
+    fn checkpoints(&mut self, length: usize) -> Result<(Vec<FilterSnapshot>, f64), HmmError> {
         let mut checkpoints = Vec::new();
         loop {
             let start = self.state.clone();
@@ -256,7 +256,7 @@ where
     }
 
     /// Filters a segment unless it is in memory already. Returns its number of steps.
-    fn fill(&mut self, start: usize, length: usize) -> Result<usize, InferenceError> {
+    fn fill(&mut self, start: usize, length: usize) -> Result<usize, HmmError> {
         let rows = length.min(self.sequence.steps() - start);
         // The last segment is still in memory when the backward pass begins; if it is the only one,
         // it always is.
@@ -274,7 +274,7 @@ where
         start: &FilterSnapshot,
         length: usize,
         end: &[f64],
-    ) -> Result<usize, InferenceError> {
+    ) -> Result<usize, HmmError> {
         let n = self.hmm.states();
         // Unnecessary, but harmless, if the segment is in memory.
         self.state.copy(start);
@@ -358,11 +358,7 @@ impl<A: TransitionEntries> Pairs<'_, A> {
 
     /// Adds the moves of this step to the counts. They must sum to one, which fails if an operator
     /// lists other entries than its products have.
-    pub(crate) fn add_to(
-        &self,
-        counts: &mut MoveCounts,
-        step: usize,
-    ) -> Result<(), InferenceError> {
+    pub(crate) fn add_to(&self, counts: &mut MoveCounts, step: usize) -> Result<(), HmmError> {
         if !self.in_logs {
             return check_sums_to_one(counts.add(self.moves()), step);
         }
@@ -391,7 +387,7 @@ impl<A: TransitionEntries> Pairs<'_, A> {
         step: usize,
         list: impl Fn(usize) -> I,
         others: f64,
-    ) -> Result<(), InferenceError> {
+    ) -> Result<(), HmmError> {
         let logs = || self.log_moves(0..self.ratio.len(), &list);
         // Log-sum-exp: terms that underflow relative to the largest do not matter.
         let largest = logs().fold(others, |most, (_, _, log)| most.max(log));
@@ -406,7 +402,7 @@ impl<A: TransitionEntries> Pairs<'_, A> {
         // Without a possible move, `sum` is NaN (−∞ minus −∞); the error then reports 0, since
         // `max` ignores a NaN.
         if sum.is_nan() || sum.abs() > limits::log_rounding(size) {
-            return Err(InferenceError::PredictedSum { step, sum: f64::max(sum.exp(), 0.0) });
+            return Err(HmmError::PredictedSum { step, sum: f64::max(sum.exp(), 0.0) });
         }
         // Normalised, so that this rounding does not accumulate in the counts.
         counts.add(logs().map(|(from, to, log)| Move { from, to, weight: (log - sum).exp() }));
@@ -423,7 +419,7 @@ impl<A: LearnTransition> Pairs<'_, A> {
         &self,
         statistics: &mut A::Statistics,
         step: usize,
-    ) -> Result<(), InferenceError> {
+    ) -> Result<(), HmmError> {
         let (transition, states) = (self.transition, 0..self.ratio.len());
         if !self.in_logs {
             let (before, after) = (self.alpha.linear, self.ratio);
@@ -464,6 +460,6 @@ impl<A: LearnTransition> Pairs<'_, A> {
 }
 
 /// Returns an error unless the moves of a step sum to one.
-fn check_sums_to_one(sum: f64, step: usize) -> Result<(), InferenceError> {
-    if limits::is_one(sum) { Ok(()) } else { Err(InferenceError::PredictedSum { step, sum }) }
+fn check_sums_to_one(sum: f64, step: usize) -> Result<(), HmmError> {
+    if limits::is_one(sum) { Ok(()) } else { Err(HmmError::PredictedSum { step, sum }) }
 }

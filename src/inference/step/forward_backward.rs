@@ -25,7 +25,7 @@ use std::collections::HashMap;
 
 use super::Step;
 use super::state::{BeliefForm, BeliefRef, FilterSnapshot, StepScratch, normalize_logs};
-use crate::error::InferenceError;
+use crate::error::HmmError;
 use crate::hmm::Hmm;
 use crate::likelihood::{Likelihood, Scratch};
 use crate::sequence::Sequence;
@@ -102,7 +102,7 @@ impl ForwardPass {
         sequence: &S,
         more: usize,
         each: impl FnMut(f64),
-    ) -> Result<(Self, FilterSnapshot), InferenceError>
+    ) -> Result<(Self, FilterSnapshot), HmmError>
     where
         A: Transition,
         B: Likelihood,
@@ -124,7 +124,7 @@ impl ForwardPass {
         sequence: &S,
         steps: usize,
         mut each: impl FnMut(f64),
-    ) -> Result<(), InferenceError>
+    ) -> Result<(), HmmError>
     where
         A: Transition,
         B: Likelihood,
@@ -264,7 +264,7 @@ impl Backward {
         alpha: BeliefRef<'_>,
         gamma: &[f64],
         out: &mut [f64],
-    ) -> Result<(), InferenceError> {
+    ) -> Result<(), HmmError> {
         let Some(control) = step.control else { return self.step_back(step, alpha, gamma, out) };
         // The ratio comes from α_k = b ∘ p / N, which holds up to the rounding of the forward step.
         // Excluded are steps in logarithms, which leave no N, and a q that an earlier backward step
@@ -327,7 +327,7 @@ impl Backward {
         alpha: BeliefRef<'_>,
         gamma: &[f64],
         out: &mut [f64],
-    ) -> Result<(), InferenceError> {
+    ) -> Result<(), HmmError> {
         let Some(control) = step.control else {
             out.copy_from_slice(gamma);
             self.ratio_in_logs = false;
@@ -383,7 +383,7 @@ impl Backward {
         alpha: BeliefRef<'_>,
         gamma: &[f64],
         out: &mut [f64],
-    ) -> Result<(), InferenceError> {
+    ) -> Result<(), HmmError> {
         let Self { ratio, predicted, values, .. } = self;
         let (predicted, values) = (&mut **predicted, &mut **values);
         let transition = step.hmm.transition();
@@ -408,7 +408,7 @@ impl Backward {
             Some(log) if log.abs() <= limits::log_rounding(size) => Ok(()),
             sum => {
                 let sum = sum.map_or(0.0, f64::exp);
-                Err(InferenceError::PredictedSum { step: step.number, sum })
+                Err(HmmError::PredictedSum { step: step.number, sum })
             }
         }
     }

@@ -18,7 +18,7 @@ use self::state::{
     BeliefForm, BeliefRef, LiftedBelief, StepOutcome, StepOutput, StepScratch, loses,
     normalize_logs,
 };
-use crate::error::InferenceError;
+use crate::error::HmmError;
 use crate::groups::Groups;
 use crate::hmm::Hmm;
 use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
@@ -46,7 +46,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         hmm: &'m Hmm<A, B>,
         steps: usize,
         control: &'m A::Control,
-    ) -> Result<Self, InferenceError> {
+    ) -> Result<Self, HmmError> {
         let number = state::next_step(steps)?;
         Ok(Self { hmm, number, control: hmm.prior().moves_at(number).then_some(control) })
     }
@@ -60,20 +60,20 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         Self { hmm, number, control }
     }
 
-    pub(crate) fn check_control(&self, control: &A::Control) -> Result<(), InferenceError> {
-        let wrap = |cause| InferenceError::control(self.number, cause);
+    pub(crate) fn check_control(&self, control: &A::Control) -> Result<(), HmmError> {
+        let wrap = |cause| HmmError::control(self.number, cause);
         self.hmm.transition().check_control(control).map_err(wrap)
     }
 
     /// Checks the control, and returns the log factor of the evidence on the move to this step,
     /// if any.
     #[inline]
-    pub(crate) fn evidence(&self) -> Result<Option<f64>, InferenceError> {
+    pub(crate) fn evidence(&self) -> Result<Option<f64>, HmmError> {
         let Some(control) = self.control else { return Ok(None) };
         self.check_control(control)?;
         match self.hmm.transition().evidence(control) {
             Some(value) if limits::is_log(value) => Ok(Some(value)),
-            Some(value) => Err(InferenceError::EvidenceFactor { step: self.number, value }),
+            Some(value) => Err(HmmError::EvidenceFactor { step: self.number, value }),
             None => Ok(None),
         }
     }
@@ -100,7 +100,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         before: BeliefRef<'_>,
         scratch: &mut StepScratch,
         mut rows: Option<&mut Vec<f64>>,
-    ) -> Result<StepOutcome, InferenceError> {
+    ) -> Result<StepOutcome, HmmError> {
         let StepScratch { lifted, output, sensor: SensorScratch { scratch, values } } = scratch;
         if let Some(found) = self.hmm.likelihood().by_groups(observation, scratch)
             && let Ok((diagonal, groups)) = found
@@ -118,7 +118,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
                 return Ok(StepOutcome::linear(log, normalizer, form));
             }
         }
-        let wrap = |cause| InferenceError::likelihood(self.number, cause);
+        let wrap = |cause| HmmError::likelihood(self.number, cause);
         // Borrowed: copying a diagonal that was just written costs as much as a few rows of A.
         let found = self.hmm.likelihood().diagonal(observation, scratch);
         let diagonal = match found {
@@ -196,7 +196,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         lifted: &mut LiftedBelief,
         output: &mut StepOutput,
         rows: Option<&mut Vec<f64>>,
-    ) -> Result<Option<(f64, BeliefForm)>, InferenceError> {
+    ) -> Result<Option<(f64, BeliefForm)>, HmmError> {
         let StepOutput { predicted, after, updated: out, .. } = output;
         // With evidence there is no matrix and hence no plain step: its entries have no known
         // lower bound.
@@ -264,8 +264,8 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         diagonal: &Diagonal<'_>,
         largest: f64,
         values: &mut [f64],
-    ) -> Result<f64, InferenceError> {
-        let impossible = Err(InferenceError::Impossible { step: self.number });
+    ) -> Result<f64, HmmError> {
+        let impossible = Err(HmmError::Impossible { step: self.number });
         match diagonal.values {
             Values::Linear(_) | Values::Checked { .. } if largest == 0.0 => impossible,
             Values::Linear(linear) | Values::Checked { linear, .. } => {
@@ -336,8 +336,8 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
         &'a self,
         observation: &'a B::Observation,
         scratch: &'a mut Scratch,
-    ) -> Result<(Diagonal<'a>, f64), InferenceError> {
-        let wrap = |cause| InferenceError::likelihood(self.number, cause);
+    ) -> Result<(Diagonal<'a>, f64), HmmError> {
+        let wrap = |cause| HmmError::likelihood(self.number, cause);
         let diagonal = self.hmm.likelihood().diagonal(observation, scratch).map_err(wrap)?;
         let largest = diagonal.check(self.hmm.states()).map_err(wrap)?;
         Ok((diagonal, largest))
@@ -358,7 +358,7 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
         &self,
         before: BeliefRef<'_>,
         scratch: &mut StepScratch,
-    ) -> Result<StepOutcome, InferenceError> {
+    ) -> Result<StepOutcome, HmmError> {
         let StepScratch { lifted, output, sensor } = scratch;
         let (evidence, rounds_tails) = (self.evidence()?, self.hmm.rounds_tails());
         let mut taken_in_logs = before.logs.is_some() || (evidence.is_some() && self.needs_logs());
@@ -401,24 +401,20 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
 
     /// Checks that a lifted prediction is a distribution, since the operator may be the user's own,
     /// and returns its sum.
-    pub(crate) fn check_prediction(&self, predicted: &[f64]) -> Result<f64, InferenceError> {
+    pub(crate) fn check_prediction(&self, predicted: &[f64]) -> Result<f64, HmmError> {
         let step = self.number;
         if let Err(state) = kernels::largest(predicted, Valid::Likelihoods) {
             let value = predicted[state] / LIFT;
-            return Err(InferenceError::Predicted { step, state, value });
+            return Err(HmmError::Predicted { step, state, value });
         }
         let lifted = kernels::sum(predicted);
         let sum = lifted / LIFT;
-        if limits::is_one(sum) {
-            Ok(lifted)
-        } else {
-            Err(InferenceError::PredictedSum { step, sum })
-        }
+        if limits::is_one(sum) { Ok(lifted) } else { Err(HmmError::PredictedSum { step, sum }) }
     }
 
     /// Returns the sum of a lifted prediction with evidence, or `None` if the step has to be
     /// taken in logarithms.
-    pub(crate) fn evidence_sum(&self, predicted: &[f64]) -> Result<Option<f64>, InferenceError> {
+    pub(crate) fn evidence_sum(&self, predicted: &[f64]) -> Result<Option<f64>, HmmError> {
         if let Err(state) = kernels::largest(predicted, Valid::Likelihoods) {
             let value = predicted[state] / LIFT;
             // An overflow may come from the lift, and a NaN from 0 · ∞ after one: try logarithms.
@@ -426,7 +422,7 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
             if value == f64::INFINITY || value.is_nan() {
                 return Ok(None);
             }
-            return Err(InferenceError::Predicted { step: self.number, state, value });
+            return Err(HmmError::Predicted { step: self.number, state, value });
         }
         let sum = kernels::sum(predicted);
         Ok(limits::is_evidence_sum(sum / LIFT).then_some(sum))
@@ -440,7 +436,7 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
         evidence: Option<f64>,
         output: &mut StepOutput,
         values: &mut [f64],
-    ) -> Result<(), InferenceError> {
+    ) -> Result<(), HmmError> {
         before.logs_to(values);
         match self.control {
             Some(control) => self.hmm.transition().apply_log(control, values, &mut output.logs),
@@ -466,14 +462,14 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
         diagonal: &Diagonal<'_>,
         log_scale: f64,
         output: &mut StepOutput,
-    ) -> Result<StepOutcome, InferenceError> {
+    ) -> Result<StepOutcome, HmmError> {
         for (out, log) in output.logs.iter_mut().zip(diagonal.logs()) {
             *out += log - log_scale;
         }
         // Callers have excluded an all-zero prediction and all-zero likelihoods, but the two may
         // have no state in common.
         let Some(normalizer) = normalize_logs(&mut output.logs, &mut output.after) else {
-            return Err(InferenceError::Impossible { step: self.number });
+            return Err(HmmError::Impossible { step: self.number });
         };
         let log = normalizer + log_scale + diagonal.log_factor;
         let result_in_logs = !self.hmm.rounds_tails() && loses(&output.logs, &output.after);
@@ -487,11 +483,11 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
     }
 
     /// Checks that the logarithms of a prediction with evidence are finite or −∞, and not all −∞.
-    pub(crate) fn check_log_evidence(&self, logs: &[f64]) -> Result<(), InferenceError> {
+    pub(crate) fn check_log_evidence(&self, logs: &[f64]) -> Result<(), HmmError> {
         let step = self.number;
         match kernels::largest(logs, Valid::Logs) {
-            Err(state) => Err(InferenceError::Predicted { step, state, value: logs[state].exp() }),
-            Ok(f64::NEG_INFINITY) => Err(InferenceError::ImpossibleMove { step }),
+            Err(state) => Err(HmmError::Predicted { step, state, value: logs[state].exp() }),
+            Ok(f64::NEG_INFINITY) => Err(HmmError::ImpossibleMove { step }),
             Ok(_) => Ok(()),
         }
     }

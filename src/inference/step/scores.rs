@@ -6,7 +6,7 @@
 use std::f64::consts::{LN_2, LOG2_E};
 
 use super::{SensorScratch, Step};
-use crate::error::InferenceError;
+use crate::error::HmmError;
 use crate::inference::LogSum;
 use crate::likelihood::{Diagonal, Likelihood, Values};
 use crate::transition::TransitionEntries;
@@ -44,7 +44,7 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         &self,
         scores: &mut [f64],
         taken_out: &mut TakenOut,
-    ) -> Result<(), InferenceError> {
+    ) -> Result<(), HmmError> {
         let prior = self.hmm.prior().belief().as_slice();
         // Lifted, so that a small prior times a small entry does not underflow before its logarithm
         // is taken ("Scores and draws" in `limits`).
@@ -87,11 +87,7 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
     /// Computes the first scores in logarithms, if the evidence on the first move leaves the range
     /// of `f64`.
     #[cold]
-    fn first_scores_in_logs(
-        &self,
-        scores: &mut [f64],
-        logs: &mut [f64],
-    ) -> Result<(), InferenceError> {
+    fn first_scores_in_logs(&self, scores: &mut [f64], logs: &mut [f64]) -> Result<(), HmmError> {
         let Some(control) = self.control else { return Ok(()) }; // no evidence without one
         let prior = self.hmm.prior().belief().as_slice();
         logs.iter_mut().zip(prior).for_each(|(log, p)| *log = p.ln());
@@ -102,10 +98,7 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
     }
 
     /// Takes out the log factor of the evidence on the move. Returns true if there is evidence.
-    pub(crate) fn take_out_evidence(
-        &self,
-        taken_out: &mut TakenOut,
-    ) -> Result<bool, InferenceError> {
+    pub(crate) fn take_out_evidence(&self, taken_out: &mut TakenOut) -> Result<bool, HmmError> {
         let evidence = self.evidence()?;
         evidence.iter().for_each(|log_factor| taken_out.factors.add(*log_factor));
         Ok(evidence.is_some())
@@ -113,14 +106,14 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
 
     /// Returns an error if evidence on the move is invalid, or leaves no path with a probability
     /// above 0. `best` is the score of the best path.
-    pub(crate) fn check_best_path(&self, best: f64) -> Result<(), InferenceError> {
+    pub(crate) fn check_best_path(&self, best: f64) -> Result<(), HmmError> {
         let step = self.number;
         if best.is_finite() {
             Ok(())
         } else if best == f64::NEG_INFINITY {
-            Err(InferenceError::ImpossibleMove { step })
+            Err(HmmError::ImpossibleMove { step })
         } else {
-            Err(InferenceError::EvidenceFactor { step, value: best })
+            Err(HmmError::EvidenceFactor { step, value: best })
         }
     }
 
@@ -133,14 +126,14 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         (next, from): (&mut [f64], &mut [u32]),
         sensor: &mut SensorScratch,
         taken_out: &mut TakenOut,
-    ) -> Result<(), InferenceError> {
+    ) -> Result<(), HmmError> {
         let scratch = &mut sensor.scratch;
         let likelihoods = match observation {
             Some(observation) => {
                 scratch.ask_for_log2();
                 let (diagonal, largest) = self.diagonal(observation, scratch)?;
                 let scores = likelihood_scores(&diagonal, largest, taken_out);
-                Some(scores.ok_or(InferenceError::Impossible { step: self.number })?)
+                Some(scores.ok_or(HmmError::Impossible { step: self.number })?)
             }
             None => None,
         };
@@ -169,12 +162,12 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         sensor: &mut SensorScratch,
         scores: &mut [f64],
         taken_out: &mut TakenOut,
-    ) -> Result<(), InferenceError> {
+    ) -> Result<(), HmmError> {
         let scratch = &mut sensor.scratch;
         scratch.ask_for_log2();
         let (diagonal, largest) = self.diagonal(observation, scratch)?;
         let likelihoods = likelihood_scores(&diagonal, largest, taken_out)
-            .ok_or(InferenceError::Impossible { step: self.number })?;
+            .ok_or(HmmError::Impossible { step: self.number })?;
         kernels::add_scores(scores, Some(likelihoods));
         Ok(())
     }
@@ -184,7 +177,7 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         &self,
         scores: &mut [f64],
         taken_out: &mut TakenOut,
-    ) -> Result<f64, InferenceError> {
+    ) -> Result<f64, HmmError> {
         let best = scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         self.take_out_whole_of(scores, best, taken_out)
     }
@@ -194,10 +187,10 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         scores: &mut [f64],
         best: f64,
         taken_out: &mut TakenOut,
-    ) -> Result<f64, InferenceError> {
+    ) -> Result<f64, HmmError> {
         // No path is left.
         if best == f64::NEG_INFINITY {
-            return Err(InferenceError::Impossible { step: self.number });
+            return Err(HmmError::Impossible { step: self.number });
         }
         // The best score is now from 0 to 1. Scores down to −256 are multiples of 2^-45 that
         // doubles hold exactly, so this subtraction and later sums stay exact.

@@ -9,7 +9,7 @@
 use std::f64::consts::LN_2;
 use std::mem;
 
-use crate::error::InferenceError;
+use crate::error::HmmError;
 use crate::likelihood::Scratch;
 use crate::transition::{TransitionEntries, buffers};
 use wayfix_kernels as kernels;
@@ -20,8 +20,8 @@ use wayfix_kernels::{Aligned, limits};
 pub const MOST_STEPS: usize = if usize::BITS > 53 { (1_u64 << 53) as usize } else { usize::MAX };
 
 /// Returns the number of the step that follows `steps` steps.
-pub(crate) fn next_step(steps: usize) -> Result<usize, InferenceError> {
-    if steps < MOST_STEPS { Ok(steps + 1) } else { Err(InferenceError::TooMany { steps }) }
+pub(crate) fn next_step(steps: usize) -> Result<usize, HmmError> {
+    if steps < MOST_STEPS { Ok(steps + 1) } else { Err(HmmError::TooMany { steps }) }
 }
 
 /// Compensated sum of many logarithms (Neumaier 1974), so that a million steps do not drift.

@@ -1,24 +1,19 @@
 //! Streaming filter (paper section III-A; section 2 of the [formulas](crate::guide::formulas)): a
-//! model, a state and scratch memory. The state as plain data follows below: its accessors, copies
-//! at rest, bytes and format. (The struct is defined where steps are taken, in
-//! [`step::state`](crate::inference::step::state).)
+//! model, a state and scratch memory. The state is plain data: [`step::state`](crate::inference::step::state)
+//! takes its steps, `snapshot.rs` reads, copies and stores it.
 //!
 //! The invariant of all its methods: an error leaves the state as it was. Steps inherit that from
 //! [`FilterSnapshot::advance`], which commits last; the other methods check before they write.
-//! [`FilterSnapshot::checked`] establishes for a state from outside what steps guarantee for a
-//! running filter: the belief is a distribution, and its logarithms, if any, agree with it.
 
 use std::ops::Deref;
 
-use super::bytes::{Kind, Reader, Writer, contents};
-use crate::belief::{Belief, BeliefView, SUM_TOLERANCE};
-use crate::error::{InferenceError, SnapshotError};
+use crate::belief::{Belief, BeliefView};
+use crate::error::HmmError;
 use crate::hmm::{Hmm, ModelPointer};
 use crate::inference::step::Step;
-use crate::inference::step::state::{FilterSnapshot, LogSum, MOST_STEPS, StepOutcome, StepScratch};
+use crate::inference::step::state::{FilterSnapshot, StepOutcome, StepScratch};
 use crate::likelihood::Likelihood;
 use crate::transition::{NoControl, Transition};
-use wayfix_kernels::Aligned;
 
 /// Streaming filter: the distribution of the present state given all observations so far,
 /// p(X_k | y_1 … y_k) (paper eq. 8).
@@ -127,7 +122,7 @@ impl FilterSnapshot {
         step: &Step<'_, A, B>,
         observation: &B::Observation,
         scratch: &mut StepScratch,
-    ) -> Result<StepOutcome, InferenceError> {
+    ) -> Result<StepOutcome, HmmError> {
         let outcome = step.advance(observation, self.belief_ref(), scratch, None)?;
         self.commit(step.number, &outcome, scratch);
         Ok(outcome)
@@ -158,13 +153,13 @@ where
     ///
     /// # Errors
     ///
-    /// [`InferenceError`] with the step, if the observation is impossible, or if control or
+    /// [`HmmError`] with the step, if the observation is impossible, or if control or
     /// likelihood are not valid. The filter is then unchanged.
     pub fn step_with(
         &mut self,
         control: &A::Control,
         observation: &B::Observation,
-    ) -> Result<f64, InferenceError> {
+    ) -> Result<f64, HmmError> {
         let step = Step::after(&*self.model, self.state.steps, control)?;
         Ok(self.state.advance(&step, observation, &mut self.scratch)?.log)
     }
@@ -176,9 +171,9 @@ where
     ///
     /// # Errors
     ///
-    /// [`InferenceError`] if the control is not valid, or if it is evidence that is
-    /// [impossible](InferenceError::ImpossibleMove).
-    pub fn predict_with(&mut self, control: &A::Control) -> Result<(), InferenceError> {
+    /// [`HmmError`] if the control is not valid, or if it is evidence that is
+    /// [impossible](HmmError::ImpossibleMove).
+    pub fn predict_with(&mut self, control: &A::Control) -> Result<(), HmmError> {
         let step = Step::after(&*self.model, self.state.steps, control)?;
         let outcome = step.advance_unseen(self.state.belief_ref(), &mut self.scratch)?;
         self.state.commit(step.number, &outcome, &mut self.scratch);
@@ -200,7 +195,7 @@ where
     /// # Errors
     ///
     /// As [`step_with`](Self::step_with).
-    pub fn update(&mut self, observation: &B::Observation) -> Result<f64, InferenceError> {
+    pub fn update(&mut self, observation: &B::Observation) -> Result<f64, HmmError> {
         // A prior at the first observation is the distribution of X_1: there is no X_0 to observe.
         let at_first = !self.model.prior().moves_at(1);
         let number = self.state.steps.max(usize::from(at_first));
@@ -217,8 +212,8 @@ where
     ///
     /// # Errors
     ///
-    /// [`InferenceError`] if a control is not valid.
-    pub fn forecast_with(&self, controls: &[A::Control]) -> Result<Belief, InferenceError> {
+    /// [`HmmError`] if a control is not valid.
+    pub fn forecast_with(&self, controls: &[A::Control]) -> Result<Belief, HmmError> {
         // Forecasts are rare: this one gets scratch memory of its own, so that `self` need not be
         // `mut`.
         let mut ahead = Filter::new(&*self.model);
@@ -266,11 +261,11 @@ where
     ///
     /// # Errors
     ///
-    /// [`InferenceError::StateCount`] if the snapshot has another number of states.
-    pub fn restore(&mut self, snapshot: &FilterSnapshot) -> Result<(), InferenceError> {
+    /// [`HmmError::StateCount`] if the snapshot has another number of states.
+    pub fn restore(&mut self, snapshot: &FilterSnapshot) -> Result<(), HmmError> {
         let (found, expected) = (snapshot.belief.len(), self.model.states());
         if found != expected {
-            return Err(InferenceError::StateCount { what: "snapshot", found, expected });
+            return Err(HmmError::StateCount { part: "snapshot", found, first: "model", expected });
         }
         // Copied into the filter's own memory, which is aligned and has room for logarithms.
         self.state.copy(snapshot);
@@ -290,11 +285,11 @@ where
     ///
     /// # Errors
     ///
-    /// [`InferenceError::StateCount`] if the belief has another number of states.
-    pub fn relocate(&mut self, belief: &Belief) -> Result<(), InferenceError> {
+    /// [`HmmError::StateCount`] if the belief has another number of states.
+    pub fn relocate(&mut self, belief: &Belief) -> Result<(), HmmError> {
         let (found, expected) = (belief.states(), self.model.states());
         if found != expected {
-            return Err(InferenceError::StateCount { what: "belief", found, expected });
+            return Err(HmmError::StateCount { part: "belief", found, first: "model", expected });
         }
         self.state.relocate(belief.as_slice());
         self.scratch.lifted.reset(&self.state.belief);
@@ -307,7 +302,7 @@ where
     /// # Errors
     ///
     /// As [`step_with`](Self::step_with).
-    pub fn step(&mut self, observation: &B::Observation) -> Result<f64, InferenceError>
+    pub fn step(&mut self, observation: &B::Observation) -> Result<f64, HmmError>
     where
         A::Control: NoControl,
     {
@@ -318,8 +313,8 @@ where
     ///
     /// # Errors
     ///
-    /// [`InferenceError`] if the operator does not give a distribution.
-    pub fn predict(&mut self) -> Result<(), InferenceError>
+    /// [`HmmError`] if the operator does not give a distribution.
+    pub fn predict(&mut self) -> Result<(), HmmError>
     where
         A::Control: NoControl,
     {
@@ -341,211 +336,10 @@ where
     /// # Errors
     ///
     /// As [`predict`](Self::predict).
-    pub fn forecast(&self, steps: usize) -> Result<Belief, InferenceError>
+    pub fn forecast(&self, steps: usize) -> Result<Belief, HmmError>
     where
         A::Control: NoControl,
     {
         self.forecast_with(&vec![A::Control::NONE; steps])
     }
-}
-
-impl Clone for FilterSnapshot {
-    /// Copies the state into as little memory as possible.
-    fn clone(&self) -> Self {
-        // A state at rest needs no aligned memory: there may be millions of a few hundred bytes.
-        let belief = Aligned::from(self.belief.to_vec());
-        Self { belief, logs: self.logs.clone(), ..*self }
-    }
-
-    /// Copies the state into existing memory. Allocates nothing if both have the same number of
-    /// states, unless only the source has logarithms.
-    fn clone_from(&mut self, other: &Self) {
-        self.copy(other);
-        // A vehicle that needed logarithms once should not keep the memory for them.
-        if other.logs.is_empty() {
-            self.logs = Vec::new();
-        }
-    }
-}
-
-impl FilterSnapshot {
-    /// Number of steps taken, k.
-    #[must_use]
-    pub fn steps(&self) -> usize {
-        self.steps
-    }
-
-    /// Number of these steps taken in logarithms, which is several times slower: the belief
-    /// before or after was outside the range of `f64`, or the observation contradicted the
-    /// prediction too strongly. A prediction alone and an update alone count as one each.
-    ///
-    /// If there are many, and the tails of the model are not credible anyway, [rounded
-    /// tails](crate::Hmm::with_rounded_tails) are faster.
-    ///
-    /// ```
-    /// # use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
-    /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
-    /// # let stay = DenseTransition::from_rows(&[[1.0, 0.0], [0.0, 1.0]])?;
-    /// let hmm = Hmm::new(prior, stay, LikelihoodVector::log(2))?;
-    /// let mut filter = hmm.filter();
-    /// filter.step(&[0.0, -10.0])?;
-    /// assert_eq!(filter.steps_in_logs(), 0);
-    /// filter.step(&[0.0, -1000.0])?; // e^-1010 is beyond doubles
-    /// filter.step(&[0.0, -10.0])?;
-    /// assert_eq!(filter.steps_in_logs(), 2);
-    /// # Ok::<(), Box<dyn std::error::Error>>(())
-    /// ```
-    #[must_use]
-    pub fn steps_in_logs(&self) -> usize {
-        self.steps_in_logs
-    }
-
-    /// Present belief: p(X_k | y_1 … y_k) after an update, the predicted one after a prediction,
-    /// the prior before any step.
-    #[must_use]
-    pub fn belief(&self) -> BeliefView<'_> {
-        Belief::view(&self.belief)
-    }
-
-    /// Log-likelihood ln p(y_1 … y_k) of the observations so far, and of evidence on moves.
-    #[must_use]
-    pub fn log_likelihood(&self) -> f64 {
-        self.log_likelihood.value()
-    }
-
-    /// True if a state may be the true one, also where its probability is below the range of
-    /// doubles.
-    #[doc(hidden)]
-    #[must_use]
-    pub fn is_possible(&self, state: usize) -> bool {
-        self.belief_ref().log(state) > f64::NEG_INFINITY
-    }
-
-    /// Replaces the belief, its logarithms if there are any (with −∞ for nothing), and the number
-    /// of steps, for models that get more states. A filter checks the result when it is restored.
-    #[doc(hidden)]
-    #[must_use]
-    pub fn remade(&self, steps: usize, mut values: impl FnMut(&[f64], f64) -> Vec<f64>) -> Self {
-        let belief = Aligned::from(values(&self.belief, 0.0));
-        let logs = values(&self.logs, f64::NEG_INFINITY);
-        Self { steps, belief, logs, ..self.clone() }
-    }
-
-    /// Memory on the heap in bytes, in addition to the snapshot itself: 8 for each state, or 16 if
-    /// the belief is held in logarithms too. (The state within a filter keeps room for steps.)
-    #[must_use]
-    pub fn heap_bytes(&self) -> usize {
-        (self.belief.capacity() + self.logs.capacity()) * size_of::<f64>()
-    }
-
-    /// Returns the state as bytes: 8 bytes for each possible state, one bit for each state, and
-    /// about 60 bytes more. Needs no feature.
-    ///
-    /// ```
-    /// # use wayfix::inference::FilterSnapshot;
-    /// # use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
-    /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
-    /// # let hmm = Hmm::new(prior, DenseTransition::from_rows(&[[0.9, 0.1], [0.1, 0.9]])?, LikelihoodVector::linear(2))?;
-    /// let mut filter = hmm.filter();
-    /// filter.step(&[0.9, 0.2])?;
-    /// let mut bytes = filter.snapshot().to_bytes();
-    ///
-    /// let mut next = hmm.filter();
-    /// next.restore(&FilterSnapshot::from_bytes(&bytes)?)?;
-    /// assert_eq!(next.snapshot(), filter.snapshot()); // to the bit
-    ///
-    /// bytes[20] ^= 1;
-    /// assert!(FilterSnapshot::from_bytes(&bytes).is_err());
-    /// # Ok::<(), Box<dyn std::error::Error>>(())
-    /// ```
-    ///
-    /// # The format
-    ///
-    /// The bytes begin with `wayfix`, the kind of state and the version, 1, and end with a
-    /// checksum, which detects damage. They mean the same on all machines; other versions of the
-    /// format are refused.
-    #[must_use]
-    pub fn to_bytes(&self) -> Vec<u8> {
-        let mut out = Writer::new(Kind::Filter);
-        out.integer(self.steps);
-        out.integer(self.steps_in_logs);
-        out.log_sum(self.log_likelihood);
-        out.doubles(&self.belief, 0.0);
-        out.doubles(&self.logs, f64::NEG_INFINITY);
-        out.finish()
-    }
-
-    /// Reads a state from bytes. O(length).
-    ///
-    /// # Errors
-    ///
-    /// [`SnapshotError`] if the bytes are damaged, or not of such a state.
-    pub fn from_bytes(bytes: &[u8]) -> Result<Self, SnapshotError> {
-        let mut from = Reader::new(bytes, Kind::Filter)?;
-        let (steps, steps_in_logs) = (from.integer()?, from.integer()?);
-        let log_likelihood = from.log_sum()?;
-        let belief =
-            Belief::new(from.doubles(0.0)?).map_err(|error| contents(error.to_string()))?;
-        let logs = from.doubles(f64::NEG_INFINITY)?;
-        // Before the checks of the state, since leftover bytes explain a wrong number.
-        from.finish()?;
-        let belief = belief.into_vec().into();
-        let state = Self { steps, steps_in_logs, belief, logs, log_likelihood };
-        state.checked().map_err(contents)
-    }
-
-    /// Checks that the numbers, which may be damaged, can be those of a filter.
-    fn checked(self) -> Result<Self, String> {
-        let Self { steps, belief, logs, log_likelihood, .. } = &self;
-        if *steps > MOST_STEPS {
-            return Err(format!("{steps} steps, expected at most {MOST_STEPS}"));
-        }
-        if !logs.is_empty() {
-            let (found, expected) = (logs.len(), belief.len());
-            if found != expected {
-                return Err(format!("{found} logarithms for a belief over {expected} states"));
-            }
-            for (state, (log, p)) in logs.iter().zip(&**belief).enumerate() {
-                // Steps read the logarithms, accessors the belief: the two must agree. (The
-                // comparison is false for NaN.)
-                let agree = (log.exp() - p).abs() <= SUM_TOLERANCE;
-                if !agree {
-                    return Err(format!(
-                        "state {state} has probability {p}, expected exp({log}) as its logarithm says"
-                    ));
-                }
-            }
-        }
-        let LogSum { sum, compensation } = *log_likelihood;
-        if !log_likelihood.is_finite() {
-            return Err(format!(
-                "the log-likelihood is the sum of {sum} and {compensation}, expected finite values"
-            ));
-        }
-        Ok(self)
-    }
-}
-
-#[cfg(feature = "serde")]
-use crate::stored::{finite_logs, logs as logs_of};
-
-#[cfg(feature = "serde")]
-crate::stored! {
-    [] FilterSnapshot: [], |state| {
-        steps: usize = state.steps,
-        steps_in_logs: usize = state.steps_in_logs,
-        belief: Belief = Belief::view(&state.belief).to_owned(),
-        logs: Option<Vec<Option<f64>>> = (!state.logs.is_empty()).then(|| finite_logs(&state.logs)),
-        log_likelihood: [f64; 2] = [state.log_likelihood.sum, state.log_likelihood.compensation],
-    } => {
-        let [sum, compensation] = log_likelihood;
-        let state = self::FilterSnapshot {
-            steps,
-            steps_in_logs,
-            belief: belief.into_vec().into(),
-            logs: logs.map_or_else(Vec::new, logs_of),
-            log_likelihood: LogSum { sum, compensation },
-        };
-        state.checked()
-    };
 }

@@ -9,7 +9,7 @@ use std::ops::Deref;
 
 use super::filter::Filter;
 use crate::belief::{Belief, BeliefView};
-use crate::error::InferenceError;
+use crate::error::HmmError;
 use crate::hmm::{Hmm, ModelPointer};
 use crate::inference::step::Step;
 use crate::inference::step::forward_backward::Backward;
@@ -94,7 +94,7 @@ where
         &mut self,
         control: &A::Control,
         observation: &B::Observation,
-    ) -> Result<f64, InferenceError> {
+    ) -> Result<f64, HmmError> {
         self.advance(Some(control), |filter| filter.step_with(control, observation))
     }
 
@@ -103,7 +103,7 @@ where
     /// # Errors
     ///
     /// As [`Filter::predict_with`].
-    pub fn predict_with(&mut self, control: &A::Control) -> Result<(), InferenceError> {
+    pub fn predict_with(&mut self, control: &A::Control) -> Result<(), HmmError> {
         self.advance(Some(control), |filter| filter.predict_with(control))
     }
 
@@ -118,7 +118,7 @@ where
     /// # Errors
     ///
     /// As [`Filter::step_with`].
-    pub fn update(&mut self, observation: &B::Observation) -> Result<f64, InferenceError> {
+    pub fn update(&mut self, observation: &B::Observation) -> Result<f64, HmmError> {
         self.advance(None, |filter| filter.update(observation))
     }
 
@@ -130,8 +130,8 @@ where
     ///
     /// # Errors
     ///
-    /// [`InferenceError::StateCount`] if the belief has another number of states.
-    pub fn relocate(&mut self, belief: &Belief) -> Result<(), InferenceError> {
+    /// [`HmmError::StateCount`] if the belief has another number of states.
+    pub fn relocate(&mut self, belief: &Belief) -> Result<(), HmmError> {
         self.filter.relocate(belief)?;
         self.begin();
         Ok(())
@@ -195,13 +195,10 @@ where
     ///
     /// # Errors
     ///
-    /// [`InferenceError::StateCount`] if the snapshot has another number of states, or
-    /// [`InferenceError::Control`] for a control that is not valid for the model. The smoother is
+    /// [`HmmError::StateCount`] if the snapshot has another number of states, or
+    /// [`HmmError::Control`] for a control that is not valid for the model. The smoother is
     /// then unchanged.
-    pub fn restore(
-        &mut self,
-        snapshot: &FixedLagSnapshot<A::Control>,
-    ) -> Result<(), InferenceError> {
+    pub fn restore(&mut self, snapshot: &FixedLagSnapshot<A::Control>) -> Result<(), HmmError> {
         // The controls are checked by the backward pass, which needs the window in place. So it is
         // replaced first, and put back if the pass fails.
         let before = self.snapshot();
@@ -223,7 +220,7 @@ where
         self.smoothed[0].copy_from_slice(self.filter.belief().as_slice());
     }
 
-    fn replace(&mut self, state: &FixedLagSnapshot<A::Control>) -> Result<(), InferenceError> {
+    fn replace(&mut self, state: &FixedLagSnapshot<A::Control>) -> Result<(), HmmError> {
         self.filter.restore(&state.present)?;
         self.window.clone_from(&state.window);
         self.smooth()
@@ -233,8 +230,8 @@ where
     fn advance<R>(
         &mut self,
         control: Option<&A::Control>,
-        step: impl FnOnce(&mut Filter<M>) -> Result<R, InferenceError>,
-    ) -> Result<R, InferenceError> {
+        step: impl FnOnce(&mut Filter<M>) -> Result<R, HmmError>,
+    ) -> Result<R, HmmError> {
         // The state before is kept even for an update, which adds nothing to the window, because
         // the backward pass may fail after the filter has taken the step.
         let mut before = self.spare.pop().unwrap_or_else(|| self.filter.snapshot());
@@ -274,7 +271,7 @@ where
         Ok(result)
     }
 
-    fn smooth(&mut self) -> Result<(), InferenceError> {
+    fn smooth(&mut self) -> Result<(), HmmError> {
         let Self { filter, window, smoothed, backward, .. } = self;
         window.smooth(filter.model(), filter.belief().as_slice(), smoothed, backward)
     }
@@ -285,7 +282,7 @@ where
     /// # Errors
     ///
     /// As [`Filter::step_with`].
-    pub fn step(&mut self, observation: &B::Observation) -> Result<f64, InferenceError>
+    pub fn step(&mut self, observation: &B::Observation) -> Result<f64, HmmError>
     where
         A::Control: NoControl,
     {
@@ -297,7 +294,7 @@ where
     /// # Errors
     ///
     /// As [`Filter::predict_with`].
-    pub fn predict(&mut self) -> Result<(), InferenceError>
+    pub fn predict(&mut self) -> Result<(), HmmError>
     where
         A::Control: NoControl,
     {
@@ -334,7 +331,7 @@ impl<U> Window<U> {
         filtered: &[f64],
         smoothed: &mut Vec<Vec<f64>>,
         backward: &mut Backward,
-    ) -> Result<(), InferenceError> {
+    ) -> Result<(), HmmError> {
         // During a step the window holds one extra state, until this backward pass has succeeded.
         let back = self.past.len().min(self.lag);
         if smoothed.len() <= back {

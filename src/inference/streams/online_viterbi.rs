@@ -10,7 +10,7 @@ use std::mem;
 use std::ops::Deref;
 
 use super::tree::{Node, Tree};
-use crate::error::InferenceError;
+use crate::error::HmmError;
 use crate::hmm::{Hmm, ModelPointer};
 use crate::inference::step::scores::{TakenOut, best};
 use crate::inference::step::{SensorScratch, Step};
@@ -96,12 +96,12 @@ where
     ///
     /// # Errors
     ///
-    /// [`InferenceError`] with the step, as [`Hmm::viterbi`].
+    /// [`HmmError`] with the step, as [`Hmm::viterbi`].
     pub fn step_with(
         &mut self,
         control: &A::Control,
         observation: &B::Observation,
-    ) -> Result<&[usize], InferenceError> {
+    ) -> Result<&[usize], HmmError> {
         self.advance(control, Some(observation))
     }
 
@@ -109,8 +109,8 @@ where
     ///
     /// # Errors
     ///
-    /// [`InferenceError`] if the control is not valid.
-    pub fn predict_with(&mut self, control: &A::Control) -> Result<&[usize], InferenceError> {
+    /// [`HmmError`] if the control is not valid.
+    pub fn predict_with(&mut self, control: &A::Control) -> Result<&[usize], HmmError> {
         self.advance(control, None)
     }
 
@@ -157,11 +157,11 @@ where
     ///
     /// # Errors
     ///
-    /// [`InferenceError::StateCount`] if the snapshot has another number of states.
-    pub fn restore(&mut self, snapshot: &OnlineViterbiSnapshot) -> Result<(), InferenceError> {
+    /// [`HmmError::StateCount`] if the snapshot has another number of states.
+    pub fn restore(&mut self, snapshot: &OnlineViterbiSnapshot) -> Result<(), HmmError> {
         let (found, expected) = (snapshot.best.scores.len(), self.model.states());
         if found != expected {
-            return Err(InferenceError::StateCount { what: "snapshot", found, expected });
+            return Err(HmmError::StateCount { part: "snapshot", found, first: "model", expected });
         }
         // The snapshot is consistent: it was checked when it was read. How well it suits the model
         // can only be told by the number of states.
@@ -183,7 +183,7 @@ where
         &mut self,
         control: &A::Control,
         observation: Option<&B::Observation>,
-    ) -> Result<&[usize], InferenceError> {
+    ) -> Result<&[usize], HmmError> {
         let Self { model, best, tree, committed, next, from, scratch } = self;
         let step = Step::after(&**model, best.steps, control)?;
         // A copy (of three numbers), since a step may fail after it has taken something out.
@@ -213,7 +213,7 @@ where
     /// # Errors
     ///
     /// As [`step_with`](Self::step_with).
-    pub fn step(&mut self, observation: &B::Observation) -> Result<&[usize], InferenceError>
+    pub fn step(&mut self, observation: &B::Observation) -> Result<&[usize], HmmError>
     where
         A::Control: NoControl,
     {
@@ -225,7 +225,7 @@ where
     /// # Errors
     ///
     /// As [`predict_with`](Self::predict_with).
-    pub fn predict(&mut self) -> Result<&[usize], InferenceError>
+    pub fn predict(&mut self) -> Result<&[usize], HmmError>
     where
         A::Control: NoControl,
     {

@@ -12,7 +12,7 @@ mod smooth;
 use super::decoding::k_best;
 use super::decoding::k_best::{Best, RankedPath, best_ends};
 use super::{LogSum, ViterbiPath};
-use crate::error::InferenceError;
+use crate::error::HmmError;
 use wayfix_kernels::log_sum;
 
 pub use self::smooth::{SmoothedTrellis, TrellisForward};
@@ -47,7 +47,7 @@ pub use self::smooth::{SmoothedTrellis, TrellisForward};
 /// let path = trellis.viterbi()?;
 /// assert_eq!(path.states(), [0, 0]);
 /// assert!((path.log_probability() - 0.1575_f64.ln()).abs() < 1e-12);
-/// # Ok::<(), wayfix::InferenceError>(())
+/// # Ok::<(), wayfix::HmmError>(())
 /// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trellis {
@@ -100,22 +100,22 @@ impl Trellis {
     ///
     /// # Errors
     ///
-    /// [`InferenceError::TrellisValue`] for a log-likelihood or a weight that is neither −∞ nor
-    /// from −1e300 to 1e300, [`InferenceError::TrellisState`] for a move from a state that does
-    /// not exist, and [`InferenceError::TrellisStep`] before the first step; the trellis is then
+    /// [`HmmError::TrellisValue`] for a log-likelihood or a weight that is neither −∞ nor
+    /// from −1e300 to 1e300, [`HmmError::TrellisState`] for a move from a state that does
+    /// not exist, and [`HmmError::TrellisStep`] before the first step; the trellis is then
     /// as before.
     pub fn state(
         &mut self,
         log_likelihood: f64,
         moves: impl IntoIterator<Item = (usize, f64)>,
-    ) -> Result<(), InferenceError> {
+    ) -> Result<(), HmmError> {
         let step = self.steps.len();
         if step == 0 {
-            return Err(InferenceError::TrellisStep);
+            return Err(HmmError::TrellisStep);
         }
         let before = if step > 1 { self.steps[step - 1] - self.steps[step - 2] } else { step };
         let valid = |value: f64| {
-            let error = InferenceError::TrellisValue { step, value };
+            let error = HmmError::TrellisValue { step, value };
             // Sums of larger values could overflow.
             let is_valid = value.abs() <= 1e300 || value == f64::NEG_INFINITY;
             if is_valid { Ok(()) } else { Err(error) }
@@ -127,7 +127,7 @@ impl Trellis {
             moves.into_iter().try_for_each(|(from, log_weight)| {
                 valid(log_weight)?;
                 if from >= before {
-                    return Err(InferenceError::TrellisState { step, from, states: before });
+                    return Err(HmmError::TrellisState { step, from, states: before });
                 }
                 self.from.push(from as u32);
                 self.log_weights.push(log_weight);
@@ -268,8 +268,8 @@ impl Trellis {
     ///
     /// # Errors
     ///
-    /// [`InferenceError::Impossible`] with the first step at which no state is possible.
-    pub fn viterbi(&self) -> Result<ViterbiPath, InferenceError> {
+    /// [`HmmError::Impossible`] with the first step at which no state is possible.
+    pub fn viterbi(&self) -> Result<ViterbiPath, HmmError> {
         let mut back = Vec::with_capacity(self.log_likelihoods.len());
         let (mut scores, mut next) = (vec![0.0], Vec::new());
         let mut taken_out = LogSum::default();
@@ -293,7 +293,7 @@ impl Trellis {
             next.iter_mut().zip(logs).for_each(|(score, log)| *score += log - likelihood);
             let best = next.iter().copied().fold(f64::NEG_INFINITY, f64::max);
             if best == f64::NEG_INFINITY {
-                return Err(InferenceError::Impossible { step });
+                return Err(HmmError::Impossible { step });
             }
             // The best score becomes 0, so that scores of long sequences keep their digits.
             next.iter_mut().for_each(|score| *score -= best);
@@ -320,7 +320,7 @@ impl Trellis {
     /// # Errors
     ///
     /// As [`viterbi`](Self::viterbi), also for a `count` of 0.
-    pub fn k_best(&self, count: usize) -> Result<Vec<ViterbiPath>, InferenceError> {
+    pub fn k_best(&self, count: usize) -> Result<Vec<ViterbiPath>, HmmError> {
         // Paths to each state, indexed by its number through all steps.
         let mut lists: Vec<Vec<RankedPath>> = Vec::with_capacity(self.log_likelihoods.len());
         let mut taken_out = LogSum::default();
@@ -356,7 +356,7 @@ impl Trellis {
                 best = paths.first().map_or(best, |path| best.max(path.score));
             }
             if best == f64::NEG_INFINITY {
-                return Err(InferenceError::Impossible { step });
+                return Err(HmmError::Impossible { step });
             }
             now.iter_mut().flatten().for_each(|path| path.score -= best);
             [largest_weight, likelihood, best].into_iter().for_each(|log| taken_out.add(log));

@@ -6,7 +6,7 @@
 //! of each step, so that its logarithms stay near those of γ / α.
 
 use super::{Scale, Trellis};
-use crate::error::InferenceError;
+use crate::error::HmmError;
 use crate::inference::LogSum;
 use wayfix_kernels::log_sum;
 
@@ -35,10 +35,10 @@ pub struct TrellisForward {
 impl TrellisForward {
     /// Adds the result of [`Trellis::forward_step`] for the next step.
     #[doc(hidden)]
-    pub fn push(&mut self, log_filtered: &[f64], scale: Scale) -> Result<(), InferenceError> {
+    pub fn push(&mut self, log_filtered: &[f64], scale: Scale) -> Result<(), HmmError> {
         self.scales.push(scale);
         if scale.sum == f64::NEG_INFINITY {
-            return Err(InferenceError::Impossible { step: self.scales.len() });
+            return Err(HmmError::Impossible { step: self.scales.len() });
         }
         self.log_filtered.extend_from_slice(log_filtered);
         Ok(())
@@ -51,8 +51,8 @@ impl Trellis {
     ///
     /// # Errors
     ///
-    /// [`InferenceError::Impossible`] with the first step at which no state is possible.
-    pub fn smooth(&self) -> Result<SmoothedTrellis, InferenceError> {
+    /// [`HmmError::Impossible`] with the first step at which no state is possible.
+    pub fn smooth(&self) -> Result<SmoothedTrellis, HmmError> {
         let mut forward = TrellisForward::default();
         let (mut before, mut now) = (vec![0.0], Vec::new());
         for step in 1..=self.steps() {

@@ -3,7 +3,7 @@
 
 use super::probabilities::{FittedTurn, TurningProbabilities};
 use super::rule::TurningRule;
-use crate::error::{Parameter, TransitionError};
+use crate::error::{OutOfRange, TransitionError};
 use crate::map::{MapError, RoadMap};
 use crate::transition::MoveCounts;
 
@@ -101,7 +101,7 @@ impl TurningProbabilities {
         if !(prior_moves >= 0.0 && prior_moves.is_finite()) {
             let expected = "a finite value of at least 0";
             let what = "the weight of the prior";
-            return Err(Parameter::new(what, prior_moves, expected).into());
+            return Err(OutOfRange::new(what, prior_moves, expected).into());
         }
         let states = map.places().len();
         for moved in counts.moves() {

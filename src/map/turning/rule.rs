@@ -1,6 +1,6 @@
 //! Rule by which a vehicle chooses among roads by their classes.
 
-use crate::error::Parameter;
+use crate::error::OutOfRange;
 use crate::map::{MapError, RoadClass};
 
 /// One number per [`RoadClass`].
@@ -77,7 +77,7 @@ impl TurningRule {
         let positive = |what: String, value: f64| {
             let expected = "a finite value above 0";
             let valid = value > 0.0 && value.is_finite();
-            if valid { Ok(()) } else { Err(Parameter::new(what, value, expected)) }
+            if valid { Ok(()) } else { Err(OutOfRange::new(what, value, expected)) }
         };
         positive("the straight-on factor".into(), self.straight_on)?;
         for class in [Main, Arterial, Collector, Street] {
@@ -86,7 +86,7 @@ impl TurningRule {
             if !(0.0..1.0).contains(&value) {
                 let what = format!("the probability of stopping for class {class}");
                 let expected = "at least 0 and below 1";
-                return Err(Parameter::new(what, value, expected).into());
+                return Err(OutOfRange::new(what, value, expected).into());
             }
         }
         Ok(())

@@ -3,7 +3,7 @@
 //! that neither loses digits where the other is near 1.
 
 use super::{Durations, DwellTransition};
-use crate::error::{Parameter, TransitionError};
+use crate::error::{OutOfRange, TransitionError};
 use crate::groups::Groups;
 use crate::transition::{Transition, check_count, check_probability, check_sum};
 use wayfix_kernels::log2;
@@ -57,7 +57,7 @@ impl<A: Transition> DwellTransition<A> {
             let leaving = leaving.as_ref();
             if leaving.is_empty() {
                 let what = format!("the number of leaving probabilities of place {place}");
-                return Err(Parameter::new(what, 0.0, "at least 1").into());
+                return Err(OutOfRange::new(what, 0.0, "at least 1").into());
             }
             let age = |(at, &leave): (usize, &f64)| {
                 check_probability(leave, || {
@@ -88,7 +88,7 @@ impl<A: Transition> DwellTransition<A> {
     ) -> Result<Self, TransitionError> {
         if longest == 0 {
             let what = "the number of ages in each place";
-            return Err(Parameter::new(what, 0.0, "at least 1").into());
+            return Err(OutOfRange::new(what, 0.0, "at least 1").into());
         }
         // Before the memory is allocated, which a large `longest` may ask too much of.
         check_count("states", durations.len().saturating_mul(longest))?;

@@ -5,7 +5,7 @@
 //! complement r_d m_{d+1} / m_d keep all their digits, however small the probabilities are. Beyond
 //! the oldest age the ratio stays constant, which gives the recursion its start.
 
-use crate::error::{Parameter, TransitionError};
+use crate::error::{OutOfRange, TransitionError};
 use crate::free_parameters::Displacement;
 
 /// Distribution of the number of steps of a stay, d = 1, 2, …, by parameters that can be learned.
@@ -75,7 +75,7 @@ impl Durations {
         let check = |what: &str, value: f64, least: f64, expected| {
             let valid = value.is_finite() && value >= least;
             let what = || format!("the {what} of the durations in place {place}");
-            if valid { Ok(()) } else { Err(Parameter::new(what(), value, expected)) }
+            if valid { Ok(()) } else { Err(OutOfRange::new(what(), value, expected)) }
         };
         let mean = |mean| check("mean", mean, 1.0, "a finite value of at least 1");
         let positive =
@@ -99,7 +99,7 @@ impl Durations {
         }
         let what =
             format!("the ratio p({}) / p({longest}) of durations in place {place}", longest + 1);
-        Err(Parameter::new(what, ratio, "a value below 1: more ages than the likeliest stay")
+        Err(OutOfRange::new(what, ratio, "a value below 1: more ages than the likeliest stay")
             .into())
     }
 

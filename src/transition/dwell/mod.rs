@@ -16,7 +16,7 @@ pub use durations::Durations;
 
 use super::{Transition, buffers, check_slices, log};
 use crate::belief::Belief;
-use crate::error::{BeliefError, Parameter, TransitionError};
+use crate::error::{OutOfRange, TransitionError};
 use crate::groups::Groups;
 use wayfix_kernels as kernels;
 
@@ -108,7 +108,7 @@ impl<A: Transition> DwellTransition<A> {
         for (step, &place) in places.iter().enumerate() {
             let Some(first) = self.arrival(place) else {
                 let what = format!("the place at step {}", step + 1);
-                return Err(Parameter::new(what, place as f64, "a place of the operator").into());
+                return Err(OutOfRange::new(what, place as f64, "a place of the operator").into());
             };
             let stays = step > 0 && places[step - 1] == place;
             let last = self.starts[place + 1] - 1;
@@ -139,11 +139,11 @@ impl<A: Transition> DwellTransition<A> {
     ///
     /// # Errors
     ///
-    /// [`BeliefError::StateCount`] if the belief is over another number of places.
-    pub fn arriving<S: AsRef<[f64]>>(&self, places: &Belief<S>) -> Result<Belief, BeliefError> {
+    /// [`OutOfRange`] if the belief is over another number of places.
+    pub fn arriving<S: AsRef<[f64]>>(&self, places: &Belief<S>) -> Result<Belief, OutOfRange> {
         let (found, expected) = (places.states(), self.places());
         if found != expected {
-            return Err(BeliefError::StateCount { found, expected });
+            return Err(OutOfRange::count("the number of places of the belief", found, expected));
         }
         let mut states = vec![0.0; self.states()];
         self.starts.iter().zip(places.values()).for_each(|(&state, &p)| states[state] = p);
@@ -277,14 +277,14 @@ fn dwelling<A: Transition>(
         if let Some(place) = place.or((ages.len() != durations.len()).then_some(durations.len())) {
             let what = format!("the number of ages of place {place}");
             let found = ages.get(place).map_or(0, Vec::len);
-            return Err(Parameter::new(what, found as f64, "the same in all places").into());
+            return Err(OutOfRange::new(what, found as f64, "the same in all places").into());
         }
         return DwellTransition::from_durations(moves, durations, first.len());
     }
     for (place, ages) in ages.iter().enumerate() {
         if ages.is_empty() {
             let what = format!("the number of ages of place {place}");
-            return Err(Parameter::new(what, 0.0, "at least 1").into());
+            return Err(OutOfRange::new(what, 0.0, "at least 1").into());
         }
         for (&(leave, stay), steps) in ages.iter().zip(1..) {
             let what =

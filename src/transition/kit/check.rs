@@ -9,7 +9,7 @@ use std::f64::consts::LN_2;
 
 use super::{best_of, check_count, log_sum};
 use crate::belief::SUM_TOLERANCE;
-use crate::error::{Disagreement, Parameter, TransitionError};
+use crate::error::{Disagreement, OutOfRange, TransitionError};
 use crate::transition::{Transition, TransitionEntries};
 use wayfix_kernels::limits;
 
@@ -53,7 +53,7 @@ pub fn check<A: TransitionEntries>(
     let evidence = operator.evidence(control);
     if let Some(factor) = evidence.filter(|factor| !limits::is_log(*factor)) {
         let what = "the log factor of the evidence";
-        return Err(Parameter::new(what, factor, "a value from -1e300 to 1e300").into());
+        return Err(OutOfRange::new(what, factor, "a value from -1e300 to 1e300").into());
     }
     let in_logs = evidence.is_some() && operator.entries_need_logs(control);
     if evidence.is_some() && operator.needs_logs(control) && !in_logs {

@@ -4,7 +4,7 @@ use proptest::prelude::*;
 use wayfix::inference::Pruning;
 use wayfix::transition::EvidenceTransition;
 use wayfix::{
-    Belief, Controlled, Hmm, InferenceError, LikelihoodVector, OptionalLikelihood, Prior,
+    Belief, Controlled, Hmm, HmmError, LikelihoodVector, OptionalLikelihood, Prior,
     SparseTransition, TransitionEntries,
 };
 
@@ -35,12 +35,10 @@ fn check_beam(model: &Model, width: f64) -> Result<(), TestCaseError> {
             }
         }
         (exact, Err(error)) => {
-            let pruned = matches!(error, InferenceError::Pruned { .. });
+            let pruned = matches!(error, HmmError::Pruned { .. });
             // (If both are impossible, either the move or the observation may be named.)
-            let step = |error: &InferenceError| match error {
-                InferenceError::Impossible { step } | InferenceError::ImpossibleMove { step } => {
-                    Some(*step)
-                }
+            let step = |error: &HmmError| match error {
+                HmmError::Impossible { step } | HmmError::ImpossibleMove { step } => Some(*step),
                 _ => None,
             };
             let same =
@@ -83,7 +81,7 @@ fn check_pruned(model: &Model, pruning: Pruning) -> Result<(), TestCaseError> {
                     k
                 );
             }
-            Err(InferenceError::Pruned { step }) => {
+            Err(HmmError::Pruned { step }) => {
                 prop_assert_eq!(step, k);
                 prop_assert_eq!(pruned.active(), before.0);
                 prop_assert_eq!(pruned.probabilities(), before.1);

@@ -9,7 +9,7 @@ use proptest::prelude::*;
 use wayfix::inference::Pruning;
 use wayfix::transition::EvidenceTransition;
 use wayfix::{
-    Belief, Controlled, Hmm, InferenceError, LikelihoodVector, OptionalLikelihood, Prior,
+    Belief, Controlled, Hmm, HmmError, LikelihoodVector, OptionalLikelihood, Prior,
     SparseTransition, TransitionEntries,
 };
 
@@ -171,7 +171,7 @@ fn a_log_factor_must_be_a_number() {
     let hmm = Hmm::new(prior, measured, LikelihoodVector::linear(1)).unwrap();
     assert_eq!(hmm.filter().step_with(&-1e9, &[1.0]).unwrap(), 0.0);
     let error = hmm.filter().step_with(&f64::NAN, &[1.0]).unwrap_err();
-    assert!(matches!(error, InferenceError::EvidenceFactor { step: 1, value } if value.is_nan()));
+    assert!(matches!(error, HmmError::EvidenceFactor { step: 1, value } if value.is_nan()));
     assert!(hmm.log_likelihood(&Controlled::new(&[NEVER], &[[1.0]]).unwrap()).is_err());
 }
 

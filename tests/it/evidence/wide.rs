@@ -82,6 +82,6 @@ fn what_is_never_come_back_to_stays_impossible_off_the_map() {
         let expected = log + (0.5_f64).ln() + (1.0 / 3.0_f64).ln();
         assert!((found - expected).abs() < 1e-11, "{log}: {found} {expected}");
         let error = hmm.log_likelihood(&[[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]).unwrap_err();
-        assert!(matches!(error, wayfix::InferenceError::Impossible { step: 2 }), "{error}");
+        assert!(matches!(error, wayfix::HmmError::Impossible { step: 2 }), "{error}");
     }
 }

@@ -5,7 +5,7 @@ use proptest::prelude::*;
 use wayfix::motion::{DistanceTransition, OdometryReading, OffMapTransition};
 use wayfix::transition::KroneckerTransition;
 use wayfix::{
-    Belief, Controlled, Hmm, InferenceError, LikelihoodVector, Prior, SparseTransition, Transition,
+    Belief, Controlled, Hmm, HmmError, LikelihoodVector, Prior, SparseTransition, Transition,
     TransitionEntries,
 };
 
@@ -238,10 +238,7 @@ fn numbers_at_the_limits_give_distributions_or_errors() {
                 }
                 // The density of a distance that far off would be NaN.
                 Err(error) => {
-                    assert!(
-                        matches!(error, InferenceError::EvidenceFactor { step: 1, .. }),
-                        "{error}"
-                    );
+                    assert!(matches!(error, HmmError::EvidenceFactor { step: 1, .. }), "{error}");
                 }
             }
         }

@@ -8,7 +8,7 @@ use wayfix::transition::{
     DwellTransition, EvidenceTransition, KroneckerTransition, RestartTransition,
 };
 use wayfix::{
-    Belief, Controlled, Hmm, InferenceError, LikelihoodVector, Prior, SparseTransition, Transition,
+    Belief, Controlled, Hmm, HmmError, LikelihoodVector, Prior, SparseTransition, Transition,
     TransitionEntries, TransitionError,
 };
 
@@ -209,7 +209,7 @@ proptest! {
 }
 
 /// Results of the routines for three steps of evidence, or the error.
-fn outcome<A: TransitionEntries<Control = f64>>(a: A) -> Result<Vec<Vec<f64>>, InferenceError> {
+fn outcome<A: TransitionEntries<Control = f64>>(a: A) -> Result<Vec<Vec<f64>>, HmmError> {
     let n = a.states();
     let prior = Prior::BeforeFirstTransition(Belief::uniform(n).unwrap());
     let hmm = Hmm::new(prior, a, LikelihoodVector::linear(n).owned()).unwrap();
@@ -278,7 +278,7 @@ fn refused<A: Transition<Control = f64>>(a: A, name: &str) {
     let prior = Prior::BeforeFirstTransition(Belief::certain(1, 0).unwrap());
     let hmm = Hmm::new(prior, a, LikelihoodVector::linear(1)).unwrap();
     let error = hmm.filter().step_with(&1.0, &[1.0]).unwrap_err();
-    let InferenceError::Control(At { number: 1, cause, .. }) = error else { panic!("{error}") };
+    let HmmError::Control(At { number: 1, cause, .. }) = error else { panic!("{error}") };
     let expected = format!("evidence on moves within a {name}, which does not take it");
     assert_eq!(cause.to_string(), expected);
 }

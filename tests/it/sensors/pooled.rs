@@ -4,7 +4,7 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use wayfix::likelihood::{Groups, PooledLikelihood, SampleObservation};
 use wayfix::{
-    Belief, Diagonal, FusedLikelihood, Hmm, InferenceError, Likelihood, LikelihoodError,
+    Belief, Diagonal, FusedLikelihood, Hmm, HmmError, Likelihood, LikelihoodError,
     LikelihoodVector, OptionalLikelihood, Prior, Scratch, TableLikelihood,
 };
 
@@ -62,7 +62,7 @@ fn found_logs<B: Likelihood>(sensor: &B, y: &B::Observation) -> Vec<f64> {
         let mut filter = hmm.filter();
         match filter.step(y) {
             Ok(_) => filter.log_likelihood(),
-            Err(InferenceError::Impossible { step: 1 }) => NEVER,
+            Err(HmmError::Impossible { step: 1 }) => NEVER,
             Err(error) => panic!("{error}"),
         }
     };

@@ -1,7 +1,7 @@
 //! Every routine of a model against the enumeration of all paths.
 
 use proptest::prelude::*;
-use wayfix::{Controlled, Hmm, InferenceError, TransitionEntries};
+use wayfix::{Controlled, Hmm, HmmError, TransitionEntries};
 
 use crate::{Answer, Model, Sensor, all_close, close_logs};
 
@@ -14,8 +14,8 @@ pub fn check_enumeration<A: TransitionEntries<Control = usize>>(
     let controls = model.controls();
     let drive = Controlled::new(&controls, ys).unwrap();
     let tolerance = 1e-11;
-    let impossible = |error: InferenceError| match error {
-        InferenceError::Impossible { step } | InferenceError::ImpossibleMove { step } => Ok(step),
+    let impossible = |error: HmmError| match error {
+        HmmError::Impossible { step } | HmmError::ImpossibleMove { step } => Ok(step),
         other => Err(TestCaseError::fail(format!("{other}"))),
     };
 

@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use wayfix::inference::Order;
-use wayfix::{Hmm, InferenceError, TransitionEntries};
+use wayfix::{Hmm, HmmError, TransitionEntries};
 
 use crate::{
     Model, Sensor, all_close, check_drawn, check_entropy, check_enumeration, check_fixed_lag,
@@ -27,7 +27,7 @@ fn check_predictions<A: TransitionEntries<Control = usize>>(
             }
             Err(error) => {
                 let step_of = |error: &_| match error {
-                    InferenceError::ImpossibleMove { step } => Some(*step),
+                    HmmError::ImpossibleMove { step } => Some(*step),
                     _ => None,
                 };
                 prop_assert_eq!(step_of(&error), answer.impossible_at);

@@ -4,7 +4,7 @@ use std::fmt::Debug;
 
 use proptest::prelude::*;
 use proptest::test_runner::TestCaseResult;
-use wayfix::InferenceError;
+use wayfix::HmmError;
 use wayfix::inference::SequenceError;
 
 use super::NEVER;
@@ -61,7 +61,7 @@ pub fn log_add(sum: &mut f64, log: f64) {
 pub fn same_results<R: Debug>(
     many: &[Result<R, SequenceError>],
     count: usize,
-    one: impl Fn(usize) -> Result<R, InferenceError>,
+    one: impl Fn(usize) -> Result<R, HmmError>,
     near: impl Fn(&R, &R) -> bool,
 ) -> TestCaseResult {
     prop_assert_eq!(many.len(), count);

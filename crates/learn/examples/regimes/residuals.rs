@@ -6,7 +6,7 @@ use std::path::Path;
 use plotters::coord::{Shift, types::RangedCoordf64};
 use plotters::prelude::*;
 use plotters::style::text_anchor::HPos;
-use wayfix::InferenceError;
+use wayfix::HmmError;
 use wayfix_learn::{PseudoResiduals, Tails};
 
 use super::Model;
@@ -34,7 +34,7 @@ pub(crate) struct Residuals {
 }
 
 impl Residuals {
-    pub(crate) fn new(model: &Model, years: &[Year]) -> Result<Self, InferenceError> {
+    pub(crate) fn new(model: &Model, years: &[Year]) -> Result<Self, HmmError> {
         let (mut all, mut last) = (Vec::new(), Vec::new());
         for year in years {
             let residuals = PseudoResiduals::new(model, year, 0)?;

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use wayfix::error::Parameter;
+use wayfix::error::OutOfRange;
 use wayfix::internal::buffers;
 use wayfix::transition::{LearnTransition, Move, MoveCounts};
 use wayfix::{Transition, TransitionError};
@@ -159,7 +159,7 @@ impl LearnTransition for GeneratorTransition {
         if found != (self.states(), self.rates.entries()) {
             let what = "the number of states and moves in the statistics";
             let expected = "as many as the operator has";
-            return Err(Parameter::new(what, (found.0 + found.1) as f64, expected).into());
+            return Err(OutOfRange::new(what, (found.0 + found.1) as f64, expected).into());
         }
         let mut sums = statistics.clone();
         for (time, counts) in &statistics.between {

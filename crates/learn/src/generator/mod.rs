@@ -14,7 +14,7 @@ mod learn;
 
 use std::fmt;
 
-use wayfix::error::Parameter;
+use wayfix::error::OutOfRange;
 use wayfix::internal::{Compressed, best_of, buffers, check_count, check_slices};
 use wayfix::{ReorderStates, SparseTransition, Transition, TransitionEntries, TransitionError};
 use wayfix_kernels::limits::LIFT;
@@ -218,7 +218,7 @@ impl GeneratorTransition {
         if let Some(&(state, _, rate)) = own {
             let what = format!("the rate from state {state} to itself");
             let expected = "none: the rates to other states say when a state is left";
-            return Err(Parameter::new(what, rate, expected).into());
+            return Err(OutOfRange::new(what, rate, expected).into());
         }
         // P also has a diagonal entry for each state, so that their number counts, too.
         let wrong = |(to, from, value)| TransitionError::Rate { to, from, value };
@@ -240,7 +240,7 @@ impl GeneratorTransition {
         let exits: Vec<f64> = (0..states).map(exit).collect();
         if let Some(state) = exits.iter().position(|exit| *exit * MARGIN > f64::MAX) {
             let what = format!("the sum of the rates out of state {state}");
-            return Err(Parameter::new(what, exits[state], "at most 1.4e308").into());
+            return Err(OutOfRange::new(what, exits[state], "at most 1.4e308").into());
         }
         let uniform_rate = exits.iter().copied().fold(0.0, f64::max) * MARGIN;
         let mut entries = Vec::with_capacity(rates.entries() + states);
@@ -252,7 +252,7 @@ impl GeneratorTransition {
                     let what = format!("the rate from state {from} to state {to}");
                     let expected =
                         "at least 2.2e-308 of 1.25 times the largest sum of rates out of a state";
-                    return Err(Parameter::new(what, rate, expected).into());
+                    return Err(OutOfRange::new(what, rate, expected).into());
                 }
                 entries.push((to, from, p));
             }

@@ -14,7 +14,7 @@ mod operator;
 
 use std::collections::BTreeMap;
 
-use wayfix::error::Parameter;
+use wayfix::error::OutOfRange;
 use wayfix::internal::{check_count, refuse_evidence, validate_with};
 use wayfix::{SparseTransition, Transition, TransitionEntries, TransitionError};
 use wayfix_kernels::limits;
@@ -184,7 +184,7 @@ impl LogitTransition {
         ridge: f64,
     ) -> Result<Self, TransitionError> {
         if inputs == 0 {
-            return Err(Parameter::new("the number of inputs", 0.0, "at least 1").into());
+            return Err(OutOfRange::new("the number of inputs", 0.0, "at least 1").into());
         }
         let mut starts = vec![0_u32; states + 1];
         let mut row_starts = starts.clone();
@@ -228,14 +228,14 @@ impl LogitTransition {
         let expected = "a value from -1e300 to 1e300";
         if let Some(at) = self.intercepts.iter().position(wrong) {
             let what = format!("the intercept of {}", self.name(at));
-            return Err(Parameter::new(what, self.intercepts[at], expected).into());
+            return Err(OutOfRange::new(what, self.intercepts[at], expected).into());
         }
         if let Some(at) = self.slopes.iter().position(wrong) {
             let group = (at / self.inputs + 1) as u32;
             let first = self.groups.iter().position(|other| *other == group);
             let name = first.map_or_else(|| "no move".to_owned(), |first| self.name(first));
             let what = format!("the slope of {name} on input {}", at % self.inputs);
-            return Err(Parameter::new(what, self.slopes[at], expected).into());
+            return Err(OutOfRange::new(what, self.slopes[at], expected).into());
         }
         let largest = |a: f64, b: &f64| a.max(b.abs());
         self.largest_intercept = self.intercepts.iter().fold(0.0, largest);
@@ -354,7 +354,7 @@ impl LogitTransition {
             let what = format!("the number of slopes given for {}", self.name(at));
             let expected =
                 if held == 0 { "0, as the move has none" } else { "the number of inputs" };
-            return Err(Parameter::new(what, slopes.len() as f64, expected).into());
+            return Err(OutOfRange::new(what, slopes.len() as f64, expected).into());
         }
         if held > 0 {
             let first = (self.groups[at] as usize - 1) * self.inputs;
@@ -374,7 +374,7 @@ impl LogitTransition {
     pub fn with_ridge(mut self, precision: f64) -> Result<Self, TransitionError> {
         if !(precision >= 0.0 && precision.is_finite()) {
             let expected = "a finite value of at least 0";
-            return Err(Parameter::new("the precision of the ridge", precision, expected).into());
+            return Err(OutOfRange::new("the precision of the ridge", precision, expected).into());
         }
         self.ridge = precision;
         Ok(self)
@@ -488,7 +488,7 @@ fn logit(
         if found != to.len() {
             let what = format!("the number of values in `{what}`");
             let expected = "as many as in `to`";
-            return Err(wayfix::error::Parameter::new(what, found as f64, expected).into());
+            return Err(wayfix::error::OutOfRange::new(what, found as f64, expected).into());
         }
     }
     if states == 0 {
@@ -509,7 +509,7 @@ fn logit(
             Some(before) if (from, to) < before => {
                 let what = format!("the state left by a move from state {from} to state {to}");
                 let expected = "moves column by column, in ascending order";
-                return Err(wayfix::error::Parameter::new(what, from as f64, expected).into());
+                return Err(wayfix::error::OutOfRange::new(what, from as f64, expected).into());
             }
             _ if from > next => return Err(wayfix::TransitionError::NoWeight { column: next }),
             _ => last = Some((from, to)),
@@ -524,7 +524,7 @@ fn logit(
         let used = used.get_mut(group as usize);
         *used.ok_or_else(|| {
             let expected = "the number of one of the rows of `slopes`, from 0";
-            wayfix::error::Parameter::new(
+            wayfix::error::OutOfRange::new(
                 "a number of slopes in `group`",
                 f64::from(group),
                 expected,
@@ -533,7 +533,7 @@ fn logit(
     }
     if let Some(unused) = used.iter().position(|used| !used) {
         let expected = "a number in `group`";
-        return Err(wayfix::error::Parameter::new(
+        return Err(wayfix::error::OutOfRange::new(
             "a row of `slopes` without a move",
             unused as f64,
             expected,
@@ -542,7 +542,7 @@ fn logit(
     }
     if let Some(row) = slopes.iter().find(|row| row.len() != inputs) {
         let expected = "the number of inputs";
-        return Err(wayfix::error::Parameter::new(
+        return Err(wayfix::error::OutOfRange::new(
             "the number of slopes in a row",
             row.len() as f64,
             expected,

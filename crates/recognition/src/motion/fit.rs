@@ -7,10 +7,10 @@
 use super::speeds::{FARTHEST, OdometryModel, Speeds, Window};
 use wayfix::Belief;
 use wayfix::DenseTransition;
-use wayfix::InferenceError;
+use wayfix::HmmError;
 use wayfix::LikelihoodVector;
 use wayfix::TransitionError;
-use wayfix::error::Parameter;
+use wayfix::error::OutOfRange;
 use wayfix::{Hmm, Prior};
 
 /// Prior count, in steps, of the present probabilities of a change: a stretch that was driven
@@ -42,7 +42,7 @@ impl Speeds {
         for drive in drives {
             if let Some(&value) = drive.as_ref().iter().find(|value| !value.is_finite()) {
                 let (what, expected) = ("a move", "a finite number of places");
-                return Err(Parameter::new(what, value, expected).into());
+                return Err(OutOfRange::new(what, value, expected).into());
             }
         }
         // A slack of 0 is a statement about the vehicle (a train), not an estimate.
@@ -109,9 +109,9 @@ impl Speeds {
         &self,
         before: &Self,
         move_likelihoods: &[Vec<Vec<f64>>],
-    ) -> Result<(Self, f64), InferenceError> {
+    ) -> Result<(Self, f64), HmmError> {
         let k = self.values().len();
-        let failed = |cause| InferenceError::control(0, cause);
+        let failed = |cause| HmmError::control(0, cause);
         let matrix = DenseTransition::from_row_major(k, &self.switching()).map_err(failed)?;
         let shares = Belief::from_weights(self.shares().to_vec());
         let Ok(shares) = shares else { return Ok((self.clone(), 0.0)) };
@@ -188,7 +188,7 @@ impl OdometryModel {
             {
                 let what = "a move or a reading";
                 let expected = "a value from -1e6 to 1e6";
-                return Err(Parameter::new(what, value, expected).into());
+                return Err(OutOfRange::new(what, value, expected).into());
             }
             let sum = |x: &[f64]| x.iter().sum::<f64>();
             let pairs = moves.chunks(SPAN).zip(read.chunks(SPAN));

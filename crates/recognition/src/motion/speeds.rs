@@ -6,7 +6,7 @@
 //! which is a constant of the model.
 
 use wayfix::TransitionError;
-use wayfix::error::Parameter;
+use wayfix::error::OutOfRange;
 use wayfix::internal::{check_probability, check_sum};
 
 /// Largest number of speeds: changes take memory and time for each pair of them.
@@ -95,14 +95,14 @@ impl Speeds {
         }
         if values.len() > MOST_SPEEDS {
             let (what, value) = ("the number of speeds", values.len() as f64);
-            return Err(Parameter::new(what, value, "at most 1024").into());
+            return Err(OutOfRange::new(what, value, "at most 1024").into());
         }
         for (at, &value) in values.iter().enumerate() {
             let above = at == 0 || value > values[at - 1];
             if !(value.abs() <= FASTEST && above) {
                 let what = format!("speed {at}");
                 let expected = "a value from -64 to 64, above the one before";
-                return Err(Parameter::new(what, value, expected).into());
+                return Err(OutOfRange::new(what, value, expected).into());
             }
         }
         Ok(Self::build(values.to_vec(), usual_shares(values), [0.01, 0.005, SLACK]))
@@ -150,7 +150,7 @@ impl Speeds {
     pub fn with_slack(self, slack: f64) -> Result<Self, TransitionError> {
         if !(0.0..=0.5).contains(&slack) {
             let (what, expected) = ("the slack of speeds", "a value from 0 to 0.5");
-            return Err(Parameter::new(what, slack, expected).into());
+            return Err(OutOfRange::new(what, slack, expected).into());
         }
         Ok(Self::build(self.values, self.shares, [self.nearby, self.anywhere, slack]))
     }
@@ -371,13 +371,13 @@ impl OdometryModel {
                 let what = format!("the {name} of the odometry");
                 let expected =
                     if name == "scale" { "from 0.01 to 100" } else { "from -1e6 to 1e6" };
-                return Err(Parameter::new(what, value, expected).into());
+                return Err(OutOfRange::new(what, value, expected).into());
             }
         }
         if !(1e-3..=1e6).contains(&deviation) {
             let what = "the deviation of the odometry";
             let expected = "from 0.001 to 1e6";
-            return Err(Parameter::new(what, deviation, expected).into());
+            return Err(OutOfRange::new(what, deviation, expected).into());
         }
         Ok(())
     }

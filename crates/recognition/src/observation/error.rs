@@ -1,6 +1,6 @@
 //! Errors of descriptors, of rows of distances, and of the sensors that read them.
 
-use wayfix::error::Parameter;
+use wayfix::error::OutOfRange;
 
 /// Invalid descriptors, an invalid row of distances, or a parameter of a sensor of views.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -8,7 +8,7 @@ use wayfix::error::Parameter;
 pub enum ViewError {
     /// A number is out of range.
     #[error(transparent)]
-    Parameter(#[from] Parameter),
+    Parameter(#[from] OutOfRange),
     /// A row does not have one distance per reference.
     #[error("{found} distances, expected one for each of {expected} references")]
     Distances {

@@ -6,7 +6,7 @@
 use std::f32::consts::{LN_2, LOG2_E};
 
 use super::error::ViewError;
-use wayfix::error::Parameter;
+use wayfix::error::OutOfRange;
 use wayfix_kernels::{Simd, WithSimd, run};
 
 /// Ratio of the standard deviation of a normal distribution to its median deviation.
@@ -234,7 +234,7 @@ impl MatchOdds {
     ///
     /// [`ViewError::Parameter`] unless it is from 0.01 to 1000.
     pub fn with_temperature(self, temperature: f64) -> Result<Self, ViewError> {
-        Parameter::check("the temperature", temperature, 0.01..=1000.0, "from 0.01 to 1000")?;
+        OutOfRange::check("the temperature", temperature, 0.01..=1000.0, "from 0.01 to 1000")?;
         Ok(Self { temperature, ..self })
     }
 
@@ -245,7 +245,7 @@ impl MatchOdds {
     /// [`ViewError::Parameter`] unless it is from 1e-12 to 1.
     pub fn with_nothing(self, nothing: f64) -> Result<Self, ViewError> {
         let what = "the probability that a frame says nothing";
-        Parameter::check(what, nothing, 1e-12..=1.0, "from 1e-12 to 1")?;
+        OutOfRange::check(what, nothing, 1e-12..=1.0, "from 1e-12 to 1")?;
         Ok(Self { nothing, ..self })
     }
 
@@ -253,8 +253,8 @@ impl MatchOdds {
     #[cfg(feature = "serde")]
     pub(crate) fn checked(self) -> Result<Self, ViewError> {
         let Self { slope, even, nothing, temperature } = self;
-        Parameter::check("the slope of the odds", slope, 0.0..=100.0, "from 0 to 100")?;
-        Parameter::check("the score with even odds", even, -100.0..=100.0, "from -100 to 100")?;
+        OutOfRange::check("the slope of the odds", slope, 0.0..=100.0, "from 0 to 100")?;
+        OutOfRange::check("the score with even odds", even, -100.0..=100.0, "from -100 to 100")?;
         self.with_nothing(nothing)?.with_temperature(temperature)
     }
 

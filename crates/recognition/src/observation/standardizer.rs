@@ -3,7 +3,7 @@
 
 use super::error::ViewError;
 use super::rows::{RowScratch, row_scores, within};
-use wayfix::error::Parameter;
+use wayfix::error::OutOfRange;
 use wayfix_kernels::{LANES, Simd, WithSimd, run};
 
 /// Prior, counted in queries, of the variance of one reference's scores over queries and of the
@@ -67,7 +67,7 @@ impl Standardizer {
     pub fn new(references: usize) -> Result<Self, ViewError> {
         if references == 0 {
             let (what, expected) = ("the number of references", "at least 1");
-            return Err(Parameter::new(what, 0.0, expected).into());
+            return Err(OutOfRange::new(what, 0.0, expected).into());
         }
         Ok(Self {
             count: 0.0,
@@ -87,7 +87,7 @@ impl Standardizer {
             ("the number of sums of steps", steps.len()),
         ];
         if let Some(&(what, found)) = lengths.iter().find(|(_, found)| *found != sums.len()) {
-            return Err(Parameter::new(what, found as f64, "as many as sums of scores").into());
+            return Err(OutOfRange::new(what, found as f64, "as many as sums of scores").into());
         }
         // Far above any real count, and low enough that no variance overflows 32 bits.
         let ranges: [(_, &[f64], _, _); 4] = [
@@ -99,7 +99,7 @@ impl Standardizer {
         for (what, values, range, expected) in ranges {
             values
                 .iter()
-                .try_for_each(|value| Parameter::check(what, *value, range.clone(), expected))?;
+                .try_for_each(|value| OutOfRange::check(what, *value, range.clone(), expected))?;
         }
         Ok(self)
     }

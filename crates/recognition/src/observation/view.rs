@@ -3,7 +3,7 @@
 use super::error::ViewError;
 use super::rows::{RowScratch, change, row_scores};
 use crate::motion::ViewChange;
-use wayfix::error::Parameter;
+use wayfix::error::OutOfRange;
 
 /// Change between two views: Σ (a − b)² / Σ (a² + b²) over the scores a and b within their rows of
 /// distances (see [`Standardizer`](super::Standardizer)), each within ±5. 0 for rows that are equal
@@ -70,7 +70,7 @@ impl ViewComparison {
     /// every view is new.
     pub fn new(threshold: f64) -> Result<Self, ViewError> {
         let (what, expected) = ("the threshold of change", "a finite value of at least 0");
-        Parameter::check(what, threshold, 0.0..=f64::MAX, expected)?;
+        OutOfRange::check(what, threshold, 0.0..=f64::MAX, expected)?;
         Ok(Self { threshold, last_new: None, now: Vec::new(), scratch: RowScratch::default() })
     }
 

@@ -2,7 +2,8 @@
 
 use std::collections::{HashMap, HashSet};
 
-use wayfix::evaluate::{EvaluationError, ReliabilityBin, reliability};
+use wayfix::error::OutOfRange;
+use wayfix::evaluate::{ReliabilityBin, reliability};
 use wayfix_roads::RoadNetwork;
 use wayfix_roads::matching::{RoadAnswer, Stretch};
 
@@ -120,13 +121,13 @@ impl Forecasts {
     }
 
     /// Reliability of each estimator, in ten bins.
-    pub(crate) fn reliability(&self) -> Result<[Vec<ReliabilityBin>; 3], EvaluationError> {
+    pub(crate) fn reliability(&self) -> Result<[Vec<ReliabilityBin>; 3], OutOfRange> {
         let [live, late, smoothed] = self.0.each_ref().map(|all| reliability(all, 10));
         Ok([live?, late?, smoothed?])
     }
 
     /// Table of the stated probabilities and the shares that were right, in ten bins.
-    pub(crate) fn table(&self) -> Result<String, EvaluationError> {
+    pub(crate) fn table(&self) -> Result<String, OutOfRange> {
         let diagrams = self.reliability()?;
         let mut text = String::from("probability ");
         ESTIMATORS.iter().for_each(|name| text += &format!("  {name:>8}: stated, right, points"));

@@ -10,7 +10,7 @@ use std::sync::Arc;
 
 use crate::NetworkError;
 use crate::cells::RoadCells;
-use wayfix::error::Parameter;
+use wayfix::error::OutOfRange;
 use wayfix::internal::turned;
 use wayfix::likelihood::LocalLikelihood;
 use wayfix::map::{Coordinates, Position};
@@ -113,7 +113,7 @@ impl<P: Coordinates> PositionLikelihood<P> {
     pub fn with_degrees(self, degrees: f64) -> Result<Self, NetworkError> {
         if !(1.0..=1000.0).contains(&degrees) {
             let (what, expected) = ("the degrees of freedom", "a value from 1 to 1000");
-            return Err(Parameter::new(what, degrees, expected).into());
+            return Err(OutOfRange::new(what, degrees, expected).into());
         }
         Ok(Self { degrees, ..self })
     }
@@ -121,7 +121,7 @@ impl<P: Coordinates> PositionLikelihood<P> {
     fn density_of(&self, fix: &PositionFix<P>) -> Result<FixDensity<'_>, LikelihoodError> {
         let PositionFix { position, deviation, ahead } = *fix;
         let parameter = |what, value, expected| {
-            let error = NetworkError::Parameter(Parameter::new(what, value, expected));
+            let error = NetworkError::Parameter(OutOfRange::new(what, value, expected));
             Err(LikelihoodError::sensor(error))
         };
         for ((what, limit), value) in P::AXES.into_iter().zip(position.values()) {

@@ -6,7 +6,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use crate::{NearEdge, NetworkError, RoadNetwork};
-use wayfix::error::Parameter;
+use wayfix::error::OutOfRange;
 use wayfix::likelihood::Groups;
 use wayfix::map::{Coordinates, Position};
 
@@ -135,7 +135,7 @@ impl<P> RoadCells<P> {
         spacing: f64,
     ) -> Result<Self, NetworkError> {
         let network = network.into();
-        let wrong = || Parameter::new("the spacing of cells", spacing, "metres above 0");
+        let wrong = || OutOfRange::new("the spacing of cells", spacing, "metres above 0");
         if !(spacing > 0.0 && spacing.is_finite()) {
             return Err(wrong().into());
         }

@@ -6,7 +6,7 @@ use std::cmp::Reverse;
 
 use crate::NetworkError;
 use crate::cells::RoadCells;
-use wayfix::error::Parameter;
+use wayfix::error::OutOfRange;
 use wayfix::likelihood::{Groups, LocalLikelihood, SparseObservation};
 use wayfix::{Diagonal, Likelihood, LikelihoodError, Scratch, SparseLikelihood};
 
@@ -28,7 +28,7 @@ type InRange = Option<(usize, f32)>;
 /// `None`: a tag that is read then counts, and one that is missed hardly does.
 ///
 /// With a `misread` of 0, a wrong reading is an
-/// [error](wayfix::InferenceError::Impossible) if the belief excludes the tag.
+/// [error](wayfix::HmmError::Impossible) if the belief excludes the tag.
 ///
 /// A step costs what a [`SparseLikelihood`] does, with the cells in range of the tag, or of any tag
 /// if nothing was read. Memory: 32 bytes for each cell in range, and 24 for each tag.
@@ -191,7 +191,7 @@ impl TagLikelihood {
 }
 
 fn parameter<T>(what: &'static str, value: f64, expected: &'static str) -> Result<T, NetworkError> {
-    Err(Parameter::new(what, value, expected).into())
+    Err(OutOfRange::new(what, value, expected).into())
 }
 
 impl Likelihood for TagLikelihood {

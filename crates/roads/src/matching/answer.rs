@@ -6,7 +6,7 @@
 use super::MatchError;
 use super::candidates::{Candidate, OFF_ROAD};
 use crate::RoadNetwork;
-use wayfix::error::Parameter;
+use wayfix::error::OutOfRange;
 use wayfix::map::{Coordinates, Position};
 
 /// The road that a vehicle was on at a point of its drive, with its probability.
@@ -115,7 +115,7 @@ pub(super) fn credible<P: Coordinates>(
 ) -> Result<Stretches<P>, MatchError> {
     if !(mass > 0.0 && mass <= 1.0) {
         let expected = "a probability above 0 and at most 1";
-        return Err(Parameter::new("the mass", mass, expected).into());
+        return Err(OutOfRange::new("the mass", mass, expected).into());
     }
     let states = states.iter().zip(probabilities);
     let is_possible = |(state, p): &(&Candidate, &f64)| !state.is_off_road() && **p > 0.0;

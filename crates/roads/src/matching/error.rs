@@ -1,7 +1,7 @@
 //! Errors of map matching.
 
-use wayfix::InferenceError;
-use wayfix::error::{At, Parameter};
+use wayfix::HmmError;
+use wayfix::error::{At, OutOfRange};
 use wayfix::internal::Number;
 
 /// A drive that cannot be matched.
@@ -10,7 +10,7 @@ use wayfix::internal::Number;
 pub enum MatchError {
     /// A parameter of the model, or the mass that roads should hold, is out of range.
     #[error(transparent)]
-    Parameter(#[from] Parameter),
+    Parameter(#[from] OutOfRange),
     /// A number of a point is out of range.
     #[error("point {point} has {what} {value}, expected {expected}", value = Number(*.value))]
     Point {
@@ -63,7 +63,7 @@ pub enum MatchError {
     },
     /// Inference failed.
     #[error(transparent)]
-    Inference(#[from] InferenceError),
+    Inference(#[from] HmmError),
 }
 
 impl MatchError {

@@ -2,7 +2,7 @@
 //! them.
 
 use super::MatchError;
-use wayfix::error::Parameter;
+use wayfix::error::OutOfRange;
 
 /// Factor of the standard deviation in poor reception.
 pub(super) const POOR_FACTOR: f64 = 4.0;
@@ -69,12 +69,14 @@ impl MatchModel {
                     "lasts" => "seconds from 1e-6 to 1e9",
                     _ => "metres from 1e-6 to 1e9",
                 };
-                return Err(Parameter::new(format!("the parameter {what}"), value, expected).into());
+                return Err(
+                    OutOfRange::new(format!("the parameter {what}"), value, expected).into()
+                );
             }
         }
         if !(0.0..=0.999).contains(&self.lasting) {
             let expected = "a share from 0 to 0.999";
-            return Err(Parameter::new("the parameter lasting", self.lasting, expected).into());
+            return Err(OutOfRange::new("the parameter lasting", self.lasting, expected).into());
         }
         let shares = [
             ("poor", self.poor),
@@ -89,7 +91,9 @@ impl MatchModel {
         for (what, value) in shares {
             if !(value > 0.0 && value < 1.0) {
                 let expected = "a value above 0 and below 1";
-                return Err(Parameter::new(format!("the parameter {what}"), value, expected).into());
+                return Err(
+                    OutOfRange::new(format!("the parameter {what}"), value, expected).into()
+                );
             }
         }
         Ok(())

@@ -3,7 +3,7 @@
 use super::cleaning::{Cleaning, CleaningStep};
 use super::road_network::{Edge, RoadNetwork};
 use crate::NetworkError;
-use wayfix::error::Parameter;
+use wayfix::error::OutOfRange;
 use wayfix::internal::turned;
 use wayfix::map::{Coordinates, Place};
 
@@ -27,7 +27,7 @@ impl<P: Coordinates> RoadNetwork<P> {
     /// [`NetworkError::Parameter`] for metres that are negative, infinite or NaN.
     pub fn merged(&self, metres: f64) -> Result<(Self, CleaningStep<P>), NetworkError> {
         if !(metres >= 0.0 && metres.is_finite()) {
-            return Err(Parameter::new("the radius of merging", metres, "metres from 0").into());
+            return Err(OutOfRange::new("the radius of merging", metres, "metres from 0").into());
         }
         let position = |node: usize| self.nodes()[node].position;
         let apart =

@@ -2,7 +2,7 @@
 
 use proptest::collection::vec;
 use proptest::prelude::*;
-use wayfix::error::Parameter;
+use wayfix::error::OutOfRange;
 use wayfix::map::{MapError, PlanePosition, RoadClass, RoadMap, TurningProbabilities, TurningRule};
 use wayfix::transition::MoveCounts;
 use wayfix::{Belief, Fixed, Hmm, Prior, TransitionError, canberra};
@@ -256,7 +256,7 @@ fn errors_name_what_is_wrong() {
     assert_eq!(error(&[0, 2, 0, 2], 5.0), MapError::Moved { from: 7, to: 9, count: 2.0 });
     let missing = TransitionError::OutOfRange { to: 5, from: 0, states: 3 };
     assert_eq!(error(&[0, 5], 5.0), MapError::Transition(missing.clone()));
-    assert!(matches!(error(&[0, 1], -1.0), MapError::Parameter(Parameter { value: -1.0, .. })));
+    assert!(matches!(error(&[0, 1], -1.0), MapError::Parameter(OutOfRange { value: -1.0, .. })));
 
     let edges = |path: &[usize], weight| {
         EdgeTurns::fit(&network, &MoveCounts::of_path(path), &weights, weight).unwrap_err()

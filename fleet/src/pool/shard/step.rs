@@ -5,7 +5,7 @@
 
 use std::sync::Arc;
 
-use wayfix::{Filter, Hmm, InferenceError, Likelihood, Transition};
+use wayfix::{Filter, Hmm, HmmError, Likelihood, Transition};
 
 use super::{LINE, Shard};
 use crate::pool::timing::Moment;
@@ -71,7 +71,7 @@ fn take_steps<A, B>(
     filter: &mut Filter<Arc<Hmm<A, B>>>,
     steps: u64,
     observation: &B::Observation,
-) -> Result<f64, InferenceError>
+) -> Result<f64, HmmError>
 where
     A: Transition<Control = ()>,
     B: Likelihood<Observation: Sized>,

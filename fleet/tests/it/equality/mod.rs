@@ -4,7 +4,7 @@ mod drives;
 mod steps;
 
 use arrow::array::RecordBatch;
-use wayfix::InferenceError;
+use wayfix::HmmError;
 use wayfix_fleet::input::Form;
 use wayfix_fleet::output::{Table, Verb};
 
@@ -53,7 +53,7 @@ fn steps(model: &Model, drives: &Drives, verb: Verb, step: impl Fn(usize) -> i64
                     });
                 }
             }
-            Err(InferenceError::Impossible { step: at }) => rows.push(Row {
+            Err(HmmError::Impossible { step: at }) => rows.push(Row {
                 drive,
                 step: step(at - 1),
                 rank: None,

@@ -54,7 +54,7 @@ fn steps_are_those_of_the_library_in_every_form() {
                         close(totals[drive].unwrap(), log);
                         assert_eq!((length, &kinds[drive]), (seen.len(), &None));
                     }
-                    Err(InferenceError::Impossible { step }) => {
+                    Err(HmmError::Impossible { step }) => {
                         assert_eq!((length, steps[drive]), (0, Some(step as i64)));
                         assert_eq!(kinds[drive].as_deref(), Some("impossible"));
                     }
@@ -89,7 +89,7 @@ fn best_states_are_in_order() {
                     }));
                 }
             }
-            Err(InferenceError::Impossible { step: at }) => rows.push(Row {
+            Err(HmmError::Impossible { step: at }) => rows.push(Row {
                 drive,
                 step: step(at - 1),
                 rank: None,

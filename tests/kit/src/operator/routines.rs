@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use proptest::test_runner::TestCaseResult;
 use wayfix::inference::ViterbiPath;
-use wayfix::{Controlled, Hmm, InferenceError, LikelihoodVector, TransitionEntries};
+use wayfix::{Controlled, Hmm, HmmError, LikelihoodVector, TransitionEntries};
 
 use super::super::{Matrix, NEVER, all_close, close_logs, prior};
 use super::{Inputs, Rounding};
@@ -80,7 +80,7 @@ impl Outcome {
     fn of<A: TransitionEntries<Control: Clone>>(
         (operator, controls): Driven<'_, A>,
         ys: &[Vec<f64>],
-    ) -> Result<Self, InferenceError> {
+    ) -> Result<Self, HmmError> {
         let n = operator.states();
         let start = prior(&vec![1.0 / n as f64; n], false);
         let hmm = Hmm::new(start, operator, LikelihoodVector::log(n).owned()).unwrap();

@@ -9,7 +9,7 @@ use self::shape::{Direction, RouteShape, Stencil};
 use super::speeds::{OdometryModel, Speeds, Window};
 use wayfix::Belief;
 use wayfix::TransitionError;
-use wayfix::error::Parameter;
+use wayfix::error::OutOfRange;
 use wayfix::internal::{check_count, check_probability};
 use wayfix::likelihood::Groups;
 
@@ -126,7 +126,7 @@ impl ViewChangeRates {
         let named = [("standing", standing), ("elsewhere", moved)];
         for (name, value) in named {
             if !(1e-30..1.0).contains(&value) {
-                return Err(Parameter::new(
+                return Err(OutOfRange::new(
                     format!("the probability of an unchanged view {name}"),
                     value,
                     "a value of at least 1e-30 and below 1",
@@ -205,7 +205,7 @@ impl OffMap {
         for (what, value) in [("leaving the map", self.leave), ("coming back", self.back)] {
             if !(LEAST_RATE..=1.0).contains(&value) {
                 let what = format!("the probability of {what}");
-                return Err(Parameter::new(what, value, "from 1e-30 to 1").into());
+                return Err(OutOfRange::new(what, value, "from 1e-30 to 1").into());
             }
         }
         Ok(())

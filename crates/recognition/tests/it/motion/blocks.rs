@@ -1,7 +1,7 @@
 //! Long routes, whose products are taken block by block.
 
 use wayfix::likelihood::GroupedLikelihood;
-use wayfix::{Hmm, InferenceError, LikelihoodVector, Prior, Transition, TransitionEntries};
+use wayfix::{Hmm, HmmError, LikelihoodVector, Prior, Transition, TransitionEntries};
 use wayfix_recognition::motion::{
     OffMap, RouteControl, RouteTransition, Speeds, ViewChange, ViewChangeRates, ViewEvidence,
 };
@@ -90,7 +90,7 @@ fn a_step_by_blocks_is_a_step() {
         }
         let before = blocks.snapshot();
         let nothing = blocks.step_with(&control(1), &vec![0.0; groups.count()]).unwrap_err();
-        assert!(matches!(nothing, InferenceError::Impossible { step: 41 }), "{nothing}");
+        assert!(matches!(nothing, HmmError::Impossible { step: 41 }), "{nothing}");
         let mut wrong = vec![1.0; groups.count()];
         wrong[700] = f64::NAN;
         assert!(blocks.step_with(&control(1), &wrong).is_err());

@@ -1,7 +1,7 @@
 //! For every grid of speeds, the columns of a route are distributions.
 
 use proptest::prelude::*;
-use wayfix::{Hmm, InferenceError, LikelihoodVector, Prior, Transition, TransitionEntries};
+use wayfix::{Hmm, HmmError, LikelihoodVector, Prior, Transition, TransitionEntries};
 use wayfix_recognition::motion::{OffMap, RouteControl, RouteTransition, Speeds};
 
 use super::definition::grid;
@@ -57,7 +57,7 @@ proptest! {
 
 /// A speed below all of the speeds that stand for its cell.
 #[test]
-fn a_speed_beside_a_near_one_and_a_far_one_loses_nothing() -> Result<(), InferenceError> {
+fn a_speed_beside_a_near_one_and_a_far_one_loses_nothing() -> Result<(), HmmError> {
     let speeds = Speeds::new(&[0.95, 0.99, 2.0]).unwrap();
     let route = RouteTransition::closed(20, speeds).unwrap();
     let sums = column_sums(&route);

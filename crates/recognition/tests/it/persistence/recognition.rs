@@ -4,7 +4,7 @@ use crate::kit::{damage, json, refuses, stored};
 use std::sync::LazyLock;
 
 use proptest::prelude::*;
-use wayfix::error::Count;
+use wayfix::error::OutOfRange;
 use wayfix_recognition::motion::{OdometryModel, OffMap, Speeds};
 use wayfix_recognition::observation::{Distance, MatchOdds, Standardizer};
 use wayfix_recognition::{
@@ -118,10 +118,7 @@ fn a_state_of_another_recogniser_is_refused() {
     own.step(&[0.1, 0.5, 0.7]).unwrap();
     let before = own.snapshot();
     let error = own.restore(&track(4, &[0.0, 1.0]).snapshot()).unwrap_err();
-    assert!(
-        matches!(error, RecognitionError::Count(Count { found: 4, expected: 3, .. })),
-        "{error}"
-    );
+    assert!(matches!(error, RecognitionError::Parameter(OutOfRange { value: 4.0, .. })), "{error}");
     let error = own.restore(&track(3, &[0.0, 1.0, 2.0]).snapshot()).unwrap_err();
     assert!(matches!(error, RecognitionError::Inference(_)), "{error}");
     let text = json(&before);
@@ -129,7 +126,10 @@ fn a_state_of_another_recogniser_is_refused() {
     let row = &row[..=row.find(']').unwrap()];
     let short = text.replace(row, r#""last_view":[0.1,0.5]"#);
     let shorter: TrackSnapshot = serde_json::from_str(&short).unwrap();
-    assert!(matches!(own.restore(&shorter), Err(RecognitionError::Count(Count { found: 2, .. }))));
+    assert!(matches!(
+        own.restore(&shorter),
+        Err(RecognitionError::Parameter(OutOfRange { value: 2.0, .. }))
+    ));
     assert_eq!(own.snapshot(), before);
 }
 

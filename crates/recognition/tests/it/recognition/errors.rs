@@ -2,8 +2,8 @@
 
 use std::ops::RangeInclusive;
 
-use wayfix::InferenceError;
-use wayfix::error::{At, Count, Failed};
+use wayfix::HmmError;
+use wayfix::error::{At, Failed, OutOfRange};
 use wayfix_recognition::motion::{OdometryModel, OffMap, ViewChangeRates};
 use wayfix_recognition::observation::Distance;
 use wayfix_recognition::{LabelledPart, Options, RecognitionError, Recognizer};
@@ -31,7 +31,7 @@ fn bad_queries_are_errors_and_the_track_stays() {
     }
     for reading in [f64::NAN, f64::INFINITY, 1e7] {
         let error = track.step_with(reading, &queries[3]).unwrap_err();
-        let of_step = |error: &_| matches!(error, InferenceError::Control(At { number: 4, .. }));
+        let of_step = |error: &_| matches!(error, HmmError::Control(At { number: 4, .. }));
         assert!(
             matches!(&error, RecognitionError::Inference(Failed { cause: e, .. }) if of_step(e)),
             "{error}"
@@ -62,7 +62,7 @@ fn bad_queries_are_errors_and_the_track_stays() {
     let answer = { answer }.step(&[f32::INFINITY; 3]).unwrap();
     assert_eq!((answer.place, answer.off_map), (None, 1.0));
     let error = rows.recording(&[[0.1, 0.5, 0.9]], &[None, None]).unwrap_err();
-    assert!(matches!(error, RecognitionError::Count(Count { found: 2, expected: 1, .. })));
+    assert!(matches!(error, RecognitionError::Parameter(OutOfRange { value: 2.0, .. })));
 }
 
 #[test]
@@ -74,7 +74,7 @@ fn labels_that_do_not_fit_are_errors() {
         text(recognizer.fit(&[LabelledPart { queries: &queries, places, odometry }]))
     };
     let good = labels(&drive);
-    assert_eq!(fit(&good[1..], &[]), "9 labels, expected 10");
+    assert_eq!(fit(&good[1..], &[]), "the number of labels is 9, expected 10");
     assert_eq!(fit(&good, &[None]), "1 odometry readings, expected 10");
     let mut wrong = good.clone();
     wrong[3] = Some(118..=PLACES);

@@ -1,6 +1,6 @@
 //! A track over lost frames, after a relocation, and at the limits of doubles.
 
-use wayfix::InferenceError;
+use wayfix::HmmError;
 use wayfix::error::{At, Failed};
 use wayfix_recognition::motion::OffMap;
 use wayfix_recognition::observation::MatchOdds;
@@ -32,7 +32,7 @@ fn lost_frames_are_steps_of_motion_alone() {
         let before = track.snapshot();
         for reading in [f64::NAN, 1e7] {
             let error = track.predict_with(reading).unwrap_err();
-            let of_step = |e: &_| matches!(e, InferenceError::Control(At { number: 52, .. }));
+            let of_step = |e: &_| matches!(e, HmmError::Control(At { number: 52, .. }));
             assert!(
                 matches!(&error, RecognitionError::Inference(Failed { cause: e, .. }) if of_step(e)),
                 "{error}"

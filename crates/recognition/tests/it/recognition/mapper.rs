@@ -1,7 +1,7 @@
 //! Mapping while driving: refused inputs, and settings that are kept.
 
-use wayfix::InferenceError;
-use wayfix::error::{At, Failed, Parameter};
+use wayfix::HmmError;
+use wayfix::error::{At, Failed, OutOfRange};
 use wayfix_recognition::motion::{OdometryModel, OffMap, ViewChangeRates};
 use wayfix_recognition::observation::{Distance, ViewError};
 use wayfix_recognition::{Mapper, Options, RecognitionError};
@@ -30,7 +30,7 @@ fn what_is_no_descriptor_never_becomes_a_reference() {
                 let before = mapper.references().len();
                 let error = mapper.step(wrong).unwrap_err();
                 match error {
-                    RecognitionError::Parameter(Parameter { what, .. }) => {
+                    RecognitionError::Parameter(OutOfRange { what, .. }) => {
                         assert_eq!((&*what, wrong), ("the length of a descriptor", &too_long[..]));
                     }
                     RecognitionError::Descriptor(At { number: at, .. }) => assert_eq!(at, step + 1),
@@ -121,7 +121,8 @@ fn options_and_readings_are_checked_from_the_start() {
     for step in 0..100 {
         for reading in [f64::NAN, f64::INFINITY, 1e7] {
             let error = mapper.step_with(reading, &image(step)).unwrap_err();
-            let names = |e: &_| matches!(e, InferenceError::Control(At { number: at, .. }) if *at == step + 1);
+            let names =
+                |e: &_| matches!(e, HmmError::Control(At { number: at, .. }) if *at == step + 1);
             assert!(
                 matches!(&error, RecognitionError::Inference(Failed { cause: e, .. }) if names(e)),
                 "{error}"

@@ -5,7 +5,7 @@ use std::fmt;
 use std::sync::Arc;
 
 use wayfix::TransitionError;
-use wayfix::error::Parameter;
+use wayfix::error::OutOfRange;
 use wayfix::internal::check_sum;
 
 /// Largest number of cells of a step.
@@ -85,7 +85,7 @@ impl Travel {
         if !(0.0..=MOST_OFF).contains(&deviation) {
             let what = "the deviation of a step in cells".to_owned();
             let expected = "at most 100,000";
-            return Err(Parameter::new(what, deviation, expected).into());
+            return Err(OutOfRange::new(what, deviation, expected).into());
         }
         // A mean that is whole up to rounding is meant to be whole.
         let whole = mean.round();
@@ -197,7 +197,7 @@ pub(super) fn check_reading(metres: f64, variance: f64) -> Result<(), Transition
 }
 
 fn too_far(what: &str, value: f64) -> TransitionError {
-    Parameter::new(what.to_owned(), value, "at most 10,000,000").into()
+    OutOfRange::new(what.to_owned(), value, "at most 10,000,000").into()
 }
 
 /// Probabilities e^−v I_k(v) of a symmetric Skellam distribution with variance v for k = 0, 1, …,

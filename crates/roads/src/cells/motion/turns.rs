@@ -6,7 +6,7 @@
 
 use crate::{NetworkError, RoadNetwork};
 use wayfix::TransitionError;
-use wayfix::error::Parameter;
+use wayfix::error::OutOfRange;
 use wayfix::map::{ByClass, FittedTurn, MapError, TurningRule};
 use wayfix::transition::MoveCounts;
 
@@ -54,13 +54,13 @@ impl TurnWeights {
         for (what, value) in classes.into_iter().chain([straight_on]) {
             if !(value > 0.0 && value.is_finite()) {
                 let expected = "a finite value above 0";
-                return Err(Parameter::new(what, value, expected).into());
+                return Err(OutOfRange::new(what, value, expected).into());
             }
         }
         if !(self.u_turn >= 0.0 && self.u_turn.is_finite()) {
             let what = "the U-turn factor".to_owned();
             let expected = "a finite value of at least 0";
-            return Err(Parameter::new(what, self.u_turn, expected).into());
+            return Err(OutOfRange::new(what, self.u_turn, expected).into());
         }
         Ok(())
     }
@@ -214,7 +214,7 @@ impl EdgeTurns {
         if !(prior_moves >= 0.0 && prior_moves.is_finite()) {
             let expected = "a finite value of at least 0";
             let what = "the weight of the prior".to_owned();
-            return Err(Parameter::new(what, prior_moves, expected).into());
+            return Err(OutOfRange::new(what, prior_moves, expected).into());
         }
         let states = network.edges().len();
         for moved in counts.moves() {

@@ -11,7 +11,7 @@ use std::sync::Arc;
 use super::odometer::{Odometer, Slips};
 use super::travel::{Travel, check_reading};
 use wayfix::TransitionError;
-use wayfix::error::Parameter;
+use wayfix::error::OutOfRange;
 
 /// Number of coins, m.
 const COINS: usize = 8;
@@ -71,7 +71,7 @@ impl Wheels {
     pub(super) fn check(&self, cell: f64) -> Result<(), TransitionError> {
         let Self { scale, lasts, slips, slipped } = *self;
         let wrong = |what: &str, value, expected| {
-            Err(Parameter::new(what.to_owned(), value, expected).into())
+            Err(OutOfRange::new(what.to_owned(), value, expected).into())
         };
         if !(0.0..=MOST).contains(&scale) {
             return wrong("the deviation of the wheels' scale", scale, "a value from 0 to 0.2");

@@ -1,7 +1,7 @@
 //! Live answers against those of whole drives.
 
 use proptest::prelude::*;
-use wayfix::error::Parameter;
+use wayfix::error::OutOfRange;
 use wayfix_roads::matching::{MatchError, Matcher, RoadAnswer, TracePoint};
 
 use super::city::{Scenario, at, city, points};
@@ -159,7 +159,7 @@ fn parameters_out_of_range() {
         let model = wayfix_roads::matching::MatchModel { noise: bad, ..good };
         let result = matcher.clone().with_model(model);
         assert!(
-            matches!(result, Err(MatchError::Parameter(Parameter { what, .. })) if what == "the parameter noise"),
+            matches!(result, Err(MatchError::Parameter(OutOfRange { what, .. })) if what == "the parameter noise"),
             "{bad}"
         );
     }
@@ -174,7 +174,7 @@ fn parameters_out_of_range() {
         for (name, model) in models {
             let result = matcher.clone().with_model(model);
             assert!(
-                matches!(result, Err(MatchError::Parameter(Parameter { what, .. })) if what == format!("the parameter {name}"))
+                matches!(result, Err(MatchError::Parameter(OutOfRange { what, .. })) if what == format!("the parameter {name}"))
             );
         }
     }

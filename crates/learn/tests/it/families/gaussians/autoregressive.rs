@@ -2,7 +2,7 @@
 
 use wayfix::error::At;
 use wayfix::inference::{LearningOptions, Simulation};
-use wayfix::{Belief, DenseTransition, Fixed, Hmm, InferenceError, Prior};
+use wayfix::{Belief, DenseTransition, Fixed, Hmm, HmmError, Prior};
 use wayfix_learn::{LinearRegression, Rows};
 
 use crate::kit::{rng, says, text};
@@ -122,7 +122,7 @@ fn a_future_follows_the_last_row() {
     assert_eq!(future.observations()[0][..4], last[2..]);
     assert_eq!(filter.simulate_after(&last[2..], 9, &mut rng(6)).unwrap(), future);
     let error = filter.simulate_after(&[f64::NAN; 4], 9, &mut rng(6)).unwrap_err();
-    assert!(matches!(error, InferenceError::Likelihood(At { number: 51, .. })), "{error}");
+    assert!(matches!(error, HmmError::Likelihood(At { number: 51, .. })), "{error}");
 }
 
 #[test]

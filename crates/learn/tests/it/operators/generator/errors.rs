@@ -1,7 +1,7 @@
 //! Invalid generators and times.
 
 use wayfix::transition::{LearnTransition, Move, MoveCounts};
-use wayfix::{Belief, Hmm, InferenceError, LikelihoodVector, Prior, Transition};
+use wayfix::{Belief, Hmm, HmmError, LikelihoodVector, Prior, Transition};
 use wayfix_learn::GeneratorTransition;
 
 use crate::kit::text;
@@ -61,7 +61,7 @@ fn bad_times_leave_a_filter_as_it_is() {
     let before = filter.snapshot();
     for time in [-1.0, f64::NAN, f64::INFINITY, 1e308] {
         let error = filter.step_with(&time, &[0.5, 0.4]).unwrap_err();
-        assert!(matches!(error, InferenceError::Control { .. }), "{error}");
+        assert!(matches!(error, HmmError::Control { .. }), "{error}");
         assert!(error.to_string().contains("a time step of"), "{error}");
         assert_eq!(filter.snapshot(), before);
     }

@@ -7,7 +7,7 @@ use std::fmt::Debug;
 
 use wayfix::ReorderStates;
 use wayfix::likelihood::{LearnLikelihood, SampleObservation};
-use wayfix::{Belief, DenseTransition, Hmm, InferenceError, Likelihood, Prior};
+use wayfix::{Belief, DenseTransition, Hmm, HmmError, Likelihood, Prior};
 
 /// A family with one component (or vector), and parameters that are free numbers.
 pub(super) trait Family:
@@ -107,9 +107,9 @@ pub(super) fn try_density<B: Likelihood<Observation = [f64]>>(
     family: &B,
     state: usize,
     y: &[f64],
-) -> Result<f64, InferenceError> {
+) -> Result<f64, HmmError> {
     match staying(family, state).log_likelihood(&[y.to_vec()]) {
-        Err(InferenceError::Impossible { .. }) => Ok(f64::NEG_INFINITY),
+        Err(HmmError::Impossible { .. }) => Ok(f64::NEG_INFINITY),
         result => result,
     }
 }
