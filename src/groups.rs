@@ -73,7 +73,7 @@ impl Groups {
     ///
     /// # Errors
     ///
-    /// [`BeliefError`] if there are no states, or a group has none.
+    /// [`BeliefError`] without states, or for an empty group.
     pub fn new(of: Vec<usize>) -> Result<Self, BeliefError> {
         let last = *of.iter().max().ok_or(BeliefError::NoGroups)?;
         // With more groups than states, one of the first n groups is empty: looking at those is

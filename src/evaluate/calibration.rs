@@ -42,8 +42,8 @@ pub struct ReliabilityBin {
 ///
 /// # Errors
 ///
-/// [`EvaluationError`] if there are no probabilities, if one is NaN or not
-/// from 0 to 1, or if `bins` is 0.
+/// [`EvaluationError`] if `forecasts` is empty, a probability is NaN or not from 0 to 1, or `bins`
+/// is 0.
 pub fn reliability(
     forecasts: &[(f64, bool)],
     bins: usize,

@@ -17,8 +17,7 @@ use super::{EvaluationError, check_probabilities};
 ///
 /// # Errors
 ///
-/// [`EvaluationError`] if there are no probabilities, or if one is NaN or not
-/// from 0 to 1.
+/// [`EvaluationError`] if `forecasts` is empty, or a probability is NaN or not from 0 to 1.
 pub fn brier_score(forecasts: &[(f64, bool)]) -> Result<f64, EvaluationError> {
     mean(forecasts, |forecast| forecast.0, |(p, happened)| (p - f64::from(happened)).powi(2))
 }
@@ -41,8 +40,7 @@ pub fn brier_score(forecasts: &[(f64, bool)]) -> Result<f64, EvaluationError> {
 ///
 /// # Errors
 ///
-/// [`EvaluationError`] if there are no probabilities, or if one is NaN or not
-/// from 0 to 1.
+/// [`EvaluationError`] if `forecasts` is empty, or a probability is NaN or not from 0 to 1.
 pub fn binary_log_score(forecasts: &[(f64, bool)]) -> Result<f64, EvaluationError> {
     mean(
         forecasts,
@@ -75,8 +73,7 @@ pub fn binary_log_score(forecasts: &[(f64, bool)]) -> Result<f64, EvaluationErro
 ///
 /// # Errors
 ///
-/// [`EvaluationError`] if there are no masses, or if one is NaN or not from 0
-/// to 1.
+/// [`EvaluationError`] if `masses` is empty, or one is NaN or not from 0 to 1.
 pub fn log_score(masses: &[f64]) -> Result<f64, EvaluationError> {
     mean(masses, |p| p, f64::ln)
 }

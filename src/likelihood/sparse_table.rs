@@ -46,8 +46,8 @@ impl SparseTableLikelihood {
     ///
     /// # Errors
     ///
-    /// [`TableError`] with the symbol, if there are no states or no symbols, a value is NaN,
-    /// negative or infinite, or a state does not exist or is listed twice.
+    /// [`TableError`] without states or symbols; and, with the symbol, if a value is NaN, negative
+    /// or infinite, or a state does not exist or is listed twice.
     pub fn from_lists<L: AsRef<[(usize, f64)]>>(
         states: usize,
         symbols: &[(L, f64)],
