@@ -43,7 +43,7 @@ impl Belief {
     ///
     /// # Errors
     ///
-    /// [`OutOfRange`] if there are no values, if one is NaN, negative or infinite, or if their
+    /// [`OutOfRange`] if `probabilities` is empty, a value is NaN, negative or infinite, or their
     /// sum differs from one by more than 1e-9.
     pub fn new(probabilities: Vec<f64>) -> Result<Self, OutOfRange> {
         let sum = sum_of_valid(&probabilities)?;
@@ -57,8 +57,7 @@ impl Belief {
     ///
     /// # Errors
     ///
-    /// [`OutOfRange`] if there are no weights, if one is NaN, negative or infinite, or if all
-    /// are 0.
+    /// [`OutOfRange`] if `weights` is empty, one is NaN, negative or infinite, or all are 0.
     pub fn from_weights(mut weights: Vec<f64>) -> Result<Self, OutOfRange> {
         sum_of_valid(&weights)?;
         let largest = weights.iter().copied().fold(0.0, f64::max);
@@ -205,8 +204,8 @@ impl<S: AsRef<[f64]>> Belief<S> {
         })
     }
 
-    /// Probability of the states whose index is at most `radius` from `centre`: on a route, of
-    /// being within that many places.
+    /// Probability of the states whose index is within `radius` of `centre`: on a route, of being
+    /// within that many places.
     ///
     /// Taken around the [mode](Self::mode) and compared with a threshold, it tells whether a
     /// vehicle is localised. Only indices count: a last state off the map is a neighbour like any

@@ -73,7 +73,7 @@ impl Groups {
     ///
     /// # Errors
     ///
-    /// [`OutOfRange`] if there are no states, or a group has none.
+    /// [`OutOfRange`] without states, or for an empty group.
     pub fn new(of: Vec<usize>) -> Result<Self, OutOfRange> {
         let last =
             *of.iter().max().ok_or_else(|| OutOfRange::none("the number of grouped states"))?;

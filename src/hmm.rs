@@ -271,7 +271,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     }
 }
 
-/// A pointer to a model, from which streams are made: `&Hmm`, `Arc<Hmm>`, `Box<Hmm>` or another.
+/// A pointer to a model, for making streams: `&Hmm`, `Arc<Hmm>`, `Box<Hmm>` or another.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` is not a pointer to a model",
     label = "expected `&Hmm`, `Arc<Hmm>` or another pointer to an `Hmm`",

@@ -10,7 +10,7 @@ use std::hint::black_box;
 use std::iter::zip;
 use std::time::{Duration, Instant};
 
-/// Number of turns for which the beginning and the end of a loop don't count.
+/// Number of turns that makes the beginning and the end of a loop negligible.
 const MANY: usize = 10_000;
 
 /// Seconds per call: the median of nine measurements, each over as many calls as fill 10 ms.

@@ -49,7 +49,7 @@ pub(crate) fn anchored(style: &TextStyle<'static>, horizontal: HPos) -> TextStyl
     style.pos(Pos::new(horizontal, VPos::Center))
 }
 
-/// Draws all pictures into a folder, in the order in which the page shows them.
+/// Draws all pictures into a folder, in the order of the page.
 pub(crate) fn draw_all(
     folder: &Path,
     map: &RoadMap,

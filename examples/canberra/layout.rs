@@ -5,7 +5,7 @@ use wayfix::map::{RoadClass, RoadMap};
 pub(crate) const WIDTH: u32 = 1500;
 pub(crate) const HEIGHT: u32 = 1240;
 
-/// Distance from the middle of a number to roads and other numbers from which it is legible.
+/// A number is legible if its middle is farther than this from roads and other numbers.
 const ROOM: f64 = 14.0;
 const FARTHER: f64 = 1.6;
 
@@ -62,9 +62,8 @@ impl Layout {
         Self { places, roads }
     }
 
-    /// Direction from each place in which its number, `away` from it, is farthest from roads and
-    /// from the numbers placed before it. The length is 1, or [`FARTHER`] where there is no room
-    /// nearer.
+    /// Direction from each place that puts its number, `away` from it, farthest from roads and from
+    /// the numbers placed before it. The length is 1, or [`FARTHER`] if nothing nearer is legible.
     pub(crate) fn directions(&self, away: f64) -> Vec<(f64, f64)> {
         let mut numbers: Vec<(f64, f64)> = Vec::new();
         let mut directions = Vec::new();

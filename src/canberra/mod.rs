@@ -92,7 +92,7 @@ pub fn sensor(sigma: f64) -> Result<TableLikelihood, OutOfRange> {
 ///
 /// # Errors
 ///
-/// [`OutOfRange`] if there is no such place, or `sigma` is not above 0.
+/// [`OutOfRange`] if the place does not exist, or `sigma` is not above 0.
 #[expect(clippy::missing_panics_doc, reason = "the parts are all of the same map")]
 pub fn hmm(initial: u64, sigma: f64) -> Result<Model, OutOfRange> {
     // A number is an id; `index_of_id` turns it into a state.

@@ -43,8 +43,8 @@ pub struct ReliabilityBin {
 ///
 /// # Errors
 ///
-/// [`OutOfRange`] if there are no probabilities, if one is NaN or not
-/// from 0 to 1, or if `bins` is 0.
+/// [`OutOfRange`] if `forecasts` is empty, a probability is NaN or not from 0 to 1, or `bins`
+/// is 0.
 pub fn reliability(
     forecasts: &[(f64, bool)],
     bins: usize,

@@ -84,7 +84,7 @@ pub fn recall_within(
 }
 
 /// Number of steps until the belief is in one place: the first step at which its mass there is at
-/// least `level`, or `None` if there is no such step. O(T).
+/// least `level`, or `None` if it never is. O(T).
 ///
 /// `masses[k - 1]` is the mass of the belief around its mode after step k, since steps are numbered
 /// from 1. It may exceed 1 by 1e-9, as the sum of a belief may. A belief in one place may be in the

@@ -18,8 +18,7 @@ use crate::error::OutOfRange;
 ///
 /// # Errors
 ///
-/// [`OutOfRange`] if there are no probabilities, or if one is NaN or not
-/// from 0 to 1.
+/// [`OutOfRange`] if `forecasts` is empty, or a probability is NaN or not from 0 to 1.
 pub fn brier_score(forecasts: &[(f64, bool)]) -> Result<f64, OutOfRange> {
     mean(forecasts, |forecast| forecast.0, |(p, happened)| (p - f64::from(happened)).powi(2))
 }
@@ -42,8 +41,7 @@ pub fn brier_score(forecasts: &[(f64, bool)]) -> Result<f64, OutOfRange> {
 ///
 /// # Errors
 ///
-/// [`OutOfRange`] if there are no probabilities, or if one is NaN or not
-/// from 0 to 1.
+/// [`OutOfRange`] if `forecasts` is empty, or a probability is NaN or not from 0 to 1.
 pub fn binary_log_score(forecasts: &[(f64, bool)]) -> Result<f64, OutOfRange> {
     mean(
         forecasts,
@@ -76,8 +74,7 @@ pub fn binary_log_score(forecasts: &[(f64, bool)]) -> Result<f64, OutOfRange> {
 ///
 /// # Errors
 ///
-/// [`OutOfRange`] if there are no masses, or if one is NaN or not from 0
-/// to 1.
+/// [`OutOfRange`] if `masses` is empty, or one is NaN or not from 0 to 1.
 pub fn log_score(masses: &[f64]) -> Result<f64, OutOfRange> {
     mean(masses, |p| p, f64::ln)
 }

@@ -114,7 +114,7 @@ crate::stored! {
     } => optional(sensor);
 }
 
-/// As [`OptionalLikelihood::new`], but with an error if there is no memory for so many states.
+/// As [`OptionalLikelihood::new`], but with an error if so many states do not fit into memory.
 #[cfg(feature = "serde")]
 fn optional<B: Likelihood>(
     sensor: B,

@@ -47,8 +47,8 @@ impl SparseTableLikelihood {
     ///
     /// # Errors
     ///
-    /// [`OutOfRange`] with the symbol, if there are no states or no symbols, a value is NaN,
-    /// negative or infinite, or a state does not exist or is listed twice.
+    /// [`OutOfRange`] without states or symbols; and, with the symbol, if a value is NaN, negative
+    /// or infinite, or a state does not exist or is listed twice.
     pub fn from_lists<L: AsRef<[(usize, f64)]>>(
         states: usize,
         symbols: &[(L, f64)],

@@ -4,18 +4,18 @@
 const NONE: u32 = u32::MAX;
 
 /// Number of the strongly connected component of each vertex. `next` gives the ends of the edges
-/// out of a vertex. There is no recursion, since a long road would overflow the stack. O(vertices +
+/// out of a vertex. Not recursive, since a long road would overflow the stack. O(vertices +
 /// edges).
 pub fn components<I: Iterator<Item = usize>>(
     vertices: usize,
     next: impl Fn(usize) -> I,
 ) -> Vec<u32> {
     let (mut component, mut found) = (vec![NONE; vertices], 0);
-    // For each vertex, the order in which it was met, and the lowest order of a vertex in `stack`
-    // that it is known to reach.
+    // For each vertex, its number in the order of meeting them, and the lowest such number in
+    // `stack` that it is known to reach.
     let (mut order, mut low_link, mut count) = (vec![NONE; vertices], vec![0; vertices], 0);
-    // `stack` holds the vertices without a component in the order in which they were met; `path` the
-    // depth-first path to the current vertex, with the ends that are left of each. Every vertex in
+    // `stack` holds the vertices without a component, in the same order; `path` the depth-first
+    // path to the current vertex, with the remaining ends of each. Every vertex in
     // `stack` reaches one in `path` that was met no later than itself, or it would have its
     // component.
     let (mut stack, mut path) = (Vec::new(), Vec::new());

@@ -9,7 +9,7 @@ use super::{MapError, RoadMap};
 
 /// Largest difference between the inflow and outflow of a node, relative to their sum.
 const TOLERANCE: f64 = 1e-9;
-/// Rounds after which balancing gives up.
+/// Rounds before balancing gives up.
 const ROUNDS: usize = 100_000;
 
 impl<P> RoadMap<P> {
@@ -36,7 +36,7 @@ impl<P> RoadMap<P> {
     /// # Errors
     ///
     /// [`MapError::RoadCounts`] and [`MapError::RoadCount`] for invalid counts;
-    /// [`MapError::NoWayBack`] if there is no such flow; [`MapError::Unbalanced`] after 100,000
+    /// [`MapError::NoWayBack`] if no such flow exists; [`MapError::Unbalanced`] after 100,000
     /// rounds.
     pub fn consistent_flow(&self, counts: &[f64]) -> Result<Vec<f64>, MapError> {
         let places = self.places();

@@ -11,7 +11,7 @@ use super::{Coordinates, MapError, Position};
 #[derive(Debug, Clone, PartialEq)]
 pub struct Place<P = Position> {
     /// Identifier that roads refer to. Ids need not be consecutive; places are numbered from 0 in
-    /// the order in which they are given.
+    /// the order given.
     pub id: u64,
     /// Position of the place.
     pub position: P,

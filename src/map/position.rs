@@ -1,4 +1,4 @@
-//! Positions of places, on Earth and in a plane, and the projection in which geometry is done.
+//! Positions of places, on Earth and in a plane, and the projection that geometry is done in.
 //!
 //! All geometry of lines runs in a conformal plane: Mercator's projection for the Earth, where
 //! lengths are the plane's times the scale at a latitude. Distances between places are great-circle

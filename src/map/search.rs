@@ -70,7 +70,7 @@ impl<T: Copy + Default> Search<T> {
         self.queue.push(Reverse((cost.to_bits(), rank, to as u32)));
     }
 
-    /// Settles the nearest vertex left, to which no shorter path can be found.
+    /// Settles the nearest vertex left, whose path cannot become shorter.
     #[inline]
     pub fn settle(&mut self) -> Option<(usize, Label<T>)> {
         while let Some(Reverse((.., vertex))) = self.queue.pop() {

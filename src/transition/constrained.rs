@@ -75,7 +75,7 @@ pub struct ConstrainedTransition {
 }
 
 impl ConstrainedTransition {
-    /// Creates an operator in which each entry is a parameter of its own. O(E).
+    /// Creates an operator where each entry is a parameter of its own. O(E).
     #[must_use]
     pub fn new(transition: SparseTransition) -> Self {
         let parameters = (0..transition.entries() as u32).map(|entry| (entry, 1)).collect();
@@ -270,7 +270,7 @@ impl LearnFromMoves for ConstrainedTransition {
 
     /// Counts each parameter once, and adds the pseudo-counts of the entries.
     fn log_prior(&self, pseudo_count: f64) -> f64 {
-        // A parameter has the same share in each of its columns, of which the last one is kept.
+        // A parameter has the same share in each of its columns; the last column's is kept.
         // Beside fixed entries p also has a factor, the rest of its column, which is constant.
         let mut logs = vec![0.0; self.parameters()];
         let mut sum = 0.0;

@@ -47,8 +47,8 @@ impl<A1: Transition, A2: Transition<Control = A1::Control>> KroneckerTransition<
     ///
     /// # Errors
     ///
-    /// [`TransitionError::Empty`] if there are no pairs, or
-    /// [`TransitionError::TooMany`] if there are more than 2^32 − 1.
+    /// [`TransitionError::Empty`] without pairs, or [`TransitionError::TooMany`] if there are more
+    /// than 2^32 − 1.
     pub fn new(first: A1, second: A2) -> Result<Self, TransitionError> {
         let count = first.states().saturating_mul(second.states());
         if count == 0 {
@@ -70,13 +70,13 @@ impl<A1: Transition, A2: Transition<Control = A1::Control>> KroneckerTransition<
         &self.second
     }
 
-    /// The state of a pair, or `None` if there is no such pair.
+    /// The state of a pair, or `None` if the pair does not exist.
     pub fn index(&self, first: usize, second: usize) -> Option<usize> {
         let (n1, n2) = (self.first.states(), self.second.states());
         (first < n1 && second < n2).then(|| first * n2 + second)
     }
 
-    /// The pair of a state, or `None` if there is no such state.
+    /// The pair of a state, or `None` if the state does not exist.
     pub fn parts(&self, state: usize) -> Option<(usize, usize)> {
         (state < self.states()).then(|| self.split(state))
     }

@@ -30,7 +30,7 @@ pub trait LearnTransition: TransitionEntries + Sized {
     /// operator depends on its control.
     type Statistics: Clone + Send;
 
-    /// Empty statistics, to which steps are added.
+    /// Empty statistics, for adding steps.
     fn statistics(&self) -> Self::Statistics;
 
     /// Adds the statistics of other steps.

@@ -14,7 +14,7 @@ pub(super) fn weights<A: TransitionEntries<Control = ()>>(
     transition: &A,
     counts: &MoveCounts,
 ) -> Result<Vec<(usize, usize, f64)>, TransitionError> {
-    // A merge: counts are sorted by (from, to), the order in which entries are visited. So a count
+    // A merge: both counts and entries come sorted by (from, to). So a count
     // without an entry stops the iterator, and is what is left at the end.
     let mut moves = counts.moves().peekable();
     let mut weights = Vec::new();

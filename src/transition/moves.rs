@@ -1,7 +1,7 @@
 //! Moves between states, and their expected numbers.
 //!
-//! Invariant of [`MoveCounts`]: moves are sorted by (from, to), each at most once, which is the
-//! order in which operators list their columns. Adding and looking up are merges and searches.
+//! Invariant of [`MoveCounts`]: moves are sorted by (from, to), each at most once, as operators
+//! list their columns. Adding and looking up are merges and searches.
 
 use wayfix_kernels::Lines;
 

@@ -99,7 +99,7 @@ impl<A: Transition> RestartTransition<A> {
         Self { jumps: Jumps::new(inner, keep, restart) }
     }
 
-    /// States from which a restart leads to this one: all, or none.
+    /// States with a restart to this one: all, or none.
     fn origins(&self, to: usize) -> Range<usize> {
         if self.jumps.jump_probabilities[to] > 0.0 {
             0..self.jumps.jump_probabilities.len()
@@ -203,9 +203,10 @@ impl<A: TransitionEntries> TransitionEntries for RestartTransition<A> {
 
     fn max_product(&self, control: &A::Control, x: &[f64], out: &mut [f64], from: &mut [u32]) {
         // Where A has no entry, the entry of row i is ε r_i, so that the best such predecessor is
-        // the best state of all. If A does have an entry there, its own score is no lower: offering
-        // the state at ε r_i as well changes no maximum, and if the offer ties, so does the entry.
-        // Hence the first of all best states, and those with an entry, are enough: O(entries + n).
+        // the best state of all. If A does have an entry there, its own score is at least as high:
+        // offering the state at ε r_i as well changes no maximum, and if the offer ties, so does
+        // the entry. Hence the first of all best states, and those with an entry, are enough:
+        // O(entries + n).
         let (most, first) = best_of((0..).zip(x.iter().map(|_| 0.0)), x);
         let Jumps { inner, move_probability, jump_probabilities, log2_jump_probabilities, .. } =
             &self.jumps;

@@ -15,7 +15,7 @@ use wayfix_kernels::{EntryValues, Lines, Scores, Sliced, max_step};
 /// A sparse transition matrix, stored by rows and by columns with 32-bit indices.
 ///
 /// Products cost O(entries). Zeros are not stored. Rows and columns take 24 bytes an entry and 8
-/// bytes a state; the sliced copies, from which products read eight rows or columns at a time, take
+/// bytes a state; the sliced copies, which products read by eight rows or columns at a time, take
 /// another 17 to 60 bytes an entry; the first Viterbi adds up to 20 bytes an entry.
 ///
 /// With the feature `rayon`, products and the loops of filter and smoother run on all threads of

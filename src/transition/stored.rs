@@ -5,7 +5,7 @@ use super::{DenseTransition, SparseTransition, Transition, TransitionEntries, ch
 use crate::error::TransitionError;
 use wayfix_kernels::{Lines, Panels};
 
-/// A stored matrix, for which this crate has specialised loops.
+/// A stored matrix that this crate has specialised loops for.
 ///
 /// Returned by [`Transition::stored`](super::Transition::stored).
 #[derive(Debug, Clone, Copy)]

@@ -34,7 +34,7 @@ impl<A: Transition<Control = ()>> SwitchedTransition<A> {
     ///
     /// # Errors
     ///
-    /// [`TransitionError::Empty`] if there are no operators, [`TransitionError::StateCount`] if
+    /// [`TransitionError::Empty`] without operators, [`TransitionError::StateCount`] if
     /// their numbers of states differ, or [`TransitionError::ColumnSum`] for an operator that is
     /// not stochastic.
     pub fn new(operators: Vec<A>) -> Result<Self, TransitionError> {

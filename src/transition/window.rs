@@ -1,7 +1,7 @@
 //! [`WindowTransition`], a banded operator along a route: the same moves from every place.
 //!
-//! Places from which the whole window stays on the route share one list of entries, so that a
-//! product is w contiguous loops. The few places near an end have columns of their own.
+//! Places whose whole window stays on the route share one list of entries, so that a product is w
+//! contiguous loops. The few places near an end have columns of their own.
 
 use std::ops::Range;
 
@@ -16,7 +16,7 @@ use wayfix_kernels::log2;
 /// [open](Self::open) one, moves beyond an end stop there.
 ///
 /// Products cost O(n w) for w weights, in contiguous loops. Memory is O(w), plus O(w) for each of
-/// the e places from which the window reaches beyond an end. Listing the entries *into* a state
+/// the e places whose window reaches beyond an end. Listing the entries *into* a state
 /// costs O(w + e log w).
 ///
 /// ```
@@ -39,7 +39,7 @@ pub struct WindowTransition {
     /// Offset of the window: a place j in `interior` leads to j + `first` + `to` for each entry.
     pub(crate) first: isize,
     pub(crate) window: Vec<Entry>,
-    /// Places from which the whole window stays on the route.
+    /// Places whose whole window stays on the route.
     interior: Range<usize>,
     /// Columns of the places before and after `interior`.
     start_columns: Vec<Vec<Entry>>,
@@ -109,7 +109,7 @@ impl WindowTransition {
         let moves = weights[leading..].iter().enumerate().filter(|(_, w)| **w > 0.0);
         let window: Vec<_> = moves.map(|(to, &value)| Entry::new(to, value)).collect();
         // Place j stays on the route with its whole window if j + first ≥ 0 and j + last < n.
-        // If there is no such place, all columns are in `start_columns`.
+        // Without such a place, all columns are in `start_columns`.
         let last = window.last().map_or(first, |entry| first.saturating_add_unsigned(entry.to));
         let start = first.min(0).unsigned_abs();
         let end = states.saturating_sub(last.max(0).unsigned_abs());
@@ -162,7 +162,7 @@ impl WindowTransition {
         starts.map(|start| start..self.interior.end.min(start + BLOCK))
     }
 
-    /// The places to which an entry of the window leads from a block.
+    /// The places that an entry of the window leads to from a block.
     fn target(&self, block: &Range<usize>, entry: &Entry) -> Range<usize> {
         // Does not wrap: places of a block lie in `interior`, where j + first ≥ 0.
         let start = block.start.wrapping_add_signed(self.first) + entry.to;

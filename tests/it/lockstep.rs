@@ -103,7 +103,7 @@ fn near(found: &Posteriors, expected: &Posteriors) -> bool {
     all_close(found.as_slice(), expected.as_slice(), 1e-12, 1e-288).is_ok()
 }
 
-/// A sum of logarithms, some of which are large.
+/// A sum of logarithms, some of them large.
 fn near_log(found: f64, expected: f64, size: f64) -> bool {
     close(found, expected, 1e-12, size).is_ok()
 }

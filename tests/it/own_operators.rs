@@ -19,7 +19,7 @@ use wayfix::{
 
 use crate::kit::{Own, any_stochastic, cases, rng, sparse, text};
 
-/// A right operator, one method of which a test disturbs.
+/// A correct operator; a test breaks one of its methods.
 struct Wrong {
     right: SparseTransition,
     /// Name of the method.
@@ -379,7 +379,7 @@ fn an_operator_learns_from_moves_by_two_methods() {
     }
 }
 
-/// A sensor of four states, one method of which is wrong.
+/// A sensor of four states with one wrong method.
 struct WrongSensor(&'static str, Groups);
 
 impl WrongSensor {

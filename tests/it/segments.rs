@@ -274,7 +274,7 @@ fn pairs(sums: &[(f64, f64)]) -> Vec<f64> {
     sums.iter().flat_map(|sum| [sum.0, sum.1]).collect()
 }
 
-/// Vectors of likelihoods, one of which is replaced by another.
+/// A step, and the vector of likelihoods to put there.
 fn spoiled(n: usize) -> impl Strategy<Value = (usize, Vec<f64>)> {
     let b = proptest::collection::vec(-1000.0..0.0, n)
         .prop_map(|logs| logs.iter().map(|log: &f64| (log / 2.0).exp()).collect::<Vec<f64>>());

@@ -32,8 +32,8 @@ fn ways(a: &Matrix, table: &Matrix, emitting: usize, from: usize, ys: &[usize]) 
     (0..a.len()).map(step).sum()
 }
 
-/// Emitting states, then the begin state, then silent ones, each of which leads only to later
-/// silent ones (or to any, with `loops`) and to some emitting state; no state leads to begin.
+/// Emitting states, then the begin state, then silent ones, each leading only to later silent ones
+/// (or to any, with `loops`) and to some emitting state; no state leads to begin.
 fn models(loops: bool) -> impl Strategy<Value = (usize, Matrix)> {
     (1..=3_usize, 1..=3_usize).prop_flat_map(move |(emitting, silent)| {
         let n = emitting + 1 + silent;

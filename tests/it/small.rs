@@ -280,8 +280,8 @@ proptest! {
 proptest! {
     #![proptest_config(cases_of(120))]
 
-    /// Around the ends of segments, eight of 8 to 128 steps; likelihoods of any range, some of
-    /// which need a check at every step, and some of which are 0.
+    /// Around the ends of segments, eight of 8 to 128 steps; likelihoods of any range, some of them
+    /// 0, and some that need a check at every step.
     #[test]
     fn segments_equal_the_streams(
         n in 1..=8_usize,

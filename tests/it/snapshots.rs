@@ -42,7 +42,7 @@ proptest! {
             prop_assert_eq!(&kept, &state);
             let (n, p) = (hmm.states(), state.belief().as_slice());
             let possible = p.iter().filter(|p| **p > 0.0).count();
-            // Header, two counts, a sum, lengths, mask and checksum, if there are no logarithms.
+            // Without logarithms: header, two counts, a sum, lengths, mask and checksum.
             let has_logs = bytes.len() > 8 + 2 * 8 + 16 + 2 * 8 + 8 * n.div_ceil(64) + 8 * possible + 8;
             prop_assert_eq!(state.heap_bytes(), 8 * n * if has_logs { 2 } else { 1 });
             if filter.step_with(&k, &model.logs[k]).is_err() {
@@ -89,8 +89,8 @@ proptest! {
         prop_assert_eq!(path, batch.states());
     }
 
-    /// Damaged bytes are an error or a state from which a stream can continue, also with the
-    /// checksum of the damaged bytes, as if they were written so.
+    /// Damaged bytes are an error or a state that a stream can continue from, even if the checksum
+    /// is that of the damaged bytes, as if they were written so.
     #[test]
     fn damaged_bytes_are_refused_or_work(
         model in models(Kind::Extreme),

@@ -276,7 +276,7 @@ pub fn is_trusted(ratio: f64, predicted: f64) -> bool {
 /// True if lifted weights of this sum have enough digits for a draw.
 #[inline]
 pub fn can_draw(total: f64) -> bool {
-    // A weight may lose 2^-1075, which is no more than 2^-75 of the least of these sums.
+    // A weight may lose 2^-1075: at most 2^-75 of the smallest of these sums.
     (1.0 / LIFT..=f64::MAX).contains(&total)
 }
 

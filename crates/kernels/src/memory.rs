@@ -10,8 +10,9 @@ const PAGE: usize = 4096;
 const LARGE_PAGE: usize = 2 << 20;
 /// Smallest size of a vector that asks for large pages.
 pub(super) const LARGE: usize = 2 * LARGE_PAGE;
-/// Size from which vectors begin on a page. A load waits for an earlier store if their addresses
-/// differ by whole pages; without this, that could happen to neighbouring places of two vectors.
+/// Smallest size of a vector that begins on a page. A load waits for an earlier store if their
+/// addresses differ by whole pages; without this, that could happen at neighbouring places of two
+/// vectors.
 const SEVERAL_PAGES: usize = 16 * PAGE;
 
 /// Doubles that begin on a cache line: loads of eight that straddle two lines take twice as long.

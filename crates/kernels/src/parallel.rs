@@ -1,8 +1,7 @@
 //! Loops over many lines, in parts that several threads can share.
 //!
-//! The ends of parts, and the order in which their results are joined, depend only on the number of
-//! lines: results are the same to the bit for any number of threads, and without the feature
-//! `rayon`.
+//! Where parts end, and how their results are joined, depends only on the number of lines: results
+//! are the same to the bit for any number of threads, and without the feature `rayon`.
 
 use super::simd::{LANES, WithSimd, run};
 

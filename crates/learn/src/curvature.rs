@@ -33,7 +33,7 @@ pub(super) struct Objective<F> {
     pub(super) size: f64,
 }
 
-/// Reason why there is no information.
+/// Reason for missing information.
 pub(super) enum Fault {
     /// The objective does not change along this coordinate.
     Flat(usize),

@@ -12,7 +12,7 @@ use wayfix::internal::Number;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum EmissionError {
-    /// There are no states, or observations have no components.
+    /// No states, or observations without components.
     #[error(
         "a family needs at least one state and one component, found {states} states and {components} components"
     )]
@@ -110,7 +110,7 @@ pub enum EmissionError {
         /// Valid values, in words.
         expected: &'static str,
     },
-    /// There are no observations.
+    /// No observations were given.
     #[error("there are no observations")]
     NoObservations,
     /// A component is missing in all observations, so that nothing can be learned about it.
@@ -210,8 +210,8 @@ pub enum EmissionError {
 }
 
 impl EmissionError {
-    /// Converts an error of the family of components `from` to `to` into one of the whole row, in
-    /// which components of an observation count from the row's start.
+    /// Converts an error of the family of components `from` to `to` into one of the whole row,
+    /// where components of an observation count from the row's start.
     pub(super) fn in_factor(self, from: usize, to: usize) -> Self {
         match self {
             Self::Observation { component, value, expected } => {

@@ -153,7 +153,7 @@ impl Gaussian {
         self.normals.means()
     }
 
-    /// Covariances in the form in which [`new`](Self::new) takes them.
+    /// Covariances in the form that [`new`](Self::new) takes.
     #[must_use]
     pub fn covariances(&self) -> Vec<Vec<f64>> {
         self.normals.covariances()

@@ -83,7 +83,7 @@ impl<C> Candidate<C> {
 impl<C> ModelSelection<C> {
     /// Learns a model for each candidate by `learn`, from all sequences and, if `folds` is at least
     /// 2, once for each fold from all sequences outside it (sequence s is in fold s modulo
-    /// `folds`). With 0 or 1 there is no cross-validation. A single long sequence may be cut into
+    /// `folds`). With 0 or 1, cross-validation is skipped. A single long sequence may be cut into
     /// pieces, such as `values.chunks(500)`, that are much longer than a state lasts.
     ///
     /// Let `learn` return a [`LearnError`], to which `?` converts the errors of all parts of a

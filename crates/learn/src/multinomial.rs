@@ -78,8 +78,8 @@ impl Multinomial {
     ///
     /// # Errors
     ///
-    /// [`EmissionError`] if there are no states or outcomes, for rows of different lengths, a
-    /// probability that is not from 0 to 1, or a row that does not sum to one within 1e-9.
+    /// [`EmissionError`] for zero states or outcomes, rows of different lengths, a probability
+    /// outside 0 to 1, or a row that does not sum to one within 1e-9.
     pub fn new<R: AsRef<[f64]>>(probabilities: &[R]) -> Result<Self, EmissionError> {
         let (states, components) = shape("list of probabilities", probabilities)?;
         let mut columns = vec![0.0; states * components];

@@ -56,8 +56,8 @@ impl<'a, B: Marginals> Predictive<'a, B> {
     ///
     /// # Errors
     ///
-    /// [`HmmError`] as for [`Filter::forecast`], and with the step if there is no
-    /// such component.
+    /// [`HmmError`] as for [`Filter::forecast`], and with the step if the component does not
+    /// exist.
     pub fn ahead<M, A>(
         filter: &'a Filter<M>,
         steps: usize,
@@ -76,8 +76,8 @@ impl<'a, B: Marginals> Predictive<'a, B> {
     ///
     /// # Errors
     ///
-    /// [`HmmError`] as for [`Filter::forecast_with`], and with the step if there
-    /// is no such component.
+    /// [`HmmError`] as for [`Filter::forecast_with`], and with the step if the component does
+    /// not exist.
     pub fn ahead_with<M, A>(
         filter: &'a Filter<M>,
         controls: &[A::Control],
@@ -110,8 +110,8 @@ impl<'a, B: Marginals> Predictive<'a, B> {
     ///
     /// # Errors
     ///
-    /// [`LikelihoodError`] if the belief has the wrong number of states, or there is no such
-    /// component.
+    /// [`LikelihoodError`] if the belief has the wrong number of states, or the component does not
+    /// exist.
     pub fn new(
         likelihood: &'a B,
         belief: Belief,
@@ -125,7 +125,7 @@ impl<'a, B: Marginals> Predictive<'a, B> {
         Ok(Self { likelihood, belief, component })
     }
 
-    /// Distribution of the state in which the observation will be made.
+    /// Distribution of the state at the time of the observation.
     #[must_use]
     pub fn belief(&self) -> &Belief {
         &self.belief

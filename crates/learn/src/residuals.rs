@@ -59,7 +59,7 @@ impl PseudoResiduals {
     /// # Errors
     ///
     /// [`HmmError`] with the step at which an observation is impossible or invalid, or a
-    /// control is invalid; with step 1 if there is no such component.
+    /// control is invalid; with step 1 if the component does not exist.
     pub fn new<A, B, S>(hmm: &Hmm<A, B>, sequence: &S, component: usize) -> Result<Self, HmmError>
     where
         A: Transition,

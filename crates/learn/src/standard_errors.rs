@@ -55,7 +55,7 @@ impl StandardErrors {
     }
 
     /// Number of parameters that were at a bound, such as probabilities of 0, and were treated as
-    /// known; 0 for the jackknife, in which they stay 0.
+    /// known; 0 for the jackknife, where they stay 0.
     ///
     /// Zeros of a prior, a dense operator or a table count, whether they were learned or given;
     /// moves that a sparse operator does not store don't.

@@ -26,8 +26,8 @@ const SHORT: usize = 15;
 ///
 /// Parameters are estimated from the observations of each cluster, with a tenth of the weight from
 /// all observations. The transition of every other candidate counts the moves between the clusters
-/// of successive observations, plus one of each; the others have a random transition, in which only
-/// a few moves out of a state are probable. The prior is uniform at the first observation.
+/// of successive observations, plus one of each; the others have a random transition, where only a
+/// few moves out of a state are probable. The prior is uniform at the first observation.
 /// [`Hmm::learn_best`] learns from all starts and keeps the best:
 ///
 /// ```
@@ -66,13 +66,13 @@ const SHORT: usize = 15;
 /// starts and in learning.
 ///
 /// Distances are Euclidean, so that a group of headings around ±π becomes two clusters
-/// ([`Clusters`] tells what to do about it).
+/// ([`Clusters`] says what to do about it).
 ///
 /// # Another transition
 ///
 /// To learn with a transition of your own, keep only the family. States are in ascending order of
 /// the mean of the first component in their clusters, which means little where clusters differ in
-/// something else; [`Hmm::reordered`] puts them in the order in which they follow each other.
+/// something else; [`Hmm::reordered`] puts them in the order they follow each other.
 ///
 /// ```
 /// # use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
@@ -93,8 +93,8 @@ const SHORT: usize = 15;
 /// # Errors
 ///
 /// [`LearnError::Sequence`] with sequence and step if the family rejects an observation;
-/// [`LearnError::Likelihood`] if there are no observations, or fewer distinct ones than states, if
-/// a component is missing in all, or if clusters do not determine the parameters, where a prior may
+/// [`LearnError::Likelihood`] without observations, for fewer distinct ones than states, if a
+/// component is missing in all, or if clusters do not determine the parameters, where a prior may
 /// help. The error then names a component that never changes.
 ///
 /// # Complexity
@@ -303,7 +303,7 @@ fn random_moves<R: Rng + ?Sized>(n: usize, rng: &mut R) -> Vec<f64> {
 /// # Errors
 ///
 /// [`LearnError::Sequence`] with sequence and step for a symbol that the table does not have;
-/// [`LearnError::Likelihood`] if there are no observations.
+/// [`LearnError::Likelihood`] without observations.
 ///
 /// # Complexity
 ///

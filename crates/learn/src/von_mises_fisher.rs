@@ -86,9 +86,9 @@ impl VonMisesFisher {
     ///
     /// # Errors
     ///
-    /// [`EmissionError`] if there are no states, for rows of different lengths or of less than two
-    /// components, a direction whose length is not one within 1e-6, or a concentration that is not
-    /// from 0 to 1e300.
+    /// [`EmissionError`] for zero states, rows of different lengths or of fewer than two
+    /// components, a direction whose length is not one within 1e-6, or a concentration outside 0 to
+    /// 1e300.
     pub fn new<R: AsRef<[f64]>>(
         means: &[R],
         concentrations: &[f64],
@@ -264,8 +264,8 @@ impl ReorderStates for VonMisesFisher {
 // Learning of directions: the M step of section 9 of the formulas, with a conjugate prior.
 //
 // ln p is linear in y and in 1, so the mean vector R and the weight are sufficient: μ = R / ‖R‖,
-// and κ solves I_{ν+1}(κ) / I_ν(κ) = ‖R‖. The sums are of y − μ_old, from which 1 − ‖R‖ has all
-// its digits.
+// and κ solves I_{ν+1}(κ) / I_ν(κ) = ‖R‖. The sums are of y − μ_old, so that 1 − ‖R‖ has all its
+// digits.
 
 impl VonMisesFisher {
     /// Expected distance 1 − μ·y from the mean of a state, and length of the mean vector, for

@@ -262,8 +262,8 @@ pub(crate) fn longest_trial(steps: usize, longest: usize) -> Option<usize> {
     (is_worth_a_cut(steps) && most > 0).then_some(most)
 }
 
-/// Returns the number of groups of segments that a sequence is cut into, or `None` if there is no
-/// room for warm-ups of this length.
+/// Returns the number of groups of segments that a sequence is cut into, or `None` without room for
+/// warm-ups of this length.
 pub(crate) fn segment_groups(
     states: usize,
     steps: usize,

@@ -40,13 +40,13 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// E) memory and the sensor's statistics for each of the 64 that are processed together. Runs
     /// in parallel with the feature `rayon`, with the same result to the bit.
     ///
-    /// A [stationary](crate::Prior::Stationary) prior is learned together with the operator, from
-    /// which it follows. Each iteration then takes several eliminations of states, O(n³) each for a
+    /// A [stationary](crate::Prior::Stationary) prior is learned together with the operator that it
+    /// follows from. Each iteration then takes several eliminations of states, O(n³) each for a
     /// full matrix. This works for sparse, dense, constrained and restart operators; others are an
     /// error ([`LearnError::Stationary`]) unless they are fixed.
     ///
-    /// A long sequence (2,048 steps or more) runs in lanes too, if there are no more than four
-    /// sequences or it is too long for a lane, and if the model forgets its state within a few
+    /// A long sequence (2,048 steps or more) runs in lanes too, if there are at most four sequences
+    /// or it is too long for a lane, and if the model forgets its state within a few
     /// hundred steps. Eight segments run at a time, each with some steps before and after it. That
     /// takes 1 MB for each thread (up to 64 if the model forgets slowly), and the statistics and
     /// expected moves of 64 such groups. It is exact: at every joint the beliefs and the ratios
@@ -72,7 +72,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     ///
     /// # Errors
     ///
-    /// [`LearnError`] if there are no observations to learn from, an option is not valid, a prior
+    /// [`LearnError`] without observations to learn from, or if an option is not valid, a prior
     /// rules out what was learned, a part cannot be re-estimated the first time or then rules out a
     /// sequence, or the objective falls by more than a thousandth (which an operator or sensor of
     /// your own may cause). Smaller failures after the first iteration end learning with the best
@@ -210,7 +210,7 @@ where
             });
             let (model, expected) = match next {
                 Ok(next) => next,
-                // Before the first re-estimation there is no learned model to return.
+                // Before the first re-estimation, no learned model exists to return.
                 Err(error) if iteration == 1 => return Err(error),
                 Err(error) => {
                     best.cause = Some(error);

@@ -14,8 +14,8 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// Estimates the model from labelled sequences: relative frequencies, with the pseudo-counts of
     /// `learning` added to the entries that this model allows. O(T n) for each sequence.
     ///
-    /// With a [stationary](Prior::Stationary) prior, the states in which sequences start count for
-    /// the operator too.
+    /// With a [stationary](Prior::Stationary) prior, the first states of sequences count for the
+    /// operator too.
     ///
     /// Probabilities of 0 stay 0, so that smoothing adds no move where the map has no road.
     /// Parameters without observations or pseudo-counts keep their values. If only some states

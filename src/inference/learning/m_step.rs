@@ -69,8 +69,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             .collect();
         let (prior, transition) = match self.prior() {
             Prior::Stationary(_) if learning.keep_prior => {
-                // The numbers are kept, but they are no longer those of the new operator's
-                // stationary distribution.
+                // The numbers are kept, but the new operator has another stationary distribution.
                 let prior = Prior::AtFirstObservation(belief.clone());
                 (prior, transition.maximize(&expected.moves, pseudo_count)?)
             }

@@ -146,7 +146,7 @@ fn divide<'s, A: LearnTransition, B: LearnLikelihood, S>(
 /// different ends, or the first error if all are errors.
 fn best<A, B>(ends: Vec<End<A, B>>, learning: &LearningOptions) -> Option<End<A, B>> {
     let all = || ends.iter().flatten();
-    // Failed ends are ranked only if there are no others.
+    // Failed ends are ranked only if all have failed.
     let succeeded = all().any(|end| !end.failed());
     let ranked = || all().filter(|end| end.failed() != succeeded);
     let highest = ranked().map(LearnedModel::objective).fold(f64::NEG_INFINITY, f64::max);

@@ -81,7 +81,7 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
     /// for models so large that [`viterbi`](Self::viterbi) takes too long, or its 4 n T bytes are
     /// too many.
     ///
-    /// If there is no proof, use a wider beam. An infinite one keeps all states; a negative or NaN
+    /// Without a proof, use a wider beam. An infinite one keeps all states; a negative or NaN
     /// width counts as 0. The proof depends on the sensor's bound for the states that it is not
     /// asked about: over steps at which these may be as likely as those of the path, the path gains
     /// nothing against them, and the width has to be sufficient.
@@ -332,7 +332,7 @@ impl Beam {
         }
     }
 
-    /// Adds the logarithms of likelihoods, none of which is above `largest`, less a whole number.
+    /// Adds the logarithms of likelihoods, each at most `largest`, less a whole number.
     /// Returns that number.
     pub(crate) fn weigh(&mut self, listed: &[f64], others: f64, largest: f64) -> f64 {
         // The same whole number as the exact decoder takes out, so that scores are the same.

@@ -449,8 +449,8 @@ where
                 (&belief.states, is_open),
             )
         });
-        // The bounds for an open belief come from all entries: a column bound of 0 means that there
-        // are no entries above 0.
+        // The bounds for an open belief come from all entries: a column bound of 0 means that every
+        // entry is 0.
         let nothing = |operator: &StepOperator<'_, A>| {
             if is_open { operator.bounds.column == 0.0 } else { candidates.is_empty() }
         };

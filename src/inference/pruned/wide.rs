@@ -57,7 +57,7 @@ struct ExactMemory {
 }
 
 impl Exact {
-    /// Notes that the filter's belief is no longer the one in `memory`.
+    /// Notes that the filter's belief has changed from the one in `memory`.
     pub(super) fn forget(&mut self) {
         self.width = None;
     }
@@ -181,8 +181,8 @@ impl Exact {
     }
 }
 
-/// Returns true if for this number of active states exact steps are no slower than steps over
-/// lists.
+/// Returns true if exact steps are at least as fast as steps over lists for this number of active
+/// states.
 fn are_many(active: usize, states: usize) -> bool {
     active as f64 > FEW + SHARE * states as f64
 }

@@ -24,8 +24,8 @@ use wayfix_kernels::Aligned;
 /// n (T + 1) numbers.
 ///
 /// Step 0 is the state before the first transition, X_0. Under
-/// [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) there is no transition before
-/// the first observation, so that X_0 is the same state as X_1.
+/// [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) no transition precedes the first
+/// observation, so that X_0 is the same state as X_1.
 ///
 /// ```
 /// # use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
@@ -424,7 +424,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             let posteriors = Posteriors::from_values(states, rows);
             return Ok(SmoothedSequence::new(posteriors, log_likelihood));
         }
-        // One extra row, in which the backward pass begins (see `ForwardPass::begin_backward`).
+        // One extra row, where the backward pass begins (see `ForwardPass::begin_backward`).
         let (mut pass, last) = ForwardPass::over(self, sequence, 1, |_| ())?;
         let mut backward = Backward::new(self.states());
         pass.begin_backward();

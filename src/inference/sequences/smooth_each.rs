@@ -30,7 +30,7 @@ use wayfix_kernels::limits;
 /// half a megabyte, which fits into a cache.
 const ONE_SEGMENT: usize = 1 << 16;
 
-/// Order in which steps are visited.
+/// Order of visiting steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Order {
     /// From 0 to T. Takes one more backward pass than the other order.

@@ -320,7 +320,7 @@ impl Backward {
     }
 
     /// Goes back from γ_k over the step that led from α_{k-1}, and writes γ_{k-1} to `out`.
-    /// Without a transition the two are equal, and there is no ratio.
+    /// Without a transition the two are equal, and no ratio is taken.
     pub(crate) fn step_back<A: Transition, B: Likelihood>(
         &mut self,
         step: &Step<'_, A, B>,

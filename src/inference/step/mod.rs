@@ -198,7 +198,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         rows: Option<&mut Vec<f64>>,
     ) -> Result<Option<(f64, BeliefForm)>, HmmError> {
         let StepOutput { predicted, after, updated: out, .. } = output;
-        // With evidence there is no matrix and hence no plain step: its entries have no known
+        // With evidence, `stored` returns `None`, hence no plain step: entries then lack a known
         // lower bound.
         let matrix = self.control.and_then(|control| self.stored(control));
         // Plain if no belief is tiny (2^-900) and no entry small (2^-100), so that every term of
@@ -365,7 +365,7 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
         // ln p(u), before the log factor of the evidence is added.
         let mut log = 0.0;
         if !taken_in_logs {
-            // Always lifted: there is no update here that would notice small products.
+            // Always lifted: no update follows that would notice small products.
             self.predict(lifted.values(before.linear), &mut output.after);
             let sum = match evidence {
                 None => Some(self.check_prediction(&output.after)?),
@@ -537,8 +537,8 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
         let largest = diagonal.check(groups.count()).ok()?;
         let fits = limits::is_unscaled(largest) && groups.as_slice().len() == before.linear.len();
         // Conditions of a plain step ("A plain step" in `limits`): no tiny belief is checked here,
-        // no small entry below. There is no matrix to look at, so the operator has to report its
-        // smallest.
+        // no small entry below. Without a matrix to look at, the smallest is what the operator
+        // reports.
         if !fits || before.logs.is_some() || lifted.is_needed() {
             return None;
         }

@@ -256,7 +256,7 @@ impl LiftedBelief {
     }
 }
 
-/// Form in which a step leaves its result.
+/// Where a step leaves its result, and in what form.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum BeliefForm {
     /// The belief is in [`StepOutput::updated`], not lifted.

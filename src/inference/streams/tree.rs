@@ -1,4 +1,4 @@
-//! Tree of the best paths to all present states, from which an online decoder commits (Šrámek,
+//! Tree of the best paths to all present states, for an online decoder to commit from (Šrámek,
 //! Brejová and Vinař 2007; section 7 of the [formulas](crate::guide::formulas)).
 //!
 //! The invariant: a node is alive (has at least one use) if and only if a best path to a possible
@@ -90,7 +90,7 @@ impl Tree {
                 // At the last level, one use marks a possible state.
                 level.uses[state as usize] = 1;
             }
-            // The level before is no longer the last: its uses are the nodes that extend it.
+            // The level before now has a successor: its uses are the nodes that extend it.
             if let Some(before) = self.levels.back_mut() {
                 before.uses.fill(0);
                 nodes.iter().for_each(|node| before.uses[node.from as usize] += 1);
@@ -99,7 +99,7 @@ impl Tree {
         }
     }
 
-    /// Adds the present step to the tree, and removes the nodes through which no path leads to it.
+    /// Adds the present step to the tree, and removes the nodes that no path to it goes through.
     pub(crate) fn grow(&mut self, scores: &[f64], from: &[u32]) {
         let mut level = self.spare.pop().unwrap_or_else(|| Level::new(scores.len()));
         level.from.copy_from_slice(from);

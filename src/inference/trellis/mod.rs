@@ -150,7 +150,7 @@ impl Trellis {
         self.steps.len()
     }
 
-    /// Number of states of a step, from 1; 0 if there is no such step.
+    /// Number of states of a step, from 1; 0 if the step does not exist.
     #[must_use]
     pub fn states(&self, step: usize) -> usize {
         self.range(step).len()
@@ -160,18 +160,17 @@ impl Trellis {
     ///
     /// # Panics
     ///
-    /// If there is no such state.
+    /// If the state does not exist.
     #[must_use]
     pub fn log_likelihood(&self, step: usize, state: usize) -> f64 {
         self.log_likelihoods[self.range(step)][state]
     }
 
-    /// Moves into a state of a step, in the order in which they were added: pairs (from, log
-    /// weight).
+    /// Moves into a state of a step, in the order they were added: pairs (from, log weight).
     ///
     /// # Panics
     ///
-    /// If there is no such state.
+    /// If the state does not exist.
     pub fn moves(&self, step: usize, state: usize) -> impl Iterator<Item = (usize, f64)> {
         self.moves_into(self.range(step).nth(state).expect("the state exists"))
     }

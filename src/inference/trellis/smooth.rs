@@ -109,7 +109,7 @@ impl Trellis {
             for (j, weight) in self.moves_into(state) {
                 let below = (weight - scale.weight) + log - earlier[j];
                 // Terms below e^-45 = 2^-65 are beyond the digits of the sum, which is at least 1.
-                // (False for the NaN of an earlier state at −∞, from which nothing possible leads.)
+                // (False for the NaN of an earlier state at −∞, which leads nowhere possible.)
                 if below > -45.0 {
                     sums[j] += if below == 0.0 { 1.0 } else { below.exp() };
                 }
@@ -125,7 +125,7 @@ impl SmoothedTrellis {
     ///
     /// # Panics
     ///
-    /// If there is no such step; this holds for all methods.
+    /// If the step does not exist; this holds for all methods.
     #[must_use]
     pub fn filtered(&self, step: usize) -> &[f64] {
         &self.filtered[self.range(step)]
@@ -169,7 +169,7 @@ impl SmoothedTrellis {
     }
 
     /// Moves into a state of a step with their probabilities p(X_{k-1}, X_k | y_1 … y_T), in the
-    /// order in which they were added: pairs (from, probability), which sum to one over all states
+    /// order they were added: pairs (from, probability), which sum to one over all states
     /// of the step. `trellis` must be the one that was smoothed.
     pub fn moves<'a>(
         &'a self,

@@ -1,4 +1,4 @@
-//! Compressed adjacency lists, on which all searches on a map run.
+//! Compressed adjacency lists, the base of all searches on a map.
 
 use std::ops::Range;
 

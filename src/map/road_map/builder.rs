@@ -25,7 +25,7 @@ pub(super) struct Builder<P> {
 }
 
 impl<P: Coordinates> Builder<P> {
-    /// Returns a builder for which all defects are errors.
+    /// Returns a builder that treats all defects as errors.
     pub(super) fn strict() -> Self {
         let (places, roads) = (Places::default(), HashMap::new());
         Self { places, roads, report: CleaningReport::default(), cleans: false }

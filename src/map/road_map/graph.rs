@@ -6,7 +6,7 @@ use super::map::RoadMap;
 use crate::map::Coordinates;
 
 impl<P> RoadMap<P> {
-    /// Places to which a road leads from this place, in ascending order; none if the place does not
+    /// Places that a road from this place leads to, in ascending order; none if the place does not
     /// exist.
     #[must_use]
     pub fn neighbors(&self, place: usize) -> impl ExactSizeIterator<Item = usize> {

@@ -42,7 +42,7 @@ impl TurningProbabilities {
     /// # Errors
     ///
     /// [`MapError::Parameter`] for a number of the prior out of its range,
-    /// [`MapError::Moved`] for moves where there is no road, and [`MapError::Transition`]
+    /// [`MapError::Moved`] for moves without a road, and [`MapError::Transition`]
     /// for a place that does not exist.
     pub fn fit<P>(
         map: &RoadMap<P>,

@@ -84,7 +84,7 @@ impl TurningProbabilities {
         Self::new(map, entries)
     }
 
-    /// Returns Φ\[from, to\] by index; 0 if there is no such turn.
+    /// Returns Φ\[from, to\] by index; 0 if the turn does not exist.
     #[must_use]
     pub fn get(&self, from: usize, to: usize) -> f64 {
         self.transition.get(to, from)

@@ -223,7 +223,7 @@ fn maximum(start: f64, mut f: impl FnMut(f64) -> f64) -> (f64, f64) {
     let (mut middle, mut best) = (start, f(start));
     let mut bracket = [start; 2];
     // Invariant: f(middle) = best is the largest value seen. Going one way, the point before the
-    // best one becomes the other end of the bracket; a point that is no better ends it.
+    // best one becomes the other end of the bracket; a point that is not better ends it.
     for (side, sign) in [(0, -1.0), (1, 1.0)] {
         let mut step = 0.1;
         loop {

@@ -167,7 +167,7 @@ impl<A: FreeParameters + Transition> FreeParameters for DwellTransition<A> {
 }
 
 impl<A: LearnTransition<Control = ()>> DwellTransition<A> {
-    /// States in which a vehicle may either leave or stay.
+    /// States where a vehicle may either leave or stay.
     fn free_ages(&self) -> impl Iterator<Item = usize> {
         (0..self.leave.len()).filter(|&state| self.leave[state] > 0.0 && self.stay[state] > 0.0)
     }

@@ -88,7 +88,7 @@ impl<A: Transition> DwellTransition<A> {
     }
 
     /// Probability that a place is left after `steps` steps, given that it is not left before;
-    /// `None` if there is no such place, or for 0 steps.
+    /// `None` if the place does not exist, or for 0 steps.
     #[must_use]
     pub fn leaving(&self, place: usize, steps: usize) -> Option<f64> {
         let range = self.starts.get(place).copied()?..self.starts.get(place + 1).copied()?;

@@ -166,7 +166,7 @@ fn close(found: f64, expected: f64, least: f64) -> bool {
         expected.is_finite() && (found - expected).abs() <= TOLERANCE * expected.abs().max(1.0);
     found == expected
         || relative
-        // Both are no more than rounding errors of larger entries.
+        // Both are at most rounding errors of larger entries.
         || (found <= least && expected <= least)
 }
 
@@ -326,7 +326,7 @@ impl<A: TransitionEntries> Check<'_, A> {
         self.line("apply_transpose", Unit::Linear, &out, expected, at)
     }
 
-    /// The product by blocks, each state of which must come once.
+    /// The product by blocks; each state must come exactly once.
     fn by_blocks(&self, x: &[f64]) -> Result<Vec<f64>, TransitionError> {
         let (mut out, mut times) = (vec![f64::NAN; x.len()], vec![0_u32; x.len()]);
         let mut beyond = None;

@@ -186,7 +186,7 @@ fn entries_are_densities_over_that_of_the_nearest_length() {
 
 #[test]
 fn a_distance_speaks_against_places_without_such_a_way() {
-    // Two loops of two places, of 100 m and of 500 m; there are no observations.
+    // Two loops of two places, of 100 m and of 500 m, without observations.
     let moves = [(1, 0, 1.0), (0, 1, 1.0), (3, 2, 1.0), (2, 3, 1.0)];
     let base = SparseTransition::from_triplets(4, moves).unwrap();
     let a = DistanceTransition::new(base, |_, from| if from < 2 { 100.0 } else { 500.0 }).unwrap();

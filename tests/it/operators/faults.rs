@@ -18,7 +18,7 @@ enum Fault {
     Control,
 }
 
-/// Two equal states, each of which leads to all.
+/// Two equal states, each leading to both.
 struct Faulty(Own, Fault);
 
 impl Transition for Faulty {

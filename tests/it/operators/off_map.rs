@@ -36,7 +36,7 @@ proptest! {
             OffMapTransition::new(sparse(&matrices[0]), leave, return_rate, belief()).unwrap();
         prop_assert_eq!(plain.off_map_state(), back.len());
         assert_operator(plain, Expected::constant(&expected[0]).with_exact_ties(exact))?;
-        // Each gear has its own control; there is no fourth one.
+        // Each gear has its own control; a fourth does not exist.
         let geared =
             OffMapTransition::new(switched(&matrices), leave, return_rate, belief()).unwrap();
         prop_assert_eq!(

@@ -128,7 +128,7 @@ proptest! {
         }
     }
 
-    /// Learned operators, in which entries have vanished.
+    /// Learned operators, some of whose entries have vanished.
     #[test]
     fn learned_models_are_the_same_to_the_bit(parts in parts(), ys in vec(0..3_usize, 1..6)) {
         let table = vec![[0.6, 0.3, 0.1]; parts.model.states];

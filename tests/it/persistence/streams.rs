@@ -42,7 +42,7 @@ proptest! {
         prop_assert_eq!(json(&other.snapshot()), json(&filter.snapshot()));
     }
 
-    /// Any change to a stored state gives an error, or a state from which a stream can continue.
+    /// Any change to a stored state gives an error, or a state that a stream can continue from.
     #[test]
     fn damaged_states_are_refused_or_work(model in models(Kind::Extreme), damage in damage()) {
         let hmm = model.hmm(model.sparse());

@@ -59,7 +59,7 @@ pub fn kronecker(a: &Matrix, b: &Matrix) -> Matrix {
     matrix(a.len() * n2, |i, j| a[i / n2][j / n2] * b[i % n2][j % n2])
 }
 
-/// One more state, from which `back` leads to states of the map.
+/// Adds a state off the map; `back` leads from it to states of the map.
 pub fn off_map(m: &Matrix, leave: f64, return_rate: f64, back: &[f64]) -> Matrix {
     let n = m.len();
     matrix(n + 1, |i, j| match (i == n, j == n) {

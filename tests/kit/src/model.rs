@@ -135,7 +135,7 @@ impl Model {
         &self,
         operator: impl Fn(&Matrix) -> A,
     ) -> SwitchedTransition<A> {
-        // At T = 0 there is no matrix, but a model needs one.
+        // At T = 0 the list of matrices is empty, but a model needs one.
         let spare = [matrix(self.states, |i, j| f64::from(i == j))];
         let matrices = if self.matrices.is_empty() { &spare[..] } else { &self.matrices };
         SwitchedTransition::new(matrices.iter().map(operator).collect()).unwrap()

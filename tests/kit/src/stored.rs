@@ -1,4 +1,4 @@
-//! What is stored comes back to the bit, and what is no model is refused.
+//! Stored values come back to the bit, and invalid ones are refused.
 
 use proptest::prelude::*;
 use serde::{Serialize, de::DeserializeOwned};

@@ -332,9 +332,9 @@ impl Factors<'_> {
         let Self { matrix, values, x } = self;
         let (mut sum, mut slot) = (ring.zero(s), slots.start as usize);
         while slot < slots.end as usize {
-            // SAFETY: `Sliced::push_shifted` ends slices within the slots, each of which has a base
-            // and, by the assertion in `product_with`, values. It takes a base only if eight values
-            // of x begin there, for an x of `lines` values, which is the other assertion.
+            // SAFETY: `Sliced::push_shifted` ends slices within the slots, and takes a base only if
+            // eight values of x begin there, for an x of `lines` values (an assertion in
+            // `product_with`). Each slot has a base and, by the other assertion, values.
             let (base, value, x) = unsafe {
                 let base = *matrix.bases.get_unchecked(slot);
                 debug_assert!(base as usize + size_of::<Eight>() / 8 <= x.len());
@@ -379,7 +379,7 @@ impl Factors<'_> {
         let Self { matrix, values, x } = self;
         let mut slot = slots.start as usize;
         while slot < slots.end as usize {
-            // SAFETY: `Sliced::push_others` ends slices and groups within the slots, each of which
+            // SAFETY: `Sliced::push_others` ends slices and groups within the slots, and each slot
             // has values (the assertion in `product_with`). `Sliced::arranged` asserts that all
             // indices are below the number of lines, that of the values of x, and that this is
             // below 2^31; lanes without an entry have the index of a line, too.

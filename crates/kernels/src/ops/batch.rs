@@ -24,7 +24,7 @@ kernels! {
 
     /// Divides vectors by their sums, `sums`: writes the distributions to `out`, with 0 for values
     /// that would be below the smallest normal double, and lifts them in place. Returns the lanes
-    /// in which a value became 0.
+    /// where a value became 0.
     pub fn batch_normalize = normalize<'a>(
         x: &'a mut [Packed], out: &'a mut [Packed], sums: Eight,
     ) -> [bool; LANES];

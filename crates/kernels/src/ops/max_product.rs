@@ -11,7 +11,7 @@ use crate::simd::{
     Blocks, BlocksMut, LANES, Simd, kernels, row_block, row_block_ahead, store, store_indices,
 };
 
-/// Scores of an observation, from which `shift` is still to be subtracted.
+/// Scores of an observation, before `shift` is subtracted.
 #[derive(Debug, Clone, Copy)]
 pub struct Scores<'a> {
     pub values: &'a [f64],
@@ -19,7 +19,7 @@ pub struct Scores<'a> {
     pub shift: f64,
 }
 
-/// Form in which scores are given.
+/// How scores are given.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ScoresIn {
     Log2,

@@ -82,8 +82,8 @@ impl Simd for Avx2 {
     }
     #[inline(always)]
     fn load(self, x: &Eight) -> Pair {
-        // SAFETY: `self` proves AVX2. The reference is to eight doubles, of which each load reads
-        // four, from the first and from the fifth, at any alignment.
+        // SAFETY: `self` proves AVX2. The reference is to eight doubles; one load reads the first
+        // four, the other the last four, at any alignment.
         unsafe { (_mm256_loadu_pd(x.as_ptr()), _mm256_loadu_pd(x[4..].as_ptr())) }
     }
     #[inline(always)]
@@ -174,8 +174,8 @@ impl Simd for Avx2 {
     }
     #[inline(always)]
     fn load_indices(self, indices: &[u32; LANES]) -> Self::I {
-        // SAFETY: `self` proves AVX2. The reference is to eight indices, of which each load reads
-        // four, at any alignment.
+        // SAFETY: `self` proves AVX2. The reference is to eight indices; each load reads four of
+        // them, at any alignment.
         unsafe {
             let low = _mm_loadu_si128(indices.as_ptr().cast());
             let high = _mm_loadu_si128(indices[4..].as_ptr().cast());

@@ -107,7 +107,7 @@ pub trait Simd: Copy {
     /// Loads up to eight values, 0 in the other lanes.
     #[inline(always)]
     fn load_partial(self, x: &[f64]) -> Self::V {
-        // A copy, as eight doubles from there on may lie beyond the vector.
+        // A copy, as eight doubles may reach beyond the vector.
         let mut eight = [0.0; LANES];
         eight[..x.len()].copy_from_slice(x);
         self.load(&eight)

@@ -63,7 +63,7 @@ proptest! {
         prop_assert_eq!(found, if likelihoods { Ok(most(&x, 0.0)) } else { Err(at) });
     }
 
-    /// Rows of any lengths, some of which do not begin on a cache line.
+    /// Rows of any lengths, some of them not aligned to a cache line.
     #[test]
     fn packing(
         eights in vec(vec(0.0..1.0, LANES), 1..20), counts in vec(0..20_usize, LANES),

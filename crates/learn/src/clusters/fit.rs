@@ -1,4 +1,4 @@
-//! Families from clusters of observations: an M step in which each cluster stands for the posterior
+//! Families from clusters of observations: an M step where each cluster stands for the posterior
 //! of its state, smoothed by a tenth of the weight from all observations.
 
 use std::error::Error;
@@ -23,7 +23,7 @@ pub(crate) type Outcome<B> = Result<B, Box<dyn Error + Send + Sync>>;
 /// of your own needs a single line, `impl StartFromClusters for MyFamily {}`, if its estimates from
 /// complete observations do not depend on its present parameters.
 pub trait StartFromClusters: LearnLikelihood<Observation = [f64]> + Clone + Send + Sync {
-    /// Returns the family with parameters from the clusters, of which there is one for each state.
+    /// Returns the family with parameters from the clusters, one for each state.
     /// By default they are [fitted](Clusters::fit) as in learning.
     ///
     /// # Errors

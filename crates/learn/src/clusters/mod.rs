@@ -22,7 +22,7 @@ pub(super) use fit::{Outcome, ROUNDS};
 
 // Kinds of clusters to begin learning with: most are k-means of a feature of the observations.
 
-/// Kind of a [start](crate::starts): the feature by which its states differ.
+/// Kind of a [start](crate::starts): the feature that its states differ by.
 ///
 /// Learning ends at a local maximum near its start, and no kind is near the highest one for all
 /// data. Starts cycle through the kinds, and [`Hmm::learn_best`](wayfix::Hmm::learn_best) tells
@@ -249,7 +249,7 @@ impl<'a> Clusters<'a> {
     ///
     /// # Errors
     ///
-    /// [`EmissionError`] if there are no observations, or fewer distinct ones than clusters; with
+    /// [`EmissionError`] without observations, or for fewer distinct ones than clusters; with
     /// the sequence and step if the number of components changes, or a value is infinite.
     pub fn new<S, R>(sequences: &'a [S], count: usize, rng: &mut R) -> Result<Self, EmissionError>
     where
@@ -329,7 +329,7 @@ impl<'a> Clusters<'a> {
         &self.labels
     }
 
-    /// Mean of the observations of a cluster. Panics if there is no such cluster.
+    /// Mean of the observations of a cluster. Panics if the cluster does not exist.
     #[must_use]
     pub fn centre(&self, cluster: usize) -> &[f64] {
         let components = self.centres.len() / self.pooled_weight.len();
@@ -356,9 +356,8 @@ fn pooled_weight_of(count: usize, total: f64) -> f64 {
     if count == 0 { 1.0 / total } else { POOLED * count as f64 / total }
 }
 
-/// Rows in which missing components are filled with known values of the cluster, each in turn, or
-/// of all rows where the cluster has none. So they are values that the family accepts, and vary as
-/// known ones.
+/// Rows with missing components filled by known values of the cluster, each in turn, or of all rows
+/// where the cluster has none. So the family accepts them, and they vary as known values do.
 fn completed<'a>(rows: &[&'a [f64]], clusters: &[usize], states: usize) -> Vec<Cow<'a, [f64]>> {
     let components = rows.first().map_or(0, |row| row.len());
     // Known values by cluster and component; the last cluster stands for all rows.

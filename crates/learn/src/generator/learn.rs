@@ -15,7 +15,7 @@ use super::exponential::Poisson;
 use super::exponential::{TRUNCATION, grows_at_most, growth};
 use super::exponential::{add_matrix_product, double, halvings, multiply};
 
-/// Expected moves and times in states, from which [`GeneratorTransition`] is learned.
+/// Expected moves and times in states, for learning a [`GeneratorTransition`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct GeneratorStatistics {
     /// Number of each legal move, by the state that is left.

@@ -54,8 +54,8 @@ impl Bernoulli {
     ///
     /// # Errors
     ///
-    /// [`EmissionError`] if there are no states or components, for rows of different lengths, or a
-    /// probability that is not from 0 to 1.
+    /// [`EmissionError`] for zero states or components, rows of different lengths, or a probability
+    /// outside 0 to 1.
     pub fn family<R: AsRef<[f64]>>(
         probabilities: &[R],
     ) -> Result<Independent<Self>, EmissionError> {

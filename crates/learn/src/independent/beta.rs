@@ -83,8 +83,8 @@ impl Beta {
     ///
     /// # Errors
     ///
-    /// [`EmissionError`] if there are no states or components, for rows of different lengths, or a
-    /// shape that is not from 1e-100 to 1e100.
+    /// [`EmissionError`] for zero states or components, rows of different lengths, or a shape
+    /// outside 1e-100 to 1e100.
     pub fn family(
         alphas: &[impl AsRef<[f64]>],
         betas: &[impl AsRef<[f64]>],
@@ -109,7 +109,7 @@ impl Beta {
     /// m ln(m / y) + (1 − m) ln((1 − m) / (1 − y)).
     fn log_odds_and_divergence(&self, (y, ln): Pair) -> (f64, f64) {
         let [m, n] = self.mean;
-        // y − m, from whichever of y and 1 − y has more digits.
+        // y − m, by whichever of y and 1 − y has more digits.
         let above = if m < 0.5 { y[0] - m } else { n - y[1] };
         // With y = m (1 + u) and 1 − y = n (1 + v), m u + n v = 0, so that
         // D = m (u − ln(1 + u)) + n (v − ln(1 + v)). Where 1 + u is small, ln(1 + u) is the

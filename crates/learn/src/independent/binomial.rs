@@ -79,8 +79,8 @@ impl Binomial {
     ///
     /// # Errors
     ///
-    /// [`EmissionError`] if there are no states or components, for lists of different lengths, no
-    /// trials, or a probability that is not from 0 to 1.
+    /// [`EmissionError`] for zero states, components or trials, lists of different lengths, or a
+    /// probability outside 0 to 1.
     pub fn family<R: AsRef<[f64]>>(
         trials: &[u32],
         probabilities: &[R],

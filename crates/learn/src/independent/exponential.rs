@@ -53,8 +53,8 @@ impl Exponential {
     ///
     /// # Errors
     ///
-    /// [`EmissionError`] if there are no states or components, for rows of different lengths, or a
-    /// rate that is not from 2.3e-308 to 4.4e307.
+    /// [`EmissionError`] for zero states or components, rows of different lengths, or a rate
+    /// outside 2.3e-308 to 4.4e307.
     pub fn family<R: AsRef<[f64]>>(rates: &[R]) -> Result<Independent<Self>, EmissionError> {
         Independent::of_one("list of rates", rates, Self::new)
     }

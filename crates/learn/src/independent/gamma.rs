@@ -83,8 +83,8 @@ impl Gamma {
     ///
     /// # Errors
     ///
-    /// [`EmissionError`] if there are no states or components, for rows of different lengths, or a
-    /// shape, scale or product of them that is not finite and above 0.
+    /// [`EmissionError`] for zero states or components, rows of different lengths, or a shape,
+    /// scale or product of them that is not finite and above 0.
     pub fn family(
         shapes: &[impl AsRef<[f64]>],
         scales: &[impl AsRef<[f64]>],

@@ -64,8 +64,8 @@ impl LogNormal {
     ///
     /// # Errors
     ///
-    /// [`EmissionError`] if there are no states or components, for rows of different lengths, a
-    /// mean that is not from -745 to 710, or a deviation that is not finite and above 0.
+    /// [`EmissionError`] for zero states or components, rows of different lengths, a mean outside
+    /// -745 to 710, or a deviation that is not finite and above 0.
     pub fn family(
         means: &[impl AsRef<[f64]>],
         deviations: &[impl AsRef<[f64]>],

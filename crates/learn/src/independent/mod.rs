@@ -87,7 +87,7 @@ impl<F> Independent<F> {
     ///
     /// # Errors
     ///
-    /// [`EmissionError`] if there are no states or components, or rows of different lengths.
+    /// [`EmissionError`] for zero states or components, or rows of different lengths.
     pub fn from_rows<R: AsRef<[F]>>(rows: &[R]) -> Result<Self, EmissionError>
     where
         F: Clone,

@@ -20,8 +20,8 @@ use crate::{EmissionError, Tails};
 /// geometric one where it is 1.
 ///
 /// Learning sets each mean to the weighted mean of the counts. If their variance is not above it,
-/// the dispersion is 0, which is then the maximum (Levin and Reeds, 1977). Otherwise there is no
-/// finite-dimensional sufficient statistic for it: learning maximises a lower bound of the
+/// the dispersion is 0, which is then the maximum (Levin and Reeds, 1977). Otherwise it has no
+/// finite-dimensional sufficient statistic: learning maximises a lower bound of the
 /// likelihood with the same value and the same first two derivatives at the present dispersion. So
 /// no step lowers the likelihood, and near the maximum each doubles the number of correct digits.
 ///
@@ -90,8 +90,8 @@ impl NegativeBinomial {
     ///
     /// # Errors
     ///
-    /// [`EmissionError`] if there are no states or components, for rows of different lengths, a
-    /// mean that is not from 0 to 2^53, or a dispersion that is not from 0 to 1e100.
+    /// [`EmissionError`] for zero states or components, rows of different lengths, a mean outside 0
+    /// to 2^53, or a dispersion outside 0 to 1e100.
     pub fn family(
         means: &[impl AsRef<[f64]>],
         dispersions: &[impl AsRef<[f64]>],

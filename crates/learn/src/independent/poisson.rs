@@ -62,8 +62,8 @@ impl Poisson {
     ///
     /// # Errors
     ///
-    /// [`EmissionError`] if there are no states or components, for rows of different lengths, or a
-    /// rate that is not from 0 to 2^53.
+    /// [`EmissionError`] for zero states or components, rows of different lengths, or a rate
+    /// outside 0 to 2^53.
     pub fn family<R: AsRef<[f64]>>(rates: &[R]) -> Result<Independent<Self>, EmissionError> {
         Independent::of_one("list of rates", rates, Self::new)
     }

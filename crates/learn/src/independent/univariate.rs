@@ -113,9 +113,9 @@ pub trait Univariate: Clone + Debug {
     }
 
     /// Returns the distribution that maximises the log-likelihood of the observations behind the
-    /// sums, which were added by `self` and have a total weight of at least 2.2e-308. Where there
-    /// is no finite-dimensional sufficient statistic, it returns one with a higher likelihood than
-    /// `self`, if there is one.
+    /// sums, which were added by `self` and have a total weight of at least 2.2e-308. Without a
+    /// finite-dimensional sufficient statistic, it returns one with a higher likelihood than
+    /// `self`, if one exists.
     ///
     /// # Errors
     ///

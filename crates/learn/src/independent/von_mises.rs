@@ -72,8 +72,8 @@ impl VonMises {
     ///
     /// # Errors
     ///
-    /// [`EmissionError`] if there are no states or components, for rows of different lengths, a
-    /// mean that is not finite, or a concentration that is not from 0 to 1e300.
+    /// [`EmissionError`] for zero states or components, rows of different lengths, a mean that is
+    /// not finite, or a concentration outside 0 to 1e300.
     pub fn family(
         means: &[impl AsRef<[f64]>],
         concentrations: &[impl AsRef<[f64]>],

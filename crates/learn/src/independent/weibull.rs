@@ -1,4 +1,4 @@
-//! Weibull distribution: durations and speeds, by the way in which their hazard changes.
+//! Weibull distribution: durations and speeds, by how their hazard changes.
 //!
 //! With v = k ln(y / λ), ln p(y) = ln k + v − e^v − ln y. For a new shape ρ k the best scale has
 //! λ'^(ρk) = mean of y^(ρk), so that per observation, up to a constant, the likelihood is
@@ -25,7 +25,7 @@ use crate::{EmissionError, Tails};
 /// The hazard rises with y for k > 1, and falls for k < 1; for k = 1 the distribution is
 /// [`Exponential`](super::Exponential).
 ///
-/// There is no finite-dimensional sufficient statistic for the shape. Learning maximises a lower
+/// The shape has no finite-dimensional sufficient statistic. Learning maximises a lower
 /// bound of the likelihood with the same value and the same first two derivatives at the present
 /// shape, between half and twice that shape. So no step lowers the likelihood, and near the maximum
 /// each doubles the number of correct digits. The scale is optimal for each shape, λ^k = mean of
@@ -74,8 +74,8 @@ impl Weibull {
     ///
     /// # Errors
     ///
-    /// [`EmissionError`] if there are no states or components, for rows of different lengths, a
-    /// shape that is not from 1e-100 to 1e100, or a scale that is not finite and above 0.
+    /// [`EmissionError`] for zero states or components, rows of different lengths, a shape outside
+    /// 1e-100 to 1e100, or a scale that is not finite and above 0.
     pub fn family(
         shapes: &[impl AsRef<[f64]>],
         scales: &[impl AsRef<[f64]>],

@@ -22,10 +22,10 @@ use crate::{EmissionError, Tails};
 /// [family](Self::family) of d angles has
 /// p(y) = Π_c (1 − ρ_c²) / (2π (1 + ρ_c² − 2 ρ_c cos(y_c − μ_c))), of finite y_c.
 ///
-/// There is no finite-dimensional sufficient statistic. A learning step transforms the angles so
-/// that their present distribution becomes uniform (McCullagh, 1996), and there maximises the lower
-/// bound of Kent and Tyler (1988). So no step lowers the likelihood, and near the maximum each
-/// about halves the distance that is left; learned directions are from −π to π. If half of the
+/// The family has no finite-dimensional sufficient statistic. A learning step transforms the angles
+/// so that their present distribution becomes uniform (McCullagh, 1996), and there maximises the
+/// lower bound of Kent and Tyler (1988). So no step lowers the likelihood, and near the maximum
+/// each about halves the distance that is left; learned directions are from −π to π. If half of the
 /// observations or more are alike, they determine no concentration, an
 /// [error](EmissionError::TooFew), unless there is a prior of c
 /// [observations](Independent::with_prior).
@@ -74,8 +74,8 @@ impl WrappedCauchy {
     ///
     /// # Errors
     ///
-    /// [`EmissionError`] if there are no states or components, for rows of different lengths, a
-    /// mean that is not finite, or a concentration that is not from 0 to below 1.
+    /// [`EmissionError`] for zero states or components, rows of different lengths, a mean that is
+    /// not finite, or a concentration that is not at least 0 and below 1.
     pub fn family(
         means: &[impl AsRef<[f64]>],
         concentrations: &[impl AsRef<[f64]>],

@@ -38,7 +38,7 @@ pub struct ExtraZeros<F, const HURDLE: bool> {
 /// F.
 ///
 /// With F = [`Poisson`](super::Poisson), [`NegativeBinomial`](super::NegativeBinomial) or
-/// [`Binomial`](super::Binomial) these are zero-inflated counts, in which a zero may be of either
+/// [`Binomial`](super::Binomial) these are zero-inflated counts, where a zero may have either
 /// origin: p(0) = w + (1 − w) f(0) and p(y) = (1 − w) f(y). Continuous distributions have no zeros
 /// of positive probability. There w is a point mass at 0: the steps of an animal have length 0
 /// while it rests, and otherwise [`Gamma`](super::Gamma), [`Weibull`](super::Weibull) or
@@ -161,8 +161,8 @@ impl<F: Univariate, const HURDLE: bool> ExtraZeros<F, HURDLE> {
     ///
     /// # Errors
     ///
-    /// [`EmissionError`] if there are no states or components, for rows of different lengths, a
-    /// probability that is not from 0 to 1, or a distribution behind a hurdle that is always 0.
+    /// [`EmissionError`] for zero states or components, rows of different lengths, a probability
+    /// outside 0 to 1, or a distribution behind a hurdle that is always 0.
     pub fn family(
         probabilities: &[impl AsRef<[f64]>],
         inner: &[impl AsRef<[F]>],

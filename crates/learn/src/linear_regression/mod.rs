@@ -75,7 +75,7 @@ use crate::{EmissionError, Family, Gaussian};
 /// use wayfix::inference::LearningOptions;
 /// use wayfix::{Belief, DenseTransition, Hmm, Prior};
 ///
-/// // One state, in which each value is half the one before, and one more.
+/// // One state: each value is half the one before, plus one.
 /// let values = [8.0, 5.1, 3.4, 2.8, 2.5, 2.2, 2.0, 2.1, 2.0];
 /// let family = LinearRegression::diagonal(&[[0.0]], &[[0.0]], &[[1.0]])?;
 /// let hmm = Hmm::new(

@@ -226,8 +226,8 @@ struct Row(Vec<f64>);
 
 impl Ord for Row {
     fn cmp(&self, other: &Self) -> Ordering {
-        // Lexicographic in the total order of doubles, in which −0 and 0 differ, and a NaN is equal
-        // to itself: a key must be.
+        // Lexicographic in the total order of doubles, where −0 and 0 differ, and a NaN equals
+        // itself, as a key must.
         let pairs = self.0.iter().zip(&other.0);
         let mut different = pairs.map(|(a, b)| a.total_cmp(b)).filter(|order| order.is_ne());
         different.next().unwrap_or_else(|| self.0.len().cmp(&other.0.len()))
@@ -272,8 +272,8 @@ impl InputCounts {
 }
 
 // Expected moves in the form of the M-step: by origin, with inputs scaled to at most 1 and
-// centred, so that their units cost no digits, and in parts that have no slopes in common, each of
-// which is maximised by itself.
+// centred, so that their units cost no digits, and in parts without common slopes, each maximised
+// by itself.
 
 /// Smallest size at which an input is scaled, so that its square is in the range of doubles.
 const LEAST_SCALE: f64 = 1e-150;

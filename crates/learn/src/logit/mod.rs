@@ -40,7 +40,7 @@ pub use learn::InputCounts;
 /// error: fill it in, or add an input that says that it is missing.
 ///
 /// A product is O(E p); listing the entries into a state is O(p) for each move out of the states
-/// that lead there. A step in which an entry is below the range of doubles (log-odds of about 700)
+/// that lead there. A step where an entry is below the range of doubles (log-odds of about 700)
 /// is taken in logarithms: to inference it is [evidence](wayfix::Transition::evidence) with a factor
 /// of 1, which simulation, and operators that take no evidence, refuse.
 /// [Learning](wayfix::Hmm::learn) finds intercepts and slopes by Newton's method, and counts moves
@@ -76,16 +76,16 @@ pub use learn::InputCounts;
 /// # Starting probabilities that depend on inputs
 ///
 /// Add a state that is left and never entered, as the state before the first transition: the inputs
-/// of step 1 then choose the state in which a sequence starts. It is never observed, so that the
-/// sensor's parameters there are not learned; as the last state, it leaves the numbers of the
-/// others as they are.
+/// of step 1 then choose the state that a sequence starts in. The added state is never observed, so
+/// that the sensor's parameters there are not learned; as the last state, it leaves the numbers of
+/// the others as they are.
 ///
 /// ```
 /// use wayfix::inference::LearningOptions;
 /// use wayfix_learn::LogitTransition;
 /// use wayfix::{Belief, Controlled, Hmm, Prior, SparseTransition, TableLikelihood};
 ///
-/// // States 0 and 1, and the start, 2, from which sequences begin in either.
+/// // States 0 and 1, and the start, 2, which leads to either.
 /// let start = 2;
 /// let moves = SparseTransition::from_rows(&[[0.9, 0.2, 0.5], [0.1, 0.8, 0.5], [0.0, 0.0, 0.0]])?;
 /// let moves = LogitTransition::new(&moves, 1)?

@@ -184,7 +184,7 @@ impl Transition for LogitTransition {
     }
 
     /// Returns a factor of 1 if an entry is below the range of doubles, so that inference takes the
-    /// step in logarithms and no possible state is lost; otherwise there is no evidence.
+    /// step in logarithms and no possible state is lost; otherwise `None`.
     fn evidence(&self, inputs: &Vec<f64>) -> Option<f64> {
         self.leaves_doubles(inputs).then_some(0.0)
     }

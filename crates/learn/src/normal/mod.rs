@@ -236,7 +236,7 @@ impl Normals {
         (0..self.d).map(move |i| (0..=i).map(|j| self.inverse_factor_entry(at, i, j) * x(j)).sum())
     }
 
-    /// Variances of a component in a block; 0 where there is no density.
+    /// Variances of a component in a block; 0 beyond the last density.
     pub(crate) fn variances(&self, block: usize, c: usize) -> Eight {
         let variance = |at: usize| if at < self.count() { self.covariance(at, c, c) } else { 0.0 };
         std::array::from_fn(|l| variance(block * LANES + l))

@@ -116,7 +116,8 @@ impl Moments {
             let (block, l) = (at / LANES, at % LANES);
             let weight = |c: usize| block * each + if each == 1 { 0 } else { c };
             // Difference δ of the means, its weight a b / (a + b) in the scatter, and the share
-            // b / (a + b) of the other's weight. Without observations there is no mean: δ is 0.
+            // b / (a + b) of the other's weight. Without observations the mean is undefined, and δ
+            // is 0.
             let change = |this: &Self, c: usize| {
                 let (a, b) = (this.weights[weight(c)][l], other.weights[weight(c)][l]);
                 let delta = other.means[block * d + c][l] - this.means[block * d + c][l];
@@ -258,8 +259,8 @@ impl WithSimd for Add<'_> {
 // Σ = (Ψ + S + N (ȳ − μ)(ȳ − μ)' + κ (μ − μ0)(μ − μ0)') / (ν + N)
 // ```
 //
-// of which a diagonal covariance takes the diagonal, a spherical one the mean of that, and a tied
-// one the sums over all densities that share it. In a Student's t family the weights of the
+// A diagonal covariance takes the diagonal of Σ, a spherical one the mean of that, and a tied one
+// the sums over all densities that share it. In a Student's t family the weights of the
 // moments are γ u, and N in the divisor of Σ is Σ γ, given as `counts`.
 
 const REASON: &str = "they do not vary in all directions; give a prior (`with_prior`)";

@@ -187,7 +187,7 @@ static NODES: LazyLock<[[f64; 2]; POINTS]> = LazyLock::new(|| {
     })
 });
 
-/// Integral from a point outwards to an end that is no nearer to the mode, relative to the density
+/// Integral from a point outwards to an end at least as far from the mode, relative to the density
 /// at the mode.
 fn integrate_outwards(f: &impl LogConcave, from: f64, end: f64) -> f64 {
     let direction = if end < from { -1.0 } else { 1.0 };

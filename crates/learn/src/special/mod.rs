@@ -2,7 +2,7 @@
 //!
 //! Families ask for small differences of large logarithms: u − ln(1 + u), ln a − ψ(a), the error of
 //! Stirling's formula, 1 less a ratio of Bessel functions. Each is a function of its own here, from
-//! a series in which the large terms have cancelled on paper; the difference itself would lose
+//! a series where the large terms have cancelled on paper; the difference itself would lose
 //! digits.
 
 mod integral;

@@ -64,7 +64,7 @@ where
     steps_allocate_nothing(&format!("{name}, missing"), with_missing(family), &rows);
 }
 
-/// Place, heading and count, any of which may be missing.
+/// Place, heading and count; any may be missing.
 type Sensors = Product<Gaussian, Product<Independent<VonMises>, Independent<Poisson>>>;
 
 fn with_missing(sensors: Sensors) -> Sensors {

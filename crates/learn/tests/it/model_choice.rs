@@ -533,7 +533,7 @@ fn four_poisson_states_are_nineteen_parameters() {
     let transition = DenseTransition::from_fn(4, even).unwrap();
     let family = Poisson::family(&[[2.0], [25.0], [80.0], [180.0]]).unwrap();
     let start = Hmm::new(prior, transition, family).unwrap();
-    // A cycle of four rates, in which half of the moves never happen.
+    // A cycle of four rates, where half of the moves never happen.
     let rates = [1.0, 30.0, 90.0, 200.0];
     let y = |k: usize| rates[k / 8 % 4] + [0.0, 1.0, -1.0, 0.0, 1.0][k % 5];
     let ys: Vec<Vec<[f64; 1]>> = vec![(0..160).map(|k| [y(k)]).collect()];

@@ -145,7 +145,7 @@ impl LaneScratch {
         }
     }
 
-    /// Sets the belief from which a lane starts.
+    /// Sets the belief that a lane starts from.
     fn start(&mut self, lane: usize, belief: &[f64]) {
         for ((x, first), p) in self.x.iter_mut().zip(&mut self.beliefs).zip(belief) {
             (x[lane], first[lane]) = (p * LIFT, *p);
@@ -162,7 +162,7 @@ impl LaneScratch {
 
 /// Results of the passes for each lane.
 pub(crate) struct LaneForward {
-    /// True while linear space holds the sequence of a lane and there is no error.
+    /// True while linear space holds the sequence of a lane, without an error.
     pub(crate) valid: [bool; LANES],
     log_likelihoods: [LogSum; LANES],
 }
@@ -382,7 +382,7 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
     }
 
     /// Returns the likelihoods of an observation, true if they are logarithms, and the logarithm of
-    /// their common factor; `None` if there are no valid ones.
+    /// their common factor; `None` if they are not valid.
     fn row<'a>(
         &'a self,
         observation: &'a B::Observation,

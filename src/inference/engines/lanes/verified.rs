@@ -1,6 +1,6 @@
 //! All segments of a sequence, group by group, with every joint verified.
 //!
-//! A group in which a warm-up was too short runs again with longer ones. Which groups do depends
+//! A group where a warm-up was too short runs again with longer ones. Which groups do depends
 //! only on the sequence, not on threads. The invariant: results are passed on only when both joints
 //! of their group, with the one before and the one after, are verified.
 

@@ -93,7 +93,7 @@ impl From<&Matrix> for Expected<()> {
 /// column sums, the entries of each row and column, and the step of Viterbi, against
 /// the matrix and against the listed entries to the bit. The routines are the
 /// smoother, the score, both streams, both decoders, the entropy and the expected
-/// moves, on likelihoods of usual and of huge ranges, some of which are 0. Inputs are
+/// moves, on likelihoods of usual and of huge ranges, some of them 0. Inputs are
 /// drawn anew for each matrix.
 ///
 /// A new operator needs its matrix, written from its definition, and one call:

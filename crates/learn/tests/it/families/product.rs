@@ -261,7 +261,7 @@ fn errors_count_components_from_the_start_of_the_row() {
         let error = refused(&family, &vec![1.0; found]);
         assert_eq!(error, format!("{step}the observation has {found} components, expected 5"));
     }
-    // No statistics are added, and there is no panic.
+    // Nothing is added, and nothing panics.
     let mut statistics = family.statistics();
     family.add(&mut statistics, &[1.0], &[1.0, 0.0]);
     assert_eq!(family.maximize(&statistics, 0.0).unwrap(), family);
@@ -385,7 +385,7 @@ fn draws_have_the_moments_of_both_factors() {
     }
 }
 
-/// Clusters of rows give all factors initial parameters, from which learning finds the states.
+/// Clusters of rows give all factors initial parameters, which lead learning to the states.
 #[test]
 fn learning_starts_from_clusters_of_rows() {
     let truth = Product::new(

@@ -162,7 +162,7 @@ proptest! {
         }
     }
 
-    /// A category, with one input for each value (one of which is redundant), gives a matrix of
+    /// A category, with one input for each value (one of them redundant), gives a matrix of
     /// relative frequencies for each value, in any units.
     #[test]
     fn categories_are_relative_frequencies(
@@ -245,7 +245,7 @@ proptest! {
     }
 }
 
-/// Newton's steps along a direction in which coefficients run to infinity are too long: shortened
+/// Newton's steps along a direction where coefficients run to infinity are too long: shortened
 /// steps come close.
 #[test]
 fn inputs_that_nearly_separate_moves_are_climbed() {

@@ -1,4 +1,4 @@
-//! What is no operator with inputs is refused.
+//! Anything but a valid operator with inputs is refused.
 
 use wayfix_learn::LogitTransition;
 

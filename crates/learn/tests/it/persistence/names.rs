@@ -1,4 +1,4 @@
-//! Names under which structs are stored, which some formats write and messages show.
+//! Names that structs are stored under; some formats write them, and messages show them.
 
 use serde::de::DeserializeOwned;
 use wayfix_learn::{GeneratorTransition, LogitTransition};

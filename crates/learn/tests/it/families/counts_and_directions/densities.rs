@@ -117,7 +117,7 @@ fn area(dimensions: usize) -> f64 {
     }
 }
 
-/// Integral over the angle to the mean direction, on which alone the density depends.
+/// Integral over the angle to the mean direction: the density depends on nothing else.
 #[test]
 fn densities_of_directions_integrate_to_one() {
     for dimensions in [2, 3, 4, 7, 20, 101] {

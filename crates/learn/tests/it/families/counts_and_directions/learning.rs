@@ -12,7 +12,7 @@ use super::kit::{
 };
 use crate::kit::{cases_of, rng};
 
-/// Number of recordings from which the maximum is found.
+/// Number of recordings, each with a maximum to find.
 const RECORDINGS: u64 = 8;
 
 for_all_families! {

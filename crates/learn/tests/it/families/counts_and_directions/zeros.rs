@@ -98,8 +98,8 @@ fn one_step_finds_the_maximum_among_small_counts() {
         .unwrap();
 }
 
-/// If the inner distribution takes several steps, none leads down, and they end at a point from
-/// which every direction leads down.
+/// If the inner distribution takes several steps, none leads down, and they end at a point where
+/// every direction leads down.
 #[test]
 fn steps_with_dispersed_counts_lead_to_the_maximum() {
     for seed in 0..6 {

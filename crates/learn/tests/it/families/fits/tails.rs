@@ -33,7 +33,7 @@ fn counts_add_up<F: Cumulative>(part: &F, y: u32) -> TestCaseResult {
 }
 
 /// Both tails change from one drawn number to another by the integral of the density between them
-/// (by Simpson's rule, in a coordinate in which it is smooth), and sum to one.
+/// (by Simpson's rule, in a coordinate where it is smooth), and sum to one.
 fn densities_add_up<F: Cumulative>(
     part: &F,
     seed: u64,

@@ -22,7 +22,7 @@ fn types() -> impl Strategy<Value = CovarianceType> {
     (0..4_usize).prop_map(|kind| TYPES[kind])
 }
 
-/// A family from random numbers, from which positive definite covariances are made.
+/// A family from random numbers, with covariances made positive definite.
 fn family(kind: CovarianceType, n: usize, d: usize, numbers: &[f64]) -> Gaussian {
     let means: Vec<Vec<f64>> = numbers.chunks(d).take(n).map(<[f64]>::to_vec).collect();
     let full = |i: usize| covariance(d, &numbers[i * d..][..d * d]);

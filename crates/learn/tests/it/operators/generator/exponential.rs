@@ -81,8 +81,8 @@ fn far_states_keep_their_digits() {
     }
 }
 
-/// Too many states for a matrix: the sum ends once the belief is in equilibrium, or early if there
-/// are no moves.
+/// Too many states for a matrix: the sum ends once the belief is in equilibrium, or early without
+/// moves.
 #[test]
 fn long_gaps_on_many_states() {
     let n = 600;

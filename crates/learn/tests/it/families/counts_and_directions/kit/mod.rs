@@ -93,7 +93,7 @@ macro_rules! for_all_families {
 }
 pub(super) use for_all_families;
 
-/// A model that stays in the state in which it starts.
+/// A model that never leaves its first state.
 pub(super) fn staying<B: Likelihood>(family: B, state: usize) -> Hmm<DenseTransition, B> {
     let n = family.states();
     let row = |i: usize| (0..n).map(|j| f64::from(u8::from(i == j))).collect::<Vec<f64>>();
