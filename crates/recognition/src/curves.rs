@@ -86,8 +86,8 @@ impl ThresholdCurve {
     ///
     /// # Errors
     ///
-    /// [`EvaluationError`] if a score is NaN, or if there are no positives or
-    /// no negatives.
+    /// [`EvaluationError`] if a score is NaN, or if positives or negatives are
+    /// missing.
     pub fn roc(samples: &[(f64, bool)]) -> Result<Self, EvaluationError> {
         let cuts = cuts("score", samples)?;
         let all = cuts.last().map_or([0, 0], |all| all.counts);
