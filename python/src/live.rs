@@ -7,7 +7,7 @@ use wayfix::inference::{FilterSnapshot, FixedLagSnapshot};
 use crate::array::{contiguous, doubles};
 use crate::error::invalid;
 
-/// State of a stream that is stored as bytes, from which it continues with the same bits.
+/// State of a stream, stored as bytes; a stream restored from them continues with the same bits.
 pub(crate) trait StoredState: Sized {
     fn write(&self) -> PyResult<Vec<u8>>;
     fn read(bytes: &[u8]) -> PyResult<Self>;

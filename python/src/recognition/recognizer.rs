@@ -236,7 +236,7 @@ impl PyRecognizer {
     /// queries : array, shape (steps, d) or (steps, n)
     ///     Descriptors, distances or similarities, as the recogniser was made for.
     /// odometry : array, shape (steps,), optional
-    ///     Distance driven before each query, in references; NaN where there is no reading.
+    ///     Distance driven before each query, in references; NaN without a reading.
     #[pyo3(signature = (queries, odometry=None))]
     fn recording(
         this: &Bound<'_, Self>,
