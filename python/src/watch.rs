@@ -187,6 +187,7 @@ pub(crate) fn in_background_with<T: Send + 'static>(
         // After Ctrl-C the receiver is gone, and the result is dropped.
         let _ = sender.send(caught(|| compute(&own)));
     };
+    // `thread::spawn` would panic if the system refuses another thread.
     Builder::new().spawn(work).map_err(invalid)?;
     loop {
         let next;
