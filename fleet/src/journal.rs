@@ -2,8 +2,8 @@
 //!
 //! A text file. The first line holds the settings of the run as JSON, every other line one complete
 //! part; each line begins with its [checksum]. A last line that is cut off or damaged counts as not
-//! written, and its part is made again. A damaged line before it is an error, since there is no
-//! telling how many parts it stood for.
+//! written, and its part is made again. A damaged line before it is an error, since nothing
+//! tells how many parts it stood for.
 //!
 //! Lines are only appended, and a line is written after the bytes it describes, so after a crash
 //! the journal may lag behind the output but never runs ahead of what was written to the file;

@@ -200,7 +200,7 @@ where
     }
 }
 
-/// Input files, none of which the output may overwrite.
+/// Input files; the output may not overwrite any of them.
 pub(crate) fn inputs(job: &LearnJob) -> Outcome<InputFiles> {
     let files = find(std::slice::from_ref(&job.input))?;
     folder::outside(&files, &job.output)?;

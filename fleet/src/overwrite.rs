@@ -54,8 +54,8 @@ pub(crate) fn refuse<'a>(
     Ok(())
 }
 
-/// True if two paths lead to the same file, or to the same name in a folder if there is no file
-/// yet.
+/// True if two paths lead to the same file, or to the same name in a folder before the file
+/// exists.
 pub(crate) fn is_same(path: &Path, other: &Path) -> bool {
     let named = |path: &Path| {
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());

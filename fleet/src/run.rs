@@ -97,7 +97,7 @@ fn run_into(
         start: job.start,
         pieces: source.pieces.clone(),
     };
-    // From here on the output is locked: the journal is held open until `finish`.
+    // This locks the output: the journal is held open until `finish`.
     let mut out = match Partial::open(plan)? {
         Opened::Finished(counts) => return Ok(Summary::finished(counts)),
         Opened::Partial(out) => out,

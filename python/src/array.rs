@@ -126,6 +126,8 @@ pub(crate) fn borrowed<'py, T: Element, D: Dimension>(
 ) -> Option<PyReadonlyArray<'py, T, D>> {
     // Exactly numpy's class: a subclass may have a mask.
     let array = values.cast_exact::<PyUntypedArray>().ok()?;
+    // The borrow outlasts the global lock, and keeps other Rust code from writing meanwhile. A
+    // Python thread that writes is a race that numpy does not prevent either.
     let array = array.cast::<PyArray<T, D>>().ok()?.try_readonly().ok()?;
     // `as_slice` alone would also accept Fortran's order.
     (array.is_c_contiguous() && array.as_slice().is_ok()).then_some(array)
@@ -173,6 +175,7 @@ pub(crate) fn symbols(values: &Bound<'_, PyAny>, lengths: &[usize]) -> PyResult<
 /// Reads the symbol of a step.
 pub(crate) fn symbol(value: &Bound<'_, PyAny>, step: usize) -> PyResult<usize> {
     value.extract().map_err(|_| {
+        // PyO3's own error, of a type that depends on the value, would lack the step.
         let message = format!("the symbol is {value}, expected an integer from 0");
         of_step(value.py(), 0, step, message)
     })

@@ -71,6 +71,7 @@ pub(crate) fn of_several(py: Python<'_>, sequence: usize, error: &PyErr) -> PyEr
     if !error.is_instance_of::<Error>(py) {
         return error.clone_ref(py);
     }
+    // The base class loses nothing: only inference raises `ImpossibleError`, and this is reading.
     let step = value.getattr("step").and_then(|step| step.extract()).unwrap_or(None);
     placed(py, invalid(format!("sequence {sequence}: {value}")), sequence, step)
 }
@@ -96,6 +97,7 @@ pub(crate) fn of_moves(error: &TransitionError) -> PyErr {
 pub(crate) fn of_drive(py: Python<'_>, error: &MatchError) -> PyErr {
     let (drive, cause) = match error {
         MatchError::Drive(at) => (at.number, &*at.cause),
+        // A single drive or a vehicle, whose errors do not count drives.
         one => (0, one),
     };
     // Points count from 0 in the library, and steps from 1 here.

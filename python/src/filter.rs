@@ -54,6 +54,8 @@ live_methods!(PyFilter, FilterSnapshot, |live| live, {
         &self,
         py: Python<'py>,
     ) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>,))> {
+        // A bound method pickles as its object and its name. So the model comes along, once for all
+        // of its filters in a pickle.
         Ok((self.hmm.bind(py).getattr("filter_from_bytes")?, (self.to_bytes(py)?,)))
     }
 

@@ -50,6 +50,7 @@ macro_rules! with_sequence {
                 let $ys = &symbols[..];
                 $body
             }
+            // Not reached: `Model::observed` reads by the sensor of this same model.
             _ => return Err($crate::error::invalid($crate::kinds::OTHER_SENSOR)),
         }
     };
@@ -112,6 +113,7 @@ pub(crate) fn split<'a, T>(
     lengths: &[usize],
     width: usize,
 ) -> PyResult<Vec<&'a [T]>> {
+    // Never by 0: `width` is 1 or a number of states, and a prior without states is refused.
     let rows = values.len() / width;
     // Checked before anything is split: lengths come from outside, and their sum may overflow.
     let sum = lengths.iter().try_fold(0_usize, |sum, length| sum.checked_add(*length));

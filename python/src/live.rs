@@ -7,7 +7,7 @@ use wayfix::inference::{FilterSnapshot, FixedLagSnapshot};
 use crate::array::{contiguous, doubles};
 use crate::error::invalid;
 
-/// State of a stream that is stored as bytes, from which it continues with the same bits.
+/// State of a stream, stored as bytes; a stream restored from them continues with the same bits.
 pub(crate) trait StoredState: Sized {
     fn write(&self) -> PyResult<Vec<u8>>;
     fn read(bytes: &[u8]) -> PyResult<Self>;
@@ -76,6 +76,8 @@ macro_rules! live_methods {
             fn observe(&mut self, observation: &Bound<'_, PyAny>, moves: bool) -> PyResult<f64> {
                 // For the error of a symbol, which is read before the stream sees it.
                 let step = self.steps() + 1;
+                // The global lock is kept: `self` is mutably borrowed, so a thread that got the
+                // lock during the step could only run into the exception that PyO3 raises for that.
                 let done = match &mut self.live {
                     Live::DenseVector(live) => $crate::live::row(observation, |y| {
                         if moves { live.step(y) } else { live.update(y) }
@@ -155,6 +157,8 @@ macro_rules! live_methods {
 
             /// Restores the state that `to_bytes` returned; it continues with the same bits.
             pub(crate) fn restore(&mut self, bytes: &[u8]) -> PyResult<()> {
+                // Either error leaves the stream as it was: all bytes are read first, and the
+                // library restores everything or nothing.
                 let snapshot = <$snapshot as $crate::live::StoredState>::read(bytes)?;
                 with_live!(&mut self.live, |live| live.restore(&snapshot)).map_err(invalid)
             }

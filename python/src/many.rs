@@ -168,6 +168,8 @@ fn on_threads<S: Send, T: Send>(
                     return Err(defect(payload));
                 }
                 Err(mpsc::RecvTimeoutError::Timeout) => {}
+                // Not reached while a part is missing: `caught` makes each thread send a message
+                // for every part it takes, and taking one cannot poison the queue.
                 Err(mpsc::RecvTimeoutError::Disconnected) => break,
             }
             if let Err(raised) = py.check_signals().and_then(|()| report()) {

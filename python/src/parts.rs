@@ -16,7 +16,7 @@ use crate::array::{self, contiguous, matrix};
 use crate::error::{invalid, of_moves};
 use crate::typed::index;
 
-/// Operator of a model, in the form in which its moves were given.
+/// Operator of a model, in the form its moves were given in.
 pub(crate) enum Operator {
     Dense(DenseTransition),
     Sparse(Box<SparseTransition>),

@@ -55,6 +55,7 @@ impl PySmoothed {
 impl PySmoothed {
     #[new]
     fn new(probabilities: &Bound<'_, PyAny>, log_likelihood: f64) -> PyResult<Self> {
+        // `clone` adds a reference: the array that a pickle holds is kept, not copied.
         let probabilities = (*array::rows(probabilities, "probabilities")?).clone().unbind();
         Ok(Self { probabilities, log_likelihood })
     }

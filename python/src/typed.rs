@@ -42,6 +42,7 @@ impl<'a, T> Rows<'a, T> {
     }
 
     pub(crate) fn iter(&self) -> impl Iterator<Item = &'a [T]> + use<'a, T> {
+        // Not by chunks of the values: a matrix without columns has rows, but nothing to cut.
         let (values, width) = (self.values, self.width);
         (0..self.count).map(move |row| &values[row * width..][..width])
     }

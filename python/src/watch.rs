@@ -51,7 +51,7 @@ impl Watch {
         self.stopped.store(true, Ordering::Relaxed);
     }
 
-    /// True if the result is no longer wanted.
+    /// True once nobody wants the result.
     pub(crate) fn is_stopped(&self) -> bool {
         self.stopped.load(Ordering::Relaxed)
     }
@@ -184,9 +184,10 @@ pub(crate) fn in_background_with<T: Send + 'static>(
     let watch = Arc::new(Watch::new());
     let own = Arc::clone(&watch);
     let work = move || {
-        // After Ctrl-C there is no receiver, and the result is dropped.
+        // After Ctrl-C the receiver is gone, and the result is dropped.
         let _ = sender.send(caught(|| compute(&own)));
     };
+    // `thread::spawn` would panic if the system refuses another thread.
     Builder::new().spawn(work).map_err(invalid)?;
     loop {
         let next;

@@ -84,8 +84,8 @@ impl ThresholdCurve {
     ///
     /// # Errors
     ///
-    /// [`OutOfRange`] if a score is NaN, or if there are no positives or
-    /// no negatives.
+    /// [`OutOfRange`] if a score is NaN, or if positives or negatives are
+    /// missing.
     pub fn roc(samples: &[(f64, bool)]) -> Result<Self, OutOfRange> {
         let cuts = cuts("score", samples)?;
         let all = cuts.last().map_or([0, 0], |all| all.counts);

@@ -91,8 +91,8 @@ const LONGEST: f64 = 1.7e38;
 const MAPPING: OffMap = OffMap { leave: 1e-4, back: 1e-4, near: 0.3, within: 10 };
 /// Factor of the temperature: views of places that are not on the map err together for longer.
 const WARMER: f64 = 1.25;
-/// Number of recent views from which the usual scores of the season are learned, and the weight of
-/// each, in queries.
+/// Number of recent views that teach the usual scores of the season, and the weight of each, in
+/// queries.
 const RECENT: usize = 32;
 const RECENT_WEIGHT: f64 = 0.5;
 /// Number of references that a run of answers must pass before it is believed: a dark stretch
@@ -214,7 +214,7 @@ impl Mapper {
     ///
     /// # Errors
     ///
-    /// [`RecognitionError`] if there are no references, or all are equal.
+    /// [`RecognitionError`] without references, or if all are equal.
     pub fn recognizer(&self, options: Options) -> Result<Recognizer, RecognitionError> {
         Recognizer::from_descriptors(&self.references, self.distance, options)
     }

@@ -107,8 +107,8 @@ impl Recognizer {
     ///
     /// # Errors
     ///
-    /// [`RecognitionError`] for references or options that are not valid, if there are no
-    /// traverses, or if their lengths differ.
+    /// [`RecognitionError`] for references or options that are not valid, without traverses,
+    /// or if their lengths differ.
     pub fn from_traverses<R: AsRef<[f32]>>(
         traverses: &[&[R]],
         distance: Distance,

@@ -19,11 +19,11 @@ use wayfix::error::OutOfRange;
 /// of each.
 const SAMPLE: usize = 64;
 /// Distance along the route within which references always count as alike because they are near,
-/// and the score at or above which farther ones are no longer alike.
+/// and the score below which farther ones do, too.
 const NEAR: usize = 10;
 const FAR_SCORE: f32 = -1.0;
 
-/// A view from which the usual scores of references are learned.
+/// A view that teaches the usual scores of references.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Exemplar<'a> {
     pub(super) descriptor: &'a [f32],
@@ -244,7 +244,7 @@ pub(crate) struct Sensor {
     pub(crate) run: Option<(Option<ViewChange>, u32)>,
     /// Largest change with which a view still counts as unchanged.
     pub(crate) still: f64,
-    /// Share of recent new views in which the reference that was nearest before is still among the
+    /// Share of recent new views where the reference that was nearest before is still among the
     /// nearest.
     pub(crate) lingering: f64,
     /// Motion by odometry and views, if the vehicle may leave the map.

@@ -89,7 +89,7 @@ pub enum NetworkError {
         /// Description of the problem, with the valid values.
         problem: String,
     },
-    /// There are no roads to cut into cells.
+    /// A network without roads to cut into cells.
     #[error("cells need at least one road, found none")]
     NoRoads,
     /// The roads have more cells than 32-bit indices can address.

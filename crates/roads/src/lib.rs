@@ -54,8 +54,8 @@
 //!
 //! # What it does not do
 //!
-//! - **Navigation.** There is no routing to a destination, no lanes, and no traffic.
-//! - **Maps beyond memory.** A network is in memory as a whole; there are no tiles.
+//! - **Navigation.** No routing to a destination, no lanes, no traffic.
+//! - **Maps beyond memory.** A network is in memory as a whole, without tiles.
 //! - **Dead reckoning in the plane.** States are on roads, or off the road without a place; an
 //!   inertial sensor moves nothing.
 //! - **Learning a map.** Roads that the map does not have are stretches off the road.

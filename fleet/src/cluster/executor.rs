@@ -20,7 +20,7 @@ pub struct ExecutorCommand {
     /// Address of the scheduler.
     #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:50050")]
     scheduler: String,
-    /// Address that the scheduler, other executors and clients connect to. There is no password, so
+    /// Address that the scheduler, other executors and clients connect to. It has no password, so
     /// use one that only they can reach.
     #[arg(long, default_value = "127.0.0.1")]
     host: IpAddr,

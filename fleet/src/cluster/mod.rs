@@ -31,7 +31,7 @@ fn models(folder: Option<&Path>) -> Outcome<Models> {
 
 /// Context whose queries run on the cluster of the scheduler at `host:port`.
 ///
-/// Queries are cut into `tasks` tasks, each of which reads part of a file.
+/// Queries are cut into `tasks` tasks; each reads part of a file.
 ///
 /// # Errors
 ///

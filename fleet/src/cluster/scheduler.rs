@@ -16,7 +16,7 @@ use crate::error::Outcome;
 #[derive(Debug, Clone, Parser)]
 #[command(name = "wayfix-fleet-scheduler", version)]
 pub struct SchedulerCommand {
-    /// Address that executors and clients connect to. There is no password, so use one that only
+    /// Address that executors and clients connect to. It has no password, so use one that only
     /// they can reach.
     #[arg(long, default_value = "127.0.0.1")]
     host: IpAddr,

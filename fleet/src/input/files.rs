@@ -18,7 +18,7 @@ pub(crate) struct InputFile {
     pub(crate) relative: PathBuf,
 }
 
-/// Files of an input, in the order in which they are read.
+/// Files of an input, in the order they are read.
 #[derive(Debug, Clone)]
 pub(crate) struct InputFiles {
     pub(crate) files: Vec<InputFile>,

@@ -61,7 +61,7 @@ impl Drives {
         self.ids.len()
     }
 
-    /// True if there are no drives.
+    /// True without drives.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.ids.is_empty()

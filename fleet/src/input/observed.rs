@@ -46,7 +46,7 @@ impl Observed {
         &self.column
     }
 
-    /// Reads the columns of a sensor, each of which has a value per step.
+    /// Reads the columns of a sensor, each with a value per step.
     pub(super) fn new(
         sensor: &Sensor,
         columns: &[(&str, ArrayRef)],

@@ -51,7 +51,7 @@ struct Stretch {
 }
 
 impl LongDrives {
-    /// Adds rows, some of which are invalid: run by run of equal ids.
+    /// Adds rows, some of them invalid, one run of equal ids after another.
     pub(super) fn sort_out(&mut self, rows: Rows) -> Outcome<()> {
         let Rows { batch, mut wrong } = rows;
         let names = self.layout.names.clone();

@@ -125,7 +125,7 @@ impl Results {
                 }
                 fields.extend(self.step_fields());
                 fields.extend(self.long_total());
-                // A failed drive keeps one row, in which only the kind fits; messages are in the
+                // A failed drive keeps one row, with room for the kind alone; messages are in the
                 // table of drives.
                 fields.push(error[0].clone());
             }

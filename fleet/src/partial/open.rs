@@ -1,7 +1,7 @@
 //! Opening an output: from nothing, or after its complete parts.
 //!
 //! A kill may hit between any two steps of the run before, so each state of (output, `.partial`,
-//! `.journal`) is told apart here by what exists, in the order in which a run creates and removes
+//! `.journal`) is told apart here by what exists, in the order that a run creates and removes
 //! them.
 
 use std::fs::OpenOptions;

@@ -69,7 +69,7 @@ use crate::error::{FleetError, Outcome};
 const SHARDS: usize = 8;
 /// Maximum length of the hash of a model, in bytes.
 const LONGEST_HASH: usize = 1 << 16;
-/// Maximum number of shards, each of which may have two files open.
+/// Maximum number of shards; each may have two files open.
 const MOST_SHARDS: usize = 256;
 
 /// Resources of a pool.
@@ -77,8 +77,8 @@ const MOST_SHARDS: usize = 256;
 pub struct PoolOptions {
     /// Threads, at least one.
     pub threads: usize,
-    /// Approximate memory for vehicles, in bytes. It is divided among the shards of the pool, each
-    /// of which keeps at least one vehicle in memory.
+    /// Approximate memory for vehicles, in bytes. It is divided among the shards of the pool, and
+    /// each keeps at least one vehicle in memory.
     pub memory: Option<usize>,
     /// Folder for the vehicles that do not fit into memory. Required with `memory`, and used by one
     /// pool at a time. Its files have no meaning without the pool.
@@ -214,7 +214,7 @@ impl<A: Transition, B: Likelihood> Pool<A, B> {
     }
 
     /// State of a vehicle with its belief, to continue with in a filter of your own; `None` if
-    /// there is no such vehicle. Asking does not count as an update.
+    /// the vehicle is unknown. Asking does not count as an update.
     ///
     /// # Errors
     ///
@@ -226,7 +226,7 @@ impl<A: Transition, B: Likelihood> Pool<A, B> {
         found.map(|at| shard.state(at)).transpose()
     }
 
-    /// Time of the last update of a vehicle, or `None` if there is no such vehicle.
+    /// Time of the last update of a vehicle, or `None` if it is unknown.
     #[must_use]
     pub fn time(&self, vehicle: &VehicleId) -> Option<i64> {
         let (hash, shard) = self.place(vehicle);
@@ -234,7 +234,7 @@ impl<A: Transition, B: Likelihood> Pool<A, B> {
         shard.find(hash, vehicle).map(|at| shard.time(at)).filter(|&time| self.is_kept(time))
     }
 
-    /// Forgets a vehicle. Returns false if there is no such vehicle.
+    /// Forgets a vehicle. Returns false if it is unknown.
     pub fn remove(&mut self, vehicle: &VehicleId) -> bool {
         let (hash, shard) = self.place(vehicle);
         let mut shard = lock(&self.shards[shard]);

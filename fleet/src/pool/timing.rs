@@ -72,7 +72,7 @@ impl Moment<'_> {
 }
 
 impl<A: Transition, B: Likelihood> Pool<A, B> {
-    /// Sets the effects of the time of updates from now on. A snapshot does not contain the latest
+    /// Sets the effects of the time of all later updates. A snapshot does not contain the latest
     /// time; `latest` passes it on, if known.
     pub fn set_timing(&mut self, timing: Timing, latest: Option<i64>) {
         self.timing = timing;

@@ -60,7 +60,7 @@ where
         answers
     }
 
-    /// Applies updates with all threads, each of which takes one shard after another.
+    /// Applies updates with all threads; each takes one shard after another.
     fn round(&mut self, updates: &[Update<B::Observation>], answers: &mut Vec<UpdateResult>)
     where
         A: Send + Sync,

@@ -23,7 +23,7 @@ use crate::error::{FleetError, Outcome};
 /// Bytes read at a time.
 const BUFFER: usize = 1 << 20;
 
-/// Parquet files of a table, in the order in which they are read.
+/// Parquet files of a table, in the order they are read.
 #[derive(Debug)]
 pub(super) struct Files {
     paths: Vec<PathBuf>,

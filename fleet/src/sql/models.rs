@@ -36,7 +36,7 @@ impl Loaded {
     }
 }
 
-/// Models by folder and name, in the order in which they were read.
+/// Models by folder and name, in the order they were read.
 type Read = VecDeque<(Models, String, Arc<Loaded>)>;
 
 static READ: LazyLock<Mutex<Read>> = LazyLock::new(Mutex::default);

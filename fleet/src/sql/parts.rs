@@ -1,5 +1,5 @@
-//! A query by parts: over one range of a sorted table after another, each of which leaves rows in
-//! the output that an interruption does not lose.
+//! A query by parts: over one range of a sorted table after another. Each leaves rows in the
+//! output that survive an interruption.
 //!
 //! Several ranges are in flight at a time, each as a query with one partition whose rows go to an
 //! unnamed temporary file, which vanishes with the process. Finished ones become row groups of the

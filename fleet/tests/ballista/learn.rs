@@ -5,7 +5,7 @@ use wayfix_fleet::sql;
 use crate::Cluster;
 use crate::kit::*;
 
-/// Ten iterations on two executors, one of which is killed on the way, equal those of the library.
+/// Ten iterations on two executors equal those of the library, though one is killed on the way.
 #[test]
 fn iterations_are_those_of_one_process() {
     let given = model(21);

@@ -1,4 +1,4 @@
-//! Models of a folder, outside of which queries see nothing.
+//! Models of a folder: queries see nothing outside it.
 
 use std::fs;
 use std::path::Path;

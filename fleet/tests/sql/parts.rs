@@ -259,7 +259,7 @@ fn a_killed_query_goes_on() {
             }
         }
         assert!(fs::read(&of.output).unwrap() == expected, "{left} kills left");
-        // A lock file left by a killed run is no obstacle.
+        // A lock file left by a killed run does not get in the way.
         let told = command(&folder, &of).stderr(Stdio::piped()).output().unwrap();
         assert!(told.status.success() && told.stderr.is_empty(), "{told:?}");
         assert!(!of.output.with_extension("parquet.unfinished").exists());

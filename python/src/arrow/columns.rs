@@ -120,6 +120,7 @@ where
     if nulls(arrays) == 0 {
         return numbers::<T>(py, arrays, T::Native::default());
     }
+    // Only a double can be NaN; the price is that integers beyond 2^53 are rounded.
     let values = arrays.iter().flat_map(|array| array.as_primitive::<T>().iter());
     let values: Vec<f64> = values.map(|value| value.map_or(f64::NAN, &double)).collect();
     PyArray1::from_vec(py, values).into_any()

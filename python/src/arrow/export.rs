@@ -41,6 +41,8 @@ pub(crate) fn arrow_stream<'py>(columns: &Bound<'py, PyDict>) -> PyResult<Bound<
     let batch = RecordBatch::try_new_with_options(Arc::clone(&schema), arrays, &options);
     let reader = RecordBatchIterator::new([Ok(batch.map_err(invalid)?)], schema);
     let stream = FFI_ArrowArrayStream::new(Box::new(reader));
+    // The capsule drops the stream. One that a consumer took is marked released by then, so that
+    // its memory is freed once in either case.
     PyCapsule::new_with_value(columns.py(), stream, c"arrow_array_stream")
 }
 

@@ -168,8 +168,8 @@ pub(crate) fn learn(
         sequences.iter().enumerate().map(read).collect()
     };
     match hmm.get().model() {
-        // The branches differ in types alone: the learned moves go back in the form in which they
-        // were given, and beside them either a table or a family.
+        // The branches differ in types alone: the learned moves go back in the form they were given
+        // in, and beside them either a table or a family.
         Model::DenseTable(hmm) => {
             let symbols = symbols()?;
             let found = run(py, progress, |watch, tell| {

@@ -128,6 +128,7 @@ impl PyFamily {
         &self,
         py: Python<'py>,
     ) -> PyResult<(Bound<'py, PyAny>, (&'static str, Bound<'py, PyAny>))> {
+        // Not the constructor: it takes the parameters by keyword, which `__reduce__` cannot pass.
         let made = py.get_type::<Self>().getattr("_from_parameters")?;
         Ok((made, (self.kind(), self.parameters(py)?)))
     }

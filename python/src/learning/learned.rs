@@ -52,6 +52,7 @@ impl PyLearned {
     /// Number of iterations.
     #[getter]
     fn iterations(&self, py: Python<'_>) -> usize {
+        // The first objective is that of the given model, so there is always one.
         self.objectives.bind(py).len() - 1
     }
 

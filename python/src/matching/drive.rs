@@ -76,6 +76,7 @@ impl PyMatchedDrive {
 
     /// Returns the `count` most probable distinct routes.
     fn routes(&self, py: Python<'_>, count: Size) -> PyResult<PyRankedRoutes> {
+        // After Ctrl-C the search goes on without this call, so it must own what it reads.
         let matcher = Arc::clone(&self.matcher.get().matcher);
         let drive = Arc::clone(&self.drive);
         let found = in_background(py, move |_| matcher.routes(&drive, count.0))?;

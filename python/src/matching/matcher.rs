@@ -86,6 +86,8 @@ impl PyMatcher {
         let model = self::model(MatchModel::default(), model)?;
         let roads = Arc::clone(&network.get().network);
         let made = in_background(network.py(), move |_| {
+            // A matcher owns its roads, and Python's network stays in use. The copy is made here,
+            // without the global lock.
             Matcher::new(roads.as_ref().clone()).with_model(model)
         })?;
         let matcher = Arc::new(made.map_err(invalid)?);
@@ -108,6 +110,7 @@ impl PyMatcher {
     #[pyo3(signature = (**model))]
     fn with_model(&self, py: Python<'_>, model: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
         let model = self::model(*self.matcher.model(), model)?;
+        // A copy without any search or index to build, so Ctrl-C can wait for it.
         let matcher = py.detach(|| self.matcher.as_ref().clone().with_model(model));
         let matcher = Arc::new(matcher.map_err(invalid)?);
         Ok(Self { matcher, network: self.network.clone_ref(py) })
@@ -180,6 +183,8 @@ impl PyMatcher {
         let estimator = Estimator::of(estimator, lag.map(|lag| lag.0))?;
         // Counted by the threads that match, and reported by this one, which has the global lock.
         let (count, done) = (offsets.len().saturating_sub(1), Arc::new(AtomicUsize::new(0)));
+        // `order_of` in `_trips` made the offsets: they ascend, up to the number of rows, so that
+        // `match_all` may slice by them.
         let drives = Drives { points: columns.points()?, offsets, estimator, skip };
         let (matcher, told) = (Arc::clone(&self.matcher), Arc::clone(&done));
         let jobs = threads(n_jobs)?;

@@ -106,6 +106,7 @@ impl PyRoadNetwork {
         py: Python<'_>,
         import: impl FnOnce() -> Result<(RoadNetwork, ImportReport), NetworkError> + Send + 'static,
     ) -> PyResult<Self> {
+        // An import is a single call, which cannot look for signals on the way.
         let imported = in_background(py, move |_| import())?;
         let (network, report) = imported.map_err(invalid)?;
         Ok(Self { network: Arc::new(network), report: report.to_string() })
@@ -113,6 +114,7 @@ impl PyRoadNetwork {
 
     fn check_edge(&self, edge: usize) -> PyResult<usize> {
         let edges = self.network.edges().len();
+        // Checked here, since the library panics for an edge that does not exist.
         if edge < edges {
             return Ok(edge);
         }

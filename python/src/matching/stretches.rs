@@ -73,7 +73,8 @@ impl PyStretches {
     /// Length on roads, in metres.
     #[getter]
     fn metres(&self) -> f64 {
-        // Off the road, a stretch has its straight distance, which is not on roads.
+        // Off the road, a stretch has its straight distance, which is not on roads. Folded, since
+        // `sum` starts from −0: a route without roads would be printed as "-0 m".
         let on_road = self.stretches.iter().filter(|part| part.edge.is_some());
         on_road.fold(0.0, |sum, part| sum + part.metres())
     }

@@ -143,6 +143,7 @@ impl Drives {
                 }
             }
             done.fetch_add(1, Ordering::Relaxed);
+            // The rest of the part stays unmatched, which nobody sees: the caller has raised.
             if watch.is_stopped() {
                 break;
             }

@@ -88,7 +88,7 @@ impl PyVehicle {
         self.answer(self.with(py, |vehicle| vehicle.late()))
     }
 
-    /// Returns the answer for the point `points` points ago, or None if it is no longer kept.
+    /// Returns the answer for the point `points` points ago, or None if it has been dropped.
     fn ago(&self, py: Python<'_>, points: Size) -> Option<PyRoadAnswer> {
         self.with(py, |vehicle| vehicle.ago(points.0)).map(|found| self.answer(found))
     }

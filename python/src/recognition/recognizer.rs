@@ -74,6 +74,8 @@ impl PyRecognizer {
         let all: Vec<Rows<'_, f32>> = traverses.iter().map(Rows::of).collect::<PyResult<_>>()?;
         // All passes have as many rows as the first; the library refuses others.
         check_memory(all.first().map_or(0, Rows::count), &options)?;
+        // The rows borrow numpy's memory, since a copy of a large map might not fit. So they cannot
+        // go to a thread that may outlive this call, as in `compared`, and Ctrl-C waits.
         let made = py.detach(|| {
             let rows: Vec<Vec<&[f32]>> = all.iter().map(|rows| rows.iter().collect()).collect();
             let slices: Vec<&[&[f32]]> = rows.iter().map(Vec::as_slice).collect();
@@ -236,7 +238,7 @@ impl PyRecognizer {
     /// queries : array, shape (steps, d) or (steps, n)
     ///     Descriptors, distances or similarities, as the recogniser was made for.
     /// odometry : array, shape (steps,), optional
-    ///     Distance driven before each query, in references; NaN where there is no reading.
+    ///     Distance driven before each query, in references; NaN without a reading.
     #[pyo3(signature = (queries, odometry=None))]
     fn recording(
         this: &Bound<'_, Self>,

@@ -116,6 +116,7 @@ impl PyRecording {
 
     fn __copy__(&self, py: Python<'_>) -> Self {
         Self {
+            // Shared: nothing changes a recording once it is made.
             recording: Arc::clone(&self.recording),
             recognizer: self.recognizer.clone_ref(py),
             queries: self.queries.clone_ref(py),

@@ -22,6 +22,7 @@ pub(super) enum Source {
 
 impl Source {
     pub(super) fn clone_ref(&self, py: Python<'_>) -> Self {
+        // `Clone` cannot be derived: counting a reference of Python's takes the global lock.
         match self {
             Self::Descriptors { traverses, distance } => Self::Descriptors {
                 traverses: traverses.iter().map(|array| array.clone_ref(py)).collect(),

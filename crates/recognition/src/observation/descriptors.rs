@@ -77,7 +77,7 @@ impl ReferenceDescriptors {
     ///
     /// # Errors
     ///
-    /// [`ViewError`] if the dimension is 0, if there are no values or not a multiple of it,
+    /// [`ViewError`] if the dimension is 0, if the number of values is 0 or not a multiple of it,
     /// if an element is NaN or infinite, if a reference is 0 in every element and the distance is
     /// [`Distance::Cosine`], and if there are two or more references and all are equal (with the
     /// cosine: have one direction, to 32 bits).
@@ -140,7 +140,7 @@ impl ReferenceDescriptors {
     }
 
     /// Returns the descriptor of a reference as stored, scaled to length 1 for the cosine; `None`
-    /// if there is no such reference. O(d).
+    /// if the reference does not exist. O(d).
     #[must_use]
     pub fn descriptor(&self, reference: usize) -> Option<Vec<f32>> {
         let start = reference / GROUP * self.dimension;

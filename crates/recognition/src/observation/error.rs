@@ -25,14 +25,13 @@ pub enum ViewError {
         /// Distance given.
         value: f32,
     },
-    /// A query is infinitely far from all references, and there is no state for being off the
-    /// map.
+    /// A query is infinitely far from all references, in a model without a state off the map.
     #[error("the query is infinitely far from all references, and there is no state off the map")]
     NoMatch,
     /// Descriptors without elements.
     #[error("descriptors have dimension 0, expected at least 1")]
     NoDimension,
-    /// There are no references.
+    /// A map without references.
     #[error("there are no references, expected at least one")]
     NoReferences,
     /// The last descriptor is incomplete.

@@ -137,7 +137,7 @@ impl WithSimd for Score<'_> {
     }
 }
 
-/// Score clipped to the range in which it counts for a change.
+/// Score clipped to the range where it counts for a change.
 #[inline(always)]
 pub(crate) fn within(score: f32) -> f32 {
     score.clamp(-MOST_CHANGED, MOST_CHANGED)

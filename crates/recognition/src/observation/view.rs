@@ -75,8 +75,8 @@ impl ViewComparison {
     }
 
     /// Estimates a threshold: a tenth of the median change from row to row, over finite changes
-    /// above 0. For recordings in which the vehicle moves most of the time. O(N log N) for N
-    /// distances; 0 if there is no change.
+    /// above 0. For recordings where the vehicle moves most of the time. O(N log N) for N
+    /// distances; 0 without such a change.
     ///
     /// # Errors
     ///

@@ -63,7 +63,7 @@ fn views_allocate_nothing() {
         let far = |i: usize| k % 3 == 1 && i % 7 == 2;
         (0..n).map(|i| if far(i) { f32::INFINITY } else { distance(i) }).collect()
     };
-    // Then one in which all are equal, and one in which all are infinite.
+    // Then a row of equal distances, and one of infinite ones.
     let mut rows: Vec<Vec<f32>> = (0..20).map(row).collect();
     rows.extend([vec![0.5; n], vec![f32::INFINITY; n]]);
 

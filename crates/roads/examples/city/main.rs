@@ -40,7 +40,7 @@ struct Arguments {
     /// Cut the network to a box, in degrees.
     #[arg(long = "box", value_name = "W,S,E,N", value_delimiter = ',', allow_hyphen_values = true)]
     corners: Vec<f64>,
-    /// Keep the largest part in which every node can be reached from every other.
+    /// Keep the largest part whose nodes can all reach one another.
     #[arg(long)]
     largest: bool,
     /// Remove nodes that roads only pass through.

@@ -58,7 +58,7 @@ pub(crate) fn track(
         tracked.live_seconds += start.elapsed().as_secs_f64();
         // Not part of the time.
         tracked.bytes = tracked.bytes.max(vehicle.bytes());
-        // From now on each step completes one late answer, for the point `lag` points ago: the
+        // After this each step completes one late answer, for the point `lag` points ago: the
         // first is for point 0.
         if vehicle.points_late() == lag {
             late.push_back(vehicle.late());
@@ -67,12 +67,11 @@ pub(crate) fn track(
     let start = Instant::now();
     let matched = matcher.match_drive(points)?;
     tracked.match_seconds = start.elapsed().as_secs_f64();
-    // Back to a sum, which drives of different lengths can be added by.
+    // Back to a sum, so that drives of different lengths can be added.
     tracked.candidates = matched.candidates() * points.len() as f64;
     let network = matcher.network();
     for (point, &truth) in drive.truth.iter().enumerate() {
-        // At the end of the drive there are no later points to wait for, and a late answer is a
-        // smoothed one.
+        // At the end of the drive no later points follow, and a late answer is a smoothed one.
         let late = late.pop_front().unwrap_or_else(|| matched.smoothed(point));
         let answers = [live[point], late, matched.smoothed(point)];
         tracked.off_road.push(truth.is_none(), answers);

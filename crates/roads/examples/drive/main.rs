@@ -47,7 +47,7 @@ struct Arguments {
     /// empty off the road, and the time of the first point there.
     #[arg(long, value_name = "FILE", requires = "trace")]
     truth: Option<PathBuf>,
-    /// Keep the largest part of the roads in which every node can be reached from every other.
+    /// Keep the largest part of the roads whose nodes can all reach one another.
     #[arg(long)]
     largest: bool,
     /// Remove nodes that roads only pass through; a truth may name them.

@@ -75,7 +75,7 @@ impl Truths {
             let mut known = [None; 3];
             for (value, (column, name)) in known.iter_mut().zip(more.into_iter().zip(MORE)) {
                 let text = column.map_or("", |column| &record[column]);
-                // `parse` accepts NaN and infinity, which are no metres and no times.
+                // `parse` accepts NaN and infinity, neither of them a distance or a time.
                 let parsed = text.parse().ok().filter(|number: &f64| number.is_finite());
                 if parsed.is_none() && !text.is_empty() {
                     return Err(at(format!("{name} is {text:?}, expected a number")));

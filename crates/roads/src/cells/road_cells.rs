@@ -73,7 +73,7 @@ impl Layout {
 /// which are the states of a vehicle whose position along its road matters.
 ///
 /// With intersections as states, a model cannot tell how far a vehicle has come between two of
-/// them, nor on which road and in which direction it is before it arrives. With cells it can, for
+/// them, nor its road and direction before it arrives. With cells it can, for
 /// ticks of centimetres and jumps of kilometres alike;
 /// [`CellTransition`](crate::cells::CellTransition) moves them.
 ///
@@ -185,7 +185,7 @@ impl<P> RoadCells<P> {
     ///
     /// # Panics
     ///
-    /// If there is no such cell.
+    /// If the cell does not exist.
     #[must_use]
     pub fn edge(&self, cell: usize) -> usize {
         self.layout.edge(cell)
@@ -195,7 +195,7 @@ impl<P> RoadCells<P> {
     ///
     /// # Panics
     ///
-    /// If there is no such edge.
+    /// If the edge does not exist.
     #[must_use]
     pub fn cells(&self, edge: usize) -> Range<usize> {
         self.layout.cells(edge)
@@ -205,7 +205,7 @@ impl<P> RoadCells<P> {
     ///
     /// # Panics
     ///
-    /// If there is no such cell.
+    /// If the cell does not exist.
     #[must_use]
     pub fn stretch(&self, cell: usize) -> Range<f64> {
         let edge = self.edge(cell);
@@ -218,7 +218,7 @@ impl<P> RoadCells<P> {
     ///
     /// # Panics
     ///
-    /// If there is no such cell.
+    /// If the cell does not exist.
     #[must_use]
     pub fn metres_along(&self, cell: usize) -> f64 {
         let stretch = self.stretch(cell);
@@ -230,7 +230,7 @@ impl<P> RoadCells<P> {
     ///
     /// # Panics
     ///
-    /// If there is no such edge.
+    /// If the edge does not exist.
     #[must_use]
     #[expect(clippy::cast_sign_loss, reason = "below 0 is the first cell")]
     pub fn cell_at(&self, edge: usize, metres: f64) -> usize {
@@ -250,7 +250,7 @@ impl<P: Coordinates> RoadCells<P> {
     ///
     /// # Panics
     ///
-    /// If there is no such cell.
+    /// If the cell does not exist.
     #[must_use]
     pub fn position(&self, cell: usize) -> P {
         self.network.position_along(self.edge(cell), self.metres_along(cell))
@@ -262,7 +262,7 @@ impl<P: Coordinates> RoadCells<P> {
     ///
     /// # Panics
     ///
-    /// If there is no such cell.
+    /// If the cell does not exist.
     #[must_use]
     pub fn position_ahead(&self, cell: usize, ahead: f64) -> P {
         self.network.position_along(self.edge(cell), self.metres_along(cell) + ahead)

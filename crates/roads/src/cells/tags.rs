@@ -177,7 +177,7 @@ impl TagLikelihood {
     ///
     /// # Panics
     ///
-    /// If there is no such tag.
+    /// If the tag does not exist.
     #[must_use]
     pub fn cells(&self, tag: usize) -> impl ExactSizeIterator<Item = usize> {
         self.tags[tag].listed().iter().map(|entry| entry.0)

@@ -148,7 +148,7 @@ impl<P: Coordinates> MatchedDrive<P> {
     ///
     /// # Panics
     ///
-    /// If there is no such point, as for all methods that take one.
+    /// If the point does not exist, as in all methods that take one.
     #[must_use]
     pub fn live(&self, point: usize) -> RoadAnswer {
         RoadAnswer::new(&self.states[point], self.smoothed.filtered(point + 1))

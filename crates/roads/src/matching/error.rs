@@ -37,7 +37,7 @@ pub enum MatchError {
         /// Time of the point before.
         before: f64,
     },
-    /// There are no points.
+    /// A drive without points.
     #[error("the drive has no points")]
     Empty,
     /// One of several drives cannot be matched.

@@ -18,8 +18,8 @@ const BINS: [f64; 7] = [1.5, 3.0, 6.0, 12.0, 24.0, 48.0, 96.0];
 
 /// Prior weight of the logarithm of the time constant: 1 / 0.5², for a standard deviation of 0.5.
 const PRIOR_LOG_LASTS: f64 = 4.0;
-/// Range of the time constant in seconds, the number of steps in which it is searched, and the
-/// largest share.
+/// Range of the time constant in seconds, the number of steps of the search, and the largest
+/// share.
 const LASTS: [f64; 2] = [8.0, 60.0];
 const STEPS: u32 = 40;
 const MOST_LASTING: f64 = 0.995;

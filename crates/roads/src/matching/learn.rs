@@ -356,7 +356,7 @@ impl<P: Coordinates> Matcher<P> {
             let shown = (SHOWN / seconds).min(1.0);
             for (to, state) in states_now.iter().enumerate() {
                 let into = smoothed.moves(&trellis, step, to);
-                // The trellis lists moves in the order in which the steps found them, so both
+                // The trellis lists moves in the order the steps found them, so both
                 // iterators stay in step: every move is taken, even one of probability 0.
                 for ((from, p), moved) in into.zip(&mut moves) {
                     let off_road = [before[from].is_off_road(), state.is_off_road()];

@@ -62,7 +62,7 @@
 //! 1.3 times the speed of the road (one in ten at any speed, and one in ten in a queue); the detour
 //! relative to the straight line, exponential with a mean that grows with time; the
 //! [turns](Matcher::with_turns) at junctions, by their angles and the classes of the roads; and
-//! U-turns. A move off the road pays for the area in which it may end, just as a move on roads pays
+//! U-turns. A move off the road pays for the area where it may end, just as a move on roads pays
 //! for its length, its junctions and the position across. Only between points in quick succession
 //! does it pay a constant, so that stretches off the road are found where no road is near. Where
 //! positions are far off, states continue along their roads at the last speed, and no length counts

@@ -23,7 +23,7 @@ pub struct MatchModel {
     pub lasting: f64,
     /// Seconds after which 1/e of the offset is left; from 1e-6 to 1e9.
     pub lasts: f64,
-    /// Share of time in which reception is poor, with errors four times as large as usual; above 0
+    /// Share of time with poor reception, when errors are four times as large as usual; above 0
     /// and below 1.
     pub poor: f64,
     /// Share of positions that carry no information about the place; above 0 and below 1.

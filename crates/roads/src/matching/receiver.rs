@@ -2,8 +2,8 @@
 //! along its road and of these errors.
 //!
 //! An error is a slowly moving offset and white noise: y = x + o + w. In each direction of the
-//! plane, o is a Gauss–Markov process with the variance ρσ², of which the share κ = e^(−Δ/τ) is
-//! left after Δ seconds, and w has the variance (1 − ρ)σ². So a second position from the same place
+//! plane, o is a Gauss–Markov process with the variance ρσ², whose share κ = e^(−Δ/τ) is left
+//! after Δ seconds, and w has the variance (1 − ρ)σ². So a second position from the same place
 //! is hardly a second witness: a road that explains a drive by an offset of 20 m pays for the
 //! offset once, not at each point.
 //!

@@ -162,8 +162,8 @@ impl<P: Coordinates> Vehicle<P> {
         let ForwardStep { mut states, log_filtered, scale, speed, p_stationary } =
             step.next(&before, point, &mut window.trellis)?;
         states.shrink_to_fit();
-        // Nothing can fail from here on: until now the vehicle was only read, and `next` restored
-        // the trellis on an error.
+        // Nothing below can fail. Above, the vehicle was only read, and on an error `next` restored
+        // the trellis.
         window.states.push(states);
         window.log_filtered = log_filtered;
         if window.states.len() - 1 > progress.lag {

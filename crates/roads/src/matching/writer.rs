@@ -22,8 +22,8 @@ enum Rows {
 impl<W: Write> AnswerWriter<W> {
     /// Creates a writer of routes: `trace,seq,from,to,enter_m,exit_m,off_road`, with one line per
     /// edge or stretch off the road and the ids of its nodes. A stretch off the road leads from the
-    /// end node of the edge before to the start node of the edge after; either is empty where there
-    /// is no such edge.
+    /// end node of the edge before to the start node of the edge after; either is empty without
+    /// that edge.
     #[must_use]
     pub fn routes(writer: W) -> Self {
         Self { writer: Writer::from_writer(writer), rows: Rows::Routes }

@@ -154,7 +154,7 @@ impl<P: Coordinates> NetworkBuilder<P> {
     ///
     /// # Panics
     ///
-    /// If there is no such edge, or if the two don't lead between the same nodes in opposite
+    /// If either edge does not exist, or if the two don't lead between the same nodes in opposite
     /// directions.
     pub fn pair(&mut self, edge: usize, back: usize) {
         let [there, other] = [edge, back].map(|edge| self.edges[edge].edge);
@@ -171,7 +171,7 @@ impl<P: Coordinates> NetworkBuilder<P> {
     ///
     /// # Panics
     ///
-    /// If there is no such edge.
+    /// If either edge does not exist.
     pub fn forbid(&mut self, edge: usize, next: usize) {
         let edges = self.edges.len();
         assert!(edge < edges && next < edges, "no turn from {edge} to {next} of {edges} edges");
@@ -201,7 +201,7 @@ impl<P: Coordinates> NetworkBuilder<P> {
     ///
     /// # Errors
     ///
-    /// [`MapError::Empty`] if there are no nodes.
+    /// [`MapError::Empty`] without nodes.
     pub fn build(self) -> Result<RoadNetwork<P>, NetworkError> {
         if self.nodes.list.is_empty() {
             return Err(MapError::Empty.into());

@@ -19,8 +19,8 @@ use wayfix::map::{Coordinates, Place, Position};
 pub enum Cleaning<P = Position> {
     /// [Cut to the box](RoadNetwork::within) between two opposite corners.
     Within([P; 2]),
-    /// Only the [largest part](RoadNetwork::largest_component) in which every node can be reached
-    /// is kept.
+    /// Only the [largest part](RoadNetwork::largest_component) whose nodes can all reach one
+    /// another is kept.
     LargestComponent,
     /// [Dead ends](RoadNetwork::without_dead_ends) are dropped.
     DeadEnds,
@@ -196,8 +196,8 @@ fn in_words<P: Coordinates>([a, b]: [[f64; 2]; 2]) -> String {
 }
 
 impl<P: Coordinates> RoadNetwork<P> {
-    /// Largest part in which every node can be reached from every other, with its edges and their
-    /// forbidden turns; among equally large ones, the one with the lowest node.
+    /// Largest part whose nodes can all reach one another, with its edges and their forbidden
+    /// turns; among equally large ones, the one with the lowest node.
     ///
     /// Forbidden turns don't count here; because of them, some nodes may still be out of reach.
     /// O(nodes + edges), by Tarjan (1972), without recursion.

@@ -73,7 +73,7 @@ pub struct RoadNetwork<P = Position> {
 pub(super) const NONE: u32 = u32::MAX;
 
 impl<P> RoadNetwork<P> {
-    /// Nodes, in the order in which they were added.
+    /// Nodes, in the order they were added.
     #[must_use]
     pub fn nodes(&self) -> &[Place<P>] {
         &self.nodes.list
@@ -95,7 +95,7 @@ impl<P> RoadNetwork<P> {
     ///
     /// # Panics
     ///
-    /// If there is no such node.
+    /// If the node does not exist.
     #[must_use]
     pub fn edges_from(&self, node: usize) -> Range<usize> {
         self.starts[node] as usize..self.starts[node + 1] as usize
@@ -113,7 +113,7 @@ impl<P> RoadNetwork<P> {
     ///
     /// # Panics
     ///
-    /// If there is no such edge.
+    /// If the edge does not exist.
     #[must_use]
     pub fn reverse(&self, edge: usize) -> Option<usize> {
         let reverse = self.reverse[edge];
@@ -125,7 +125,7 @@ impl<P> RoadNetwork<P> {
     ///
     /// # Panics
     ///
-    /// If there is no such edge.
+    /// If the edge does not exist.
     pub fn next(&self, edge: usize) -> impl Iterator<Item = usize> {
         self.edges_from(self.edges[edge].to).filter(move |&next| self.may_turn(edge, next))
     }
@@ -148,7 +148,7 @@ impl<P> RoadNetwork<P> {
     ///
     /// # Panics
     ///
-    /// If there is no such edge.
+    /// If the edge does not exist.
     #[must_use]
     pub fn shape(&self, edge: usize) -> &[P] {
         &self.points[self.shape_starts[edge] as usize..self.shape_starts[edge + 1] as usize]
@@ -161,7 +161,7 @@ impl<P: Coordinates> RoadNetwork<P> {
     ///
     /// # Errors
     ///
-    /// [`NetworkError::Map`] if there are no nodes.
+    /// [`NetworkError::Map`] without nodes.
     pub fn to_map(&self) -> Result<RoadMap<P>, NetworkError> {
         let road = |edge: &Edge| {
             let [from, to] = [edge.from, edge.to].map(|node| self.nodes()[node].id);

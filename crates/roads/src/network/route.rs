@@ -7,7 +7,7 @@
 //! **Neighbourhood.** All states of a point search for the states of the next one, over nearly the
 //! same edges. Each edge is looked up in the network once: its length, its turns with their costs,
 //! and a lower bound of the distance from its end to the targets. Edges are numbered in the order
-//! in which they are met, so that everything that a search reads lies close together in memory.
+//! they are met, so that everything a search reads lies close together in memory.
 //!
 //! **Lower bounds from straight distances.** An edge may be shorter than the straight line between
 //! its ends: lengths in files are rounded, and some are wrong. For any share r, call
@@ -92,7 +92,7 @@ impl RouteMeasures {
     ///
     /// # Panics
     ///
-    /// If there is no such edge.
+    /// If the edge does not exist.
     #[must_use]
     pub fn straight_metres(&self, edge: usize) -> f64 {
         self.chords[edge]
@@ -213,7 +213,7 @@ impl RouteSearch {
                         let way = Reached { u_turns, log_choices, ..after };
                         let to = (turn.to as usize, turn.edge);
                         // Among equal costs the rank, the index of the edge in the network,
-                        // decides, whatever the order in which edges were met.
+                        // decides, whatever order the edges were met in.
                         search.offer(to, number, cost, way, false);
                     }
                 }
@@ -258,8 +258,7 @@ impl RouteSearch {
 /// Edges that were met, by their numbers in the neighbourhood.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Neighbourhood {
-    /// For each edge of the network, the neighbourhood in which it was last met, and its number
-    /// there.
+    /// For each edge of the network, the last neighbourhood that met it, and its number there.
     met: Vec<(u32, u32)>,
     number: u32,
     edges: Vec<MetEdge>,
@@ -286,7 +285,7 @@ pub(super) struct MetEdge {
 pub(super) struct MetTurn {
     pub(super) to: u32,
     /// Index of that edge in the network, which breaks ties between routes of equal cost, so that
-    /// these do not depend on the order in which edges were met.
+    /// these do not depend on the order the edges were met in.
     pub(super) edge: u32,
     /// True for a U-turn where there is another way to continue.
     pub(super) is_u_turn: bool,

@@ -13,7 +13,7 @@ impl<P: Coordinates> RoadNetwork<P> {
     ///
     /// # Panics
     ///
-    /// If there is no such edge.
+    /// If the edge does not exist.
     #[must_use]
     pub fn project(&self, edge: usize, position: P) -> NearEdge {
         let position = position.to_plane();
@@ -63,7 +63,7 @@ impl<P: Coordinates> RoadNetwork<P> {
     ///
     /// # Panics
     ///
-    /// If there is no such edge.
+    /// If the edge does not exist.
     #[must_use]
     pub fn position_along(&self, edge: usize, metres: f64) -> P {
         let share = (metres / self.edges()[edge].metres).clamp(0.0, 1.0);
@@ -101,7 +101,7 @@ impl<P: Coordinates> RoadNetwork<P> {
     ///
     /// # Panics
     ///
-    /// If there is no such edge.
+    /// If the edge does not exist.
     #[must_use]
     pub fn line_between(&self, edge: usize, from: f64, to: f64) -> Vec<P> {
         let points = self.shape(edge);

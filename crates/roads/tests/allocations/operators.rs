@@ -8,7 +8,7 @@ use wayfix_roads::cells::{CellTransition, RoadCells, TurnWeights, WheelTransitio
 
 use crate::allocations;
 
-/// A step within a cell, and one in which scales change, which a filter takes.
+/// Steps of a filter within a cell, and with a change of scales.
 #[test]
 fn wheels_allocate_nothing() {
     let mut builder = NetworkBuilder::new();

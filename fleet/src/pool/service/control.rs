@@ -42,8 +42,8 @@ impl Control {
     }
 
     fn ask(&self, what: &AtomicBool) {
-        // The flag first, then the wake-up: the run sees the flag after any event that it receives
-        // from now on.
+        // The flag first, then the wake-up: any event that the run receives after this finds the
+        // flag set.
         what.store(true, Ordering::SeqCst);
         if let Some(run) = &*self.0.run.lock().unwrap_or_else(PoisonError::into_inner) {
             // If the queue is full, the run is awake anyway, and checks the flag after each batch.
@@ -69,8 +69,8 @@ impl Control {
 }
 
 /// Lets signals control a run: SIGTERM and SIGINT stop it, and a second one ends the process at
-/// once; SIGUSR1 requests a snapshot; SIGHUP reads the model again. On systems other than Unix
-/// there are no such signals.
+/// once; SIGUSR1 requests a snapshot; SIGHUP reads the model again. Systems other than Unix
+/// lack these signals.
 ///
 /// # Errors
 ///

@@ -130,7 +130,7 @@ impl Lines {
         }
         self.length += rest.len() as u64;
         if self.is_too_long() {
-            // From now on the line only counts bytes, so its memory is bounded whatever the input
+            // The rest of the line is only counted, so its memory is bounded whatever the input
             // sends.
             self.waiting.truncate(KEPT);
             self.waiting.shrink_to_fit();

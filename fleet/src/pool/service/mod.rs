@@ -52,7 +52,7 @@ pub struct ServiceJob {
     pub output: Option<PathBuf>,
     /// Effects of the time of updates.
     pub timing: Timing,
-    /// Updates are applied in the order of their times, provided they are no more than this behind
+    /// Updates are applied in the order of their times, provided they are at most this far behind
     /// the latest time; later ones are refused. Without it, they are applied in the order of their
     /// lines.
     pub lateness: Option<u64>,

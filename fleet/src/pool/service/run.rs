@@ -41,8 +41,8 @@ const LOOK: Duration = Duration::from_millis(20);
 const FIGURES: Duration = Duration::from_secs(1);
 
 /// Answers every line of the input, or of connections, with a line, until the input ends or the run
-/// is stopped. Periodic snapshots hold a [position](super::position()) from which another run can
-/// continue.
+/// is stopped. Periodic snapshots hold a [position](super::position()) for another run to continue
+/// from.
 ///
 /// # Errors
 ///

@@ -48,7 +48,7 @@ impl Default for Seats {
 
 impl Seats {
     /// Gives a connection a seat. If none is free, the connection that has been silent longest is
-    /// ended; if even that one was heard of lately, there is no seat.
+    /// ended; if even that one was heard from lately, the new one gets none.
     pub(super) fn take(&mut self, stream: &Arc<Stream>) -> Option<Arc<Seat>> {
         // A seat is free once all threads of its connection have dropped it.
         self.taken.retain(|seat| seat.strong_count() > 0);

@@ -210,7 +210,7 @@ fn answer(
     } else {
         answers.extend(vehicles.update_all(&updates[answers.len()..]));
     }
-    // From here on nothing changes any more; answers can be written in parallel.
+    // Nothing changes below this line, so answers can be written in parallel.
     let mut errors = 0;
     let bad = others.iter().filter_map(|other| match &other.1 {
         OtherKind::Bad(bad) => Some(bad.kind),

@@ -64,7 +64,7 @@ pub(crate) fn model(seed: u64) -> Hmm<SparseTransition, TableLikelihood> {
     Hmm::new(prior(), transition, TableLikelihood::from_rows(&rows).unwrap()).unwrap()
 }
 
-/// Drives of up to `most` steps, in some of which a rare symbol makes the rest impossible.
+/// Drives of up to `most` steps, some with a rare symbol that makes the rest impossible.
 pub(crate) fn drives(seed: u64, count: usize, least: usize, most: usize) -> Drives {
     let mut rng = rng(seed);
     let drive = |_| {

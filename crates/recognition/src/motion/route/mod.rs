@@ -29,10 +29,10 @@ pub struct RouteControl {
 
 /// Motion of a vehicle up to a step, known from the measurements alone.
 ///
-/// Speeds last: on the map the speed is part of the state, and a reading like the ones before is no
-/// surprise. States off the map have no speed, so this predicts the readings there; without it each
-/// step would be taken for a speed drawn anew, which is evidence against being off the map. Updated
-/// step by step by [`RouteTransition::driven`].
+/// Speeds last: on the map the speed is part of the state, and a reading like the ones before comes
+/// as expected. States off the map have no speed, so this predicts the readings there; without it
+/// each step would count as a speed drawn anew, which is evidence against being off the map.
+/// Updated step by step by [`RouteTransition::driven`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
@@ -384,21 +384,21 @@ impl RouteTransition {
         self.off_map.as_ref()
     }
 
-    /// State of a speed at a place, or `None` if there is no such state.
+    /// State of a speed at a place, or `None` if either does not exist.
     #[must_use]
     pub fn index(&self, speed: usize, place: usize) -> Option<usize> {
         let n = self.shape.places;
         (speed < self.k() && place < n).then(|| speed * n + place)
     }
 
-    /// Index of a state's speed on the grid; `None` off the map, or if there is no such state.
+    /// Index of a state's speed on the grid; `None` off the map, or if the state does not exist.
     #[must_use]
     pub fn speed_of(&self, state: usize) -> Option<usize> {
         Some(state / self.shape.places).filter(|speed| *speed < self.k())
     }
 
-    /// Place of a state; off the map, the place where the vehicle left. `None` if there is no such
-    /// state.
+    /// Place of a state; off the map, the place where the vehicle left. `None` if the state
+    /// does not exist.
     #[must_use]
     pub fn place_of(&self, state: usize) -> Option<usize> {
         (state < self.count()).then(|| state % self.shape.places)

@@ -34,7 +34,7 @@ impl RouteShape {
         between(first.clamp(0, most), last.clamp(0, most))
     }
 
-    /// Places from which a range of moves reaches a given one.
+    /// Places that reach a given one by a range of moves.
     pub(super) fn sources(self, moves: (isize, isize), to: usize) -> Places {
         let to = to.cast_signed();
         let (first, last) = (to - moves.1, to - moves.0);
@@ -205,7 +205,7 @@ pub(super) enum Direction {
 }
 
 impl Stencil {
-    /// Builds the stencil of `count` moves, the first of which is `first`.
+    /// Builds the stencil of `count` moves, starting with `first`.
     pub(super) fn new(shape: RouteShape, first: isize, count: usize, direction: Direction) -> Self {
         let mut runs: Vec<Run> = Vec::new();
         for place in 0..shape.places {

@@ -32,7 +32,7 @@ proptest! {
 proptest! {
     #![proptest_config(cases_of(100))]
 
-    /// The usual speeds, some of which go around a short loop more than once.
+    /// The usual speeds; some go around a short loop more than once.
     #[test]
     fn so_is_one_at_the_usual_speeds(parts in parts(5, 13), controls in vec(control(), 1..3)) {
         let matrices: Vec<Matrix> = controls.iter().map(|u| parts.matrix(u)).collect();

@@ -1,4 +1,4 @@
-//! What is stored comes back to the bit, and what is no model is refused.
+//! What is stored comes back to the bit, and what does not describe a model is refused.
 
 mod motion;
 mod names;

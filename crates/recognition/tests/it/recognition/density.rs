@@ -10,7 +10,7 @@ use wayfix_recognition::{Answer, Options, PlaceBeliefs, Recognizer};
 use crate::kit::{cases_of, rng};
 
 const DIMENSION: usize = 256;
-/// First steps, in which the vehicle is still being located.
+/// First steps, while the vehicle is still being located.
 const FINDING: usize = 10;
 
 /// Gaussian descriptors along a route, each the mean of a number of independent ones.

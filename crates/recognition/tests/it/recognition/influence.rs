@@ -11,7 +11,7 @@ use super::rows::{INF, row};
 use crate::kit::{cases_of, rng};
 
 const PLACES: usize = 200;
-/// First steps, in which the vehicle is still being located.
+/// First steps, while the vehicle is still being located.
 const FINDING: usize = 20;
 
 /// Ahead, a stop, ahead, and back.
@@ -74,8 +74,8 @@ proptest! {
     /// 5% of the references of every row are replaced. Elsewhere, the probability of the right place
     /// moves by 0.02 on average, by 0.005 in the smoother, and if single images are mostly wrong by
     /// 0.12 and 0.06. References that are often nearer than the right place cannot be told from it
-    /// at first: with clear images, the bounds are ten times as wide, and hold after 80 steps; with
-    /// weak ones there are no bounds.
+    /// at first: with clear images, the bounds are ten times as wide, and hold after 80 steps; weak
+    /// ones have none.
     #[test]
     fn a_few_references_move_no_other_answers(
         clear in any::<bool>(),

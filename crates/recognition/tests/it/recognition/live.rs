@@ -27,7 +27,7 @@ fn lost_frames_are_steps_of_motion_alone() {
         assert!(right(&answers[15..], &drive[15..]) >= 33);
         let sum: f64 = answers.iter().map(|answer| answer.log_likelihood).sum();
         assert!((sum - track.log_likelihood()).abs() < 1e-9);
-        // A step without a query and a reading is no evidence.
+        // A step without a query or a reading carries no evidence.
         assert!(track.predict().unwrap().log_likelihood.abs() < 1e-12);
         let before = track.snapshot();
         for reading in [f64::NAN, 1e7] {

@@ -24,7 +24,7 @@ fn change(before: &[f32], now: &[f32]) -> f64 {
     }
 }
 
-/// Rows of one length, some of which repeat, exactly or nearly.
+/// Rows of one length; some repeat, exactly or nearly.
 fn drive() -> impl Strategy<Value = Vec<Vec<f32>>> {
     (1..10_usize).prop_flat_map(|n| {
         vec((row(n), 0..4_u8), 0..9).prop_map(|rows| {

@@ -278,7 +278,7 @@ fn queries_unlike_the_labelled_ones_are_told() {
     assert!(unlike(0.05, 1.0) && unlike(1.0, 0.05));
 }
 
-/// Images of a detour match nothing, which is no reason to doubt the others.
+/// Images of a detour match nothing, but that does not cast doubt on the others.
 #[test]
 fn queries_off_the_map_are_not_unlike() {
     let unlike = |off_map: bool| {

@@ -184,7 +184,7 @@ impl CellTransition {
     ///
     /// # Panics
     ///
-    /// If there is no such edge.
+    /// If `edge` does not exist.
     #[must_use]
     pub fn turn(&self, edge: usize, next: usize) -> f64 {
         self.next.probability(edge, next)
@@ -408,8 +408,8 @@ impl CellTransition {
         // farther.
         let before =
             if ahead { start - self.layout.first(edge) } else { self.layout.last(edge) - start };
-        // A vehicle that stays at an end may have driven any number of cells from there on, so the
-        // weights of an end are tails, and those of no cells count too.
+        // A vehicle that stays at an end may have driven any number of cells beyond it, so the
+        // weights of an end are tails, and the weight of zero cells counts too.
         let into_end = !ahead && before == 0 && self.stays_at_end(edge);
         let first = before + if into_end { 0 } else { travel.first() };
         let last = before + travel.last();

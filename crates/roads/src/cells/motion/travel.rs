@@ -116,7 +116,7 @@ impl Travel {
         Ok(Self::from_weights(first, weights))
     }
 
-    /// Scales weights, the first of which is above 0, to sum to one.
+    /// Scales weights to sum to one; the first is above 0.
     fn from_weights(first: usize, mut weights: Vec<f64>) -> Self {
         let sum: f64 = weights.iter().sum();
         weights.iter_mut().for_each(|weight| *weight /= sum);

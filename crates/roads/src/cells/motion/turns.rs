@@ -265,8 +265,8 @@ impl EdgeTurns {
     ///
     /// # Errors
     ///
-    /// [`NetworkError`] for invalid counts, if there is no consistent flow, or if it cannot pass
-    /// the turns with weights above 0 at some node.
+    /// [`NetworkError`] for invalid counts, if no flow is consistent with them, or if the turns
+    /// with weights above 0 cannot carry it at some node.
     pub fn fit_traffic<P>(
         network: &RoadNetwork<P>,
         counts: &[f64],
@@ -304,7 +304,7 @@ impl EdgeTurns {
     ///
     /// # Panics
     ///
-    /// If there is no such edge.
+    /// If `edge` does not exist.
     #[must_use]
     pub fn turn(&self, edge: usize, next: usize) -> f64 {
         self.turns.probability(edge, next)

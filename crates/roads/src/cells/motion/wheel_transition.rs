@@ -119,7 +119,7 @@ impl WheelTransition {
         WheelOdometer::new(self.wheels, &self.cells.odometer(), self.cells.mean_metres)
     }
 
-    /// State of a scale at a cell, or `None` if there is no such state.
+    /// State of a scale at a cell, or `None` if either does not exist.
     #[must_use]
     pub fn index(&self, scale: usize, cell: usize) -> Option<usize> {
         let n = self.cells.states();

@@ -168,7 +168,7 @@ impl WheelTravel {
         &self.steps.travels
     }
 
-    /// Probability of a scale after the step, given the one before; 0 if there is no such scale.
+    /// Probability of a scale after the step, given the one before; 0 if either does not exist.
     #[must_use]
     pub fn change(&self, to: usize, from: usize) -> f64 {
         let count = self.steps.travels.len();
@@ -271,7 +271,7 @@ impl WheelOdometer {
     ///
     /// # Panics
     ///
-    /// If there is no such scale.
+    /// If the scale does not exist.
     #[must_use]
     pub fn ahead(&self, scale: usize) -> f64 {
         self.odometers[scale].ahead()

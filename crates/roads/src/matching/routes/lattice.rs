@@ -19,7 +19,7 @@ const LEAST_MOVE: f64 = 1e-30;
 /// Word after the last edge of a route.
 pub(super) const END: u32 = OFF_ROAD - 1;
 
-/// Lattice of a drive: nodes are states, one for each [`RouteEnd`] in which a state is reached,
+/// Lattice of a drive: nodes are states, one for each [`RouteEnd`] that a state is reached with,
 /// between a start and an end. Arcs carry p(state | previous state, all points) and the words that
 /// they add to the route: edges, off the road, and the end. All paths with the same words are one
 /// route.

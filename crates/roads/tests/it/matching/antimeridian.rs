@@ -18,7 +18,7 @@ fn at(latitude: f64, east: f64, west: f64) -> Position {
     Position { latitude, longitude }
 }
 
-/// Streets of a grid with bends, three of which cross the antimeridian.
+/// A grid of streets with bends; unshifted, the four that run east cross the antimeridian.
 fn city(west: f64) -> RoadNetwork {
     let mut builder = NetworkBuilder::new();
     let square = |id: u64| ((id / 5) as f64, (id % 5) as f64);

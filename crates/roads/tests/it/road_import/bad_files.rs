@@ -257,7 +257,7 @@ fn a_truncated_extract_is_an_error_at_every_byte() {
                 assert!(byte as usize <= end);
                 in_blocks += 1;
             }
-            // A file may end between two blocks; without ways there are no roads.
+            // A file may end between two blocks; one cut before its ways gives an empty map.
             Err(NetworkError::Map(MapError::Empty)) => {}
             other => panic!("{end}: {other:?}"),
         }
