@@ -87,16 +87,7 @@ pub struct Displacement<'d> {
     at: usize,
     at_bound: usize,
     /// Parameters seen so far, if the displacement is by nothing.
-    recorded: Vec<Seen>,
-}
-
-/// A parameter seen by a displacement by nothing.
-#[derive(Debug, Clone, Copy)]
-pub struct Seen {
-    /// Its value.
-    pub value: f64,
-    /// Scale of its coordinate.
-    pub scale: Scale,
+    recorded: Vec<(f64, Scale)>,
 }
 
 /// Scale of a coordinate.
@@ -132,7 +123,7 @@ impl<'d> Displacement<'d> {
 
     /// Parameters seen, if the displacement is by nothing.
     #[must_use]
-    pub fn into_seen(self) -> Vec<Seen> {
+    pub fn into_seen(self) -> Vec<(f64, Scale)> {
         self.recorded
     }
 
@@ -141,7 +132,7 @@ impl<'d> Displacement<'d> {
         let by = self.by.get(self.at).copied().unwrap_or(0.0);
         self.at += 1;
         if self.by.is_empty() {
-            self.recorded.push(Seen { value, scale });
+            self.recorded.push((value, scale));
         }
         by
     }

@@ -5,7 +5,7 @@ use std::num::NonZeroUsize;
 
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use wayfix::map::RoadMap;
-use wayfix::{canberra, evaluate};
+use wayfix::{Hmm, SparseTransition, TableLikelihood, canberra, evaluate};
 
 /// Length of a drive in the paper (section IV).
 pub(crate) const STEPS: usize = 50;
@@ -162,7 +162,7 @@ impl Setting {
 }
 
 fn drive(
-    hmm: &wayfix::canberra::Model,
+    hmm: &Hmm<SparseTransition, TableLikelihood>,
     setting: &Setting,
     seed: u64,
     run: u64,

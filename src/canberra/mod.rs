@@ -41,9 +41,6 @@ pub const PLACES: usize = 105;
 const PLACES_CSV: &str = include_str!("places.csv");
 const ROADS_CSV: &str = include_str!("roads.csv");
 
-/// Model of the paper's experiments, with [rounded tails](Hmm::with_rounded_tails).
-pub type Model = Hmm<SparseTransition, TableLikelihood>;
-
 /// Returns the 105 places and 315 directed roads.
 ///
 /// Road geometry © OpenStreetMap contributors, ODbL 1.0.
@@ -94,7 +91,7 @@ pub fn sensor(sigma: f64) -> Result<TableLikelihood, OutOfRange> {
 ///
 /// [`OutOfRange`] if the place does not exist, or `sigma` is not above 0.
 #[expect(clippy::missing_panics_doc, reason = "the parts are all of the same map")]
-pub fn hmm(initial: u64, sigma: f64) -> Result<Model, OutOfRange> {
+pub fn hmm(initial: u64, sigma: f64) -> Result<Hmm<SparseTransition, TableLikelihood>, OutOfRange> {
     // A number is an id; `index_of_id` turns it into a state.
     let certain = map().index_of_id(initial).and_then(|i| Belief::certain(PLACES, i).ok());
     let place = || OutOfRange::new("the initial place", initial as f64, "1 to 105");

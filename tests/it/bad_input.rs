@@ -113,19 +113,19 @@ fn transitions() {
 fn tables() {
     says(
         TableLikelihood::from_rows(&[[0.5, 0.5], [0.5, 0.4]]),
-        "the symbol probabilities of state 1 sum to 0.9, expected 1",
+        "the sum of the symbol probabilities of state 1 is 0.9, expected 1",
     );
     says(
         TableLikelihood::from_rows(&[vec![0.5, 0.5], vec![1.0]]),
-        "the row of state 1 has 1 values, expected 2 to match state 0",
+        "the length of the row of state 1 is 1, expected 2",
     );
     says(
         TableLikelihood::from_rows(&[[0.5, 0.5], [1.5, -0.5]]),
-        "state 1 shows symbol 1 with probability -0.5, expected a finite value of at least 0",
+        "the probability of symbol 1 in state 1 is -0.5, expected a finite value of at least 0",
     );
     says(
         TableLikelihood::from_rows::<[f64; 2]>(&[]),
-        "a table needs at least one state and one symbol, found 0 states and 0 symbols",
+        "the number of states of a table is 0, expected at least 1",
     );
 }
 
@@ -517,48 +517,51 @@ fn turning_and_sensors() {
     let alone = RoadMap::new([place(1)], []).unwrap();
     says(
         Confusion::new(&alone, 0.7),
-        "no place has a neighbour, so a mean correct probability of 0.7 cannot be reached",
+        "the mean probability of a correct observation is 0.7, expected 1, as no place has a neighbour",
     );
     let star = RoadMap::new((1..=6).map(place), (2..=6).map(|to| road(1, to))).unwrap();
     says(
         Confusion::new(&star, 0.5),
-        "place 1 has 5 neighbours, which leaves it a correct probability of -0.5, expected above 0",
+        "the probability of a correct observation of place 1, which has 5 neighbours, is -0.5, expected a value above 0",
     );
     let entries = |entries: &[_]| Confusion::from_entries(2, entries.iter().copied());
     let weights = |weights: &[_]| Confusion::from_weights(2, weights.iter().copied());
     says(
         entries(&[(0, 0, 0.5), (0, 1, 0.4), (1, 1, 1.0)]),
-        "the symbol probabilities of state 0 sum to 0.9, expected 1",
+        "the sum of the symbol probabilities of state 0 is 0.9, expected 1",
     );
-    says(entries(&[(0, 1, 1.0)]), "the symbol probabilities of state 1 sum to 0, expected 1");
+    says(
+        entries(&[(0, 1, 1.0)]),
+        "the sum of the symbol probabilities of state 1 is 0, expected 1",
+    );
     // Likelihoods need not sum to one, and a sum of one is not a hint.
     says(
         entries(&[(0, 0, 0.5), (1, 0, 0.5), (0, 1, 0.25), (1, 1, 0.75)]),
-        "the symbol probabilities of state 0 sum to 0.75, expected 1",
+        "the sum of the symbol probabilities of state 0 is 0.75, expected 1",
     );
     for (bad, found) in [(-0.5, "-0.5"), (f64::NAN, "NaN"), (f64::INFINITY, "inf")] {
         let expected = "expected a finite value of at least 0";
         says(
             entries(&[(0, 0, 1.0), (0, 1, bad), (1, 1, 1.0)]),
-            &format!("state 0 shows symbol 1 with probability {found}, {expected}"),
+            &format!("the probability of symbol 1 in state 0 is {found}, {expected}"),
         );
         says(
             weights(&[(0, 0, 1.0), (0, 1, bad), (1, 1, 1.0)]),
-            &format!("place 0 is seen as 1 with weight {found}, {expected}"),
+            &format!("the weight of place 0 seen as 1 is {found}, {expected}"),
         );
     }
-    let out = "place 0 seen as place 2 is out of range, there are 2 places (0 to 1)";
+    let out = "a place that place 0 is seen as is 2, expected 0 to 1";
     says(entries(&[(0, 2, 1.0), (1, 1, 1.0)]), out);
     says(weights(&[(0, 2, 1.0), (1, 1, 1.0)]), out);
     says(
         entries(&[(0, 1, 0.5), (0, 1, 0.5), (1, 1, 1.0)]),
-        "the probability that place 0 is seen as 1 is given twice",
+        "the number of entries of place 0 seen as 1 is 2, expected 1",
     );
     says(
         weights(&[(0, 0, 2.0), (1, 0, 0.0)]),
-        "place 1 has no weight above 0, expected at least one",
+        "the sum of the weights of place 1 is 0, expected a value above 0",
     );
-    let none = "a table needs at least one state and one symbol, found 0 states and 0 symbols";
+    let none = "the number of places is 0, expected at least 1";
     says(Confusion::from_entries(0, []), none);
     says(Confusion::from_weights(0, []), none);
     let confusion = Confusion::new(&map, 0.9).unwrap();
@@ -568,19 +571,13 @@ fn turning_and_sensors() {
     );
     says(
         confusion.with_gaussian(&star, Metric::Hops, 1.0),
-        "the number of places of the map is 6, expected that of the confusion",
+        "the number of places of the map is 6, expected 3",
     );
 }
 
 #[test]
 fn evaluation() {
-    says(
-        evaluate::accuracy(&[1, 2], &[1]),
-        "1 estimates or controls for 2 states, expected one each",
-    );
-    says(evaluate::accuracy(&[], &[]), "no states to score, expected at least one");
-    says(
-        evaluate::illegal_moves(&still(2), &[0, 2]),
-        "state 2 at index 1 does not exist, there are 2 states (0 to 1)",
-    );
+    says(evaluate::accuracy(&[1, 2], &[1]), "the number of estimates or controls is 1, expected 2");
+    says(evaluate::accuracy(&[], &[]), "the number of states is 0, expected at least 1");
+    says(evaluate::illegal_moves(&still(2), &[0, 2]), "state 1 of the path is 2, expected 0 to 1");
 }

@@ -74,13 +74,10 @@ fn recall_counts_queries_on_the_map_only() {
 
     says(recall_within(&[None, None], &[Some(1), None], 0), NONE_ON_MAP);
     says(recall_within(&[], &[], 0), NONE_ON_MAP);
-    says(
-        recall_within(&truth, &[None], 0),
-        "1 estimates or controls for 5 states, expected one each",
-    );
+    says(recall_within(&truth, &[None], 0), "the number of estimates or controls is 1, expected 5");
 }
 
-const NONE_ON_MAP: &str = "no queries on the map to score, expected at least one";
+const NONE_ON_MAP: &str = "the number of queries on the map is 0, expected at least 1";
 
 #[test]
 fn reliability_by_hand() {
@@ -169,12 +166,12 @@ fn a_sum_of_a_belief_may_be_rounded_above_one() {
 
 #[test]
 fn what_is_no_probability_is_an_error() {
-    let nothing = "no probabilities to score, expected at least one";
+    let nothing = "the number of probabilities is 0, expected at least 1";
     says(reliability(&[], 3), nothing);
     says(brier_score(&[]), nothing);
     says(binary_log_score(&[]), nothing);
     says(log_score(&[]), nothing);
-    says(reliability(&[(0.5, true)], 0), "0 bins, expected at least one");
+    says(reliability(&[(0.5, true)], 0), "the number of bins is 0, expected at least 1");
     for bad in [f64::NAN, -0.25, 1.5, f64::INFINITY, f64::NEG_INFINITY] {
         let pairs = [(0.5, true), (bad, false)];
         let expected = format!("probability 1 is {bad}, expected a value from 0 to 1");

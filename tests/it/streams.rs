@@ -220,9 +220,9 @@ fn marginals_go_where_there_is_room() {
     groups.marginal_into(&belief, &mut out).unwrap();
     assert_eq!(out, [0.5, 0.5]);
     let text = groups.marginal_into(&belief, &mut [0.0; 3]).unwrap_err().to_string();
-    assert_eq!(text, "there is room for 3 groups, expected 2");
+    assert_eq!(text, "the length of the slice is 3, expected 2");
     let two = Belief::uniform(2).unwrap();
     let text = groups.marginal_into(&two, &mut out).unwrap_err().to_string();
-    assert_eq!(text, "the belief has 2 states, expected 3");
+    assert_eq!(text, "the number of states of the belief is 2, expected 3");
     assert_eq!(out, [0.5, 0.5]);
 }

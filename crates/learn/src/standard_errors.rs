@@ -226,7 +226,7 @@ impl StandardErrors {
         let seen = all.into_seen();
         let objective = Objective {
             difference,
-            scales: seen.iter().map(|seen| seen.scale).collect(),
+            scales: seen.iter().map(|seen| seen.1).collect(),
             size: logs.iter().map(|log| log.abs()).sum::<f64>() + log_prior.abs(),
         };
         // Parameters are numbered through all parts: `ends` tells the part and the number in it.
@@ -234,7 +234,7 @@ impl StandardErrors {
             let parts = ["prior", "transition operator", "sensor"];
             let part = ends.iter().filter(|end| at >= **end).count();
             let first = if part == 0 { 0 } else { ends[part - 1] };
-            (parts[part], at - first, seen[at].value)
+            (parts[part], at - first, seen[at].0)
         };
         let information = objective.information().map_err(|fault| match fault {
             Fault::Failed(error) => error,

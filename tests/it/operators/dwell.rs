@@ -156,7 +156,7 @@ fn bad_dwell_times_are_named() {
     assert_eq!((a.arrival(1), a.arrival(2)), (Some(1), None));
     assert_eq!(
         text(a.arriving(&Belief::uniform(3).unwrap())),
-        "the belief has 3 states, expected 2"
+        "the number of places of the belief is 3, expected 2"
     );
 }
 

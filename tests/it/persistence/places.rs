@@ -106,11 +106,11 @@ fn sparse_tables() {
     let bad = |from: &str, to: &str, expected: &str| {
         refuses::<SparseTableLikelihood>(&text.replace(from, to), expected);
     };
-    bad("[2,", "[3,", "symbol 0 lists state 3, but there are 3 states (0 to 2)");
-    bad("[2,", "[0,", "symbol 0 lists state 0 twice");
+    bad("[2,", "[3,", "a state that symbol 0 lists is 3, expected 0 to 2");
+    bad("[2,", "[0,", "the number of times that symbol 0 lists state 0 is 2, expected 1");
     bad(
         "0.125",
         "-1",
-        "states that symbol 1 does not list show it with probability -1, expected a finite value of at least 0",
+        "the probability of symbol 1 in unlisted states is -1, expected a finite value of at least 0",
     );
 }

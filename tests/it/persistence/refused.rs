@@ -111,26 +111,29 @@ fn the_format_is_as_documented() {
 #[test]
 fn what_is_no_belief_group_or_table_is_refused() {
     refuses::<Belief>("[0.5,null]", "invalid type: null, expected f64");
-    refuses::<Belief>("[0.5,0.4]", "the probabilities sum to 0.9, expected 1");
-    refuses::<Belief>("[]", "a belief needs at least one state, found none");
+    refuses::<Belief>("[0.5,0.4]", "the sum of the probabilities is 0.9, expected 1");
+    refuses::<Belief>("[]", "the number of states of a belief is 0, expected at least 1");
     refuses::<Belief>(
         "[1.5,-0.5]",
-        "state 1 has probability -0.5, expected a finite value of at least 0",
+        "the probability of state 1 is -0.5, expected a finite value of at least 0",
     );
     // Formats other than JSON have NaN.
     let nan = SeqDeserializer::<_, ValueError>::new([0.5, f64::NAN].into_iter());
     assert_eq!(
         Belief::deserialize(nan).unwrap_err().to_string(),
-        "state 1 has probability NaN, expected a finite value of at least 0"
+        "the probability of state 1 is NaN, expected a finite value of at least 0"
     );
-    refuses::<Groups>("[0,2]", "no state is in group 1, though groups are numbered up to 2");
+    refuses::<Groups>(
+        "[0,2]",
+        "the number of states in group 1 is 0, expected at least 1, as groups are numbered up to 2",
+    );
     refuses::<TableLikelihood>(
         r#"{"version":1,"rows":[[0.5,0.5],[0.5,0.4]]}"#,
-        "the symbol probabilities of state 1 sum to 0.9, expected 1",
+        "the sum of the symbol probabilities of state 1 is 0.9, expected 1",
     );
     refuses::<TableLikelihood>(
         r#"{"version":1,"rows":[[0.5,0.5],[1.0]]}"#,
-        "the row of state 1 has 1 values, expected 2 to match state 0",
+        "the length of the row of state 1 is 1, expected 2",
     );
     refuses::<GroupedLikelihood<SparseLikelihood>>(
         r#"{"version":1,"sensor":{"version":1,"states":2},"groups":[0,0]}"#,
@@ -328,7 +331,7 @@ fn what_no_filter_knows_is_refused() {
     let refused = |steps: usize, belief: &str, logs: &str, expected: &str| {
         refuses::<FilterSnapshot>(&state(steps, belief, logs, "[0,0]"), expected);
     };
-    refused(1, "[0.5,0.4]", "null", "the probabilities sum to 0.9, expected 1");
+    refused(1, "[0.5,0.4]", "null", "the sum of the probabilities is 0.9, expected 1");
     refused(1, "[0.5,null]", "null", "invalid type: null, expected f64");
     refused(1, "[1,0]", "[0]", "1 logarithms for a belief over 2 states");
     refused(
@@ -459,14 +462,18 @@ fn what_no_smoother_knows_is_refused() {
         &[past(0, one), past(1, "[1]")],
         "past state 1 is over 1 states, expected 2 as the present one",
     );
-    refused(2, &[past(0, one), past(1, "[0.5,0.4]")], "the probabilities sum to 0.9, expected 1");
+    refused(
+        2,
+        &[past(0, one), past(1, "[0.5,0.4]")],
+        "the sum of the probabilities is 0.9, expected 1",
+    );
 }
 
 /// Rounded tails are stored, too.
 #[test]
 fn the_canberra_model_comes_back_to_the_bit() {
     let hmm = wayfix::canberra::hmm(5, 1.0).unwrap();
-    let restored: wayfix::canberra::Model = stored(&hmm);
+    let restored: Hmm<SparseTransition, TableLikelihood> = stored(&hmm);
     assert!(hmm.rounds_tails() && restored.rounds_tails());
     let ys = [4, 5, 5, 7, 8, 50, 8];
     assert_eq!(restored.smooth(&ys).unwrap(), hmm.smooth(&ys).unwrap());

@@ -176,7 +176,7 @@ fn stored_and_read() {
     };
     refused(
         r#"{"version":1,"places":2,"place":[0,1],"seen_as":[0,1],"probability":[0.5,1]}"#,
-        "the symbol probabilities of state 0 sum to 0.5, expected 1",
+        "the sum of the symbol probabilities of state 0 is 0.5, expected 1",
     );
     refused(
         r#"{"version":1,"places":2,"place":[0,1],"seen_as":[0],"probability":[1,1]}"#,

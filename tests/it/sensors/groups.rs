@@ -71,26 +71,26 @@ proptest! {
 
 #[test]
 fn bad_groups_and_unknown_states_are_named() {
-    assert_eq!(text(Groups::new(vec![])), "groups need at least one state, found none");
+    assert_eq!(text(Groups::new(vec![])), "the number of grouped states is 0, expected at least 1");
     assert_eq!(
         text(Groups::new(vec![0, 2, 2])),
-        "no state is in group 1, though groups are numbered up to 2"
+        "the number of states in group 1 is 0, expected at least 1, as groups are numbered up to 2"
     );
     assert_eq!(
         text(Groups::new(vec![0, usize::MAX])),
-        format!("no state is in group 1, though groups are numbered up to {}", usize::MAX)
+        format!(
+            "the number of states in group 1 is 0, expected at least 1, as groups are numbered up to {}",
+            usize::MAX
+        )
     );
     let groups = Groups::new(vec![1, 0, 1]).unwrap();
     assert_eq!((groups.count(), groups.group_of(2), groups.group_of(3)), (2, Some(1), None));
     assert!(groups.states(1).eq([0, 2]) && groups.states(0).eq([1]) && groups.states(2).len() == 0);
     assert_eq!(
         text(groups.marginal(&Belief::uniform(2).unwrap())),
-        "the belief has 2 states, expected 3"
+        "the number of states of the belief is 2, expected 3"
     );
-    assert_eq!(
-        text(groups.map_path(&[0, 3])),
-        "state 3 does not exist, 3 states are grouped (0 to 2)"
-    );
+    assert_eq!(text(groups.map_path(&[0, 3])), "the state is 3, expected 0 to 2");
     assert_eq!(
         text(GroupedLikelihood::new(SparseLikelihood::new(3), groups.clone())),
         "the sensor has 3 states, expected 2 to match the number of groups"

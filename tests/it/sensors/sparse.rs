@@ -165,23 +165,20 @@ fn what_is_no_sparse_table_is_refused() {
     let good = (vec![(1, 0.5)], 0.25);
     assert_eq!(
         text(0, std::slice::from_ref(&good)),
-        "a table needs at least one state and one symbol, found 0 states and 1 symbols"
+        "the number of states of a table is 0, expected at least 1"
     );
-    assert_eq!(
-        text(2, &[]),
-        "a table needs at least one state and one symbol, found 2 states and 0 symbols"
-    );
+    assert_eq!(text(2, &[]), "the number of symbols of a table is 0, expected at least 1");
     assert_eq!(
         text(2, &[good.clone(), (vec![(1, -0.5)], 0.25)]),
-        "state 1 shows symbol 1 with probability -0.5, expected a finite value of at least 0"
+        "the probability of symbol 1 in state 1 is -0.5, expected a finite value of at least 0"
     );
     assert_eq!(
         text(2, &[good.clone(), (vec![], f64::NAN)]),
-        "states that symbol 1 does not list show it with probability NaN, expected a finite value of at least 0"
+        "the probability of symbol 1 in unlisted states is NaN, expected a finite value of at least 0"
     );
     assert_eq!(
         text(2, &[good.clone(), (vec![(1, 0.5), (0, 0.5), (1, 0.25)], 0.0)]),
-        "symbol 1 lists state 1 twice"
+        "the number of times that symbol 1 lists state 1 is 2, expected 1"
     );
     assert_eq!(
         text(2, &[(vec![(2, 0.5)], 0.0), good.clone()]),

@@ -102,11 +102,11 @@ fn what_is_no_curve_is_an_error() {
     );
     says(
         ThresholdCurve::precision_recall(&[(0.5, false)], 0),
-        "no queries that have a right answer to score, expected at least one",
+        "the number of queries that have a right answer is 0, expected at least 1",
     );
     says(
         ThresholdCurve::precision_recall(&[(0.5, true), (0.1, true), (0.2, false)], 1),
-        "2 right answers for 1 queries that have one, expected one each",
+        "the number of right answers is 2, expected at most 1, as many as queries that have one",
     );
     let curve = ThresholdCurve::precision_recall(&[(0.5, true)], 1).unwrap();
     says(curve.recall_at_precision(99.0), "the level is 99, expected a value from 0 to 1");
@@ -115,9 +115,9 @@ fn what_is_no_curve_is_an_error() {
         ThresholdCurve::roc(&[(0.5, true), (0.1, false), (f64::NAN, false)]),
         "score 2 is NaN, expected a number",
     );
-    says(ThresholdCurve::roc(&[]), "no positives to score, expected at least one");
-    says(ThresholdCurve::roc(&[(0.5, false)]), "no positives to score, expected at least one");
-    says(ThresholdCurve::roc(&[(0.5, true)]), "no negatives to score, expected at least one");
+    says(ThresholdCurve::roc(&[]), "the number of positives is 0, expected at least 1");
+    says(ThresholdCurve::roc(&[(0.5, false)]), "the number of positives is 0, expected at least 1");
+    says(ThresholdCurve::roc(&[(0.5, true)]), "the number of negatives is 0, expected at least 1");
 }
 
 #[test]
