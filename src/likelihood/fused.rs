@@ -5,7 +5,7 @@
 
 use rand::Rng;
 
-use super::diagonal::Values;
+use super::Values;
 use super::owned::Owned;
 use super::{Diagonal, Likelihood, LocalLikelihood, SampleObservation, Scratch, check_local};
 use crate::error::{HmmError, LikelihoodError};

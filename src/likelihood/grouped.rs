@@ -3,7 +3,7 @@
 
 use rand::Rng;
 
-use super::diagonal::Values;
+use super::Values;
 use super::{Diagonal, Likelihood, SampleObservation, Scratch};
 use crate::error::{HmmError, LikelihoodError};
 use crate::groups::Groups;

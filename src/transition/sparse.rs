@@ -6,6 +6,7 @@
 use std::fmt;
 use std::sync::OnceLock;
 
+use super::Transition;
 use super::check::{check_columns_of, check_count, check_rows, check_square};
 use super::compressed::Compressed;
 use crate::error::TransitionError;
@@ -298,7 +299,69 @@ impl SparseTransition {
 }
 
 #[cfg(feature = "serde")]
-use super::{Transition, TransitionEntries};
+use super::TransitionEntries;
+
+impl SparseTransition {
+    /// Creates a stored copy of any operator without a control, by one product per state. Useful
+    /// for frequent decoding with an operator whose entries are expensive.
+    /// O(n · (a product) + n log n + entries).
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError`] as [`from_triplets`](Self::from_triplets).
+    pub fn from_operator<A>(operator: &A) -> Result<Self, TransitionError>
+    where
+        A: Transition<Control = ()> + ?Sized,
+    {
+        let n = operator.states();
+        let (mut unit, mut column) = (vec![0.0; n], vec![0.0; n]);
+        let mut entries = Vec::new();
+        for from in 0..n {
+            // A e_j is column j. Only one value of the unit vector is reset, not all n.
+            unit[from] = 1.0;
+            operator.apply(&(), &unit, &mut column);
+            unit[from] = 0.0;
+            let reached = column.iter().enumerate().filter(|(_, value)| **value != 0.0);
+            entries.extend(reached.map(|(to, &value)| (to, from, value)));
+        }
+        Self::from_triplets(n, entries)
+    }
+
+    /// Returns the operator of `exponent` steps, A^m, for motion that is observed only at every m-th
+    /// step; 0 steps are the identity. O(m n E).
+    ///
+    /// A power fills in: its entries are sums over the paths between two states.
+    ///
+    /// ```
+    /// use wayfix::SparseTransition;
+    ///
+    /// let step = SparseTransition::from_rows(&[[0.5, 0.0, 0.0], [0.5, 0.5, 0.0], [0.0, 0.5, 1.0]])?;
+    /// let twice = step.power(2)?;
+    /// assert_eq!([0, 1, 2].map(|to| twice.get(to, 0)), [0.25, 0.5, 0.25]);
+    /// # Ok::<(), wayfix::TransitionError>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError::TooMany`] for more than 2^32 − 1 entries.
+    pub fn power(&self, exponent: u32) -> Result<Self, TransitionError> {
+        let n = self.states();
+        let mut entries = Vec::new();
+        let (mut column, mut next) = (vec![0.0; n], vec![0.0; n]);
+        for from in 0..n {
+            // A^m e_j by m products, so that no power is rounded twice.
+            column.fill(0.0);
+            column[from] = 1.0;
+            for _ in 0..exponent {
+                self.apply(&(), &column, &mut next);
+                std::mem::swap(&mut column, &mut next);
+            }
+            let reached = column.iter().enumerate().filter(|(_, p)| **p > 0.0);
+            entries.extend(reached.map(|(to, &p)| (to, from, p)));
+        }
+        Self::from_triplets(n, entries)
+    }
+}
 
 #[cfg(feature = "serde")]
 crate::stored! {

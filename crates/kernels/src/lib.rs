@@ -8,8 +8,8 @@
 //! | module | content | uses |
 //! |---|---|---|
 //! | `limits` | the range of doubles, and proofs that no digit is lost unnoticed | |
-//! | `simd` | vectors of eight doubles: AVX-512, AVX2, portable | |
-//! | `memory`, `parallel`, `vector` | alignment and large pages; parts for several threads; plain loops | `simd` |
+//! | `simd` | eight doubles: AVX-512, AVX2, portable; parts for several threads | |
+//! | `vector` | alignment and large pages; plain loops | `simd` |
 //! | `semiring`, `log2` | sums of products and maxima of sums; logarithms of the latter | `simd` |
 //! | `layout` | matrices in memory, and their products | all of these |
 //! | `ops` | steps of the recursions | all of these |
@@ -21,7 +21,7 @@
 //! `src/guide/formulas.md`. Comments in loops name the part of either that they rely on.
 //!
 //! Unsafe code is in `simd` (instructions), `layout/product.rs` (indices that are checked when a
-//! matrix is built) and `memory.rs` (a system call). Each block states its invariant.
+//! matrix is built) and `vector.rs` (a system call). Each block states its invariant.
 
 #![allow(
     missing_docs,
@@ -36,9 +36,7 @@
 mod layout;
 pub mod limits;
 mod log2;
-mod memory;
 mod ops;
-mod parallel;
 mod semiring;
 mod simd;
 mod vector;
@@ -48,8 +46,8 @@ mod tests;
 
 pub use layout::*;
 pub use log2::{ln_to_log2, log2, log2_in_place, on_grid};
-pub use memory::{Aligned, Packed, in_large_pages};
 pub use ops::*;
 pub use semiring::{MaxPlus, SumProduct};
 pub use simd::{Eight, LANES, Simd, WithSimd, run};
+pub use vector::{Aligned, Packed, in_large_pages};
 pub use vector::{any_tiny, dot, lift, log_sum, normalize, sum};

@@ -9,6 +9,7 @@
 use std::f64::consts::LN_2;
 use std::mem;
 
+use crate::belief::{Belief, BeliefView};
 use crate::error::HmmError;
 use crate::likelihood::Scratch;
 use crate::transition::{TransitionEntries, buffers};
@@ -92,6 +93,50 @@ pub struct FilterSnapshot {
 }
 
 impl FilterSnapshot {
+    /// Number of steps taken, k.
+    #[must_use]
+    pub fn steps(&self) -> usize {
+        self.steps
+    }
+
+    /// Number of these steps taken in logarithms, which is several times slower: the belief
+    /// before or after was outside the range of `f64`, or the observation contradicted the
+    /// prediction too strongly. A prediction alone and an update alone count as one each.
+    ///
+    /// If there are many, and the tails of the model are not credible anyway, [rounded
+    /// tails](crate::Hmm::with_rounded_tails) are faster.
+    ///
+    /// ```
+    /// # use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
+    /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
+    /// # let stay = DenseTransition::from_rows(&[[1.0, 0.0], [0.0, 1.0]])?;
+    /// let hmm = Hmm::new(prior, stay, LikelihoodVector::log(2))?;
+    /// let mut filter = hmm.filter();
+    /// filter.step(&[0.0, -10.0])?;
+    /// assert_eq!(filter.steps_in_logs(), 0);
+    /// filter.step(&[0.0, -1000.0])?; // e^-1010 is beyond doubles
+    /// filter.step(&[0.0, -10.0])?;
+    /// assert_eq!(filter.steps_in_logs(), 2);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    #[must_use]
+    pub fn steps_in_logs(&self) -> usize {
+        self.steps_in_logs
+    }
+
+    /// Present belief: p(X_k | y_1 … y_k) after an update, the predicted one after a prediction,
+    /// the prior before any step.
+    #[must_use]
+    pub fn belief(&self) -> BeliefView<'_> {
+        Belief::view(&self.belief)
+    }
+
+    /// Log-likelihood ln p(y_1 … y_k) of the observations so far, and of evidence on moves.
+    #[must_use]
+    pub fn log_likelihood(&self) -> f64 {
+        self.log_likelihood.value()
+    }
+
     /// Creates the state before any step, with the memory that a running filter needs.
     pub(crate) fn start(belief: &[f64]) -> Self {
         let (mut aligned, logs) =

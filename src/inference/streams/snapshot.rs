@@ -9,7 +9,7 @@
 //! words) that marks the values other than 0 (other than −∞ in a vector of logarithms), and those
 //! values.
 
-use crate::belief::{Belief, BeliefView, SUM_TOLERANCE};
+use crate::belief::{Belief, SUM_TOLERANCE};
 use crate::error::HmmError;
 use crate::inference::step::state::{FilterSnapshot, LogSum, MOST_STEPS};
 #[cfg(feature = "serde")]
@@ -36,50 +36,6 @@ impl Clone for FilterSnapshot {
 }
 
 impl FilterSnapshot {
-    /// Number of steps taken, k.
-    #[must_use]
-    pub fn steps(&self) -> usize {
-        self.steps
-    }
-
-    /// Number of these steps taken in logarithms, which is several times slower: the belief
-    /// before or after was outside the range of `f64`, or the observation contradicted the
-    /// prediction too strongly. A prediction alone and an update alone count as one each.
-    ///
-    /// If there are many, and the tails of the model are not credible anyway, [rounded
-    /// tails](crate::Hmm::with_rounded_tails) are faster.
-    ///
-    /// ```
-    /// # use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
-    /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
-    /// # let stay = DenseTransition::from_rows(&[[1.0, 0.0], [0.0, 1.0]])?;
-    /// let hmm = Hmm::new(prior, stay, LikelihoodVector::log(2))?;
-    /// let mut filter = hmm.filter();
-    /// filter.step(&[0.0, -10.0])?;
-    /// assert_eq!(filter.steps_in_logs(), 0);
-    /// filter.step(&[0.0, -1000.0])?; // e^-1010 is beyond doubles
-    /// filter.step(&[0.0, -10.0])?;
-    /// assert_eq!(filter.steps_in_logs(), 2);
-    /// # Ok::<(), Box<dyn std::error::Error>>(())
-    /// ```
-    #[must_use]
-    pub fn steps_in_logs(&self) -> usize {
-        self.steps_in_logs
-    }
-
-    /// Present belief: p(X_k | y_1 … y_k) after an update, the predicted one after a prediction,
-    /// the prior before any step.
-    #[must_use]
-    pub fn belief(&self) -> BeliefView<'_> {
-        Belief::view(&self.belief)
-    }
-
-    /// Log-likelihood ln p(y_1 … y_k) of the observations so far, and of evidence on moves.
-    #[must_use]
-    pub fn log_likelihood(&self) -> f64 {
-        self.log_likelihood.value()
-    }
-
     /// True if a state may be the true one, also where its probability is below the range of
     /// doubles.
     #[doc(hidden)]

@@ -4,8 +4,8 @@
 //! a column) in order, however many are taken at a time: results do not depend on the sizes of
 //! blocks. Padding is never stored to a result, and is multiplied only by 0.
 
-use crate::memory::Aligned;
 use crate::simd::{Eight, LANES, Simd, kernels, total};
+use crate::vector::Aligned;
 
 /// Number of columns taken side by side.
 const COLUMNS: usize = 8;

@@ -5,9 +5,9 @@
 
 use super::product::RowSums;
 use crate::log2::log2_in_place;
-use crate::memory::Aligned;
 use crate::semiring::MaxPlus;
 use crate::simd::{Eight, LANES, Simd, kernels, store, store_indices};
+use crate::vector::Aligned;
 
 /// Logarithms of a dense matrix, in panels of eight rows, each of them by columns.
 #[derive(Debug, Clone)]

@@ -12,9 +12,9 @@
 use std::ops::Range;
 
 use super::sliced::{EntryValues, Overflow, Slice, Sliced, WINDOW};
-use crate::parallel::{PART, Splits, run_in_parts};
 use crate::semiring::{MaxPlus, SumProduct};
 use crate::simd::{BlocksMut, Eight, LANES, Simd, WithSimd, store};
+use crate::simd::{PART, Splits, run_in_parts};
 
 /// Semiring, as running sums over the entries of eight rows at a time.
 ///

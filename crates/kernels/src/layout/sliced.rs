@@ -24,8 +24,8 @@
 use std::ops::{Deref, DerefMut};
 
 use crate::log2::log2;
-use crate::memory::Packed;
 use crate::simd::LANES;
+use crate::vector::Packed;
 
 /// Relative costs of a shifted and of a gathered slot.
 const SHIFTED_COST: usize = 2;

@@ -10,10 +10,10 @@
 
 use crate::layout::{Product, ProductRows, Sink, SparseRows};
 use crate::limits::BACK_LIFT;
-use crate::parallel::{Splits, run_in_parts};
 use crate::simd::{
     Blocks, BlocksMut, LANES, Simd, WithSimd, row_block, row_block_ahead, store, total,
 };
+use crate::simd::{Splits, run_in_parts};
 
 /// `ratio = q ∘ b` times a factor; values whose unlifted form is below the smallest normal double
 /// become 0.

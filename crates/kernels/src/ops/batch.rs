@@ -5,15 +5,267 @@
 //! loss is noticed, its lane alone is given up. The invariants are those of "In lanes" in `limits`:
 //! entries are at least 2^-100, likelihoods above 0 at least 2^-900 (`pack` has checked), and α is
 //! normal or 0.
+//!
+//! A vector of states is a slice of vectors of eight, so that a product with [`Lines`] needs no
+//! gathers: the lanes have the same index. Each sum runs over the entries of a line in order. Rows
+//! are packed and unpacked by a transposition in registers for each eight values of eight rows,
+//! instead of 64 moves.
 
 use super::backward::{divided, smoothed};
-use super::lines::Lines;
-use super::packing::flags;
-use crate::layout::{Maxima, Sink};
-use crate::limits::LIFT;
-use crate::memory::Packed;
+use crate::layout::{Maxima, RowSums, Sink};
+use crate::limits::{LIFT, TINY};
 use crate::semiring::{MaxPlus, SumProduct};
-use crate::simd::{Eight, LANES, Simd, kernels};
+use crate::simd::{Eight, LANES, Simd, kernels, row_block_ahead, store};
+use crate::vector::Packed;
+
+/// Number of lines of a dense matrix that share the loads of a vector.
+const BLOCK: usize = 4;
+
+/// Lines of a matrix: rows for A, columns for A'.
+#[derive(Debug, Clone, Copy)]
+pub enum Lines<'a> {
+    /// Line i has the entries `starts[i]..starts[i + 1]`.
+    Sparse { starts: &'a [u32], indices: &'a [u32], values: &'a [f64] },
+    /// Entry j of line i is at i s + j, where n s is the number of values.
+    Dense { values: &'a [f64] },
+    /// Entry j of line i is at j s + i.
+    DenseTransposed { values: &'a [f64] },
+}
+
+impl<'a> Lines<'a> {
+    /// Replaces the values.
+    pub fn with_values(self, values: &'a [f64]) -> Self {
+        match self {
+            Self::Sparse { starts, indices, .. } => Self::Sparse { starts, indices, values },
+            Self::Dense { .. } => Self::Dense { values },
+            Self::DenseTransposed { .. } => Self::DenseTransposed { values },
+        }
+    }
+
+    /// All values that are stored.
+    pub fn values(self) -> &'a [f64] {
+        match self {
+            Self::Sparse { values, .. }
+            | Self::Dense { values }
+            | Self::DenseTransposed { values } => values,
+        }
+    }
+
+    /// Passes the product of each line with x to a sink, in order.
+    #[inline(always)]
+    pub(super) fn product<S: Simd, R: RowSums<S>>(
+        self,
+        s: S,
+        ring: R,
+        x: &[Packed],
+        sink: &mut impl Sink<S, R::Sum>,
+    ) {
+        match self {
+            Self::Sparse { starts, indices, values } => {
+                // The end of a line is the start of the next: one load and one check for both.
+                let mut start = 0;
+                for (i, end) in starts[1..].iter().enumerate() {
+                    let end = *end as usize;
+                    let mut sum = ring.zero(s);
+                    for (j, value) in indices[start..end].iter().zip(&values[start..end]) {
+                        let (x, index) = (s.load(&x[*j as usize]), s.load_indices(&[*j; LANES]));
+                        // Entry and index are those of all lanes. Sums of products ignore the
+                        // index, and the compiler leaves it out.
+                        ring.add(s, &mut sum, s.splat(*value), x, index);
+                    }
+                    start = end;
+                    sink.take(s, i, sum);
+                }
+            }
+            // The size of a block is constant in each arm: sums stay in registers.
+            Self::Dense { values } => in_blocks(x.len(), |i, count| match count {
+                BLOCK => dense::<S, R, BLOCK>(s, ring, values, x, i, sink),
+                _ => dense::<S, R, 1>(s, ring, values, x, i, sink),
+            }),
+            Self::DenseTransposed { values } => in_blocks(x.len(), |i, count| match count {
+                BLOCK => transposed::<S, R, BLOCK>(s, ring, values, x, i, sink),
+                _ => transposed::<S, R, 1>(s, ring, values, x, i, sink),
+            }),
+        }
+    }
+}
+
+/// Calls a function with each block of four lines, then with each line that is left.
+#[inline(always)]
+fn in_blocks(lines: usize, mut block: impl FnMut(usize, usize)) {
+    let mut i = 0;
+    while i < lines {
+        let count = if i + BLOCK <= lines { BLOCK } else { 1 };
+        block(i, count);
+        i += count;
+    }
+}
+
+/// Passes the products of the B lines that begin with line i, which are stored one after another.
+#[inline(always)]
+fn dense<S: Simd, R: RowSums<S>, const B: usize>(
+    s: S,
+    ring: R,
+    values: &[f64],
+    x: &[Packed],
+    i: usize,
+    sink: &mut impl Sink<S, R::Sum>,
+) {
+    // Lines may be padded, up to the stride.
+    let (n, stride) = (x.len(), values.len() / x.len());
+    // Slices of one length, so that indices below n need no check in the loop.
+    let mut lines = [&values[..n]; B];
+    for (r, line) in lines.iter_mut().enumerate() {
+        *line = &values[(i + r) * stride..][..n];
+    }
+    let mut sums = [ring.zero(s); B];
+    // Each sum runs over j in order, whatever B: blocks change no bit.
+    for j in 0..n {
+        let (x, index) = (s.load(&x[j]), s.load_indices(&[j as u32; LANES]));
+        for r in 0..B {
+            ring.add(s, &mut sums[r], s.splat(lines[r][j]), x, index);
+        }
+    }
+    for (r, sum) in sums.into_iter().enumerate() {
+        sink.take(s, i + r, sum);
+    }
+}
+
+/// Passes the products of the B lines that begin with line i, whose entries are interleaved.
+#[inline(always)]
+fn transposed<S: Simd, R: RowSums<S>, const B: usize>(
+    s: S,
+    ring: R,
+    values: &[f64],
+    x: &[Packed],
+    i: usize,
+    sink: &mut impl Sink<S, R::Sum>,
+) {
+    let mut sums = [ring.zero(s); B];
+    for ((x, values), j) in x.iter().zip(values.chunks_exact(values.len() / x.len())).zip(0..) {
+        let (x, index) = (s.load(x), s.load_indices(&[j; LANES]));
+        // `in_blocks` passes i and B with i + B <= n, which is at most the stride.
+        let values: &[f64; B] = values[i..].first_chunk().expect("a line is below n");
+        for r in 0..B {
+            ring.add(s, &mut sums[r], s.splat(values[r]), x, index);
+        }
+    }
+    for (r, sum) in sums.into_iter().enumerate() {
+        sink.take(s, i + r, sum);
+    }
+}
+
+/// Range of the packed values of each lane.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PackedRange {
+    /// Least value, NaN aside.
+    pub least: Eight,
+    pub largest: Eight,
+    /// True if a value is above 0 and below 2^-900.
+    pub tiny: [bool; LANES],
+}
+
+kernels! {
+    /// Packs rows that are at least as long as `out`: value i of lane l is `rows[l][i]`.
+    pub fn pack = pack_rows<'a>(
+        rows: [&'a [f64]; LANES], out: &'a mut [Packed],
+    ) -> PackedRange;
+
+    /// Unpacks values into a row for each lane. Rows beyond the length of `from` stay as they are.
+    pub fn unpack = unpack_lanes<'a>(from: &'a [Packed], rows: [&'a mut [f64]; LANES]) -> ();
+
+    /// Unpacks a sequence of vectors into rows of any numbers of whole blocks; with `stream`,
+    /// stores past the caches.
+    pub fn unpack_rows = unpack_blocks<'a>(
+        from: &'a [Packed], rows: [&'a mut [Eight]; LANES], stream: bool,
+    ) -> ();
+}
+
+#[inline(always)]
+fn pack_rows<S: Simd>(s: S, rows: [&[f64]; LANES], out: &mut [Packed]) -> PackedRange {
+    let zero = s.splat(0.0);
+    let (mut least, mut largest) = (s.splat(f64::INFINITY), zero);
+    let mut blocks = [(&[][..], &[][..]); LANES];
+    // A row that is too short fails here, before anything is read.
+    for l in 0..LANES {
+        blocks[l] = rows[l][..out.len()].as_chunks::<LANES>();
+    }
+    for (number, out) in out.chunks_mut(LANES).enumerate() {
+        let mut eight = [zero; LANES];
+        for l in 0..LANES {
+            eight[l] = row_block_ahead::<S, true>(s, blocks[l], number);
+        }
+        // `row_block` pads the last block with zeros; `zip` ends with `out`, before these.
+        for (packed, out) in s.transpose(eight).into_iter().zip(out) {
+            least = s.min(packed, least);
+            largest = s.max(packed, largest);
+            s.store(packed, out);
+        }
+    }
+    let mut tiny = s.lt(zero, zero);
+    // Zeros compare below too, and are usually the only hits: values are read again only then.
+    if s.any(s.lt(least, s.splat(TINY))) {
+        for packed in &*out {
+            tiny = s.or(tiny, s.is_small(s.load(packed), TINY));
+        }
+    }
+    let (least, largest) = (s.to_array(least), s.to_array(largest));
+    PackedRange { least, largest, tiny: flags(s.bits(tiny)) }
+}
+
+/// Bits of a mask, one for each lane.
+#[inline(always)]
+pub(super) fn flags(bits: u8) -> [bool; LANES] {
+    let mut flags = [false; LANES];
+    for (l, flag) in flags.iter_mut().enumerate() {
+        *flag = bits >> l & 1 == 1;
+    }
+    flags
+}
+
+#[inline(always)]
+fn unpack_lanes<S: Simd>(s: S, from: &[Packed], rows: [&mut [f64]; LANES]) {
+    let mut outs = rows.map(|row| row[..from.len()].as_chunks_mut::<LANES>());
+    for (number, from) in from.chunks(LANES).enumerate() {
+        let mut eight = [s.splat(0.0); LANES];
+        for (packed, from) in eight.iter_mut().zip(from) {
+            *packed = s.load(from);
+        }
+        let lanes = s.transpose(eight);
+        // The last block may be partial: `store` writes as many as the row has room for.
+        for l in 0..LANES {
+            store(s, &mut outs[l], number, lanes[l]);
+        }
+    }
+}
+
+#[inline(always)]
+fn unpack_blocks<S: Simd>(s: S, from: &[Packed], rows: [&mut [Eight]; LANES], stream: bool) {
+    let mut rows = rows.map(<[Eight]>::iter_mut);
+    for from in from.as_chunks::<LANES>().0 {
+        let mut eight = [s.splat(0.0); LANES];
+        for r in 0..LANES {
+            eight[r] = s.load(&from[r]);
+        }
+        let lanes = s.transpose(eight);
+        for (row, lane) in rows.iter_mut().zip(lanes) {
+            // Sequences of a group end at different steps: the row of a shorter one is full before
+            // the others.
+            let Some(out) = row.next() else { continue };
+            // Results of large groups do not fit into the caches: fetching each line before
+            // overwriting it would move twice the bytes.
+            if stream {
+                s.stream(lane, out);
+            } else {
+                s.store(lane, out);
+            }
+        }
+    }
+    // Another thread may take the results: streamed stores are not ordered otherwise.
+    if stream {
+        s.fence();
+    }
+}
 
 kernels! {
     /// `out = (A x) ∘ b`, or `x ∘ b` without a matrix. Returns the sums of `out`.

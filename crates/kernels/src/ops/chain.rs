@@ -9,8 +9,8 @@
 //! Lanes beyond the last state have entries of 0 (−∞ for scores), and stay so.
 
 use crate::limits::{LEAST_FACTOR, LEAST_IN_CHAIN, MIDDLE_RANGE, exponent, power};
-use crate::memory::Packed;
 use crate::simd::{Eight, LANES, Simd, kernels, total};
+use crate::vector::Packed;
 
 /// Lines of a matrix, or of its logarithms, padded with 0 or −∞.
 pub(super) type PaddedLines = [Packed; LANES];

@@ -3,11 +3,11 @@
 //! e^x = 2^n e^r with n = round(x / ln 2), so that |r| ≤ ln 2 / 2, and e^r by its series up to
 //! r^13, with a remainder below 5e-18. All instruction sets give the same bits.
 
-use super::largest::{Valid, within};
-use super::packing::{PackedRange, flags};
+use super::batch::{PackedRange, flags};
+use super::forward::{Valid, within};
 use crate::limits::TINY;
-use crate::memory::Packed;
 use crate::simd::{Eight, LANES, Simd, kernels, row_block, store};
+use crate::vector::Packed;
 
 /// 1.5 · 2^52: beside it the last bit of a double is 1, so that adding it rounds to an integer.
 const ROUND: f64 = 6_755_399_441_055_744.0;
@@ -114,7 +114,7 @@ fn cubic<S: Simd>(s: S, k: usize, r: S::V, square: S::V) -> S::V {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ops::packing::pack;
+    use crate::ops::pack;
 
     #[test]
     fn exponentials_are_those_of_the_platform() {

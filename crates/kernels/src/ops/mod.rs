@@ -5,24 +5,18 @@ mod batch;
 mod chain;
 mod exp;
 mod forward;
-mod largest;
-mod lines;
 mod max_product;
-mod packing;
 mod segment_vectors;
 mod segments;
 
 pub use backward::{BackwardStep, backward_step, divide_by_prediction};
+pub use batch::{Lines, batch_ratio, count_moves, pack, unpack, unpack_rows};
 pub use batch::{batch_backward, batch_forward, batch_max, batch_normalize};
-pub use batch::{batch_ratio, count_moves};
 pub use chain::{ChainPointers, ChainState, chain_backward, chain_decode, chain_forward};
 pub use exp::{batch_exp, exp_in_place};
-pub use forward::normalize_in_place;
 pub use forward::{ForwardStep, ForwardSums, Watch, forward_step, normalize_and_lift};
-pub use largest::{Valid, largest};
-pub use lines::Lines;
+pub use forward::{Valid, largest, normalize_in_place};
 pub use max_product::{Scores, ScoresIn, add_scores, max_step};
-pub use packing::{pack, unpack, unpack_rows};
 pub use segment_vectors::{Scaled, SmallModel};
 pub use segments::{
     Backpointers, decode_segments, filter_segments, multiply_segments, smooth_segments,

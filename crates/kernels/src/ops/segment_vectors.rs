@@ -1,8 +1,8 @@
 //! Vectors on their way through eight segments, one segment in each lane.
 
-use crate::memory::Packed;
 use crate::semiring::Semiring;
 use crate::simd::{Eight, Simd};
+use crate::vector::Packed;
 
 /// The matrix of a model of N states, its values or their logarithms, column after column and row
 /// after row.

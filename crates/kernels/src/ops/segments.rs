@@ -12,9 +12,9 @@
 use super::chain::keep_better;
 use super::segment_vectors::{Scaled, SegmentStep, SegmentVectors, SmallModel, keep_range};
 use crate::limits::STEPS_BETWEEN_CHECKS;
-use crate::memory::Packed;
 use crate::semiring::{MaxPlus, Semiring, SumProduct};
 use crate::simd::{Eight, LANES, Simd, kernels};
+use crate::vector::Packed;
 
 kernels! {
     /// Returns the products B(y_k) A … B(y_1) A of each segment, column after column; `None` if

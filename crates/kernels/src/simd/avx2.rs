@@ -3,7 +3,7 @@
 #[allow(clippy::wildcard_imports, reason = "intrinsics carry the names of instructions")]
 use std::arch::{asm, x86_64::*};
 
-use super::lanes::{Eight, LANES, Simd};
+use super::{Eight, LANES, Simd};
 
 /// Proof of AVX2. True if gathers are instructions.
 #[derive(Debug, Clone, Copy)]

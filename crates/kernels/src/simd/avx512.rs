@@ -4,7 +4,7 @@
 use std::arch::{asm, x86_64::*};
 
 use super::avx2::{is_line, load_four};
-use super::lanes::{Eight, LANES, Simd};
+use super::{Eight, LANES, Simd};
 
 /// Proof of AVX-512 F and VL, and AVX2. True if gathers are instructions.
 #[derive(Debug, Clone, Copy)]

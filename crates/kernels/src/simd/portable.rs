@@ -4,7 +4,7 @@
 //! Each operation gives the bits that the instructions of AVX2 and AVX-512 give, for NaN, infinite
 //! values and zeros of either sign, too.
 
-use super::lanes::{Eight, LANES, Simd};
+use super::{Eight, LANES, Simd};
 
 /// Arrays.
 #[derive(Debug, Clone, Copy)]

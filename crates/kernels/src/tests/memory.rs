@@ -3,8 +3,8 @@
 use super::{ZERO_SCORE, everywhere};
 use crate::layout::{Arrangement, Sliced};
 use crate::limits::LIFT;
-use crate::memory::{Aligned, LARGE, LINE, in_large_pages};
-use crate::parallel::{PART, Splits, in_turn, run_in_parts};
+use crate::simd::{PART, Splits, in_turn, run_in_parts};
+use crate::vector::{Aligned, LARGE, LINE, in_large_pages};
 use crate::*;
 
 #[test]
