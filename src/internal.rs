@@ -15,7 +15,4 @@ pub use crate::random::index;
 pub use crate::reorder::positions;
 #[cfg(feature = "serde")]
 pub use crate::stored::{Version, refused};
-pub use crate::transition::kit::{
-    best_of, check_count, check_probability, check_slices, check_sum,
-};
 pub use crate::transition::{Compressed, NoControl, buffers, log, refuse_evidence, validate_with};

@@ -14,6 +14,8 @@ pub use batch::{Lines, batch_ratio, count_moves, pack, unpack, unpack_rows};
 pub use batch::{batch_backward, batch_forward, batch_max, batch_normalize};
 pub use chain::{ChainPointers, ChainState, chain_backward, chain_decode, chain_forward};
 pub use exp::{batch_exp, exp_in_place};
+#[cfg(test)]
+pub(crate) use forward::{ForwardRows, Normalize};
 pub use forward::{ForwardStep, ForwardSums, Watch, forward_step, normalize_and_lift};
 pub use forward::{Valid, largest, normalize_in_place};
 pub use max_product::{Scores, ScoresIn, add_scores, max_step};
@@ -21,6 +23,3 @@ pub use segment_vectors::{Scaled, SmallModel};
 pub use segments::{
     Backpointers, decode_segments, filter_segments, multiply_segments, smooth_segments,
 };
-
-#[cfg(test)]
-pub(crate) use forward::{ForwardRows, Normalize};

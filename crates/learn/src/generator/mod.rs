@@ -15,7 +15,8 @@ mod learn;
 use std::fmt;
 
 use wayfix::error::OutOfRange;
-use wayfix::internal::{Compressed, best_of, buffers, check_count, check_slices};
+use wayfix::internal::{Compressed, buffers};
+use wayfix::transition::kit::{best_of, check_count, check_slices};
 use wayfix::{ReorderStates, SparseTransition, Transition, TransitionEntries, TransitionError};
 use wayfix_kernels::limits::LIFT;
 use wayfix_kernels::log2;

@@ -15,7 +15,8 @@ mod operator;
 use std::collections::BTreeMap;
 
 use wayfix::error::OutOfRange;
-use wayfix::internal::{check_count, refuse_evidence, validate_with};
+use wayfix::internal::{refuse_evidence, validate_with};
+use wayfix::transition::kit::check_count;
 use wayfix::{SparseTransition, Transition, TransitionEntries, TransitionError};
 use wayfix_kernels::limits;
 

@@ -6,7 +6,8 @@
 use std::f64::consts::LOG2_E;
 use std::ops::Range;
 
-use wayfix::internal::{Number, buffers, check_slices, log};
+use wayfix::internal::{Number, buffers, log};
+use wayfix::transition::kit::check_slices;
 use wayfix::{ReorderStates, Transition, TransitionEntries, TransitionError};
 use wayfix_kernels as kernels;
 use wayfix_kernels::limits;

@@ -7,7 +7,7 @@
 
 use wayfix::TransitionError;
 use wayfix::error::OutOfRange;
-use wayfix::internal::{check_probability, check_sum};
+use wayfix::transition::kit::{check_probability, check_sum};
 
 /// Largest number of speeds: changes take memory and time for each pair of them.
 const MOST_SPEEDS: usize = 1024;

@@ -10,8 +10,8 @@ use super::speeds::{OdometryModel, Speeds, Window};
 use wayfix::Belief;
 use wayfix::TransitionError;
 use wayfix::error::OutOfRange;
-use wayfix::internal::{check_count, check_probability};
 use wayfix::likelihood::Groups;
+use wayfix::transition::kit::{check_count, check_probability};
 
 /// Evidence on a step of a [`RouteTransition`]; none by default.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

@@ -11,7 +11,8 @@ use super::{RouteControl, RouteTransition, ViewEvidence, ViewFactors};
 use crate::motion::OdometryModel;
 use wayfix::Transition;
 use wayfix::TransitionError;
-use wayfix::internal::{buffers, check_slices};
+use wayfix::internal::buffers;
+use wayfix::transition::kit::check_slices;
 use wayfix_kernels as kernels;
 
 /// Number of places handled at a time, so that their values stay in the first cache.

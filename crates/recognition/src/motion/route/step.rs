@@ -10,7 +10,8 @@
 use super::shape::RouteShape;
 use super::{Driven, RouteControl, RouteTransition, ViewFactors};
 use wayfix::TransitionEntries;
-use wayfix::internal::{buffers, check_slices};
+use wayfix::internal::buffers;
+use wayfix::transition::kit::check_slices;
 use wayfix_kernels::log2;
 
 /// Factors of the entries of a step.

@@ -14,8 +14,9 @@ use super::odometer::Odometer;
 use super::travel::{Travel, check_reading};
 use super::turns::{EdgeTurns, TurnWeights, Turns};
 use crate::cells::road_cells::{Layout, RoadCells};
-use wayfix::internal::{buffers, check_slices};
+use wayfix::internal::buffers;
 use wayfix::map::FittedTurn;
+use wayfix::transition::kit::check_slices;
 use wayfix::{Transition, TransitionEntries, TransitionError};
 
 /// A vehicle on the [cells of roads](RoadCells), by the metres driven in a step: ticks of

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use wayfix::TransitionError;
 use wayfix::error::OutOfRange;
-use wayfix::internal::check_sum;
+use wayfix::transition::kit::check_sum;
 
 /// Largest number of cells of a step.
 const MOST: f64 = 1e7;

@@ -116,7 +116,7 @@ impl Turns {
         let (mut starts, mut turns) = (vec![0], Vec::new());
         for edge in 0..network.edges().len() {
             weights.turns(network, edge, &mut turns);
-            wayfix::internal::check_count("turns", turns.len())?;
+            wayfix::transition::kit::check_count("turns", turns.len())?;
             starts.push(turns.len() as u32);
         }
         turns.shrink_to_fit();

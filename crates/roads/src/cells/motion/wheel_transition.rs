@@ -2,8 +2,9 @@
 //! of scales and the move A_g = Σ w_k M^k by the distance of the new scale.
 
 use super::{CellTransition, Travel, WheelOdometer, WheelTravel, Wheels};
-use wayfix::internal::{buffers, check_count, check_slices};
+use wayfix::internal::buffers;
 use wayfix::likelihood::Groups;
+use wayfix::transition::kit::{check_count, check_slices};
 use wayfix::{Belief, Transition, TransitionEntries, TransitionError};
 
 /// Motion on the [cells of roads](crate::cells::RoadCells) by the metres that wheels read, with
