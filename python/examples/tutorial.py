@@ -115,7 +115,7 @@ def judged(noise, seed):
 # With a noise of 2.6, single images say little, and a filter helps. The noise was 1.6 at first, and the nearest image
 # then beat the filter in recall at 100 % precision, 0.40 to 0.17. So several noises are compared below.
 recording, smoothed, similarity, found = judged(noise=2.6, seed=2)
-print("doubts:", recording.doubts() or "none")
+print("warnings:", recording.warnings() or "none")
 for name, (within, sure, _) in found.items():
     print(f"{name}: recall within 2 {within:.2f}, at 100 % precision {sure:.2f}")
 

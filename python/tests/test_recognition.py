@@ -133,7 +133,7 @@ def test_off_the_map_and_fit():
     assert (cold.options["odds"]["temperature"], cold.options["window"]) == (1.0, 3)
     assert cold.options["odometry"] == parts.options["odometry"]
     assert recognizer.with_options(off_map=False).options["off_map"] is None
-    assert any("fit" in doubt or "labelled" in doubt for doubt in recognizer.fit(frames[:9], truth[:9]).doubts)
+    assert any("fit" in doubt or "labelled" in doubt for doubt in recognizer.fit(frames[:9], truth[:9]).warnings)
 
 
 def test_pickles_and_copies_go_on_to_the_bit():

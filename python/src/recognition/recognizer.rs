@@ -215,7 +215,7 @@ impl PyRecognizer {
 
     /// Reasons to doubt the fit, as texts; empty for parameters that were read from JSON.
     #[getter]
-    fn doubts(&self) -> Vec<String> {
+    fn warnings(&self) -> Vec<String> {
         self.recognizer.parameters().warnings().iter().map(ToString::to_string).collect()
     }
 
@@ -264,7 +264,7 @@ impl PyRecognizer {
 
     /// Learns from labelled parts of drives: speeds, odometry, rates of leaving the map, the usual
     /// scores of each reference, and the temperature. Returns another recogniser; read its
-    /// `doubts`.
+    /// `warnings`.
     ///
     /// Parameters
     /// ----------

@@ -109,7 +109,7 @@ impl PyRecording {
 
     /// Returns reasons to doubt the views and readings of the drive, or their match with the fit,
     /// as texts. Costs as much as `filtered`.
-    fn doubts(&self, py: Python<'_>) -> PyResult<Vec<String>> {
+    fn warnings(&self, py: Python<'_>) -> PyResult<Vec<String>> {
         let recording = Arc::clone(&self.recording);
         in_background(py, move |_| recording.warnings().iter().map(ToString::to_string).collect())
     }

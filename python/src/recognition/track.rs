@@ -104,7 +104,7 @@ impl PyTrack {
 
     /// Reasons to doubt the recent views and readings, as texts.
     #[getter]
-    fn doubts(&self, py: Python<'_>) -> Vec<String> {
+    fn warnings(&self, py: Python<'_>) -> Vec<String> {
         self.with(py, |track| track.warnings().iter().map(ToString::to_string).collect())
     }
 
