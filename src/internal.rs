@@ -10,7 +10,7 @@ pub use crate::free_parameters::{Scale as ParameterScale, cholesky};
 pub use crate::inference::engines::parallel;
 pub use crate::inference::{LogSum, MOST_STEPS, Scale, TrellisForward, left_out};
 pub use crate::likelihood::{product_of, shares};
-pub use crate::map::{Label, Places, Search, balance, check_position, components, turned};
+pub use crate::map::{Label, Places, Search, balance, check_position, components, wrapped};
 pub use crate::random::index;
 pub use crate::reorder::positions;
 #[cfg(feature = "serde")]

@@ -65,6 +65,6 @@ pub use {
     components::components,
     flow::balance,
     places::{Places, check_position},
-    position::turned,
+    position::wrapped,
     search::{Label, Search},
 };

@@ -32,7 +32,7 @@ pub trait Axes: Sized {
     fn values(self) -> [f64; 2];
     /// Projects conformally to a plane, with x to the east and y to the north. For the Earth the
     /// plane is an unrolled cylinder: lines continue beyond the antimeridian, where
-    /// [`turned`](Self::turned) brings points together.
+    /// [`wrapped`](Self::wrapped) brings points together.
     fn to_plane(self) -> [f64; 2];
     /// Position of a point in the plane.
     fn from_plane(point: [f64; 2]) -> Self;
@@ -43,29 +43,29 @@ pub trait Axes: Sized {
     /// Period of each number; infinite if it has none.
     const PERIODS: [f64; 2];
     /// Period of the plane along x; infinite if it has none.
-    const TURN: f64;
+    const X_PERIOD: f64;
 
-    /// Returns a point of the plane, turned around the Earth to within half a turn of another. A
+    /// Returns a point of the plane, moved by whole periods to within half a period of another. A
     /// point that is near enough is returned unchanged, to the bit.
-    fn turned(point: [f64; 2], near: [f64; 2]) -> [f64; 2] {
-        [turned(point[0], near[0], Self::TURN), point[1]]
+    fn wrapped(point: [f64; 2], near: [f64; 2]) -> [f64; 2] {
+        [wrapped(point[0], near[0], Self::X_PERIOD), point[1]]
     }
 
-    /// Projects a line, turning each point to within half a turn of the one before it.
+    /// Projects a line; each point is moved to within half a period of the previous one.
     fn unwrap(line: impl IntoIterator<Item = Self>) -> impl Iterator<Item = [f64; 2]> {
         // The first point stays where it is; each next one is near the one before, so that no piece
         // of a line spans the plane.
         let mut before = None;
         line.into_iter().map(move |position| {
             let point = position.to_plane();
-            *before.insert(Self::turned(point, before.unwrap_or(point)))
+            *before.insert(Self::wrapped(point, before.unwrap_or(point)))
         })
     }
 }
 
 /// Returns a periodic value, shifted to within half a period of another number.
 #[must_use]
-pub fn turned(value: f64, near: f64, period: f64) -> f64 {
+pub fn wrapped(value: f64, near: f64, period: f64) -> f64 {
     let off = value - near;
     // False for NaN and for an infinite period.
     if off.abs() > 0.5 * period { value - period * (off / period).round() } else { value }
@@ -114,7 +114,7 @@ impl Axes for Position {
     const AXES: [(&'static str, f64); 2] = [("latitude", 90.0), ("longitude", 180.0)];
     const UNIT: &'static str = "degrees";
     const PERIODS: [f64; 2] = [f64::INFINITY, 360.0];
-    const TURN: f64 = std::f64::consts::TAU * EARTH_RADIUS;
+    const X_PERIOD: f64 = std::f64::consts::TAU * EARTH_RADIUS;
     #[cfg(feature = "csv")]
     const MAY_BE_STRAIGHT: bool = false;
 
@@ -135,7 +135,7 @@ impl Axes for Position {
     fn from_plane([x, y]: [f64; 2]) -> Self {
         let latitude = (y / EARTH_RADIUS).sinh().atan().to_degrees();
         // Beyond the antimeridian, longitudes continue from its other side.
-        Self { latitude, longitude: turned((x / EARTH_RADIUS).to_degrees(), 0.0, 360.0) }
+        Self { latitude, longitude: wrapped((x / EARTH_RADIUS).to_degrees(), 0.0, 360.0) }
     }
 
     fn scale([_, y]: [f64; 2]) -> f64 {
@@ -186,7 +186,7 @@ impl Axes for PlanePosition {
     const AXES: [(&'static str, f64); 2] = [("x", 1e9), ("y", 1e9)];
     const UNIT: &'static str = "metres";
     const PERIODS: [f64; 2] = [f64::INFINITY; 2];
-    const TURN: f64 = f64::INFINITY;
+    const X_PERIOD: f64 = f64::INFINITY;
     #[cfg(feature = "csv")]
     const MAY_BE_STRAIGHT: bool = true;
 

@@ -11,7 +11,7 @@ use std::sync::Arc;
 use crate::NetworkError;
 use crate::cells::RoadCells;
 use wayfix::error::OutOfRange;
-use wayfix::internal::turned;
+use wayfix::internal::wrapped;
 use wayfix::likelihood::LocalLikelihood;
 use wayfix::map::{Coordinates, Position};
 use wayfix::{Diagonal, Likelihood, LikelihoodError, Scratch};
@@ -139,7 +139,7 @@ impl<P: Coordinates> PositionLikelihood<P> {
         let (points, degrees) = (&*self.points, self.degrees);
         let metres = P::scale(at);
         let variance = deviation * deviation;
-        Ok(FixDensity { points, at, metres, turn: P::TURN, variance, ahead, degrees })
+        Ok(FixDensity { points, at, metres, turn: P::X_PERIOD, variance, ahead, degrees })
     }
 }
 
@@ -161,7 +161,7 @@ impl FixDensity<'_> {
     fn log(&self, cell: usize) -> f64 {
         let ([x, y], [u, v]) = (self.points.middles[cell], self.points.directions[cell]);
         let (u, v) = (f64::from(u), f64::from(v));
-        let x = turned(x, self.at[0], self.turn);
+        let x = wrapped(x, self.at[0], self.turn);
         let [dx, dy] = [self.metres * (self.at[0] - x), self.metres * (self.at[1] - y)];
         let (along, across) = (dx * u + dy * v - self.ahead, dx * v - dy * u);
         // The unknown place in the cell adds to the variance along the road only.
@@ -191,7 +191,7 @@ impl FixDensity<'_> {
         for turn in [0.0, self.turn, -self.turn].into_iter().filter(|turn| turn.is_finite()) {
             let is_nearest = |cell: usize| {
                 let middle = self.points.middles[cell][0];
-                turned(middle, x, self.turn) == middle - turn
+                wrapped(middle, x, self.turn) == middle - turn
             };
             let mut take = |cell| {
                 if is_nearest(cell) {

@@ -195,7 +195,7 @@ impl<P: Coordinates> CandidateSearch<'_, P> {
         let sigma = deviation(self.model, self.point);
         let metres = self.network.edges()[near.edge].metres;
         let (position, scale) = (self.point.position.to_plane(), P::scale(near.point));
-        let nearest = P::turned(near.point, position);
+        let nearest = P::wrapped(near.point, position);
         let off = [0, 1].map(|axis| scale * (position[axis] - nearest[axis]));
         let length = off[0].hypot(off[1]);
         let tangent = near.direction();
@@ -259,7 +259,7 @@ fn heading<P>(near: &NearEdge, point: &TracePoint<P>) -> f64 {
 
 /// Metres between two points of the plane.
 pub(super) fn metres_between<P: Coordinates>(a: [f64; 2], b: [f64; 2]) -> f64 {
-    let b = P::turned(b, a);
+    let b = P::wrapped(b, a);
     let middle = [0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])];
     let [x, y] = [a[0] - b[0], a[1] - b[1]];
     // Coordinates are below 1e9: squares are in range.

@@ -178,7 +178,7 @@ fn straight_on<P: Coordinates>(network: &RoadNetwork<P>, edge: usize, next: usiz
     const ANY: f64 = 0.05;
     let direction = |pair: [&P; 2]| {
         let [a, b] = pair.map(|position| position.to_plane());
-        let b = P::turned(b, a);
+        let b = P::wrapped(b, a);
         [b[0] - a[0], b[1] - a[1]]
     };
     let (line, next) = (network.shape(edge), network.shape(next));

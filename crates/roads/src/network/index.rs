@@ -238,7 +238,7 @@ impl EdgeIndex {
 /// Shifts along x under which a point of the plane stays at the same place on Earth: lines across
 /// the antimeridian continue beyond it, where a position on its other side must be looked for.
 fn turns<P: Coordinates>() -> impl Iterator<Item = f64> {
-    [0.0, P::TURN, -P::TURN].into_iter().filter(|turn| turn.is_finite())
+    [0.0, P::X_PERIOD, -P::X_PERIOD].into_iter().filter(|turn| turn.is_finite())
 }
 
 fn length(pair: &[[f64; 2]]) -> f64 {

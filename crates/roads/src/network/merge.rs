@@ -4,7 +4,7 @@ use super::cleaning::{Cleaning, CleaningStep};
 use super::road_network::{Edge, RoadNetwork};
 use crate::NetworkError;
 use wayfix::error::OutOfRange;
-use wayfix::internal::turned;
+use wayfix::internal::wrapped;
 use wayfix::map::{Coordinates, Place};
 
 impl<P: Coordinates> RoadNetwork<P> {
@@ -102,9 +102,9 @@ impl<P: Coordinates> Clusters<P> {
         // A sum of differences to the first node: equal positions have themselves as their mean,
         // and longitudes on both sides of the antimeridian are averaged there.
         let from = first.values();
-        let off = |v: [f64; 2], i: usize| turned(v[i], from[i], P::PERIODS[i]) - from[i];
+        let off = |v: [f64; 2], i: usize| wrapped(v[i], from[i], P::PERIODS[i]) - from[i];
         let sum = values.fold([0.0; 2], |sum, v| [0, 1].map(|i| sum[i] + off(v, i)));
         let mean = [0, 1].map(|i| from[i] + sum[i] / nodes.len() as f64);
-        P::from_values([0, 1].map(|i| turned(mean[i], 0.0, P::PERIODS[i])))
+        P::from_values([0, 1].map(|i| wrapped(mean[i], 0.0, P::PERIODS[i])))
     }
 }

@@ -23,7 +23,7 @@ impl<P: Coordinates> RoadNetwork<P> {
         let mut points = P::unwrap(self.shape(edge).iter().copied());
         let mut a = points.next().unwrap_or_default();
         for b in points {
-            let [px, py] = P::turned(position, a);
+            let [px, py] = P::wrapped(position, a);
             let [dx, dy] = [b[0] - a[0], b[1] - a[1]];
             let squared = dx * dx + dy * dy;
             let share = ((px - a[0]) * dx + (py - a[1]) * dy) / squared;
@@ -50,7 +50,7 @@ impl<P: Coordinates> RoadNetwork<P> {
         // beyond.
         let is_end = share <= 0.0 || share >= 1.0;
         let (direction, _) = direction(piece);
-        let [px, py] = P::turned(position, point);
+        let [px, py] = P::wrapped(position, point);
         let straight = (px - point[0]) * direction[0] + (py - point[1]) * direction[1];
         let beyond = if is_end { straight * scale } else { 0.0 };
         // The offset has a part along the last piece and one across: Pythagoras.
@@ -75,7 +75,7 @@ impl<P: Coordinates> RoadNetwork<P> {
         // Most lines have two points, which need no allocation.
         if let [a, b] = self.shape(edge) {
             let a = a.to_plane();
-            let b = P::turned(b.to_plane(), a);
+            let b = P::wrapped(b.to_plane(), a);
             let total = length(a, b);
             let left = share * total;
             // False for NaN.
@@ -107,7 +107,7 @@ impl<P: Coordinates> RoadNetwork<P> {
         let points = self.shape(edge);
         let length = |pair: &[P]| {
             let a = pair[0].to_plane();
-            let b = P::turned(pair[1].to_plane(), a);
+            let b = P::wrapped(pair[1].to_plane(), a);
             (b[0] - a[0]).hypot(b[1] - a[1])
         };
         let total: f64 = points.windows(2).map(length).sum();
