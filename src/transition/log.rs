@@ -51,8 +51,8 @@ fn bands(
     mut product: impl FnMut(&[f64], &mut [f64]),
 ) -> f64 {
     out.fill(f64::NEG_INFINITY);
-    // Numbers up to e^next that are left add at most n e^(highest + next) to a sum, which is beyond
-    // its digits if it is at least e^(next + settled_margin).
+    // The remaining numbers are at most e^next, and add at most n e^(highest + next) to a sum. That
+    // is beyond the digits of a sum of at least e^(next + settled_margin).
     let settled_margin = highest + (x.len() as f64).ln() + DIGITS;
     buffers::with_two(x.len(), |band, sums| {
         let mut top = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);

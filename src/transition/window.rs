@@ -292,8 +292,8 @@ impl TransitionEntries for WindowTransition {
         check_slices(self.states, x, out);
         out.fill(f64::NEG_INFINITY);
         from.fill(0);
-        // Each state is offered its predecessors in ascending order (places before `interior`, blocks
-        // in order, far moves before near ones, places after), so that the lowest wins ties.
+        // Each state is offered its predecessors in ascending order (places before `interior`,
+        // blocks in order, far moves before near ones, places after), so the lowest wins ties.
         let offer = |out: &mut f64, from: &mut u32, value: f64, place: usize| {
             let better = value > *out;
             *out = if better { value } else { *out };

@@ -337,8 +337,8 @@ impl OnlineViterbiSnapshot {
                     "undecided step {at} does not have states below {states} in ascending order"
                 ));
             }
-            // Both conditions at once: the set of predecessors equals the level before. The oldest
-            // level has no predecessors, and stores 0 for each.
+            // Both conditions at once: the set of predecessors equals the previous level. The
+            // oldest level has no predecessors, and stores 0 for each.
             let mut used: Vec<u32> = nodes.iter().map(|node| node.from).collect();
             used.sort_unstable();
             used.dedup();
@@ -375,7 +375,7 @@ crate::stored! {
             let TakenOut { whole, factors: LogSum { sum, compensation } } = state.best.taken_out;
             [whole, sum, compensation]
         },
-        // Of each undecided step, its states with their predecessors.
+        // The states of each undecided step, with their predecessors.
         undecided: Vec<Vec<(u32, u32)>> = {
             let level = |nodes: &Vec<Node>| nodes.iter().map(|node| (node.state, node.from)).collect();
             state.levels.iter().map(level).collect::<Vec<Vec<_>>>()

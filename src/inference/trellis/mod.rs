@@ -300,7 +300,7 @@ impl Trellis {
             std::mem::swap(&mut scores, &mut next);
         }
         // The best score is exactly 0, from the subtraction in the last step. In an empty trellis
-        // it is that of the start.
+        // the best score is that of the start.
         let mut state = scores.iter().position(|score| *score == 0.0).unwrap_or(0);
         let mut states = vec![0; self.steps()];
         for step in (1..=self.steps()).rev() {

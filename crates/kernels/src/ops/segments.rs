@@ -61,7 +61,7 @@ fn multiply<S: Simd, R: Semiring, const N: usize>(
         columns::<S, R, N, 2>(s, ring, model, likelihoods, &mut out)?
     };
     if s.any(s.lt(least, s.splat(model.least))) {
-        // Zeros compare below too, and are usually the only hits.
+        // Zeros also compare below, and are usually the only hits.
         let above = likelihoods.as_flattened().iter().flat_map(|b| b.0);
         if above.into_iter().any(|b| b > R::ZERO && b < model.least) {
             return None;
@@ -84,12 +84,12 @@ fn columns<S: Simd, R: Semiring, const N: usize, const C: usize>(
     for (number, out) in out.as_chunks_mut::<C>().0.iter_mut().enumerate() {
         let mut running = [SegmentVectors::new(s, &[[R::ZERO; LANES]; N]); C];
         for (c, running) in running.iter_mut().enumerate() {
-            // Column c of the product is what it makes of a unit vector.
+            // Column c of the product is what the product makes of unit vector c.
             running.x[number * C + c] = s.splat(R::ONE);
         }
         for steps in likelihoods.chunks(STEPS_BETWEEN_CHECKS) {
             for b in steps {
-                // With the running value second, which `min` returns beside a NaN.
+                // The running value comes second: `min` returns it if the other value is NaN.
                 for b in b {
                     least = s.min(s.load(b), least);
                 }
@@ -129,8 +129,8 @@ fn filter<S: Simd, const N: usize>(
     for (steps, (out, normalizers)) in likelihoods.chunks(STEPS_BETWEEN_CHECKS).zip(places) {
         for ((b, out), normalizer) in steps.iter().zip(out).zip(normalizers) {
             let [running] = &mut running;
-            // The recursion takes x as it is, without waiting for the division, which only the
-            // results need.
+            // The recursion carries `running` on unnormalised, so it needn't wait for the division;
+            // only the stored results need it.
             running.multiply(s, SumProduct, &model.columns);
             running.observe(s, SumProduct, b);
             let sum = running.sum(s);
@@ -168,8 +168,8 @@ fn smooth<S: Simd, const N: usize>(
         }
         keep_range(s, SumProduct, &mut forward)?;
     }
-    // Chunks are counted from the end, where the vectors start; the short one comes last, as
-    // forward.
+    // Chunks are counted from the end, where the vectors start; the short one comes last, as in the
+    // forward pass.
     let mut backward = [SegmentVectors::new(s, ends)];
     for (steps, out) in
         likelihoods.rchunks(STEPS_BETWEEN_CHECKS).zip(out.rchunks_mut(STEPS_BETWEEN_CHECKS))

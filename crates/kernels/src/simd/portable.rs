@@ -45,7 +45,8 @@ impl Simd for Portable {
         sub: f64 => f64, |a, b| a - b;
         mul: f64 => f64, |a, b| a * b;
         div: f64 => f64, |a, b| a / b;
-        // Not `f64::min`: that returns the number if one is NaN, the instruction the second operand.
+        // Not `f64::min`: that returns the number if one is NaN, whereas the instruction returns
+        // the second operand.
         min: f64 => f64, |a, b| if a < b { a } else { b };
         max: f64 => f64, |a, b| if a > b { a } else { b };
         lt: f64 => u64, |a, b| mask(a < b);
@@ -92,7 +93,8 @@ impl Simd for Portable {
     }
     #[inline(always)]
     fn power_of_two(self, n: Eight) -> Eight {
-        // The last bits are those of n; beside the bits of 1 they count its exponent on.
+        // The last bits are those of n: shifted to the exponent and added to the bits of 1, they
+        // make 2^n.
         lanes(|l| f64::from_bits((n[l].to_bits() << 52).wrapping_add(1.0_f64.to_bits())))
     }
     #[inline(always)]
