@@ -191,7 +191,7 @@ impl HmmError {
     /// ```
     #[must_use]
     pub fn step(&self) -> Option<usize> {
-        // No wildcard, so that a new variant has to say whether it has a step.
+        // No wildcard, so a new variant has to say whether it has a step.
         match self {
             Self::Impossible { step }
             | Self::ImpossibleMove { step }

@@ -138,8 +138,8 @@ impl<F: Univariate, const HURDLE: bool> ExtraZeros<F, HURDLE> {
             let (log_zero, nonzero) = (w.ln(), -log.exp_m1());
             return Ok(Self { probability: w, inner, log_zero, log_nonzero_factor, nonzero });
         }
-        // ln p(0): as 1 less the probability of the others where that is below ½, otherwise the
-        // logarithm of w + (1 − w) f(0), relative to the larger term.
+        // ln p(0) is ln(1 − `others`), with the probability of all other values, where that is
+        // below ½. Otherwise it is the logarithm of w + (1 − w) f(0), relative to the larger term.
         let others = (1.0 - w) * -log.exp_m1();
         let log_zero = if others < 0.5 {
             (-others).ln_1p()
@@ -228,7 +228,8 @@ impl<F: Univariate, const HURDLE: bool> Univariate for ExtraZeros<F, HURDLE> {
         if weight == 0.0 {
             return of_zeros;
         }
-        // That of F is for the statistics of one observation: divide by the weight.
+        // The log density of F takes the statistics of one observation, hence the division by the
+        // weight.
         let mut mean = F::Statistics::default();
         mean.add(weight.recip(), others);
         let of_one = self.log_nonzero_factor + self.inner.expected_log_density(&mean);
@@ -238,8 +239,8 @@ impl<F: Univariate, const HURDLE: bool> Univariate for ExtraZeros<F, HURDLE> {
     fn maximize(&self, sums: &Self::Statistics) -> Result<Self, EmissionError> {
         let (zeros, others) = sums;
         if HURDLE {
-            // Starts from the zeros that the present F expects beside the others. There may be any
-            // number.
+            // Starts from the number of zeros that the present F expects next to the other
+            // observations. There may be any number of them.
             let unseen = others.weight() * (1.0 - self.nonzero) / self.nonzero;
             let (inner, _) = fit(&self.inner, others, unseen, f64::INFINITY)?;
             return Self::new(zeros / sums.weight(), inner);
@@ -397,7 +398,7 @@ fn fit<F: Univariate>(
     if weight < f64::MIN_POSITIVE {
         return Ok((inner.clone(), 0.0));
     }
-    // Without zeros of its own, the distribution explains none.
+    // A distribution without zeros of its own explains none.
     let Some(zero) = zero(inner) else {
         return Ok((inner.maximize(others)?, 0.0));
     };
@@ -415,7 +416,7 @@ fn fit<F: Univariate>(
     let rises = rising_end.expected >= rising_end.zeros;
     let mut falling_end = if rises {
         loop {
-            // Beside so many zeros, the other observations are lost in rounding.
+            // Next to so many zeros, the other observations are lost in rounding.
             if most == f64::INFINITY && rising_end.expected * 64.0 * f64::EPSILON > weight {
                 let (state, component, what) = (None, None, "distribution of values above 0");
                 let reason = "they may stand beside any number of zeros; give a prior";
@@ -455,7 +456,7 @@ fn fit<F: Univariate>(
     Ok((rising_end.inner, rising_end.zeros))
 }
 
-// By hand, since the fields depend on families of `F` and on the family itself.
+// Written by hand, since the fields depend on families of `F` and on the family itself.
 #[cfg(feature = "serde")]
 macro_rules! beside_zeros {
     ($($name:ident)*) => {$(

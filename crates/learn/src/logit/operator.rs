@@ -73,8 +73,8 @@ impl LogitTransition {
     pub(super) fn leaves_doubles(&self, inputs: &[f64]) -> bool {
         // Least logarithm of an entry, above that of the smallest normal double, −708.4.
         let least = -700.0;
-        // score − largest ≥ −2 bound, and the sum has at most `widest` terms of at most 1: nearly
-        // all inputs pass without a look at the moves.
+        // score − largest ≥ −2 bound, and the sum has at most `widest` terms of at most 1. So
+        // nearly all inputs pass without a look at the moves.
         if -2.0 * self.bound(inputs) - (self.widest as f64).ln() >= least {
             return false;
         }
@@ -114,8 +114,8 @@ impl LogitTransition {
     }
 }
 
-// Products, column by column in both directions: the normaliser of a column takes the scores of
-// all its moves, and is so computed once.
+// Products, column by column in both directions: the normaliser of a column takes the scores of all
+// its moves, and is thus computed only once.
 
 impl Transition for LogitTransition {
     /// The inputs, p numbers.
