@@ -159,7 +159,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             }
         }
         transition::validate(&transition)?;
-        // After the operator, whose errors are the cause if both fail.
+        // Checked after the operator, whose errors are the cause if both fail.
         if let Prior::Stationary(belief) = &prior {
             check_stationary(belief, &transition)?;
         }

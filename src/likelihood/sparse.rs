@@ -133,7 +133,7 @@ impl SparseObservation {
     }
 
     fn check(&self, states: usize) -> Result<(), LikelihoodError> {
-        // The last state is the largest.
+        // States are sorted, so the last is the largest.
         match self.listed.last() {
             Some(&(state, _)) if state >= states => Err(LikelihoodError::Listed { state, states }),
             _ => Ok(()),

@@ -310,7 +310,7 @@ impl MoveLikelihood<SparseTransition> for Lengths {
 /// difference of large squares would lose its digits.
 fn log_density_ratio(read: OdometryReading, length: f64, nearest: f64) -> f64 {
     let gap = length - nearest;
-    // Half of the second factor, (L + N) / 2 − d, which cannot overflow.
+    // Half of the second factor, (L + N) / 2 − d: unlike the factor itself, it cannot overflow.
     let off = 0.25 * length + 0.25 * nearest - 0.5 * read.distance;
     // Zero times infinity would be NaN: gap / variance may overflow where off is 0.
     let excess = if gap == 0.0 || off == 0.0 { 0.0 } else { 2.0 * (gap / read.variance) * off };

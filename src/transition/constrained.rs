@@ -217,7 +217,8 @@ impl ConstrainedTransition {
         let free = |entry: &(&(u32, u32), (usize, usize, f64))| entry.0.0 != FIXED;
         let all = self.parameters.iter().zip(weights).filter(free);
         all.clone().for_each(|(parameter, entry)| sums[parameter.0 as usize] += entry.2);
-        // For each free entry in order; `map_free_columns` asks for them column by column, in that order.
+        // For each free entry in order; `map_free_columns` asks for them column by column, in that
+        // order.
         let mut each =
             all.map(|(parameter, _)| sums[parameter.0 as usize] / f64::from(parameter.1));
         let mut shares = Vec::new();

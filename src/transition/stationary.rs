@@ -57,7 +57,8 @@ impl Stationary {
     pub(crate) fn of<A: TransitionEntries>(transition: &A) -> Result<Self, TransitionError> {
         let control = stationary_control(transition)?;
         let states = transition.states();
-        // Moves to other states. A stay changes nothing but the time, which `leaves` accounts for.
+        // Only moves to other states. A stay changes nothing but the time, which `leaves` accounts
+        // for.
         let column = |from: usize| {
             let others = transition.outgoing(control, from).filter(|entry| entry.0 != from);
             others.map(|(to, p)| (to as u32, p)).collect::<Vec<_>>()

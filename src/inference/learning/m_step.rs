@@ -80,7 +80,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             }
             prior => {
                 // Labelled sequences may all begin at unknown states: then nothing is learned about
-                // the prior, and it stays.
+                // the prior, which stays.
                 let unseen =
                     learning.prior_pseudo_count == 0.0 && expected.first.iter().all(|p| *p == 0.0);
                 let belief = if learning.keep_prior || unseen {

@@ -94,7 +94,7 @@ impl Exact {
             Some(observation) => step.advance(observation, held, scratch, None),
             None => step.advance_unseen(held, scratch),
         };
-        // Errors are left to the general step, which has those of a pruned filter.
+        // Errors are left to the general step, which reports those of a pruned filter.
         let Ok(outcome) = outcome else { return false };
         // A lifted step with rounded tails may have lost states without noticing.
         let (after, watched) = match outcome.form {

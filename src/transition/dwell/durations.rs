@@ -223,8 +223,9 @@ fn maximum(start: f64, mut f: impl FnMut(f64) -> f64) -> (f64, f64) {
     let start = start.clamp(-LIMIT, LIMIT);
     let (mut middle, mut best) = (start, f(start));
     let mut bracket = [start; 2];
-    // Invariant: f(middle) = best is the largest value seen. Going one way, the point before the
-    // best one becomes the other end of the bracket; a point that is not better ends it.
+    // Invariant: f(middle) = best is the largest value seen. On each side, a better point becomes
+    // the middle, and the previous middle the opposite end of the bracket. A point that is not
+    // better stays as the near end.
     for (side, sign) in [(0, -1.0), (1, 1.0)] {
         let mut step = 0.1;
         loop {
@@ -242,8 +243,8 @@ fn maximum(start: f64, mut f: impl FnMut(f64) -> f64) -> (f64, f64) {
             step *= 2.0;
         }
     }
-    // Golden section: of the inner points a < b, the lower one becomes an end, and the other one is
-    // an inner point of what is left. So each round takes one evaluation.
+    // Golden section: of the inner points a < b, the one with the lower value becomes an end, and
+    // the other one is an inner point of what is left. So each round takes one evaluation.
     let [mut low, mut high] = bracket;
     let (mut a, mut b) = (high - GOLDEN * (high - low), low + GOLDEN * (high - low));
     let (mut at_a, mut at_b) = (f(a), f(b));

@@ -288,7 +288,7 @@ impl<A: TransitionEntries> Check<'_, A> {
         if let Some(stored) = operator.stored(control).filter(|_| self.stochastic) {
             self.line("stored", Unit::Linear, &stored.column(from), expected, at)?;
         }
-        // A bound that holds for all entries but those that are rounding errors.
+        // The bound must hold for all entries except those that are rounding errors.
         let smallest = operator.smallest_entry(control);
         let entries = expected.iter().filter(|entry| entry.1 > self.matrix.least);
         for (to, p) in entries.map(|entry| (entry.0, entry.1.exp2())) {

@@ -420,8 +420,8 @@ impl Factors<'_> {
         let before = (lines.start as usize).checked_sub(1);
         let mut start = before.map_or(0, |before| matrix.overflow[before].end as usize);
         for Overflow { lane, end } in &matrix.overflow[lines.start as usize..lines.end as usize] {
-            // A copy, which can stay in a register: the compiler can't tell which row it is. The
-            // remainder saves the check of an index that is below eight anyway.
+            // A copy can stay in a register, which an element of `rows` at an unknown index can't.
+            // The remainder saves the check of an index that is below eight anyway.
             let mut row = R::row(&rows, *lane as usize % LANES);
             while start < *end as usize {
                 // SAFETY: `Sliced::push_others` ends lines within the entries, which have as many

@@ -202,7 +202,7 @@ impl Sliced {
                 entries.clear();
                 for lane in 0..LANES.min(lines - first) {
                     let (indices, values) = line(first + lane);
-                    // Products don't check indices again: this assertion is what they rely on.
+                    // Products don't check indices again: they rely on this assertion.
                     assert!(indices.iter().all(|j| (*j as usize) < lines), "an index is too large");
                     let entry = |(&index, &value): (&u32, &f64)| {
                         let diagonal = index as usize + (LANES - 1) - lane;

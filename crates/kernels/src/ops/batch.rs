@@ -439,7 +439,8 @@ fn count<S: Simd>(
             }
         }
     } else {
-        // Counts are laid out as the values are; those of padding stay 0, as `zip` ends before them.
+        // Counts are laid out as the values are; those of padding stay 0, as `zip` ends before
+        // them.
         let stride = counts.len() / ratio.len();
         for (alpha, counts) in alpha.iter().zip(counts.chunks_exact_mut(stride)) {
             let alpha = s.load(alpha);

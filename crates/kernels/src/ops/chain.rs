@@ -104,8 +104,8 @@ fn forward<S: Simd>(
     let mut sum = total(state.values);
     for b in likelihoods.chunks_exact(states) {
         let b = s.load_partial(b);
-        // The recursion takes x unnormalised: it need not wait for the sum and the division below, which
-        // run beside the next product.
+        // The recursion takes x unnormalised: it need not wait for the sum and the division below,
+        // which run beside the next product.
         x = s.mul(product(s, columns, x), b);
         if let Some((row, normalizer)) = rows.next() {
             let after = total(s.to_array(x));
@@ -205,8 +205,8 @@ pub(super) fn keep_better<S: Simd, const B: usize>(
     j: usize,
     bits: &mut [u8; B],
 ) -> S::V {
-    // Equal scores leave the bits of the lower predecessor, which came first. A bit for each lane in
-    // place of an index: B bytes a step instead of 32, and no blend of indices.
+    // Equal scores leave the bits of the lower predecessor, which came first. A bit for each lane
+    // in place of an index: B bytes a step instead of 32, and no blend of indices.
     let higher = s.bits(s.lt(best, score));
     for (bit, bits) in bits.iter_mut().enumerate() {
         let set = if j >> bit & 1 == 1 { higher } else { 0 };

@@ -53,8 +53,8 @@ fn multiply<S: Simd, R: Semiring, const N: usize>(
     likelihoods: &[SegmentStep<N>],
 ) -> Option<[Scaled<N>; N]> {
     let mut out = [Scaled { values: [[0.0; LANES]; N], exponents: [0.0; LANES] }; N];
-    // As many columns at a time as registers hold, with room for a product: three of three, or two of
-    // four. Four of four would be stored and loaded at every step.
+    // As many columns at a time as registers hold, with room for a product: three of three, or two
+    // of four. Four of four would be stored and loaded at every step.
     let least = if const { N <= 3 } {
         columns::<S, R, N, N>(s, ring, model, likelihoods, &mut out)?
     } else {

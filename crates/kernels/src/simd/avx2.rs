@@ -99,9 +99,9 @@ impl Simd for Avx2 {
     #[inline(always)]
     fn stream(self, v: Pair, out: &mut Eight) {
         if is_line(out) {
-            // SAFETY: `self` proves AVX2, and the reference is to eight doubles. `is_line` has found
-            // them on a cache line, so that both halves are aligned to 32 bytes, as these stores
-            // need. `fence`, which follows the last, orders them before later stores.
+            // SAFETY: `self` proves AVX2, and the reference is to eight doubles. `is_line` has
+            // found them on a cache line, so that both halves are aligned to 32 bytes, as these
+            // stores need. `fence`, which follows the last, orders them before later stores.
             unsafe {
                 _mm256_stream_pd(out.as_mut_ptr(), v.0);
                 _mm256_stream_pd(out[4..].as_mut_ptr(), v.1);
@@ -241,8 +241,9 @@ fn splat_four(v: __m256d) -> [__m256d; 4] {
 #[inline]
 #[target_feature(enable = "avx2")]
 fn split_four(v: __m256d) -> (__m256d, __m256d) {
-    // 2^52 + e, as a double, has e in its last bits: the conversion from integers, which AVX2 lacks
-    // for 64 bits, is a subtraction. Numbers are positive: no sign is among the shifted bits.
+    // The double 2^52 + e has the exponent e in its last bits. So the conversion from integers,
+    // which AVX2 lacks for 64 bits, is a subtraction. Numbers are positive: no sign is among the
+    // shifted bits.
     let whole = _mm256_set1_pd((1_u64 << 52) as f64);
     let bits = _mm256_castpd_si256(v);
     let exponent = _mm256_or_pd(_mm256_castsi256_pd(_mm256_srli_epi64::<52>(bits)), whole);
@@ -284,9 +285,9 @@ pub(super) unsafe fn load_four(x: *const f64, first: *const u32) -> __m256d {
     // allocation of x. Each of the four loads reads one double there. The call comes from a method
     // of a proof of AVX2, which the insertion needs.
     unsafe {
-        // Two pairs: a load into each half of a register, and the halves are put together. Four loads
-        // and three instructions take less time than a gather in microcode. Indices come two at a
-        // time, since loads are the bottleneck: 8% of a product on a large map (Zen 4).
+        // Two pairs: a load into each half of a register, and the halves are put together. Four
+        // loads and three instructions take less time than a gather in microcode. Indices come two
+        // at a time, since loads are the bottleneck: 8% of a product on a large map (Zen 4).
         let pair = |pair: *const u32| {
             let both = pair.cast::<u64>().read_unaligned();
             let at = |index: u64| x.add(index as usize);

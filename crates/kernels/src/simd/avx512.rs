@@ -78,14 +78,14 @@ impl Simd for Avx512 {
     }
     #[inline(always)]
     fn load(self, x: &Eight) -> __m512d {
-        // SAFETY: `self` proves AVX-512 F. The load reads the eight doubles of the reference, at any
-        // alignment.
+        // SAFETY: `self` proves AVX-512 F. The load reads the eight doubles of the reference, at
+        // any alignment.
         unsafe { _mm512_loadu_pd(x.as_ptr()) }
     }
     #[inline(always)]
     fn store(self, v: __m512d, out: &mut Eight) {
-        // SAFETY: `self` proves AVX-512 F. The store writes the eight doubles of a unique reference,
-        // at any alignment.
+        // SAFETY: `self` proves AVX-512 F. The store writes the eight doubles of a unique
+        // reference, at any alignment.
         unsafe { _mm512_storeu_pd(out.as_mut_ptr(), v) }
     }
     #[inline(always)]

@@ -70,7 +70,7 @@ impl Simd for Portable {
     }
     #[inline(always)]
     fn bits(self, m: [u64; LANES]) -> u8 {
-        // All bits of a lane are alike: the lowest stands for them.
+        // All bits of a lane are alike: the lowest stands for all of them.
         (0..LANES).fold(0, |bits, l| bits | ((m[l] & 1) << l) as u8)
     }
     #[inline(always)]
@@ -84,8 +84,8 @@ impl Simd for Portable {
     }
     #[inline(always)]
     fn split_exponent(self, v: Eight) -> (Eight, Eight) {
-        // 2^52 + e, as a double, has e in its last bits: the conversion from integers, which SSE2
-        // lacks for 64 bits, is a subtraction.
+        // The double 2^52 + e has the exponent e in its last bits. So the conversion from integers,
+        // which SSE2 lacks for 64 bits, is a subtraction.
         const WHOLE: f64 = (1_u64 << 52) as f64;
         let exponent = |x: f64| f64::from_bits(x.to_bits() >> 52 | WHOLE.to_bits());
         let mantissa = |x: f64| f64::from_bits(x.to_bits() & (u64::MAX >> 12) | 1.0_f64.to_bits());

@@ -132,7 +132,7 @@ impl Clusters<'_> {
             Ok(cause) => cause,
             Err(error) => return error,
         };
-        // The component with its value, if all known values are the same.
+        // The component with its value, if all known values of the component are the same.
         let constant = |component: usize| {
             let mut known = self.rows.iter().filter_map(|row| row.get(component));
             let value = *known.clone().find(|y| !y.is_nan())?;

@@ -165,8 +165,8 @@ impl Univariate for Gamma {
     }
 
     fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> f64 {
-        // rand_distr accepts the same parameters. A draw beyond the range of doubles becomes the
-        // nearest valid one.
+        // rand_distr accepts the same parameters, so the default is never used. A draw beyond the
+        // range of doubles becomes the nearest valid one.
         let draw = rand_distr::Gamma::new(self.shape, self.scale);
         let draw = draw.map_or(self.mean, |draw| draw.sample(rng));
         draw.clamp(f64::from_bits(1), f64::MAX)

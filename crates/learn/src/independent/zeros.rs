@@ -359,7 +359,8 @@ fn tails_without_zero<F: Cumulative>(inner: &F, y: f64) -> Tails {
         return tails;
     }
     if 0.0 < y && y <= FEW {
-        // A difference would have no digits where 0 has nearly all the probability.
+        // Summed one by one: a difference would have no digits where 0 has nearly all the
+        // probability.
         let (mut sum, mut count) = (0.0, 1.0);
         while count < y {
             sum += F::point(count).map_or(0.0, |count| inner.log_density(&count).exp());
@@ -406,12 +407,12 @@ fn fit<F: Univariate>(
         let mut sums = others.clone();
         sums.add(zeros, &zero);
         let inner = inner.maximize(&sums)?;
-        // n f / (1 − f) = n / (1/f − 1).
+        // With the weight n of the other observations and f = f(0), n f / (1 − f) = n / (1/f − 1).
         let expected = weight / (-log_zero(&inner)).exp_m1();
         Ok::<_, EmissionError>(Fit { zeros, inner, expected })
     };
-    // Invariant of both loops: the fixed point is between `rising_end` and `falling_end`, and the likelihood
-    // rises from `rising_end` towards it.
+    // Invariant of both loops: the fixed point is between `rising_end` and `falling_end`, and the
+    // likelihood rises from `rising_end` towards it.
     let mut rising_end = at(start.min(most))?;
     let rises = rising_end.expected >= rising_end.zeros;
     let mut falling_end = if rises {

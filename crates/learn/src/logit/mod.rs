@@ -293,8 +293,8 @@ fn reference(from: usize, mut ways: impl Iterator<Item = usize>) -> Option<usize
     Some(if first == from || ways.any(|to| to == from) { from } else { first })
 }
 
-// Intercepts and slopes of the moves: setting and reading them. Every change ends in `check_and_bound`,
-// which checks all coefficients and computes the bounds on scores anew.
+// Intercepts and slopes of the moves: setting and reading them. Every change ends in
+// `check_and_bound`, which checks all coefficients and computes the bounds on scores anew.
 
 impl LogitTransition {
     /// Name of a move in errors.

@@ -331,7 +331,7 @@ impl Expansion {
         for (seen, intercepts) in part.origins.iter().zip(&point.intercepts) {
             sum.add_origin(part, seen, (intercepts, &point.slopes), &mut row);
         }
-        // The prior, −λ / 2 Σ b².
+        // The log prior, −λ / 2 Σ b², with a ridge λ for each input and the slopes b.
         for (at, &slope) in point.slopes.iter().enumerate() {
             let ridge = part.ridge[at % p];
             sum.value -= 0.5 * ridge * slope * slope;

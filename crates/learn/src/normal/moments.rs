@@ -400,8 +400,8 @@ impl Normals {
                     let pairs = entries.clone().flat_map(|i| entries.clone().map(move |j| (i, j)));
                     pairs
                         .map(|(i, j)| {
-                            // In this order, since the product of the two entries of W may
-                            // overflow.
+                            // Multiplied in this order, since the product of the two entries of W
+                            // may overflow.
                             let scaled =
                                 self.inverse_factor_entry(at, row, i) * prior.scale[i * d + j];
                             scaled * self.inverse_factor_entry(at, row, j)

@@ -103,7 +103,8 @@ impl LogConcave for Odds {
             // exactly: (a + b) (v − ln(1 + v)) − a (e^u − 1 − u).
             return (a + b) * log_excess(mean * u.exp_m1()) - a * exp_excess(u);
         }
-        // Beyond s e^u = e^40 the other term, 1 − s, is below the last digit, and e^u may overflow.
+        // Beyond s e^u = e^40 the other term of 1 + s (e^u − 1), 1 − s, is below the last digit,
+        // and e^u may overflow.
         let ln_odds = u + ln_mean;
         let denominator = if ln_odds > 40.0 { ln_odds } else { (mean * u.exp_m1()).ln_1p() };
         a * u - (a + b) * denominator

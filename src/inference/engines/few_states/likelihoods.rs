@@ -95,7 +95,7 @@ where
                 (linear.len() == states).then(|| row.copy_from_slice(linear))?;
             }
         }
-        // One kernel call for all steps instead of one for each.
+        // One kernel call for all steps instead of one for each step.
         if !checked {
             most = most.max(kernels::largest(out, Valid::Likelihoods).ok()?);
         }
@@ -131,7 +131,7 @@ where
             let (Values::Log(logs), 0.0) = (&diagonal.values, diagonal.log_factor) else {
                 return None;
             };
-            // Makes both lengths equal, and known to the compiler for N states.
+            // Makes both lengths equal, and constant where the number of states is a constant.
             let logs = logs.get(..states).filter(|_| logs.len() == states)?;
             let largest = largest_log(logs)?;
             row.iter_mut().zip(logs).for_each(|(out, log)| *out = log - largest);
@@ -172,7 +172,7 @@ where
             kernels::exp_in_place(out);
             return (!lost).then_some(true);
         }
-        // Any other form, step by step.
+        // Any other form is converted step by step.
         let rows = out.chunks_exact_mut(self.hmm.states());
         for ((step, row), log) in steps.zip(rows).zip(logs) {
             let observation = self.sequence.observation(step);

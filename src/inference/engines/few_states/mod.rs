@@ -140,7 +140,7 @@ impl<const N: usize> SegmentProducts<N> {
         for segment in 0..LANES {
             (0..N).for_each(|i| starts[i][segment] = x.values[i]);
             // A column that has no weight in x, or that is 0, may have any exponent, so it must not
-            // count for the largest.
+            // count for the largest exponent.
             let used =
                 |j: usize| x.values[j] > 0.0 && self.0[j].values.iter().any(|x| x[segment] > 0.0);
             let (by, powers) = self.powers(segment, std::array::from_fn(used))?;
