@@ -172,7 +172,7 @@ pub enum HmmError {
         step: usize,
         /// The state, from 0.
         from: usize,
-        /// Number of states of the step before.
+        /// Number of states of the previous step.
         states: usize,
     },
     /// A state was added to a [`Trellis`](crate::inference::Trellis) before its first step.

@@ -52,7 +52,7 @@ pub fn mean_error(
 /// of posterior modes may have some, [`Hmm::viterbi`](crate::Hmm::viterbi) has none. O(path × ways
 /// out of a state).
 ///
-/// To check the move into the first state as well, put the state before it in front.
+/// To check the move into the first state as well, put its predecessor in front.
 ///
 /// ```
 /// use wayfix::{SparseTransition, evaluate};

@@ -130,7 +130,7 @@ pub fn unknown(header: &StringRecord, columns: &[Option<usize>]) -> impl Iterato
 ///
 /// Lines are counted back from the end of a row, where the count of the `csv` crate is right. At
 /// its start, the crate has counted neither the empty lines before it nor the line feed after a
-/// carriage return that ended the row before.
+/// carriage return that ended the previous row.
 struct Rows<R> {
     reader: Reader<Tail<R>>,
     /// First line of the last row.

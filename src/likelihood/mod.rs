@@ -75,7 +75,7 @@ use wayfix_kernels::{Valid, limits};
 /// do not depend on it. The log-likelihood is computed from the diagonal as it is, with the log
 /// factor added back.
 ///
-/// A reference, `Box`, `Rc` or `Arc` of a sensor is a sensor, too: models can share one, or choose
+/// A reference, `Box`, `Rc` or `Arc` of a sensor is also a sensor: models can share one, or choose
 /// one at run time as `Box<dyn Likelihood<…>>`.
 ///
 /// # Implement it yourself

@@ -51,7 +51,7 @@ pub trait Axes: Sized {
         [turned(point[0], near[0], Self::TURN), point[1]]
     }
 
-    /// Projects a line, turning each point to within half a turn of the one before it.
+    /// Projects a line, turning each point to within half a turn of the previous one.
     fn unwrap(line: impl IntoIterator<Item = Self>) -> impl Iterator<Item = [f64; 2]> {
         // The first point stays where it is; each later point is near the previous one, so that no
         // piece of a line spans the plane.

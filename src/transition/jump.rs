@@ -40,7 +40,7 @@ impl<A: Transition> Jumps<A> {
         }
     }
 
-    /// The same jumps beside another operator.
+    /// The same jumps with another operator.
     pub(super) fn with_inner(&self, inner: A) -> Self {
         Self {
             evidence: self.evidence,

@@ -20,7 +20,8 @@ use crate::error::TransitionError;
 /// | [`Fixed`](crate::Fixed) | nothing |
 ///
 /// With [`FreeParameters`](crate::inference::FreeParameters), learned parameters have standard
-/// errors, in wayfix-learn; operators whose rates or coefficients of inputs are learned are there, too.
+/// errors. These are in wayfix-learn, as are operators whose rates or coefficients of inputs are
+/// learned.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not say how it is learned",
     note = "to keep it as it is, wrap it in `wayfix::Fixed`"

@@ -15,7 +15,7 @@ use wayfix_kernels as kernels;
 /// Likelihood of a measurement between two steps, for the moves of an operator `A`.
 pub(crate) trait MoveLikelihood<A: TransitionEntries<Control = ()>> {
     type Measurement: 'static;
-    /// Data of a move, stored beside the entry of the base.
+    /// Data of a move, stored with the entry of the base.
     type Move: Copy;
 
     /// Log factor that was taken out of the likelihoods; `None` if nothing was measured.

@@ -5,7 +5,7 @@
 //! that none is missed. Scores are those of [`Hmm::viterbi`], so that the first path is the same.
 //!
 //! The invariant: a list is in descending order of scores, and paths with equal scores are in
-//! ascending order of the state before, then of rank. So ties go to the lowest states.
+//! ascending order of the previous state, then of rank. So ties go to the lowest states.
 
 use super::viterbi::ViterbiPath;
 use crate::error::HmmError;
@@ -174,8 +174,8 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
     }
 }
 
-/// A path to a state: its score, the state before, and the rank, in the list of that state, of the
-/// path that it extends.
+/// A path to a state: its score, the previous state, and the rank, in the list of that state, of
+/// the path that it extends.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct RankedPath {
     pub(crate) score: f64,

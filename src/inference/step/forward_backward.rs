@@ -182,8 +182,8 @@ impl ForwardPass {
         self.rows.values.extend_from_within(last..);
     }
 
-    /// Returns, for the backward step from this row: α of the row before, the place for γ of the
-    /// row before, and γ of this row.
+    /// Returns, for the backward step from this row: α of the previous row, the place for γ of the
+    /// previous row, and γ of this row.
     pub(crate) fn backward_rows(&mut self, row: usize) -> (BeliefRef<'_>, &mut [f64], &[f64]) {
         // γ of row r − 1 replaces α of row r, which no further backward step reads; γ of row r is
         // one row later (see `turn`).

@@ -48,7 +48,7 @@ use crate::transition::{NoControl, Transition};
 pub struct FixedLag<M, U> {
     filter: Filter<M>,
     window: Window<U>,
-    /// γ of the present step, of the one before, and so on; further rows are spare memory.
+    /// γ of the present step, of the previous one, and so on; further rows are spare memory.
     smoothed: Vec<Vec<f64>>,
     backward: Backward,
     /// Memory of states that have left the window.
@@ -244,7 +244,7 @@ where
             }
         };
         // Only a step with a transition adds to the window. `unmoved` keeps the state before any
-        // other, for the case of an error.
+        // other step, for the case of an error.
         let moves = self.filter.model().prior().moves_at(before.steps() + 1);
         let unmoved = match control.filter(|_| moves) {
             Some(control) => {

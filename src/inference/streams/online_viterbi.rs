@@ -1,8 +1,8 @@
 //! Streaming Viterbi decoding: states on which all surviving paths agree are final (Šrámek, Brejová
 //! and Vinař 2007; section 7 of the [formulas](crate::guide::formulas)).
 //!
-//! A step computes the next scores beside the present ones, and swaps them once nothing can fail
-//! any more; only then does the [tree](super::tree) of paths grow. It relies on two invariants, for
+//! A step computes the next scores in separate memory, and swaps them once nothing can fail any
+//! more; only then does the [tree](super::tree) of paths grow. It relies on two invariants, for
 //! which a stored state is checked: the best score is from 0 to 1, and every node of the tree is on
 //! a path to a possible present state.
 

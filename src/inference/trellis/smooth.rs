@@ -91,8 +91,8 @@ impl Trellis {
 }
 
 impl Trellis {
-    /// Computes the backward logarithms of the states of the step before `step`, from those of
-    /// `step` (`later`).
+    /// Computes the backward logarithms of the states of the step that precedes `step`, from those
+    /// of `step` (`later`).
     fn backward_step(&self, step: usize, scale: Scale, later: &[f64], earlier: &mut [f64]) {
         earlier.fill(f64::NEG_INFINITY);
         let log = |(state, later): (usize, &f64)| {

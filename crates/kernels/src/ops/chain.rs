@@ -105,7 +105,7 @@ fn forward<S: Simd>(
     for b in likelihoods.chunks_exact(states) {
         let b = s.load_partial(b);
         // The recursion takes x unnormalised: it need not wait for the sum and the division below,
-        // which run beside the next product.
+        // which run in parallel with the next product.
         x = s.mul(product(s, columns, x), b);
         if let Some((row, normalizer)) = rows.next() {
             let after = total(s.to_array(x));

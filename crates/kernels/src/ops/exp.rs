@@ -9,7 +9,7 @@ use crate::limits::TINY;
 use crate::simd::{Eight, LANES, Simd, kernels, row_block, store};
 use crate::vector::Packed;
 
-/// 1.5 · 2^52: beside it the last bit of a double is 1, so that adding it rounds to an integer.
+/// 1.5 · 2^52: at this size the last bit of a double is worth 1, so adding it rounds to an integer.
 const ROUND: f64 = 6_755_399_441_055_744.0;
 /// ln 2 in two parts. Products of the first with integers up to 2^11 are exact.
 const LN_2: [f64; 2] = [0.693_147_180_369_123_8, 1.908_214_929_270_587_7e-10];

@@ -165,7 +165,7 @@ impl<S: Simd, P: ProductRows> Sink<S, S::V> for ForwardSink<'_, S, P> {
             self.predicted = s.add(self.predicted, p);
             self.least_predicted = s.min(p, self.least_predicted);
         }
-        // The running value comes second: min and max return it if the other value is NaN, which so
+        // The running value comes second: min and max return it if the other value is NaN, so a NaN
         // does not hide a negative value found before.
         self.least_likelihood = s.min(b, self.least_likelihood);
         self.largest_likelihood = s.max(b, self.largest_likelihood);

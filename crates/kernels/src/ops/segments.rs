@@ -1,5 +1,5 @@
 //! Eight segments of one sequence, one in each lane, under a model of few states: a step depends on
-//! the one before it in its segment, but not on those of other segments.
+//! the previous one in its segment, but not on those of other segments.
 //!
 //! First the products B A … B A of each segment are computed, column after column. They give the
 //! vectors at the start and the end of each segment; then formulas 2, 3 and 7 of the guide run in

@@ -36,7 +36,7 @@ macro_rules! lanewise {
 
 impl Simd for Portable {
     type V = Eight;
-    /// All bits of a lane set, or none: comparisons, too, are vectorised.
+    /// All bits of a lane set, or none: comparisons are vectorised as well.
     type M = [u64; LANES];
     type I = [u32; LANES];
 

@@ -149,7 +149,7 @@ impl LearnTransition for GeneratorTransition {
         Some(self.add_expected(sums, time, (before, after), scale))
     }
 
-    /// A rate that underflows beside the largest becomes 0, which makes the move illegal.
+    /// A rate that underflows relative to the largest becomes 0, which makes the move illegal.
     fn maximize(
         &self,
         statistics: &GeneratorStatistics,

@@ -2,11 +2,11 @@
 //! are extra is hidden, and hurdles, where a zero has a probability of its own and other values are
 //! distributed as F given that they are not 0.
 //!
-//! Both M steps ask how many zeros F expects beside the other observations, and solve for that
+//! Both M steps ask how many zeros F expects next to the other observations, and solve for that
 //! number ([`fit`]) rather than take one EM step after the other. A hurdle's log-likelihood
-//! separates into that of π, which is a Bernoulli one, and that of F given y ≠ 0, for which the data
-//! are completed with the zeros that F would have shown. Under zero inflation there are at most as
-//! many as were seen.
+//! separates into that of π, which is a Bernoulli one, and that of F given y ≠ 0, for which the
+//! data are completed with the zeros that F would have shown. Under zero inflation there are at
+//! most as many as were seen.
 
 use std::error::Error;
 
