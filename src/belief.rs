@@ -172,7 +172,7 @@ impl<S: AsRef<[f64]>> Belief<S> {
     /// ```
     #[must_use]
     pub fn peak(&self) -> (usize, f64) {
-        // Strictly above, so that the lowest state keeps a tie.
+        // Strictly above, so the lowest state keeps a tie.
         let mut best = (0, f64::NEG_INFINITY);
         for (i, &p) in self.values().iter().enumerate() {
             if p > best.1 {

@@ -167,8 +167,8 @@ impl<'d> Displacement<'d> {
     /// at a bound. Each of the others except the largest has a coordinate, its log-odds against the
     /// largest.
     pub fn distribution(&mut self, shares: &mut [f64]) {
-        // The first of the largest. Against it, all log-odds are at most 0, and none is extreme
-        // because the reference is rare.
+        // The reference is the first of the largest. Against it, all log-odds are at most 0, and
+        // none is extreme only because the reference is rare.
         let ahead = |best: usize, at: usize| if shares[at] > shares[best] { at } else { best };
         let largest = (0..shares.len()).fold(0, ahead);
         let mut by = vec![0.0; shares.len()];
@@ -179,11 +179,11 @@ impl<'d> Displacement<'d> {
                 *by = self.next(*share, Scale::Odds);
             }
         }
-        // Unmoved, to the bit.
+        // The shares stay as they are, to the bit.
         if by.iter().all(|by| *by == 0.0) {
             return;
         }
-        // No factor is above 1, so that none overflows.
+        // No factor is above 1, so none overflows.
         let most = by.iter().copied().fold(0.0, f64::max);
         let before: f64 = shares.iter().sum();
         shares.iter_mut().zip(&by).for_each(|(share, by)| *share *= (by - most).exp());
@@ -196,8 +196,9 @@ impl<'d> Displacement<'d> {
     pub fn covariance(&mut self, matrix: &mut [f64], d: usize) {
         let mut lower = matrix.to_vec();
         let factored = cholesky(d, &mut lower, 0.0);
-        // The factor of the moved matrix is L M, which is lower triangular as both are. It is
-        // summed column by column: entry (i, j) of M adds column i of L to column j.
+        // The factor of the moved matrix is L M, with L of this matrix and M of the displacements.
+        // It is lower triangular, as both are. It is summed column by column: entry (i, j) of M
+        // adds column i of L to column j.
         let mut moved = vec![0.0; d * d];
         let mut any = false;
         for i in 0..d {

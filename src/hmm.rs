@@ -159,7 +159,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             }
         }
         transition::validate(&transition)?;
-        // After the operator, whose errors are the cause if both fail.
+        // Checked after the operator, whose errors are the cause if both fail.
         if let Prior::Stationary(belief) = &prior {
             check_stationary(belief, &transition)?;
         }
@@ -259,7 +259,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         if let Some(state) = seen.iter().position(|seen| !seen) {
             return Err(HmmError::Order { state, states });
         }
-        // Reordering changes no number, so that the checks of `new` still hold.
+        // Reordering changes no number, so the checks of `new` still hold.
         let probabilities = self.prior.belief().as_slice();
         let belief = Belief::from_valid(order.iter().map(|&state| probabilities[state]).collect());
         Ok(Self {
@@ -306,7 +306,7 @@ fn check_stationary<A: Transition>(belief: &Belief, transition: &A) -> Result<()
         belief.as_slice().iter().zip(&after).map(|(before, after)| (after - before).abs());
     let sum: f64 = changes.clone().sum();
     if sum.is_nan() || sum > STATIONARY_TOLERANCE {
-        // `max_by` returns the last of equal ones: from the back that is the lowest state.
+        // `max_by` returns the last of equal changes: from the back that is the lowest state.
         let largest = changes.enumerate().rev().max_by(|a, b| a.1.total_cmp(&b.1));
         let (state, _) = largest.unwrap_or_default();
         let before = belief.as_slice()[state];

@@ -77,10 +77,10 @@
 //! | [`error`] | all errors |
 //! | [`guide`] | chapters: [which routine](guide::routines), [formulas](guide::formulas), [performance](guide::performance), [labels of all steps or of some](guide::labels), [silent states](guide::silent_states), [a lost robot on a grid](guide::lost_robot), [storing models](guide::storing), [from dynamax](guide::from_dynamax) |
 //!
-//! You can also implement [`Transition`] or [`Likelihood`] yourself: each has an example of a
-//! dozen lines, and a `kit` with tools and a test of all methods. With
+//! You can also implement [`Transition`] or [`Likelihood`] yourself: each has an example of a dozen
+//! lines, and a `kit` with tools and a test of all methods. With
 //! [`LearnFromMoves`](transition::LearnFromMoves) or
-//! [`LearnLikelihood`](likelihood::LearnLikelihood), [`Hmm::learn`] estimates them, too.
+//! [`LearnLikelihood`](likelihood::LearnLikelihood), [`Hmm::learn`] also estimates them.
 //!
 //! # When to take another crate
 //!
@@ -106,8 +106,8 @@
 //! - A **control** k drives the transition from k − 1 to k, the one before y_k.
 //! - **Ties** go to the lowest state.
 //! - Logarithms are natural.
-//! - The message of an error includes that of its cause, which its variant holds, too. Its
-//!   `source` is the source of the cause, so that a printed chain of errors repeats nothing.
+//! - The message of an error includes that of its cause, which its variant also holds. Its `source`
+//! is the source of the cause, so that a printed chain of errors repeats nothing.
 //!
 //! # Exact or an error
 //!

@@ -92,7 +92,7 @@ pub fn sensor(sigma: f64) -> Result<TableLikelihood, OutOfRange> {
 /// [`OutOfRange`] if the place does not exist, or `sigma` is not above 0.
 #[expect(clippy::missing_panics_doc, reason = "the parts are all of the same map")]
 pub fn hmm(initial: u64, sigma: f64) -> Result<Hmm<SparseTransition, TableLikelihood>, OutOfRange> {
-    // A number is an id; `index_of_id` turns it into a state.
+    // `initial` is the id of a place, which `index_of_id` turns into a state.
     let certain = map().index_of_id(initial).and_then(|i| Belief::certain(PLACES, i).ok());
     let place = || OutOfRange::new("the initial place", initial as f64, "1 to 105");
     let prior = Prior::BeforeFirstTransition(certain.ok_or_else(place)?);

@@ -172,7 +172,7 @@ pub enum HmmError {
         step: usize,
         /// The state, from 0.
         from: usize,
-        /// Number of states of the step before.
+        /// Number of states of the previous step.
         states: usize,
     },
     /// A state was added to a [`Trellis`](crate::inference::Trellis) before its first step.
@@ -191,7 +191,7 @@ impl HmmError {
     /// ```
     #[must_use]
     pub fn step(&self) -> Option<usize> {
-        // No wildcard, so that a new variant has to say whether it has a step.
+        // No wildcard, so a new variant has to say whether it has a step.
         match self {
             Self::Impossible { step }
             | Self::ImpossibleMove { step }

@@ -113,7 +113,7 @@ impl<E: fmt::Display> fmt::Display for At<E> {
 }
 
 impl<E: Error> Error for At<E> {
-    // Not the cause itself, which is in the message already.
+    // Not the cause itself, which is already in the message.
     fn source(&self) -> Option<&(dyn Error + 'static)> {
         self.cause.source()
     }

@@ -59,8 +59,8 @@ pub fn reliability(
     let mut sorted = forecasts.to_vec();
     sorted.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
     let (mut rest, mut filled) = (sorted.as_slice(), Vec::new());
-    // Each turn takes the bin of the lowest probability left: empty bins cost nothing, so their
-    // number may be any.
+    // Each iteration takes the bin of the lowest probability left. Empty bins cost nothing, so
+    // there may be any number of them.
     while let Some(&(lowest, _)) = rest.first() {
         let bin = bin_of(lowest, bins);
         let (lower, upper) = (edge(bin, bins), edge(bin + 1, bins));

@@ -137,7 +137,8 @@ pub fn steps_to_localize_correctly(
 ) -> Result<Option<usize>, OutOfRange> {
     check_level(level)?;
     check_probabilities("mass", steps.iter().map(|step| step.0))?;
-    // Backwards, to count how long it stays right; the last assignment is the first such step.
+    // Backwards, to count how long the estimate stays right; the last assignment is the first such
+    // step.
     let (mut right_for, mut first) = (0, None);
     for (index, &(mass, right)) in steps.iter().enumerate().rev() {
         // Number of steps in a row from this one onwards that are right.

@@ -52,7 +52,7 @@ pub fn mean_error(
 /// of posterior modes may have some, [`Hmm::viterbi`](crate::Hmm::viterbi) has none. O(path × ways
 /// out of a state).
 ///
-/// To check the move into the first state as well, put the state before it in front.
+/// To check the move into the first state as well, put its predecessor in front.
 ///
 /// ```
 /// use wayfix::{SparseTransition, evaluate};
@@ -92,7 +92,7 @@ pub fn illegal_moves_with<A: TransitionEntries>(
         return Err(OutOfRange::index(what, path[index], states).into());
     }
     let mut illegal = 0;
-    // The move to `path[index]` from the state before it, hence controls from 1.
+    // The move to `path[index]` from the previous state, hence controls from 1.
     for (index, moved) in (1..).zip(path.windows(2)) {
         let control = &controls[index];
         transition

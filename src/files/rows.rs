@@ -97,7 +97,7 @@ pub fn each_row<C: AsRef<[Option<usize>]>>(
     // Flexible: rows of a wrong width reach `take`, which can report them by their line.
     let reader = ReaderBuilder::new().has_headers(false).flexible(true).from_reader(tail);
     let mut rows = Rows { reader, line: 1, end: 0 };
-    // Each record reuses the memory of the one before.
+    // Each record reuses the memory of the previous one.
     let mut read = |record: StringRecord| match rows.read(record.into_byte_record()) {
         Ok((more, bytes)) => {
             let record = text_of(bytes, text, rows.line).map_err(|text| at(rows.line, text))?;
@@ -130,7 +130,7 @@ pub fn unknown(header: &StringRecord, columns: &[Option<usize>]) -> impl Iterato
 ///
 /// Lines are counted back from the end of a row, where the count of the `csv` crate is right. At
 /// its start, the crate has counted neither the empty lines before it nor the line feed after a
-/// carriage return that ended the row before.
+/// carriage return that ended the previous row.
 struct Rows<R> {
     reader: Reader<Tail<R>>,
     /// First line of the last row.
@@ -193,7 +193,7 @@ struct Tail<R> {
 }
 
 impl<R> Tail<R> {
-    /// Byte before a place in the file, if it is in what was read last. The one at the end of a
+    /// Byte before a place in the file, if it is in what was read last. The byte at the end of a
     /// record is, since more is read only for the next record.
     fn byte_before(&self, place: u64) -> Option<u8> {
         // Bytes between the place and the end of what was read.

@@ -111,7 +111,8 @@ where
         let (second, most_second) = self.second.local(second, states, &mut right[0])?;
         let largest =
             (check_local(&first, most_first, states)?, check_local(&second, most_second, states)?);
-        // Where no state is asked for, each factor is at most its bound, and so is the product.
+        // In a state that is not asked for, each factor is at most its bound, so the product is at
+        // most the product of the bounds.
         let others = most_first * most_second;
         let exact = is_exact(most_first, most_second, others);
         let product = multiplied(&first, &second, largest, exact, product);

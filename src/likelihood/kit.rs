@@ -181,7 +181,7 @@ fn absolute(diagonal: &Diagonal<'_>) -> impl Iterator<Item = f64> {
 }
 
 fn close(found: f64, expected: f64) -> bool {
-    // Beside a likelihood of 0, whose logarithm is infinite, nothing is close.
+    // Relative to a likelihood of 0, whose logarithm is infinite, nothing is close.
     let relative =
         expected.is_finite() && (found - expected).abs() <= TOLERANCE * expected.abs().max(1.0);
     found == expected || relative

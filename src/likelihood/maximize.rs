@@ -20,7 +20,7 @@ pub fn shares(old: &[f64], counts: &[f64], pseudo_count: f64) -> Vec<f64> {
     let weight = |(p, count): (&f64, &f64)| if *p > 0.0 { count + pseudo_count } else { 0.0 };
     let weights: Vec<f64> = pairs.map(weight).collect();
     let sum: f64 = weights.iter().sum();
-    // False for a NaN, which then spreads to the row, and is reported where that is checked.
+    // False for a NaN, which then spreads to the row, and is reported where the row is checked.
     if sum < f64::MIN_POSITIVE {
         return old.to_vec();
     }
@@ -166,7 +166,7 @@ where
         self.second.merge(&mut statistics.1, &other.1);
     }
 
-    // ln (b₁ b₂) is a sum, so that each part is maximised by itself.
+    // ln (b₁ b₂) is a sum, so each part is maximised by itself.
     fn maximize(&self, statistics: &Self::Statistics, pseudo_count: f64) -> Outcome<Self> {
         Ok(Self {
             first: self.first.maximize(&statistics.0, pseudo_count)?,

@@ -75,7 +75,7 @@ use wayfix_kernels::{Valid, limits};
 /// do not depend on it. The log-likelihood is computed from the diagonal as it is, with the log
 /// factor added back.
 ///
-/// A reference, `Box`, `Rc` or `Arc` of a sensor is a sensor, too: models can share one, or choose
+/// A reference, `Box`, `Rc` or `Arc` of a sensor is also a sensor: models can share one, or choose
 /// one at run time as `Box<dyn Likelihood<…>>`.
 ///
 /// # Implement it yourself
@@ -391,8 +391,8 @@ impl SparseDiagonal {
         let Self { linear, log2, written, .. } = self;
         let (wanted, log2_elsewhere) =
             if with_log2 { (states, kernels::log2(elsewhere)) } else { (0, 0.0) };
-        // Only states written last time differ from `elsewhere`, so that resetting those is enough,
-        // if the value and the shape are the same. Bits are compared: −0 and 0 differ.
+        // Only states written last time differ from `elsewhere`, so resetting those is enough if
+        // the value and the shape are the same. Bits are compared: −0 and 0 differ.
         let same = self.elsewhere.to_bits() == elsewhere.to_bits();
         if same && linear.len() == states && log2.len() == wanted {
             written.iter().for_each(|&state| linear[state] = elsewhere);

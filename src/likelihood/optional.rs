@@ -83,7 +83,7 @@ impl<B: LocalLikelihood<Observation: Sized>> LocalLikelihood for OptionalLikelih
         if let Some(observation) = observation {
             return self.sensor.local(observation, states, scratch);
         }
-        // The bound is exact as well: all other states have likelihood 1, too.
+        // The bound is exact: all other states also have likelihood 1.
         Ok((Diagonal::checked(&self.ones[..states.len()], 1.0, None), 1.0))
     }
 

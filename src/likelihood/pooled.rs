@@ -100,7 +100,7 @@ impl<B: Likelihood> PooledLikelihood<B> {
         out: &mut [f64],
     ) {
         // Log-sum-exp for each place around its own largest image, kept in `out`: each sum has a
-        // term of 1, so that no place is lost, however far below the others.
+        // term of 1, so no place is lost, however far below the others.
         out.fill(f64::NEG_INFINITY);
         self.images(logs.clone()).for_each(|(place, log)| out[place] = out[place].max(log));
         sums.fill(0.0);

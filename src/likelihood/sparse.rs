@@ -13,9 +13,9 @@ use wayfix_kernels::Valid;
 /// of an image retrieval, the roads near a position fix.
 ///
 /// As a [`LocalLikelihood`], it costs O(states asked + states listed) a step. Otherwise a step
-/// updates a diagonal that is kept: it writes the states listed now and at the step before, and all
-/// n states only if the value for the others changes. Observations that repeat can be stored once,
-/// as the symbols of a [`SparseTableLikelihood`](super::SparseTableLikelihood).
+/// updates a diagonal that is kept: it writes the states listed now and at the previous step, and
+/// all n states only if the value for the others changes. Observations that repeat can be stored
+/// once, as the symbols of a [`SparseTableLikelihood`](super::SparseTableLikelihood).
 ///
 /// ```
 /// use wayfix::likelihood::SparseObservation;
@@ -133,7 +133,7 @@ impl SparseObservation {
     }
 
     fn check(&self, states: usize) -> Result<(), LikelihoodError> {
-        // The last state is the largest.
+        // States are sorted, so the last is the largest.
         match self.listed.last() {
             Some(&(state, _)) if state >= states => Err(LikelihoodError::Listed { state, states }),
             _ => Ok(()),

@@ -55,7 +55,7 @@ impl SparseTableLikelihood {
     ) -> Result<Self, OutOfRange> {
         check_size(states, symbols.len())?;
         let of = |(symbol, (listed, elsewhere)): (usize, &(L, f64))| {
-            // Checked here, once, so that no step has to.
+            // Listed states are checked once here, so that no step has to check them.
             let listed = listed.as_ref().to_vec();
             if let Some(&(state, _)) = listed.iter().find(|entry| entry.0 >= states) {
                 let what = format!("a state that symbol {symbol} lists");

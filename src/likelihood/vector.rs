@@ -94,8 +94,8 @@ impl<Y: AsRef<[f64]> + ?Sized> LocalLikelihood for LikelihoodVector<Y> {
         let all = self.of(observation);
         all.check(self.states)?;
         let out = scratch.values(states.len());
-        // A merge: `states` ascend, so that one pass divides the values into those asked for and
-        // the others, whose maximum is the tightest bound.
+        // A merge: `states` ascend, so one pass divides the values into those asked for and the
+        // others, whose maximum is the tightest bound.
         let mut asked = states.iter().zip(&mut *out).peekable();
         let mut others: f64 = if self.log { f64::NEG_INFINITY } else { 0.0 };
         for (i, &value) in all.as_slice().iter().enumerate() {

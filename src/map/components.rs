@@ -11,8 +11,8 @@ pub fn components<I: Iterator<Item = usize>>(
     next: impl Fn(usize) -> I,
 ) -> Vec<u32> {
     let (mut component, mut found) = (vec![NONE; vertices], 0);
-    // For each vertex, its number in the order of meeting them, and the lowest such number in
-    // `stack` that it is known to reach.
+    // `order` has for each vertex its number in the order of discovery, and `low_link` the lowest
+    // such number in `stack` that it is known to reach.
     let (mut order, mut low_link, mut count) = (vec![NONE; vertices], vec![0; vertices], 0);
     // `stack` holds the vertices without a component, in the same order; `path` the depth-first
     // path to the current vertex, with the remaining ends of each. Every vertex in

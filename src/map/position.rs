@@ -53,8 +53,8 @@ pub trait Axes: Sized {
 
     /// Projects a line; each point is moved to within half a period of the previous one.
     fn unwrap(line: impl IntoIterator<Item = Self>) -> impl Iterator<Item = [f64; 2]> {
-        // The first point stays where it is; each next one is near the one before, so that no piece
-        // of a line spans the plane.
+        // The first point stays where it is; each later point is near the previous one, so that no
+        // piece of a line spans the plane.
         let mut before = None;
         line.into_iter().map(move |position| {
             let point = position.to_plane();

@@ -135,8 +135,8 @@ impl DistanceTransition {
         base: SparseTransition,
         mut length: impl FnMut(usize, usize) -> Result<f64, TransitionError>,
     ) -> Result<Self, TransitionError> {
-        // `moves` grows in the order of the base's entries, column by column: `lengths` relies
-        // on it when it cuts out a column by the positions of the base.
+        // `moves` grows in the order of the base's entries, column by column: `lengths` relies on
+        // this order when it cuts out a column by the positions of the base.
         let (mut moves, mut least) = (Vec::with_capacity(base.entries()), 1.0_f64);
         for from in 0..base.states() {
             for (to, p) in base.outgoing(&(), from) {
@@ -233,8 +233,8 @@ impl MoveLikelihood<SparseTransition> for Lengths {
     /// Logarithm of the density at the nearest length.
     fn log_factor(&self, read: &Option<OdometryReading>) -> Option<f64> {
         read.map(|OdometryReading { distance, variance }| {
-            // Half of the difference of two finite values is finite, which the difference may not
-            // be; so the square below is that of 2 `off`.
+            // Half of the difference of two finite values is finite, even where the difference is
+            // not. So the exponent −(2 `off`)² / 2 is −2 `off`² below.
             let off = (0.5 * distance - 0.5 * self.nearest(distance)) / variance.sqrt();
             -0.5 * ((2.0 * PI).ln() + variance.ln()) - 2.0 * off * off
         })
@@ -310,7 +310,7 @@ impl MoveLikelihood<SparseTransition> for Lengths {
 /// difference of large squares would lose its digits.
 fn log_density_ratio(read: OdometryReading, length: f64, nearest: f64) -> f64 {
     let gap = length - nearest;
-    // Half of the second factor, (L + N) / 2 − d, which cannot overflow.
+    // Half of the second factor, (L + N) / 2 − d: unlike the factor itself, it cannot overflow.
     let off = 0.25 * length + 0.25 * nearest - 0.5 * read.distance;
     // Zero times infinity would be NaN: gap / variance may overflow where off is 0.
     let excess = if gap == 0.0 || off == 0.0 { 0.0 } else { 2.0 * (gap / read.variance) * off };

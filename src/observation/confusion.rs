@@ -57,7 +57,8 @@ impl Confusion {
             let what = "the mean probability of a correct observation";
             return Err(OutOfRange::new(what, mean_correct, "1, as no place has a neighbour"));
         }
-        // From n m = Σ (1 − q dᵢ) = n − q Σ dᵢ for the mean m.
+        // With the share q of each of the dᵢ neighbours and the mean m, n m = Σ (1 − q dᵢ) = n − q
+        // Σ dᵢ.
         let share = if pairs == 0 { 0.0 } else { (1.0 - mean_correct) * n as f64 / pairs as f64 };
         let mut entries = Vec::with_capacity(n + pairs);
         for (i, joined) in joined.iter().enumerate() {

@@ -37,11 +37,11 @@ const LINE: usize = 64;
 /// they nest, get the same buffers again, and allocate only the first time.
 pub fn with<T: Pooled, R>(count: usize, work: impl FnOnce(&mut [T]) -> R) -> R {
     // Aligned to a cache line, so that no eight doubles lie in two lines. `room` more values are
-    // always enough for it; `align_offset` may refuse by usize::MAX, hence the minimum.
+    // always enough for that. `align_offset` may give up and return usize::MAX, hence the minimum.
     let room = LINE / size_of::<T>();
     let mut buffer: Vec<T> = take(count + room);
     let skipped = buffer.as_ptr().align_offset(LINE).min(room);
-    // The pool is not borrowed meanwhile, so that `work` may ask for buffers, too.
+    // The pool is not borrowed during `work`, which may ask for buffers itself.
     let result = work(&mut buffer[skipped..skipped + count]);
     put_back(buffer);
     result
@@ -113,7 +113,7 @@ pub fn reserve_two(count: usize) {
         if pool.len() < 2 {
             pool.resize_with(2, Vec::new);
         }
-        // The last two are the next to be lent. `reserve` takes the length in addition.
+        // The last two buffers are the next to be lent. `reserve` counts from the length.
         let last = pool.len() - 2;
         for buffer in &mut pool[last..] {
             let whole = count + LINE / size_of::<f64>();

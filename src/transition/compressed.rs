@@ -24,8 +24,8 @@ impl Compressed {
         for (line, ..) in entries.clone() {
             starts[line as usize + 1] += 1;
         }
-        // Counts are one place late, so that sums of them are starts. They fit 32 bits, since the
-        // caller has checked the number of entries.
+        // Counts are stored one place late, so their running sums are starts. These fit 32 bits,
+        // since the caller has checked the number of entries.
         let mut end = 0;
         for start in &mut starts {
             end += *start;

@@ -217,7 +217,8 @@ impl ConstrainedTransition {
         let free = |entry: &(&(u32, u32), (usize, usize, f64))| entry.0.0 != FIXED;
         let all = self.parameters.iter().zip(weights).filter(free);
         all.clone().for_each(|(parameter, entry)| sums[parameter.0 as usize] += entry.2);
-        // For each free entry in order; `map_free_columns` asks for them column by column, in that order.
+        // For each free entry in order; `map_free_columns` asks for them column by column, in that
+        // order.
         let mut each =
             all.map(|(parameter, _)| sums[parameter.0 as usize] / f64::from(parameter.1));
         let mut shares = Vec::new();
@@ -256,8 +257,8 @@ impl LearnFromMoves for ConstrainedTransition {
         let mut parameters: Vec<(u32, u32)> = kept.iter().map(|at| self.parameters[*at]).collect();
         let pseudo_counts = kept.iter().filter_map(|at| self.pseudo_counts.get(*at)).copied();
         let pseudo_counts = pseudo_counts.collect();
-        // Parameters without entries are dropped, too, and the others numbered anew. FIXED is the
-        // largest number, so that it is last in the list and shifts no other.
+        // Parameters without entries are also dropped, and the others renumbered. FIXED is the
+        // largest number, so it is last in the list and shifts no other.
         let mut used: Vec<u32> = parameters.iter().map(|parameter| parameter.0).collect();
         used.sort_unstable();
         used.dedup();
@@ -270,8 +271,8 @@ impl LearnFromMoves for ConstrainedTransition {
 
     /// Counts each parameter once, and adds the pseudo-counts of the entries.
     fn log_prior(&self, pseudo_count: f64) -> f64 {
-        // A parameter has the same share in each of its columns; the last column's is kept.
-        // Beside fixed entries p also has a factor, the rest of its column, which is constant.
+        // A parameter has the same share in each of its columns; the last column's is kept. In a
+        // column with fixed entries p also has a constant factor: what these leave of the column.
         let mut logs = vec![0.0; self.parameters()];
         let mut sum = 0.0;
         for (at, (&(parameter, times), (.., p))) in

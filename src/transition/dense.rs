@@ -112,7 +112,7 @@ impl DenseTransition {
         for (from, sum) in sums.iter_mut().enumerate() {
             for (to, stored) in matrix.column_mut(from).iter_mut().enumerate() {
                 let value = entry(to, from);
-                // Written so that a NaN, which fails every comparison, is refused, too.
+                // Written so that a NaN, which fails every comparison, is also refused.
                 if !(value >= 0.0 && value.is_finite()) {
                     return Err(TransitionError::Entry { to, from, value });
                 }

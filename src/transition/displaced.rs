@@ -46,8 +46,8 @@ impl FreeParameters for DenseTransition {
 impl FreeParameters for ConstrainedTransition {
     fn displaced(&self, by: &mut Displacement<'_>) -> Outcome<Self> {
         // The parameters of a kind of state are one distribution. It is read from the first state
-        // of the kind, whose parameters have no share yet: p times their number of entries, over
-        // what the fixed entries leave.
+        // of the kind, the one whose parameters have no share yet. A share is p times the number of
+        // entries of the parameter, over what the fixed entries leave.
         let mut shares: Vec<Option<f64>> = vec![None; self.parameters()];
         let mut all = self.parameters.iter();
         for from in 0..self.states() {

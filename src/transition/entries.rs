@@ -101,7 +101,7 @@ pub fn best_of(entries: impl Iterator<Item = (u32, f64)>, x: &[f64]) -> (f64, u3
     let mut best = (f64::NEG_INFINITY, 0);
     for (j, log2) in entries {
         let value = log2 + x[j as usize];
-        // Strictly above: entries ascend, so that the lowest state keeps a tie.
+        // Strictly above: entries ascend, so the lowest state keeps a tie.
         if value > best.0 {
             best = (value, j);
         }
@@ -116,8 +116,8 @@ pub fn merge(
     plus: impl Fn(f64, f64) -> f64,
 ) -> impl Iterator<Item = (usize, f64)> {
     let (mut a, mut b) = (a.peekable(), b.peekable());
-    // The lower head goes first, so that the merged list ascends, too. The last arm is a head of
-    // `a` that is lower or alone, or the end of both.
+    // The lower head goes first, so the merged list also ascends. The last arm covers a head of `a`
+    // that is lower or alone, and the end of both.
     std::iter::from_fn(move || match (a.peek(), b.peek()) {
         (Some(x), Some(y)) if x.0 == y.0 => Some((x.0, plus(a.next()?.1, b.next()?.1))),
         (Some(x), Some(y)) if x.0 > y.0 => b.next(),

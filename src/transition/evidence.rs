@@ -140,8 +140,8 @@ where
     }
 
     fn check(&self, base: &A, measured: &U) -> Result<(), TransitionError> {
-        // Every move, before the step: a function of the user's may fail for any of them, and the
-        // filter must then still be in its last good state.
+        // Every move is checked before the step: the user's function may fail for any of them, and
+        // the filter must then still be in its last good state.
         for from in 0..base.states() {
             for (to, _) in base.outgoing(&(), from) {
                 let log = (self.log_likelihood)(measured, to, from);

@@ -40,7 +40,7 @@ impl<A: Transition> Jumps<A> {
         }
     }
 
-    /// The same jumps beside another operator.
+    /// The same jumps with another operator.
     pub(super) fn with_inner(&self, inner: A) -> Self {
         Self {
             evidence: self.evidence,
@@ -166,7 +166,7 @@ pub(crate) fn scale_belief(
     let mut values = belief.into_vec();
     for (state, r) in values.iter_mut().enumerate() {
         let value = *r * rate;
-        // Underflow would make a state unreachable that the caller made reachable.
+        // An underflow would make unreachable a state that the caller made reachable.
         if *r > 0.0 && rate > 0.0 && value < f64::MIN_POSITIVE {
             let what = format!("the probability of {what} state {state}");
             let expected = "0 or at least 2.2e-308, the smallest normal double";

@@ -164,7 +164,7 @@ impl<A1: Transition, A2: Transition<Control = A1::Control>> Transition
     }
 
     fn evidence(&self, control: &A1::Control) -> Option<f64> {
-        // Factors multiply, so that their logarithms add. A part without evidence has factor 1.
+        // Factors multiply, so their logarithms add. A part without evidence has factor 1.
         match (self.first.evidence(control), self.second.evidence(control)) {
             (None, None) => None,
             (first, second) => Some(first.unwrap_or(0.0) + second.unwrap_or(0.0)),
@@ -231,8 +231,8 @@ impl<A1: TransitionEntries, A2: TransitionEntries<Control = A1::Control>> Transi
         let parts_do =
             self.first.entries_need_logs(control) || self.second.entries_need_logs(control);
         parts_do || {
-            // Every entry of one part is multiplied by every entry of the other, so that the
-            // extremes of the products are the products of the extremes.
+            // Every entry of one part is multiplied by every entry of the other, so the extremes of
+            // the products are the products of the extremes.
             let ((least1, most1), (least2, most2)) =
                 (extremes(&self.first, control), extremes(&self.second, control));
             least1 * least2 < f64::MIN_POSITIVE || most1 * most2 > LARGEST_LINEAR_ENTRY
@@ -243,7 +243,7 @@ impl<A1: TransitionEntries, A2: TransitionEntries<Control = A1::Control>> Transi
         check_slices(self.states(), x, out);
         let (n1, n2) = (self.first.states(), self.second.states());
         // max over (j₁, j₂) of a₁ + a₂ + x is max over j₁ of (a₁ + max over j₂ of (a₂ + x)). Scores
-        // are on a grid, so that sums in any order are exact.
+        // are on a grid, so sums in any order are exact.
         let rows = out.chunks_exact_mut(n2).zip(from.chunks_exact_mut(n2));
         for (x, (out, from)) in x.chunks_exact(n2).zip(rows) {
             self.second.max_product(control, x, out, from);

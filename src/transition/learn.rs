@@ -20,7 +20,8 @@ use crate::error::TransitionError;
 /// | [`Fixed`](crate::Fixed) | nothing |
 ///
 /// With [`FreeParameters`](crate::inference::FreeParameters), learned parameters have standard
-/// errors, in wayfix-learn; operators whose rates or coefficients of inputs are learned are there, too.
+/// errors. These are in wayfix-learn, as are operators whose rates or coefficients of inputs are
+/// learned.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not say how it is learned",
     note = "to keep it as it is, wrap it in `wayfix::Fixed`"
@@ -255,7 +256,7 @@ impl<A: LearnFromMoves> LearnTransition for A {
 
 /// Σ counts ln A\[i, j\]. O(E + moves).
 fn log_probability<A: TransitionEntries<Control = ()>>(transition: &A, counts: &MoveCounts) -> f64 {
-    // The same merge. Counts of 0 are skipped, since 0 ln 0 counts as 0.
+    // A merge, as in `weights`. Counts of 0 are skipped, since 0 ln 0 counts as 0.
     let mut moves = counts.moves().filter(|m| m.weight > 0.0).peekable();
     let mut sum = 0.0;
     for from in 0..transition.states() {
@@ -265,7 +266,7 @@ fn log_probability<A: TransitionEntries<Control = ()>>(transition: &A, counts: &
             }
         }
     }
-    // A move without an entry, which has probability 0, is still there, with all after it.
+    // A move without an entry, which has probability 0, stops the merge, and is left at the end.
     if moves.next().is_some() { f64::NEG_INFINITY } else { sum }
 }
 

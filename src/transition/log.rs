@@ -51,8 +51,8 @@ fn bands(
     mut product: impl FnMut(&[f64], &mut [f64]),
 ) -> f64 {
     out.fill(f64::NEG_INFINITY);
-    // Numbers up to e^next that are left add at most n e^(highest + next) to a sum, which is beyond
-    // its digits if it is at least e^(next + settled_margin).
+    // The remaining numbers are at most e^next, and add at most n e^(highest + next) to a sum. That
+    // is beyond the digits of a sum of at least e^(next + settled_margin).
     let settled_margin = highest + (x.len() as f64).ln() + DIGITS;
     buffers::with_two(x.len(), |band, sums| {
         let mut top = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -90,7 +90,7 @@ fn bands(
                 let outs = out.iter_mut().zip(&*sums).zip(large).filter(|out| out.1);
                 outs.for_each(|((out, sum), _)| *out = add(*out, sum.ln() + above));
             }
-            // Settled: what is left changes no sum. False for a NaN, so that all bands are taken.
+            // Settled: what is left changes no sum. False for a NaN, so all bands are taken.
             if out.iter().all(|out| *out >= next + settled_margin) {
                 return f64::NEG_INFINITY;
             }
@@ -108,7 +108,7 @@ pub fn sum(entries: impl Iterator<Item = (usize, f64)> + Clone, x: &[f64]) -> f6
         return largest;
     }
     // log-sum-exp around the largest x. A term that underflows is below 1e-307, which is nothing
-    // beside a sum of 1e-130. A smaller sum means that all large x have tiny entries: then terms
+    // next to a sum of 1e-130. A smaller sum means that all large x have tiny entries: then terms
     // are added one by one, each with its own logarithm.
     let near = entries.clone().map(|(j, value)| value * (x[j] - largest).exp()).sum::<f64>();
     if near >= 1e-130 {

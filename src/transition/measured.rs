@@ -15,7 +15,7 @@ use wayfix_kernels as kernels;
 /// Likelihood of a measurement between two steps, for the moves of an operator `A`.
 pub(crate) trait MoveLikelihood<A: TransitionEntries<Control = ()>> {
     type Measurement: 'static;
-    /// Data of a move, stored beside the entry of the base.
+    /// Data of a move, stored with the entry of the base.
     type Move: Copy;
 
     /// Log factor that was taken out of the likelihoods; `None` if nothing was measured.
@@ -35,7 +35,7 @@ pub(crate) trait MoveLikelihood<A: TransitionEntries<Control = ()>> {
     /// True if an entry is out of the range of doubles.
     fn needs_logs(&self, base: &A, measured: &Self::Measurement) -> bool {
         let Some(log) = self.move_log_likelihood(base, measured) else { return false };
-        // An impossible move, of −∞, is exactly 0 in doubles, too.
+        // An impossible move (log-likelihood −∞) is exactly 0 as a double, so it needs no logs.
         let beyond = |log: f64, p: f64| {
             let in_range = f64::MIN_POSITIVE..=LARGEST_LINEAR_ENTRY;
             log > f64::NEG_INFINITY && !in_range.contains(&(p * log.exp()))
@@ -204,7 +204,7 @@ impl<A: TransitionEntries<Control = ()>, L: MoveLikelihood<A>> TransitionEntries
         check_slices(self.states(), x, out);
         out.fill(f64::NEG_INFINITY);
         predecessor.fill(0);
-        // Predecessors come in ascending order, so that the lowest wins ties.
+        // Predecessors come in ascending order, so the lowest wins ties.
         for (from, x) in x.iter().enumerate().filter(|entry| *entry.1 > f64::NEG_INFINITY) {
             for (to, log2, stored) in self.likelihood.column_log2(&self.base, from) {
                 let value = log2 + log2_of(log(to, from, Some(stored))) + x;

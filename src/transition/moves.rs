@@ -122,8 +122,8 @@ impl MoveCounts {
     /// already costs one comparison.
     pub(crate) fn add(&mut self, moves: impl IntoIterator<Item = Move>) -> f64 {
         // A merge in place: `at` only goes forward through the moves known before, and new moves
-        // are collected behind them, to be sorted in at the end. From the second step of a sequence
-        // on there are usually none.
+        // are collected behind them, to be sorted in at the end. After the first step of a sequence
+        // there are usually none.
         let known = self.moves.len();
         let (mut at, mut sum) = (0, 0.0);
         for m in moves {
@@ -136,7 +136,7 @@ impl MoveCounts {
                 self.moves[at].weight += m.weight;
                 continue;
             }
-            // New moves ascend, too, so that a repeated one is the last.
+            // New moves also ascend, so a repeated one is the last.
             match self.moves[known..].last_mut() {
                 Some(last) if (last.from, last.to) == key => last.weight += m.weight,
                 _ => self.moves.push(m),

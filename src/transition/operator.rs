@@ -29,7 +29,7 @@ use wayfix_kernels::{Lines, Panels};
 /// Entries below 2.2e-308 (subnormal doubles) have lost precision, and states reached only through
 /// them may be lost.
 ///
-/// A reference, `Box`, `Rc` or `Arc` of an operator is an operator, too, so that models can share a
+/// A reference, `Box`, `Rc` or `Arc` of an operator is also an operator, so models can share a
 /// large one. So is a trait object such as `Box<dyn Transition<Control = ()>>`, for operators
 /// chosen at run time.
 ///

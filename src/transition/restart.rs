@@ -119,7 +119,7 @@ impl<A: Transition> Transition for RestartTransition<A> {
     }
 
     fn apply(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
-        // ε r 1' x is ε r times the sum of x: all of x restarts, by the factor p(u | restart).
+        // ε r 1' x is ε r times the sum of x: all of x restarts, weighted by p(u | restart).
         let restarting = product_or_zero(kernels::sum(x), self.jumps.log_factor(control).exp());
         self.jumps.apply(control, x, restarting, out);
     }
@@ -165,8 +165,8 @@ impl<A: TransitionEntries> TransitionEntries for RestartTransition<A> {
 
     // Without evidence, the linear sum of both terms is rounded to a logarithm, as an entry of a
     // stored matrix would be, so that the same paths tie. With evidence either term may be beyond
-    // doubles, so that they are added in logarithms. The two iterators have different types:
-    // exactly one of the options is `Some`.
+    // doubles, so both are added in logarithms. The two iterators have different types: exactly one
+    // of the options is `Some`.
 
     fn incoming_log2(&self, control: &A::Control, to: usize) -> impl Iterator<Item = (usize, f64)> {
         let jumps = &self.jumps;
@@ -202,8 +202,8 @@ impl<A: TransitionEntries> TransitionEntries for RestartTransition<A> {
     }
 
     fn max_product(&self, control: &A::Control, x: &[f64], out: &mut [f64], from: &mut [u32]) {
-        // Where A has no entry, the entry of row i is ε r_i, so that the best such predecessor is
-        // the best state of all. If A does have an entry there, its own score is at least as high:
+        // Where A has no entry, the entry of row i is ε r_i, so the best such predecessor is the
+        // best state of all. If A does have an entry there, its own score is at least as high:
         // offering the state at ε r_i as well changes no maximum, and if the offer ties, so does
         // the entry. Hence the first of all best states, and those with an entry, are enough:
         // O(entries + n).
@@ -215,7 +215,7 @@ impl<A: TransitionEntries> TransitionEntries for RestartTransition<A> {
         for (i, (out, from)) in out.iter_mut().zip(from).enumerate() {
             let restart = log2_jump_probabilities[i] + factor;
             let mut best = (restart + most, first);
-            // `first` need not be the lowest, so a tie compares the states, too.
+            // `first` need not be the lowest, so a tie also compares the states.
             let mut offer = |value: f64, j: usize| {
                 if value > best.0 || (value == best.0 && j < best.1 as usize) {
                     best = (value, j as u32);
@@ -262,7 +262,7 @@ impl<A: LearnTransition> LearnTransition for RestartTransition<A> {
     }
 
     fn restart_log2(&self, control: &A::Control, to: usize) -> f64 {
-        // The inner operator may restart, too: those restarts are kept with probability 1 − ε.
+        // The inner operator may also restart: those restarts are kept with probability 1 − ε.
         let within = log2(self.jumps.move_probability) + self.jumps.inner.restart_log2(control, to);
         add_log2(self.jumps.log2_jump_probabilities[to] + self.jumps.log2_factor(control), within)
     }
@@ -283,8 +283,8 @@ impl<A: LearnTransition> LearnTransition for RestartTransition<A> {
 
 /// Upper bound of log2 p, from the exponent alone: most entries need no more.
 fn log2_bound(p: f64) -> f64 {
-    // p is not negative, so that the upper 12 bits are the biased exponent e, and p < 2^(e − 1022),
-    // also for subnormals, whose e is 0.
+    // p is not negative, so the upper 12 bits are the biased exponent e, and p < 2^(e − 1022), also
+    // for subnormals, whose e is 0.
     (p.to_bits() >> 52) as f64 - 1022.0
 }
 

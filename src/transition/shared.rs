@@ -59,7 +59,7 @@ macro_rules! delegate {
         $crate::transition::delegate!(@product apply_log $($rest)+);
         $crate::transition::delegate!(@product apply_transpose_log $($rest)+);
     };
-    // Two that go together: `smallest_entry` decides whether `apply_in_blocks` is called.
+    // Two methods that go together: `smallest_entry` decides whether `apply_in_blocks` is called.
     (@blocks $a:ident, $u:ident => $inner:expr, $control:expr) => {
         fn apply_in_blocks(
             &self,

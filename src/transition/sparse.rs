@@ -131,7 +131,7 @@ impl SparseTransition {
     }
 
     pub(super) fn from_compressed(rows: Compressed, columns: Compressed) -> Self {
-        // The two slicings are independent of each other, and neither depends on the threads.
+        // The two slicings are independent of each other and of the number of threads.
         let (sliced_rows, sliced_columns) = (|| rows.sliced(), || columns.sliced());
         #[cfg(feature = "rayon")]
         let (sliced_rows, sliced_columns) = rayon::join(sliced_rows, sliced_columns);

@@ -57,7 +57,8 @@ impl Stationary {
     pub(crate) fn of<A: TransitionEntries>(transition: &A) -> Result<Self, TransitionError> {
         let control = stationary_control(transition)?;
         let states = transition.states();
-        // Moves to other states. A stay changes nothing but the time, which `leaves` accounts for.
+        // Only moves to other states. A stay changes nothing but the time, which `leaves` accounts
+        // for.
         let column = |from: usize| {
             let others = transition.outgoing(control, from).filter(|entry| entry.0 != from);
             others.map(|(to, p)| (to as u32, p)).collect::<Vec<_>>()
@@ -98,7 +99,7 @@ impl Stationary {
     pub(crate) fn potentials(&self, rewards: &[f64]) -> Vec<f64> {
         // h_i = rewards_i − g + Σ_j p(j | i) h_j, with the mean reward g. So h_i is the expected
         // sum of reward − g until the chain meets the last state, where h is 0. g is not known yet:
-        // rewards and times are summed separately. Each eliminated state passes its own on to the
+        // rewards and times are summed separately. Each eliminated state passes its sums on to the
         // states that lead to it, by the expected number of visits, p / leaves.
         let mut sums: Vec<[f64; 2]> = rewards.iter().map(|reward| [*reward, 1.0]).collect();
         for Eliminated { state, leaves, into, .. } in &self.eliminated {
@@ -109,13 +110,14 @@ impl Stationary {
                 *of_time += p * time;
             }
         }
-        // All the reward and time between two visits of the last state: g by renewal.
+        // The last state has the reward and the time between two of its visits: their ratio is g
+        // (renewal).
         let [reward, time] = sums[self.last];
         let mean = reward / time;
         let mut potentials = vec![0.0; self.states];
         for Eliminated { state, leaves, out, .. } in self.eliminated.iter().rev() {
             let [reward, time] = sums[*state];
-            // States that it leads to were eliminated later, so that their h are known.
+            // The states that this state leads to were eliminated later, so their h are known.
             let next = out.iter().map(|(to, share)| share * potentials[*to as usize]);
             potentials[*state] = (reward - mean * time) / leaves + next.sum::<f64>();
         }
@@ -133,7 +135,7 @@ fn closed_class(out: &[Vec<(u32, f64)>], into: &[Vec<u32>]) -> Result<Vec<u32>, 
     // Searches against the moves: all states that lead to state 0, then all that lead to the first
     // of the others, and so on. Suppose some state r is reached from all. The search that found r
     // found every state that leads to r and was not yet seen, that is all of them: it was the last,
-    // and r leads to the state where it began. So that state is reached from all, too.
+    // and r leads to the state where it began. So that state is also reached from all.
     let mut seen = vec![false; out.len()];
     let mut last = 0;
     for state in 0..out.len() {
@@ -196,8 +198,8 @@ fn eliminate(
         if queue.is_empty() {
             return Ok(Stationary { states, eliminated, last: state });
         }
-        // The probability of leaving is summed from the moves, not taken as 1 − p(stay): the step
-        // by which the method avoids subtractions.
+        // The probability of leaving is summed from the moves, not taken as 1 − p(stay): this is
+        // how the method avoids subtractions.
         let mut shares = std::mem::take(&mut out[state]);
         let leaves: f64 = shares.iter().map(|entry| entry.1).sum();
         if leaves == 0.0 {

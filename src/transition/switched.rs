@@ -44,7 +44,7 @@ impl<A: Transition<Control = ()>> SwitchedTransition<A> {
             if found != expected {
                 return Err(TransitionError::StateCount { operator, found, expected });
             }
-            // Now, since a model can't check an operator that depends on its control.
+            // Validated here, since a model can't check an operator that depends on its control.
             super::validate_with(a, &())?;
         }
         Ok(Self { operators })
@@ -63,7 +63,8 @@ impl<A: Transition<Control = ()>> Transition for SwitchedTransition<A> {
     delegate!(a, control => a.operators[*control], &(); products evidence needs_logs);
 
     fn states(&self) -> usize {
-        // `new` has checked that there is at least one, and that all have the same number.
+        // `new` has checked that there is at least one operator, and that all have the same number
+        // of states.
         self.operators[0].states()
     }
 

@@ -214,8 +214,8 @@ impl Transition for WindowTransition {
     fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
         check_slices(self.states, x, out);
         out.fill(0.0);
-        // Columns are added into `out`, which starts at 0: a place may be reached both from `interior`
-        // and from places near an end.
+        // Columns are added into `out`, which starts at 0: a place may be reached both from
+        // `interior` and from places near an end.
         for block in self.blocks() {
             let x = &x[block.clone()];
             let (pairs, last) = self.window.as_chunks::<2>();
@@ -273,7 +273,8 @@ impl TransitionEntries for WindowTransition {
             Some((from, column[at].value))
         };
         // The farther the move, the lower its source: reversed, sources ascend, and all lie between
-        // those of `start_columns` and `end_columns`. A source below 0 or beyond `interior` is skipped.
+        // those of `start_columns` and `end_columns`. A source below 0 or beyond `interior` is
+        // skipped.
         let interior = self.window.iter().rev().filter_map(move |entry| {
             let from = to.checked_add_signed(self.first.checked_neg()?)?.checked_sub(entry.to)?;
             self.interior.contains(&from).then_some((from, entry.value))
@@ -292,8 +293,8 @@ impl TransitionEntries for WindowTransition {
         check_slices(self.states, x, out);
         out.fill(f64::NEG_INFINITY);
         from.fill(0);
-        // Each state is offered its predecessors in ascending order (places before `interior`, blocks
-        // in order, far moves before near ones, places after), so that the lowest wins ties.
+        // Each state is offered its predecessors in ascending order (places before `interior`,
+        // blocks in order, far moves before near ones, places after), so the lowest wins ties.
         let offer = |out: &mut f64, from: &mut u32, value: f64, place: usize| {
             let better = value > *out;
             *out = if better { value } else { *out };

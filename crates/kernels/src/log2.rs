@@ -46,7 +46,7 @@ pub fn log2(x: f64) -> f64 {
     if x == 0.0 {
         return f64::NEG_INFINITY;
     }
-    // The negation lets NaN fail, too.
+    // The negation also lets NaN fail.
     if !(x > 0.0 && x <= f64::MAX) {
         return f64::NAN;
     }
@@ -60,7 +60,8 @@ pub fn log2(x: f64) -> f64 {
     let t = (mantissa - 1.0) / (mantissa + 1.0);
     let square = t * t;
     let series = SERIES[1..].iter().fold(SERIES[0], |series, c| series * square + c);
-    // Rounded before the exponent is added: so halves of a number differ by exactly 1.
+    // Rounded before the exponent is added, so the logarithms of a number and its half differ by
+    // exactly 1.
     on_grid(series * t) + exponent
 }
 
@@ -97,7 +98,8 @@ fn log2_all<S: Simd>(s: S, x: &mut [f64]) {
 pub(crate) fn log2_lanes<S: Simd>(s: S, x: S::V) -> S::V {
     let (zero, one) = (s.splat(0.0), s.splat(1.0));
     let subnormal = s.lt(x, s.splat(f64::MIN_POSITIVE));
-    // Zeros compare below too. A branch for all lanes: likelihoods without a zero skip three selects.
+    // Zeros also compare below. One branch for all lanes: likelihoods without a zero or subnormal
+    // skip three selects.
     let any_subnormal = s.any(subnormal);
     let (mut normal, mut lifted) = (x, zero);
     if any_subnormal {
@@ -111,7 +113,8 @@ pub(crate) fn log2_lanes<S: Simd>(s: S, x: S::V) -> S::V {
     let exponent = s.sub(s.add(exponent, s.select(high, one, zero)), lifted);
     let t = s.div(s.sub(mantissa, one), s.add(mantissa, one));
     let square = s.mul(t, t);
-    // Horner's rule, a product and a sum apart as in `log2`: a fused one would round differently.
+    // Horner's rule, with a separate product and sum as in `log2`: a fused operation would round
+    // differently.
     let mut series = s.splat(SERIES[0]);
     for coefficient in &SERIES[1..] {
         series = s.add(s.mul(series, square), s.splat(*coefficient));

@@ -82,7 +82,8 @@ impl Semiring for SumProduct {
             let shift = s.splat(SHIFT as f64);
             *exponents = s.add(*exponents, s.select(down, shift, zero));
             *exponents = s.sub(*exponents, s.select(up, shift, zero));
-            // Exact, as the largest value is in the middle range afterwards; small ones are checked.
+            // Exact, as the largest value is in the middle range afterwards; small ones are
+            // checked.
             largest = s.mul(largest, factor);
             for x in &mut *x {
                 *x = s.mul(*x, factor);

@@ -39,8 +39,8 @@ impl Aligned {
             SEVERAL_PAGES.. => (PAGE, 1),
             _ => (LINE, 1),
         };
-        // The allocator aligns to 8 or 16 bytes: an aligned start is less than a unit away. One value
-        // less than a unit is enough, as starts are multiples of a value.
+        // The allocator aligns to 8 or 16 bytes: an aligned start is less than a unit away. One
+        // value less than a unit is enough, as starts are multiples of a value.
         let spare = room * unit / size_of::<f64>() - 1;
         let mut values = in_large_pages(vec![value; len + spare]);
         // `align_offset` may give up and return a huge number. Only speed depends on the alignment:

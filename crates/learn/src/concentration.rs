@@ -16,12 +16,12 @@ pub(super) fn concentration(dimensions: usize, length: f64, complement: f64) -> 
         return 0.0;
     }
     let d = dimensions as f64;
-    // r (d − r²) / (1 − r²), where 1 − r² is (1 − r) (1 + r).
+    // With the length r, κ ≈ r (d − r²) / (1 − r²), where 1 − r² is (1 − r) (1 + r).
     let start = length * (d - length * length) / (complement * (1.0 + length));
     root(start, |k| {
         let Bessel { ratio, complement: rest, .. } = Bessel::new(0.5 * d - 1.0, k);
-        // The ratio A has κ A' = κ (1 − A²) − (d − 1) A. For large κ this is (d − 1) / 2κ, nearly
-        // 1 − A, from terms of size d that cancel.
+        // The ratio A of Bessel functions has κ A' = κ (1 − A²) − (d − 1) A. For large κ this is (d
+        // − 1) / 2κ, nearly 1 − A, a small difference of terms of size d.
         let slope = if k > 1e5 * d { rest } else { k * rest * (1.0 + ratio) - (d - 1.0) * ratio };
         // Solve for the logarithm of the smaller of r and 1 − r, which keeps its digits.
         if length < 0.5 {
@@ -37,10 +37,10 @@ pub(super) fn draw<R: Rng + ?Sized>(dimensions: usize, concentration: f64, rng: 
     let m = dimensions as f64 - 1.0;
     // d ≥ 2, so the shape is at least ½ and valid.
     let Ok(beta) = Beta::new(0.5 * m, 0.5 * m) else { return 0.0 };
-    // Wood's rejection algorithm with W = 1 − t, so that t keeps its digits for large κ. With
+    // Wood's rejection algorithm, computed for t = 1 − W, which keeps its digits for large κ. With
     // b = (−2κ + √(4κ² + m²)) / m, in a form without cancellation, and x0 = (1 − b) / (1 + b) it
-    // proposes W = (1 − (1 + b) Z) / (1 − (1 − b) Z), and accepts if
-    // κ W + m ln(1 − x0 W) − κ x0 − m ln(1 − x0²) ≥ ln U. `mode` is 1 − x0.
+    // proposes W = (1 − (1 + b) Z) / (1 − (1 − b) Z), and accepts if κ W + m ln(1 − x0 W) − κ x0 −
+    // m ln(1 − x0²) ≥ ln U. `mode` is 1 − x0.
     let b = m / (2.0 * concentration + m.hypot(2.0 * concentration));
     let mode = 2.0 * b / (1.0 + b);
     loop {

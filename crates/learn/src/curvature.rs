@@ -140,9 +140,9 @@ impl<F: Fn(&[f64]) -> Result<f64, LearnError> + Sync> Objective<F> {
         let gradient = extrapolated(gradients);
         let information = extrapolated(curvatures);
         // Near a bound at infinity the objective keeps rising, as −c e^±δ. Then gradient and
-        // information are both of size c, however far away, so that a Newton step is one unit long;
-        // and c is less than the information of one observation. Odds relative to a larger number
-        // can only fall.
+        // information are both of size c, however far away, so a Newton step is one unit long; and
+        // c is less than the information of one observation. Odds relative to a larger number can
+        // only fall.
         let ahead = match self.scales[at] {
             Scale::Plain => 0.0,
             Scale::Log => gradient.abs(),
@@ -193,8 +193,8 @@ impl<F: Fn(&[f64]) -> Result<f64, LearnError> + Sync> Objective<F> {
 
     /// Returns true if a logarithm without influence here has some far away: then it is at a bound.
     fn has_influence_far_away(&self, at: usize) -> bool {
-        // The smallest double is e^-745 of one. Steps of 16 miss nothing: from the size of
-        // rounding, 1e-12, to its full size an influence grows by e^28.
+        // The smallest double is e^-745, so the search ends there. Steps of 16 miss nothing:
+        // between the size of rounding, 1e-12, and its full size an influence grows by e^28.
         let far = (1..=46).flat_map(|k| [f64::from(16 * k), -f64::from(16 * k)]);
         let changes = |by: f64| {
             // A failure, such as an overflow, proves nothing.
@@ -221,7 +221,8 @@ impl Information {
     /// Replaces the derivatives g of a number with respect to the coordinates by a vector whose
     /// squared norm is g' I⁻¹ g, the variance of the number. O(p²).
     pub(super) fn solve(&self, derivatives: &mut [f64]) {
-        // With I = S L L' S, S the scales: the vector is L⁻¹ S⁻¹ g, by forward substitution.
+        // With I = S L L' S, where S has the scales, the vector is L⁻¹ S⁻¹ g, by forward
+        // substitution.
         let p = self.coordinates.len();
         derivatives.iter_mut().zip(&self.scales).for_each(|(g, scale)| *g /= scale);
         for i in 0..p {

@@ -238,7 +238,7 @@ impl EmissionError {
         let Some(at) = *state else {
             return self;
         };
-        // With a known state the number is below m, and is the part itself.
+        // With a known state, the number `at` is below m and is itself the part.
         *state = Some(known.unwrap_or(at / m));
         Self::Part { part: at % m, cause: Box::new(self) }
     }
@@ -411,8 +411,9 @@ pub(super) fn check_spread(
     variance: f64,
     square: f64,
 ) -> Result<f64, EmissionError> {
-    // The variance is a difference of terms of the size of the mean square, each rounded: below
-    // some units in the last place of that, nothing of it is known. NaN and infinity fail as well.
+    // The variance is a difference of terms of the size of the mean square, each rounded: below a
+    // few units in the last place of the mean square, it has no correct digit. NaN and infinity
+    // fail as well.
     if variance > ROUNDING * square && square.is_finite() {
         return Ok(variance);
     }

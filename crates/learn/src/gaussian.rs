@@ -181,7 +181,7 @@ impl Likelihood for Gaussian {
         y: &'a [f64],
         scratch: &'a mut Scratch,
     ) -> Result<Diagonal<'a>, LikelihoodError> {
-        // ln b_i = ln N(μ; μ, Σ) − ½ ‖W (y − μ)‖², in place of the distances at the start of the
+        // ln b_i = ln N(μ; μ, Σ) − ½ ‖W (y − μ)‖², which replaces the distances at the start of the
         // memory.
         let values = scratch.values(self.normals.scratch_blocks() * 8);
         let memory = as_blocks(values);

@@ -169,7 +169,8 @@ impl GaussianMixture {
             of_parts(what, covariances, [states, parts], covariance)?
         };
         let normals = Normals::new(kind, d, means, covariances, Settings::default());
-        // The error of a tied covariance names its state already; others count parts.
+        // An error of a tied covariance already names its state; other errors count parts over all
+        // states.
         let normals =
             normals.map_err(|error| if tied { error } else { error.in_part(None, parts) })?;
         Ok(Self::of(normals, parts, weights))
@@ -377,7 +378,7 @@ impl LearnLikelihood for GaussianMixture {
                 shares.fill(0.0);
                 continue;
             }
-            // Relative to the largest, so that the sum is from 1 to m.
+            // Relative to the largest, so the sum is from 1 to the number of parts.
             let exponentials = shares.iter_mut().zip(logs);
             exponentials.for_each(|(share, log)| *share = (log - largest).exp());
             let scale = p / shares.iter().sum::<f64>();

@@ -118,8 +118,8 @@ impl<C> ModelSelection<C> {
             let all: Vec<&S> = sequences.iter().collect();
             let learned = learn(&candidate, &all)?;
             let parameters = learned.free_parameters();
-            // The likelihood is that of all sequences, so that one left out of learning is an
-            // error; the parameters are those of the model that learning started from.
+            // The likelihood is that of all sequences, so one left out of learning is an error. The
+            // parameters are those of the model that learning started from.
             let criteria = Criteria { parameters, ..learned.model().criteria(&all)? };
             // One fold would leave nothing to learn from.
             let folds = if folds < 2 { 0 } else { folds };
@@ -224,7 +224,7 @@ where
     S: Sequence<A::Control, B::Observation>,
 {
     let (held, others): (Vec<_>, Vec<_>) =
-        // Folds are interleaved, so that each has sequences from all times.
+        // Folds are interleaved, so each has sequences from all times.
         sequences.iter().enumerate().partition(|(sequence, _)| sequence % folds == fold);
     let learned = learn(&others.into_iter().map(|(_, s)| s).collect::<Vec<_>>())?;
     let (mut sum, mut observations) = (LogSum::default(), 0);
@@ -232,7 +232,7 @@ where
         observations += observed.steps();
         match learned.model().log_likelihood(observed) {
             Ok(log) => sum.add(log),
-            // A model that rules out a held-out sequence gets the lowest score there is.
+            // A model that rules out a held-out sequence gets the lowest possible score.
             Err(HmmError::Impossible { .. } | HmmError::ImpossibleMove { .. }) => {
                 sum.add(f64::NEG_INFINITY);
             }

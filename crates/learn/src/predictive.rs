@@ -178,8 +178,8 @@ impl<'a, B: Marginals> Predictive<'a, B> {
             if p <= 0.5 { tails.up_to() >= p } else { tails.above <= 1.0 - p }
         };
         // Bisection over the doubles themselves, in their order: each of at most 64 steps halves
-        // their number. Invariant: no double below `low` is enough, and `high` is, or is the
-        // largest.
+        // their number. Invariant: no double below `low` is enough, and `high` is enough or the
+        // largest double.
         let (mut low, mut high) = (rank_of(f64::MIN), rank_of(f64::MAX));
         while low < high {
             // The mean rounded down, without overflow.

@@ -67,7 +67,7 @@ impl<'a> Rows<'a> {
 
     /// Number of rows.
     fn steps(&self) -> usize {
-        // The last row ends with the last value; in this order 0 values do not underflow.
+        // The last row ends with the last value. Added in this order, 0 values do not underflow.
         (self.values.len() + self.stride - self.width) / self.stride
     }
 

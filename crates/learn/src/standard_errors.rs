@@ -229,7 +229,8 @@ impl StandardErrors {
             scales: seen.iter().map(|seen| seen.1).collect(),
             size: logs.iter().map(|log| log.abs()).sum::<f64>() + log_prior.abs(),
         };
-        // Parameters are numbered through all parts: `ends` tells the part and the number in it.
+        // Parameters are numbered across all parts: `ends` tells the part and the number within the
+        // part.
         let name = |at: usize| {
             let parts = ["prior", "transition operator", "sensor"];
             let part = ends.iter().filter(|end| at >= **end).count();
@@ -280,7 +281,7 @@ where
     let transition = hmm.transition().displaced(by).map_err(LearnError::displaced)?;
     let of_transition = by.count();
     let prior = match hmm.prior() {
-        // Kept in the same way as in learning: the same numbers beside another operator.
+        // Kept in the same way as in learning: the same numbers with another operator.
         Prior::Stationary(_) if learning.keep_prior => Prior::AtFirstObservation(belief),
         Prior::Stationary(_) => Prior::stationary(&transition).map_err(LearnError::displaced)?,
         prior => prior.with_belief(belief),

@@ -270,7 +270,7 @@ fn shown_moves<S: Sequence<(), [f64]>>(
 /// The moves out of a state are a row. None is 0, since learning would keep it.
 fn random_moves<R: Rng + ?Sized>(n: usize, rng: &mut R) -> Vec<f64> {
     // U^n is nearly a gamma variable of shape 1/n for small values. `1 − random` is at least 2^-53,
-    // so that its eighth power is at least 2^-424.
+    // so its eighth power is at least 2^-424.
     let power = |p: f64| std::iter::repeat_n(p, n.min(8)).product::<f64>();
     (0..n * n).map(|_| power(1.0 - rng.random::<f64>())).collect()
 }

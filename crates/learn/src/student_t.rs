@@ -206,7 +206,7 @@ impl Marginals for StudentT {
         }
         let [z, ln_scale] = self.gaussian.normals().standardize(state, component, y);
         let (nu, d) = (self.degrees[state], self.gaussian.components());
-        // ln(1 + z² / ν), by 2 ln |z / √ν| where the square might overflow.
+        // ln(1 + z² / ν), computed as 2 ln |z / √ν| where the square might overflow.
         let ratio = z.abs() / nu.sqrt();
         let tail = if ratio < 1e100 { (ratio * ratio).ln_1p() } else { 2.0 * ratio.ln() };
         let norm = self.log_norms[state * (d + 1) + 1] - 0.5 * TAU.ln() - ln_scale;
@@ -264,7 +264,8 @@ impl LearnLikelihood for StudentT {
             weights[state] = w * u;
             if *w > 0.0 {
                 // E[u − 1 − ln u] = (E[u] − 1 − ln E[u]) + (ln a − ψ(a)) with a = (ν + k)/2: two
-                // positive terms, each exact. A difference of 1 would cancel for large ν.
+                // positive terms with all their digits. Subtracting 1 from E[u] would cancel for
+                // large ν.
                 let u_less_1 = (observed - distance) / (nu + distance);
                 let value = log_excess(u_less_1) + ln_minus_digamma(0.5 * (nu + observed)).0;
                 excess[state][0] += w;
@@ -296,7 +297,7 @@ impl LearnLikelihood for StudentT {
         let gaussian = Gaussian::of(normals.maximize(&statistics.moments, Some(counts))?);
         // Q as a function of ν is Σ γ (ν/2 · (ln(ν/2) + E[ln u − u]) − ln Γ(ν/2)): its derivative
         // is 0 where ln(ν/2) − ψ(ν/2) is the mean of E[u − 1 − ln u]. The left side falls in ν, so
-        // that the root is unique.
+        // the root is unique.
         let excess = excess.as_chunks::<2>().0;
         let degrees = self.degrees.iter().zip(excess).map(|(nu, [weight, sum])| {
             if self.fixed || *weight < f64::MIN_POSITIVE {

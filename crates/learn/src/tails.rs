@@ -135,8 +135,8 @@ pub(crate) fn normal_quantile(p: f64) -> f64 {
     let mut z = -(-2.0 * ln_p).sqrt();
     for _ in 0..50 {
         let below = normal_sides(z)[0];
-        // ln p − ln Φ(z), near the root from the quotient, which has more digits. The slope of ln Φ
-        // is φ(z) / Φ(z).
+        // ln p − ln Φ(z), computed near the root from the quotient, which keeps more digits there.
+        // The slope of ln Φ is φ(z) / Φ(z).
         let ratio = p / below;
         let excess =
             if (ratio - 1.0).abs() < 0.5 { (ratio - 1.0).ln_1p() } else { ln_p - below.ln() };

@@ -114,7 +114,7 @@ impl VonMisesFisher {
             let scale = if (long - 1.0).abs() < 1e-12 { 1.0 } else { long.recip() };
             directions.extend(mean.iter().map(|m| m * scale));
             // At y = μ, ln p = κ − (d/2) ln 2π − ln(I_ν(κ) κ^−ν): `Bessel::log` takes out e^κ, so
-            // that the log density at a distance t = 1 − μ·y is peak − κ t.
+            // the log density at a distance t = 1 − μ·y is peak − κ t.
             let half = 0.5 * components as f64;
             peaks.push(-half * TAU.ln() - Bessel::new(half - 1.0, k).log);
         }

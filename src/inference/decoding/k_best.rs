@@ -5,7 +5,7 @@
 //! that none is missed. Scores are those of [`Hmm::viterbi`], so that the first path is the same.
 //!
 //! The invariant: a list is in descending order of scores, and paths with equal scores are in
-//! ascending order of the state before, then of rank. So ties go to the lowest states.
+//! ascending order of the previous state, then of rank. So ties go to the lowest states.
 
 use super::viterbi::ViterbiPath;
 use crate::error::HmmError;
@@ -72,8 +72,8 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
             for ((best, paths), added) in best.iter_mut().zip(list.iter()).zip(&added) {
                 *best = paths.first().map_or(f64::NEG_INFINITY, |path| path.score + added);
             }
-            // The whole number to take out is decided by the best path to each state, as in
-            // Viterbi, so that it is the same.
+            // As in Viterbi, the best path to each state decides the whole number to take out, so
+            // both take out the same.
             let floor = step.take_out_whole(&mut best, &mut taken_out)?;
             for (state, (best, added)) in best.iter().zip(&added).enumerate() {
                 if *best == f64::NEG_INFINITY {
@@ -108,8 +108,8 @@ struct EntryLogs {
 impl EntryLogs {
     fn new<A: TransitionEntries, B: Likelihood>(hmm: &Hmm<A, B>, steps: usize) -> Self {
         let mut logs = Self { starts: Vec::new(), entries: Vec::new() };
-        // Storing them pays with two moves or more. An operator without a matrix may have n²
-        // entries.
+        // Storing the logarithms pays off with two moves or more. An operator without a matrix may
+        // have n² entries.
         if let (Some(control), 3..) = (constant_control::<A>(), steps)
             && hmm.transition().stored(control).is_some()
         {
@@ -174,8 +174,8 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
     }
 }
 
-/// A path to a state: its score, the state before, and the rank, in the list of that state, of the
-/// path that it extends.
+/// A path to a state: its score, the previous state, and the rank, in the list of that state, of
+/// the path that it extends.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct RankedPath {
     pub(crate) score: f64,
@@ -260,7 +260,7 @@ impl Best {
             rank,
         };
         let all = (0..).zip(before).map(extended);
-        // Many: collected now, selected and sorted in `finish`.
+        // Many paths are collected now, then selected and sorted in `finish`.
         if self.count > FEW {
             return self.paths.extend(all);
         }
@@ -269,7 +269,8 @@ impl Best {
             let worse = |other: &RankedPath| order(&path, other).is_lt();
             let after = self.paths.iter().rev().take_while(|other| worse(other)).count();
             let place = self.paths.len() - after;
-            // The list is full of better ones, and later paths from the same state are worse still.
+            // The list is full of better paths, and later paths from the same state are worse
+            // still.
             if place == self.count {
                 break;
             }
@@ -287,7 +288,7 @@ impl Best {
             return;
         }
         if self.count < self.paths.len() {
-            // Selection first, since only K of up to E K paths have to be sorted.
+            // Selection first, since only `count` of the paths have to be sorted.
             self.paths.select_nth_unstable_by(self.count, order);
             self.paths.truncate(self.count);
         }
@@ -319,7 +320,7 @@ pub(crate) fn states<'a>(
     paths: impl Fn(usize, usize) -> &'a [RankedPath],
 ) -> Vec<usize> {
     // An end comes from `best_ends`: its `from` is the last state itself, and its `rank` a place in
-    // that state's list. From there each path names the state before it in the same way.
+    // that state's list. From there each path names its predecessor in the same way.
     let (mut states, mut path) = (vec![0; steps], end);
     for step in (0..steps).rev() {
         states[step] = path.from as usize;

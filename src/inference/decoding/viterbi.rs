@@ -72,8 +72,8 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
         if steps == 0 {
             return Ok(ViterbiPath { states: Vec::new(), log_probability: 0.0 });
         }
-        // Sums of scores are exact in both routines, so that path and probability are the same to
-        // the bit.
+        // Sums of scores are exact in both routines, so path and probability are the same to the
+        // bit.
         if choice::is_whole(self.states(), sequence.steps())
             && let Some((states, log_probability)) = few_states::viterbi(self, sequence)
         {

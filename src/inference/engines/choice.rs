@@ -170,8 +170,9 @@ impl ManyPlan {
     /// longest.
     pub(crate) fn runs_in_lanes(self, sequences: usize, longest: usize) -> bool {
         let Some(entries) = self.entries else { return false };
-        // A step touches three vectors of eight doubles for each state; two of them are stored for
-        // each step, beliefs and likelihoods. If rows are not stored, the length does not matter.
+        // A step touches three vectors of eight doubles for each state. Two of them, beliefs and
+        // likelihoods, are kept for every step if rows are stored; otherwise the length does not
+        // matter.
         let eights = |vectors: usize| self.states.saturating_mul(vectors * size_of::<Packed>());
         let cached = eights(3) <= MOST_IN_STEP
             && (!self.has_rows || eights(2).saturating_mul(longest) <= MOST_CACHED);
@@ -184,7 +185,7 @@ impl ManyPlan {
     /// that lanes are empty only at the very end.
     pub(crate) fn is_full(self, chunk: ChunkSize) -> bool {
         let numbers = self.states.saturating_mul(chunk.steps);
-        // Asked for a whole group, since sequences still to come may fill it.
+        // Asked as for a full group, since sequences still to come may fill this one.
         if !self.runs_in_lanes(LANES, chunk.longest) {
             return chunk.sequences == MOST_IN_CHUNK || numbers >= ENOUGH;
         }
@@ -257,7 +258,7 @@ pub(crate) fn longest_segments_to_smooth(states: usize, entries: usize) -> usize
 /// Returns the largest number of steps of a trial of how fast a model forgets, for a sequence of
 /// `steps` and groups of at most `longest`; `None` if a trial is not worth it.
 pub(crate) fn longest_trial(steps: usize, longest: usize) -> Option<usize> {
-    // A warm-up is twice as long as a trial, and a segment has a warm-up after it.
+    // A warm-up is twice as long as a trial, and each segment is followed by one.
     let most = (steps / LANES / FEWEST_WARM_UPS).min(longest / (FEWEST_WARM_UPS + 1)) / 2;
     (is_worth_a_cut(steps) && most > 0).then_some(most)
 }
@@ -270,8 +271,8 @@ pub(crate) fn segment_groups(
     warm_up: usize,
     longest: usize,
 ) -> Option<usize> {
-    // Long enough for its warm-ups to cost little, and for its group to fill its share of the
-    // cache; no longer than the memory of a group allows.
+    // A segment is long enough for its warm-ups to cost little, and for its group to fill its share
+    // of the cache, but no longer than the memory of a group allows.
     let length = (WARM_UPS * warm_up).max(longest_kept(states, KEPT_OF_SEGMENTS));
     let length = length.min(longest.checked_sub(warm_up)?);
     let groups = steps.div_ceil(LANES * length.max(1));

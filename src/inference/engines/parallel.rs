@@ -102,7 +102,7 @@ mod threads {
         run: &(impl Fn(T) -> R + Sync),
         take: &mut impl FnMut(R) -> ControlFlow<Stop>,
     ) -> ControlFlow<Stop> {
-        // Bounds the results that wait: behind one long item, all others could pile up.
+        // Bounds the number of waiting results: behind one long item, all others could pile up.
         let most = ahead * rayon::current_num_threads();
         let stopped = &AtomicBool::new(false);
         let mut items = items.fuse();
@@ -117,7 +117,7 @@ mod threads {
                     let (sender, receiver) = sync_channel(1);
                     scope.spawn_fifo(move |_| {
                         if !stopped.load(Ordering::Relaxed) {
-                            // Sending fails if the caller has stopped meanwhile.
+                            // Sending fails if the caller has stopped in the meantime.
                             _ = sender.send(run(item));
                         }
                     });

@@ -160,7 +160,7 @@ where
         let all: Vec<(usize, &S)> = sequences.iter().enumerate().collect();
         let (expected, left_out) = hmm.expectations_of(&all);
         let out = |index: &usize| left_out.binary_search_by_key(index, |e| e.sequence).is_ok();
-        // Zeros stay 0, so that a sequence that this model rules out has likelihood 0 whatever is
+        // Zeros stay 0, so a sequence that this model rules out has likelihood 0 whatever is
         // learned from the others.
         let remaining: Vec<_> = all.into_iter().filter(|(index, _)| !out(index)).collect();
         let observations = remaining.iter().map(|(_, sequence)| sequence.steps()).sum();

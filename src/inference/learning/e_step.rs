@@ -91,8 +91,8 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         } else {
             sequences.to_vec()
         };
-        // In chunks, so that no more than 64 sensor statistics are in memory. Results come in the
-        // order of the chunk, and are merged in it whichever thread computed them.
+        // In chunks, so that no more than 64 sensor statistics are in memory. Results are merged in
+        // the order of the chunk, whichever thread computed them.
         for some in order.chunks(64) {
             let results = match &model {
                 Some(model) => {

@@ -54,11 +54,11 @@ impl<'m> EntrySums<'m> {
     /// Adds a step with α before it, and with γ / p = `ratio` times `scale`.
     pub(super) fn add(&mut self, alpha: &[f64], ratio: &[f64], scale: f64) {
         for (from, alpha) in alpha.iter().enumerate() {
-            // Skipped, since ratios may be NaN for states to which only impossible ones lead.
+            // Skipped, since the ratio of a state that only impossible states lead to may be NaN.
             if *alpha == 0.0 {
                 continue;
             }
-            // Sums are in the order of the stored entries, so that a column is one slice of both.
+            // Sums are in the order of the stored entries, so a column is one slice of both.
             let column = self.column(from);
             let (sums, values) = (&mut self.sums[column.clone()], self.columns.values());
             let sums = sums.iter_mut().zip(&values[column.clone()]);
@@ -106,7 +106,7 @@ impl<'m> EntrySums<'m> {
                 }
             }
         }
-        // Log-sum-exp: the largest becomes e^0, and what underflows beside it does not matter.
+        // Log-sum-exp: the largest becomes e^0, and what underflows next to it does not matter.
         let largest = self.powers.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         self.powers.iter_mut().for_each(|power| *power -= largest);
         exp_in_place(&mut self.powers);

@@ -59,7 +59,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     ) -> Result<Self, LearnError> {
         let (transition, pseudo_count) = (self.transition(), learning.transition_pseudo_count);
         let belief = self.prior().belief();
-        // π(i) ∝ F(i) + c_π.
+        // π(i) ∝ F(i) + c_π (section 9 of `guide::formulas`): `seen` plus the pseudo-count.
         let known = belief.as_slice().iter().zip(&expected.first);
         let first: Vec<f64> = known
             .map(|(&old, &seen)| {
@@ -80,7 +80,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             }
             prior => {
                 // Labelled sequences may all begin at unknown states: then nothing is learned about
-                // the prior, and it stays.
+                // the prior, which stays.
                 let unseen =
                     learning.prior_pseudo_count == 0.0 && expected.first.iter().all(|p| *p == 0.0);
                 let belief = if learning.keep_prior || unseen {
@@ -163,7 +163,7 @@ impl<A: LearnTransition> Expected<'_, A> {
         let chain = Stationary::of(transition)?;
         let prior = chain.distribution();
         let moves = transition.log_probability(self.statistics).ok_or(LearnError::Stationary)?;
-        // Q: moves, then starts Σ F(i) ln π(i), then the log prior of the operator.
+        // Q is the sum of the moves, the starts Σ F(i) ln π(i), and the log prior of the operator.
         let first = || self.first.iter().zip(prior.as_slice());
         let starts = first().filter(|(seen, _)| **seen > 0.0).map(|(seen, p)| seen * p.ln());
         let value = moves + starts.sum::<f64>() + transition.log_prior(self.pseudo_count);
@@ -174,8 +174,8 @@ impl<A: LearnTransition> Expected<'_, A> {
             let what = format!("the derivative of the log-likelihood by moves to state {state}");
             return Err(OutOfRange::new(what, potentials[state], "a finite value").into());
         }
-        // h is defined up to a constant: with a least value of 0 in the recurrent class, the counts
-        // m_ij are not negative for any c ≥ 0.
+        // The potentials h are defined up to a constant. With a least value of 0 in the recurrent
+        // class, the counts m_ij are not negative for any c ≥ 0.
         let least = chain.class().map(|state| potentials[state]).fold(f64::INFINITY, f64::min);
         chain.class().for_each(|state| potentials[state] -= least);
         Ok(Point { prior, potentials, value })

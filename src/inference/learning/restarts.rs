@@ -136,7 +136,7 @@ fn divide<'s, A: LearnTransition, B: LearnLikelihood, S>(
     };
     let (mut rest, mut next): (Vec<_>, Vec<_>) =
         attempts.into_iter().partition(|attempt| objective(attempt).is_some());
-    // A stable sort: of equal ones the first continue.
+    // A stable sort: of equal attempts, the first continue.
     rest.sort_by(|a, b| objective(b).partial_cmp(&objective(a)).unwrap_or(Ordering::Equal));
     next.extend(rest.drain(..kept.min(rest.len())));
     [next, rest]

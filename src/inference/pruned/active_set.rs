@@ -86,7 +86,7 @@ impl ActiveSet {
 
     fn add_named(&mut self, named: &[usize]) {
         let Self { positions, reached, candidates } = self;
-        // Wanted states get a bit for a moment, so that none is listed twice, and lose it again
+        // Named states get a bit temporarily, so that none is listed twice. They lose it again
         // below, since no active state leads to them.
         let first = candidates.len();
         for &state in named.iter().filter(|&&state| state < positions.len()) {

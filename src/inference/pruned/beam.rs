@@ -132,8 +132,8 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
         let prior = self.prior().belief().as_slice();
         let mut active_set = ActiveSet::new(self.states());
         let mut beam = Beam { inactive_ceiling: f64::NEG_INFINITY, ..Beam::default() };
-        // Starts with all states that the prior allows. No path has left the beam yet, so that the
-        // bound on others is −∞.
+        // Starts with all states that the prior allows. No path has left the beam yet, so the bound
+        // on others is −∞.
         beam.states.extend((0..prior.len()).filter(|&state| prior[state] > 0.0));
         active_set.replace(&[], &beam.states);
         let mut next = Beam::default();
@@ -154,8 +154,8 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
             };
             named.clear();
             // The sensor names the states with the largest likelihoods. A path that has left the
-            // beam may return to them, so that each gets a bound of its own; otherwise their
-            // likelihoods would raise the bound shared by all other states.
+            // beam may return to them, so each gets a bound of its own. Otherwise their likelihoods
+            // would raise the bound shared by all other states.
             if beam.inactive_ceiling > f64::NEG_INFINITY {
                 self.likelihood().listed_states(observation, &mut named);
             }
@@ -269,7 +269,7 @@ impl Beam {
         moves: Option<(&A, &A::Control)>,
         from: &mut Vec<u32>,
     ) {
-        // Asked once, since it looks at all entries.
+        // Asked once, since the answer requires a look at all entries.
         let in_logs = moves.is_some_and(|(a, u)| a.evidence(u).is_some() && a.entries_need_logs(u));
         for &i in &self.states {
             let lifted = match moves {

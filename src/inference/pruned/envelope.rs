@@ -132,10 +132,10 @@ impl Envelope {
         limit: usize,
         ranked: &mut Vec<f64>,
     ) -> f64 {
-        // Fewer than m + 8 roundings of EPSILON / 2 each make a relative error r, by which computed
-        // lower bounds may be too high. Lowering all by one factor is free, since s absorbs it, but
-        // each excess grows by 2 r; making the bounds hold for the estimate too takes another 2 r.
-        // Together 4 r.
+        // Fewer than `terms` + 8 roundings of EPSILON / 2 each make a relative error r, by which
+        // computed lower bounds may be too high. Lowering all by one factor is free, since s
+        // absorbs it, but each excess grows by 2 r; making the bounds hold for the estimate too
+        // takes another 2 r. Together 4 r.
         let rounding = 2.0 * (sums.terms + 8) as f64 * f64::EPSILON;
         // If all lower bounds are 0, scaling by the estimate at least keeps the numbers in range.
         let scale = if sums.lower > 0.0 { sums.lower } else { sums.estimate };
@@ -156,8 +156,8 @@ impl Envelope {
             self.lower[at] = if normal { lower } else { 0.0 };
             self.excess[at] = (excess + rounding * lower + lost) * (1.0 + rounding);
         }
-        // Relative to K + D: dropping a small part of a large total excess hardly changes the
-        // bound.
+        // Relative to the sum of all bounds (K + D): dropping a small part of a large total excess
+        // hardly changes the bound of section 13.
         let relevant = EXCESS_FACTOR * threshold * (1.0 + sums.excess / scale);
         // A state is kept if its estimate matters, or if its excess would raise the bound on all
         // inactive states.
@@ -214,9 +214,8 @@ impl Envelope {
     /// Scales all bounds so that the lower bounds sum to one. Returns the logarithm of their former
     /// sum.
     fn normalize(&mut self) -> f64 {
-        // `all_inactive` was summed over at most the states in question: a sum of m non-negative
-        // numbers has a relative error of at most m roundings. None of the inactive states has more
-        // than their sum.
+        // `all_inactive` is a sum, and a sum of m non-negative numbers has a relative error of at
+        // most m roundings. No inactive state has more than this sum.
         let up = 1.0 + (self.states.len() + 4) as f64 * f64::EPSILON;
         self.others.all_inactive *= up;
         self.others.each_inactive = self.others.each_inactive.min(self.others.all_inactive);
@@ -251,9 +250,9 @@ impl Envelope {
         if !(ratio.is_finite() && rest / (1.0 + ratio) < known) {
             return (0.0, 0.0);
         }
-        // s is divided by a number from 1 to 1 + ρ, so that s α of the mode equals its lower bound.
-        // The other upper bounds stay valid, and the other lower bounds shrink by 1 + ρ; `factor`
-        // is rounded down. A lower bound that becomes subnormal is set to 0.
+        // s is divided by a number from 1 to 1 + ρ such that s α of the mode equals its lower
+        // bound. The other upper bounds stay valid, and the other lower bounds shrink by 1 + ρ;
+        // `factor` is rounded down. A lower bound that becomes subnormal is set to 0.
         let factor = (1.0 - 4.0 * f64::EPSILON) / (1.0 + ratio);
         for (lower, excess) in self.lower.iter_mut().zip(&mut self.excess) {
             let reduced = *lower * factor;
@@ -275,11 +274,13 @@ impl Envelope {
     pub(crate) fn bound(&self) -> f64 {
         let sum: f64 = self.lower.iter().sum();
         let deficit = self.deficit();
-        // Nothing is known: one is the largest total variation there is.
+        // Nothing is known: one is the largest possible total variation.
         if sum == 0.0 || !deficit.is_finite() {
             return 1.0;
         }
-        // D / (K + D) with K = 1.
+        // D / (K + D) of section 13 of `guide::formulas`, with the deficit D. The sum K of the
+        // lower bounds is 1 up to a rounding for each state, which `rounding` covers with a few to
+        // spare.
         let rounding = (self.states.len() + 8) as f64 * f64::EPSILON;
         (deficit / (1.0 + deficit) + rounding).min(1.0)
     }
@@ -329,9 +330,10 @@ impl Envelope {
     ) -> Predicted {
         self.clear();
         let mut predicted = Predicted { sum: 0.0, terms: 1 };
-        // δ' = min(R δ, m t) for each state that only inactive states lead to, and t' for all of
-        // them together. Lifted before the product, since evidence may make bounds on entries tiny:
-        // whatever still underflows is below the 1e-290 that is added.
+        // Section 13 of `guide::formulas`, "A step": δ' = min(R δ, m t) for each state that only
+        // inactive states lead to, and t' for all of them together. δ and t are lifted before the
+        // product, since evidence may make bounds on entries tiny: whatever still underflows is
+        // below the 1e-290 that is added.
         let (each_inactive, all_inactive) =
             (before.others.each_inactive * PRUNED_LIFT, before.others.all_inactive * PRUNED_LIFT);
         let (one, all) = match operator {
@@ -345,7 +347,7 @@ impl Envelope {
             |x: f64| if before.is_open() { x * ROUNDED_UP + UNDERFLOW_LOSS } else { 0.0 };
         (self.others.each_inactive, self.others.all_inactive) = (round_up(one), round_up(all));
         for &i in active_set.candidates() {
-            // Only the sensor names this candidate: no active state leads to it, so that it has no
+            // Only the sensor names this candidate: no active state leads to it. So it has no
             // estimate, and the upper bound of any inactive state.
             if !active_set.is_reached(i) {
                 self.push(i, 0.0, 0.0, self.others.each_inactive);

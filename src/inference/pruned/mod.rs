@@ -474,7 +474,7 @@ where
         } else if !SUMS.contains(&predicted.sum)
             && operator.as_ref().is_some_and(|operator| !operator.is_in_powers_of_two())
         {
-            // Again with the scale of the evidence taken out of the entries.
+            // Predicts again, with the scale of the evidence taken out of the entries.
             operator = operator.map(|operator| operator.in_powers_of_two(&belief.states, is_open));
             predicted = next.predict(belief, operator.as_ref(), active_set);
         }
@@ -511,7 +511,8 @@ where
         state.log.add(log + scale.log_factor + log_factor);
         state.log.add(rescaled);
         state.log_excess.add(unknown);
-        // Sums that have become infinite stay so; their compensation is NaN then, and cleared.
+        // Sums that have become infinite stay infinite. Their compensation is then NaN, and is
+        // cleared.
         (state.log, state.log_excess) = (state.log.known(), state.log_excess.known());
         state.log_lost |= !state.belief.is_known();
         state.bound = state.belief.bound();

@@ -178,7 +178,8 @@ impl<'a, A: TransitionEntries> StepOperator<'a, A> {
     fn largest(&self) -> Bounds {
         let mut bounds = Bounds::NONE;
         for state in 0..self.transition.states() {
-            // A row for the bounds m and R, then a column.
+            // First the row of the state, for the bounds on an entry and on the sum of a row, then
+            // its column.
             let mut line = LineBounds::default();
             self.incoming(state, |_, a, relative_error| line.add(a, relative_error));
             (bounds.entry, bounds.row) =

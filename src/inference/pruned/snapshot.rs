@@ -163,7 +163,7 @@ impl PrunedFilterSnapshot {
     /// Most probable state; ties go to the lowest. O(active states).
     #[must_use]
     pub fn mode(&self) -> usize {
-        // States are in ascending order, so that the first of several is the lowest.
+        // States are in ascending order, so the first of several is the lowest.
         let mut best = (0, f64::NEG_INFINITY);
         for (&state, &p) in self.belief.states.iter().zip(&self.belief.estimate) {
             if p > best.1 {
@@ -181,7 +181,8 @@ impl PrunedFilterSnapshot {
         if self.log_lost {
             return f64::NEG_INFINITY..=f64::INFINITY;
         }
-        // From K / s to (K + D) / s, with K = 1 and s known up to the product of the 1 + ρ.
+        // From K / s to (K + D) / s, with K = 1 and s known up to the product of the 1 + ρ (section
+        // 13 of `guide::formulas`, "The likelihood").
         let low = self.log.value();
         low..=low + self.log_excess.value() + self.belief.deficit().ln_1p()
     }
@@ -304,7 +305,7 @@ crate::stored! {
             tolerance if tolerance < f64::INFINITY => Some(tolerance.max(f64::MIN)),
             tolerance => Some(-1.0).filter(|_| tolerance.is_nan()),
         },
-        // No limit is null, also on a machine with another `usize`.
+        // No limit is written as null, which means the same on a machine with another `usize`.
         most_active: Option<usize> = Some(state.pruning.most_active).filter(|most| *most < usize::MAX),
         active: Vec<usize> = state.belief.states,
         estimate: Vec<f64> = state.belief.estimate,

@@ -42,7 +42,7 @@ const SCALED: f64 = 1000.0 * f64::EPSILON;
 /// Upper bound on twice the relative change that [`on_the_grid`] makes to a width.
 const GRID: f64 = 1.0 / (1 << 27) as f64;
 
-/// ExactMemory of exact steps, with the belief as a vector over all states.
+/// Memory of exact steps, with the belief as a vector over all states.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Exact {
     memory: Option<Box<ExactMemory>>,
@@ -94,7 +94,7 @@ impl Exact {
             Some(observation) => step.advance(observation, held, scratch, None),
             None => step.advance_unseen(held, scratch),
         };
-        // Errors are left to the general step, which has those of a pruned filter.
+        // Errors are left to the general step, which reports those of a pruned filter.
         let Ok(outcome) = outcome else { return false };
         // A lifted step with rounded tails may have lost states without noticing.
         let (after, watched) = match outcome.form {
@@ -102,7 +102,8 @@ impl Exact {
             _ => (&scratch.output.after, !step.hmm.rounds_tails()),
         };
         let is_scaled = observation.is_some() && outcome.normalizer == 0.0;
-        // Four times d, which is at most (terms + 16) roundings of EPSILON / 2 each.
+        // Four times d (see the top of this file), which is at most `terms` + 16 roundings of
+        // EPSILON / 2.
         let rounding = 2.0 * (terms + 16) as f64 * f64::EPSILON;
         let rounding = rounding + if is_scaled { SCALED } else { 0.0 };
         let width = on_the_grid((width + rounding) * (1.0 + rounding) * (1.0 + GRID));
@@ -130,7 +131,7 @@ impl Exact {
             active_set.replace(&[], &active.states);
         }
         if stays {
-            // D / (K + D) = r / (1 + r), without summing the envelope.
+            // D / (K + D) = r / (1 + r) with the relative width r, without summing the envelope.
             let rounding = (after.len() + 8) as f64 * f64::EPSILON;
             state.bound = (width / (1.0 + width) + rounding).min(1.0);
             belief.commit(step.number, &outcome, scratch);
@@ -298,7 +299,8 @@ impl Wide {
         let products =
             [(&before.estimate, estimate), (&before.lower, lower), (&before.excess, excess)];
         for (values, out) in products {
-            // The product of zeros, as of the excess at first, is saved.
+            // The product of zeros is zero, and need not be computed. At first the excess is all
+            // zeros.
             if values.iter().all(|value| *value == 0.0) {
                 out.fill(0.0);
                 continue;
@@ -310,7 +312,8 @@ impl Wide {
             transition.apply(control, x, out);
         }
         if before.is_open() {
-            // One for each inactive state: the product is the sum of the entries out of these.
+            // 1 for each inactive state, so the product is the sum of the entries out of inactive
+            // states.
             x.fill(1.0);
             before.states.iter().for_each(|&state| x[state] = 0.0);
             transition.apply(control, x, inactive_entries);

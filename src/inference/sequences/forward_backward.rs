@@ -97,7 +97,7 @@ impl Posteriors {
     /// Returns the distribution of step k, from 0 to T, or `None` beyond.
     #[must_use]
     pub fn get(&self, step: usize) -> Option<BeliefView<'_>> {
-        // The step may be any number, so that the product may overflow.
+        // The step may be any number, so the product may overflow.
         let start = step.checked_mul(self.states)?;
         let values = self.as_slice().get(start..start.checked_add(self.states)?)?;
         Some(Belief::view(values))

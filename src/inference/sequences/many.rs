@@ -200,7 +200,7 @@ where
     P: Send,
     R: Send,
 {
-    // All sequences are sorted together, so that nearly all groups have one length.
+    // All sequences are sorted together, so nearly all groups have sequences of one length.
     let steps: Vec<usize> = sequences.iter().map(Sequence::steps).collect();
     let order = by_length(&steps);
     let mut plan = ManyPlan::new(hmm.states(), routine.has_rows);
@@ -215,7 +215,8 @@ where
     let mut results: Vec<_> = order.iter().map(|_| None).collect();
     let mut taken = order.iter();
     let take = |chunk: Vec<Result<R, HmmError>>| {
-        // The chunk first: at its end, `zip` must not have taken a sequence of the next one.
+        // The chunk comes first in `zip`, which would otherwise take a sequence of the next chunk
+        // before it finds the end of this one.
         for (result, &sequence) in chunk.into_iter().zip(taken.by_ref()) {
             results[sequence] = Some(result.map_err(|source| SequenceError { sequence, source }));
         }

@@ -214,7 +214,7 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
             *after = 0.0;
             for &(j, weight) in &*predecessors {
                 // The weights of an unreachable state are all 0 or NaN. Then q is NaN, the
-                // comparison is false, and H is 0; α is 0 there, so that it is never used.
+                // comparison is false, and H is 0. It is never used, since α is 0 there.
                 let q = weight / total;
                 if q > 0.0 {
                     *after += q * (before[j] - q.ln());

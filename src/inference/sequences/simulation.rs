@@ -222,7 +222,7 @@ impl<A: TransitionEntries<Control = ()>, B: SampleNext> Hmm<A, B> {
         rng: &mut R,
     ) -> Result<Simulation<B::Sample>, HmmError> {
         let sample = |step: usize, state: usize, last: Option<&B::Sample>, rng: &mut R| {
-            // The first observation depends on the one that was given.
+            // The first observation depends on the given previous one.
             let last = last.map_or(before, Borrow::borrow);
             let drawn = self.likelihood().sample_next(state, last, rng);
             drawn.map_err(|cause| HmmError::likelihood(step, cause))

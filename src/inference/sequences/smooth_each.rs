@@ -130,8 +130,8 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
         let (n, steps) = (self.states(), sequence.steps());
-        // Segments of √T steps: T / s checkpoints and s beliefs in a segment are fewest together at
-        // s = √T.
+        // With segments of s steps, T / s checkpoints and s beliefs in a segment are fewest
+        // together at s = √T.
         let length =
             if n.saturating_mul(steps) < ONE_SEGMENT { steps.max(1) } else { steps.isqrt() + 1 };
         let prior = self.prior().belief().as_slice();
@@ -149,10 +149,10 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         };
         let (checkpoints, log_likelihood) = segments.checkpoints(length)?;
         if order == Order::Forward {
-            // A segment is smoothed from its end but visited from its start, so that the γ at the
-            // end of every segment is needed before the first visit. A first backward pass collects
-            // them, with the state of the pass at each, without which the bits would differ from
-            // those of `smooth`.
+            // A segment is smoothed from its end but visited from its start, so the γ at the end of
+            // every segment is needed before the first visit. A first backward pass collects them,
+            // each with the state of the pass, without which the bits would differ from those of
+            // `smooth`.
             let last = segments.state.belief.to_vec();
             let mut ends = vec![(last, segments.backward.state())];
             for start in checkpoints[1..].iter().rev() {
@@ -164,7 +164,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             for (start, (end, carried)) in checkpoints.iter().zip(ends.iter().rev()) {
                 segments.backward.restore_state(carried);
                 let rows = segments.run(start, length, end)?;
-                // The first row of a segment is the last one of the segment before.
+                // The first row of a segment is the last row of the previous segment.
                 let first = usize::from(start.steps() > 0);
                 (first..=rows).for_each(|row| visit(&segments.step(row, start)));
             }
@@ -441,8 +441,8 @@ impl<A: LearnTransition> Pairs<'_, A> {
                 f64::NEG_INFINITY => 0.0,
                 log2 => log2.exp2() * self.ratio[to],
             };
-            // Restarts are equally likely from all states, so that their mass is a product of two
-            // sums instead of a sum over n² moves.
+            // Restarts are equally likely from all states, so their mass is a product of two sums
+            // instead of a sum over n² moves.
             let restarts: f64 = states.map(into).sum();
             let before = if restarts > 0.0 { kernels::sum(self.alpha.linear) } else { 0.0 };
             return check_sums_to_one(sum + before * restarts * self.scale, step);

@@ -148,7 +148,8 @@ impl ForwardPass {
                 self.rows.values.extend_from_slice(&state.belief);
             }
             each(advanced.log);
-            // 0 where the likelihoods were scaled: the backward pass then recomputes predictions.
+            // The normaliser is 0 where the likelihoods were scaled: the backward pass then
+            // recomputes predictions.
             self.normalizers[row] = advanced.normalizer;
             if advanced.taken_in_logs {
                 self.taken_in_logs.push(row);
@@ -181,8 +182,8 @@ impl ForwardPass {
         self.rows.values.extend_from_within(last..);
     }
 
-    /// Returns, for the backward step from this row: α of the row before, the place for γ of the
-    /// row before, and γ of this row.
+    /// Returns, for the backward step from this row: α of the previous row, the place for γ of the
+    /// previous row, and γ of this row.
     pub(crate) fn backward_rows(&mut self, row: usize) -> (BeliefRef<'_>, &mut [f64], &[f64]) {
         // γ of row r − 1 replaces α of row r, which no further backward step reads; γ of row r is
         // one row later (see `turn`).
@@ -268,7 +269,7 @@ impl Backward {
         let Some(control) = step.control else { return self.step_back(step, alpha, gamma, out) };
         // The ratio comes from α_k = b ∘ p / N, which holds up to the rounding of the forward step.
         // Excluded are steps in logarithms, which leave no N, and a q that an earlier backward step
-        // could not hold: it does not belong to γ_k.
+        // could not represent, which does not belong to γ_k.
         if alpha.logs.is_some()
             || !self.state.q_is_valid
             || !self.weigh(step.hmm.likelihood(), seen)
@@ -285,8 +286,8 @@ impl Backward {
         let back = BackwardStep { product, alpha: alpha.linear, gamma: &mut *out, q };
         let sum = kernels::backward_step(back);
         // Anything that left the range of doubles, in q, in the ratio or in their products, is
-        // missing from the sum or makes it infinite ("The way back" in `limits`). Then q is wrong
-        // too; the step with predictions computes a new one if it can.
+        // missing from the sum or makes it infinite ("The way back" in `limits`). Then q is also
+        // wrong. The step with predictions computes a new q if it can.
         if !limits::is_one(sum) {
             return self.step_back(step, alpha, gamma, out);
         }
@@ -313,7 +314,8 @@ impl Backward {
         if likelihoods.len() != ratio.len() {
             return false;
         }
-        // Divided by Σ γ too, whose rounding error would otherwise accumulate over a long sequence.
+        // Also divided by Σ γ, whose rounding error would otherwise accumulate over a long
+        // sequence.
         let factor = 1.0 / (seen.normalizer * state.sum);
         kernels::divide_by_prediction(&state.q, likelihoods, factor, ratio);
         true

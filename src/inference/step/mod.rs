@@ -171,8 +171,8 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
                 rows,
             )?
         {
-            // The backward pass asks the sensor again and gets unscaled values, to which the N of
-            // scaled ones does not belong; 0 tells it so.
+            // The backward pass asks the sensor again and gets unscaled values, which do not belong
+            // to the N of scaled values. A normaliser of 0 tells it so.
             let normalizer = if likelihoods.scaled { 0.0 } else { n };
             return Ok(StepOutcome::linear(n.ln() + log_scale + log_factors, normalizer, form));
         }
@@ -418,7 +418,7 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
         if let Err(state) = kernels::largest(predicted, Valid::Likelihoods) {
             let value = predicted[state] / LIFT;
             // An overflow may come from the lift, and a NaN from 0 · ∞ after one: try logarithms.
-            // If the operator itself gave ∞ or NaN, its logarithms will be invalid, too.
+            // If the operator itself gave ∞ or NaN, its logarithms will also be invalid.
             if value == f64::INFINITY || value.is_nan() {
                 return Ok(None);
             }
@@ -536,9 +536,9 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
         let likelihoods = diagonal.linear_values()?;
         let largest = diagonal.check(groups.count()).ok()?;
         let fits = limits::is_unscaled(largest) && groups.as_slice().len() == before.linear.len();
-        // Conditions of a plain step ("A plain step" in `limits`): no tiny belief is checked here,
-        // no small entry below. Without a matrix to look at, the smallest is what the operator
-        // reports.
+        // Conditions of a plain step ("A plain step" in `limits`): this test rules out tiny
+        // beliefs, the next one small entries. Without a matrix to look at, the operator reports
+        // its smallest entry.
         if !fits || before.logs.is_some() || lifted.is_needed() {
             return None;
         }

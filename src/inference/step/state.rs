@@ -207,7 +207,7 @@ impl FilterSnapshot {
         if outcome.result_in_logs {
             mem::swap(&mut self.logs, &mut output.logs);
             // The swap brought back an empty vector unless the last belief had logarithms too. Its
-            // capacity is n, so that this does not allocate.
+            // capacity is n, so this does not allocate.
             output.logs.resize(self.logs.len(), 0.0);
         } else {
             self.logs.clear();
@@ -232,8 +232,8 @@ impl StepScratch {
         let n = belief.len();
         // Fresh zeros instead of clones: the system provides zeroed pages lazily, on first write.
         let zeros = || Aligned::new(n, 0.0);
-        // All memory is allocated now: the first step in logarithms may come late in a drive, and
-        // must not allocate either.
+        // All memory is allocated now: the first step in logarithms may come late, and must not
+        // allocate either.
         let tiny = kernels::any_tiny(belief);
         let lifted = LiftedBelief { values: zeros(), valid: false, tiny, more: 0 };
         // Products in logarithms use buffers of the thread.
@@ -417,8 +417,8 @@ pub(crate) fn normalize_logs(logs: &mut [f64], linear: &mut [f64]) -> Option<f64
     if !largest.is_finite() {
         return None;
     }
-    // Log-sum-exp: the largest term is e^0, so that the sum is from 1 to n, and small terms round
-    // away harmlessly.
+    // Log-sum-exp: the largest term is e^0, so the sum is from 1 to n, and small terms round away
+    // harmlessly.
     linear.iter_mut().zip(&*logs).for_each(|(out, log)| *out = (log - largest).exp());
     let sum = kernels::sum(linear);
     kernels::normalize(linear, sum);

@@ -196,7 +196,8 @@ where
     ///
     /// As [`step_with`](Self::step_with).
     pub fn update(&mut self, observation: &B::Observation) -> Result<f64, HmmError> {
-        // A prior at the first observation is the distribution of X_1, the first state to observe.
+        // A prior at the first observation is the distribution of X_1, so the first update is step
+        // 1.
         let at_first = !self.model.prior().moves_at(1);
         let number = self.state.steps.max(usize::from(at_first));
         let step = Step { hmm: &*self.model, number, control: None };

@@ -48,7 +48,7 @@ use crate::transition::{NoControl, Transition};
 pub struct FixedLag<M, U> {
     filter: Filter<M>,
     window: Window<U>,
-    /// γ of the present step, of the one before, and so on; further rows are spare memory.
+    /// γ of the present step, of the previous one, and so on; further rows are spare memory.
     smoothed: Vec<Vec<f64>>,
     backward: Backward,
     /// Memory of states that have left the window.
@@ -154,7 +154,7 @@ where
     #[must_use]
     pub fn get(&self, step: usize) -> Option<BeliefView<'_>> {
         // Under a prior at the first observation no move leads to X_1, and the window has no entry
-        // for X_0: it shares the row of X_1.
+        // for X_0, which shares the row of X_1.
         let steps = self.filter.steps();
         let back = steps.checked_sub(step).filter(|back| *back <= self.window.lag)?;
         let same = step == 0 && steps > 0 && !self.filter.model().prior().moves_at(1);
@@ -232,7 +232,7 @@ where
         control: Option<&A::Control>,
         step: impl FnOnce(&mut Filter<M>) -> Result<R, HmmError>,
     ) -> Result<R, HmmError> {
-        // The state before is kept even for an update, which adds nothing to the window, because
+        // The previous state is kept even for an update, which adds nothing to the window, because
         // the backward pass may fail after the filter has taken the step.
         let mut before = self.spare.pop().unwrap_or_else(|| self.filter.snapshot());
         self.filter.snapshot_to(&mut before);
@@ -244,7 +244,7 @@ where
             }
         };
         // Only a step with a transition adds to the window. `unmoved` keeps the state before any
-        // other, for the case of an error.
+        // other step, for the case of an error.
         let moves = self.filter.model().prior().moves_at(before.steps() + 1);
         let unmoved = match control.filter(|_| moves) {
             Some(control) => {
@@ -255,7 +255,7 @@ where
         };
         if let Err(error) = self.smooth() {
             // The operator breaks its contract: restore the state before the step. The backward
-            // pass through its window succeeded before, so that it does not fail now.
+            // pass through its window succeeded before, so it does not fail now.
             if let Some(before) = unmoved.or_else(|| self.window.past.pop_back().map(|last| last.0))
             {
                 self.filter.restore(&before)?;
@@ -366,7 +366,7 @@ impl<U> FixedLagSnapshot<U> {
                 lag.min(steps)
             ));
         }
-        // The states are of consecutive steps, and the last is of the step before the present one.
+        // The states are of consecutive steps, and the last is that of the previous step.
         for (index, (state, _)) in past.iter().enumerate() {
             let expected = steps - found + index;
             if state.steps != expected {

@@ -1,8 +1,8 @@
 //! Streaming Viterbi decoding: states on which all surviving paths agree are final (Šrámek, Brejová
 //! and Vinař 2007; section 7 of the [formulas](crate::guide::formulas)).
 //!
-//! A step computes the next scores beside the present ones, and swaps them once nothing can fail
-//! any more; only then does the [tree](super::tree) of paths grow. It relies on two invariants, for
+//! A step computes the next scores in separate memory, and swaps them once nothing can fail any
+//! more; only then does the [tree](super::tree) of paths grow. It relies on two invariants, for
 //! which a stored state is checked: the best score is from 0 to 1, and every node of the tree is on
 //! a path to a possible present state.
 
@@ -337,8 +337,8 @@ impl OnlineViterbiSnapshot {
                     "undecided step {at} does not have states below {states} in ascending order"
                 ));
             }
-            // Both conditions at once: the set of predecessors equals the level before. The oldest
-            // level has no predecessors, and stores 0 for each.
+            // Both conditions at once: the set of predecessors equals the previous level. The
+            // oldest level has no predecessors, and stores 0 for each.
             let mut used: Vec<u32> = nodes.iter().map(|node| node.from).collect();
             used.sort_unstable();
             used.dedup();
@@ -375,7 +375,7 @@ crate::stored! {
             let TakenOut { whole, factors: LogSum { sum, compensation } } = state.best.taken_out;
             [whole, sum, compensation]
         },
-        // Of each undecided step, its states with their predecessors.
+        // The states of each undecided step, with their predecessors.
         undecided: Vec<Vec<(u32, u32)>> = {
             let level = |nodes: &Vec<Node>| nodes.iter().map(|node| (node.state, node.from)).collect();
             state.levels.iter().map(level).collect::<Vec<Vec<_>>>()

@@ -109,7 +109,8 @@ impl FilterSnapshot {
         let log_likelihood = from.log_sum()?;
         let belief = Belief::new(from.doubles(0.0)?).map_err(|error| invalid(error.to_string()))?;
         let logs = from.doubles(f64::NEG_INFINITY)?;
-        // Before the checks of the state, since leftover bytes explain a wrong number.
+        // Checked before the state, since leftover bytes are the better explanation of a wrong
+        // number.
         from.finish()?;
         let belief = belief.into_vec().into();
         let state = Self { steps, steps_in_logs, belief, logs, log_likelihood };

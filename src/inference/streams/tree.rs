@@ -70,7 +70,7 @@ impl Tree {
         let levels = self.levels.iter().enumerate().map(|(at, level)| {
             let nodes = (0..).zip(level.uses.iter().zip(&level.from));
             let alive = nodes.filter(|(_, (uses, _))| **uses > 0);
-            // Predecessors of the oldest undecided step have been committed.
+            // Steps before the oldest undecided one have been committed.
             let node = |(state, (_, &from))| Node { state, from: if at == 0 { 0 } else { from } };
             alive.map(node).collect()
         });
@@ -90,7 +90,8 @@ impl Tree {
                 // At the last level, one use marks a possible state.
                 level.uses[state as usize] = 1;
             }
-            // The level before now has a successor: its uses are the nodes that extend it.
+            // The previous level now has a successor: the uses of its nodes are the nodes that
+            // extend them.
             if let Some(before) = self.levels.back_mut() {
                 before.uses.fill(0);
                 nodes.iter().for_each(|node| before.uses[node.from as usize] += 1);
@@ -149,16 +150,17 @@ impl Tree {
             state = level.from[state] as usize;
             match at.checked_sub(1) {
                 Some(before) => at = before,
-                // Predecessors of the oldest undecided step have been committed.
+                // Steps before the oldest undecided one have been committed.
                 None => return,
             }
         }
     }
 
-    /// Commits the oldest steps with one living node: all surviving paths go through it.
+    /// Commits the oldest steps with only one living node: all surviving paths go through that
+    /// node.
     pub(crate) fn commit(&mut self, committed: &mut Vec<usize>) {
         committed.clear();
-        // The last level may be committed too: if only one present state is possible, every later
+        // The last level may also be committed: if only one present state is possible, every later
         // path goes through it.
         while self.levels.front().is_some_and(|level| level.alive == 1) {
             if let Some(level) = self.levels.pop_front() {

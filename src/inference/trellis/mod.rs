@@ -18,7 +18,7 @@ use wayfix_kernels::log_sum;
 pub use self::smooth::{SmoothedTrellis, TrellisForward};
 
 /// A sequence of steps with their own states: the log-likelihood of each state, and the moves into
-/// it from the states of the step before, with their log weights.
+/// it from the states of the previous step, with their log weights.
 ///
 /// If each observation leaves only a few of a model's million states, and a search finds them,
 /// these few make a trellis. Weights of moves are probabilities, or probabilities times the
@@ -90,8 +90,8 @@ impl Trellis {
         self.steps.push(self.log_likelihoods.len());
     }
 
-    /// Adds a state to the last step, with the moves into it from states of the step before, which
-    /// are numbered from 0 there. In the first step the only state before is 0, the start.
+    /// Adds a state to the last step, with the moves into it from states of the previous step,
+    /// which are numbered from 0 there. In the first step the only state before is 0, the start.
     /// Moves should be in ascending order, at most one from each state: ties go to the first.
     ///
     /// # Panics
@@ -190,7 +190,7 @@ impl Trellis {
         from.zip(self.log_weights[range].iter().copied())
     }
 
-    /// Computes ln p(X_k = i | y_1 … y_k) for the states of a step from those of the step before.
+    /// Computes ln p(X_k = i | y_1 … y_k) for the states of a step from those of the previous step.
     /// Returns the logarithms taken out, with a sum of −∞ if no state is possible.
     #[doc(hidden)]
     pub fn forward_step(&self, step: usize, before: &[f64], out: &mut Vec<f64>) -> Scale {
@@ -300,7 +300,7 @@ impl Trellis {
             std::mem::swap(&mut scores, &mut next);
         }
         // The best score is exactly 0, from the subtraction in the last step. In an empty trellis
-        // it is that of the start.
+        // the best score is that of the start.
         let mut state = scores.iter().position(|score| *score == 0.0).unwrap_or(0);
         let mut states = vec![0; self.steps()];
         for step in (1..=self.steps()).rev() {

@@ -79,7 +79,7 @@ impl Trellis {
         }
         let filtered = log_filtered.iter().map(|log| log.exp()).collect();
         let mut smoothed: Vec<f64> = Vec::with_capacity(log_filtered.len());
-        // γ = α ∘ β, normalised in each step, so that any constants of a step cancel.
+        // γ = α ∘ β, normalised in each step, so any constant factor of a step cancels.
         for bounds in steps.windows(2) {
             let logs = bounds[0]..bounds[1];
             let log = logs.map(|s| log_filtered[s] + log_backward[s]);
@@ -91,8 +91,8 @@ impl Trellis {
 }
 
 impl Trellis {
-    /// Computes the backward logarithms of the states of the step before `step`, from those of
-    /// `step` (`later`).
+    /// Computes the backward logarithms of the states of the step that precedes `step`, from those
+    /// of `step` (`later`).
     fn backward_step(&self, step: usize, scale: Scale, later: &[f64], earlier: &mut [f64]) {
         earlier.fill(f64::NEG_INFINITY);
         let log = |(state, later): (usize, &f64)| {
@@ -103,7 +103,8 @@ impl Trellis {
                 .for_each(|(j, weight)| earlier[j] = earlier[j].max((weight - scale.weight) + log));
         }
         // Log-sum-exp in two passes, the largest term and then the sum relative to it. Moves are
-        // stored by the later state, so that the terms of an earlier state are spread over all.
+        // stored by their later state, so the terms of one earlier state are spread over all of
+        // them.
         let mut sums = vec![0.0; earlier.len()];
         for (state, log) in self.range(step).zip(later).map(log) {
             for (j, weight) in self.moves_into(state) {
@@ -216,7 +217,7 @@ impl Trellis {
         self.log_weights.splice(..moves, log_distribution.iter().copied());
         self.moves.iter_mut().for_each(|start| *start = *start - moves as u32 + states as u32);
         self.moves.splice(..0, 0..states as u32);
-        // The distribution includes the observation of the step already.
+        // The distribution already includes the observation of the step.
         self.log_likelihoods[..states].fill(0.0);
     }
 

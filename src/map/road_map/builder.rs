@@ -84,7 +84,7 @@ impl<P: Coordinates> Builder<P> {
                 return Err(MapError::DuplicateRoad { from, to });
             }
             Entry::Occupied(mut kept) => {
-                // Strictly: of equally short ones, the first stays.
+                // Strictly: of equally short roads, the first stays.
                 let is_shorter = metres < kept.get().1.metres;
                 let longer = if is_shorter { kept.insert(given) } else { given };
                 self.report.parallel_roads.push(longer);

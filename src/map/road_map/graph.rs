@@ -51,8 +51,8 @@ impl<P> RoadMap<P> {
     /// True if every place can be reached from every other. O(places + roads).
     #[must_use]
     pub fn is_strongly_connected(&self) -> bool {
-        // All places from the first and the first from all: then any from any, by way of it. A map
-        // has a first place.
+        // If the first place reaches all places, and all reach it, then any place reaches any other
+        // by way of it. A map has at least one place.
         let forward = self.hops_from(0);
         let backward = self.hops(0, |i| self.incoming.of(i).iter());
         forward.iter().chain(&backward).all(Option::is_some)

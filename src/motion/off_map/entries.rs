@@ -17,7 +17,7 @@ impl<A: Transition> OffMapTransition<A> {
         zero: f64,
     ) -> impl Iterator<Item = (usize, f64)> {
         let n = self.off_map_state();
-        // Into the state off the map lead all others at the same rate, and no move of A.
+        // All other states lead into the state off the map at the same rate; no move of A does.
         let (leavers, back) =
             if to == n { (0..n, self.stay) } else { (0..0, self.jumps.jump_probabilities[to]) };
         let (leave, back) = (entry(self.leave), entry(back));

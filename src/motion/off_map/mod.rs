@@ -188,7 +188,8 @@ impl<A: Transition> Transition for OffMapTransition<A> {
         let weight = self.jumps.log_factor(control).exp();
         let returning = product_or_zero(weight, x[n]);
         self.jumps.apply(control, &x[..n], returning, out);
-        // `product_or_zero` keeps 0 · ∞ at 0, as a factor of 0 rules a move out whatever its evidence.
+        // `product_or_zero` keeps 0 · ∞ at 0, as a factor of 0 rules a move out whatever its
+        // evidence.
         let left = product_or_zero(self.leave, product_or_zero(weight, kernels::sum(&x[..n])));
         off[0] = left + product_or_zero(self.stay, returning);
     }

@@ -26,8 +26,8 @@ impl<A: Transition> DwellTransition<A> {
             check_sum(dwell, format!("the sum of the dwell times of place {place}"), |at| {
                 format!("the probability of {} steps in place {place}", at + 1)
             })?;
-            // From the longest stay down: P(D > d) is a sum of positive terms, where 1 less those
-            // up to d would cancel. The last age has hazard p / p = 1.
+            // From the longest stay down, P(D > d) is a sum of positive terms. Computed as 1 less
+            // the terms up to d, it would cancel. The last age has hazard p / p = 1.
             let end = dwell.iter().rposition(|p| *p > 0.0).map_or(0, |last| last + 1);
             let mut ages = vec![(1.0, 0.0); end];
             let mut longer = 0.0; // the probability of more steps
@@ -90,7 +90,7 @@ impl<A: Transition> DwellTransition<A> {
             let what = "the number of ages in each place";
             return Err(OutOfRange::new(what, 0.0, "at least 1").into());
         }
-        // Before the memory is allocated, which a large `longest` may ask too much of.
+        // Checked before memory is allocated: a large `longest` may ask for too much.
         check_count("states", durations.len().saturating_mul(longest))?;
         let ages = |(place, durations): (usize, &Durations)| {
             durations.check(place, longest)?;

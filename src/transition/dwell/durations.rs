@@ -106,7 +106,7 @@ impl Durations {
     /// Calls a function with the hazard and its complement for each step from `longest` down to 1.
     pub(super) fn for_each_hazard(self, longest: usize, mut take: impl FnMut(usize, f64, f64)) {
         // m_d − 1, kept without the 1 so that small tails have all their digits. It starts with the
-        // tail of a constant ratio r: m = 1 + r m, so that m − 1 = r / (1 − r).
+        // tail of a constant ratio r, where m = 1 + r m, so m − 1 = r / (1 − r).
         let mut more = if let Self::Geometric { mean } = self {
             mean - 1.0
         } else {
@@ -186,7 +186,8 @@ impl Durations {
                 of(x, y)
             }
             Self::Gamma { shape, scale } => {
-                // By the mean of the density and the shape, which are nearly independent.
+                // Searched over the mean of the density and the shape, which are nearly
+                // independent.
                 let of = |x: f64, y: f64| Self::Gamma { shape: y.exp(), scale: (x - y).exp() };
                 let start = [(shape * scale).ln(), shape.ln()];
                 let (x, y) = maximum_of_two(start, |x, y| likelihood(of(x, y)));
@@ -222,8 +223,9 @@ fn maximum(start: f64, mut f: impl FnMut(f64) -> f64) -> (f64, f64) {
     let start = start.clamp(-LIMIT, LIMIT);
     let (mut middle, mut best) = (start, f(start));
     let mut bracket = [start; 2];
-    // Invariant: f(middle) = best is the largest value seen. Going one way, the point before the
-    // best one becomes the other end of the bracket; a point that is not better ends it.
+    // Invariant: f(middle) = best is the largest value seen. On each side, a better point becomes
+    // the middle, and the previous middle the opposite end of the bracket. A point that is not
+    // better stays as the near end.
     for (side, sign) in [(0, -1.0), (1, 1.0)] {
         let mut step = 0.1;
         loop {
@@ -241,8 +243,8 @@ fn maximum(start: f64, mut f: impl FnMut(f64) -> f64) -> (f64, f64) {
             step *= 2.0;
         }
     }
-    // Golden section: of the inner points a < b, the lower one becomes an end, and the other one
-    // is an inner point of what is left, so that each round takes one evaluation.
+    // Golden section: of the inner points a < b, the one with the lower value becomes an end, and
+    // the other one is an inner point of what is left. So each round takes one evaluation.
     let [mut low, mut high] = bracket;
     let (mut a, mut b) = (high - GOLDEN * (high - low), low + GOLDEN * (high - low));
     let (mut at_a, mut at_b) = (f(a), f(b));

@@ -24,7 +24,7 @@ impl<A: TransitionEntries> TransitionEntries for DwellTransition<A> {
         let arrivals = moves.flat_map(move |(j, p)| {
             (self.starts[j]..self.starts[j + 1]).map(move |state| (state, p * self.leave[state]))
         });
-        // Stays come from the age before, and into the oldest age also from itself. They ascend,
+        // Stays come from the previous age, and into the oldest age also from itself. They ascend,
         // and so do arrivals, which are listed place by place.
         let younger = (!arrives).then(|| to - 1).into_iter();
         let stays = younger.chain(last.then_some(to)).map(move |state| (state, self.stay[state]));

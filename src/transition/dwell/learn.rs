@@ -203,7 +203,7 @@ impl<A: LearnTransition<Control = ()>> DwellTransition<A> {
             }
             ages[from][0] += weight * (again / sum);
             ages[from][1] += weight * (stay / sum);
-            // A move back may be a restart, too: only its part is counted.
+            // Part of the entry of a move back may be a restart: only the rest is counted.
             let counted = self.moves.counted(&(), place).find(|entry| entry.0 == target);
             if let Some((_, p)) = counted.filter(|_| again > 0.0) {
                 let weight = weight * (p * self.leave[from] / sum);

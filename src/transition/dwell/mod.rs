@@ -177,7 +177,8 @@ impl<A: Transition> DwellTransition<A> {
             for (place, range) in self.ranges() {
                 // Ages shift by one, into the slots after the first, which takes the arrivals. The
                 // oldest age has no next one: its stays add to it. With one age, `out[last]` is the
-                // arrivals; with more, the stays of the age before. It is set in either case.
+                // arrivals; with more, the stays of the previous age. So it has been set in either
+                // case.
                 let last = range.end - 1;
                 out[range.start] = arrived[place];
                 for state in range.start..last {
@@ -199,8 +200,8 @@ impl<A: Transition> DwellTransition<A> {
     ) {
         check_slices(self.states(), x, out);
         buffers::with_two(self.places(), |arrived, left| {
-            // A move out of a place leads to first ages only, so that one product over places gives
-            // the value of leaving, the same at all ages.
+            // A move out of a place leads only to the first age of another place, so one product
+            // over places gives the value of leaving, which is the same at all ages.
             self.ranges().for_each(|(place, range)| arrived[place] = x[range.start]);
             moves(arrived, left);
             for (place, range) in self.ranges() {

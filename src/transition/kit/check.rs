@@ -115,7 +115,7 @@ impl Matrix {
         }
         let all = columns.iter().flatten().map(|entry: &(usize, f64)| entry.1);
         let largest = all.fold(f64::NEG_INFINITY, f64::max);
-        // Where entries are beyond doubles, small ones matter as much as large ones.
+        // Where entries are beyond the range of doubles, small ones matter as much as large ones.
         let least = if in_logs { f64::NEG_INFINITY } else { largest + ROUNDING.log2() };
         Ok(Self { columns, rows, in_logs, least })
     }
@@ -161,7 +161,7 @@ impl Unit {
 
 /// True if two base-2 logarithms count as equal; false for NaN.
 fn close(found: f64, expected: f64, least: f64) -> bool {
-    // Beside an entry of 0, whose logarithm is infinite, nothing is close by a relative difference.
+    // Relative to an entry of 0, whose logarithm is infinite, nothing is close.
     let relative =
         expected.is_finite() && (found - expected).abs() <= TOLERANCE * expected.abs().max(1.0);
     found == expected
@@ -288,7 +288,7 @@ impl<A: TransitionEntries> Check<'_, A> {
         if let Some(stored) = operator.stored(control).filter(|_| self.stochastic) {
             self.line("stored", Unit::Linear, &stored.column(from), expected, at)?;
         }
-        // A bound that holds for all entries but those that are rounding errors.
+        // The bound must hold for all entries except those that are rounding errors.
         let smallest = operator.smallest_entry(control);
         let entries = expected.iter().filter(|entry| entry.1 > self.matrix.least);
         for (to, p) in entries.map(|entry| (entry.0, entry.1.exp2())) {
@@ -419,7 +419,8 @@ impl<A: TransitionEntries> Check<'_, A> {
                 if expected <= self.matrix.least || predecessor == lowest {
                     continue;
                 }
-                // Another predecessor may be as good up to rounding, but not as good and higher.
+                // Another predecessor may be equally good up to rounding, but not exactly as good
+                // and higher.
                 let entry = list().find(|entry| entry.0 == predecessor);
                 let score = entry.map_or(f64::NEG_INFINITY, |(from, log)| log + x[from as usize]);
                 if score == expected || !close(score, expected, self.matrix.least) {

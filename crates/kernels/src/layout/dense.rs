@@ -50,7 +50,7 @@ impl Dense {
     /// `out = A x`.
     pub fn multiply(&self, x: &[f64], out: &mut [f64]) {
         assert!(x.len() == self.states && out.len() == self.states, "one value per state");
-        // Columns are added to it, eight at a time: n / 8 passes over `out` instead of n.
+        // Columns are added to `out`, eight at a time: n / 8 passes over it instead of n.
         out.fill(0.0);
         multiply(self, x, out);
     }
@@ -64,7 +64,7 @@ impl Dense {
     #[inline(always)]
     fn columns<const C: usize>(&self, first: usize) -> [&[Eight]; C] {
         let eights = self.states.div_ceil(LANES);
-        // Strides are multiples of eight, so that a column is whole blocks with its padding.
+        // Strides are multiples of eight, so a column with its padding is whole blocks.
         let columns = &self.values.as_chunks().0[first * eights..(first + C) * eights];
         std::array::from_fn(|c| &columns[c * eights..(c + 1) * eights])
     }
@@ -98,7 +98,7 @@ fn add_columns<S: Simd>(s: S, matrix: &Dense, x: &[f64], out: &mut [f64]) {
 fn add<S: Simd, const C: usize>(s: S, columns: [&[Eight]; C], x: &[f64; C], out: &mut [f64]) {
     let x: [S::V; C] = std::array::from_fn(|c| s.splat(x[c]));
     let (blocks, rest) = out.as_chunks_mut();
-    // Slices of the length of the loop: no check of an index remains in it.
+    // Slices as long as the loop: no index check remains in it.
     let whole: [&[Eight]; C] = std::array::from_fn(|c| &columns[c][..blocks.len()]);
     for (number, block) in blocks.iter_mut().enumerate() {
         let mut sum = s.load(block);

@@ -20,7 +20,7 @@ pub struct Panels {
 impl Panels {
     /// Takes the logarithms, to base 2 as decoders add them, of entries at (to, from).
     pub fn log2(states: usize, entry: impl Fn(usize, usize) -> f64) -> Self {
-        // Rows beyond the last are 0, a probability, so that their logarithms are −∞.
+        // Rows beyond the last are 0, a probability, so their logarithms are −∞.
         let mut values = Aligned::new(states.next_multiple_of(LANES) * states, 0.0);
         for j in 0..states {
             for i in 0..states {
@@ -54,7 +54,7 @@ fn maximize_rows<S: Simd>(
     let n = *states;
     assert!(x.len() == n && out.len() == n && from.len() == n, "one value per state");
     let mut rows = PanelRows { panels: values.as_chunks().0, x, out, from, first: 0 };
-    // Each takes what the one before has left: at most one panel is taken alone.
+    // Each call takes what the previous one has left, so at most one panel is taken alone.
     rows.maximize::<S, 4>(s);
     rows.maximize::<S, 2>(s);
     rows.maximize::<S, 1>(s);

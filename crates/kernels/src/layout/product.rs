@@ -3,7 +3,7 @@
 //!
 //! They are passed on eight rows at a time, so that what follows a product in a step needs no pass
 //! of its own. Blocks come in the order of rows. Parts begin at multiples of
-//! [`PART`](crate::parallel), which are multiples of eight and of windows.
+//! [`PART`], which are multiples of eight and of windows.
 //!
 //! Indices are not checked here: checks took a fifth of the time of a product with a small matrix.
 //! Instead, [`Sliced::arranged`] asserts once that they are below the number of lines, and
@@ -146,8 +146,8 @@ impl<S: Simd> RowSums<S> for MaxPlus {
     #[inline(always)]
     fn add(self, s: S, sum: &mut Maxima<S>, entry: S::V, x: S::V, index: S::I) {
         let value = s.add(entry, x);
-        // Below, not below or equal: of equal scores that with the lower index came first. NaN is
-        // never better. In a row without a way, the index is arbitrary.
+        // Strictly below: of equal scores, the one with the lower index came first. NaN is never
+        // better. In a row without a way, the index is arbitrary.
         let better = s.lt(sum.value, value);
         sum.value = s.max(value, sum.value);
         sum.index = s.select_index(better, index, sum.index);
@@ -157,8 +157,8 @@ impl<S: Simd> RowSums<S> for MaxPlus {
     #[inline(always)]
     fn add_unordered(self, s: S, sum: &mut Maxima<S>, entry: S::V, x: S::V, index: S::I) {
         let value = s.add(entry, x);
-        // Entries of a group come as in slices, those on diagonals first: indices do not ascend, and
-        // where scores tie they are compared. Four instructions more for each slot.
+        // Entries of a group come as in slices, those on diagonals first. So indices do not ascend,
+        // and are compared where scores tie, at the cost of four more instructions for each slot.
         let tie = s.and(s.eq(value, sum.value), s.lt_index(index, sum.index));
         let better = s.or(s.lt(sum.value, value), tie);
         sum.value = s.max(value, sum.value);
@@ -167,7 +167,7 @@ impl<S: Simd> RowSums<S> for MaxPlus {
 
     #[inline(always)]
     fn second(self, s: S, _: Maxima<S>) -> Maxima<S> {
-        // Indices begin anew: the maximum of each run by itself has its lowest index.
+        // Indices start again, so each run has its own maximum, at its lowest index.
         self.zero(s)
     }
 
@@ -215,8 +215,8 @@ impl<S: Simd> RowSums<S> for MaxPlus {
     #[inline(always)]
     fn add_to_row(self, row: (f64, u32), entry: f64, x: f64, index: u32) -> (f64, u32) {
         let value = entry + x;
-        // Overflow entries come after entries with higher indices: where scores tie, these are
-        // compared.
+        // Overflow entries come after entries with higher indices, so indices are compared where
+        // scores tie.
         let better = value > row.0 || (value == row.0 && index < row.1);
         if better { (value, index) } else { row }
     }
@@ -265,13 +265,13 @@ impl Sliced {
         x: &[f64],
         sink: &mut impl Sink<S, R::Sum>,
     ) {
-        // Both assertions are what the loads of `Factors` rely on.
+        // The loads of `Factors` rely on both assertions.
         assert_eq!(x.len(), self.lines, "x must have one value per state");
         let fits = values.shifted.len() == self.bases.len()
             && values.gathered.len() == self.indices.len()
             && values.overflow.len() == self.overflow_indices.len();
         assert!(fits, "values must be those of a matrix of this structure");
-        // Slices begin where those before them end.
+        // A slice begins where the previous one ends.
         let before = slices.start.checked_sub(1);
         let mut from = before.map_or(Slice::default(), |before| self.slices[before]);
         let factors = Factors { matrix: self, values, x };
@@ -279,7 +279,7 @@ impl Sliced {
             for (number, to) in self.slices[slices].iter().enumerate() {
                 let first = factors.shifted(s, ring, from.shifted..to.shifted);
                 // Indices ascend among the shifted slots and again among the gathered ones, not
-                // over both: a maximum over both would not keep the lowest of several.
+                // over both: one maximum over both would not keep the lowest index of a tie.
                 let second = ring.second(s, first);
                 let second =
                     factors.gathered::<_, _, true>(s, ring, second, from.gathered..to.gathered);
@@ -343,8 +343,8 @@ impl Factors<'_> {
             };
             ring.add(s, &mut sum, s.load(value), x, s.iota(base));
             slot += 1;
-            // Slices have three or four slots as a rule: a loop unrolled by four would begin with
-            // a test that fails, and end with a rest that is all there is.
+            // Most slices have three or four slots: a loop unrolled by four would begin with a test
+            // that fails, and do all the work in its remainder.
             s.no_unroll();
         }
         sum
@@ -359,8 +359,8 @@ impl Factors<'_> {
         sum: R::Sum,
         slots: Range<u32>,
     ) -> R::Sum {
-        // The choice is made outside of the loop: inside, it took the compiler the registers for
-        // indices, and a slot of loads by AVX2 half as long again.
+        // The choice is made outside of the loop. Inside, it cost the compiler the registers for
+        // indices, and a slot of AVX2 loads took half as long again.
         if s.gathers() {
             self.gathered_by::<S, R, ORDERED, true>(s, ring, sum, slots)
         } else {
@@ -381,8 +381,8 @@ impl Factors<'_> {
         while slot < slots.end as usize {
             // SAFETY: `Sliced::push_others` ends slices and groups within the slots, and each slot
             // has values (the assertion in `product_with`). `Sliced::arranged` asserts that all
-            // indices are below the number of lines, that of the values of x, and that this is
-            // below 2^31; lanes without an entry have the index of a line, too.
+            // indices are below the number of lines, which is that of the values of x, and that
+            // this number is below 2^31. Lanes without an entry also have the index of a line.
             let (indices, value, x) = unsafe {
                 let indices = matrix.indices.get_unchecked(slot);
                 (indices, values.gathered.get_unchecked(slot), s.gather::<INSTRUCTION>(x, indices))
@@ -411,17 +411,17 @@ impl Factors<'_> {
         lines: Range<u32>,
     ) -> R::Sum {
         let Self { matrix, values, x } = self;
-        // Most slices have none, and keep their sums in registers.
+        // Most slices have no overflow entries, and keep their sums in registers.
         if lines.is_empty() {
             return sum;
         }
         let mut rows = ring.to_rows(s, sum);
-        // Entries of a line begin where those of the line before end, in another slice or not.
+        // The entries of a line begin where those of the previous line end, even in another slice.
         let before = (lines.start as usize).checked_sub(1);
         let mut start = before.map_or(0, |before| matrix.overflow[before].end as usize);
         for Overflow { lane, end } in &matrix.overflow[lines.start as usize..lines.end as usize] {
-            // A copy, which can stay in a register: the compiler can't tell which row it is. The
-            // remainder saves the check of an index that is below eight anyway.
+            // A copy can stay in a register, which an element of `rows` at an unknown index can't.
+            // The remainder saves the check of an index that is below eight anyway.
             let mut row = R::row(&rows, *lane as usize % LANES);
             while start < *end as usize {
                 // SAFETY: `Sliced::push_others` ends lines within the entries, which have as many
@@ -518,7 +518,8 @@ impl ProductRows for &[f64] {
 
     #[inline(always)]
     fn pass_to<S: Simd>(self, s: S, sink: &mut impl Sink<S, S::V>) {
-        // Not known to sum to one: the sink sums it and looks for negative values.
+        // These values are not known to sum to one: the sink sums them and looks for negative
+        // values.
         let (blocks, rest) = self.as_chunks::<LANES>();
         for (number, block) in blocks.iter().enumerate() {
             sink.take(s, number, s.load(block));

@@ -126,7 +126,8 @@ impl Sliced {
     fn cost(&self) -> usize {
         let mut start = 0;
         let overflow = self.slices.iter().filter(|slice| {
-            // Ends ascend over all slices: one that is above the last has entries of its own.
+            // Ends never decrease from slice to slice: a slice with an end above the previous one
+            // has entries of its own.
             let any = slice.overflow > start;
             start = slice.overflow;
             any
@@ -201,7 +202,7 @@ impl Sliced {
                 entries.clear();
                 for lane in 0..LANES.min(lines - first) {
                     let (indices, values) = line(first + lane);
-                    // Products don't check indices again: this assertion is what they rely on.
+                    // Products don't check indices again: they rely on this assertion.
                     assert!(indices.iter().all(|j| (*j as usize) < lines), "an index is too large");
                     let entry = |(&index, &value): (&u32, &f64)| {
                         let diagonal = index as usize + (LANES - 1) - lane;
@@ -273,7 +274,8 @@ impl Sliced {
         let mut order: [u8; WINDOW] = std::array::from_fn(|line| line as u8);
         let order = &mut order[..others.starts.len() - 1];
         if arrangement == Arrangement::Groups {
-            // A stable sort: lines of one length, the most, stay near their neighbours' values of x.
+            // A stable sort: lines of the same length, which most have, stay near their neighbours'
+            // values of x.
             order.sort_by_key(|line| std::cmp::Reverse(others.of_line(*line).len()));
             self.order.extend(order.as_chunks().0);
         }
@@ -308,7 +310,7 @@ impl Sliced {
     fn diagonals(&self, entries: &[SlicedEntry], keys: &mut Vec<usize>) -> Vec<usize> {
         let mut left = [0_usize; LANES];
         entries.iter().for_each(|entry| left[entry.lane] += 1);
-        // Diagonal and lane in one number: sorting entries would take most of the time.
+        // Diagonal and lane are packed in one number: sorting entries would take most of the time.
         keys.clear();
         keys.extend(entries.iter().map(|entry| entry.diagonal * LANES + entry.lane));
         keys.sort_unstable();
@@ -320,12 +322,13 @@ impl Sliced {
             .filter(|keys| keys.len() > 1 && inside(keys[0] / LANES))
             .collect();
         diagonals.sort_by_key(|keys| std::cmp::Reverse(keys.len()));
-        // Gathered slots are as many as the entries of the longest lane that is left.
+        // There are as many gathered slots as the longest lane has entries left.
         let cost = |shifted: usize, left: &[usize; LANES]| {
             let deepest = left.iter().copied().max().unwrap_or(0);
             shifted * SHIFTED_COST + deepest * GATHERED_COST
         };
-        // Fullest first, all prefixes are tried: the choice is greedy, not the best of all sets.
+        // Diagonals are taken fullest first, and all prefixes of that order are tried. The choice
+        // is greedy, not the best of all sets.
         let (mut least, mut taken, mut after) = (cost(0, &left), 0, left);
         for (keys, count) in diagonals.iter().zip(1..) {
             keys.iter().for_each(|key| after[key % LANES] -= 1);
@@ -364,7 +367,8 @@ fn gathered_depth(lengths: &(impl Iterator<Item = usize> + Clone)) -> (usize, us
         let any = if deeper > 0 { ANY_OVERFLOW_COST } else { 0 };
         depth * GATHERED_COST + any + deeper * OVERFLOW_COST
     };
-    // Costs are linear in the depth between two lengths: one of the lengths attains the minimum.
+    // Between two lengths, costs are linear in the depth, so one of the lengths attains the
+    // minimum.
     let depths = lengths.clone().map(|depth| (depth, cost(depth)));
     depths.min_by_key(|depth| depth.1).unwrap_or((0, 0))
 }

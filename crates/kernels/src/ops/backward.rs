@@ -31,10 +31,11 @@ impl WithSimd for DivideByPrediction<'_> {
     fn run<S: Simd>(self, s: S) {
         let Self { q, likelihoods, factor, ratio } = self;
         let n = q.len();
-        // One length for all: a shorter slice fails here, and none is read beyond.
+        // One length for all: a shorter slice fails here, and none is read beyond its end.
         let (b, q) = (likelihoods[..n].as_chunks::<LANES>(), q.as_chunks::<LANES>());
         let mut ratio = ratio[..n].as_chunks_mut::<LANES>();
-        // 1 / N, over the sum of the γ before: rounding of the sums does not accumulate.
+        // 1 / N, also divided by the previous sum of γ, so that rounding of the sums does not
+        // accumulate.
         let factor = s.splat(factor);
         for block in 0..n.div_ceil(LANES) {
             let v = divided(s, row_block(s, q, block), row_block(s, b, block), factor);
@@ -124,7 +125,8 @@ impl<P: ProductRows> Splits for BackwardRows<'_, P> {
     }
 
     fn join(a: f64, b: f64) -> f64 {
-        // The order of these additions depends on the number of lines alone: see `parallel`.
+        // The order of these additions depends only on the number of lines (see `halves` in
+        // `simd`).
         a + b
     }
 }
@@ -167,6 +169,6 @@ pub(super) fn smoothed<S: Simd>(s: S, alpha: S::V, q: S::V) -> S::V {
 /// Rounds lifted values to 0 if they are below the smallest normal double when unlifted.
 #[inline(always)]
 fn rounded<S: Simd>(s: S, v: S::V) -> S::V {
-    // A NaN is not below: it stays, and shows in the sum.
+    // A NaN is not below: it stays, and shows up in the sum.
     s.select(s.lt(v, s.splat(f64::MIN_POSITIVE * BACK_LIFT)), s.splat(0.0), v)
 }

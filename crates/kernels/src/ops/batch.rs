@@ -195,7 +195,7 @@ fn pack_rows<S: Simd>(s: S, rows: [&[f64]; LANES], out: &mut [Packed]) -> Packed
         for l in 0..LANES {
             eight[l] = row_block_ahead::<S, true>(s, blocks[l], number);
         }
-        // `row_block` pads the last block with zeros; `zip` ends with `out`, before these.
+        // `row_block` pads the last block with zeros. `zip` ends with `out`, before the padding.
         for (packed, out) in s.transpose(eight).into_iter().zip(out) {
             least = s.min(packed, least);
             largest = s.max(packed, largest);
@@ -203,7 +203,8 @@ fn pack_rows<S: Simd>(s: S, rows: [&[f64]; LANES], out: &mut [Packed]) -> Packed
         }
     }
     let mut tiny = s.lt(zero, zero);
-    // Zeros compare below too, and are usually the only hits: values are read again only then.
+    // Zeros also compare below, and are usually the only hits. Values are read again only after a
+    // hit.
     if s.any(s.lt(least, s.splat(TINY))) {
         for packed in &*out {
             tiny = s.or(tiny, s.is_small(s.load(packed), TINY));
@@ -355,8 +356,8 @@ fn normalize<S: Simd>(s: S, x: &mut [Packed], out: &mut [Packed], sums: Eight) -
     for (x, out) in x.iter_mut().zip(out) {
         let v = s.load(x);
         let below = s.lt(v, least);
-        // `limits` ("In lanes") shows that x is 0 only where a factor of it is. So a state can be
-        // lost only here, where a value above 0 becomes 0.
+        // `limits` ("In lanes") shows that x is 0 only where one of its factors is 0. So a state
+        // can be lost only here, where a value above 0 becomes 0.
         lost = s.or(lost, s.and(below, s.lt(zero, v)));
         let v = s.mul(s.select(below, zero, v), factor);
         s.store(v, out);
@@ -427,7 +428,7 @@ fn count<S: Simd>(
     counts: &mut [Packed],
 ) {
     // α(j) A[i, j] γ(i) / p(i) without A[i, j], which is constant over the steps and is multiplied
-    // in once, at the end (formula 4 of the guide).
+    // in once, at the end (section 4 of the guide's formulas).
     if let Lines::Sparse { starts, indices, .. } = columns {
         for (alpha, line) in alpha.iter().zip(starts.windows(2)) {
             let (alpha, line) = (s.load(alpha), line[0] as usize..line[1] as usize);
@@ -438,7 +439,8 @@ fn count<S: Simd>(
             }
         }
     } else {
-        // Counts are laid out as the values are; those of padding stay 0, as `zip` ends before them.
+        // Counts are laid out as the values are; those of padding stay 0, as `zip` ends before
+        // them.
         let stride = counts.len() / ratio.len();
         for (alpha, counts) in alpha.iter().zip(counts.chunks_exact_mut(stride)) {
             let alpha = s.load(alpha);
@@ -484,8 +486,8 @@ struct MaxSink<'a, S: Simd> {
 impl<S: Simd> Sink<S, Maxima<S>> for MaxSink<'_, S> {
     #[inline(always)]
     fn take(&mut self, s: S, i: usize, best: Maxima<S>) {
-        // The shift is subtracted from the likelihood first, as in `Scores::block`: beyond the range
-        // of exact sums, too, scores are those of single sequences to the bit.
+        // The shift is subtracted from the likelihood first, as in `Scores::block`: so even beyond
+        // the range of exact sums, scores are those of single sequences to the bit.
         let score = s.add(best.value, s.sub(s.load(&self.likelihoods[i]), self.shifts));
         s.store(score, &mut self.next[i]);
         if let Some(from) = self.from.get_mut(i) {

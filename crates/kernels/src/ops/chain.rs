@@ -104,8 +104,8 @@ fn forward<S: Simd>(
     let mut sum = total(state.values);
     for b in likelihoods.chunks_exact(states) {
         let b = s.load_partial(b);
-        // The recursion takes x unnormalised: it need not wait for the sum and the division below, which
-        // run beside the next product.
+        // The recursion takes x unnormalised: it need not wait for the sum and the division below,
+        // which run in parallel with the next product.
         x = s.mul(product(s, columns, x), b);
         if let Some((row, normalizer)) = rows.next() {
             let after = total(s.to_array(x));
@@ -123,7 +123,7 @@ fn forward<S: Simd>(
             return false;
         }
     }
-    // A NaN or an infinity of any step stays in the vector to the end, and shows in its sum.
+    // A NaN or an infinity of any step stays in the vector to the end, and shows up in its sum.
     state.values = s.to_array(x);
     let sum = total(state.values);
     sum > 0.0 && sum.is_finite()
@@ -148,7 +148,7 @@ fn backward<S: Simd>(
         let b = s.load_partial(b);
         r = product(s, lines, s.mul(r, b));
         state.rescale(s, &mut r);
-        // A NaN compares false: it shows in the sum.
+        // A NaN compares false, but shows up in the sum.
         if is_out_of_range(s, b, r) || sum.is_nan() || sum <= 0.0 {
             return false;
         }
@@ -170,8 +170,8 @@ fn decode<S: Simd>(
     from: &mut [ChainPointers],
 ) -> bool {
     let mut scores = s.load(&state.values);
-    // Entry j in all lanes, plus column j: a step takes a sum and a maximum for each state, and no
-    // reduction across lanes.
+    // Score j in all lanes is added to column j: a step takes a sum and a maximum for each state,
+    // and no reduction across lanes.
     for (b, from) in likelihoods.chunks_exact(states).zip(from) {
         let x = s.broadcast_lanes(scores);
         let mut best = s.add(s.load(&columns[0]), x[0]);
@@ -181,8 +181,8 @@ fn decode<S: Simd>(
         }
         *from = bits;
         scores = s.add(best, s.load_partial(b));
-        // As the general routine does at every step, so that scores are the same to the bit
-        // beyond the range of exact sums, too.
+        // A whole number is taken out at every step, as in the general routine, so that scores are
+        // the same to the bit even beyond the range of exact sums.
         let largest = s.to_array(scores).into_iter().fold(f64::NEG_INFINITY, f64::max);
         if largest == f64::NEG_INFINITY {
             return false;
@@ -205,8 +205,8 @@ pub(super) fn keep_better<S: Simd, const B: usize>(
     j: usize,
     bits: &mut [u8; B],
 ) -> S::V {
-    // Equal scores leave the bits of the lower predecessor, which came first. A bit for each lane in
-    // place of an index: B bytes a step instead of 32, and no blend of indices.
+    // Equal scores leave the bits of the lower predecessor, which came first. A bit for each lane
+    // in place of an index: B bytes a step instead of 32, and no blend of indices.
     let higher = s.bits(s.lt(best, score));
     for (bit, bits) in bits.iter_mut().enumerate() {
         let set = if j >> bit & 1 == 1 { higher } else { 0 };

@@ -9,7 +9,7 @@ use crate::limits::TINY;
 use crate::simd::{Eight, LANES, Simd, kernels, row_block, store};
 use crate::vector::Packed;
 
-/// 1.5 · 2^52: beside it the last bit of a double is 1, so that adding it rounds to an integer.
+/// 1.5 · 2^52: at this size the last bit of a double is worth 1, so adding it rounds to an integer.
 const ROUND: f64 = 6_755_399_441_055_744.0;
 /// ln 2 in two parts. Products of the first with integers up to 2^11 are exact.
 const LN_2: [f64; 2] = [0.693_147_180_369_123_8, 1.908_214_929_270_587_7e-10];
@@ -59,7 +59,7 @@ fn exp_of_lanes<S: Simd>(
     let (zero, none) = (s.splat(0.0), s.splat(f64::NEG_INFINITY));
     let bounds = Valid::Logs.bounds(s);
     let mask = s.lt(zero, s.load(&in_logs.map(|flag| f64::from(u8::from(flag)))));
-    // The running value second: `max` returns it beside a NaN.
+    // The running value comes second: `max` returns it if the other value is NaN.
     let largest = x.iter().fold(none, |largest, x| s.max(s.load(x), largest));
     let (mut tiny, mut valid) = (s.lt(zero, zero), s.lt(none, largest));
     for x in x {
@@ -67,7 +67,7 @@ fn exp_of_lanes<S: Simd>(
         valid = s.and(valid, within(s, value, bounds));
         let below = s.sub(value, largest);
         let power = exp_lanes(s, below);
-        // Also what the exponential has rounded to 0.
+        // This includes what the exponential has rounded to 0.
         tiny = s.or(tiny, s.and(s.lt(power, s.splat(TINY)), s.lt(none, below)));
         s.store(s.select(mask, power, value), x);
     }
@@ -84,15 +84,15 @@ fn exp_of_lanes<S: Simd>(
 #[inline(always)]
 fn exp_lanes<S: Simd>(s: S, x: S::V) -> S::V {
     let (one, round) = (s.splat(1.0), s.splat(ROUND));
-    // Far below, n would leave the exponents of normal doubles. NaN is not below, and stays.
+    // Below `LEAST`, n would leave the exponents of normal doubles. NaN is not below, and stays.
     let least = s.splat(LEAST);
     let is_least = s.lt(x, least);
     let x = s.select(is_least, least, x);
     let sum = s.add(s.mul(x, s.splat(std::f64::consts::LOG2_E)), round);
     let n = s.sub(sum, round);
     let r = s.sub(s.sub(x, s.mul(n, s.splat(LN_2[0]))), s.mul(n, s.splat(LN_2[1])));
-    // By pairs of terms, as Estrin does: few numbers at a time, so that what counts is how soon one
-    // result follows another.
+    // By pairs of terms, as in Estrin's scheme: few numbers are computed at a time, so latency
+    // counts.
     let square = s.mul(r, r);
     let fourth = s.mul(square, square);
     let [low, middle, high] =

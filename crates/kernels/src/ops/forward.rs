@@ -128,7 +128,7 @@ impl<P: ProductRows> WithSimd for ForwardRows<'_, P> {
         let largest = s.to_array(sink.largest_likelihood);
         ForwardSums {
             products: total(s.to_array(sink.products)),
-            // A known product has the sum of x, as matrix and belief were checked: none is
+            // A known product has the sum of x, as matrix and belief were checked: no sum is
             // computed.
             predicted: if P::KNOWN { lift } else { total(s.to_array(sink.predicted)) },
             negative_predicted: s.any(s.lt(sink.least_predicted, zero)),
@@ -159,18 +159,19 @@ impl<S: Simd, P: ProductRows> Sink<S, S::V> for ForwardSink<'_, S, P> {
         let b = row_block_ahead::<S, true>(s, self.likelihoods, block);
         let after = s.mul(p, b);
         store(s, &mut self.out, block, after);
-        // A NaN or an infinite value among p and b stays in this sum: no test of its own.
+        // A NaN or an infinite value among p and b stays in this sum, so it needs no separate test.
         self.products = s.add(self.products, after);
         if !P::KNOWN {
             self.predicted = s.add(self.predicted, p);
             self.least_predicted = s.min(p, self.least_predicted);
         }
-        // With the running value second, which min and max return beside a NaN: that does not hide
-        // a negative value found before it.
+        // The running value comes second: min and max return it if the other value is NaN, so a NaN
+        // does not hide a negative value found before.
         self.least_likelihood = s.min(b, self.least_likelihood);
         self.largest_likelihood = s.max(b, self.largest_likelihood);
         let below = s.lt(after, self.least);
-        // Zeros compare below too, and are usually the only hits: the branch looks for factors.
+        // Zeros also compare below, and are usually the only hits. The branch looks at their
+        // factors.
         if s.any(below) {
             let possible = s.lt(s.splat(0.0), s.min(p, s.max(b, self.possible)));
             self.small |= s.any(s.and(below, possible));
@@ -270,13 +271,13 @@ impl WithSimd for NormalizeOnto<'_> {
     fn run<S: Simd>(self, s: S) -> bool {
         let Self { x, sum, rows } = self;
         rows.reserve(x.len());
-        // Block by block, while it is in a register. A copy of the whole row, by the platform, took
-        // a quarter of a step on a large map (Zen 4).
+        // Each block is copied while it is in a register. A copy of the whole row, by the platform,
+        // took a quarter of a step on a large map (Zen 4).
         let (blocks, rest) = x.as_chunks_mut::<LANES>();
         let mut tiny = false;
         for block in blocks {
             tiny |= Normalize::<false> { x: block, out: &mut [], sum }.run(s);
-            // The length is known here: no call.
+            // The length is known here, so the copy takes no call.
             rows.extend_from_slice(block);
         }
         tiny |= Normalize::<false> { x: rest, out: &mut [], sum }.run(s);
@@ -397,6 +398,6 @@ pub fn largest(x: &[f64], valid: Valid) -> Result<f64, usize> {
     if all {
         return Ok(largest);
     }
-    // An error costs a second pass; valid values, nearly all, cost one.
+    // Only an error costs a second pass, which finds its index.
     Err(x.iter().position(|&x| !valid.is(x)).unwrap_or(0))
 }

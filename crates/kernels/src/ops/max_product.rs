@@ -42,9 +42,9 @@ impl Scores<'_> {
         s.sub(b, s.splat(self.shift))
     }
 
-    /// Writes all of them.
+    /// Writes the scores of all states.
     pub fn write(self, out: &mut [f64]) {
-        // Added to zeros: 0 + x is x, but for -0, which no comparison tells from 0.
+        // Added to zeros: 0 + x is x, except for −0, which no comparison tells from 0.
         out.fill(0.0);
         add_scores(out, Some(self));
     }
@@ -75,8 +75,8 @@ fn maximize<S: Simd>(
 ) -> f64 {
     let n = matrix.lines();
     assert!(x.len() == n && next.len() == n && from.len() == n, "one value per state");
-    // Likelihoods of another number of states would give a wrong answer without a failure: a
-    // missing block is read as the rest.
+    // Likelihoods for the wrong number of states would silently give a wrong answer: where a full
+    // block is missing, the kernel reads the remainder instead.
     assert!(likelihoods.is_none_or(|b| b.values.len() == n), "one likelihood per state");
     let mut sink = MaxSink::<S> {
         likelihoods: likelihoods.map(|b| (b, b.values.as_chunks())),

@@ -93,12 +93,12 @@ pub(super) fn keep_range<S: Simd, const N: usize>(
         }
     }
     // One test covers all lanes and vectors, and nearly always finds nothing to scale. It compares
-    // single values, not sums, and so may fire for a vector that needs no scale: `rescale` leaves
-    // that as it is.
+    // single values, not sums, and so may fire for a vector that needs no scale, which `rescale`
+    // leaves as it is.
     if ring.is_near(s, least, largest) {
         return Some(false);
     }
-    // Each by itself, as each has exponents of its own.
+    // Each vector is rescaled by itself, as each has its own exponents.
     for running in all {
         if !ring.rescale(s, &mut running.x, &mut running.exponents) {
             return None;

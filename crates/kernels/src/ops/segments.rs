@@ -1,5 +1,5 @@
 //! Eight segments of one sequence, one in each lane, under a model of few states: a step depends on
-//! the one before it in its segment, but not on those of other segments.
+//! the previous one in its segment, but not on those of other segments.
 //!
 //! First the products B A … B A of each segment are computed, column after column. They give the
 //! vectors at the start and the end of each segment; then formulas 2, 3 and 7 of the guide run in
@@ -53,15 +53,15 @@ fn multiply<S: Simd, R: Semiring, const N: usize>(
     likelihoods: &[SegmentStep<N>],
 ) -> Option<[Scaled<N>; N]> {
     let mut out = [Scaled { values: [[0.0; LANES]; N], exponents: [0.0; LANES] }; N];
-    // As many columns at a time as registers hold, with room for a product: three of three, or two of
-    // four. Four of four would be stored and loaded at every step.
+    // As many columns at a time as registers hold, with room for a product: three of three, or two
+    // of four. Four of four would be stored and loaded at every step.
     let least = if const { N <= 3 } {
         columns::<S, R, N, N>(s, ring, model, likelihoods, &mut out)?
     } else {
         columns::<S, R, N, 2>(s, ring, model, likelihoods, &mut out)?
     };
     if s.any(s.lt(least, s.splat(model.least))) {
-        // Zeros compare below too, and are usually the only hits.
+        // Zeros also compare below, and are usually the only hits.
         let above = likelihoods.as_flattened().iter().flat_map(|b| b.0);
         if above.into_iter().any(|b| b > R::ZERO && b < model.least) {
             return None;
@@ -84,12 +84,12 @@ fn columns<S: Simd, R: Semiring, const N: usize, const C: usize>(
     for (number, out) in out.as_chunks_mut::<C>().0.iter_mut().enumerate() {
         let mut running = [SegmentVectors::new(s, &[[R::ZERO; LANES]; N]); C];
         for (c, running) in running.iter_mut().enumerate() {
-            // Column c of the product is what it makes of a unit vector.
+            // Column c of the product is what the product makes of unit vector c.
             running.x[number * C + c] = s.splat(R::ONE);
         }
         for steps in likelihoods.chunks(STEPS_BETWEEN_CHECKS) {
             for b in steps {
-                // With the running value second, which `min` returns beside a NaN.
+                // The running value comes second: `min` returns it if the other value is NaN.
                 for b in b {
                     least = s.min(s.load(b), least);
                 }
@@ -129,8 +129,8 @@ fn filter<S: Simd, const N: usize>(
     for (steps, (out, normalizers)) in likelihoods.chunks(STEPS_BETWEEN_CHECKS).zip(places) {
         for ((b, out), normalizer) in steps.iter().zip(out).zip(normalizers) {
             let [running] = &mut running;
-            // The recursion takes x as it is, without waiting for the division, which only the
-            // results need.
+            // The recursion carries `running` on unnormalised, so it needn't wait for the division;
+            // only the stored results need it.
             running.multiply(s, SumProduct, &model.columns);
             running.observe(s, SumProduct, b);
             let sum = running.sum(s);
@@ -168,8 +168,8 @@ fn smooth<S: Simd, const N: usize>(
         }
         keep_range(s, SumProduct, &mut forward)?;
     }
-    // Chunks are counted from the end, where the vectors start; the short one comes last, as
-    // forward.
+    // Chunks are counted from the end, where the vectors start; the short one comes last, as in the
+    // forward pass.
     let mut backward = [SegmentVectors::new(s, ends)];
     for (steps, out) in
         likelihoods.rchunks(STEPS_BETWEEN_CHECKS).zip(out.rchunks_mut(STEPS_BETWEEN_CHECKS))

@@ -17,7 +17,7 @@ macro_rules! pairwise {
         #[inline(always)]
         fn $name(self, a: Pair, b: Pair) -> Pair {
             // SAFETY: `self` proves AVX2, which has all intrinsics that the macro is called with;
-            // operands are registers.
+            // they touch no memory.
             unsafe { ($intrinsic(a.0, b.0), $intrinsic(a.1, b.1)) }
         }
     )*};
@@ -44,17 +44,17 @@ impl Simd for Avx2 {
 
     #[inline(always)]
     fn bits(self, m: Pair) -> u8 {
-        // SAFETY: `self` proves AVX2; both intrinsics only move bits of registers.
+        // SAFETY: `self` proves AVX2; the instructions touch no memory.
         unsafe { (_mm256_movemask_pd(m.0) | _mm256_movemask_pd(m.1) << 4).cast_unsigned() as u8 }
     }
     #[inline(always)]
     fn any(self, m: Pair) -> bool {
-        // SAFETY: `self` proves AVX2; masks are registers.
+        // SAFETY: `self` proves AVX2; the instructions touch no memory.
         unsafe { _mm256_movemask_pd(_mm256_or_pd(m.0, m.1)) != 0 }
     }
     #[inline(always)]
     fn split_exponent(self, v: Pair) -> (Pair, Pair) {
-        // SAFETY: `split_four` asks for AVX2 alone, which `self` proves.
+        // SAFETY: `split_four` requires only AVX2, which `self` proves.
         unsafe {
             let (low, high) = (split_four(v.0), split_four(v.1));
             ((low.0, high.0), (low.1, high.1))
@@ -65,7 +65,8 @@ impl Simd for Avx2 {
     fn power_of_two(self, n: Pair) -> Pair {
         // SAFETY: `self` proves AVX2; the instructions touch no memory.
         unsafe {
-            // The last bits are those of n; beside the bits of 1 they count its exponent on.
+            // The last bits are those of n: shifted to the exponent and added to the bits of 1,
+            // they make 2^n.
             let one = _mm256_castpd_si256(_mm256_set1_pd(1.0));
             let power = |n: __m256d| {
                 let exponent = _mm256_slli_epi64::<52>(_mm256_castpd_si256(n));
@@ -98,9 +99,9 @@ impl Simd for Avx2 {
     #[inline(always)]
     fn stream(self, v: Pair, out: &mut Eight) {
         if is_line(out) {
-            // SAFETY: `self` proves AVX2, and the reference is to eight doubles. `is_line` has found
-            // them on a cache line, so that both halves are aligned to 32 bytes, as these stores
-            // need. `fence`, which follows the last, orders them before later stores.
+            // SAFETY: `self` proves AVX2, and the reference is to eight doubles. `is_line` has
+            // found them on a cache line, so that both halves are aligned to 32 bytes, as these
+            // stores need. `fence`, which follows the last, orders them before later stores.
             unsafe {
                 _mm256_stream_pd(out.as_mut_ptr(), v.0);
                 _mm256_stream_pd(out[4..].as_mut_ptr(), v.1);
@@ -122,7 +123,7 @@ impl Simd for Avx2 {
     }
     #[inline(always)]
     fn broadcast_lanes(self, v: Pair) -> [Pair; LANES] {
-        // SAFETY: `splat_four` asks for AVX2 alone, which `self` proves.
+        // SAFETY: `splat_four` requires only AVX2, which `self` proves.
         unsafe {
             let [a, b, c, d] = splat_four(v.0);
             let [e, f, g, h] = splat_four(v.1);
@@ -132,9 +133,9 @@ impl Simd for Avx2 {
     #[inline(always)]
     fn transpose(self, rows: [Pair; LANES]) -> [Pair; LANES] {
         let [a, b, c, d, e, f, g, h] = rows;
-        // SAFETY: `transpose_four` asks for AVX2 alone, which `self` proves.
+        // SAFETY: `transpose_four` requires only AVX2, which `self` proves.
         unsafe {
-            // Quarters of four rows and four columns: those beside the diagonal change places.
+            // Quarters of four rows and four columns: those off the diagonal swap places.
             let (top, below) =
                 (transpose_four(a.0, b.0, c.0, d.0), transpose_four(e.0, f.0, g.0, h.0));
             let (top_right, below_right) =
@@ -184,7 +185,7 @@ impl Simd for Avx2 {
     }
     #[inline(always)]
     fn iota(self, base: u32) -> Self::I {
-        // SAFETY: `self` proves AVX2; base is a value.
+        // SAFETY: `self` proves AVX2; the instructions touch no memory.
         unsafe {
             let base = _mm256_set1_epi64x(i64::from(base));
             let (low, high) = (_mm256_setr_epi64x(0, 1, 2, 3), _mm256_setr_epi64x(4, 5, 6, 7));
@@ -213,7 +214,8 @@ impl Simd for Avx2 {
         // SAFETY: `self` proves AVX2. The reference is to eight indices, 32 bytes, and unique; the
         // store writes as many, at any alignment.
         unsafe {
-            // The low halves of the lanes, in order, twice: the blend takes either's place.
+            // The low halves of the lanes of each vector, in order and twice: the blend takes the
+            // first copy of `low` and the second of `high`.
             let even = _mm256_setr_epi32(0, 2, 4, 6, 0, 2, 4, 6);
             let low = _mm256_permutevar8x32_epi32(i.0, even);
             let high = _mm256_permutevar8x32_epi32(i.1, even);
@@ -239,8 +241,9 @@ fn splat_four(v: __m256d) -> [__m256d; 4] {
 #[inline]
 #[target_feature(enable = "avx2")]
 fn split_four(v: __m256d) -> (__m256d, __m256d) {
-    // 2^52 + e, as a double, has e in its last bits: the conversion from integers, which AVX2 lacks
-    // for 64 bits, is a subtraction. Numbers are positive: no sign is among the shifted bits.
+    // The double 2^52 + e has the exponent e in its last bits. So the conversion from integers,
+    // which AVX2 lacks for 64 bits, is a subtraction. Numbers are positive: no sign is among the
+    // shifted bits.
     let whole = _mm256_set1_pd((1_u64 << 52) as f64);
     let bits = _mm256_castpd_si256(v);
     let exponent = _mm256_or_pd(_mm256_castsi256_pd(_mm256_srli_epi64::<52>(bits)), whole);
@@ -279,12 +282,12 @@ pub(super) fn is_line(eight: &Eight) -> bool {
 #[inline(always)]
 pub(super) unsafe fn load_four(x: *const f64, first: *const u32) -> __m256d {
     // SAFETY: the caller promises four indices, that is two pairs, and that they are within the
-    // allocation of x, where all four loads are of one double. It calls from a method of a proof of
-    // AVX2, which the insertion needs.
+    // allocation of x. Each of the four loads reads one double there. The call comes from a method
+    // of a proof of AVX2, which the insertion needs.
     unsafe {
-        // Two pairs: a load into each half of a register, and the halves are put together. Four loads
-        // and three instructions take less time than a gather in microcode. Indices come two at a
-        // time, since loads are the bottleneck: 8% of a product on a large map (Zen 4).
+        // Two pairs: a load into each half of a register, and the halves are put together. Four
+        // loads and three instructions take less time than a gather in microcode. Indices come two
+        // at a time, since loads are the bottleneck: 8% of a product on a large map (Zen 4).
         let pair = |pair: *const u32| {
             let both = pair.cast::<u64>().read_unaligned();
             let at = |index: u64| x.add(index as usize);

@@ -64,7 +64,8 @@ impl Simd for Avx512 {
     fn power_of_two(self, n: __m512d) -> __m512d {
         // SAFETY: `self` proves AVX-512 F; the instructions touch no memory.
         unsafe {
-            // The last bits are those of n; beside the bits of 1 they count its exponent on.
+            // The last bits are those of n: shifted to the exponent and added to the bits of 1,
+            // they make 2^n.
             let exponent = _mm512_slli_epi64::<52>(_mm512_castpd_si512(n));
             let one = _mm512_castpd_si512(_mm512_set1_pd(1.0));
             _mm512_castsi512_pd(_mm512_add_epi64(exponent, one))
@@ -77,14 +78,14 @@ impl Simd for Avx512 {
     }
     #[inline(always)]
     fn load(self, x: &Eight) -> __m512d {
-        // SAFETY: `self` proves AVX-512 F. The load reads the eight doubles of the reference, at any
-        // alignment.
+        // SAFETY: `self` proves AVX-512 F. The load reads the eight doubles of the reference, at
+        // any alignment.
         unsafe { _mm512_loadu_pd(x.as_ptr()) }
     }
     #[inline(always)]
     fn store(self, v: __m512d, out: &mut Eight) {
-        // SAFETY: `self` proves AVX-512 F. The store writes the eight doubles of a unique reference,
-        // at any alignment.
+        // SAFETY: `self` proves AVX-512 F. The store writes the eight doubles of a unique
+        // reference, at any alignment.
         unsafe { _mm512_storeu_pd(out.as_mut_ptr(), v) }
     }
     #[inline(always)]
@@ -120,7 +121,8 @@ impl Simd for Avx512 {
     #[inline(always)]
     fn transpose(self, rows: [__m512d; LANES]) -> [__m512d; LANES] {
         let [a, b, c, d, e, f, g, h] = rows;
-        // SAFETY: `self` proves AVX-512 F, which `transpose_quarters` asks for; rows are registers.
+        // SAFETY: `self` proves AVX-512 F, which `transpose_quarters` requires; the instructions
+        // touch no memory.
         unsafe {
             // Pairs of rows: their even elements, and their odd ones.
             let even = transpose_quarters(
@@ -171,7 +173,7 @@ impl Simd for Avx512 {
     }
     #[inline(always)]
     fn iota(self, base: u32) -> __m256i {
-        // SAFETY: `self` proves AVX2; base is a value.
+        // SAFETY: `self` proves AVX2; the instructions touch no memory.
         unsafe {
             let base = _mm256_set1_epi32(base.cast_signed());
             _mm256_add_epi32(base, _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7))

@@ -164,7 +164,7 @@ pub(crate) type BlocksMut<'a> = (&'a mut [Eight], &'a mut [f64]);
 /// Loads the block with this number, or the rest.
 #[inline(always)]
 pub(crate) fn row_block<S: Simd>(s: S, (blocks, rest): Blocks<'_>, number: usize) -> S::V {
-    // One comparison is the check of the index, and tells whole blocks from the rest.
+    // One comparison both checks the index and tells whole blocks from the rest.
     match blocks.get(number) {
         Some(block) => s.load(block),
         None => s.load_partial(rest),
@@ -220,7 +220,7 @@ pub(crate) fn store_indices<S: Simd>(
     if let Some(block) = blocks.get_mut(block) {
         s.store_indices(indices, block);
     } else {
-        // Lanes beyond the last row have an index, too: only those of rows are copied.
+        // Lanes beyond the last row also have an index: only those of rows are copied.
         let mut last = [0; LANES];
         s.store_indices(indices, &mut last);
         rest.copy_from_slice(&last[..rest.len()]);
@@ -270,7 +270,7 @@ impl Isa {
             let named = std::env::var("WAYFIX_INSTRUCTIONS").unwrap_or_default();
             let widest = Self::ALL.iter().find(|(name, _)| *name == named);
             let widest = widest.map_or(Self::Avx512, |found| found.1);
-            // From the widest: the one that is named may not be available.
+            // Searched from the widest down, since the named one may not be available.
             let here = Self::ALL.iter().rev().map(|named| named.1);
             here.into_iter().find(|isa| *isa <= widest && isa.is_here()).unwrap_or(Self::Portable)
         })
@@ -377,8 +377,8 @@ pub(crate) fn run_in_parts<K: Splits>(kernel: K) -> K::Output {
 
 /// Splits in the middle, at the end of a part.
 fn halves<K: Splits>(kernel: K) -> (K, K) {
-    // Half of the parts, rounded up: at least one, and less than all, as there are two or more. It
-    // depends only on the number of lines, so that any number of threads adds sums in one order.
+    // Half of the parts, rounded up: at least one, and less than all, as there are two or more. The
+    // middle depends only on the number of lines, so any number of threads adds sums in one order.
     let middle = kernel.lines().div_ceil(2 * PART) * PART;
     kernel.split(middle)
 }
@@ -444,8 +444,8 @@ unsafe fn run_unchecked<K: WithSimd>(isa: Isa, kernel: K) -> K::Output {
         // function reads it, and only once.
         unsafe { kernel.read() }.run(Avx512(gathers()))
     }
-    // A call, as the other two must be: it would otherwise be part of every caller, for the rare
-    // machine that takes it.
+    // Never inlined, as the other two can't be: this would otherwise be part of every caller, for
+    // the rare machine that takes it.
     #[inline(never)]
     unsafe fn portable<K: WithSimd>(kernel: *const K) -> K::Output {
         // SAFETY: the pointer is to the local `kernel` below, which outlives this call. Only this

@@ -36,7 +36,7 @@ macro_rules! lanewise {
 
 impl Simd for Portable {
     type V = Eight;
-    /// All bits of a lane set, or none: comparisons, too, are vectorised.
+    /// All bits of a lane set, or none: comparisons are vectorised as well.
     type M = [u64; LANES];
     type I = [u32; LANES];
 
@@ -45,7 +45,8 @@ impl Simd for Portable {
         sub: f64 => f64, |a, b| a - b;
         mul: f64 => f64, |a, b| a * b;
         div: f64 => f64, |a, b| a / b;
-        // Not `f64::min`: that returns the number if one is NaN, the instruction the second operand.
+        // Not `f64::min`: that returns the number if one is NaN, whereas the instruction returns
+        // the second operand.
         min: f64 => f64, |a, b| if a < b { a } else { b };
         max: f64 => f64, |a, b| if a > b { a } else { b };
         lt: f64 => u64, |a, b| mask(a < b);
@@ -69,7 +70,7 @@ impl Simd for Portable {
     }
     #[inline(always)]
     fn bits(self, m: [u64; LANES]) -> u8 {
-        // All bits of a lane are alike: the lowest stands for them.
+        // All bits of a lane are alike: the lowest stands for all of them.
         (0..LANES).fold(0, |bits, l| bits | ((m[l] & 1) << l) as u8)
     }
     #[inline(always)]
@@ -83,8 +84,8 @@ impl Simd for Portable {
     }
     #[inline(always)]
     fn split_exponent(self, v: Eight) -> (Eight, Eight) {
-        // 2^52 + e, as a double, has e in its last bits: the conversion from integers, which SSE2
-        // lacks for 64 bits, is a subtraction.
+        // The double 2^52 + e has the exponent e in its last bits. So the conversion from integers,
+        // which SSE2 lacks for 64 bits, is a subtraction.
         const WHOLE: f64 = (1_u64 << 52) as f64;
         let exponent = |x: f64| f64::from_bits(x.to_bits() >> 52 | WHOLE.to_bits());
         let mantissa = |x: f64| f64::from_bits(x.to_bits() & (u64::MAX >> 12) | 1.0_f64.to_bits());
@@ -92,7 +93,8 @@ impl Simd for Portable {
     }
     #[inline(always)]
     fn power_of_two(self, n: Eight) -> Eight {
-        // The last bits are those of n; beside the bits of 1 they count its exponent on.
+        // The last bits are those of n: shifted to the exponent and added to the bits of 1, they
+        // make 2^n.
         lanes(|l| f64::from_bits((n[l].to_bits() << 52).wrapping_add(1.0_f64.to_bits())))
     }
     #[inline(always)]

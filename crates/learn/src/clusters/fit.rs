@@ -91,8 +91,8 @@ impl Clusters<'_> {
         if self.completed.is_empty() {
             return self.round_by(family, weights);
         }
-        // A value filled in from another row may be invalid beside the rest of this one, such as a
-        // direction that no longer has length one.
+        // A value filled in from another row may be invalid together with the rest of its new row,
+        // such as a direction that no longer has length one.
         let mut scratch = Scratch::default();
         let rows = self.completed.iter().map(|row| &**row).enumerate();
         let valid = rows.filter(|(_, row)| family.diagonal(row, &mut scratch).is_ok());
@@ -132,7 +132,7 @@ impl Clusters<'_> {
             Ok(cause) => cause,
             Err(error) => return error,
         };
-        // The component with its value, if all known values are the same.
+        // The component with its value, if all known values of the component are the same.
         let constant = |component: usize| {
             let mut known = self.rows.iter().filter_map(|row| row.get(component));
             let value = *known.clone().find(|y| !y.is_nan())?;
@@ -191,8 +191,8 @@ impl Clusters<'_> {
     where
         B: LearnLikelihood<Observation = [f64]>,
     {
-        // Pooling twice: within the state all parts share its observations, whose weights already
-        // include those pooled from other states.
+        // Weights are pooled twice: within the state all parts share its observations, whose
+        // weights already include those pooled from other states.
         let pooled = self.pooled_weight[state];
         let weight = |at: usize| pooled + f64::from(u8::from(self.assigned[at] == state));
         let total: f64 = (0..self.rows.len()).map(weight).sum();

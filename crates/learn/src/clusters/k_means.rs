@@ -46,8 +46,8 @@ pub(super) fn k_means<R: Rng + ?Sized>(
 /// Mean of each of `count` clusters, one after the other; for a component that is known in none of
 /// its rows, the mean of all rows.
 pub(super) fn means(rows: &[&[f64]], clusters: &[usize], count: usize) -> Vec<f64> {
-    // From the rows as given: scaling back from a deviation of 1e150 would lose the digits of the
-    // rest.
+    // From the rows as given: scaling centres back would lose digits where the deviation is as
+    // large as 1e150.
     let mut all = vec![0.0; rows.first().map_or(0, |row| row.len())];
     recentre(&mut all, rows.iter().copied().zip(std::iter::repeat(&0)));
     let mut means = all.repeat(count);
@@ -79,7 +79,7 @@ pub(super) fn standardize(values: &mut [f64], components: usize) -> Vec<(f64, f6
     for row in values.chunks_exact_mut(components) {
         for (y, (mean, deviation)) in row.iter_mut().zip(&units) {
             let difference = *y - mean;
-            // By halves where the difference of two large values overflows.
+            // Halved first where the difference of two large values overflows.
             *y = if difference.is_finite() {
                 difference / deviation
             } else {
@@ -115,7 +115,7 @@ fn draw<'a, R: Rng + ?Sized>(
 ) -> Result<Vec<f64>, usize> {
     let mut centres = Vec::new();
     let mut squares = vec![f64::INFINITY; rows.len()];
-    // Rows are standardised, so that the mean is 0.
+    // Rows are standardised, so the mean is 0.
     let complete = |row: &[f64]| row.iter().map(|y| if y.is_nan() { 0.0 } else { *y }).collect();
     let mut next: usize = rng.random_range(0..rows.len());
     loop {

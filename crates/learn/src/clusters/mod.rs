@@ -106,7 +106,7 @@ fn labels<R: Rng + ?Sized>(
         StartKind::Spread => {
             let sizes: Vec<f64> = scaled.iter().map(|z| z.abs()).collect();
             let mut means = window_means(&sizes, components, lengths, half(rng));
-            // The root keeps the largest spreads from deciding all distances.
+            // The square root keeps the largest spreads from deciding all distances.
             means.iter_mut().for_each(|mean| *mean = mean.sqrt());
             means
         }
@@ -360,7 +360,7 @@ fn pooled_weight_of(count: usize, total: f64) -> f64 {
 /// where the cluster has none. So the family accepts them, and they vary as known values do.
 fn completed<'a>(rows: &[&'a [f64]], clusters: &[usize], states: usize) -> Vec<Cow<'a, [f64]>> {
     let components = rows.first().map_or(0, |row| row.len());
-    // Known values by cluster and component; the last cluster stands for all rows.
+    // Known values by cluster and component. One more cluster, the last, stands for all rows.
     let mut known = vec![Vec::new(); (states + 1) * components];
     for (row, &cluster) in rows.iter().zip(clusters) {
         for (component, &y) in row.iter().enumerate().filter(|y| !y.1.is_nan()) {
@@ -377,7 +377,7 @@ fn completed<'a>(rows: &[&'a [f64]], clusters: &[usize], states: usize) -> Vec<C
         for (component, y) in row.iter_mut().enumerate().filter(|y| y.1.is_nan()) {
             let own = cluster * components + component;
             let at = if known[own].is_empty() { states * components + component } else { own };
-            // A component that is missing in all rows stays so.
+            // A component that is missing in all rows stays missing.
             if let Some(&other) = known[at].get(used[at] % known[at].len().max(1)) {
                 *y = other;
             }

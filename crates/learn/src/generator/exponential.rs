@@ -48,7 +48,7 @@ fn rest_is_small(weights: &Poisson, before: &[f64], after: &[f64], sum: &[f64]) 
     let Some((rho, factor)) = growth(weights) else { return false };
     let factor = factor * weights.weight();
     // The cheap test first: in a state that hardly changes, v_k is about as large as the sum, so
-    // that the whole test can pass only if the factor itself is small.
+    // the whole test can pass only if the factor itself is small.
     factor <= TRUNCATION
         && after.iter().zip(sum).all(|(after, sum)| factor * after <= TRUNCATION * sum)
         && grows_at_most(rho, before, after)
@@ -171,7 +171,7 @@ impl Poisson {
             };
         }
         // Outwards from the mode, where the weight is set to 1, by w_{k-1} = w_k k / mean and
-        // w_{k+1} = w_k mean / (k + 1): weights fall on both sides, so that the sums are accurate.
+        // w_{k+1} = w_k mean / (k + 1): weights fall on both sides, so the sums are accurate.
         let mode = mean.floor();
         let (mut first, mut total) = ((mode, 1.0), 1.0);
         while first.0 > 0.0 {
@@ -226,8 +226,8 @@ impl Poisson {
         let mut sum = 0.0;
         loop {
             self.advance();
-            // The sum must be beyond the mode to end: before it, weights grow, and none is small
-            // beside the sum of those before.
+            // The sum can end only beyond the mode: up to it weights grow, and none is small
+            // compared with the sum of all earlier ones.
             if self.weight <= f64::EPSILON / 64.0 * sum || self.is_over() {
                 return sum / self.total;
             }
@@ -246,7 +246,7 @@ impl Poisson {
 //
 // A vector takes Λ Δt products unless it stops changing before, which it may never do if rates
 // differ by orders of magnitude. The matrix takes log2(Λ Δt) squarings. These have no negative
-// numbers either, so that errors stay relative.
+// numbers either, so errors stay relative.
 
 /// Largest number of states for which matrices are computed.
 pub(super) const DENSE_STATES: usize = 512;
@@ -334,8 +334,8 @@ impl GeneratorTransition {
         if n > DENSE_STATES {
             return f64::INFINITY;
         }
-        // In units of a product with P, of E multiplications and some work a state: n columns of a
-        // short series, and n³ multiplications for each squaring.
+        // In units of a product with P, which takes E multiplications and some work for each state:
+        // n columns of a short series, and n³ multiplications for each squaring.
         let product = (self.chain.entries() + 4 * n) as f64;
         let columns = 32.0 * n as f64;
         64.0 + columns + f64::from(halvings(mean).0) * (n as f64).powi(3) / product

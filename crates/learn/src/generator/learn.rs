@@ -53,7 +53,7 @@ impl GeneratorTransition {
     ) -> f64 {
         let mean = self.mean_steps(time);
         // Entries of the chain come column by column. Each column has one stay; its other entries
-        // are the legal moves in the order of `sums.moves`, so that `at` counts those.
+        // are the legal moves in the order of `sums.moves`, which `at` counts.
         let (mut at, mut from) = (0, 0);
         self.expected(mean, ends, scale, |entry, share| {
             let columns = self.chain.columns();
@@ -149,7 +149,7 @@ impl LearnTransition for GeneratorTransition {
         Some(self.add_expected(sums, time, (before, after), scale))
     }
 
-    /// A rate that underflows beside the largest becomes 0, which makes the move illegal.
+    /// A rate that underflows relative to the largest becomes 0, which makes the move illegal.
     fn maximize(
         &self,
         statistics: &GeneratorStatistics,
@@ -219,8 +219,8 @@ impl wayfix::inference::FreeParameters for GeneratorTransition {
 // ```
 //
 // since ∫ Pois(k; Λ s) Pois(l; Λ (t − s)) ds = Pois(k + l + 1; Λ t) / Λ. Long steps are cut into
-// segments, so that only the v_k of one segment are stored, while a is carried back from segment
-// to segment. Where a matrix is cheaper, the integral X is one, too: X(2 t) = A(t) X(t) + X(t)
+// segments, so that only the v_k of one segment are stored, while a is carried back from segment to
+// segment. Where a matrix is cheaper, the integral X is also a matrix: X(2 t) = A(t) X(t) + X(t)
 // A(t) (Van Loan 1978).
 
 /// Exponents of two by which b and a are lifted, after the largest a is scaled to 1. Products do
@@ -341,8 +341,8 @@ impl GeneratorTransition {
             let reached = kernels::dot(a, after);
             total += weight * reached;
             let ratio = poisson.ratio();
-            // P keeps the sum of v_k, so that a' v_m is at most `most` for all m, and the weights
-            // fall at least geometrically.
+            // P keeps the sum of v_k, so a' v_m is at most `most` for all m, and the weights fall
+            // at least geometrically.
             let surely = ratio < 1.0 && weight * ratio / (1.0 - ratio) * most <= TRUNCATION * total;
             // Or the bound on the growth of v_k (see `series.rs`), applied to a' v_m.
             let rest_is_small = || {

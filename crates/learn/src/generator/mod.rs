@@ -221,7 +221,7 @@ impl GeneratorTransition {
             let expected = "none: the rates to other states say when a state is left";
             return Err(OutOfRange::new(what, rate, expected).into());
         }
-        // P also has a diagonal entry for each state, so that their number counts, too.
+        // P also has a diagonal entry for each state, so the number of states is added.
         let wrong = |(to, from, value)| TransitionError::Rate { to, from, value };
         let entries = SparseTransition::above_zero(states, triplets, wrong)?;
         check_count("moves", entries.len().saturating_add(states))?;
@@ -257,7 +257,7 @@ impl GeneratorTransition {
                 }
                 entries.push((to, from, p));
             }
-            // 1 − exit / Λ, at least 1 − 1 / 1.25 = 0.2, so that little cancels.
+            // 1 − exit / Λ is at least 1 − 1 / 1.25 = 0.2, so little cancels.
             let stay = if uniform_rate > 0.0 { (uniform_rate - exit) / uniform_rate } else { 1.0 };
             entries.push((from, from, stay));
         }
@@ -302,7 +302,7 @@ impl GeneratorTransition {
         state: usize,
         unit: f64,
     ) -> impl Iterator<Item = (usize, f64)> + use<> {
-        // The iterator outlives this call, so that its values can't be in a lent buffer.
+        // The iterator outlives this call, so its values can't be in a lent buffer.
         let mut line = vec![0.0; self.states()];
         buffers::with(line.len(), |x| {
             x.fill(0.0);
@@ -347,7 +347,7 @@ impl TransitionEntries for GeneratorTransition {
             unit.fill(0.0);
             let best = |row: &[f64]| best_of((0..).zip(row.iter().map(|&p| log2_of_lifted(p))), x);
             // Row by row, by the series. A row whose series would cost more than the matrix is
-            // marked, and waits.
+            // marked for later.
             for (i, (out, from)) in out.iter_mut().zip(&mut *from).enumerate() {
                 unit[i] = LIFT;
                 let found = if mean == 0.0 {

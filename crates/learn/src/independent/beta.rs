@@ -160,7 +160,8 @@ impl Univariate for Beta {
     }
 
     fn expectations(&self, of: &Self) -> [f64; 3] {
-        // E ln y = ln m_of − (ln a − ψ(a)) + (ln s − ψ(s)), and likewise for 1 − y.
+        // For y ~ `of`, with mean m, shapes a and b, and their sum s: E ln y = ln m − (ln a − ψ(a))
+        // + (ln s − ψ(s)), and likewise for 1 − y with b.
         let (odds, divergence) = self.log_odds_and_divergence((of.mean, of.ln_mean));
         let [a, b, s] = [of.shapes[0], of.shapes[1], of.sum].map(|x| ln_minus_digamma(x).0);
         [1.0, odds - a + b, divergence + (self.mean[0] * a + self.mean[1] * b - s)]
@@ -175,9 +176,9 @@ impl Univariate for Beta {
         let start = odds.clamp(-700.0, 700.0).exp();
         let [m, n] = self.moved(start);
         let least = self.log_odds_and_divergence(pair([m, n])).1;
-        // What exceeds the divergence of the mean with these log-odds is the spread. Near the mean
-        // the divergence is m n δ² / 2 for a difference δ of log-odds, which has an error of some
-        // units in the last place of 1: the error of the divergence follows.
+        // The divergence of the mean with these log-odds is the least possible; the excess over it
+        // is the spread. Near the mean the divergence is m n δ² / 2 for a difference δ of log-odds.
+        // The error of δ is some units in the last place of 1, and gives that of the divergence.
         let near = m * n;
         let size = divergence + 8.0 * (near * divergence).sqrt() + 64.0 * f64::EPSILON * near;
         let rest = check_spread("shapes", sums[0], divergence - least, size)?;
@@ -201,7 +202,7 @@ impl Univariate for Beta {
             let expected = self.log_odds_and_divergence(pair(mean)).1
                 + (self.mean[0] * a.0 + self.mean[1] * b.0 - whole.0);
             // d / d ln s along the solutions above, by implicit differentiation: s ψ'(s) − s / (1 /
-            // ψ'(a) + 1 / ψ'(b)). For large s its leading term, as others cancel.
+            // ψ'(a) + 1 / ψ'(b)). For large s only its leading term, since the terms cancel.
             let slope = if sum > 1e5 {
                 -0.5 / sum
             } else {
@@ -228,7 +229,7 @@ impl Univariate for Beta {
         } else {
             drawn
         };
-        // 0 and 1 are not observations: the nearest double that is.
+        // 0 and 1 are not valid observations: they become the nearest valid double.
         drawn.clamp(f64::from_bits(1), 1.0 - 0.5 * f64::EPSILON)
     }
 }

@@ -186,7 +186,7 @@ impl Univariate for Binomial {
     }
 
     fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> f64 {
-        // rand_distr accepts the same probabilities.
+        // rand_distr accepts the same probabilities, so the default is never used.
         let draw = rand_distr::Binomial::new(self.trials().into(), self.probability);
         draw.map_or(0.0, |counts| counts.sample(rng) as f64).min(MOST)
     }

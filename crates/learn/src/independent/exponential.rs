@@ -94,8 +94,8 @@ impl Univariate for Exponential {
     }
 
     fn maximize(&self, &[weight, sum]: &[f64; 2]) -> Result<Self, EmissionError> {
-        // 1 / λ is the weighted mean, and the sum is in units of the present mean: such sums do not
-        // overflow where those of y would.
+        // 1 / λ is the weighted mean. The sum is in units of the present mean, and does not
+        // overflow where a sum of y would.
         Self::new(self.rate / (sum / weight))
     }
 

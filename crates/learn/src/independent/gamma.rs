@@ -107,7 +107,7 @@ impl Gamma {
     /// u = y / m − 1, the relative distance from the mean, and u − ln(1 + u).
     fn excess(&self, [y, ln]: [f64; 2]) -> (f64, f64) {
         let u = (y - self.mean) / self.mean;
-        // Far from the mean the difference of the logarithms has all the digits that are left.
+        // Far from the mean, the difference of the logarithms does not cancel.
         (u, if (-0.4..=0.6).contains(&u) { log_excess(u) } else { u - (ln - self.ln_mean) })
     }
 }
@@ -135,7 +135,7 @@ impl Univariate for Gamma {
     }
 
     fn expectations(&self, of: &Self) -> [f64; 3] {
-        // E ln y = ln m_of + ψ(a_of) − ln a_of.
+        // For y ~ Gamma(mean m, shape a) of `of`: E ln y = ln m + ψ(a) − ln a.
         let (u, excess) = self.excess([of.mean, of.ln_mean]);
         [1.0, u, excess + ln_minus_digamma(of.shape).0]
     }
@@ -152,7 +152,7 @@ impl Univariate for Gamma {
         let ln_s = s.ln();
         let start = (3.0 - s + ((s - 3.0).powi(2) + 24.0 * s).sqrt()) / (12.0 * s);
         let start = if start > 0.0 && start.is_finite() { start } else { s.recip() };
-        // In logarithms of both sides, where the function is nearly linear.
+        // Solves for equal logarithms of both sides, since this function is nearly linear.
         let shape = root(start, |shape| {
             let (value, slope) = ln_minus_digamma(shape);
             (ln_s - value.ln(), -slope / value)
@@ -165,8 +165,8 @@ impl Univariate for Gamma {
     }
 
     fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> f64 {
-        // rand_distr accepts the same parameters. A draw beyond the range of doubles becomes the
-        // nearest valid one.
+        // rand_distr accepts the same parameters, so the default is never used. A draw beyond the
+        // range of doubles becomes the nearest valid one.
         let draw = rand_distr::Gamma::new(self.shape, self.scale);
         let draw = draw.map_or(self.mean, |draw| draw.sample(rng));
         draw.clamp(f64::from_bits(1), f64::MAX)

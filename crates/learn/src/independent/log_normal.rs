@@ -121,7 +121,8 @@ impl Univariate for LogNormal {
     fn maximize(&self, &[weight, sum, square]: &[f64; 3]) -> Result<Self, EmissionError> {
         let (x, square) = (sum / weight, square / weight);
         let what = "standard deviation of logarithms";
-        // x is relative to the present mean, so that little cancels once that is near.
+        // x is relative to the present mean, so little cancels once the present mean is near the
+        // new one.
         let variance = check_spread(what, weight, square - x * x, square)?;
         Self::new(self.mean + x, variance.sqrt())
     }

@@ -251,8 +251,8 @@ impl<F: Univariate> Likelihood for Independent<F> {
         scratch: &'a mut Scratch,
     ) -> Result<Diagonal<'a>, LikelihoodError> {
         let logs = scratch.values(self.states);
-        // ln b_i(y) = Σ_c ln p(y_c | θ_ci). What all states compute alike, such as ln y_c, is in
-        // the point, once for a component; a missing component adds ln 1.
+        // ln b_i(y) = Σ_c ln p(y_c | θ_ci). What is the same for all states, such as ln y_c, is
+        // computed once for each component, in the point. A missing component adds ln 1.
         logs.fill(0.0);
         self.visit(observation, |_, point, parts| {
             logs.iter_mut().zip(parts).for_each(|(log, part)| *log += part.log_density(&point));
@@ -304,8 +304,8 @@ impl<F: Univariate + Send + Sync> StartFromClusters for Independent<F> {
         clusters: &Clusters<'_>,
         _: &mut R,
     ) -> Result<Self, Box<dyn Error + Send + Sync>> {
-        // The first M step starts from the family's own parameters; if it maximises only a bound,
-        // those would show through.
+        // The first M step starts from the family's own parameters. If it maximises only a bound,
+        // its result would still depend on them.
         let rounds = if F::EXACT { 0 } else { ROUNDS };
         (0..rounds).try_fold(clusters.fit(self)?, |family, _| clusters.round(&family))
     }
@@ -382,8 +382,8 @@ impl<F: Univariate> LearnLikelihood for Independent<F> {
     ) -> Result<Self, Box<dyn Error + Send + Sync>> {
         let maximize = |(index, part): (usize, &F)| {
             let mut sums = statistics[index].clone();
-            // The prior is exp(c E ln p): its term of Q is that of c observations with the expected
-            // statistics.
+            // The prior is exp(c E ln p) for a count c: its term of Q is that of c observations
+            // with the expected statistics.
             if let Some((prior, count)) = &self.prior {
                 sums.add(*count, &part.expectations(&prior[index]));
             }

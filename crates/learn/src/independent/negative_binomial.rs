@@ -70,8 +70,8 @@ impl NegativeBinomial {
         let dispersion = check("dispersion", dispersion, valid, "a value from 0 to 1e100")?;
         let spread = dispersion * mean;
         let ln_spread = spread.ln_1p();
-        // −ln(1 + α m) / α = −m (1 − α m / 2 + …): here the second term is below the last digit,
-        // and the quotient may underflow.
+        // −ln(1 + α m) / α = −m (1 − α m / 2 + …): for so small a spread α m the second term is
+        // below the last digit, and the quotient may underflow.
         let log_zero = if spread < 1e-16 { -mean } else { -ln_spread / dispersion };
         let stirling_error_of_size =
             if dispersion == 0.0 { 0.0 } else { stirling(dispersion.recip()) };
@@ -188,7 +188,8 @@ impl Univariate for NegativeBinomial {
     fn expectations(&self, of: &Self) -> [f64; 6] {
         let (mean, spread) = (of.mean, 1.0 + of.dispersion * of.mean);
         let point = |y| (y, ln_factorial(y));
-        // The standard deviation, and 1 + α m, by which the tail falls by a factor of about e.
+        // The standard deviation, and 1 + α m, the length over which the tail falls by a factor of
+        // about e.
         let scales = [(mean * spread).sqrt(), spread];
         let all = expectation(
             mean,
@@ -224,8 +225,8 @@ impl Univariate for NegativeBinomial {
     }
 
     fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> f64 {
-        // A Poisson count whose rate has a gamma distribution. With so little dispersion no rate
-        // but the mean is ever drawn. Draws above the largest count become it.
+        // A Poisson count whose rate has a gamma distribution. With a dispersion below 1e-40 no
+        // rate but the mean is ever drawn. Draws above the largest count become the largest count.
         let rate = if self.dispersion < 1e-40 {
             self.mean
         } else {
@@ -243,7 +244,7 @@ impl Cumulative for NegativeBinomial {
         // relative to it, the log-odds are ln((y + 1) / m).
         let size = self.dispersion.recip();
         tails(y, self, |y| {
-            // Here y + r rounds to r, and the counts are Poisson.
+            // Below this dispersion y + r rounds to r, and the counts are Poisson.
             if self.dispersion < 1e-100 {
                 return arrivals(y, self.mean);
             }
@@ -294,7 +295,7 @@ fn square_ratio(z: f64) -> f64 {
 fn summed(y: f64, alpha: f64) -> [f64; 2] {
     let z = alpha * y;
     let r = alpha.recip();
-    // For small z the logarithm cancels against z: by series.
+    // For small z the logarithm cancels against z, so series are used.
     let integrals = if z < 1.0 {
         [y * y * excess_ratio(z), y.powi(3) * square_ratio(z)]
     } else {
@@ -333,7 +334,8 @@ fn sums(y: f64, alpha: f64) -> [f64; 2] {
 /// Returns the dispersion that maximises the bound, from the present dispersion, the mean and
 /// variance of the counts, and the means of their [`sums`] at the present dispersion.
 fn maximize(present: f64, mean: f64, variance: f64, [first, second]: [f64; 2]) -> f64 {
-    // The likelihood is then maximal at a dispersion of 0 (Levin and Reeds 1977).
+    // Without overdispersion, the likelihood is maximal at a dispersion of 0 (Levin and Reeds
+    // 1977).
     if variance <= mean {
         return 0.0;
     }
@@ -344,7 +346,7 @@ fn maximize(present: f64, mean: f64, variance: f64, [first, second]: [f64; 2]) -
         (slope, mean * mean / (1.0 + alpha * mean) - 2.0 * slope)
     };
     if first > falls(present).0 {
-        // The likelihood rises with α. Gauss rule: the whole measure at its mean x, so that the sum
+        // The likelihood rises with α. Gauss rule: the whole measure is at its mean x, so the sum
         // has the derivative first / (1 + u x).
         let x = second / first;
         let start = if present > 0.0 { present } else { (variance - mean) / mean / mean };
@@ -354,8 +356,9 @@ fn maximize(present: f64, mean: f64, variance: f64, [first, second]: [f64; 2]) -
             (slope - ratio, curvature + ratio * ratio * x * alpha / first)
         })
     } else if present > 0.0 {
-        // It falls. Lobatto rule: the weight a · second at 1 / a gives the right first moment, and
-        // the rest is at 0. Their derivatives are weight · a / α and the rest itself.
+        // The likelihood falls with α. Lobatto rule: the weight a · second at 1 / a gives the right
+        // first moment, and the rest of the measure is at 0. Their derivatives are weight · a / α
+        // and the rest itself.
         let at_end = present * second;
         root(present, |alpha| {
             let (slope, curvature) = falls(alpha);

@@ -111,7 +111,8 @@ pub(crate) fn log_probability(
 /// Out of line, since the compiler would otherwise compute its logarithm for small counts as well.
 #[cold]
 fn log_probability_of_many(y: f64, rest: f64, rate: f64, ln_rate: f64) -> f64 {
-    // Far below the count 1 + u is small, and the logarithm of the rate has more digits.
+    // For a rate far below the count, rate / y is small, and the difference of the logarithms has
+    // more digits.
     if rate < 0.1 * y {
         y * (ln_rate - y.ln()) + (y - rate) - rest
     } else {
@@ -159,7 +160,7 @@ impl Univariate for Poisson {
 
     fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> f64 {
         // rand_distr rejects a rate of 0, whose counts are 0. Draws above the largest count become
-        // it.
+        // the largest count.
         let draw = rand_distr::Poisson::new(self.rate).map_or(0.0, |counts| counts.sample(rng));
         draw.min(MOST)
     }
@@ -200,8 +201,8 @@ pub(super) fn expectation<const N: usize>(
         log
     };
     let widest = scales[0].max(scales[1]) / 16.0;
-    // Below 40 deviations under the mean nothing is left; the loop ends where the tail is
-    // negligible.
+    // More than 40 deviations below the mean there is no probability left. The loop ends where the
+    // upper tail is negligible.
     let mut y = (mean - 40.0 * scales[0]).floor().max(0.0);
     while y <= MOST {
         let length = widest.min(y / 32.0).floor();
@@ -236,7 +237,8 @@ pub(super) fn tails<F: Univariate>(y: f64, of: &F, sides: impl Fn(f64) -> [f64; 
     if y == f64::INFINITY {
         return Tails::between([1.0, 0.0]);
     }
-    // Below a count is P(Y ≤ y − 1); between two counts there is nothing at y itself.
+    // The part below a count y is P(Y ≤ y − 1). Between two counts there is no probability at y
+    // itself.
     let count = y.floor();
     match F::point(y).map(|y| of.log_density(&y).exp()) {
         Some(at) => {

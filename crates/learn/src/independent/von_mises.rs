@@ -62,7 +62,7 @@ impl VonMises {
         let mean = check("mean direction", mean, mean.is_finite(), "a finite value")?;
         let valid = (0.0..=1e300).contains(&concentration);
         let k = check("concentration", concentration, valid, "a value from 0 to 1e300")?;
-        // At the mean e^κ / (2π I₀(κ)), where `Bessel::log` is ln(e^−κ I₀(κ)).
+        // The density at the mean is e^κ / (2π I₀(κ)), where `Bessel::log` is ln(e^−κ I₀(κ)).
         let peak = -TAU.ln() - Bessel::new(0.0, k).log;
         Ok(Self { mean, concentration: k, half: half(mean), peak })
     }
@@ -111,7 +111,7 @@ pub(super) fn half(angle: f64) -> [f64; 2] {
 
 /// Returns the same direction as an angle from −π to π.
 pub(super) fn wrapped(angle: f64) -> f64 {
-    // Sine and cosine reduce by 2π to all its digits, a remainder only by the nearest double.
+    // Sine and cosine reduce by the exact 2π, a remainder only by the nearest double.
     if angle.abs() <= PI { angle } else { angle.sin().atan2(angle.cos()) }
 }
 
@@ -150,7 +150,7 @@ impl Univariate for VonMises {
 
     fn maximize(&self, &[weight, sin, rest]: &[f64; 3]) -> Result<Self, EmissionError> {
         let (sin, rest) = (sin / weight, rest / weight);
-        // Mean vector (cos, sin) relative to the present μ.
+        // The mean vector relative to the present μ is (1 − rest, sin).
         let length = sin.hypot(1.0 - rest);
         let variance = 2.0 * rest - rest * rest - sin * sin; // 1 − length²
         let variance = check_spread("concentration", weight, variance, rest)?;
@@ -183,7 +183,7 @@ impl Cumulative for VonMises {
             let below = f64::from(u8::from(y > 0.0));
             return Tails::between([below, 1.0 - below]);
         }
-        // For a mean below 0, the tails of the mirror image: so the mean is from 0 to π.
+        // A mean below 0 takes the tails of its mirror image, so the mean is from 0 to π.
         let mean = wrapped(self.mean);
         let (circle, cut, at) = (Circle(self.concentration), PI - mean.abs(), y - mean);
         let at = if mean < 0.0 { -at } else { at };

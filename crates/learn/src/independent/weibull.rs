@@ -108,7 +108,7 @@ impl Weibull {
     /// below its chord from ρ = 1 to 2, or to ½. Integrated twice, this is a cubic upper bound of
     /// the mean.
     fn step(mean: f64, [value, slope, curvature, at_twice, at_half]: [f64; 5]) -> (f64, f64) {
-        // With ρ = 1 + u: L'(1) = 1 + E v − slope / value decides to which side to go. The cubic is
+        // With ρ = 1 + u: L'(1) = 1 + E v − slope / value decides which side to go to. The cubic is
         // value + slope u + curvature u² / 2 + chord u³ / 6, and `gain` is the bound of L less
         // L(1).
         let rises = 1.0 + mean - slope / value >= 0.0;
@@ -138,8 +138,8 @@ impl Weibull {
             }
             low
         };
-        // The bound rises at first, but may have several extrema: if this is lower than the start,
-        // go back by halves.
+        // The bound rises at first, but may have several extrema: if it is lower here than at the
+        // start, go back by halves.
         while gain(u) < 0.0 && u.abs() > f64::EPSILON {
             u *= 0.5;
         }
@@ -207,8 +207,8 @@ impl Univariate for Weibull {
         let (ratio, shift) = if value > 0.0 && curvature.is_finite() {
             Self::step(mean, powers)
         } else {
-            // Sums beyond the range of doubles: by the moments of logarithms (Menon, 1963). ln y
-            // has the variance π² / 6k² and the mean ln λ − 0.577… / k.
+            // Sums are beyond the range of doubles: the moments of logarithms are used (Menon,
+            // 1963). ln y has the variance π² / 6k² and the mean ln λ − 0.577… / k.
             let ratio = PI / (6.0 * variance).sqrt();
             (ratio, ratio * mean + 0.577_215_664_901_532_9)
         };
@@ -230,7 +230,8 @@ impl Univariate for Weibull {
 
 impl Cumulative for Weibull {
     fn tails(&self, y: f64) -> Tails {
-        // The cumulative hazard e^v: the upper tail is exp(−e^v), and 1 less that by `exp_m1`.
+        // The cumulative hazard is e^v. The upper tail is exp(−e^v), and the lower 1 less that, by
+        // `exp_m1`.
         let hazard = match positive(y) {
             Some(y) => self.log_power(y).exp(),
             None if y > 0.0 => f64::INFINITY,

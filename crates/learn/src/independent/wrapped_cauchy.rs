@@ -165,9 +165,10 @@ impl Univariate for WrappedCauchy {
         let [_, sin, rest, _] = sums.map(|sum| sum / sums[0]);
         let variance = 2.0 * rest - rest * rest - sin * sin; // 1 − length²
         check_spread("concentration", sums[0], variance, 1.0)?;
-        // The bound of Kent and Tyler at a uniform start has its maximum at the vector η with
-        // η / (1 − |η|²) = the mean one, where η = 2 z / (1 + |z|²) for the mean vector z of the
-        // distribution. `eta` and `share` are |η| and |z| over the length of the mean vector.
+        // The bound of Kent and Tyler at a uniform start has its maximum at the vector η where η /
+        // (1 − |η|²) is the mean vector of the data. Here η = 2 z / (1 + |z|²) for the mean vector
+        // z of the distribution. `eta` and `share` are |η| and |z| over the length of the mean
+        // vector.
         let (cos, length) = (1.0 - rest, sin.hypot(1.0 - rest));
         let eta = 2.0 / (1.0 + (2.0 * length).hypot(1.0));
         let share = eta / (1.0 + ((1.0 - eta * length) * (1.0 + eta * length)).sqrt());
@@ -182,7 +183,8 @@ impl Univariate for WrappedCauchy {
         } else {
             above.0.hypot(above.1) / square.sqrt()
         };
-        // Closer to 1 there is hardly a double left: the concentration has no maximum below 1.
+        // Closer to 1 there is hardly a double left, so the concentration counts as without a
+        // maximum below 1.
         check_spread("concentration", sums[0], 1.0 - concentration, 1.0)?;
         let change = above.1.atan2(above.0) - below.1.atan2(below.0);
         Self::new(wrapped(wrapped(self.mean) + change), concentration)

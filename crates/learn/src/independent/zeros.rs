@@ -2,11 +2,11 @@
 //! are extra is hidden, and hurdles, where a zero has a probability of its own and other values are
 //! distributed as F given that they are not 0.
 //!
-//! Both M steps ask how many zeros F expects beside the other observations, and solve for that
+//! Both M steps ask how many zeros F expects next to the other observations, and solve for that
 //! number ([`fit`]) rather than take one EM step after the other. A hurdle's log-likelihood
-//! separates into that of π, which is a Bernoulli one, and that of F given y ≠ 0, for which the data
-//! are completed with the zeros that F would have shown. Under zero inflation there are at most as
-//! many as were seen.
+//! separates into that of π, which is a Bernoulli one, and that of F given y ≠ 0, for which the
+//! data are completed with the zeros that F would have shown. Under zero inflation there are at
+//! most as many as were seen.
 
 use std::error::Error;
 
@@ -138,8 +138,8 @@ impl<F: Univariate, const HURDLE: bool> ExtraZeros<F, HURDLE> {
             let (log_zero, nonzero) = (w.ln(), -log.exp_m1());
             return Ok(Self { probability: w, inner, log_zero, log_nonzero_factor, nonzero });
         }
-        // ln p(0): as 1 less the probability of the others where that is below ½, otherwise the
-        // logarithm of w + (1 − w) f(0), relative to the larger term.
+        // ln p(0) is ln(1 − `others`), with the probability of all other values, where that is
+        // below ½. Otherwise it is the logarithm of w + (1 − w) f(0), relative to the larger term.
         let others = (1.0 - w) * -log.exp_m1();
         let log_zero = if others < 0.5 {
             (-others).ln_1p()
@@ -228,7 +228,8 @@ impl<F: Univariate, const HURDLE: bool> Univariate for ExtraZeros<F, HURDLE> {
         if weight == 0.0 {
             return of_zeros;
         }
-        // That of F is for the statistics of one observation: divide by the weight.
+        // The log density of F takes the statistics of one observation, hence the division by the
+        // weight.
         let mut mean = F::Statistics::default();
         mean.add(weight.recip(), others);
         let of_one = self.log_nonzero_factor + self.inner.expected_log_density(&mean);
@@ -238,8 +239,8 @@ impl<F: Univariate, const HURDLE: bool> Univariate for ExtraZeros<F, HURDLE> {
     fn maximize(&self, sums: &Self::Statistics) -> Result<Self, EmissionError> {
         let (zeros, others) = sums;
         if HURDLE {
-            // Starts from the zeros that the present F expects beside the others. There may be any
-            // number.
+            // Starts from the number of zeros that the present F expects next to the other
+            // observations. There may be any number of them.
             let unseen = others.weight() * (1.0 - self.nonzero) / self.nonzero;
             let (inner, _) = fit(&self.inner, others, unseen, f64::INFINITY)?;
             return Self::new(zeros / sums.weight(), inner);
@@ -358,7 +359,8 @@ fn tails_without_zero<F: Cumulative>(inner: &F, y: f64) -> Tails {
         return tails;
     }
     if 0.0 < y && y <= FEW {
-        // A difference would have no digits where 0 has nearly all the probability.
+        // Summed one by one: a difference would have no digits where 0 has nearly all the
+        // probability.
         let (mut sum, mut count) = (0.0, 1.0);
         while count < y {
             sum += F::point(count).map_or(0.0, |count| inner.log_density(&count).exp());
@@ -397,7 +399,7 @@ fn fit<F: Univariate>(
     if weight < f64::MIN_POSITIVE {
         return Ok((inner.clone(), 0.0));
     }
-    // Without zeros of its own, the distribution explains none.
+    // A distribution without zeros of its own explains none.
     let Some(zero) = zero(inner) else {
         return Ok((inner.maximize(others)?, 0.0));
     };
@@ -405,17 +407,17 @@ fn fit<F: Univariate>(
         let mut sums = others.clone();
         sums.add(zeros, &zero);
         let inner = inner.maximize(&sums)?;
-        // n f / (1 − f) = n / (1/f − 1).
+        // With the weight n of the other observations and f = f(0), n f / (1 − f) = n / (1/f − 1).
         let expected = weight / (-log_zero(&inner)).exp_m1();
         Ok::<_, EmissionError>(Fit { zeros, inner, expected })
     };
-    // Invariant of both loops: the fixed point is between `rising_end` and `falling_end`, and the likelihood
-    // rises from `rising_end` towards it.
+    // Invariant of both loops: the fixed point is between `rising_end` and `falling_end`, and the
+    // likelihood rises from `rising_end` towards it.
     let mut rising_end = at(start.min(most))?;
     let rises = rising_end.expected >= rising_end.zeros;
     let mut falling_end = if rises {
         loop {
-            // Beside so many zeros, the other observations are lost in rounding.
+            // Next to so many zeros, the other observations are lost in rounding.
             if most == f64::INFINITY && rising_end.expected * 64.0 * f64::EPSILON > weight {
                 let (state, component, what) = (None, None, "distribution of values above 0");
                 let reason = "they may stand beside any number of zeros; give a prior";
@@ -455,7 +457,7 @@ fn fit<F: Univariate>(
     Ok((rising_end.inner, rising_end.zeros))
 }
 
-// By hand, since the fields depend on families of `F` and on the family itself.
+// Written by hand, since the fields depend on families of `F` and on the family itself.
 #[cfg(feature = "serde")]
 macro_rules! beside_zeros {
     ($($name:ident)*) => {$(

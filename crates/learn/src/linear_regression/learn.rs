@@ -61,8 +61,8 @@ impl LearnLikelihood for LinearRegression {
                 noise.write(&differences, block, residuals);
                 moments.add_block(block, weight, values);
                 for (c, _) in output.iter().enumerate().filter(|c| c.1.is_nan()) {
-                    // Given nothing else, it is expected on the line: its residual is 0, with the
-                    // current variance.
+                    // Given nothing else, a missing output is expected on the line: its residual is
+                    // 0, with the current variance.
                     let at = Shape::Triangular.entry(p + c, p + c);
                     let variances = noise.variances(block, c);
                     let sums = moments.scatter_mut(block)[at].iter_mut();
@@ -102,8 +102,8 @@ impl LearnLikelihood for LinearRegression {
             }
             let (new, covariance) = self.maximize_state(moments, at, old)?;
             lines.extend(new);
-            // A diagonal covariance maximises the sum over outputs, each by itself: the lines are
-            // the same, since D does not depend on Σ.
+            // With a diagonal covariance, each output is maximised by itself. The lines are the
+            // same as with a full one, since D does not depend on Σ.
             let stored = (0..d * d).filter(|k| full || k / d == k % d);
             covariances.extend(stored.map(|k| covariance[k]));
         }
@@ -202,7 +202,7 @@ impl LinearRegression {
             sum / (nu + weight)
         });
         let covariance: Vec<f64> = covariance.collect();
-        // Outputs on a line exactly leave only rounding, which is taken for no variance at all.
+        // Outputs exactly on a line leave only rounding, which counts as no variance at all.
         for (c, line) in lines.chunks_exact(width).enumerate() {
             let size = |i: usize| moments.mean(at, i).abs() + (x(i, i) / weight).sqrt();
             let before = &old[c * width..][..width];

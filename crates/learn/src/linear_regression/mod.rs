@@ -196,7 +196,8 @@ impl LinearRegression {
     ///
     /// [`EmissionError::Length`] if the prior has another number of components than the output.
     pub fn with_noise_prior(self, mut prior: GaussianPrior) -> Result<Self, EmissionError> {
-        // The noise has mean 0 by definition; a prior of it would be a constant of the objective.
+        // The noise has mean 0 by definition; a prior on the mean would only add a constant to the
+        // objective.
         prior.mean_weight = 0.0;
         Ok(Self { noise: self.noise.with_prior(prior)?, ..self })
     }

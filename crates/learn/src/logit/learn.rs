@@ -182,7 +182,8 @@ impl FreeParameters for LogitTransition {
             }
         }
         let sets = self.connected_groups(true);
-        // The first group of each set stays: group 0, of moves without slopes, if it is in it.
+        // The first group of each set stays. This is group 0, of moves without slopes, if the set
+        // contains it.
         let first = |group: usize| sets.iter().position(|set| *set == sets[group]);
         for group in 1..sets.len() {
             if self.ridge > 0.0 || first(group) != Some(group) {
@@ -295,7 +296,7 @@ pub(super) struct Rows {
 
 /// Root of a set in a forest of disjoint sets.
 fn root(parents: &mut [usize], mut set: usize) -> usize {
-    // Halves the path on the way (Tarjan and van Leeuwen 1984), so that later searches are short.
+    // Halves the path on the way, so that later searches are short (Tarjan and van Leeuwen 1984).
     while parents[set] != set {
         parents[set] = parents[parents[set]];
         set = parents[set];
@@ -356,7 +357,7 @@ impl LogitTransition {
             if m.weight == 0.0 {
                 continue;
             }
-            // Moves are sorted by origin, so that those of one origin and row follow each other.
+            // Moves are sorted by origin, so those of one origin and row follow each other.
             let column = self.column(m.from);
             let (rows, weights) = &mut left[m.from];
             if rows.last() != Some(&row) {
@@ -434,7 +435,7 @@ impl LogitTransition {
         }
         for (from, left) in left.into_iter().enumerate() {
             let groups = self.groups[self.column(from)].iter();
-            // All groups of an origin are in one set, so that any of them names the part.
+            // All groups of an origin are in one set, so any of them names the part.
             let shared = groups.clone().find(|group| **group > 0);
             let known = shared.and_then(|group| part_of[sets[*group as usize]]);
             let at = known.unwrap_or(parts.len());

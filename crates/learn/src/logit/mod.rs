@@ -193,12 +193,13 @@ impl LogitTransition {
             starts[from as usize + 1] += 1;
             row_starts[to as usize + 1] += 1;
         }
-        // `starts` still holds the lengths of columns, one place late; then sums of them.
+        // `starts` still holds the lengths of columns, one place late. The loop turns them into
+        // running sums.
         let widest = starts.iter().copied().max().unwrap_or(0) as usize;
         for starts in [&mut starts, &mut row_starts] {
             (1..=states).for_each(|state| starts[state] += starts[state - 1]);
         }
-        // Moves come by ascending origin, so that those into each state do, too.
+        // Moves come by ascending origin, so those into each state do as well.
         let (mut rows, mut next) = (vec![(0, 0); moves.len()], row_starts.clone());
         for (at, &(from, to, ..)) in (0..).zip(moves) {
             let slot = &mut next[to as usize];
@@ -292,8 +293,8 @@ fn reference(from: usize, mut ways: impl Iterator<Item = usize>) -> Option<usize
     Some(if first == from || ways.any(|to| to == from) { from } else { first })
 }
 
-// Intercepts and slopes of the moves: setting and reading them. Every change ends in `check_and_bound`,
-// which checks all coefficients and computes the bounds on scores anew.
+// Intercepts and slopes of the moves: setting and reading them. Every change ends in
+// `check_and_bound`, which checks all coefficients and computes the bounds on scores anew.
 
 impl LogitTransition {
     /// Name of a move in errors.
@@ -495,7 +496,8 @@ fn logit(
     if states == 0 {
         return Err(wayfix::TransitionError::Empty);
     }
-    // Column by column: each move comes after the one before, and no state without a move is skipped.
+    // Column by column: each move comes after the previous one, and no state is skipped, since none
+    // is without a move.
     let mut last = None;
     for (&from, &to) in from.iter().zip(to) {
         let (to, from) = (to as usize, from as usize);

@@ -123,18 +123,19 @@ pub(super) fn climb(part: &Component<'_>, start: &Point) -> Option<Point> {
     for _ in 0..MOST {
         let step = now.step(part, damping);
         let (range, rounding) = (score_range(part, &step), ROUNDING * now.weight);
-        // Numbers beyond doubles; or even a damped step, which follows any gradient there is, gains
-        // nothing.
+        // Ends if numbers leave the doubles, or if even a damped step, which follows any gradient,
+        // gains nothing.
         if !step.gain.is_finite() || (damping > 0.0 && step.gain <= rounding) {
             break;
         }
         let after = |step: &Step| point.as_ref().unwrap_or(start).after(step);
-        // Coefficients that run to infinity have long steps for hardly any gain. A gain that no
-        // longer falls fourfold, where Newton's method squares it, is rounding.
+        // Coefficients that run to infinity have long steps for hardly any gain. Newton's method
+        // squares a small gain at each step, so a gain that does not even fall fourfold is
+        // rounding.
         let flat = step.gain <= rounding && (range > SAFE || step.gain > gain_before / 4.0);
         if damping == 0.0 && (flat || range <= LAST) {
             // Where a probability is so near to 0 or 1 that the information underflows, there may
-            // be a gradient all the same.
+            // still be a gradient.
             let damped = now.step(part, DAMPING).gain;
             if damped > step.gain && damped > NOTHING * now.weight {
                 // The scores may be farther out than steps can lead back from: coefficients of 0
@@ -267,8 +268,8 @@ struct Row {
 
 /// For each value the sum of all others, without a subtraction.
 fn sums_of_others(values: &[f64], out: &mut Vec<f64>) {
-    // Sums of those before, then of those after: the total less a value would cancel if the value
-    // is nearly the total.
+    // First the sums of all values before, then of all values after. The total less a value would
+    // cancel if the value is nearly the total.
     out.clear();
     let mut before = 0.0;
     for value in values {
@@ -330,7 +331,7 @@ impl Expansion {
         for (seen, intercepts) in part.origins.iter().zip(&point.intercepts) {
             sum.add_origin(part, seen, (intercepts, &point.slopes), &mut row);
         }
-        // The prior, −λ / 2 Σ b².
+        // The log prior, −λ / 2 Σ b², with a ridge λ for each input and the slopes b.
         for (at, &slope) in point.slopes.iter().enumerate() {
             let ridge = part.ridge[at % p];
             sum.value -= 0.5 * ridge * slope * slope;
@@ -492,7 +493,7 @@ impl Factor {
             }
             let squares: f64 = row[..i].iter().map(|value| value * value).sum();
             let pivot = row[i] - squares;
-            // A NaN fails the comparison, and is left out, too.
+            // A NaN fails the comparison, and is also left out.
             row[i] = if pivot > LEAST_PIVOT * diagonal[i] { pivot.sqrt() } else { 0.0 };
         }
         Self { size, lower }

@@ -73,8 +73,8 @@ impl LogitTransition {
     pub(super) fn leaves_doubles(&self, inputs: &[f64]) -> bool {
         // Least logarithm of an entry, above that of the smallest normal double, −708.4.
         let least = -700.0;
-        // score − largest ≥ −2 bound, and the sum has at most `widest` terms of at most 1: nearly
-        // all inputs pass without a look at the moves.
+        // score − largest ≥ −2 bound, and the sum has at most `widest` terms of at most 1. So
+        // nearly all inputs pass without a look at the moves.
         if -2.0 * self.bound(inputs) - (self.widest as f64).ln() >= least {
             return false;
         }
@@ -114,8 +114,8 @@ impl LogitTransition {
     }
 }
 
-// Products, column by column in both directions: the normaliser of a column takes the scores of
-// all its moves, and is so computed once.
+// Products, column by column in both directions: the normaliser of a column takes the scores of all
+// its moves, and is thus computed only once.
 
 impl Transition for LogitTransition {
     /// The inputs, p numbers.
@@ -200,7 +200,7 @@ impl Transition for LogitTransition {
 }
 
 // Single entries, and states in another order. An entry into a state takes the normaliser of its
-// column, so that listing a row costs all the columns that it meets.
+// column, so listing a row costs all the columns that it meets.
 
 /// Base-2 logarithm of an entry, on the grid of scores.
 fn log2_of(log: f64) -> f64 {
@@ -256,7 +256,7 @@ impl TransitionEntries for LogitTransition {
         out.fill(f64::NEG_INFINITY);
         predecessor.fill(0);
         buffers::with(self.widest, |logs: &mut [f64]| {
-            // Predecessors come in ascending order, so that the lowest wins ties.
+            // Predecessors come in ascending order, so the lowest wins ties.
             for (from, x) in x.iter().enumerate().filter(|entry| *entry.1 > f64::NEG_INFINITY) {
                 let column = self.column(from);
                 let logs = &mut logs[..column.len()];
@@ -282,7 +282,7 @@ impl ReorderStates for LogitTransition {
                 let to = new[self.to[at] as usize] as u32;
                 (from as u32, to, self.intercepts[at], self.groups[at])
             }));
-            // Targets have new numbers: columns must ascend again.
+            // Targets have new numbers, so each column has to be sorted again.
             moves[start..].sort_unstable_by_key(|m| m.1);
         }
         let slopes = self.slopes.clone();

@@ -247,7 +247,7 @@ impl Normals {
         let mut x: Vec<f64> = Vec::with_capacity(self.d);
         for i in 0..self.d {
             let z: f64 = rng.sample(StandardNormal);
-            // W (x − μ) = z by forward substitution, so that x has the covariance (W' W)⁻¹ = Σ.
+            // W (x − μ) = z by forward substitution, so x has the covariance (W' W)⁻¹ = Σ.
             let before: f64 = (0..i).map(|j| self.inverse_factor_entry(at, i, j) * x[j]).sum();
             x.push((z - before) / self.inverse_factor_entry(at, i, i));
         }

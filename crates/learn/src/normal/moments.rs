@@ -124,7 +124,7 @@ impl Moments {
                 let share = b / (a + b).max(f64::MIN_POSITIVE);
                 (if b == 0.0 { 0.0 } else { delta }, a * share, share)
             };
-            // From the side with more weight, as in `Add`.
+            // Computed from the side with more weight, as in `Add`.
             let mean = |this: &Self, c: usize| {
                 let (old, (delta, between, share)) =
                     (this.means[block * d + c][l], change(this, c));
@@ -134,7 +134,8 @@ impl Moments {
                 let kept = between / other.weights[weight(c)][l];
                 other.means[block * d + c][l] - delta * kept
             };
-            // The scatter first, since it needs the old means, and these the old weights.
+            // The scatter comes first, since it needs the old means. The means come next, since
+            // they need the old weights.
             let (mut entry, scatter) = (0, block * entries);
             for r in 0..d {
                 let (delta, between, _) = change(self, r);
@@ -214,14 +215,14 @@ impl WithSimd for Add<'_> {
                     s.store(sum, &mut sums[c]);
                     let sum = s.max(sum, s.splat(f64::MIN_POSITIVE));
                     (share, kept) = (s.div(w, sum), s.div(before, sum));
-                    // N w / N', not w (1 − share): that is 0 where the weights before are below
-                    // 1e-16 w.
+                    // N w / N' for the weights N before and N' after. The form w (1 − share) would
+                    // be 0 where N is below 1e-16 w.
                     between_weight = s.mul(before, share);
                 }
                 let old = s.load(mean);
                 let change = s.sub(y, old);
-                // From the side with more weight: the other may be so far away that the rounded
-                // difference from it has no digit of this one.
+                // Computed from the side with more weight: if the other side is far away, the
+                // rounded difference keeps no digit of this one.
                 let (from_old, from_y) =
                     (s.add(old, s.mul(share, change)), s.sub(y, s.mul(kept, change)));
                 s.store(s.select(s.lt(s.splat(0.5), share), from_y, from_old), mean);
@@ -292,7 +293,7 @@ impl Normals {
                 return 0.0;
             }
             let (weight, old) = (weight(at, c), self.means[at * d + c]);
-            // In this form exactly m if κ is 0.
+            // In this form the change is exactly m if κ is 0.
             let (seen, share) = (moments.mean(at, c), kappa / (kappa + weight));
             seen + share * (origin(c) - old - seen)
         };
@@ -359,7 +360,7 @@ impl Normals {
         };
         let new = self.replaced(means, covariances, total)?;
         // If all observations are alike, rounding of the change of the mean still leaves a small
-        // variance, which is taken for the 0 that it stands for.
+        // variance, which counts as 0.
         let rounding = |at: usize, c: usize| {
             let size = self.means[at * d + c].abs() + changes[at * d + c].abs();
             (f64::EPSILON * size).powi(2)
@@ -399,8 +400,8 @@ impl Normals {
                     let pairs = entries.clone().flat_map(|i| entries.clone().map(move |j| (i, j)));
                     pairs
                         .map(|(i, j)| {
-                            // In this order, since the product of the two entries of W may
-                            // overflow.
+                            // Multiplied in this order, since the product of the two entries of W
+                            // may overflow.
                             let scaled =
                                 self.inverse_factor_entry(at, row, i) * prior.scale[i * d + j];
                             scaled * self.inverse_factor_entry(at, row, j)

@@ -96,7 +96,7 @@ impl GaussianPrior {
     pub fn with_covariance(self, weight: f64, scale: &[f64]) -> Result<Self, EmissionError> {
         let (d, what) = (self.mean.len(), "scale of the prior covariance");
         check_weight("weight of the prior covariance", weight)?;
-        // For d = 1 both forms are the same value.
+        // A diagonal or a full matrix: for d = 1 both forms are the same value.
         let full: Vec<f64> = if scale.len() == d {
             let entry = |at: usize| if at / d == at % d { scale[at / d] } else { 0.0 };
             (0..d * d).map(entry).collect()

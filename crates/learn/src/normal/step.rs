@@ -194,7 +194,8 @@ impl Normals {
         let d = self.d;
         self.eliminate(y, differences, block, memory)?;
         let (deltas, rest) = memory[2 * self.blocks()..].split_at_mut(d);
-        // Elimination started from 0, and left the mean less the conditional expectation.
+        // For a missing component, elimination started from 0 and left the mean less the
+        // conditional expectation.
         for (delta, _) in deltas.iter_mut().zip(y).filter(|pair| pair.1.is_nan()) {
             delta.iter_mut().for_each(|delta| *delta = -*delta);
         }
@@ -250,7 +251,7 @@ impl<D: Differences> WithSimd for Write<'_, D> {
 /// −1e300, and where the distance overflowed to ∞ or NaN.
 #[inline(always)]
 pub(crate) fn log_density_or_zero(log: f64) -> f64 {
-    // The comparison is false for NaN, as of ∞ − ∞ in a distance.
+    // The comparison is false for NaN, such as that of ∞ − ∞ in a distance.
     if log >= -1e300 { log } else { f64::NEG_INFINITY }
 }
 
@@ -272,8 +273,8 @@ pub(crate) fn in_blocks(weights: &[f64], out: &mut [Eight]) {
 
 // Loops over eight densities side by side: differences, distances and elimination.
 //
-// A block holds eight densities, an [`Eight`] one value of each. No lane depends on another, so
-// that a result does not depend on how many densities there are; lanes beyond the last density are
+// A block holds eight densities, an [`Eight`] one value of each. No lane depends on another, so a
+// result does not depend on how many densities there are. Lanes beyond the last density are
 // computed and ignored.
 
 /// ‖W δ‖² for a lower triangular W, the squared Mahalanobis distance.
@@ -401,7 +402,7 @@ impl WithSimd for Eliminate<'_> {
                 let entry = s.load(&covariance[packed(i, k)]);
                 s.store(s.sub(s.load(&deltas[i]), s.mul(entry, scaled)), &mut deltas[i]);
                 let factor = s.div(entry, pivot);
-                // Column k itself is not overwritten, so that all rows read it unchanged.
+                // Column k itself is not overwritten, so all rows read it unchanged.
                 for j in (0..=i).filter(left) {
                     let product = s.mul(factor, s.load(&covariance[packed(j, k)]));
                     let out = &mut covariance[packed(i, j)];

@@ -46,8 +46,8 @@ impl Odds {
     pub(crate) fn beta(a: f64, b: f64) -> Self {
         let mirrored = a > b;
         let (a, mut b) = if mirrored { (b, a) } else { (a, b) };
-        // Beta(a, b) tends to a gamma distribution as b / a grows. From here onwards the two
-        // agree wherever a double holds the density.
+        // Beta(a, b) tends to a gamma distribution as b / a grows. Beyond this limit the two agree
+        // wherever a double holds the density.
         if a / (a + b) < 1e-290 {
             b = f64::INFINITY;
         }
@@ -80,7 +80,7 @@ fn exp_excess(u: f64) -> f64 {
     if u.abs() > 0.5 {
         return u.exp_m1() - u;
     }
-    // Σ u^k / k! from k = 2 onwards: both terms of the difference would cancel.
+    // Σ u^k / k! from k = 2 onwards: the two terms of the difference would cancel.
     let (mut sum, mut term, mut k) = (0.0, 0.5 * u * u, 3.0);
     while term.abs() > 1e-18 * f64::abs(sum) {
         sum += term;
@@ -103,7 +103,8 @@ impl LogConcave for Odds {
             // exactly: (a + b) (v − ln(1 + v)) − a (e^u − 1 − u).
             return (a + b) * log_excess(mean * u.exp_m1()) - a * exp_excess(u);
         }
-        // Beyond s e^u = e^40 the other term, 1 − s, is below the last digit, and e^u may overflow.
+        // Beyond s e^u = e^40 the other term of 1 + s (e^u − 1), 1 − s, is below the last digit,
+        // and e^u may overflow.
         let ln_odds = u + ln_mean;
         let denominator = if ln_odds > 40.0 { ln_odds } else { (mean * u.exp_m1()).ln_1p() };
         a * u - (a + b) * denominator
@@ -142,8 +143,8 @@ impl LogConcave for Circle {
     const ENDS: [f64; 2] = [-PI, PI];
 
     fn log(&self, u: f64) -> f64 {
-        // κ (cos u − 1) = −2 κ sin²(u / 2). The root of κ is inside the square, which could
-        // underflow by itself where κ is large.
+        // κ (cos u − 1) = −2 κ sin²(u / 2). √κ is multiplied in before squaring: sin² alone could
+        // underflow where κ is large.
         let root = self.0.sqrt() * (0.5 * u).sin();
         -2.0 * root * root
     }
@@ -192,7 +193,7 @@ static NODES: LazyLock<[[f64; 2]; POINTS]> = LazyLock::new(|| {
 fn integrate_outwards(f: &impl LogConcave, from: f64, end: f64) -> f64 {
     let direction = if end < from { -1.0 } else { 1.0 };
     let (mut at, mut sum) = (from, 0.0);
-    // A bound that is never reached, even where panels grow from 1e-320 to 1e320.
+    // This limit on the panels is never reached, even where they grow from 1e-320 to 1e320.
     for _ in 0..4000 {
         // At the mode the slope is 0; there the curvature sets the scale.
         let steep = f.slope(at).abs().max(f.max_curvature(at, at).sqrt() * 2.0);
@@ -235,7 +236,7 @@ pub(crate) fn mass(f: &impl LogConcave, from: f64, to: f64) -> f64 {
     } else if from >= 0.0 {
         integrate_outwards(f, from, to)
     } else {
-        // Both halves start at the mode, so that each falls monotonically.
+        // Both halves start at the mode (0), so the integrand decreases monotonically along each.
         integrate_outwards(f, 0.0, from) + integrate_outwards(f, 0.0, to)
     }
 }

@@ -22,7 +22,7 @@ pub(super) fn log_excess(u: f64) -> f64 {
         return if u == f64::INFINITY { u } else { u - u.ln_1p() };
     }
     // With v = u / (2 + u), ln(1 + u) = 2 v + 2 v³ Σ v^2k / (2k + 3), and u − 2 v = u v. In this
-    // range |v| ≤ 1/4, so that v² ≤ 1/16.
+    // range |v| ≤ 1/4, so v² ≤ 1/16.
     let v = u / (2.0 + u);
     let square = v * v;
     u * v - 2.0 * v * square * artanh_rest(square)
@@ -45,7 +45,8 @@ fn artanh_rest(x: f64) -> f64 {
 
 /// (u − ln(1 + u)) / u², which falls from ∞ at −1 through ½ at 0 to 0.
 pub(super) fn excess_ratio(u: f64) -> f64 {
-    // ½ − u/3 + u²/4 − …: here the third term is below the last digit, and u² might underflow.
+    // ½ − u/3 + u²/4 − …: for so small a u the third term is below the last digit, and u² might
+    // underflow.
     if u.abs() < 1e-8 { 0.5 - u / 3.0 } else { log_excess(u) / u / u }
 }
 
@@ -87,7 +88,7 @@ static FACTORIALS: LazyLock<[(f64, f64); TABULATED]> =
 pub(super) fn ln_factorial(n: f64) -> (f64, f64) {
     if n < TABULATED as f64 {
         // The low bits of the double 2^52 + n are n itself. A cast would saturate, which costs a
-        // comparison, and the remainder proves the index in bounds.
+        // comparison. The remainder proves the index in bounds.
         FACTORIALS[(n + TWO_POW_52).to_bits() as usize % TABULATED]
     } else {
         computed_ln_factorial(n)
@@ -174,9 +175,9 @@ impl Bessel {
 
 /// Hankel's expansion for large arguments (Abramowitz and Stegun 1964, 9.7.1).
 fn hankel(order: f64, x: f64) -> Bessel {
-    // I_ν(x) = e^x / √(2πx) · S_ν, and the k-th term of S_ν is the one before it times
-    // ((2k − 1)² − 4ν²) / 8kx. The first terms of S_ν and S_{ν+1} are both 1: the sum of the
-    // differences of the others gives 1 − S_{ν+1} / S_ν with all its digits.
+    // I_ν(x) = e^x / √(2πx) · S_ν, and the k-th term of S_ν is the previous one times ((2k − 1)² −
+    // 4ν²) / 8kx. The first terms of S_ν and S_{ν+1} are both 1: the sum of the differences of the
+    // others gives 1 − S_{ν+1} / S_ν with all its digits.
     let (mut sum, mut difference) = (1.0, 0.0);
     let (mut term, mut next) = (1.0, 1.0);
     for k in 1..60 {
@@ -210,8 +211,8 @@ fn downward_recurrence(order: f64, x: f64) -> Bessel {
         k -= 1.0;
     }
     let found = x * ratio;
-    // Further down, the product of the r_k is x^−ν I_ν over the same of order 0 or ½. Its logarithm
-    // is taken before the product underflows.
+    // Further down, the product of the r_k is x^−ν I_ν(x) divided by the same expression for order
+    // 0 or ½. Its logarithm is taken before the product underflows.
     let (mut log, mut product) = (0.0, 1.0);
     while k >= 1.0 {
         ratio = (2.0 * k + x * x * ratio).recip();
@@ -231,7 +232,7 @@ fn downward_recurrence(order: f64, x: f64) -> Bessel {
     } else {
         power_series(x).ln() - x
     };
-    // As x < 2ν² or x < 40, 1 less the ratio is not below about 1 / 2ν, and loses few digits.
+    // As x < 2ν² or x < 40, 1 less the ratio is at least about 1 / 2ν, and loses few digits.
     Bessel { log, ratio: found, complement: 1.0 - found }
 }
 
@@ -265,7 +266,7 @@ pub(super) fn root(start: f64, f: impl Fn(f64) -> (f64, f64)) -> f64 {
         // A flat f gives steps beyond the range of doubles, which are cut.
         let mut next = x * step.clamp(-20.0, 20.0).exp();
         if !(next > low && next < high) {
-            // Bisection in ln x. From an open side a factor of 16, down or up.
+            // Bisection in ln x, or a factor of 16, down or up, towards a side without a bound.
             next = if low == 0.0 {
                 high / 16.0
             } else {

@@ -94,7 +94,7 @@ impl<'m> Forward<'m> {
                 self.take_out(was_scaled);
                 return Some(());
             }
-            // They were scaled already: their range is too wide.
+            // The likelihoods were scaled already, so their range is too wide for a chain.
             if was_scaled {
                 break;
             }
@@ -197,8 +197,7 @@ impl FewStatesModel {
         let (mut packed, mut beliefs, mut normalizers) = (Vec::new(), Vec::new(), Vec::new());
         let mut likelihoods = Vec::new();
         // Two passes over eight segments. First the matrix product of each segment carries x to the
-        // next start; then all eight run at once from their starts, none waiting for the one
-        // before.
+        // next start; then all eight run at once from their starts, without waiting for each other.
         while segments && let Some(steps) = choice::next_segments(&mut remaining) {
             likelihoods.resize(N * steps.len(), 0.0);
             let (_, starts) =
@@ -263,7 +262,8 @@ impl FewStatesModel {
         segments: bool,
     ) -> Option<f64> {
         let (n, segment_model) = (self.states, self.segment_model::<N>());
-        // `before` is x before the first transition: of X_0, or of X_1 if no move leads to it.
+        // `before` is x before the first transition: that of X_0, or that of X_1 if no move leads
+        // to X_1.
         let (mut forward, first) = Forward::start(self, source)?;
         let before = forward.x.values;
         let mut remaining = first..steps + 1;
@@ -285,9 +285,8 @@ impl FewStatesModel {
         }
         let log_likelihood = forward.log_likelihood();
 
-        // Nothing is observed after T, so that r is one in all states, and the last posterior is
-        // the filtered one. The chain comes last in the sequence, so it is the first on the way
-        // back.
+        // Nothing is observed after T, so r is one in all states, and the last posterior is the
+        // filtered one. The chain comes last in the sequence, so it is the first on the way back.
         let mut r = ChainState::new(1.0);
         chain_backward(&self.rows, &mut r, n, &likelihoods, &mut rows[chained]).then_some(())?;
         let mut smoothed = Vec::new();
@@ -299,8 +298,8 @@ impl FewStatesModel {
             smooth_segments(&segment_model, &starts, &ends, &packed, &mut smoothed)?;
             unpack_segments(smoothed.as_flattened(), place);
         }
-        // The rows before the first transition: that of X_0, and that of X_1 too if no move leads
-        // to it, since then both are the same state.
+        // The rows before the first transition: that of X_0, and also that of X_1 if no move leads
+        // to X_1, since both are then the same state.
         let mut posterior = before;
         posterior.iter_mut().zip(r.values).for_each(|(x, r)| *x *= r);
         let sum: f64 = posterior.iter().sum();

@@ -71,12 +71,13 @@ where
         for (step, row) in steps.zip(out.chunks_exact_mut(states)) {
             let observation = self.sequence.observation(step);
             let diagonal = self.hmm.likelihood().diagonal(observation, &mut self.scratch).ok()?;
-            // A factor would have to be taken out. The caller then scales each step.
+            // A factor would have to be taken out of each step. The caller then scales the steps
+            // one by one.
             if diagonal.log_factor != 0.0 {
                 return None;
             }
             let linear = match diagonal.values {
-                // The sensor has checked them and knows the largest; another look at each value
+                // The sensor has checked the values and knows the largest. Another look at each
                 // would take longer than the copy.
                 Values::Checked { linear, largest, .. } => {
                     most = if largest > most { largest } else { most };
@@ -94,7 +95,7 @@ where
                 (linear.len() == states).then(|| row.copy_from_slice(linear))?;
             }
         }
-        // One kernel call for all steps instead of one for each.
+        // One kernel call for all steps instead of one for each step.
         if !checked {
             most = most.max(kernels::largest(out, Valid::Likelihoods).ok()?);
         }
@@ -130,7 +131,7 @@ where
             let (Values::Log(logs), 0.0) = (&diagonal.values, diagonal.log_factor) else {
                 return None;
             };
-            // Makes both lengths equal, and known to the compiler for N states.
+            // Makes both lengths equal, and constant where the number of states is a constant.
             let logs = logs.get(..states).filter(|_| logs.len() == states)?;
             let largest = largest_log(logs)?;
             row.iter_mut().zip(logs).for_each(|(out, log)| *out = log - largest);
@@ -153,7 +154,8 @@ where
         out: &mut [f64],
         logs: &mut [f64],
     ) -> Option<bool> {
-        // Copies of known length for the numbers of states for which they were measured to pay.
+        // Copies of constant length, for the numbers of states where they were measured to be
+        // faster.
         let plain = match self.hmm.states() {
             _ if scaled => None,
             2 => self.copy::<2>(steps.clone(), out),
@@ -170,7 +172,7 @@ where
             kernels::exp_in_place(out);
             return (!lost).then_some(true);
         }
-        // Any other form, step by step.
+        // Any other form is converted step by step.
         let rows = out.chunks_exact_mut(self.hmm.states());
         for ((step, row), log) in steps.zip(rows).zip(logs) {
             let observation = self.sequence.observation(step);
@@ -201,8 +203,8 @@ where
                 Values::Checked { log2: Some(log2), largest, .. }
                     if diagonal.log_factor == 0.0 && is_near(largest) =>
                 {
-                    // On the grid already, and with the largest so near 0 that nothing has to be
-                    // taken out.
+                    // The scores are on the grid already, and the largest is so near 0 that nothing
+                    // has to be taken out.
                     copy(log2, row)?;
                     ScoresIn::Log2
                 }
@@ -305,8 +307,8 @@ fn scale(diagonal: &Diagonal<'_>, out: &mut [f64]) -> Option<f64> {
             log += by as f64 * LN_2;
             for (out, b) in out.iter_mut().zip(linear) {
                 *out = b * power(-by);
-                // A smaller one could let a product in the chain fall below 2^-700 (`limits`, "Few
-                // states").
+                // A smaller likelihood could let a product in the chain fall below 2^-700
+                // (`limits`, "Few states").
                 lost |= *b > 0.0 && *out < LEAST_FACTOR;
             }
         }

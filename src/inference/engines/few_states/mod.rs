@@ -48,7 +48,8 @@ impl FewStatesModel {
         let (control, states) = (control_of(hmm)?, hmm.states());
         let mut columns = [Packed::default(); LANES];
         let mut rows = columns;
-        // By products, so that operators that cannot list their entries work too.
+        // Columns come from products with unit vectors, so operators that cannot list their entries
+        // also work.
         let (mut unit, mut column) = (vec![0.0; states], vec![0.0; states]);
         for from in 0..states {
             // Lifted, so that an entry that is a product of small factors is not lost.
@@ -138,8 +139,8 @@ impl<const N: usize> SegmentProducts<N> {
         let mut starts = [[0.0; LANES]; N];
         for segment in 0..LANES {
             (0..N).for_each(|i| starts[i][segment] = x.values[i]);
-            // A column that has no weight in x, or that is 0, may have any exponent, and must not
-            // count for the largest.
+            // A column that has no weight in x, or that is 0, may have any exponent, so it must not
+            // count for the largest exponent.
             let used =
                 |j: usize| x.values[j] > 0.0 && self.0[j].values.iter().any(|x| x[segment] > 0.0);
             let (by, powers) = self.powers(segment, std::array::from_fn(used))?;
@@ -183,8 +184,8 @@ impl<const N: usize> SegmentProducts<N> {
         }
         let mut powers = used.map(f64::from);
         for j in 0..N {
-            // Columns are added with the largest exponent. One that is more than 2^400 below could
-            // lose digits that a later likelihood may bring up again.
+            // Columns are added at the largest exponent. A column more than 2^400 below it could
+            // lose digits that later likelihoods make significant again.
             let below = largest - exponents[j];
             if below != 0.0 && used[j] {
                 if below > LARGEST_EXPONENT_GAP {

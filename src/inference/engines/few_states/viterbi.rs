@@ -31,13 +31,13 @@ where
     let mut columns = [Packed([f64::NEG_INFINITY; LANES]); LANES];
     let (mut one, mut from) = (vec![f64::NEG_INFINITY; n], vec![0; n]);
     for (j, column) in columns.iter_mut().enumerate().take(n) {
-        // The max-product of a score of 0 in one state and −∞ elsewhere is a column, in exactly the
-        // logarithms that the operator adds.
+        // The max-product of a score of 0 in one state and −∞ elsewhere is a column of the
+        // operator, in exactly the logarithms that it adds.
         one[j] = 0.0;
         hmm.transition().max_product(control, &one, &mut column[..n], &mut from);
         one[j] = f64::NEG_INFINITY;
     }
-    // Step 1 as in the general routine; it sums over X_0.
+    // Step 1 is that of the general routine, which sums over X_0.
     let (mut first, mut taken_out) = (vec![0.0; n], TakenOut::default());
     let step = Step::of(hmm, sequence, 1);
     let mut scratch = SensorScratch::new(n);
@@ -70,7 +70,8 @@ type ForwardPass<const N: usize> = Vec<Backpointers<N>>;
 
 impl Decoder {
     fn path(&mut self, source: &mut dyn LikelihoodRows) -> Option<Vec<usize>> {
-        // A failed attempt must leave nothing behind in the scores, or in what was taken out.
+        // Restored after a failed attempt, which must leave no trace in the scores or in what was
+        // taken out.
         let start = (self.scores, self.taken_out.clone());
         if choice::for_sequence(self.states, self.steps) == Engine::Segments {
             let path = match self.states {
@@ -128,8 +129,8 @@ impl Decoder {
             let largest = used.map(|j| exponents[j]).fold(f64::NEG_INFINITY, f64::max);
             let mut out = [f64::NEG_INFINITY; LANES];
             for (j, column) in products.iter().enumerate() {
-                // Exponents of max-plus products are whole numbers that are added, so that these
-                // sums are exact.
+                // Exponents of max-plus products are whole numbers that are added, so these sums
+                // are exact.
                 let before = x[j] + (exponents[j] - largest);
                 for (out, values) in out.iter_mut().zip(&column.values) {
                     let score = before + values[segment];

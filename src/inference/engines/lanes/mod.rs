@@ -136,7 +136,7 @@ impl LaneScratch {
                 room.resize(count, Packed::default());
             }
         };
-        // `unpack_rows` reads whole blocks of eight, beyond the last row too.
+        // `unpack_rows` reads whole blocks of eight, even beyond the last row.
         grow(&mut self.beliefs, (states * (stored + 1)).next_multiple_of(LANES));
         grow(&mut self.likelihoods, states * stored.max(1));
         grow(&mut self.inverse, steps);
@@ -299,25 +299,25 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
         let mut factors = [0.0; LANES];
         for l in 0..LANES {
             if step == steps[l] {
-                // γ_T = α_T, so that γ / α is one in all states.
+                // γ_T = α_T, so γ / α is one in all states.
                 q.iter_mut().for_each(|q| q[l] = BACK_LIFT);
                 sums[l] = 1.0;
             }
             if step <= steps[l] && valid[l] {
-                // Divided by the sum of the last γ, whose rounding would otherwise accumulate.
+                // Divided by the sum of γ at this step, whose rounding would otherwise accumulate.
                 factors[l] = inverse[step - 1][l] / sums[l];
             }
         }
         let before = &mut beliefs[(step - 1) * n..][..n];
         let likelihoods = &likelihoods[(step - 1) * n..][..n];
-        // γ / p = q ∘ b / N, then q = A' (γ / p) and γ = α ∘ q ("Two products or three" in section
-        // 3 of the formulas).
+        // γ_k / p_k = q_k ∘ b_k / N_k, then q_{k−1} = A' (γ_k / p_k) and γ_{k−1} = α_{k−1} ∘
+        // q_{k−1} (section 3 of `guide::formulas`, "Two products or three").
         kernels::batch_ratio(q, likelihoods, factors, ratio);
         count(before, ratio);
         *sums = kernels::batch_backward(self.columns, factors, ratio, before, q);
         for (l, valid) in valid.iter_mut().enumerate() {
-            // A step back conserves Σ γ, so that any overflow or loss shows in it (`limits`, "The
-            // way back").
+            // A step back conserves Σ γ, so any overflow or loss shows up there (`limits`, "The way
+            // back").
             if *valid && step <= steps[l] && !limits::is_one(sums[l]) {
                 *valid = false;
                 q.iter_mut().for_each(|q| q[l] = 0.0);
@@ -335,8 +335,7 @@ pub(crate) struct LaneScales {
 impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
     /// Packs the likelihoods of a step, with 1 in lanes that have ended. Lanes whose likelihoods
     /// are invalid, or too small compared with the largest, become invalid.
-    // Not inlined: as part of the loop over the steps, its loops over the lanes made an iteration a
-    // tenth slower.
+    // Not inlined: inlining this made each iteration of the loop over the steps a tenth slower.
     #[inline(never)]
     pub(crate) fn likelihoods<S>(
         &self,
@@ -356,7 +355,7 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
             if valid[l] && step <= group.steps[l] {
                 match self.row(sequence.observation(step), lane) {
                     Some(row) => (rows[l], in_logs[l], scales.logs[l]) = row,
-                    // The routine for one sequence finds the error again, with its step.
+                    // The routine for one sequence finds the error again and reports its step.
                     None => valid[l] = false,
                 }
             }
@@ -370,8 +369,8 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
         for (l, valid) in valid.iter_mut().enumerate() {
             let mut tiny = range.tiny[l];
             scales.largest[l] = range.largest[l];
-            // Negative likelihoods fail here. A NaN shows later, in the sum of the step, even in an
-            // impossible state, since 0 times NaN is NaN.
+            // Negative likelihoods fail here. A NaN shows up later, in the sum of the step, even in
+            // an impossible state, since 0 times NaN is NaN.
             *valid &= range.least[l] >= 0.0;
             if *valid && !UNSCALED.contains(&range.largest[l]) {
                 *valid = scale(out, l, &mut scales, &mut tiny).is_some();

@@ -169,7 +169,8 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
         let mut steps = 0;
         while steps < longest {
             let next = (steps + LOOK).min(longest);
-            // In the middle of each quarter, and so after step 1, to which no transition may lead.
+            // Trials start in the middle of each quarter, and so after step 1, which may have no
+            // transition.
             let range = |l: usize| l / 2 * space + space / 2;
             let ranges = std::array::from_fn(|l| (range(l) + steps, range(l) + next));
             let valid = with_group(sequence, ranges, |group| {
@@ -226,8 +227,8 @@ impl SegmentGroup {
     /// Returns true if γ / α, from the backward pass, agree at the same joint.
     pub(crate) fn joins_backward(&self, lane: usize, next: &Self, first: usize) -> bool {
         let pairs = self.ends[1].iter().zip(&next.starts[1]).zip(&self.ends[0]);
-        // Only possible states count: the others have no γ, and in a product they neither lead to
-        // possible states nor are led to by them.
+        // Only possible states count. An impossible one has no γ, and in a step back it adds
+        // nothing to a possible state: either none leads to it, or its likelihood is 0.
         let possible = pairs.filter(|(_, belief)| belief[lane] > 0.0);
         agree(possible.map(|((end, start), _)| (end[lane], start[first])), AGREEMENT)
     }
@@ -238,7 +239,7 @@ impl SegmentGroup {
 pub(crate) fn agree(pairs: impl Iterator<Item = (f64, f64)>, limit: f64) -> bool {
     let (mut least, mut largest) = (f64::INFINITY, 0.0);
     for (x, y) in pairs.filter(|pair| *pair != (0.0, 0.0)) {
-        // 0 or infinite if only one of the two is 0: then the distance is infinite.
+        // The ratio is 0 or infinite if only one of the two is 0: then the distance is infinite.
         let ratio = x / y;
         if !(ratio > 0.0 && ratio.is_finite()) {
             return false;
@@ -290,7 +291,7 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
         if valid != [true; LANES] {
             return Err(Invalid::Range);
         }
-        // Copied, since the backward pass replaces them by γ.
+        // Copied, since the backward pass replaces the beliefs by γ.
         let at = |steps: [usize; LANES]| -> Vec<Packed> {
             let belief = |i: usize| std::array::from_fn(|l| scratch.beliefs[steps[l] * n + i][l]);
             (0..n).map(|i| Packed(belief(i))).collect()
@@ -330,7 +331,7 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
         (0..LANES).for_each(|l| scratch.start(l, &uniform));
         with_group(sequence, ranges, |group| {
             let valid = self.forward_on(group, scratch, false, true, |_, _| ()).valid;
-            // A lane without steps, that of the first segment, is reported as not valid.
+            // The lane of the first segment has no steps, and is reported as not valid.
             let held = (0..LANES).all(|l| valid[l] || group.steps[l] == 0);
             held.then_some(()).ok_or(Invalid::Range)
         })
@@ -364,7 +365,7 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
                     kernels::count_moves(self.columns, before, ratio, counts);
                     return;
                 }
-                // Lengths differ by one, so that some lanes are still in their warm-up here.
+                // Lengths differ by one, so some lanes are still in their warm-up here.
                 for (masked, ratio) in masked.iter_mut().zip(ratio) {
                     (0..LANES).for_each(|l| masked[l] = if counted[l] { ratio[l] } else { 0.0 });
                 }

@@ -28,7 +28,7 @@ where
 
     let (n, head) = (model.states(), segments.first + 1);
     let mut rows = in_large_pages(vec![0.0; n * (sequence.steps() + 1)]);
-    // A place in the rows for each group; that of the first group includes the steps before it.
+    // Each group has a place in the rows. That of the first group includes the steps before it.
     let mut free = &mut rows[..];
     let mut start = 0;
     let places = (0..segments.groups).map(|group| {

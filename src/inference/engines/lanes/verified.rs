@@ -132,8 +132,8 @@ fn short<P, R>(done: &[Done<P, R>]) -> Option<Vec<bool>> {
             Ok(_) => short.push(false),
         }
     }
-    // Joints between groups. Forward, the warm-up before the later group was too short; backward,
-    // that after the earlier one.
+    // Joints between groups. If the forward passes disagree, the warm-up before the later group was
+    // too short; if the backward passes do, the warm-up after the earlier group was.
     for (at, pair) in done.windows(2).enumerate() {
         if let (Ok((before, _)), Ok((after, _))) = (&pair[0].result, &pair[1].result) {
             short[at + 1] |= !before.joins_forward(LANES - 1, after, 0);

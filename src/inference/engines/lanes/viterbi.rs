@@ -25,7 +25,8 @@ impl<A: TransitionEntries, B: Likelihood> LaneModel<'_, A, B> {
         let mut first = vec![0.0; n];
         let control = constant_control::<A>().filter(|_| self.hmm.prior().moves_at(1));
         let step = Step { hmm: self.hmm, number: 1, control };
-        // They depend on no observation, so that they, or an error, are the same for all lanes.
+        // The first scores depend on no observation, so they are the same for all lanes, as is an
+        // error.
         if step.first_scores(&mut first, &mut TakenOut::default()).is_err() {
             return [const { None }; LANES];
         }
