@@ -79,7 +79,7 @@ fn unordered(expression: &Expr, node: &LogicalPlan, inputs: &DFSchema) -> Result
             let arguments = arguments.collect::<Vec<_>>().join(", ");
             return Ok(is_unordered.then(|| format!("{}({arguments})", function.fun.name())));
         }
-        // Sorted afterwards: in an order of its own, which the user chose.
+        // The list is sorted afterwards, in an order that the user chose.
         Expr::ScalarFunction(function) if matches!(function.name(), "array_sort" | "list_sort") => {
             return Ok(None);
         }

@@ -279,8 +279,8 @@ impl Step<'_> {
                 }
             }
             if let Some(off) = &self.off {
-                // `all` is free again, and now holds the mean over the speeds at which a vehicle
-                // comes back to the map, by their shares.
+                // `all` is free again, for returns from off the map: these take each speed by its
+                // share.
                 add_layers(on, n, |g| self.route.speeds.shares()[g], all);
                 let out = &mut out[k * n..];
                 set_linear_combination(out, &[(off.stay, left)]);
