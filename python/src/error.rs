@@ -71,7 +71,8 @@ pub(crate) fn of_several(py: Python<'_>, sequence: usize, error: &PyErr) -> PyEr
     if !error.is_instance_of::<Error>(py) {
         return error.clone_ref(py);
     }
-    // The base class loses nothing: only inference raises `ImpossibleError`, and this is reading.
+    // The base class loses nothing: only inference raises `ImpossibleError`, and this error comes
+    // from reading.
     let step = value.getattr("step").and_then(|step| step.extract()).unwrap_or(None);
     placed(py, invalid(format!("sequence {sequence}: {value}")), sequence, step)
 }
