@@ -57,8 +57,8 @@ impl Starts {
             // All wanted rows up to this start collapse into it.
             let passed = |wanted: Option<&u64>| wanted.is_some_and(|&wanted| wanted <= row);
             if passed(self.borders.front()) {
-                // A border is strictly inside the drive that ends here: the drive spans two files,
-                // so cut at both of its ends.
+                // If a border is strictly inside the drive that ends here, the drive spans two
+                // files, so cut at both of its ends.
                 let crossed = self.borders.iter().any(|&border| drive < border && border < row);
                 self.borders.retain(|&border| border > row);
                 // The drive began in this batch, or in an earlier one.

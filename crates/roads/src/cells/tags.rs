@@ -144,9 +144,8 @@ impl TagLikelihood {
         let by_mistake = misread / tags as f64;
         // Neither read nor misread. Rounding may take this below 0 if the rates sum to one.
         let nothing = |part: f32| (1.0 - read * f64::from(part) - misread).max(0.0);
-        // Reading nothing has the likelihood of the cells with the smallest part in range
-        // "elsewhere"; the part is 0 if any cell is out of range. Cells with a larger part are
-        // listed.
+        // "Elsewhere" is where the part in range is smallest, or 0 if any cell is out of range.
+        // Cells with a larger part are listed, with a smaller likelihood of reading nothing.
         let part = |in_range: &InRange| in_range.map_or(0.0, |(_, part)| part);
         let least = in_range.iter().map(part).fold(1.0, f32::min);
         let (mut read_at, mut missed_at) = (vec![Vec::new(); tags], Vec::new());

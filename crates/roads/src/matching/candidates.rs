@@ -208,10 +208,9 @@ impl<P: Coordinates> CandidateSearch<'_, P> {
         } else {
             [-tangent[1], tangent[0]]
         };
-        // Largest possible share of a position's distribution along that is on the edge: that of a
-        // position centred on it. A logistic distribution has 2 F(x) − 1 = tanh(x/2) within ±x,
-        // here with x = SLOPE · metres / 2σ. Fewer outliers belong to a short edge, just as fewer
-        // inliers do.
+        // Largest probability that a place along is on the edge, namely if its distribution is
+        // centred there. A logistic distribution has 2 F(x) − 1 = tanh(x/2) within ±x, here with x
+        // = SLOPE · metres / 2σ. Fewer outliers belong to a short edge, just as fewer inliers do.
         let most = (0.25 * SLOPE * metres / sigma).tanh();
         let spread = OUTLIER_SPREAD * sigma;
         // No position is impossible, however far: (1 + r²/s²)^(-3/2), with r = `metres_off` and s =

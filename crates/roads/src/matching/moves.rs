@@ -259,8 +259,8 @@ impl Interval {
                 (self.even_width() * density, share_below(metres / deviation), [short, long])
             }
         };
-        // All densities are relative to an even one, which is therefore 1. A vehicle does not move
-        // backwards, so each counts only ahead.
+        // Densities are relative to an even one, which is therefore 1, but only ahead: a vehicle
+        // does not move backwards.
         let moves = (1.0 - ANY_SPEED) * moves + ANY_SPEED * is_ahead;
         // Half a Cauchy density, 2 / (π R (1 + d²/R²)) for distances d > 0, with R = `reach`.
         let reach = QUEUE_SPEED * self.seconds + deviation;

@@ -234,8 +234,8 @@ impl<P: Coordinates> RouteRules<'_, P> {
         let (edge, first) = (from.edge as usize, *between.first().unwrap_or(next));
         let length = self.length(edge);
         let at_end = from.along >= length - LEAST;
-        // The edge of the last stretch, if there is one. It matters if `to` is at the very start of
-        // its edge.
+        // The edge of the last stretch, if there is one; needed if `to` is at the very start of its
+        // edge.
         let mut last = Some(from.edge);
         match end {
             RouteEnd::Driven => added.extend = Some(length),

@@ -132,8 +132,8 @@ impl EdgeIndex {
             let total: f64 = points.windows(2).map(length).sum();
             let (mut before, last) = (0.0, points.len().saturating_sub(2));
             for (number, pair) in points.windows(2).enumerate() {
-                // The share comes first: a line may be tiny while its road has any length, and
-                // dividing the one by the other would overflow.
+                // The share is computed first: a line may be tiny while its road has any length,
+                // and dividing the length of the road by that of the line could overflow.
                 let share = if total > 0.0 { length(pair) / total } else { 0.0 };
                 let after = (before + share * road.metres).min(road.metres);
                 let along = [before, after];

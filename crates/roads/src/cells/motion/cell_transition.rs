@@ -409,8 +409,8 @@ impl CellTransition {
     /// number of cells become one. Lists the cells reached, each once, in ascending order.
     fn walk(&self, travel: &Travel, start: usize, ahead: bool) -> Vec<(usize, f64)> {
         let edge = self.layout.edge(start);
-        // The walk counts from the cell of its first edge that a vehicle would enter first; the
-        // start is `before` cells farther.
+        // The walk counts from the cell where it would enter its first edge; the start is `before`
+        // cells farther.
         let before =
             if ahead { start - self.layout.first(edge) } else { self.layout.last(edge) - start };
         // A vehicle that is held at an end may have driven any number of cells beyond it. So the

@@ -162,8 +162,8 @@ impl Slips {
     /// Probabilities of the number of whole cells lost over a distance; they sum to one, up to
     /// the tail. O(largest number).
     pub(super) fn loss_distribution(&self, driven: f64, cell: f64) -> Vec<f64> {
-        // A slip loses j cells with probability (1 − q) q^j. So the share q of slips loses any
-        // cells, and each of these loses 1 + j.
+        // A slip loses j cells with probability (1 − q) q^j. So a share q of the slips loses any
+        // cells, namely 1 + j of them with this same probability.
         let q = self.metres / (self.metres + cell);
         let events = self.rate * driven * q;
         if events == 0.0 {
