@@ -29,7 +29,7 @@ pub(crate) fn invalid(error: impl std::fmt::Display) -> PyErr {
 }
 
 /// Raises MemoryError if this many bytes cannot be allocated, where the library would abort the
-/// process. A system that overcommits memory grants these, too.
+/// process. A system that overcommits memory also grants these.
 pub(crate) fn reserve(bytes: usize, what: impl FnOnce() -> String) -> PyResult<()> {
     // Reserved and freed at once: a probe of the allocator, not a guarantee.
     let reserved = Vec::<u8>::new().try_reserve_exact(bytes);

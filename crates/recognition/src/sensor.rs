@@ -19,7 +19,7 @@ use wayfix::error::OutOfRange;
 /// of each.
 const SAMPLE: usize = 64;
 /// Distance along the route within which references always count as alike because they are near,
-/// and the score below which farther ones do, too.
+/// and the score below which farther ones also do.
 const NEAR: usize = 10;
 const FAR_SCORE: f32 = -1.0;
 

@@ -93,8 +93,8 @@ impl Observed {
                 let lists = lists(array);
                 let offsets = lists.offsets.clone();
                 let inner = in_list(&offsets, locate);
-                // The fields inside a null struct need not be null, so their own checks may not
-                // find it.
+                // The fields inside a null struct need not be null, so their own checks would miss
+                // the struct.
                 no_nulls(&lists.values, column, &inner)?;
                 let fields = lists.values.as_struct();
                 let field = |name: &str| {

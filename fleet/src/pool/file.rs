@@ -70,8 +70,8 @@ where
         let threads = self.filters.len();
         let ranges = self.shards.iter().flat_map(|shard| {
             let entries = lock(shard).entries();
-            // A state is 8 bytes or more for each state of the model; the id and the rest are about
-            // 64.
+            // A vehicle takes 8 bytes or more for each state of the model, and about 64 for the id
+            // and the rest.
             let each = (BLOCK / (8 * self.model.states() + 64)).max(1);
             (0..entries).step_by(each).map(move |first| (shard, first..entries.min(first + each)))
         });

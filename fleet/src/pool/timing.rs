@@ -81,7 +81,7 @@ impl<A: Transition, B: Likelihood> Pool<A, B> {
         }
     }
 
-    /// The latest time, counting refused updates, too; `None` before the first.
+    /// The latest time, also counting refused updates; `None` before the first.
     #[must_use]
     pub fn latest(&self) -> Option<i64> {
         self.latest.time()
