@@ -59,7 +59,7 @@ impl Expected {
         let (sum, failed) = hmm.expectations(&each);
         for error in &failed {
             if let HmmError::Likelihood(At { number: step, cause, .. }) = &error.source {
-                // Steps of errors count from 1.
+                // Errors count steps from 1.
                 let element = drives.offsets[error.sequence] + step - 1;
                 return Err(drives.refuse(element, &cause.to_string()));
             }

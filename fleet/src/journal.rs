@@ -73,7 +73,7 @@ impl Journal {
             for (number, line) in (1..).zip(bytes.split_inclusive(|&byte| byte == b'\n')) {
                 let end = valid + line.len();
                 let Some(text) = checksum::text(line) else {
-                    // The last line: the run was killed while writing it.
+                    // If this is the last line, the run was killed while writing it.
                     if end == bytes.len() {
                         break;
                     }
@@ -183,7 +183,7 @@ pub(crate) fn intact(
 pub(crate) fn open_locked(path: &Path) -> Outcome<File> {
     let wrong = FleetError::file(path);
     loop {
-        // Not truncated: until the lock is held, it may be the file of a running run.
+        // Not truncated: until the lock is held, the file may belong to another run.
         let mut options = OpenOptions::new();
         options.read(true).write(true).create(true).truncate(false);
         let file = options.open(path).map_err(&wrong)?;
@@ -249,7 +249,8 @@ fn compare(path: &Path, settings: &Value, written: &Value) -> Outcome<()> {
     let empty = serde_json::Map::new();
     let (now, before) = (settings.as_object().unwrap_or(&empty), written.as_object());
     let before = before.unwrap_or(&empty);
-    // Only keys of this version: the version itself is one of them, and differs if keys do.
+    // Only keys of this version are compared. The version itself is one of them, and differs if the
+    // keys do.
     let other = now.iter().filter(|(name, value)| before.get(*name) != Some(*value));
     let other: Vec<String> = other
         .map(|(name, value)| {

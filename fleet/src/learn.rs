@@ -137,7 +137,7 @@ where
         "columns": job.names.all(), "keep prior": job.keep_prior,
     });
     // The number of iterations and the tolerance only decide when to stop, so an unfinished run may
-    // continue with different ones. A finished output must match them, too.
+    // continue with different ones. A finished output must also match them.
     let end = json!({"run": settings, "iterations": job.iterations, "tolerance": job.tolerance});
     if job.output.exists() && !job.start.force {
         let exists = || {
@@ -165,7 +165,8 @@ where
     }
     loop {
         let iteration = course.log_likelihoods.len();
-        // E-step. It also gives the log-likelihood of the current model, so the loop ends on one.
+        // The E-step also gives the log-likelihood of the current model, so the loop ends with an
+        // E-step.
         let expected = expect(&hmm, iteration, &content)?;
         if expected.drives == expected.left_out {
             let message =

@@ -91,7 +91,7 @@ impl LeftOut {
 
     /// Ends a part, and returns the end of its lines and their hash.
     pub(crate) fn end_part(&mut self) -> Outcome<(u64, u64)> {
-        // Before the journal line that counts these bytes.
+        // Flushed before the journal line that counts these bytes.
         self.file.flush().map_err(FleetError::file(&self.path))?;
         Ok((self.end, std::mem::take(&mut self.hash).finish()))
     }

@@ -29,13 +29,13 @@ pub(crate) fn in_order<T: Send, R: Send, E>(
     let (jobs, to_do) = channel::<(T, SyncSender<R>)>();
     let to_do = Mutex::new(to_do);
     thread::scope(|scope| {
-        // Moved in, so that it is dropped at the end of this closure, also on an early return: the
-        // workers then find the channel closed and end, and the scope can join them.
+        // `jobs` is moved in, so that it is dropped at the end of this closure, also on an early
+        // return: the workers then find the channel closed and end, and the scope can join them.
         let jobs = jobs;
         for _ in 0..threads.max(1) {
             scope.spawn(|| {
                 while let Some((item, sender)) = next(&to_do) {
-                    // After an error nobody receives it.
+                    // After an error nobody receives the result.
                     _ = sender.send(work(item));
                 }
             });
@@ -77,8 +77,8 @@ pub(crate) fn in_order<T: Send, R: Send, E>(
 }
 
 fn next<T>(to_do: &Mutex<Receiver<T>>) -> Option<T> {
-    // The lock is held while waiting for an item. Another idle worker then waits for the lock,
-    // which comes to the same; a busy one holds neither.
+    // The lock is held while waiting for an item. Other idle workers then wait for the lock, which
+    // has the same effect; busy workers hold no lock.
     to_do.lock().unwrap_or_else(PoisonError::into_inner).recv().ok()
 }
 

@@ -132,14 +132,13 @@ impl Likelihood for Places {
         let variance = fix.deviation * fix.deviation;
         let logs = scratch.values(self.places.len());
         for (log, place) in logs.iter_mut().zip(&self.places) {
-            // ln b(i) up to a constant. ln_1p keeps the digits close to a place, where q / ν is
-            // small.
+            // ln b(i) up to a constant. Close to a place, where q is small, ln_1p keeps its digits.
             let metres = at.metres_to(*place);
             let q = metres * metres / variance;
             *log = -0.5 * (self.degrees + 2.0) * (q / self.degrees).ln_1p();
         }
-        // The factor 1 / (2π s²) is the same for all states, so it only enters ln N_k. In
-        // logarithms, a fix far from every place does not underflow.
+        // The factor 1 / (2π s²), with the deviation s, is the same for all states, so it is kept
+        // as a log factor. In logarithms, a fix far from every place does not underflow.
         Ok(Diagonal::log(logs).with_log_factor(-(2.0 * PI * variance).ln()))
     }
 }

@@ -83,7 +83,7 @@ pub(crate) fn properties(
         properties = properties.set_column_dictionary_enabled(path(&[], name), true);
     }
     if form == Form::Long && job.table != Table::Drives {
-        // Constant within a drive, except for the filter, where it belongs to the step.
+        // Constant within a drive, except for the filter, which has one value per step.
         for name in ["log_likelihood", "log_probability"] {
             let is_of_step = job.verb == Verb::Filter;
             properties = properties.set_column_dictionary_enabled(path(&[], name), !is_of_step);

@@ -103,7 +103,7 @@ fn run_into(
         Opened::Partial(out) => out,
     };
     let resumed = out.parts();
-    // Before any new row: parts of changed input must not be extended.
+    // Checked before any new row is made: parts of changed input must not be extended.
     check(&out, &source, &names, target)?;
     // Rows before this position are in complete parts. A part always ends between drives, so
     // reading resumes at the first row of a drive.
@@ -240,6 +240,6 @@ fn finished(
     else {
         return Ok(None);
     };
-    // Last, because it reads the whole input.
+    // Compared last, because this reads the whole input.
     Ok((source.digest()?.text() == found.content).then_some(found.counts))
 }

@@ -230,8 +230,8 @@ fn kind(value: Value) -> Result<Kind, String> {
         serde_json::from_value(value).map_err(|error| format!("the sensor: {error}"))
     }
     let has = |field: &str| value.get(field).is_some();
-    // Each of these fields belongs to one format only, except `states`, which others have too: so
-    // it comes last.
+    // Each of these fields belongs to one format only, except `states`, which other formats also
+    // have, so it comes last.
     if has("rows") {
         read(value).map(Kind::Table)
     } else if has("symbols") {

@@ -75,8 +75,8 @@ impl SimulateCommand {
         }
         overwrite::refuse([self.output.as_path()], [self.model.as_path()])?;
         let unfinished = beside(&self.output, ".unfinished");
-        // Before the temporary file is created, and again under its lock, since another run may
-        // have written the output in between.
+        // Checked before the temporary file is created, and again under its lock, since another run
+        // may have written the output in between.
         self.check_output()?;
         let file = open_locked(&unfinished)?;
         let done = self.check_output().and_then(|()| {
@@ -107,7 +107,7 @@ impl SimulateCommand {
     ) -> Outcome<()> {
         let (wrong, failed) = (FleetError::file(&self.output), FleetError::parquet(&self.output));
         let file = file.map_err(&wrong)?;
-        // Left by a run that was killed.
+        // A run that was killed may have left some contents.
         file.set_len(0).map_err(&wrong)?;
         let schema = Arc::new(self.schema());
         let properties = WriterProperties::builder()

@@ -68,7 +68,8 @@ pub(crate) struct Disk {
 impl Disk {
     pub(crate) fn new(file: &File) -> io::Result<Self> {
         let file = file.try_clone()?;
-        // One place: a sync covers all bytes written before it, so one pending request is enough.
+        // One place in the queue: a sync covers all bytes written before it, so one pending request
+        // is enough.
         let (sender, receiver) = sync_channel(1);
         let thread = thread::spawn(move || {
             while receiver.recv().is_ok() {
@@ -80,7 +81,7 @@ impl Disk {
     }
 
     pub(crate) fn push(&self) {
-        // If the thread is busy, the pending request covers the new part, too.
+        // If the thread is busy, the pending request also covers the new part.
         _ = self.sender.try_send(());
     }
 

@@ -29,7 +29,7 @@ pub(crate) fn invalid(error: impl std::fmt::Display) -> PyErr {
 }
 
 /// Raises MemoryError if this many bytes cannot be allocated, where the library would abort the
-/// process. A system that overcommits memory grants these, too.
+/// process. A system that overcommits memory also grants these.
 pub(crate) fn reserve(bytes: usize, what: impl FnOnce() -> String) -> PyResult<()> {
     // Reserved and freed at once: a probe of the allocator, not a guarantee.
     let reserved = Vec::<u8>::new().try_reserve_exact(bytes);
@@ -71,7 +71,8 @@ pub(crate) fn of_several(py: Python<'_>, sequence: usize, error: &PyErr) -> PyEr
     if !error.is_instance_of::<Error>(py) {
         return error.clone_ref(py);
     }
-    // The base class loses nothing: only inference raises `ImpossibleError`, and this is reading.
+    // The base class loses nothing: only inference raises `ImpossibleError`, and this error comes
+    // from reading.
     let step = value.getattr("step").and_then(|step| step.extract()).unwrap_or(None);
     placed(py, invalid(format!("sequence {sequence}: {value}")), sequence, step)
 }

@@ -81,7 +81,7 @@ live_methods!(PyFixedLag, FixedLagSnapshot<()>, |live| live.filter(), {
     /// Restores a pickle.
     #[staticmethod]
     fn _from_bytes(hmm: &Bound<'_, PyHmm>, lag: Size, bytes: &[u8]) -> PyResult<Self> {
-        // The state has the lag, too; `restore` takes it over.
+        // The state also has the lag, which `restore` takes over.
         let mut live = Self::new(hmm, lag);
         live.restore(bytes)?;
         Ok(live)

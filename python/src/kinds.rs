@@ -113,7 +113,7 @@ pub(crate) fn split<'a, T>(
     lengths: &[usize],
     width: usize,
 ) -> PyResult<Vec<&'a [T]>> {
-    // Never by 0: `width` is 1 or a number of states, and a prior without states is refused.
+    // The divisor is never 0: it is 1 or a number of states, and a prior without states is refused.
     let rows = values.len() / width;
     // Checked before anything is split: lengths come from outside, and their sum may overflow.
     let sum = lengths.iter().try_fold(0_usize, |sum, length| sum.checked_add(*length));
@@ -123,7 +123,7 @@ pub(crate) fn split<'a, T>(
     }
     let mut rest = values;
     let part = |length: &usize| {
-        // The lengths sum to the rows, so that neither the product overflows nor the split panics.
+        // The lengths sum to the rows, so neither the product overflows nor the split panics.
         let (part, after) = rest.split_at(length * width);
         rest = after;
         part

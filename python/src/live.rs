@@ -23,7 +23,7 @@ impl StoredState for FilterSnapshot {
     }
 }
 
-// The library has a format of its own for filters alone; this is JSON.
+// The library has a format of its own only for filters, so this is JSON.
 impl StoredState for FixedLagSnapshot<()> {
     fn write(&self) -> PyResult<Vec<u8>> {
         serde_json::to_vec(self).map_err(invalid)

@@ -110,7 +110,7 @@ where
         match found {
             Ok(found) => kept.extend(found),
             Err(error) => {
-                // Parts are contiguous and come in order, and those before were kept whole, so
+                // Parts are contiguous and come in order, and all earlier ones were kept whole, so
                 // `kept` has as many results as there are sequences before this part.
                 return Err(of_sequence(py, &of_part(kept.len(), error)));
             }
@@ -152,7 +152,7 @@ fn on_threads<S: Send, T: Send>(
                 }
             });
         }
-        // Only the threads keep senders now, so that a wait ends if all threads have.
+        // Only the threads keep senders now, so a wait ends once all threads have ended.
         drop(sender);
         let mut missing = found.len();
         while missing > 0 {

@@ -71,9 +71,9 @@ impl PyHmm {
 fn paths_fit(states: usize, steps: usize, count: usize) -> PyResult<()> {
     let (mut bytes, mut paths) = (0_usize, 1);
     for _ in 0..steps {
-        // The routine keeps up to `paths` back-pointers of 16 bytes for each state of this step.
-        // A state has no more paths into it than there are paths into all states of the step
-        // before, so the lists grow from 1 by a factor of n until `count` caps them.
+        // The routine keeps up to `paths` back-pointers of 16 bytes for each state of this step. A
+        // state has no more paths into it than there are paths into all states of the previous
+        // step, so the lists grow from 1 by a factor of `states` until `count` caps them.
         bytes = bytes.saturating_add(states.saturating_mul(paths).saturating_mul(16));
         paths = states.saturating_mul(paths).min(count);
     }

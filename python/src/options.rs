@@ -41,8 +41,8 @@ pub(crate) fn to_python<'py, T: Serialize>(
 /// Returns the fields of a dictionary, with arrays as lists.
 pub(crate) fn from_python(given: &Bound<'_, PyDict>) -> PyResult<Value> {
     let py = given.py();
-    // `json` asks this for objects that it does not know: numpy's scalars and arrays have the
-    // method, and anything else raises.
+    // `json` calls this for objects that it does not know: numpy's scalars and arrays have
+    // `tolist`, and anything else raises.
     let plain = py.eval(c"lambda value: value.tolist()", None, None)?;
     let named = PyDict::new(py);
     named.set_item("default", plain)?;

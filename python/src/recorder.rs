@@ -43,7 +43,7 @@ impl Likelihood for Recorder<'_> {
     }
 
     fn is_precomputed(&self) -> bool {
-        // On the way back the smoother asks for the row again, which saves a product with A.
+        // On the way back the smoother then asks for the row again, which saves a product with A.
         true
     }
 }

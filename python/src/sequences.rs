@@ -135,14 +135,14 @@ pub(crate) fn smooth<'py>(
     let mut posteriors = Vec::new();
     let run = |watch: &Watch| {
         // The first row of a result is step 0, before the first observation. A single result is
-        // kept in its own memory: a copy beside it may be more than fits.
+        // kept in its own memory, since a copy might not fit beside it.
         let keep = |smoothed: SmoothedSequence| {
             scores.push(smoothed.log_likelihood());
             if lengths.len() == 1 {
                 posteriors = smoothed.into_posteriors().into_vec();
                 posteriors.drain(..n);
             } else {
-                // Reserves room for all sequences at the first, and nothing later.
+                // The first sequence reserves room for all of them, and later ones reserve nothing.
                 posteriors.reserve_exact(input.values.len() - posteriors.len());
                 posteriors.extend_from_slice(&smoothed.posteriors().as_slice()[n..]);
             }

@@ -125,7 +125,7 @@ pub(crate) fn threads(n_jobs: isize) -> PyResult<usize> {
         return Err(invalid("n_jobs is 0, expected a number of threads, or -1 for all processors"));
     }
     let processors = std::thread::available_parallelism().map_or(1, NonZero::get);
-    // `unsigned_abs` holds the smallest integer, too.
+    // `unsigned_abs` also takes the smallest integer.
     let count = n_jobs.unsigned_abs();
     // More threads than processors gain nothing, and the system may refuse to start them.
     Ok(if n_jobs < 0 {

@@ -191,8 +191,8 @@ pub(crate) fn in_background_with<T: Send + 'static>(
     Builder::new().spawn(work).map_err(invalid)?;
     loop {
         let next;
-        // Without the lock only values that are `Send` may be used. A receiver is, a shared
-        // reference to it is not: the receiver goes in and comes back.
+        // Without the lock only values that are `Send` may be used. A receiver is, but a shared
+        // reference to it is not, so the receiver itself goes in and comes back.
         (next, receiver) = py.detach(move || (receiver.recv_timeout(PAUSE), receiver));
         match next {
             Ok(done) => return done.map_err(defect),

@@ -33,7 +33,7 @@ impl Recording {
         let gains = self.gains()?;
         let path = self.decoder()?.viterbi(&Controlled::new(&self.controls, &gains)?)?;
         let off_map = self.recognizer.options().off_map.is_some();
-        // Without a model of leaving the map, a lost vehicle is still somewhere: where it was last
+        // Without a model of leaving the map, a lost vehicle keeps the place where it was last
         // seen.
         let motion = self.recognizer.motion();
         let place = |state: &usize| {
@@ -58,11 +58,12 @@ impl Recording {
             let belief = belief.as_slice();
             let right = |place: usize| match belief.get(n) {
                 _ if place < n => recognizer.mass_near(belief, place, window),
-                // Without a model of leaving the map the belief has no such entry: to be lost is
+                // Without a model of leaving the map the belief has no entry for it: being lost is
                 // never right.
                 off => off.copied().unwrap_or(0.0),
             };
-            // Only exact zeros are forbidden; a small likelihood has done its work in the smoother.
+            // Only states with a likelihood of exactly 0 are forbidden; small likelihoods already
+            // count in the smoothed belief.
             let gain = |(place, likelihood): (usize, &f64)| match *likelihood {
                 0.0 => f64::NEG_INFINITY,
                 _ => STEP_GAIN * right(place),

@@ -59,8 +59,8 @@ impl NearestComparison {
     fn warning(&self) -> Option<Warning> {
         let Self { queries, nearest, single, both } = *self;
         let least = BETTER * queries;
-        // Only queries where the comparison disagree count; by chance either is right in half of them,
-        // so the difference has the variance of their number.
+        // Only queries on which the two disagree count. By chance either is right in half of them,
+        // so the variance of the difference is their number.
         let chance = SURELY * f64::sqrt(nearest + single - 2.0 * both);
         (nearest - single > chance.max(least))
             .then(|| Warning::Nearest { nearest: nearest / queries, single: single / queries })
@@ -87,7 +87,7 @@ impl Recognizer {
                 ranks.push(mean_rank(&scores, places));
                 row_scores(row, &mut within, &mut scratch)?;
                 best.extend(Some(f64::from(least(&within))).filter(|best| best.is_finite()));
-                // A vehicle that stands is a single witness.
+                // Equal rows, of a vehicle that stands, count once.
                 if before != *row {
                     let window = self.options().window;
                     let right =
@@ -172,8 +172,7 @@ impl Recording {
             (0..n).max_by(|a, b| odds[*a].total_cmp(&odds[*b]).then(b.cmp(a))).unwrap_or(0)
         };
         let places: Vec<usize> = self.single_odds.iter().map(nearest).collect();
-        // Odometry would hold the answers to its own speed; only steps without it tell the images'
-        // speed.
+        // Where there is odometry, answers follow its speed, so only steps without it are examined.
         let steps = places.windows(2).zip(&self.controls[1.min(self.steps())..]);
         let free = steps.filter(|(_, control)| control.odometry.is_none());
         let moved = free.map(|(pair, _)| {
@@ -183,7 +182,8 @@ impl Recording {
         let mut moved: Vec<f64> = moved.collect();
         moved.sort_unstable_by(f64::total_cmp);
         let median = *moved.get(moved.len() / 2)?;
-        // Frames that match nothing jump anywhere; they must not make up most of the moves.
+        // Frames that match nothing jump anywhere. Most moves must be alike, so that such frames do
+        // not decide.
         let alike = |way: &&f64| (**way - median).abs() <= 1.0 + 0.25 * median;
         let agreed = 2 * moved.iter().filter(alike).count() > moved.len();
         (moved.len() >= FEWEST_MOVES && agreed && median > fastest + 0.5)
@@ -217,8 +217,8 @@ impl Recording {
     fn warn_stuck(&self) -> Option<Warning> {
         let mut answers = Vec::new();
         let mut start = 0;
-        // Each turn takes one maximal run of equal readings; `max(1)` skips a NaN, which equals
-        // nothing.
+        // Each iteration takes one maximal run of equal readings; `max(1)` skips a NaN, which is
+        // not even equal to itself.
         while start < self.steps() {
             let reading = self.controls[start].odometry;
             let equal = self.controls[start..].iter().take_while(|next| next.odometry == reading);

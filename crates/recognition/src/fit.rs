@@ -184,7 +184,8 @@ impl Recognizer {
     }
 
     pub(super) fn read<Q>(&self, part: &LabelledPart<'_, Q>) -> Labels {
-        // A label of several references stands for their middle, so moves may be halves.
+        // A label that spans several references stands for their middle, so moves may be
+        // half-integers.
         let middle = |at: usize| {
             let places = part.places[at].as_ref()?;
             Some(0.5 * (*places.start() as f64 + *places.end() as f64))

@@ -121,7 +121,7 @@ impl Mapper {
     pub fn new(distance: Distance, mut options: Options) -> Result<Self, RecognitionError> {
         if options.off_map.is_none() {
             options.off_map = Some(MAPPING);
-            // Dark stretches are new places, too, and need references like any other.
+            // Dark stretches are also new places, and need references like any other.
             options.off_map_odds = 1.0;
         }
         options.odds.temperature = (WARMER * options.odds.temperature).min(1000.0);
@@ -246,7 +246,8 @@ impl Mapper {
         let stood = self.driven.is_some_and(|driven| driven < STOOD);
         let part = if stood { self.options.view_threshold.max(EQUAL) } else { EQUAL };
         let is_new = *count == 0 && change > 0.0 || change > part * *usual;
-        // A change since an older reference is not one from view to view.
+        // The usual change is from view to view, so a change since an older reference does not
+        // count.
         if is_new && self.added.last() == Some(&(self.steps - 1)) {
             *count = count.saturating_add(1);
             *usual += (change - *usual) / f64::from(*count);
@@ -267,7 +268,7 @@ impl Mapper {
         }
         check_descriptor(query, self.distance).map_err(failed)?;
         let squares: f64 = query.iter().map(|x| f64::from(*x).powi(2)).sum();
-        // The distance between any two such descriptors then fits 32 bits.
+        // Up to this length, the distance between any two descriptors fits 32 bits.
         if self.distance == Distance::Euclidean && squares.sqrt() > LONGEST {
             let (what, value) = ("the length of a descriptor", squares.sqrt());
             return Err(OutOfRange::new(what, value, "at most 1.7e38").into());

@@ -268,8 +268,8 @@ impl Recognizer {
     fn best_place(&self, places: &[f64]) -> usize {
         let (n, window) = (places.len(), self.options().window);
         let mut best = (0, f64::NEG_INFINITY, f64::NEG_INFINITY);
-        // Windows within rounding of each other are equal. `best.1` may creep down by rounding at
-        // each such exchange, which only a chain of ever more probable centres can repeat.
+        // Windows whose masses differ only by rounding are equal. `best.1` may fall by rounding at
+        // each such exchange, but only as long as ever more probable centres follow.
         let offer = |best: &mut (usize, f64, f64), place: usize, mass: f64| {
             let more_probable = mass > best.1 - ROUNDING && places[place] > best.2;
             if mass > best.1 + ROUNDING || more_probable {
@@ -348,7 +348,7 @@ impl Recognizer {
         let wanted = CREDIBLE * kernels::sum(places);
         let (mut first, mut last, mut mass) = (place, place, places[place]);
         let mut count = 1;
-        // Each turn adds a place that is not in the range: at most n turns.
+        // Each iteration adds a place that is not yet in the range, so there are at most n.
         while mass < wanted && count < n {
             let (below, above) = if self.options().closed {
                 (Some((first + n - 1) % n), Some((last + 1) % n))

@@ -182,7 +182,8 @@ impl Recording {
         let n = self.recognizer.references();
         for (at, odds) in self.single_odds.iter().enumerate() {
             let prior = |i: usize| if i < n { (1.0 - off) / n as f64 } else { off };
-            // The odds are tempered for frames in sequence: a power of τ undoes the power 1/τ.
+            // The odds are tempered by the power 1/τ for frames in sequence; the power τ undoes
+            // this.
             let log2 = odds.iter().map(|log2| f64::from(*log2) * temperature);
             // Off the map, the odds are 1. The largest is taken out, so that exp2 cannot overflow.
             let most = log2.clone().fold(if off > 0.0 { 0.0 } else { f64::NEG_INFINITY }, f64::max);

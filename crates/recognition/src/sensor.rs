@@ -19,7 +19,7 @@ use wayfix::error::OutOfRange;
 /// of each.
 const SAMPLE: usize = 64;
 /// Distance along the route within which references always count as alike because they are near,
-/// and the score below which farther ones do, too.
+/// and the score below which farther ones also do.
 const NEAR: usize = 10;
 const FAR_SCORE: f32 = -1.0;
 
@@ -294,8 +294,8 @@ impl Sensor {
             let (places, off) = likelihoods.split_at_mut(n);
             self.standardizer.standardize(spread, scores, places);
             options.odds.log2_odds_of(&places[..single_odds.len()], single_odds);
-            // The same power for all places and for off the map: one witness, or a part of one, for
-            // all.
+            // All places and off the map get the same power: the view is one witness, or a part of
+            // one, for all of them.
             let weight = (view.fresh / WITNESS).min(1.0);
             options.odds.odds_of(weight, places);
             let off_map = options.off_map.is_some();
@@ -310,7 +310,8 @@ impl Sensor {
             Some((before, count)) if before == view.change => count.saturating_add(1),
             _ => 1,
         };
-        // The k-th view of a run counts 1 / (1 + (k − 1) f): together they grow like ln k / f.
+        // The k-th view of a run counts 1 / (1 + (k − 1) f), with f = `view_fades`: together the
+        // views grow like ln k / f.
         let weight = 1.0 / (1.0 + f64::from(run - 1) * options.view_fades);
         let evidence = view.change.map(|view| ViewEvidence { view, weight });
         // The first view has no view to be compared with.
@@ -404,8 +405,8 @@ impl Sensor {
             let level = |count: f64| (30.0 * count.ln_1p()) as u32;
             let before = level(standardizer.count());
             standardizer.add_scores(spread, scores, fresh);
-            // The threshold takes as long as all else, so it follows at some counts only: about 30
-            // times for each factor e of the count.
+            // Computing the threshold takes as long as all else, so it is only updated at some
+            // counts: about 30 times for each factor e of the count.
             if level(standardizer.count()) != before {
                 self.still = still(standardizer, changes);
             }

@@ -79,7 +79,7 @@ impl Recognizer {
             scores.push(score);
             shares.push(f64::from(unlikely) / f64::from(steps));
         }
-        // Hottest first, and a later one must be strictly better: a tie goes to the hotter, less
+        // Hottest first, and a later one must be strictly better, so a tie goes to the hotter, less
         // sure one.
         let better = |best: usize, at: usize| if scores[at] > scores[best] { at } else { best };
         let chosen = (0..FACTORS.len()).fold(0, better);

@@ -136,8 +136,8 @@ impl Track {
 
     /// Takes a step of the filter with the likelihoods in the scratch memory.
     fn advance(&mut self, control: &RouteControl) -> Result<f64, RecognitionError> {
-        // The filter checks all controls but the first, since no move leads to the first step; but
-        // the sensor keeps the reading of the first.
+        // The filter checks all controls but the first, since no move leads to the first step. The
+        // sensor keeps the first reading, so it is checked here.
         if self.filter.steps() == 0 {
             check_control(self.recognizer.motion(), 1, control)?;
         }

@@ -93,7 +93,7 @@ impl View {
             let change = unchanged.then_some(ViewChange::Unchanged);
             return Self { change, fresh: 0.0, repeated, moved };
         }
-        // (1 − r) / (1 + r) for a correlation r from view to view.
+        // (1 − r) / (1 + r), with the correlation r = 1 − `part` from view to view.
         let part = changed.min(1.0);
         Self { fresh: part / (2.0 - part), repeated, ..Self::FIRST }
     }
@@ -201,7 +201,8 @@ impl Tally {
     /// Warns if the views do not change while odometry reads that the vehicle moves.
     fn still(&self) -> Option<Warning> {
         let Self { still: steps, driven, squares, .. } = *self;
-        // Readings that are noise around 0 have a sum with the deviation √Σ r².
+        // If the readings were independent noise around 0, their sum would have a standard
+        // deviation of about √Σ r².
         let sure = driven.abs() >= DRIVEN.max(MOTION_DEVIATIONS * squares.sqrt());
         (steps >= STILL && sure).then_some(Warning::Still { steps, driven })
     }

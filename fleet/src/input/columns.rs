@@ -99,8 +99,8 @@ impl Layout {
             _ => &names.observation,
         };
         let found = find(schema, observation)?.data_type();
-        // A type cannot be both: a list is never an observation of a table or a position, and the
-        // lists of the other two have elements that are not lists.
+        // No type fits both forms: a list is never an observation of a table or a position, and the
+        // lists of the other two sensors have elements that are not lists.
         let form = if is_of(sensor.kind(), found) {
             Form::Long
         } else if element(found).is_some_and(|inner| is_of(sensor.kind(), inner)) {
@@ -116,8 +116,8 @@ impl Layout {
             };
             if inner.is_some_and(is) { Ok(()) } else { Err(wrong_type(name, found, &what)) }
         };
-        // A nested table without steps numbers them 1, 2, …; in a long one only the step tells the
-        // order.
+        // A nested table without a column of steps has the steps 1, 2, …; in a long one only the
+        // step tells the order.
         if form == Form::Long || schema.column_with_name(&names.step).is_some() {
             as_form(&names.step, DataType::is_integer, "an integer")?;
         } else {

@@ -57,7 +57,8 @@ pub(super) fn open(
     let text = header.iter().map(|name| Field::new(name, DataType::Utf8, true));
     let text = Arc::new(Schema::new(text.collect::<Vec<_>>()));
     // The decoder skips whole batches, and `without` the rest, so batches begin at the same rows in
-    // every run. The end is half of the range because the decoder adds the header row to it.
+    // every run. The end is only half of the range, so that the decoder can add the header row to
+    // it.
     let cut = skip as usize % ROWS;
     let decoder = ReaderBuilder::new(text)
         .with_header(true)
@@ -117,8 +118,9 @@ impl Blocks {
         pieces::block(&mut self.file, &mut self.buffer)?;
         self.at = 0;
         if let Some(pieces) = self.reading.pieces.as_ref().filter(|_| !self.buffer.is_empty()) {
-            // Rows in the decoder are not flushed yet. Skipped rows never get there, so blocks of
-            // these all count as the first wanted row; an earlier run recorded them.
+            // `self.row` does not count rows that are still in the decoder. Skipped rows never get
+            // there, so their blocks all count as the first wanted row; an earlier run recorded
+            // them.
             let first_row = self.row + (ROWS - self.decoder.capacity()) as u64;
             let hash = pieces::hash_of(&self.buffer);
             pieces.add(Piece { file: self.reading.file, number: self.number, first_row, hash });

@@ -76,7 +76,8 @@ pub(crate) fn find(inputs: &[PathBuf]) -> Outcome<InputFiles> {
     if found.files.is_empty() {
         return Err(FleetError::Settings("no input is given".to_owned()));
     }
-    // Twice, also through a link or by overlapping patterns: its drives would be counted twice.
+    // A file may occur twice through a link or overlapping patterns. Its drives would be counted
+    // twice.
     let mut paths = HashSet::new();
     for file in &found.files {
         if !paths.insert(fs::canonicalize(&file.path).unwrap_or_else(|_| file.path.clone())) {
@@ -107,7 +108,7 @@ fn folder(root: &Path, within: &Path, files: &mut Vec<InputFile>) -> Outcome<()>
     for name in entries {
         let relative = within.join(&name);
         let path = root.join(&relative);
-        // Follows links, unlike the type of a directory entry.
+        // `metadata` follows links, unlike the type of a directory entry.
         if fs::metadata(&path).map_err(FleetError::file(&path))?.is_dir() {
             folder(root, &relative, files)?;
         } else {
@@ -138,8 +139,8 @@ fn pattern(input: &Path, found: &mut InputFiles) -> Outcome<()> {
     paths.sort_unstable();
     for path in paths {
         let within = path.strip_prefix(&base).unwrap_or(&path).to_owned();
-        // As in a folder, but only below the given path: the user may well have named a hidden
-        // folder.
+        // Hidden files are left out as in a folder, but only below the given path: the user may
+        // well have named a hidden folder.
         let hidden = |part: &std::ffi::OsStr| is_hidden(&part.to_string_lossy());
         if within.iter().any(hidden) {
             continue;

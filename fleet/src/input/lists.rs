@@ -42,7 +42,7 @@ pub(super) fn lists(array: &ArrayRef) -> Lists {
         _ => {
             let list = array.as_fixed_size_list();
             let width = list.value_length() as usize;
-            // Unlike those above, its values are sliced with it.
+            // Unlike in the lists above, a slice of this one also slices the values.
             apart((0..=list.len()).map(|k| k * width).collect(), list.values())
         }
     };

@@ -115,7 +115,7 @@ impl LongDrives {
         let ids = take(&all, &first, None)?;
         offsets.push(rows.num_rows());
         let needed = self.layout.needed();
-        // After the id and the step, which a long table always has.
+        // The columns after the id and the step, both of which a long table always has.
         let columns = needed[2..].iter().map(|&name| Ok((name, column(rows, name)?.clone())));
         let columns = columns.collect::<Outcome<Vec<_>>>()?;
         let observed = Observed::new(&self.layout.sensor, &columns, &by_row)?;
@@ -173,7 +173,7 @@ pub(super) fn starts(
     let all = Ids::of(ids);
     let steps = &steps.values()[..];
     let mut starts = Vec::new();
-    // Row 0 is compared with `last`, all others with the row before them.
+    // Row 0 is compared with `last`, all others with the previous row.
     let mut first = 0;
     if let Some(&row) = [0].iter().find(|_| !steps.is_empty()) {
         first = 1;

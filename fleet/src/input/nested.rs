@@ -41,7 +41,7 @@ fn good(batch: &RecordBatch, layout: &Layout, first_row: u64) -> Outcome<Vec<Dri
         drives(&batch.slice(range.start, range.len()), layout, first_row + range.start as u64)
     };
     let trace_id = &layout.names.trace_id;
-    // The id itself may be what is wrong.
+    // There is no id if the id itself is what is wrong.
     let id = |row: usize| {
         let known = column(batch, trace_id).ok()?.slice(row, 1);
         let by_row = |_: usize, message: &str| (0, message.to_owned());
@@ -64,8 +64,8 @@ fn good(batch: &RecordBatch, layout: &Layout, first_row: u64) -> Outcome<Vec<Dri
         good.push(rows(batch.num_rows()..batch.num_rows())?);
     }
     for drives in &mut good {
-        // Both are in the order of rows, so each invalid drive goes with the first batch that ends
-        // behind it.
+        // Invalid drives and batches are in the order of rows, so each invalid drive goes with the
+        // first batch that ends behind it.
         let count = invalid.partition_point(|invalid: &Invalid| invalid.row < drives.end_row);
         drives.invalid = invalid.drain(..count).collect();
     }
@@ -95,8 +95,8 @@ pub(super) fn drives(batch: &RecordBatch, layout: &Layout, first_row: u64) -> Ou
         match &offsets {
             None => offsets = Some((lists.offsets, name)),
             Some((known, first)) => {
-                // Offsets agree up to the first difference, so the row before it is the one at
-                // fault.
+                // Offsets agree up to the first difference, so the row that ends there is the one
+                // at fault.
                 let same = |row: &usize| known[row + 1] == lists.offsets[row + 1];
                 if let Some(row) = (0..batch.num_rows()).find(|row| !same(row)) {
                     let length = |offsets: &[usize]| offsets[row + 1] - offsets[row];

@@ -93,7 +93,8 @@ impl Observed {
                 let lists = lists(array);
                 let offsets = lists.offsets.clone();
                 let inner = in_list(&offsets, locate);
-                // A null struct would hide the fields inside it, which need not be null.
+                // The fields inside a null struct need not be null, so their own checks would miss
+                // the struct.
                 no_nulls(&lists.values, column, &inner)?;
                 let fields = lists.values.as_struct();
                 let field = |name: &str| {
@@ -130,7 +131,7 @@ impl Observed {
                 Values::Sparse { offsets: lists.offsets, states, likelihoods, elsewhere }
             }
             Kind::Places(_) => {
-                // The other two columns must have a value wherever the first one has.
+                // The other two columns must have a value wherever the first one has one.
                 let read = |(name, array): &(&str, ArrayRef)| {
                     let array = numbers(array, name, locate)?;
                     if let Some(k) = (0..array.len()).find(|&k| array.is_null(k) && is_there(k)) {
@@ -148,7 +149,8 @@ impl Observed {
     /// Observations of a range of steps.
     pub(super) fn part(&self, steps: Range<usize>) -> Self {
         let (first, count) = (steps.start, steps.len());
-        // Offsets are cut, values are shared: they keep pointing into the whole column.
+        // Only offsets are cut. They keep pointing into the whole column of values, which is
+        // shared.
         let lists = |offsets: &[usize]| offsets[first..=first + count].to_vec();
         let values = match &self.values {
             Values::Symbols(symbols) => Values::Symbols(symbols.slice(first, count)),
@@ -206,8 +208,8 @@ fn symbols(array: &ArrayRef, count: usize, column: &str, locate: Locate<'_>) -> 
     let symbols = integers(array, column, locate)?;
     // A negative number is huge as an unsigned one, so one comparison checks both ends.
     let outside = |symbol: i64| symbol.cast_unsigned() >= count as u64;
-    // First without regard to nulls, in a loop that vectorises. The value under a null is
-    // arbitrary, so a hit is looked at again.
+    // This first check ignores nulls, so its loop vectorises. The value under a null is arbitrary,
+    // so a hit is checked again.
     if symbols.values().iter().any(|&symbol| outside(symbol)) {
         let wrong = |&k: &usize| symbols.is_valid(k) && outside(symbols.value(k));
         if let Some(element) = (0..symbols.len()).find(wrong) {
@@ -229,7 +231,7 @@ fn in_list<'a>(
     locate: Locate<'a>,
 ) -> impl Fn(usize, &str) -> (u64, String) + 'a {
     move |at, message| {
-        // The last list that begins at or before the value: passes over empty lists.
+        // The last list starting at or before the value; this skips empty lists.
         let step = offsets.partition_point(|&offset| offset <= at).saturating_sub(1);
         locate(step, &format!("value {}: {message}", at - offsets[step]))
     }

@@ -47,7 +47,7 @@ pub(super) fn open(
     let (mut left, mut first) = (skip, 0);
     for group in metadata.row_groups() {
         let rows = group.num_rows().max(0).cast_unsigned();
-        // `left == 0` only matters for an empty group: it is a piece, too, and has to be recorded.
+        // `left == 0` only matters for an empty group: it is also a piece, and has to be recorded.
         if left < rows || left == 0 {
             break;
         }
@@ -72,8 +72,8 @@ pub(super) fn open(
             if let Some(pieces) = &reading.pieces {
                 let hash =
                     super::pieces::group(&stored, &metadata, &mask, group).map_err(&wrong)?;
-                // Recorded before its rows are handed out, so a part can never end with rows of an
-                // unrecorded piece.
+                // The piece is recorded before its rows are handed out, so a part can never end
+                // with rows of an unrecorded piece.
                 pieces.add(Piece { file: reading.file, number: group as u64, first_row, hash });
             }
             file.read(stored, &arrow, &mask, group, rows).map(Some)

@@ -53,7 +53,7 @@ impl Pieces {
     pub(crate) fn take(&self, file: usize, end_row: u64) -> Vec<Piece> {
         let mut pieces = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         // The reader is ahead of the results, so pieces of later rows may be here already. A piece
-        // that begins before `end_row` may hold later rows, too; those then need no second mention.
+        // that begins before `end_row` may also hold later rows; those then need no second mention.
         let before = |piece: &Piece| (piece.file, piece.first_row) < (file, end_row);
         let count = pieces.iter().take_while(|piece| before(piece)).count();
         pieces.drain(..count).collect()
@@ -66,7 +66,7 @@ pub(crate) struct Digest(XxHash3_64);
 
 impl Digest {
     pub(crate) fn add(&mut self, piece: &Piece) {
-        // Not the first row: it depends on where reading began.
+        // The first row is left out: it depends on where reading began.
         for part in [piece.file as u64, piece.number, piece.hash] {
             self.0.write(&part.to_le_bytes());
         }
@@ -110,7 +110,7 @@ impl Content {
                 if index >= metadata.num_row_groups() {
                     return Ok(None);
                 }
-                // One fetch for all its chunks, if the file is an object of a store.
+                // One fetch for all chunks of the group, if the file is an object of a store.
                 let stored = self.stored.with(&ranges(metadata, mask, index));
                 stored.and_then(|stored| group(&stored, metadata, mask, index)).map(Some)
             }

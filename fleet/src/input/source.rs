@@ -55,7 +55,7 @@ impl<'a> Source<'a> {
                 (source.id_type, source.form) = (found.id_type, found.form);
             }
             source.rows_before.push(source.rows.unwrap_or(0));
-            // Unknown from the first CSV file onwards.
+            // The number of rows is unknown from the first CSV file onwards.
             source.rows = source.rows.zip(found.rows).map(|(sum, rows)| sum + rows);
         }
         Ok(source)
@@ -77,7 +77,7 @@ impl<'a> Source<'a> {
         let pieces = Some(self.pieces.clone());
         let reading = Reading { file, pieces, leave_out: self.leave_out };
         let found = open_with(path, self.names, self.sensor, skip, &reading).map_err(named)?;
-        // `Null` only while the first file is opened.
+        // `id_type` is `Null` only while the first file is opened.
         if self.id_type != DataType::Null && found.id_type != self.id_type {
             let message = format!(
                 "is read as {}, but as {} in {}; ids must be integers in all files, or text in all",
@@ -96,7 +96,7 @@ impl<'a> Source<'a> {
         file: usize,
         row: u64,
     ) -> impl Iterator<Item = Outcome<(usize, Drives)>> {
-        // Files are opened one at a time, when the one before is exhausted.
+        // Files are opened one at a time, when the previous one is exhausted.
         (file..self.files.files.len()).flat_map(move |number| {
             let opened = self.open(number, if number == file { row } else { 0 });
             let (batches, error) = match opened {

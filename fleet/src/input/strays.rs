@@ -267,7 +267,7 @@ impl LongDrives {
             return Ok(());
         }
         let Some(empty) = &self.faults.empty else { return Ok(()) };
-        // No drive is ready to carry them, so an empty batch does.
+        // No drive is ready to carry the left-out drives, so an empty batch does.
         let mut drives = self.drives(empty, next_row)?;
         drives.invalid = self.faults.pending.drain(..count).collect();
         self.ready.push_back(drives);

@@ -69,7 +69,7 @@ pub(super) fn ids(
     let mut read: Option<Vec<bool>> = None;
     for (row, id) in strings.iter().enumerate() {
         let Some(id) = id else { continue };
-        // The cast also accepts `007`; as ids, `007` and `7` must not fall together.
+        // The cast also accepts `007`, but the ids `007` and `7` must stay different.
         let what = match numbers.is_valid(row) {
             true if is_plain(id) => continue,
             true => format!("is not an integer in its plain form ({})", numbers.value(row)),

@@ -110,7 +110,7 @@ impl Rows {
         schema: &Arc<Schema>,
         drives: &Drives,
     ) -> Outcome<Batch> {
-        // Otherwise there is one row per group.
+        // If this is false, there is one row per group.
         let per_row = results.form == Form::Long && results.table != Table::Drives;
         // Group of each row of the table.
         let of_rows: Option<Vec<usize>> = per_row.then(|| {

@@ -173,7 +173,7 @@ impl Collector<'_> {
         match result {
             Ok(result) => put(self, result),
             Err(HmmError::Likelihood(At { number: step, cause, .. })) => {
-                // Steps of errors count from 1.
+                // Errors count steps from 1.
                 let element = self.drives.offsets[drive] + step - 1;
                 return ControlFlow::Break(self.drives.refuse(element, &cause.to_string()));
             }

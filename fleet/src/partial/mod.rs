@@ -185,8 +185,8 @@ impl Partial {
         writer.inner().file.sync_all().map_err(FleetError::file(&partial))?;
         left_out.as_mut().map_or(Ok(()), LeftOut::sync)?;
         fs::rename(&partial, &output).map_err(FleetError::file(&output))?;
-        // If the run is killed here, the next one does this: the output is there, and so is the
-        // journal.
+        // If the run is killed here, the next one finds both the output and the journal, and does
+        // the rest.
         left_out.map_or(Ok(()), LeftOut::finish)?;
         let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty());
         // Makes the rename durable. Not all systems allow it, and the file is complete in any case.
@@ -205,7 +205,7 @@ impl Partial {
 
 /// Adds a piece to the digest and returns true, unless it was noted already.
 fn note(noted: &mut (Option<(usize, u64)>, Digest), piece: &Piece) -> bool {
-    // Pieces come in order, except that a run that resumes within one reads it again.
+    // Pieces come in order, except that a run that resumes within a piece reads that piece again.
     let place = Some((piece.file, piece.number));
     let is_new = place > noted.0;
     if is_new {

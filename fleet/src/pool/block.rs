@@ -63,7 +63,8 @@ impl Block {
         let length = (self.bytes.len() - HEAD) as u64;
         self.bytes[..4].copy_from_slice(&self.vehicles.to_le_bytes());
         self.bytes[4..HEAD].copy_from_slice(&length.to_le_bytes());
-        // The number is the seed, so blocks that are swapped, repeated or missing are detected.
+        // The block's number is the seed, so blocks that are swapped, repeated or missing are
+        // detected.
         let sum = XxHash3_64::oneshot_with_seed(number, &self.bytes);
         self.bytes.extend(sum.to_le_bytes());
         &self.bytes

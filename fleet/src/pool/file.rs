@@ -70,7 +70,8 @@ where
         let threads = self.filters.len();
         let ranges = self.shards.iter().flat_map(|shard| {
             let entries = lock(shard).entries();
-            // A state is 8 n bytes or more; the id and the rest are about 64.
+            // A vehicle takes 8 bytes or more for each state of the model, and about 64 for the id
+            // and the rest.
             let each = (BLOCK / (8 * self.model.states() + 64)).max(1);
             (0..entries).step_by(each).map(move |first| (shard, first..entries.min(first + each)))
         });
@@ -92,7 +93,7 @@ where
             Ok(block)
         };
         in_order(ranges.map(Ok), threads, AHEAD, encode, |block: Outcome<Block>| {
-            // Free entries only. An empty block would mark the end.
+            // A block of free entries only is left out: an empty block would mark the end.
             block.and_then(|block| if block.vehicles == 0 { Ok(()) } else { put(block) })
         })?;
         put(Block::new())?;
@@ -213,7 +214,8 @@ where
                 return Err(damaged(&format!("vehicle {vehicle} occurs twice")));
             }
             shard.add(hash, vehicle, time, Box::new(state));
-            // At once, so that restoring a pool takes no more memory than it is allowed.
+            // Evicted at once, so that restoring a pool takes no more memory than the pool is
+            // allowed.
             shard.evict();
         }
         if !fields.bytes.is_empty() {

@@ -252,8 +252,8 @@ impl<A: Transition, B: Likelihood> Pool<A, B> {
     /// Hash and shard of a vehicle.
     fn place(&self, vehicle: &VehicleId) -> (u64, usize) {
         let hash = self.hasher.hash_one(vehicle);
-        // Not the bits that the hash table of the shard uses (the lowest and the top seven), or all
-        // vehicles of a shard would collide there.
+        // The hash table of the shard uses the lowest bits and the top seven. Other bits must
+        // choose the shard, or all of its vehicles would collide there.
         (hash, (hash >> 40) as usize & (self.shards.len() - 1))
     }
 }

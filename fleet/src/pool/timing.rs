@@ -81,7 +81,7 @@ impl<A: Transition, B: Likelihood> Pool<A, B> {
         }
     }
 
-    /// The latest time, counting refused updates, too; `None` before the first.
+    /// The latest time, also counting refused updates; `None` before the first.
     #[must_use]
     pub fn latest(&self) -> Option<i64> {
         self.latest.time()
@@ -165,7 +165,7 @@ impl<A: Transition, B: Likelihood> Pool<A, B> {
                 let message = "the model cannot be replaced while a snapshot is being written";
                 return Err(FleetError::Settings(message.to_owned()));
             }
-            // Unlocks the folder, which one pool at a time may use.
+            // Unlocks the folder, which only one pool at a time may use.
             drop(shards);
             let mut pool = Pool::new(model, hash, options)?;
             (pool.timing, pool.latest) = (timing, latest);

@@ -87,7 +87,7 @@ where
                 Ok(length)
             });
             if written.is_err() {
-                // Or updates would keep saving entries for nobody.
+                // Otherwise updates would keep saving entries for nobody.
                 shards.iter().for_each(|shard| lock(shard).end_cut());
             }
             written

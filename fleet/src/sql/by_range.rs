@@ -72,7 +72,7 @@ fn keys(plan: &LogicalPlan, table: &str, key: &str) -> Keys {
             let found = fields.filter(|(_, field)| field.name() == key).map(|(index, _)| index);
             ControlFlow::Continue(found.collect())
         }
-        // Row by row, with the same columns.
+        // These work row by row and keep the columns.
         LogicalPlan::SubqueryAlias(_) | LogicalPlan::Filter(_) => ControlFlow::Continue(below),
         LogicalPlan::Projection(projection) => {
             let kept = projection.expr.iter().enumerate().filter(|(_, e)| is_key(e));

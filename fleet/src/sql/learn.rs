@@ -41,7 +41,7 @@ const TABLE: &str = "drives";
 /// drives, as many at a time as the job has threads; their sums are added in the order of the
 /// table. Anything else is one query with that many tasks, whose sums are added as they arrive, so
 /// results differ in the last digits, by a relative 1e-12 or less. Before each iteration its model
-/// is written beside the output, where executors must find it, too. `progress` is called before
+/// is written beside the output, where executors must also find it. `progress` is called before
 /// each query with the number of re-estimations. An interrupted run continues after its last
 /// re-estimation.
 ///

@@ -88,8 +88,8 @@ impl Models {
     ///
     /// [`FleetError`] if the file cannot be read, is not a model, or has another hash.
     pub(super) fn model(&self, name: &str) -> Outcome<Arc<Loaded>> {
-        // Held while the file is read: tasks that need the same model wait instead of reading it
-        // again.
+        // The lock is held while the file is read: tasks that need the same model wait instead of
+        // reading it again.
         let mut read = READ.lock().unwrap_or_else(PoisonError::into_inner);
         let found = read.iter().find(|(models, known, _)| known == name && models == self);
         if let Some((_, _, loaded)) = found {

@@ -68,8 +68,8 @@ impl<'a> ByParts<'a> {
                 (_, Some(hash)) => hash.to_ascii_lowercase(),
                 _ => match models.model(&name) {
                     Ok(loaded) => loaded.model.hash().to_owned(),
-                    // It may exist on the executors only. If it is not a model, the query will
-                    // report that better.
+                    // The model may exist on the executors only. If it is not a model, the query
+                    // will report that better.
                     Err(_) => return Ok(Err(format!("the model {name} is given without a hash"))),
                 },
             };

@@ -129,7 +129,7 @@ fn context_with(threads: usize, batch: usize, models: &Models) -> SessionContext
 /// [`FleetError`] if a file cannot be read or written, another run writes the same output, a table
 /// is not sorted as declared, or the query fails; there is then no output.
 pub fn query(query: &Query, mut progress: impl FnMut(&QueryState)) -> Outcome<QuerySummary> {
-    // Before the lock file is created, which could itself land in a folder of the input.
+    // Checked before the lock file is created, which could itself land in a folder of the input.
     query.keep_tables()?;
     let unfinished = beside(&query.output, ".unfinished");
     let file = open_locked(&unfinished)?;

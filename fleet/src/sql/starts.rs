@@ -41,7 +41,7 @@ impl Starts {
         let first = self.rows;
         self.rows += keys.len() as u64;
         let key_of = |row: u64| ScalarValue::try_from_array(keys, (row - first) as usize);
-        // Compare each key with the one before it, across batches, too.
+        // Compare each key with the previous one, also across batches.
         let last = self.last.replace(keys.slice(keys.len() - 1, 1));
         let (all, shift) = if let Some(last) = last {
             (concat(&[&*last, &**keys])?, first)
@@ -57,11 +57,11 @@ impl Starts {
             // All wanted rows up to this start collapse into it.
             let passed = |wanted: Option<&u64>| wanted.is_some_and(|&wanted| wanted <= row);
             if passed(self.borders.front()) {
-                // A border strictly inside the drive that ends here: it spans two files, so cut at
-                // both of its ends.
+                // If a border is strictly inside the drive that ends here, the drive spans two
+                // files, so cut at both of its ends.
                 let crossed = self.borders.iter().any(|&border| drive < border && border < row);
                 self.borders.retain(|&border| border > row);
-                // It began in this batch, or in an earlier one.
+                // The drive began in this batch, or in an earlier one.
                 if crossed && drive >= first {
                     self.cut(drive, key_of(drive)?);
                 } else if crossed && let Some((row, key)) = self.drive.clone() {

@@ -13,7 +13,7 @@ pub(super) const OURS: &str = "wayfix_";
 /// Rule that refuses functions over lists gathered by `array_agg` without `ORDER BY`: their results
 /// would be those of drives that never happened, and nobody would notice.
 ///
-/// It refuses them over sorted tables, too: threads that gather pieces of a drive put them together
+/// It also refuses them over sorted tables: threads that gather pieces of a drive put them together
 /// in any order, and an `ORDER BY` costs nothing where the order is known.
 #[derive(Debug)]
 pub(super) struct Unordered;
@@ -79,7 +79,7 @@ fn unordered(expression: &Expr, node: &LogicalPlan, inputs: &DFSchema) -> Result
             let arguments = arguments.collect::<Vec<_>>().join(", ");
             return Ok(is_unordered.then(|| format!("{}({arguments})", function.fun.name())));
         }
-        // Sorted afterwards: in an order of its own, which the user chose.
+        // The list is sorted afterwards, in an order that the user chose.
         Expr::ScalarFunction(function) if matches!(function.name(), "array_sort" | "list_sort") => {
             return Ok(None);
         }

@@ -146,8 +146,8 @@ async fn fetch(
         Err(Error::Precondition { .. }) => return Err(io::Error::other(Replaced)),
         found => found?,
     };
-    // Not every store supports conditions or tags, so compare what the answer says about itself,
-    // too.
+    // Not every store supports conditions or tags, so also compare what the answer says about
+    // itself.
     let stamp = |of: &ObjectMeta| (of.size, of.last_modified, of.e_tag.clone());
     if stamp(&found.meta) != stamp(&opened) {
         return Err(io::Error::other(Replaced));
@@ -212,7 +212,7 @@ pub(super) fn list(url: &Path) -> Outcome<Listed> {
     for object in found.map_err(&wrong)? {
         let Some(parts) = object.prefix_match(&location) else { continue };
         let parts: Vec<_> = parts.map(|part| part.as_ref().to_owned()).collect();
-        // Without parts it is the marker of an empty folder.
+        // An object without parts is the marker of an empty folder.
         if parts.is_empty() || parts.iter().any(|part| is_hidden(part)) {
             continue;
         }

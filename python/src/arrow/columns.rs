@@ -71,7 +71,7 @@ fn column<'py>(
         DataType::LargeList(field) => lists::<i64>(py, field.data_type(), arrays),
         DataType::FixedSizeList(field, size) => {
             let parts = arrays.iter().map(|array| {
-                // A null takes up a row of values here, which hold anything.
+                // A null takes up a row of values here, and these may hold anything.
                 if array.null_count() > 0 {
                     return Err(invalid("a list column of one length has nulls"));
                 }
@@ -100,7 +100,7 @@ where
     for array in arrays {
         let array = array.as_primitive::<T>();
         match array.nulls() {
-            // The usual column is copied as a whole.
+            // A column without nulls, the usual case, is copied as a whole.
             None => out.extend_from_slice(array.values()),
             Some(_) => out.extend(array.iter().map(|value| value.unwrap_or(null))),
         }
@@ -163,8 +163,8 @@ fn dates<'py>(py: Python<'py>, unit: TimeUnit, arrays: &[ArrayRef]) -> PyResult<
     };
     let mut out = Vec::new();
     for array in arrays {
-        // The same bits as integers, so that one branch serves all units. The smallest integer is
-        // numpy's "not a time".
+        // The times are read as integers of the same bits, so that one branch serves all units. The
+        // smallest integer is numpy's "not a time".
         let data = array.to_data().into_builder().data_type(DataType::Int64).build();
         let array = arrow_array::make_array(data.map_err(invalid)?);
         out.extend(array.as_primitive::<Int64Type>().iter().map(|time| time.unwrap_or(i64::MIN)));
@@ -182,7 +182,7 @@ fn dictionary<'py>(
     for array in arrays {
         let array = array.as_any_dictionary();
         let words = column(py, values, std::slice::from_ref(array.values()))?;
-        // All entries are null then, and `take` has nothing to index.
+        // Without words, all entries are null, and `take` has nothing to index.
         if array.values().is_empty() {
             let nothing = PyList::new(py, (0..array.len()).map(|_| py.None()))?;
             parts.append(numpy.call_method1("array", (nothing, "object"))?)?;

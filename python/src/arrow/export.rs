@@ -41,7 +41,7 @@ pub(crate) fn arrow_stream<'py>(columns: &Bound<'py, PyDict>) -> PyResult<Bound<
     let batch = RecordBatch::try_new_with_options(Arc::clone(&schema), arrays, &options);
     let reader = RecordBatchIterator::new([Ok(batch.map_err(invalid)?)], schema);
     let stream = FFI_ArrowArrayStream::new(Box::new(reader));
-    // The capsule drops the stream. One that a consumer took is marked released by then, so that
+    // The capsule drops the stream. A stream that a consumer took is marked released by then, so
     // its memory is freed once in either case.
     PyCapsule::new_with_value(columns.py(), stream, c"arrow_array_stream")
 }
@@ -54,9 +54,9 @@ fn vector<T: Element + Copy>(values: &Bound<'_, PyAny>, kind: &str) -> PyResult<
 fn array_of(values: &Bound<'_, PyAny>) -> PyResult<ArrayRef> {
     if let Ok(pair) = values.cast::<PyTuple>() {
         let (values, offsets): (Bound<'_, PyAny>, Bound<'_, PyAny>) = pair.extract()?;
-        // The values may be any column, lists again among them.
+        // The values may be any column, including another list column.
         let (values, offsets) = (array_of(&values)?, vector::<i64>(&offsets, "int64")?);
-        // Offsets that ascend from 0 to the number of values index nothing outside them.
+        // Offsets that never decrease, from 0 to the number of values, index nothing outside them.
         let ascend = offsets.first() == Some(&0) && offsets.is_sorted();
         let end = offsets.last().and_then(|last| usize::try_from(*last).ok());
         if !ascend || end != Some(values.len()) {
@@ -87,7 +87,7 @@ fn array_of(values: &Bound<'_, PyAny>) -> PyResult<ArrayRef> {
         "f" if dtype.getattr("itemsize")?.extract::<usize>()? == 4 => {
             Arc::new(Float32Array::from(vector::<f32>(values, "float32")?))
         }
-        // Half floats and long doubles, too, which Arrow or Rust lacks.
+        // Also half floats and long doubles, which Arrow or Rust lacks.
         "f" => Arc::new(Float64Array::from(vector::<f64>(values, "float64")?)),
         "i" => Arc::new(Int64Array::from(vector::<i64>(values, "int64")?)),
         "u" => Arc::new(UInt64Array::from(vector::<u64>(values, "uint64")?)),

@@ -47,7 +47,7 @@ fn checked(array: FFI_ArrowArray, data_type: &DataType) -> PyResult<ArrayRef> {
     // schema that came with it, and `data_type` was read from that schema.
     #[expect(unsafe_code, reason = "memory of another package")]
     let mut data = unsafe { from_ffi_and_data_type(array, data_type.clone()) }.map_err(invalid)?;
-    // Producers need not align; readers of typed values must have it.
+    // Producers need not align their data, but readers of typed values need it aligned.
     data.align_buffers();
     data.validate_full().map_err(invalid)?;
     Ok(make_array(data))
@@ -66,7 +66,7 @@ fn from_array(schema: &Bound<'_, PyCapsule>, array: &Bound<'_, PyCapsule>) -> Py
             FFI_ArrowArray::from_raw(array.cast().as_ptr()),
         )
     };
-    // A second consumer of one capsule finds what the first left.
+    // A second consumer of one capsule finds a released array.
     if array.is_released() {
         return Err(invalid("the arrow array was taken before"));
     }

@@ -44,8 +44,8 @@ where
         called.unwrap_or_else(|raised| unwind(raised))
     };
     let mut tell = |now: &_| {
-        // The first pass knows of invalid sequences; without this, learning would go on without
-        // them and the user would hear of it only at the end.
+        // The first pass finds invalid sequences. Without this check, learning would go on without
+        // them, and the user would hear of them only at the end.
         if not_valid(now).is_some() || ends(now) {
             ControlFlow::Break(())
         } else {
@@ -168,8 +168,8 @@ pub(crate) fn learn(
         sequences.iter().enumerate().map(read).collect()
     };
     match hmm.get().model() {
-        // The branches differ in types alone: the learned moves go back in the form they were given
-        // in, and beside them either a table or a family.
+        // The branches differ only in types: the learned moves are returned in the form in which
+        // they were given, together with either a table or a family.
         Model::DenseTable(hmm) => {
             let symbols = symbols()?;
             let found = run(py, progress, |watch, tell| {

@@ -109,7 +109,8 @@ macro_rules! families {
                     $((Self::$name(family), Statistics::$name(sum)) => {
                         family.add(sum, observation, posterior);
                     })*
-                    // Not reached: `statistics` made them, and a model keeps its kind of family.
+                    // Not reached: `statistics` made the sums, and a model keeps its kind of
+                    // family.
                     _ => {}
                 }
             }
@@ -188,7 +189,7 @@ families! {
 fn read<F: serde::de::DeserializeOwned>(given: Value, defaults: &str) -> PyResult<F> {
     let failed = |error: serde_json::Error| invalid(format!("parameters of a family: {error}"));
     let mut all: Value = serde_json::from_str(defaults).map_err(failed)?;
-    // Without parameters it is null; the error is then that of the first missing field.
+    // Without parameters `given` is null; the error is then that of the first missing field.
     if given.is_object() {
         merge(&mut all, given);
     }

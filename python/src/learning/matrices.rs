@@ -71,7 +71,7 @@ pub(super) fn pack(family: &str, parameters: &mut Value) -> PyResult<()> {
 pub(super) fn unpack(family: &str, parameters: &mut Value) -> PyResult<()> {
     changed(family, parameters, &|one, kind| {
         let Value::Array(values) = one else { return Ok(()) };
-        // Both have a list of one around the number or the matrix.
+        // Both types have the number or the matrix in a list of one.
         if matches!(kind, "spherical" | "tied") {
             *one = values.first_mut().map_or(Value::Null, Value::take);
         }

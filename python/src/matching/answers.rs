@@ -85,7 +85,8 @@ impl Answers {
 
     /// Appends points that were not matched.
     pub(super) fn push_missing(&mut self, count: usize) {
-        // All columns keep one length, so that a row is one point also after a drive that failed.
+        // All columns keep the same length, so that a row is still one point after a drive that
+        // failed.
         let all = self.edge.len() + count;
         self.edge.resize(all, -1);
         self.positions.resize(2 * all, f64::NAN);

@@ -68,7 +68,7 @@ impl PyMatchedDrive {
     /// Most probable route: consecutive edges, and stretches off the road.
     #[getter]
     fn route(&self, py: Python<'_>) -> PyResult<PyStretches> {
-        // Its probability takes a search of its own, which `routes` does.
+        // The probability of the route takes a search of its own, which `routes` makes.
         let stretches = self.drive.route().to_vec();
         let route = Stretches { stretches, probabilities: Vec::new(), probability: f64::NAN };
         PyStretches::new(self.matcher.bind(py), route)

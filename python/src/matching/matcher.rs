@@ -181,9 +181,10 @@ impl PyMatcher {
         progress: Option<Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let estimator = Estimator::of(estimator, lag.map(|lag| lag.0))?;
-        // Counted by the threads that match, and reported by this one, which has the global lock.
+        // Drives are counted by the threads that match, and reported by this one, which has the
+        // global lock.
         let (count, done) = (offsets.len().saturating_sub(1), Arc::new(AtomicUsize::new(0)));
-        // `order_of` in `_trips` made the offsets: they ascend, up to the number of rows, so that
+        // `order_of` in `_trips` made the offsets: they ascend, up to the number of rows, so
         // `match_all` may slice by them.
         let drives = Drives { points: columns.points()?, offsets, estimator, skip };
         let (matcher, told) = (Arc::clone(&self.matcher), Arc::clone(&done));
@@ -301,7 +302,7 @@ pub(crate) fn read_traces(py: Python<'_>, path: PathBuf) -> PyResult<(Bound<'_, 
         .iter()
         .flat_map(|trace| std::iter::repeat_n(trace.name.as_str(), trace.points.len()))
         .collect();
-    // Objects: numpy's own texts take the width of the longest name for each.
+    // Texts as objects: numpy's own would take the width of the longest name for each.
     columns.set_item("trip", py.import("numpy")?.call_method1("array", (names, "object"))?)?;
     columns.set_item("time", column(|point| point.time).to_pyarray(py))?;
     columns.set_item("lat", column(|point| point.position.latitude).to_pyarray(py))?;

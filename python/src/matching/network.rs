@@ -281,7 +281,8 @@ impl PyRoadNetwork {
     /// Restores a pickle.
     #[staticmethod]
     fn _from_bytes(py: Python<'_>, bytes: &[u8], report: String) -> PyResult<Self> {
-        // Built by the library's own builder, which checks it: a pickle may be of any origin.
+        // Built by the library's own builder, which checks the network: a pickle may be of any
+        // origin.
         let made = py.detach(|| {
             let stored = serde_json::from_slice::<Stored>(bytes).map_err(|e| e.to_string())?;
             stored.network()

@@ -91,7 +91,7 @@ impl Drives {
         let (next, ended) = (AtomicUsize::new(0), AtomicBool::new(false));
         let found = Mutex::new(Vec::new());
         // Parts are begun in order, and a part that is begun is finished. So when a drive fails,
-        // all drives before it are matched too, and the first error does not depend on threads.
+        // all earlier drives are also matched, and the first error does not depend on threads.
         let work = || {
             while !ended.load(Ordering::Relaxed) && !watch.is_stopped() {
                 let part = next.fetch_add(at_once, Ordering::Relaxed);

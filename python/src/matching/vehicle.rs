@@ -31,7 +31,7 @@ impl PyVehicle {
     pub(super) fn from_bytes(matcher: &Bound<'_, PyMatcher>, bytes: &[u8]) -> PyResult<Self> {
         let vehicle: Vehicle = serde_json::from_slice(bytes)
             .map_err(|error| invalid(format!("the state of a vehicle: {error}")))?;
-        // Fails for a vehicle of another network: here, rather than at its next point.
+        // For a vehicle of another network this fails here, rather than at the next point.
         vehicle.credible(&matcher.get().matcher, 0.5).map_err(invalid)?;
         Ok(Self::new(matcher, vehicle))
     }
@@ -42,8 +42,8 @@ impl PyVehicle {
     }
 
     fn with<T: Send>(&self, py: Python<'_>, work: impl FnOnce(&mut Vehicle) -> T + Send) -> T {
-        // The global lock is released first: a thread that waited for the vehicle with it would
-        // block the one that has the vehicle and waits for the global lock.
+        // The global lock is released first: a thread that held it while waiting for the vehicle
+        // would block the one that has the vehicle and waits for the global lock.
         py.detach(|| work(&mut self.lock()))
     }
 

@@ -102,7 +102,7 @@ pub(crate) struct PyPlaceBeliefs {
 
 impl PyPlaceBeliefs {
     fn read<'py>(&self, py: Python<'py>) -> PyResult<PyReadonlyArray2<'py, f64>> {
-        // The array is the user's, too, who may be writing to it.
+        // The array also belongs to the user, who may be writing to it.
         self.probabilities.bind(py).try_readonly().map_err(invalid)
     }
 }

@@ -51,7 +51,7 @@ impl Parts {
                 "found {labels} places, expected {steps}, one for each query"
             )));
         }
-        // `with` slices by these lengths, so they must sum to the steps; a sum that overflows
+        // `with` slices by these lengths, so they must sum to the steps. A sum that overflows
         // cannot.
         let sum = self.lengths.iter().try_fold(0_usize, |sum, length| sum.checked_add(*length));
         if sum != Some(steps) {

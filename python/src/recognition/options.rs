@@ -15,13 +15,13 @@ use crate::options::replaced;
 pub(super) fn options(before: &Options, given: Option<&Bound<'_, PyDict>>) -> PyResult<Options> {
     let mut before = before.clone();
     let off_map = before.off_map().unwrap_or_default();
-    // Rates may be given in part. If none are set yet, the rest are the defaults: merged into null,
-    // the part alone would remain.
+    // Rates may be given in part. If none are set yet, the defaults are set first: merged into
+    // null, the given part alone would remain.
     if given.is_some_and(|given| given.contains("off_map").unwrap_or(false)) {
         before = before.with_off_map(Some(off_map));
     }
     replaced(&before, given, |given| {
-        // True and False stand for the rates of before, and for none.
+        // True stands for the previous rates, and False for none.
         match given.get_mut("off_map") {
             Some(value @ Value::Bool(true)) => *value = stored(&off_map)?,
             Some(value @ Value::Bool(false)) => *value = Value::Null,
@@ -34,8 +34,8 @@ pub(super) fn options(before: &Options, given: Option<&Bound<'_, PyDict>>) -> Py
         };
         match given.get_mut("speeds") {
             Some(value @ Value::Array(_)) => *value = usual(value.take())?,
-            // A grid without shares gets the usual ones: those of before belong to another grid,
-            // and may be of another length.
+            // A grid without shares gets the usual ones: the previous shares belong to another
+            // grid, and may be of another length.
             Some(Value::Object(parts)) if !parts.contains_key("shares") => {
                 if let Some(values) = parts.get("values") {
                     parts.insert("shares".into(), usual(values.clone())?["shares"].take());
@@ -55,7 +55,7 @@ fn stored<T: serde::Serialize>(value: &T) -> PyResult<Value> {
 /// would abort.
 pub(super) fn check_memory(references: usize, options: &Options) -> PyResult<()> {
     let speeds = options.speeds().values().len();
-    // Beyond the range of its indices, the library returns an error before it allocates.
+    // Beyond the range of indices, the library returns an error before it allocates.
     if references.saturating_mul(speeds + 1) > u32::MAX as usize {
         return Ok(());
     }

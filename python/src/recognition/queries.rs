@@ -44,7 +44,7 @@ impl<'py> Queries<'py> {
 pub(super) fn query(values: &Bound<'_, PyAny>, negated: bool) -> PyResult<Vec<f32>> {
     let array = floats(values, "the values of a query")?;
     let values = array.as_slice().map_err(crate::error::invalid)?;
-    // Distances are copied, too: the step runs without the global lock, and a camera may write its
+    // Distances are also copied: the step runs without the global lock, and a camera may write its
     // next frame into the array meanwhile.
     Ok(if negated { values.iter().map(|value| -value).collect() } else { values.to_vec() })
 }

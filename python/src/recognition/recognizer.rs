@@ -197,7 +197,8 @@ impl PyRecognizer {
     /// Returns a recogniser of the same references with another result of learning. Values learned
     /// for single references are dropped if the number of references differs.
     fn with_parameters(&self, py: Python<'_>, parameters: &str) -> PyResult<Self> {
-        // Its options may have more speeds than the present ones, and so need more memory.
+        // The options of the parameters may have more speeds than the present ones, and so need
+        // more memory.
         let fit: Parameters = serde_json::from_str(parameters)
             .map_err(|error| invalid(format!("parameters: {error}")))?;
         check_memory(self.references(), fit.options())?;

@@ -136,7 +136,7 @@ impl PyRecording {
     ) -> PyResult<(Bound<'py, PyAny>, (Py<PyArray2<f32>>, Option<Bound<'py, PyArray1<f64>>>))> {
         let readings = self.odometry.iter().map(|reading| reading.unwrap_or(f64::NAN));
         let readings = readings.collect::<Vec<f64>>().to_pyarray(py);
-        // No readings at all are an empty vector, which `optional` made of None.
+        // Without readings the vector is empty, as `optional` made it from None.
         let odometry = (!self.odometry.is_empty()).then_some(readings);
         let made = self.recognizer.bind(py).getattr("recording")?;
         Ok((made, (self.queries.clone_ref(py), odometry)))

@@ -43,8 +43,8 @@ impl PyTrack {
     }
 
     fn with<T: Send>(&self, py: Python<'_>, work: impl FnOnce(&mut Track) -> T + Send) -> T {
-        // The global lock is released before this one is taken, so that no thread waits for the
-        // track with the global lock in its hands.
+        // The global lock is released before this one is taken, so that no thread holds the global
+        // lock while it waits for the track.
         py.detach(|| work(&mut self.lock()))
     }
 

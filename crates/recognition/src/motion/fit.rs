@@ -52,9 +52,10 @@ impl Speeds {
         let mut best = (f64::NEG_INFINITY, self.clone());
         for slack in SLACKS {
             let (learned, log) = self.clone().with_slack(slack)?.fit_changes(drives);
-            // Log-density of the slack under a beta prior, up to a constant: `SLACK_COUNT` steps of
-            // which a fraction 2 s leads one place off, as at the present slack. The present one is
-            // kept below 1, or no other slack could win.
+            // Twice the slack is the share of moves that are one place off: `now` with this slack,
+            // `before` with the previous one. `prior` is the log-density of `now`, up to a
+            // constant, under a beta prior that counts as `SLACK_COUNT` moves, of which the share
+            // `before` is off. The bound 0.99 keeps both of its parameters above 0.
             let (now, before) = (2.0 * slack, (2.0 * self.slack()).min(0.99));
             let prior = SLACK_COUNT * (before * now.ln() + (1.0 - before) * (1.0 - now).ln());
             if log + prior > best.0 {
@@ -95,7 +96,7 @@ impl Speeds {
             (1.0 - share) * weight(places.floor()) + share * weight(places.floor() + 1.0)
         };
         let likelihoods: Vec<f64> = self.windows.iter().map(of).collect();
-        // A move that no speed makes: no evidence, rather than an impossible step.
+        // A move that no speed makes counts as no evidence, rather than as an impossible step.
         if likelihoods.iter().all(|p| *p == 0.0) {
             vec![1.0; likelihoods.len()]
         } else {
@@ -199,8 +200,9 @@ impl OdometryModel {
         // scale and bias.
         for _ in 0..4 {
             // Ridge regression: the priors enter the normal equations of r ≈ scale m + bias n as
-            // pseudo- observations with the mean (1, 0), in units of the errors' variance. The sums
-            // over a span have a variance in proportion to its length n, hence the weight 1 / n.
+            // pseudo-observations with the mean (1, 0), in units of the errors' variance. The sums
+            // m of moves and r of readings over a span of n steps have a variance in proportion to
+            // n, hence the weight 1 / n.
             let prior = [SCALE_PRIOR_SD, BIAS_PRIOR_SD].map(|sd| (model.deviation / sd).powi(2));
             let (mut mm, mut mn, mut nn) = (prior[0], 0.0, prior[1]);
             let (mut mr, mut nr) = (prior[0], 0.0);
@@ -240,7 +242,7 @@ impl OdometryModel {
         let (variance, covariance) = (squares / count, products / count);
         let own = (variance + 2.0 * covariance).clamp(0.25 * variance, variance);
         // Errors are between a Gaussian, whose variance is the scale squared, and a t with four
-        // degrees of freedom, whose variance is twice that.
+        // degrees of freedom, whose variance is twice that; 1.4 is in between.
         (own / 1.4).sqrt().max(LEAST_DEVIATION)
     }
 }

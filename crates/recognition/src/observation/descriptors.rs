@@ -332,7 +332,7 @@ impl WithSimd for Pass<'_> {
                     Distance::Cosine => squares.map(|square| 0.5 * square),
                     Distance::Euclidean => squares.map(f32::sqrt),
                 };
-                // Padding and infinities are out of range too; a fold without an early exit
+                // Padding and infinities are also out of range; a fold without an early exit
                 // vectorises.
                 let in_range = |square: f32| (least..=f32::MAX).contains(&square);
                 if distance == Distance::Euclidean

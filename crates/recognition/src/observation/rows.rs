@@ -41,7 +41,7 @@ pub(crate) fn row_scores(
     out: &mut Vec<f32>,
     scratch: &mut RowScratch,
 ) -> Result<usize, ViewError> {
-    // Without an early exit, so that it is done in vectors.
+    // A fold without an early exit vectorises.
     let all_finite = distances.iter().fold(true, |all, d| all & d.is_finite());
     let invalid = |d: &f32| d.is_nan() || *d == f32::NEG_INFINITY;
     if !all_finite && let Some(reference) = distances.iter().position(invalid) {
@@ -65,7 +65,8 @@ pub(crate) fn row_scores(
         return Ok(0);
     }
     let centre = median(finite, middle);
-    // A difference of two finite floats may overflow: bounded, since only its rank matters.
+    // A difference of two finite floats may overflow. It can be bounded, since only its rank
+    // matters.
     finite.iter_mut().for_each(|d| *d = (*d - centre).abs().min(f32::MAX));
     let mut deviation = NORMAL * f64::from(median(finite, middle));
     if deviation == 0.0 {
@@ -90,7 +91,8 @@ fn median(values: &[f32], middle: &mut Vec<f32>) -> f32 {
             *sampled = values[at * values.len() / SAMPLE];
         }
         sample.sort_unstable_by(f32::total_cmp);
-        // The median's rank in a sample of n has the deviation √n / 2, here 5.7: three are 17.
+        // The median's rank in a sample of n has the deviation √n / 2, here 5.7; three deviations
+        // are 17.
         let (low, high) = (sample[SAMPLE / 2 - 17], sample[SAMPLE / 2 + 17]);
         // `middle` only grows: with one slot for each value, the loop below writes without a
         // branch, and an entry that is not kept is overwritten by the next.
@@ -322,8 +324,8 @@ impl Log2Odds {
     #[inline(always)]
     fn of(self, score: f64) -> f32 {
         let says = (self.even - self.slope * score as f32).min(LARGEST_LOG_ODDS as f32 * LOG2_E);
-        // Below −126, 2^x would not be a normal number; the sum with `nothing`, at least 1e-12,
-        // does not show it.
+        // Below −126, 2^x would not be a normal number. The bound does not show in the sum with
+        // `nothing`, which is at least 1e-12.
         let says = single_exp2(says.max(-126.0));
         let log2 = single_log2((1.0 - self.nothing) * says + self.nothing) * self.cooling;
         if score == f64::INFINITY { f32::NEG_INFINITY } else { log2 }

@@ -232,8 +232,8 @@ impl WithSimd for AddScores<'_> {
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
         let Self { spread, rows, weight, known: Standardizer { sums, squares, steps, .. } } = self;
-        // Clipped about the usual score, which is that of before this query: a score cannot widen
-        // its own bounds.
+        // Clipped around the usual score from before this query, so that a score cannot widen its
+        // own bounds.
         let most = CLIP * (spread.within as f32).sqrt();
         for ((sum, square), &score) in sums.iter_mut().zip(squares).zip(rows) {
             let usual = (*sum * spread.mean_share) as f32;
@@ -244,7 +244,7 @@ impl WithSimd for AddScores<'_> {
             *square += weight * score * score;
         }
         for ((step, &a), &b) in steps.iter_mut().zip(rows).zip(&rows[1..]) {
-            // Clipped scores again, so that neighbours at extreme distances do not rule the
+            // Clipped scores again, so that neighbours at extreme distances do not dominate the
             // threshold.
             let difference = f64::from(within(a) - within(b));
             let compared = a.is_finite() & b.is_finite();
@@ -277,7 +277,8 @@ impl WithSimd for EstimateSpread<'_> {
         let (mut within, mut all) = ([0.0; LANES], [0.0; LANES]);
         let (whole, rest) = (sums.as_chunks::<LANES>(), squares.as_chunks::<LANES>());
         let mut take = |l: usize, sum: f64, square: f64| {
-            // Σ (x − mean)² = Q − S²/K, at least 0 but for rounding.
+            // Σ (x − mean)² = Q − S²/K (`guide::formulas`, Usual scores), at least 0 but for
+            // rounding.
             within[l] += (square - sum * sum * part).max(0.0);
             all[l] += square;
         };
@@ -290,7 +291,8 @@ impl WithSimd for EstimateSpread<'_> {
         let references = sums.len() as f64;
         let within: f64 = within.iter().sum::<f64>() / references;
         let all: f64 = all.iter().sum::<f64>() / references;
-        // W and then B as in the guide; scores within a row have the variance 1 a priori.
+        // W and then B (`guide::formulas`, Usual scores); a priori, scores within a row have the
+        // variance 1.
         let within = (within + PRIOR_COUNT * PRIOR_WITHIN) / ((n - 1.0).max(0.0) + PRIOR_COUNT);
         let all = (all + PRIOR_COUNT) / (n + PRIOR_COUNT);
         let between = (all - within).max(LEAST_BETWEEN * all);
@@ -319,7 +321,8 @@ impl WithSimd for Standardize<'_> {
         let (known, prior) = (1.0 / ((n - 1.0).max(0.0) + OWN_COUNT), OWN_COUNT * within);
         for ((out, &row), (&sum, &square)) in out.iter_mut().zip(rows).zip(sums.iter().zip(squares))
         {
-            // s_i² = own variance, shrunk towards W, plus that of the usual score.
+            // s_i² of `guide::formulas`: the own variance, shrunk towards W, plus that of the usual
+            // score.
             let own = ((square - sum * sum * part).max(0.0) + prior) * known;
             // Seven digits are enough, and take a quarter of the time.
             let inverse = 1.0 / ((own + mean_variance) as f32).sqrt();

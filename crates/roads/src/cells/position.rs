@@ -169,7 +169,7 @@ impl FixDensity<'_> {
         // Without a direction, all of the distance counts as across.
         let across = if u == 0.0 && v == 0.0 { dx * dx + dy * dy } else { across * across };
         let q = along * along / wide + across / self.variance;
-        // The density relative to its peak for a cell of length 0, so at most 1.
+        // The density is relative to its peak for a cell of length 0, so it is at most 1.
         self.tail(q) + 0.5 * (self.variance / wide).ln()
     }
 
@@ -187,7 +187,7 @@ impl FixDensity<'_> {
         let wide = (self.variance + self.points.largest_square).sqrt();
         let distance = (NEAR * wide + self.ahead.abs()) / self.metres;
         let [x, y] = self.at;
-        // Cells near the antimeridian may be a full turn around the Earth away.
+        // Across the antimeridian, the coordinate of a nearby cell differs by a full turn.
         for turn in [0.0, self.turn, -self.turn].into_iter().filter(|turn| turn.is_finite()) {
             let is_nearest = |cell: usize| {
                 let middle = self.points.middles[cell][0];
@@ -240,8 +240,8 @@ impl<P: Coordinates> LocalLikelihood for PositionLikelihood<P> {
         let density = self.density_of(fix)?;
         let out = scratch.values(states.len());
         out.iter_mut().zip(states).for_each(|(out, &cell)| *out = density.log(cell));
-        // Cells that are not near are beyond ten deviations: this bounds them. Near ones that were
-        // not asked for are looked at.
+        // Cells that `near` leaves out are more than ten deviations away, which bounds their
+        // density. Nearby cells that were not asked for are evaluated.
         let mut largest = density.tail(NEAR * NEAR);
         density.near(|cell| {
             if states.binary_search(&cell).is_err() {
@@ -309,8 +309,8 @@ fn divide(line: &[[f64; 2]], parts: usize, marks: &mut Vec<[f64; 2]>) {
     marks.clear();
     for mark in 0..=parts {
         let along = total * mark as f64 / parts as f64;
-        // Marks ascend, so the piece only moves on. It stops at the last one, which rounding of the
-        // sum must not pass.
+        // Marks ascend, so `piece` never goes back. It stops at the last piece, even if the rounded
+        // sum of lengths leaves a mark beyond its end.
         while piece + 2 < line.len() && before + length(&line[piece..piece + 2]) < along {
             before += length(&line[piece..piece + 2]);
             piece += 1;

@@ -146,11 +146,12 @@ impl<P> RoadCells<P> {
             return Err(wrong().into());
         }
         let mean_metres = total / layout.states() as f64;
-        // The error of an edge is made once per passage, so per metre driven its variance is Σ (L −
-        // c mean)² / Σ L.
+        // An edge of length L with c cells is off by L − c mean, once per passage. So the variance
+        // per metre driven is Σ (L − c mean)² / Σ L.
         let error = |(edge, metres)| metres - layout.cells(edge).len() as f64 * mean_metres;
         let squares: f64 = lengths.enumerate().map(|edge| error(edge).powi(2)).sum();
-        // Exact multiples of the spacing leave only rounding, which must not count as noise.
+        // Lengths that are exact multiples of the spacing leave only rounding errors, which must
+        // not count as noise.
         let rounding = squares / total;
         let rounding = if rounding > 1e-20 * mean_metres { rounding } else { 0.0 };
         Ok(Self { network, layout: Arc::new(layout), mean_metres, rounding })
@@ -328,11 +329,11 @@ impl<P> RoadCells<P> {
             match self.lower(edge) {
                 Some(lower) => {
                     let there = self.cells(lower);
-                    // The middle of cell i of m is at the share (2 i + 1) / 2 m of its edge, and at
-                    // 1 minus this of the other edge, which has n cells: that is its cell ⌊(2 (m −
-                    // i) − 1) n / 2 m⌋, computed in integers, and m − 1 − i if m = n. A middle on
-                    // the border of two cells is in the one farther along the other edge. Cells of
-                    // the lower edge without any middle are groups of their own.
+                    // The middle of cell i of m is at the share (2 i + 1) / 2 m of its edge, so at
+                    // 1 minus this share of the other edge. Of the n cells there, it is in cell
+                    // ⌊(2 (m − i) − 1) n / 2 m⌋, computed in integers; for m = n this is m − 1 − i.
+                    // A middle on the border of two cells is in the one farther along the other
+                    // edge. Cells of the lower edge without any middle are groups of their own.
                     let (m, n) = (cells.len(), there.len());
                     for (i, cell) in cells.enumerate() {
                         let part = (2 * (m - i) - 1) * n / (2 * m);
@@ -358,7 +359,7 @@ impl<P> RoadCells<P> {
     fn roads(&self) -> (Vec<usize>, usize) {
         let (mut of, mut count) = (Vec::with_capacity(self.layout.edge_count()), 0);
         for edge in 0..self.layout.edge_count() {
-            // The lower edge of a pair comes first, so its road has a number.
+            // The lower edge of a pair comes first, so its road already has a number.
             let road = self.lower(edge).map_or(count, |lower| of[lower]);
             of.push(road);
             count = count.max(road + 1);

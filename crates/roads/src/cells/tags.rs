@@ -111,8 +111,7 @@ impl TagLikelihood {
             let before = part(tags[edge.to], edge.metres - range, edge.metres);
             let behind = part(tags[edge.from], 0.0, range);
             let found = [before, behind].into_iter().flatten().filter(|(_, part)| *part > 0.0);
-            // Of equal parts the lower tag must win, and `max_by` keeps the last: tags compare in
-            // reverse.
+            // Among equal parts the lower tag must win, so tags compare in reverse.
             found.max_by(|a, b| a.1.total_cmp(&b.1).then(Reverse(a.0).cmp(&Reverse(b.0))))
         };
         let in_range: Vec<InRange> = (0..cells.states()).map(in_range).collect();
@@ -143,10 +142,10 @@ impl TagLikelihood {
             return parameter("the sum of read and misread rate", read + misread, "at most 1");
         }
         let by_mistake = misread / tags as f64;
-        // 1 − r q − m; rounding may take it below 0 if the rates sum to one.
+        // Neither read nor misread. Rounding may take this below 0 if the rates sum to one.
         let nothing = |part: f32| (1.0 - read * f64::from(part) - misread).max(0.0);
-        // The likelihood of reading nothing elsewhere: that of the cells with the smallest part in
-        // range, of 0 if any cell is out of range. Cells with more are listed.
+        // "Elsewhere" is where the part in range is smallest, or 0 if any cell is out of range.
+        // Cells with a larger part are listed, with a smaller likelihood of reading nothing.
         let part = |in_range: &InRange| in_range.map_or(0.0, |(_, part)| part);
         let least = in_range.iter().map(part).fold(1.0, f32::min);
         let (mut read_at, mut missed_at) = (vec![Vec::new(); tags], Vec::new());

@@ -128,7 +128,7 @@ fn edge(
     let mut options = EdgeOptions::of(class_of(&excerpt(row.text(2)))?);
     if !row.text(3).is_empty() {
         options.metres = Some(row.number(3)?);
-        // Loops of length 0 are counted as such, further down.
+        // Loops of length 0 get a note of their own, further down.
         if options.metres == Some(0.0) {
             options.metres = None;
             if from != to {

@@ -206,13 +206,13 @@ impl Roads {
         if let Some(problem) = position_problem(position) {
             return Err(problem);
         }
-        // Numbers are given in the order of first use, so they are the keys' count.
+        // Points are numbered in the order of first use, so the next number is the count of keys.
         let next = self.keys.len() as u64;
         // RFC 7946 has lines cut at the antimeridian: both sides of the cut are one point.
         let east = if longitude == -180.0 { 180.0 } else { longitude };
         let rounded = [latitude, east].map(|degrees| (degrees * 1e7).round() as i64);
         let key = *self.keys.entry(rounded).or_insert(next);
-        // The first position of a rounded point stays its position.
+        // A point keeps the first of the positions that round to it.
         self.lines.points.entry(key).or_default().position.get_or_insert(position);
         Ok(key)
     }
@@ -225,7 +225,7 @@ fn road<'a>(
     options: &ImportOptions,
     report: &mut ImportReport,
 ) -> Result<Result<RoadTags, ImportNote>, String> {
-    // Without a class of our own, the tags are OpenStreetMap's, except for a speed of our own.
+    // Without `class`, the tags are OpenStreetMap's, but `speed_kmh` still takes precedence.
     if let (None, Some(_)) = (tag("class"), tag("highway")) {
         let own_speed = tag("speed_kmh").and_then(speed_of);
         let road = road_of(tag, options, report);

@@ -121,12 +121,12 @@ impl Lines {
             piece.iter().filter_map(|p| self.points[p].position).collect();
         let straight = length(&shape);
         let ends = [piece[0], piece[piece.len() - 1]];
-        // A given length is kept, however short; a piece gets its share of it, in proportion to the
-        // straight metres.
+        // A given length is kept, however short. A piece of the line gets a share of it, in
+        // proportion to its straight metres.
         let is_whole = piece.len() == line.points.len() || extent == 0.0;
         let share = if is_whole { 1.0 } else { (straight / extent).min(1.0) };
         let given = line.metres.map(|metres| share * metres).filter(|metres| *metres > 0.0);
-        // Without a length of its own, a piece needs one from its points.
+        // Without a given length, the piece takes its length from its points.
         if given.is_none() && straight < LEAST_METRES {
             if ends[0] == ends[1] {
                 report.note(ImportNote::LoopWithoutLength);

@@ -220,15 +220,15 @@ pub(super) fn position_problem(position: Position) -> Option<String> {
     if latitude.abs() <= 90.0 && longitude.abs() <= 180.0 {
         return None;
     }
-    // Valid if exchanged. Swapped positions whose longitude is below 90° cannot be told from right
-    // ones.
+    // Valid if exchanged. With a longitude below 90°, a swapped position cannot be told from a
+    // correct one.
     if latitude.abs() > 90.0 && latitude.abs() <= 180.0 && longitude.abs() <= 90.0 {
         let [latitude, longitude] = [latitude, longitude].map(Number);
         return Some(format!(
             "latitude {latitude} and longitude {longitude} seem to be swapped, expected degrees from -90 to 90 for the latitude"
         ));
     }
-    // NaN fails every comparison, and is reported as the latitude or longitude that it is.
+    // NaN fails every comparison, so the coordinate that is NaN is the one reported.
     let (name, value, limit) = if latitude.abs() <= 90.0 {
         ("longitude", longitude, 180)
     } else {

@@ -92,13 +92,14 @@ pub(super) fn road_of<'a>(
         return Err(ImportNote::Closed);
     }
     let roundabout = matches!(tag("junction"), Some("roundabout" | "circular"));
-    // One-way without saying so.
+    // These are one-way without a tag that says so.
     let implied = roundabout || matches!(highway, "motorway" | "motorway_link");
     let oneway = ["oneway:motorcar", "oneway:motor_vehicle", "oneway"].into_iter().find_map(&tag);
     let [forward, backward] = match oneway.map(directions) {
         Some(Some(directions)) => directions,
         Some(None) => {
-            // Of the other values, "alternating" is two-way with a signal.
+            // All other values count as two-way: "alternating", for example, is two-way with a
+            // signal.
             if oneway == Some("reversible") {
                 report.note(ImportNote::Reversible);
             }
@@ -108,7 +109,7 @@ pub(super) fn road_of<'a>(
     };
     let speed = tag("maxspeed").and_then(|text| {
         let speed = speed_of(text);
-        // "none" is a road without a limit: valid, and no speed to learn from.
+        // "none" means that there is no limit: valid, but not a speed.
         if speed.is_none() && text != "none" {
             report.note(ImportNote::UnknownSpeed);
         }

@@ -123,17 +123,18 @@ pub(super) fn credible<P: Coordinates>(
         states.filter(is_possible).map(|(state, p)| (state, *p)).collect();
     possible.sort_by(|a, b| b.1.total_cmp(&a.1));
     let on_road = possible.iter().map(|state| state.1).sum::<f64>();
-    // The stretches hold share · mass_along = mass: √(mass · on_road) of the belief in roads, and
-    // √(mass / on_road) of each place along.
+    // The states taken hold `share` of the belief, and each stretch holds `mass_along` of its
+    // state: together they hold share · mass_along = mass.
     let (share, mass_along) = if mass < on_road {
-        // As a share of `on_road`, both factors are the same: half of the doubt is about the road,
+        // Relative to `on_road`, both factors are the same: half of the doubt is about the road,
         // half about the place along it.
         ((mass * on_road).sqrt(), (mass / on_road).sqrt())
     } else {
         (f64::INFINITY, 1.0)
     };
-    // A logistic distribution of slope 1.702 / σ holds m within ±h if h = σ / 1.702 · ln ((1 + m) /
-    // (1 − m)); infinite for m = 1, which the ends of edges cut off.
+    // A logistic distribution of slope 1.702 / σ holds m within ±h if h =
+    // σ / 1.702 · ln ((1 + m) / (1 − m)). For m = 1 this is infinite, and the stretch ends where
+    // the edge does.
     let half = sigma * ((1.0 + mass_along) / (1.0 - mass_along)).ln() / 1.702;
     let (mut stretches, mut probabilities): (Vec<Stretch<P>>, Vec<f64>) = Default::default();
     let mut sum = 0.0;

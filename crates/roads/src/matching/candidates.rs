@@ -126,7 +126,7 @@ impl<P: Coordinates> CandidateSearch<'_, P> {
             let mut ends = [(0, 0.0); CARRIED_WAYS];
             let count = self.ends_of_ways(from.edge as usize, from.along + metres, &mut ends);
             for &(edge, along) in &ends[..count] {
-                // Three standard deviations: the state that is there already explains the same
+                // Within three standard deviations, the existing state already explains the same
                 // positions.
                 let is_near = |state: &Candidate| {
                     state.edge as usize == edge && (state.along - along).abs() < 3.0 * jitter
@@ -142,8 +142,8 @@ impl<P: Coordinates> CandidateSearch<'_, P> {
     fn carried(&mut self, edge: usize, along: f64) -> Candidate {
         let place = self.network.position_along(edge, along).to_plane();
         let off = metres_between::<P>(place, self.point.position.to_plane());
-        // The point is not the nearest of its edge, so the whole offset counts as across. No
-        // direction is known: `piece` is zero.
+        // The place is not the nearest point of its edge, so the whole offset counts as across. No
+        // direction is known, so `piece` is zero.
         let near = NearEdge {
             edge,
             metres_along: along,
@@ -162,8 +162,8 @@ impl<P: Coordinates> CandidateSearch<'_, P> {
         let mut open = [(0, 0.0); CARRIED_WAYS];
         (open[0], ends[0]) = ((edge, metres), (edge, 0.0));
         let (mut waiting, mut found, mut visited) = (1, 0, 0);
-        // Depth first. Every way in `open` yields at least one end, so `found + waiting` never
-        // exceeds the room of either array, and no end that was begun is lost.
+        // Depth first. Every way in `open` yields at least one end, and ways are only added while
+        // `found + waiting` leaves room. So no end of a way in `open` is lost.
         while waiting > 0 {
             waiting -= 1;
             let (edge, metres) = open[waiting];
@@ -171,8 +171,8 @@ impl<P: Coordinates> CandidateSearch<'_, P> {
             visited += 1;
             let reverse = self.network.reverse(edge);
             let mut next = self.network.next(edge).filter(|next| Some(*next) != reverse).peekable();
-            // A way also ends in a dead end, and where too many edges were visited: on the edge it
-            // is on.
+            // A way also ends on its present edge at a dead end, or once too many edges were
+            // visited.
             if left <= 0.0 || next.peek().is_none() || visited > MOST_VISITED {
                 if found < ends.len() {
                     ends[found] = (edge, metres.min(self.network.edges()[edge].metres));
@@ -200,20 +200,21 @@ impl<P: Coordinates> CandidateSearch<'_, P> {
         let length = off[0].hypot(off[1]);
         let tangent = near.direction();
         let is_beside = near.beyond == 0.0;
-        // Beside the edge, the offset itself is the unit vector across. Beyond an end it leans
-        // along, and on the line it is zero, so the normal of the piece is taken.
+        // Beside the edge, the direction of the offset is the unit vector across. Beyond an end the
+        // offset leans along the edge, and on the line it is zero: there the normal of the piece is
+        // taken.
         let normal = if is_beside && length > 0.0 {
             off.map(|metres| metres / length)
         } else {
             [-tangent[1], tangent[0]]
         };
-        // Share on the edge of a position whose place along is centred on it, which is the largest
-        // possible: a logistic distribution has 2 F(x) − 1 = tanh(x/2) within ±x, here x = SLOPE L
-        // / 2σ. Fewer outliers belong to a short edge, as fewer inliers do.
+        // Largest probability that a place along is on the edge, namely if its distribution is
+        // centred there. A logistic distribution has 2 F(x) − 1 = tanh(x/2) within ±x, here with x
+        // = SLOPE · metres / 2σ. Fewer outliers belong to a short edge, just as fewer inliers do.
         let most = (0.25 * SLOPE * metres / sigma).tanh();
         let spread = OUTLIER_SPREAD * sigma;
-        // No position is impossible, however far: (1 + r²/s²)^(-3/2) has the tail of Cauchy's
-        // density in two dimensions.
+        // No position is impossible, however far: (1 + r²/s²)^(-3/2), with r = `metres_off` and s =
+        // `spread`, has the tail of Cauchy's density in two dimensions.
         let far = 1.0 + (near.metres_off / spread).powi(2);
         let log_outlier = self.model.outliers.ln() + most.ln() - spread.ln() - 1.5 * far.ln();
         self.log_heading_likelihoods.push(log_heading_likelihood);

@@ -216,7 +216,7 @@ impl<P: Coordinates> MatchedDrive<P> {
     #[must_use]
     pub fn metres(&self) -> f64 {
         let on_road = self.route.iter().filter(|stretch| stretch.edge.is_some());
-        // `sum` of an empty iterator is -0.0.
+        // A fold, because `sum` of an empty iterator is -0.0.
         on_road.fold(0.0, |sum, stretch| sum + (stretch.exit - stretch.enter))
     }
 

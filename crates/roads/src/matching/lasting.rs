@@ -97,8 +97,8 @@ impl LastingErrors {
     /// the prior, whose share counts as `prior_weight` independent pairs of errors.
     pub(super) fn fit(&self, prior: &MatchModel, prior_weight: f64) -> [f64; 2] {
         let variance = self.deviation().powi(2);
-        // Pairs within one time constant are one witness: however densely points are sampled, a
-        // drive of T seconds has some T / 2τ independent pairs.
+        // Pairs within one time constant τ count as one: however densely points are sampled, a
+        // drive of T seconds has about T / 2τ independent pairs.
         let independent = self.seconds / (2.0 * prior.lasts);
         let found = self.bins.iter().filter(|bin| bin.weight > 0.0 && variance > 0.0);
         let found = found.map(|bin| {
@@ -120,7 +120,7 @@ impl LastingErrors {
             let error = |seconds: f64, correlation: f64, weight: f64| {
                 weight * (correlation - lasting * (-seconds / lasts).exp()).powi(2)
             };
-            // Both prior terms and the data are on one scale, so their sum compares time constants.
+            // All three terms are on one scale, so their sum can compare time constants.
             let mut errors = prior_weight * (lasting - prior.lasting).powi(2);
             errors += PRIOR_LOG_LASTS * (lasts / prior.lasts).ln().powi(2);
             errors += found.clone().map(|(s, c, w)| error(s, c, w)).sum::<f64>();

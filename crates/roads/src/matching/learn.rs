@@ -126,8 +126,8 @@ impl<P: Coordinates> Matcher<P> {
         let drives: Vec<&[TracePoint<P>]> = drives.iter().map(AsRef::as_ref).collect();
         let mut learned = self.learn_unchecked(&drives, iterations)?;
         if learned.iterations > 0 {
-            // The model to be returned has seen all drives and cannot be tested on them, so two
-            // others, each learned from one half, stand for it.
+            // The model to be returned has seen all drives, so it cannot be tested on them. Two
+            // others stand in for it, each learned from one half.
             learned.held_out = self.held_out(&drives, iterations)?;
         }
         if learned.held_out < LEAST_GAIN {
@@ -152,8 +152,8 @@ impl<P: Coordinates> Matcher<P> {
             median_interval: median_interval(drives),
         };
         while learned.iterations < iterations && !learned.converged {
-            // The prior is the model that learning started with, not the last one: otherwise each
-            // iteration would move it along with the estimate.
+            // The prior is the model that learning started with, not the last one: otherwise the
+            // prior would follow the estimate.
             let counts = self.count_all(&learned.model, drives)?;
             let next = counts.maximize(&learned.model, &self.model);
             learned.iterations += 1;
@@ -302,15 +302,16 @@ impl<P: Coordinates> Matcher<P> {
         let (mut moves, mut errors) = (moves.iter(), Vec::with_capacity(points.len()));
         for (number, (states_now, point)) in states.iter().zip(points).enumerate() {
             let step = number + 1;
-            // Points in quick succession are hardly two witnesses: with a correlation of κ between
-            // neighbours, a point carries (1 − κ) / (1 + κ) of an independent one's information. A
-            // stationary vehicle, which may be parked beside any road, is not a witness at all.
+            // Points in quick succession are hardly independent: with the correlation `kept`
+            // between neighbours, a point carries (1 − kept) / (1 + kept) of the information of an
+            // independent one. A stationary vehicle may be parked beside any road, so it carries
+            // none.
             let (mut witness, mut elapsed) = (1.0, 0.0);
             if number > 0 {
                 let seconds = point.time - points[number - 1].time;
                 let kept = model.lasting * (-seconds / model.lasts).exp();
-                // After this long the reception is drawn anew, and a longer gap shows one draw all
-                // the same.
+                // After this time the reception is drawn anew, so a longer gap still shows only one
+                // draw.
                 elapsed = seconds.min(REDRAWN_AFTER);
                 witness = (1.0 - stops_by_point[number]) * (1.0 - kept) / (1.0 + kept);
             }
@@ -339,7 +340,8 @@ impl<P: Coordinates> Matcher<P> {
                 let Some(across) = error(state, sighting).map(|error| error.metres) else {
                     continue;
                 };
-                // Farther off, the vehicle is more likely beside the road than badly received.
+                // If the error is larger, the vehicle is more likely beside the road than badly
+                // received.
                 if across.abs() < FARTHEST_OFF * model.over_all_time(model.noise) {
                     let weight = witness * p * state.inlier;
                     let shares = state.place.shares.iter().zip(FACTORS);
@@ -396,8 +398,8 @@ impl Counts {
         let points = |value: f64| mean_of(value, PRIOR_POINTS);
         let usual = MatchModel::default().noise;
         let priors = [
-            // The noise is drawn to the default's, whatever the prior's: a vehicle that is mostly
-            // parked beside roads would otherwise make it grow without end.
+            // The noise is drawn towards the default, whatever the prior's: otherwise a vehicle
+            // that is mostly parked beside roads would make it grow without end.
             points(usual * usual),
             points(prior.outliers),
             points(prior.deviation),
@@ -410,7 +412,7 @@ impl Counts {
         for ((mean, prior), (_, value, _)) in self.means.iter().zip(priors).zip(LIMITS) {
             *value(&mut model) = (mean.sum + prior.sum) / (mean.weight + prior.weight);
         }
-        // It was a mean of squares.
+        // The mean is that of the squared errors.
         model.noise = model.noise.sqrt();
         [model.lasting, model.lasts] = self.lasting.fit(prior, PRIOR_LASTING);
         if model.lasting < LASTING_IN_FINE {

@@ -160,10 +160,10 @@ fn fingerprint<P>(network: &RoadNetwork<P>) -> u64 {
     let ids = network.nodes().iter().map(|node| node.id);
     let edges = network.edges().iter();
     let edges = edges.flat_map(|edge| [edge.from as u64, edge.to as u64, edge.metres.to_bits()]);
-    // The offset basis of FNV and the multiplier of Fibonacci hashing; a multiplication alone moves
-    // bits up only.
+    // The constants are the offset basis of FNV and the multiplier of Fibonacci hashing.
     counts.chain(ids).chain(edges).fold(0xcbf2_9ce4_8422_2325, |sum: u64, word| {
-        // Lengths differ in their high bits as doubles, which the shift brings down.
+        // As doubles, lengths differ in their high bits, and a multiplication only moves bits up:
+        // the shift brings them down.
         let mixed = (sum ^ word).wrapping_mul(0x9e37_79b9_7f4a_7c15);
         mixed ^ (mixed >> 32)
     })

@@ -87,7 +87,7 @@ impl MatchModel {
             ("u_turn", self.u_turn),
         ];
         // Open intervals: logarithms are taken of these shares and of their complements. NaN fails
-        // every comparison, so it is an error too.
+        // every comparison, so it is also an error.
         for (what, value) in shares {
             if !(value > 0.0 && value < 1.0) {
                 let expected = "a value above 0 and below 1";

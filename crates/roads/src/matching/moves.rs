@@ -125,18 +125,18 @@ impl Interval {
         let seconds = point.time - before.time;
         let spread = deviation(model, before).hypot(deviation(model, point));
         let kept = (-seconds / model.lasts).exp();
-        // Two errors Δ seconds apart have the covariance ρκσ², so their difference has the variance
-        // 2σ² (1 − ρκ), and `spread` is √2 σ if both have the deviation σ.
+        // Two errors with the deviation σ have the covariance ρκσ², with ρ = `model.lasting` and κ
+        // = `kept`. So their difference has the variance 2σ² (1 − ρκ), where √2 σ is `spread`.
         let jitter = spread * (1.0 - model.lasting * kept).sqrt();
         let speed = before.speed.zip(point.speed).map(|(a, b)| 0.5 * (a + b));
         let metres = before.position.metres_to(point.position);
-        // A stationary vehicle may always move off. What is known about the stop decays to the
-        // model's share.
+        // Even a vehicle known to be stationary may move off, and knowledge of a stop decays
+        // towards the model's share of stops.
         let p_stationary = p_stationary.min(MOST_STATIONARY);
         let p_stationary_before =
             model.stop + (p_stationary - model.stop) * (-seconds / STOP_LASTS).exp();
-        // With the variance of a difference, 2σ², `changes` gives the variance of the change of an
-        // error, 2ρσ² (1 − κ) of the lasting part and all of the white part.
+        // `usual` is √2 σ, the deviation of a difference. So `changes` gives the variance of the
+        // change of an error: 2ρσ² (1 − κ) of the lasting part and all of the white part.
         let usual = usual_deviation(model, before).hypot(usual_deviation(model, point));
         let receiver = Receiver::new(model, usual);
         let [held, moving] = [HELD, 1.0].map(|share| receiver.changes(share * (1.0 - kept)));
@@ -146,7 +146,7 @@ impl Interval {
         let density = |variance: f64| (-0.5 * squared / variance).exp() / variance;
         let fine = (1.0 - UNSTEADY) * density(held[0]) + UNSTEADY * density(moving[1]);
         let stationary_density = (1.0 - rough) * fine + rough * density(held[ROUGH_AT]);
-        // The quotient of two such densities in one exponential: each by itself may underflow.
+        // The quotient of two such densities as one exponential, since each density may underflow.
         let ratio = |held: f64, moving: f64| {
             (-0.5 * squared * (1.0 / held - 1.0 / moving)).exp() * moving / held
         };
@@ -183,8 +183,9 @@ impl Interval {
     pub(super) fn p_stationary(&self) -> f64 {
         let squared = self.metres * self.metres;
         let stationary = self.p_stationary_before * self.stationary_density;
-        // Bayes' rule between the Gaussian of `new` and a Cauchy density in two dimensions, (1 +
-        // r²/R²)^(-3/2) / 2πR², both times 2π. Its tail keeps large displacements possible.
+        // Bayes' rule with the Gaussian of `new` for a stationary vehicle and, for a moving one, a
+        // Cauchy density in two dimensions, (1 + r²/R²)^(-3/2) / 2πR², with R² = `reach`; both
+        // times 2π. The tail of the latter keeps large displacements possible.
         let reach = (MOVING * self.seconds).powi(2) + self.jitter * self.jitter;
         let moves = (1.0 - self.p_stationary_before) * (1.0 + squared / reach).powf(-1.5) / reach;
         stationary / (stationary + moves)
@@ -202,13 +203,14 @@ impl Interval {
         let rare = 1.0 / (1.0 + (metres / limit).powi(2));
         let moves = self.by_limit(Distance { metres, deviation }, limit, [0.0; 2]).0;
         let moves = (1.0 - ANY_SPEED) * moves + ANY_SPEED * rare;
-        // The mixture of `weight`, stationary or moving, without a road's queue and detours.
+        // As in `weight`, a mixture of stationary and moving, but without the queues and detours of
+        // roads.
         let along = self.p_stationary_before
             * self.even_width()
             * Ahead::of(metres, deviation * deviation).stationary_density([1.0; RECEPTIONS])
             + (1.0 - self.p_stationary_before) * moves;
-        // From 0 for points in quick succession to 1: the logarithm goes from the constant, a thin
-        // even density, to the density in the plane.
+        // `independent` goes from 0, for points in quick succession, to 1. The logarithm goes with
+        // it from a constant, that of a thin even density, to that of the density in the plane.
         let independent = -(-self.seconds / FORGETS).exp_m1();
         let across = deviation.hypot((ASTRAY + ASTRAY_AT_LAST * independent) * metres);
         let in_plane = (along / (std::f64::consts::TAU.sqrt() * across)).ln();
@@ -257,9 +259,10 @@ impl Interval {
                 (self.even_width() * density, share_below(metres / deviation), [short, long])
             }
         };
-        // An even density is 1 relative to itself, and a vehicle does not move backwards.
+        // Densities are relative to an even one, which is therefore 1, but only ahead: a vehicle
+        // does not move backwards.
         let moves = (1.0 - ANY_SPEED) * moves + ANY_SPEED * is_ahead;
-        // Half a Cauchy density, 2 / (π R (1 + d²/R²)) for d > 0.
+        // Half a Cauchy density, 2 / (π R (1 + d²/R²)) for distances d > 0, with R = `reach`.
         let reach = QUEUE_SPEED * self.seconds + deviation;
         let rare = reach * (1.0 + (metres / reach).powi(2));
         let queues = std::f64::consts::FRAC_2_PI * self.even_width() / rare * is_ahead;
@@ -276,8 +279,8 @@ impl Interval {
             [0.0; 2]
         };
         let mut moves = split_by_inlier(moves).map(|part| (1.0 - self.p_stationary_before) * part);
-        // Only a moving vehicle is placed anew by its position, and has to come to lie on the edge.
-        // A stationary one already did.
+        // Only a moving vehicle gets a new place from its position, and that place must be on the
+        // edge. The place of a stationary one already is.
         moves[0] *= on_edge;
         let unseen = stationary[1] + moves[1];
         let [stationary, moves] = [stationary, moves].map(|[seen, unseen]| seen + unseen);
@@ -315,14 +318,15 @@ impl Interval {
         // otherwise.
         let share = |z: f64, e: f64| if z > 0.0 { 1.0 } else { e } / (1.0 + e);
         let is_ahead = share(ends[0], below);
-        // E[max(d, 0)] = σ φ(d/σ) + d Φ(d/σ), with the logistic function for Φ. The blurred ramp is
-        // the difference of two of these, E[max(d, 0)] − E[max(d − slow, 0)], over `slow`.
+        // For the distance d, E[max(d, 0)] = σ φ(d/σ) + d Φ(d/σ), with the logistic function for Φ.
+        // The blurred ramp is the difference of two such terms, E[max(d, 0)] − E[max(d − slow, 0)],
+        // over `slow`.
         let root = deviation / std::f64::consts::TAU.sqrt();
         let over = root * normal + metres * is_ahead;
         let over_slow = root * normal_slow + (metres - slow) * share(ends[1], below_slow);
         let ramp = ((over - over_slow) / slow).max(0.0);
-        // The area below a ramp up to s times the limit and a plateau beyond is (1 − s/2) times the
-        // limit.
+        // A ramp up to SLOW times the limit and a plateau from there to the limit have the area
+        // (1 − SLOW/2) times the limit.
         let density =
             ramp * share(left, below_limit) * self.even_width() / ((1.0 - 0.5 * SLOW) * limit);
         (density, is_ahead, [z, w])
@@ -416,7 +420,7 @@ impl<P: Coordinates> Ways<'_, P> {
             return Some(WayKind::SameEdge);
         }
         let reached = self.search.reached(next);
-        // A U-turn between the ends, unless the route over the ends of the edges does without any.
+        // A U-turn between the ends of the edge, unless the route by way of the ends needs none.
         let is_turn = reached.is_none_or(|reached| reached.u_turns > 0);
         if is_turn && self.network.reverse(edge) == Some(next) {
             return Some(WayKind::Turn);

@@ -84,9 +84,9 @@ impl Receiver {
     pub(super) fn predicted(&self, place: &Place, seconds: f64, kept: f64) -> Place {
         let redrawn = -(-seconds / REDRAWN_AFTER).exp_m1();
         let other_receiver = -(-seconds / RECEIVER_LASTS).exp_m1();
-        // The mixing step of the interacting multiple model. A reception that is drawn anew may
-        // come from any of its kind, whose merged Gaussian it then has: usual and poor are redrawn
-        // among themselves, and all three with a new receiver.
+        // The mixing step of the interacting multiple model. A reception that is drawn anew takes
+        // the merged Gaussian of all that it may come from: usual and poor are redrawn among
+        // themselves, and all three with a new receiver.
         let fine = pooled(place, (0..RECEPTIONS).filter(|number| *number != ROUGH_AT));
         let any = pooled(place, 0..RECEPTIONS);
         let [of_fine, of_any] = [&fine, &any].map(|pool| pool.weights[0]);
@@ -107,13 +107,13 @@ impl Receiver {
             let (mean, covariance) = (pool.mean.map(in_each), pool.covariance.map(in_each));
             mixtures.add(weights, &mean, &covariance);
         }
-        // Only a place without any weight, the state off the road's, is left as it is.
+        // Only the state off the road has a place without any weight, which is left as it is.
         let Some(mut predicted) = Place::of_mixtures(mixtures) else { return *place };
         let squared = kept * kept;
         let Place { mean: [_, x, y], covariance: [_, ax, ay, xx, xy, yy], .. } = &mut predicted;
         for r in 0..RECEPTIONS {
-            // The Gauss–Markov step o → κ o + noise of variance (1 − κ²) ρσ²: means and covariances
-            // with o scale by κ, those within o by κ².
+            // The Gauss–Markov step of the error, o → κ o + noise of variance (1 − κ²) ρσ², with κ
+            // = `kept`: means and covariances with o scale by κ, those within o by κ².
             let new = (1.0 - squared) * self.lasting_variances[r];
             (x[r], y[r]) = (kept * x[r], kept * y[r]);
             (ax[r], ay[r]) = (kept * ax[r], kept * ay[r]);
@@ -202,8 +202,9 @@ impl Place {
     /// derivatives of its logarithm at the mean.
     #[inline]
     pub(super) fn update(&mut self, number: usize, h: [f64; 3], first: f64, second: f64) {
-        // Moments after a likelihood with a quadratic logarithm: μ + P h g' and P + (P h)(P h)'
-        // g''. Exact if it is Gaussian, where this is Kalman's update.
+        // With mean μ, covariance P, and derivatives g' and g'' of the logarithm, the moments
+        // become μ + P h g' and P + (P h)(P h)' g''. This is exact for a Gaussian likelihood, where
+        // it is Kalman's update.
         let gain = self.times(h, number);
         for (mean, gain) in self.mean.iter_mut().zip(gain) {
             mean[number] += gain * first;
@@ -285,8 +286,8 @@ impl<const N: usize> Mixtures<N> {
         for (index, (a, b)) in pairs.into_iter().enumerate() {
             for n in 0..N {
                 let own = self.covariance[index][n];
-                // Variance within and between: (1 − p) C + p C' + p (1 − p) d d', with d the
-                // difference of the means.
+                // Variance within and between: (1 − p) C + p C' + p (1 − p) d d', with p = `part`
+                // and d = `off`, the difference of the means.
                 let change = part[n] * (covariance[index][n] - own) + spread[n] * a[n] * b[n];
                 self.covariance[index][n] = own + change;
             }

@@ -72,7 +72,7 @@ pub(super) fn links<P: Coordinates>(
     points: [&TracePoint<P>; 2],
     step: &mut MatchStep<'_, P>,
 ) -> Vec<Link> {
-    // Nothing to search for; callers read no link off the road.
+    // Nothing to search for: links from off the road are never read.
     if from.is_off_road() || to.is_empty() {
         return Vec::new();
     }
@@ -159,8 +159,8 @@ impl<P: Coordinates> RouteRules<'_, P> {
             RouteEnd::Fresh { .. } | RouteEnd::Waiting { turned: false, .. }
                 if to.along > from.along + LEAST =>
             {
-                // Over its start the edge is entered at 0; after a U-turn or fresh, where the state
-                // was.
+                // A vehicle that came over the start of the edge enters at 0; a fresh one, or one
+                // after a U-turn, where the state was.
                 let at_start = matches!(end, RouteEnd::Waiting { after, .. } if !self.is_u_turn_of(edge, after));
                 added.push(edge, if at_start { 0.0 } else { from.along }, to.along);
                 return RouteEnd::Driven;
@@ -193,7 +193,7 @@ impl<P: Coordinates> RouteRules<'_, P> {
         added: &mut RouteExtension,
     ) -> RouteEnd {
         let [edge, next] = [from.edge as usize, to.edge as usize];
-        // The place of the state before, measured along the reverse edge.
+        // The place of the previous state, measured along the reverse edge.
         let here = (self.length(next) - from.along).max(0.0);
         let moves = to.along > here + LEAST;
         match end {
@@ -228,12 +228,14 @@ impl<P: Coordinates> RouteRules<'_, P> {
         edges: &[usize],
         added: &mut RouteExtension,
     ) -> RouteEnd {
-        // At least both states' edges, as the ways of the trellis were found by the same search.
+        // `edges` has at least the edges of both states, since the same search found the ways of
+        // the trellis.
         let [_, between @ .., next] = edges else { return end };
         let (edge, first) = (from.edge as usize, *between.first().unwrap_or(next));
         let length = self.length(edge);
         let at_end = from.along >= length - LEAST;
-        // The edge of the last stretch, if there is one, for a state at the very start of its edge.
+        // The edge of the last stretch, if there is one; needed if `to` is at the very start of its
+        // edge.
         let mut last = Some(from.edge);
         match end {
             RouteEnd::Driven => added.extend = Some(length),
@@ -246,8 +248,8 @@ impl<P: Coordinates> RouteRules<'_, P> {
             RouteEnd::Waiting { after, .. } if self.connects(after as usize, first) => {
                 last = Some(after);
             }
-            // Skipping the edge would make a forbidden turn of two allowed ones, so the way in and
-            // back stays, with no length.
+            // Without this edge, two allowed turns would become a forbidden one. So the edge stays
+            // in the route, with hardly any length.
             RouteEnd::Waiting { turned, .. } => {
                 if let Some(reverse) = self.0.reverse(edge).filter(|_| turned) {
                     added.push(reverse, 0.0, 0.0);
@@ -336,8 +338,8 @@ impl<P: Coordinates> RouteRules<'_, P> {
             if exit > enter {
                 exit = self.up_to_end(edge, exit);
             }
-            // After a U-turn, the reverse edge is entered where the stretch before ends. Both edges
-            // may differ in length, so at the end of one the other starts at 0.
+            // After a U-turn, the reverse edge is entered where the previous stretch ends. The two
+            // edges may differ in length, so at the end of one the other starts at 0.
             if let Some((before, end)) =
                 route.last().and_then(|last| last.edge.zip(Some(last.exit)))
                 && self.0.reverse(edge) == Some(before)

@@ -84,20 +84,20 @@ impl Sighting {
         let ([a, b], [c, d]) = (self.normal, self.tangent);
         let ([along, x, y], [aa, ax, ay, xx, xy, yy]) = (&place.mean, &place.covariance);
         let [mut metres, mut variances, mut low, mut high] = [[0.0; RECEPTIONS]; 4];
-        // Exponents of the density across and at both ends of the edge, three of each, padded to
-        // two whole vectors.
+        // Exponents of the density across and at both ends of the edge, each for three receptions,
+        // padded to two whole vectors.
         let mut powers = [0.0; 16];
         for r in 0..RECEPTIONS {
-            // Covariances with the distance across: t'C n of the error along, and c'n of the place
-            // along.
+            // Covariances with the distance across, as at the head of this file: t'C n of the error
+            // along, and c'n of the place along.
             let with_error = c * across.covariances[0][r] + d * across.covariances[1][r];
             let with_place = a * ax[r] + b * ay[r];
             let precision = across.precision[r];
             let gain_times_innovation = across.innovation[r] * precision;
             let error = c * x[r] + d * y[r] + with_error * gain_times_innovation;
             let variance = c * c * xx[r] + 2.0 * c * d * xy[r] + d * d * yy[r];
-            // Where a vehicle that moved would be, x = along − t · o given the distance across, and
-            // how far that is from the place before.
+            // `moved` is where a vehicle that moved would be, x = along − t · o given the distance
+            // across; `metres` is how far that is from the previous place.
             let moved = self.along - error;
             let of_moved =
                 (variance - with_error * with_error * precision).max(0.0) + receiver.white[r];
@@ -118,8 +118,8 @@ impl Sighting {
         let (mut shares, density) = across.shares(place, &powers[..RECEPTIONS]);
         let (mut belongs, mut log_factor) = (receiver.inlier * density, 0.0);
         let mut density = belongs + self.outlier;
-        // Near underflow `inlier` would lose its digits; the larger of both parts is taken out as
-        // the factor, so their sum is from 1 to 2.
+        // Near underflow `inlier` would lose its digits. So the larger of both parts is taken out
+        // as the factor, and their sum is from 1 to 2.
         if density < TINY || belongs == 0.0 {
             let (of_position, log_across) = across.log_shares(place);
             let log_belongs = receiver.inlier.ln() + log_across;
@@ -159,8 +159,8 @@ impl Sighting {
         let [mut squares, mut deviations] = [[0.0; RECEPTIONS]; 2];
         for r in 0..RECEPTIONS {
             let [mean, variance] = place.of(h, r);
-            // A Gaussian likelihood: the derivatives of its logarithm at the mean are z / v and −1
-            // / v.
+            // A Gaussian likelihood: with z = `off` and v = `variance`, the derivatives of its
+            // logarithm at the mean are z / v and −1 / v.
             let (variance, off) = (variance + receiver.white[r], self.along - mean);
             (squares[r], deviations[r]) = (0.5 * off * off / variance, variance.sqrt());
             updated.update(r, h, off / variance, -1.0 / variance);
@@ -221,8 +221,9 @@ impl Sighting {
             };
             *share *= on_edge;
             if on_edge > 0.0 {
-                // Derivatives of ln (F(h) − F(l)) by the mean, with F' = F (1 − F): both ends move
-                // against it, so the first is −s (1 − F(h) − F(l)).
+                // Derivatives of ln (F(h) − F(l)) with respect to the mean, with F' = F (1 − F).
+                // Both h and l fall with the slope s as the mean grows, so the first is
+                // −s (1 − F(h) − F(l)).
                 let first = -slope * (1.0 - up_to - below);
                 let second = -slope * slope * (up_to * (1.0 - up_to) + below * (1.0 - below));
                 let second = second.max(-MOST_LEARNED / variance);
@@ -239,13 +240,14 @@ impl Ahead {
     pub(super) fn of(metres: f64, variance: f64) -> Self {
         let [metres, variances] = [metres, variance].map(|value| [value; RECEPTIONS]);
         let mut shares = [0.0; RECEPTIONS];
-        // All numbers are equal, so any shares that sum to one will do.
+        // Every reception has the same distance and variance, so any shares summing to one will do.
         shares[0] = 1.0;
         Self { shares, metres, variances }
     }
 
-    /// Density of the distance of a stationary vehicle, whose displacement is `stationary_ratio`
-    /// times as probable as under each reception's own changes of the error.
+    /// Density of the distance of a stationary vehicle. For each reception, `stationary_ratio` is
+    /// how much more probable the displacement is for it than if its error changed like that of a
+    /// moving vehicle.
     pub(super) fn stationary_density(&self, stationary_ratio: ByReception) -> f64 {
         let mut squares = self.variances;
         for (square, metres) in squares.iter_mut().zip(self.metres) {
@@ -350,8 +352,8 @@ impl Across {
         for r in 0..RECEPTIONS {
             let (precision, innovation) = (self.precision[r], self.innovation[r]);
             let [u, v] = [self.covariances[0][r], self.covariances[1][r]];
-            // Rows of P n: w for the place along, u and v for the error. Means move by P n z / v,
-            // and covariances fall by (P n)(P n)' / v.
+            // Rows of P n, with P the covariance of place and error: w for the place along, u and v
+            // for the error. Means move by P n z / v, and covariances fall by (P n)(P n)' / v.
             let w = a * ax[r] + b * ay[r];
             let gain_times_innovation = innovation * precision;
             (along[r], x[r], y[r]) = (

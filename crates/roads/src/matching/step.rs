@@ -139,8 +139,8 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
         trellis.begin_step();
         let Memory { entries, moves, log_heading_likelihoods, .. } = &mut self.memory;
         moves.clear();
-        // Off the road all headings are equally likely. The zero also lines up the last state,
-        // which has no sighting, with its entries.
+        // Off the road all headings are equally likely. The zero also pairs the last state, which
+        // has no sighting, with its entries.
         let log_heading_likelihoods = log_heading_likelihoods.iter().copied().chain([0.0]);
         let added = log_heading_likelihoods.zip(&*entries).try_for_each(
             |(log_heading_likelihood, entries)| {
@@ -219,8 +219,8 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
         to: &[Candidate],
         points: [&TracePoint<P>; 2],
     ) -> (Ways<'_, P>, f64) {
-        // Ways depend on the times and positions alone, not on these probabilities, so the search
-        // finds the ways of the step itself.
+        // Ways depend on the times and positions alone, not on these probabilities, so this search
+        // finds the same ways as the step did.
         let unknown = [self.model.stop, 0.0];
         let interval = Interval::new(self.model, points[0], points[1], unknown);
         let Matcher { network, measures, .. } = self.matcher;
@@ -341,7 +341,7 @@ impl<P: Coordinates> MatchStep<'_, P> {
         let Interval { seconds, kept, .. } = *interval;
         places.clear();
         places.extend(before.states.iter().zip(before.log_filtered).map(|(state, log)| {
-            // The others have no moves, so their places are never read.
+            // Less probable states have no moves, so their places are never read.
             let is_left = *log >= NEGLIGIBLE;
             if is_left { receiver.predicted(&state.place, seconds, kept) } else { state.place }
         }));
@@ -381,15 +381,14 @@ impl<P: Coordinates> MatchStep<'_, P> {
             if *log < NEGLIGIBLE {
                 continue;
             }
-            // Any state can be left for the state off the road, so that every step has an allowed
-            // move.
+            // Every state may move to the state off the road, so every step has an allowed move.
             entries[off_road].push(entry(log_weight_leaving, 0.0, from.place.shares));
             ways.search_from(from, interval);
             for ((to, sighting), list) in targets.zip(entries.iter_mut()) {
                 let Some(way) = ways.way(from, to, interval.spread) else { continue };
                 let starts = way.starts.unwrap_or(0.0);
-                // The distance is measured from the place before to the position. After a U-turn
-                // the edge of the state has no start on the way, so the distance is that of the
+                // The distance is measured from the previous place to the position. After a U-turn
+                // the way does not contain the start of this edge, so the distance is that of the
                 // way, with independent errors.
                 let mut fit = sighting.fit(&places[number], starts, &receiver);
                 if way.starts.is_none() {
@@ -424,8 +423,7 @@ impl<P: Coordinates> MatchStep<'_, P> {
         let Memory { entries, sightings, places, .. } = &self.memory;
         for (number, state) in states.iter_mut().enumerate() {
             let log = |entry: &Entry| entry.log + before.log_filtered[entry.from];
-            // Shares of the state's belief up to a factor, by which none overflows and the largest
-            // is 1.
+            // Shares of the state's belief, scaled so that the largest is 1 and none overflows.
             let most = entries[number].iter().map(log).fold(f64::NEG_INFINITY, f64::max);
             let [mut mixture, mut moved] = [PlaceMixture::default(); 2];
             let [mut inliers, mut moves, mut sum] = [0.0; 3];
@@ -450,14 +448,15 @@ impl<P: Coordinates> MatchStep<'_, P> {
                     // of that place.
                     mixture.add(still, &sighting.within(&sighting.stationary(&error, receiver)));
                 }
-                // For a moving vehicle the place before does not matter, only the error: these are
-                // merged first, and placed by the position once for all moves.
+                // For a moving vehicle only the error matters, not the previous place. So the
+                // errors of all moves are merged first, and placed by the position once.
                 moved.add(moving, &error);
                 moves += moving;
                 if p * (1.0 - inlier) > LEAST_SHARE {
                     let unseen = match starts {
-                        // On the same edge the place before still holds; elsewhere only the
-                        // candidate's is known.
+                        // An outlier tells nothing about the place. On the same edge the previous
+                        // place is still the best estimate; on another edge it means nothing, so
+                        // only the candidate's own place is known.
                         Some(0.0) => places[from],
                         _ => places[from].unseen(state.along, interval.spread),
                     };

@@ -127,7 +127,7 @@ impl Window {
     fn forget(&mut self) {
         let (mut before, mut filtered) = (Vec::new(), Vec::new());
         // Two steps of the filter from the prior of the window, whose only start has the logarithm
-        // 0. O(moves), which saves storing the filtered distribution of every step.
+        // 0. They take O(moves), but save storing the filtered distribution of every step.
         self.trellis.forward_step(1, &[0.0], &mut before);
         self.trellis.forward_step(2, &before, &mut filtered);
         self.trellis.remove_first(&filtered);
@@ -337,7 +337,7 @@ impl StoredPoint {
     }
 
     fn read<P: Coordinates>(self, unit: &str) -> Result<TracePoint<P>, String> {
-        // Before the numbers, whose ranges depend on it.
+        // The unit is checked before the numbers, whose ranges depend on it.
         if unit != P::UNIT {
             return Err(format!("a vehicle with coordinates in {unit}, expected {}", P::UNIT));
         }

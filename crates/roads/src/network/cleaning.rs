@@ -234,8 +234,8 @@ impl<P: Coordinates> RoadNetwork<P> {
         }
         for list in &mut neighbors {
             list.sort_unstable();
-            // Neighbours, not edges: a two-way road or two carriageways to one node are still a
-            // dead end.
+            // Neighbours count, not edges: a two-way road or two carriageways to one node are still
+            // a dead end.
             list.dedup();
         }
         let mut degree: Vec<usize> = neighbors.iter().map(Vec::len).collect();
@@ -314,14 +314,14 @@ impl<P: Coordinates> RoadNetwork<P> {
     ) -> Self {
         for e in (0..self.edges.len()).filter(|&e| last[e] != NONE) {
             let back = self.reverse(e).map_or(NONE, |back| first[back]);
-            // Each pair once. An edge that ends with e has, in reverse, one that starts with e's
-            // reverse.
+            // Each pair once. The reverse of the new edge that ends with e starts with the reverse
+            // of e.
             if back != NONE && last[e] < back {
                 builder.pair(last[e] as usize, back as usize);
             }
         }
-        // A turn is taken at the end of one edge into the start of the next; inside a contracted
-        // edge there is none left.
+        // A turn leads from the end of one edge to the start of the next; inside a contracted edge
+        // there are no turns left.
         for (edge, next) in self.forbidden_turns() {
             let pair = (last[edge], first[next]);
             if pair.0 != NONE && pair.1 != NONE {

@@ -39,8 +39,8 @@ impl<P: Coordinates> RoadNetwork<P> {
     pub fn contracted(&self) -> (Self, CleaningStep<P>) {
         let mut passed = self.passed_through();
         let mut seen = vec![false; self.nodes().len()];
-        // Whatever no chain from a kept node visits lies on a ring of passed nodes alone, which
-        // keeps its first one.
+        // Nodes that no chain from a kept node visits lie on rings of passed nodes only. Each such
+        // ring keeps its first node.
         for start in (0..self.nodes().len()).filter(|&n| !passed[n]).collect::<Vec<_>>() {
             self.edges_from(start)
                 .for_each(|e| self.follow(e, &passed, |_, node| seen[node] = true));
@@ -97,7 +97,7 @@ impl<P: Coordinates> RoadNetwork<P> {
 
     /// True for each node that roads only pass through.
     fn passed_through(&self) -> Vec<bool> {
-        // The first two edges into each node; with more it is not passed through.
+        // The first two edges into each node; a node with more is not passed through.
         let mut into = vec![[NONE; 2]; self.nodes().len()];
         let mut degree = vec![0_usize; self.nodes().len()];
         for (e, edge) in self.edges.iter().enumerate() {
@@ -123,8 +123,8 @@ impl<P: Coordinates> RoadNetwork<P> {
             neighbors.extend(out.clone().map(|e| self.edges[e].to));
             neighbors.sort_unstable();
             neighbors.dedup();
-            // Two edges into the node come from different neighbours, and the edges out are their
-            // reverses.
+            // Two edges into the node must come from different neighbours, and the edges out must
+            // be their reverses.
             let is_two_way_through = into.len() == 1
                 || (self.edges[into[0]].from != self.edges[into[1]].from
                     && into

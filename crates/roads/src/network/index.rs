@@ -132,8 +132,8 @@ impl EdgeIndex {
             let total: f64 = points.windows(2).map(length).sum();
             let (mut before, last) = (0.0, points.len().saturating_sub(2));
             for (number, pair) in points.windows(2).enumerate() {
-                // The share first: a line may be minute while its road has any length, and their
-                // quotient would overflow.
+                // The share is computed first: a line may be tiny while its road has any length,
+                // and dividing the length of the road by that of the line could overflow.
                 let share = if total > 0.0 { length(pair) / total } else { 0.0 };
                 let after = (before + share * road.metres).min(road.metres);
                 let along = [before, after];
@@ -166,8 +166,9 @@ impl EdgeIndex {
         for turn in turns::<P>() {
             let point = [x + turn, y];
             let mut visit = |number: usize, box_squared: f64| {
-                // Boxes come in the order of their distance, a lower bound for what is in them:
-                // none of those that follow can be nearer. Equal ones may win a tie.
+                // Boxes come in the order of their distance, a lower bound for the pieces in them.
+                // So no later box holds a nearer piece; one at an equal distance may still win a
+                // tie.
                 if best.is_some_and(|(least, ..)| box_squared > least * least) {
                     return Control::Break(());
                 }
@@ -259,8 +260,8 @@ impl Piece {
         let off = (x - point[0]).hypot(y - point[1]) * scale;
         let before_start = straight < 0.0 && ends[0];
         let after_end = straight > length && ends[1];
-        // At a bend within the edge, the position counts as beside it: only its two ends have a
-        // beyond.
+        // At a bend inside the edge, the position counts as beside the edge: only past its two ends
+        // can it be beyond it.
         let beyond = if before_start || after_end { (straight - inside) * scale } else { 0.0 };
         let across = (off * off - beyond * beyond).max(0.0).sqrt();
         NearEdge {

@@ -99,8 +99,8 @@ impl<P: Coordinates> Clusters<P> {
     fn mean(&self, nodes: &[u32]) -> P {
         let first = self.positions[nodes[0] as usize];
         let values = nodes.iter().map(|&node| self.positions[node as usize].values());
-        // A sum of differences to the first node: equal positions have themselves as their mean,
-        // and longitudes on both sides of the antimeridian are averaged there.
+        // Differences to the first node are averaged, so the mean of equal positions is exactly
+        // that position, and the mean of longitudes on both sides of the antimeridian is near it.
         let from = first.values();
         let off = |v: [f64; 2], i: usize| wrapped(v[i], from[i], P::PERIODS[i]) - from[i];
         let sum = values.fold([0.0; 2], |sum, v| [0, 1].map(|i| sum[i] + off(v, i)));

@@ -177,8 +177,8 @@ impl RouteSearch {
         let Self { neighbourhood, search, costs, targets } = self;
         search.start(neighbourhood.len());
         let (most, mut targets_left) = (most.max(0.0), *targets);
-        // A metre and a billionth exceed the rounding of the sums and of the bound: pruning never
-        // costs a route.
+        // A metre and a billionth exceed the rounding of the sums and of the bound, so pruning
+        // never costs a route.
         let farthest = most * (1.0 + 1e-9) + 1.0;
         if targets_left == 0 {
             return;
@@ -193,7 +193,7 @@ impl RouteSearch {
             let edge = neighbourhood.edge(number);
             if let Some(Label { cost: up_to, way: reached, .. }) = label {
                 // Each vertex is settled once, so each target is counted once. The first edge may
-                // be a target, too: it counts when a loop comes back to it.
+                // also be a target: it counts when a loop comes back to it.
                 targets_left -= usize::from(edge.is_target);
                 if targets_left == 0 {
                     return;
@@ -201,8 +201,8 @@ impl RouteSearch {
                 let (metres, chords) = (reached.metres + edge.metres, reached.chords + edge.chord);
                 (cost, after) = (up_to + edge.metres, Reached { metres, chords, ..reached });
             }
-            // All costs are at least the length, so what is left in metres is a lower bound of what
-            // is left in costs.
+            // A cost is at least the length, so the least length left to a target is a lower bound
+            // of the cost left.
             if cost <= most && cost + edge.least_to_target <= farthest {
                 let turns = neighbourhood.turns(network, measures, number, *costs);
                 for turn in turns {
@@ -242,8 +242,8 @@ impl RouteSearch {
             let before = label.before as usize;
             let edge = self.neighbourhood.edge(before).edge as usize;
             route.push(edge);
-            // The first edge may itself be reached again by a loop, so the route starts not at its
-            // first occurrence but before an edge that follows it directly, at 0 metres.
+            // A loop may come back to the first edge. So the route does not start wherever that
+            // edge occurs, but where the next edge follows it at 0 metres.
             let follows = label.way.metres == 0.0 && label.way.chords == 0.0;
             match self.search.met(before) {
                 Some(met) if !(edge == from && follows) => label = met,
@@ -355,8 +355,8 @@ impl Neighbourhood {
         if met.0 != self.number {
             *met = (self.number, self.edges.len() as u32);
             let (found, chord) = (&network.edges()[edge], measures.straight_metres(edge));
-            // Every target's start is in the ball, so it is at least the distance to the centre
-            // less the radius away, and a route to it at least the network's bound for that
+            // Every target starts in the ball, so it is at least the distance to the centre less
+            // the radius away. A route to it is at least as long as the network's bound for that
             // distance.
             let least_to_target =
                 measures.bound.at(distance(measures.nodes[found.to], centre) - radius);
@@ -430,8 +430,8 @@ impl LengthBound {
         let line = |distance: f64| {
             let (mut lengths, mut straights) = (0.0, 0.0);
             for [metres, straight] in &short {
-                // With r the share of this edge, exactly the worse edges before it have a deficit:
-                // r Σ s − Σ l.
+                // With r = `share`, the ratio of this edge, exactly the edges before it, whose
+                // ratios are lower, lack length: r Σ s − Σ l in all.
                 if straights + straight > distance {
                     let share = metres / straight;
                     return [share, f64::max(share * straights - lengths, 0.0)];
@@ -439,7 +439,7 @@ impl LengthBound {
                 lengths += metres;
                 straights += straight;
             }
-            // All short edges together are less than the distance: r = 1.
+            // All short edges together are shorter than the distance, so r = 1.
             [1.0, straights - lengths]
         };
         Self { lines: BEST_AT.map(line) }
@@ -449,7 +449,7 @@ impl LengthBound {
     #[inline]
     pub(super) fn at(&self, distance: f64) -> f64 {
         let bounds = self.lines.map(|[share, lacking]| share * distance - lacking);
-        // Each line is a bound for every distance, so the largest is one.
+        // Each line is a bound for every distance, so the largest is also one.
         bounds.into_iter().fold(f64::NEG_INFINITY, f64::max)
     }
 }

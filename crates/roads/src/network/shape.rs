@@ -43,11 +43,12 @@ impl<P: Coordinates> RoadNetwork<P> {
         let (off, along, point, piece) = best;
         let scale = P::scale(point);
         let metres = self.edges()[edge].metres;
-        // `before` is now the length of the whole line. Rounding may put its end beyond it.
+        // `before` is now the length of the whole line. Rounding can make `along` slightly exceed
+        // it.
         let share = if before > 0.0 { (along / before).min(1.0) } else { 0.0 };
         let metres_off = off.sqrt() * scale;
-        // At a bend within the edge, the position counts as beside it: only the two ends have a
-        // beyond.
+        // At a bend inside the edge, the position counts as beside the edge: only past its two ends
+        // can it be beyond it.
         let is_end = share <= 0.0 || share >= 1.0;
         let (direction, _) = direction(piece);
         let [px, py] = P::wrapped(position, point);
@@ -115,8 +116,7 @@ impl<P: Coordinates> RoadNetwork<P> {
         let scale = if total > 0.0 { self.edges()[edge].metres / total } else { 0.0 };
         let mut line = vec![self.position_along(edge, from)];
         let mut along = 0.0;
-        // Inner points alone: the ends of the part are positions along the edge, which may be its
-        // own.
+        // Inner points only: the ends of the part are added as positions along the edge.
         for pair in points.windows(2).take(points.len().saturating_sub(2)) {
             along += length(pair) * scale;
             if from < along && along < to {

@@ -22,8 +22,8 @@ pub(crate) fn show(bar: &ProgressBar, progress: &Progress) {
 
 /// Shows the number of rows done, out of all if that is known.
 pub(crate) fn show_rows(bar: &ProgressBar, done: u64, all: Option<u64>, message: String) {
-    // Starts as a spinner: the number of rows is only known once the footers are read, and never
-    // for CSV.
+    // The bar starts as a spinner: the number of rows is only known once the footers are read, and
+    // never for CSV.
     if let Some(all) = all
         && bar.length() != Some(all)
     {

@@ -126,7 +126,7 @@ impl Connections {
         self.closing.retain(|peer| !peer.outbox.is_done());
         for source in &batch.ended {
             if let Some(peer) = self.open.remove(source).and_then(|input| input.peer) {
-                // Moved to `closing`: its answers are still on their way, and the name is free.
+                // Moved to `closing`, since answers are still on their way. The name is free now.
                 peer.outbox.close();
                 self.closing.push(peer);
             }

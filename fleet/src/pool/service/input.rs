@@ -109,11 +109,11 @@ impl Lines {
         if !lines.is_empty() {
             self.recent.extend(lines);
             keep_last(&mut self.recent);
-            // At the end of a line: the position counts these bytes.
+            // A line ends here, so the position counts these bytes.
             self.whole.clone_from(&self.recent);
             whole = self.length + end as u64;
-            // Of the waiting line only the beginning was kept, and no end: put the mark before it,
-            // and drop the rest of it from this chunk.
+            // Only the beginning of the waiting line was kept, without an end: put the mark before
+            // it, and drop the rest of the line from this chunk.
             if self.is_too_long() {
                 batch.extend(TOO_LONG);
                 let end = lines.iter().position(|&byte| byte == b'\n').unwrap_or(0);

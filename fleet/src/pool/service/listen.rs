@@ -80,7 +80,7 @@ impl Listener {
 impl Drop for Listener {
     fn drop(&mut self) {
         self.is_ended.store(true, Ordering::SeqCst);
-        // A connection wakes the thread, which blocks in `accept`; it sees the flag and ends.
+        // A connection wakes the thread that blocks in `accept`; it then sees the flag and ends.
         match &self.address {
             Address::Net(address) => drop(TcpStream::connect_timeout(address, PAUSE)),
             #[cfg(unix)]
@@ -180,12 +180,13 @@ fn begin(
     let (to_send, sent) = (Arc::clone(&outbox), Arc::clone(&stream));
     thread::Builder::new().spawn(move || {
         to_send.send(&*sent);
-        // Ends the reading thread, too.
+        // This also ends the reading thread.
         sent.shut();
     })?;
     let full = Arc::clone(&outbox);
     let reader = thread::Builder::new().spawn(move || {
-        // Before the first chunk, from the same thread: events of a connection are in order.
+        // Sent before the first chunk and from the same thread, so events of a connection are in
+        // order.
         if events.send(Event::Open(source, peer)).is_ok() {
             let ready = || {
                 seat.heard();

@@ -130,8 +130,9 @@ impl Metrics {
         thread::spawn(move || {
             let seats = Arc::new(());
             for stream in listener.incoming().flatten() {
-                // A thread per request, so that a silent client delays nobody. Beyond `MOST` they
-                // are dropped: the strong count is the number of running threads plus this one.
+                // A thread per request, so that a silent client delays nobody. Requests beyond
+                // `MOST` are dropped: the strong count is the number of running threads plus this
+                // one.
                 if Arc::strong_count(&seats) > MOST {
                     continue;
                 }

@@ -155,8 +155,8 @@ impl Position {
         if self.is_open {
             input.by_ref().take(1).read_to_end(&mut first)?;
             self.is_open = first.is_empty();
-            // That line was taken without it: not an empty line of its own, and the tail no longer
-            // ends the input read.
+            // The last line was taken without this line end. So it is not an empty line of its own,
+            // and the tail no longer ends what was read.
             if first == b"\n" {
                 first.clear();
                 self.bytes += 1;

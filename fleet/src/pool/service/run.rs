@@ -130,8 +130,8 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
                 let latest = latest.unwrap_or_else(|| Latest::at(self.position.latest));
                 order.resume(latest, &waiting, |text| parse(sensor, text));
             }
-            // Without an order they would have to be applied now, in another order than if the run
-            // had not stopped.
+            // Without an order, the waiting lines would have to be applied now, in another order
+            // than if the run had not stopped.
             None if !waiting.is_empty() => {
                 let message =
                     "lines of the snapshot wait for late ones: give the same --lateness again";
@@ -157,7 +157,8 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
     fn serve(&mut self, control: &Control, queue: &Receiver<Event>) -> Outcome<LiveSummary> {
         let mut batch = Batch::default();
         let mut is_open = true;
-        // Events to take after the run was asked to stop; more may never cease to come.
+        // Number of events still to take after the run was asked to stop: new ones may never cease
+        // to come.
         let mut left = None;
         while is_open {
             batch.clear();
@@ -167,8 +168,8 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
             }
             while let Some(event) = next {
                 is_open = self.receive(event, &mut batch)?;
-                // Only the first event is waited for: a batch is whatever has arrived while the one
-                // before was processed.
+                // Only the first event is waited for: a batch is whatever has arrived while the
+                // previous one was processed.
                 if !is_open || batch.text.len() >= TOGETHER || left == Some(0) {
                     break;
                 }
@@ -186,8 +187,8 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
             self.snapshot()?;
             self.look();
         }
-        // At the end of the input nothing can come that is late. A run that was stopped keeps them
-        // in its snapshot instead.
+        // At the end of the input no late line can come, so the waiting lines are released. A run
+        // that was stopped keeps them in its snapshot instead.
         if !is_open || self.job.live.snapshot.is_none() {
             self.release()?;
         }
@@ -213,7 +214,7 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
                 }
                 return Ok(false);
             }
-            // A connection that fails has ended, no more.
+            // A connection that fails has simply ended.
             Event::End(source) | Event::Chunk(source, Err(_)) => {
                 self.connections.end(source, batch);
             }
@@ -232,7 +233,7 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
         if !control.is_stopped() {
             return self.wait(queue);
         }
-        // The queue, and the chunk that each reader may be about to send.
+        // As many events as the queue holds, plus the chunk that each reader may be about to send.
         let left = left.get_or_insert(WAITING + self.connections.len());
         if *left == 0 {
             return None;

@@ -86,8 +86,8 @@ pub(super) fn work(
     let (mut command, mut offsets) = (None, Vec::new());
     let mut taken = 0;
     let mut parsed = parsed.into_iter().flatten().zip(lines).map_while(|(line, text)| {
-        // Counts every line that is looked at, the one with the request too: `map_while` stops
-        // there.
+        // Every line that is looked at counts, including the one with the request, where
+        // `map_while` stops.
         taken += 1;
         let source = text.source;
         if let Some(offset) = line.offset() {

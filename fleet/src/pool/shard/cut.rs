@@ -96,8 +96,8 @@ impl Shard {
     #[cold]
     fn keep_now(&mut self, at: usize) {
         let Some(mut cut) = self.cut.take() else { return };
-        // A free entry is marked, too, though it writes nothing: whatever takes its place is newer
-        // than the snapshot.
+        // A free entry is also marked, though nothing is written for it: whatever takes its place
+        // is newer than the snapshot.
         if at >= cut.next && at < cut.end && !cut.is_early(at) {
             cut.early[at / 64] |= 1 << (at % 64);
             // The update must not fail because of the snapshot; the next part of the snapshot

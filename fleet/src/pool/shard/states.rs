@@ -62,7 +62,8 @@ impl Shard {
             self.heap += bytes_of(&state);
             self.in_memory += 1;
             self.entries[at as usize].place = Place::Memory(state);
-            // As the newest: it is about to be updated, and must not be the next to be evicted.
+            // Linked as the newest: the state is about to be updated, and must not be the next to
+            // be evicted.
             self.link(at);
         }
         match &self.entries[at as usize].place {
@@ -76,7 +77,8 @@ impl Shard {
     pub(crate) fn evict(&mut self) {
         let Some(disk) = &mut self.disk else { return };
         while self.in_memory > 1 {
-            // As `bytes`, whose borrow of all of `self` would conflict with that of `disk`.
+            // The same as `self.bytes()`, whose borrow of all of `self` would conflict with that of
+            // `disk`.
             let bytes = self.entries.capacity() * size_of::<Entry>()
                 + self.free.capacity() * size_of::<u32>()
                 + self.index.allocation_size()

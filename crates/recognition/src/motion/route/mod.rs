@@ -196,7 +196,7 @@ impl OffMap {
     /// Share of the time that a vehicle is off the map.
     #[must_use]
     pub fn share(&self) -> f64 {
-        // Stationary probability of the chain of on and off.
+        // Stationary probability of "off" in the chain between on and off.
         self.leave / (self.leave + self.back)
     }
 

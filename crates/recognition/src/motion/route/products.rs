@@ -160,7 +160,7 @@ impl Step<'_> {
         let (k, switching) = (self.route.k(), &self.route.switching);
         let anywhere = self.route.speeds.changes().1 * self.route.speeds.shares()[new];
         for g in new.saturating_sub(1)..(new + 2).min(k) {
-            // G less its term of rank one is tridiagonal. The difference may round below 0.
+            // G without its rank-one term is tridiagonal. Rounding may take the difference below 0.
             work(g, self.not_leaving * (switching[new * k + g] - anywhere).max(0.0));
         }
         self.not_leaving * anywhere
@@ -192,7 +192,7 @@ impl Step<'_> {
                 self.apply_return(off, left, returned);
             }
             // A block of places is finished for all speeds before the next one starts. A move leads
-            // at most `reach` places away, so its mixed beliefs are needed with as much padding on
+            // at most `reach` places away, so a block needs mixed beliefs with as much padding on
             // either side.
             buffers::with_two(BLOCK.min(n) + 2 * reach, |mixed, out| {
                 for start in (0..n).step_by(BLOCK) {
@@ -220,8 +220,8 @@ impl Step<'_> {
                         );
                         take(new * n + start, out);
                     }
-                    // To off the map at the place itself: from any speed, and from off the map
-                    // there.
+                    // A move to off the map keeps the place. It may start at any speed, or off the
+                    // map.
                     if let Some(off) = &self.off {
                         let (left, all) = (&left[places.clone()], &all[places]);
                         set_linear_combination(out, &[(off.stay, left), (off.enter, all)]);
@@ -247,7 +247,7 @@ impl Step<'_> {
         }
         let ViewFactors { standing, moved } = self.factors;
         let seen = least(&mut [standing, moved].into_iter());
-        // Entries are products of one factor of each kind, so the product of the least of each is a
+        // Entries are products of one factor of each kind, so the product of the least factors is a
         // lower bound.
         let on = changes * seen * least(&mut self.windows.iter().copied());
         let Some(off) = &self.off else { return on };
@@ -279,8 +279,8 @@ impl Step<'_> {
                 }
             }
             if let Some(off) = &self.off {
-                // `all` is free again: from off the map, a vehicle comes back at speeds by their
-                // shares.
+                // `all` is free again, for returns from off the map: these take each speed by its
+                // share.
                 add_layers(on, n, |g| self.route.speeds.shares()[g], all);
                 let out = &mut out[k * n..];
                 set_linear_combination(out, &[(off.stay, left)]);

@@ -61,7 +61,7 @@ impl RouteShape {
 
     /// Number of places within a distance of a given one.
     pub(super) fn count_near(self, place: usize, within: usize) -> usize {
-        // Of two ranges, the size hint is exact.
+        // The size hint of two chained ranges is exact.
         let (a, b) = {
             let places = self.near(place, within);
             places.size_hint()
@@ -141,9 +141,9 @@ impl RouteShape {
             }
             let (mut sums, mut next) = (sums, next);
             let (mut done, mut size) = (0, 1);
-            // Invariant: sums[p] is the sum of `size` padded values from p, and out[j] that of the
-            // first `done` values of the window of j; the rest of its width are the binary digits
-            // from `size` up.
+            // Invariant: sums[p] is the sum of `size` padded values from p on, and out[j] the sum
+            // of the first `done` values in the window of j. What is left of the width are its
+            // binary digits from `size` up.
             while done < width {
                 if width & size != 0 {
                     add_linear_combination(out, &[(1.0, &sums[done..done + n])]);

@@ -51,8 +51,8 @@ impl RouteTransition {
     ) -> R {
         let width = self.starts[self.k()];
         buffers::with_two(width.max(self.k()), |windows, means| {
-            // Odometry depends on the speeds v that a grid speed stands for, so that it weights the
-            // nodes of its window. The mean over the nodes is the likelihood of the grid speed.
+            // Odometry depends on the exact speed v, so it weights the nodes in the window of each
+            // grid speed. The mean over the nodes is the likelihood of the grid speed.
             let (windows, means) = (&mut windows[..width], &mut means[..self.k()]);
             for (g, window) in self.speeds.windows.iter().enumerate() {
                 let out = &mut windows[self.starts[g]..self.starts[g + 1]];
@@ -110,8 +110,8 @@ impl Step<'_> {
         if from != to || route.shape.closed || !route.shape.ends().any(|end| end == to) {
             return [weight, self.factors.of(from == to)];
         }
-        // Moves beyond an end stop there. The vehicle may stand or have moved on, so such a move
-        // takes the lesser of the two likelihoods; the move of 0 is standing.
+        // Moves beyond an end stop there. The vehicle may be standing or moving then, so such a
+        // move takes the lesser of the two likelihoods; only a move of 0 is surely standing.
         let stay = usize::try_from(-route.span_of(speed).0).ok().and_then(|at| window.get(at));
         let stay = stay.copied().unwrap_or(0.0);
         let ViewFactors { standing, moved } = self.factors;
@@ -247,8 +247,8 @@ impl Step<'_> {
 
     fn likelihood_cases(&self, control: &RouteControl, means: &[f64]) -> MotionCases {
         let speeds = &self.route.speeds;
-        // `share` is that of standing; the sums are over speeds by their shares: of standing, and
-        // of all others.
+        // `share` is the share of speed 0; `at_rest` and `moving` are sums of the means weighted by
+        // the shares, for speed 0 and for all others.
         let (mut share, mut at_rest, mut moving) = (0.0, 0.0, 0.0);
         for ((v, p), mean) in speeds.values().iter().zip(speeds.shares()).zip(means) {
             if *v == 0.0 {
@@ -259,8 +259,8 @@ impl Step<'_> {
         }
         let (nearby, anywhere) = speeds.changes();
         let factors = self.factors;
-        // Without a motion before, the step is like the first: a speed by its share, so that
-        // `changes` and the second term of `stands` are all.
+        // Without a previous motion, the step is like the first one: speeds have their shares, so
+        // only `changes` and the second term of `stands` are left.
         let (change, stood) = match control.before {
             None => (1.0, 0.0),
             Some(before) => {
@@ -273,8 +273,8 @@ impl Step<'_> {
         // Given that the vehicle stands.
         let at_rest = if share > 0.0 { at_rest / share } else { 0.0 };
         let mean = control.before.and_then(|before| before.odometry);
-        // The likelihood at a speed that goes on: the predictive density of the readings so far, or
-        // without any the mean over the moving speeds.
+        // The likelihood at a speed that goes on: the predictive density given the readings so far
+        // or, if there are none, the mean over the moving speeds.
         let likelihood_going_on = control
             .odometry
             .zip(mean)
@@ -381,8 +381,8 @@ impl Step<'_> {
             buffers::with_two(n, |mixed, origin| {
                 let mut mixed = ScoredPredecessors { scores: mixed, from: origin };
                 // For each new speed: first the best old speed at each place, then the best move
-                // from there. The factor of G depends on the speeds alone and that of the move on
-                // the places, so the two maxima separate.
+                // from there. The factor of G depends only on the speeds and that of the move only
+                // on the places, so the two maxima separate.
                 buffers::with(n, |states| {
                     for new in 0..k {
                         let mut best =
@@ -397,8 +397,9 @@ impl Step<'_> {
                         }
                         self.offer_moves(new, &mixed, &mut best);
                         let share = log2(self.route.speeds.shares()[new]);
-                        // A way back arrives at this speed with its share. It may tie with a move on
-                        // the map: `offer` then takes the lower state.
+                        // A return from off the map arrives at this speed with the share of the
+                        // speed. It may tie with a move on the map: `offer` then takes the lower
+                        // state.
                         let moves = returned.scores.iter().map(|x| x + share);
                         best.offer(0, moves.zip(returned.from.iter().copied()));
                         for (from, state) in from[new * n..].iter_mut().zip(&*best.from) {
@@ -432,9 +433,9 @@ impl Step<'_> {
         best: &mut ScoredPredecessors<'_>,
     ) {
         let (route, window) = (self.route, self.window(new));
-        // Around a short loop, several moves join the same two places: their weights add up to one
-        // entry, which the taps, a move each, would offer in parts. All places then go entry by
-        // entry.
+        // Around a short loop, several moves join the same two places. Their weights add up to one
+        // entry, but the taps, one for each move, would offer it in parts. So all places are then
+        // offered entry by entry.
         let laps = route.shape.closed && window.len() > route.shape.places;
         let alone = if laps { 0..0 } else { 0..route.shape.places };
         for (places, taps) in route.stencils[new][0].runs(alone) {

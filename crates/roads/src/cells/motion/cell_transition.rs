@@ -205,7 +205,8 @@ impl CellTransition {
             let text = format!("{metres} metres driven, expected 0 or more");
             return Err(TransitionError::Control(text));
         }
-        // The map's rounding of lengths grows with the distance, like a variance.
+        // The error from rounding lengths to whole cells is a variance that grows with the
+        // distance.
         let all = variance + metres * self.rounding;
         Travel::measured(metres / self.mean_metres, all / self.mean_metres.powi(2), &[1.0])
     }
@@ -254,15 +255,16 @@ impl TransitionEntries for CellTransition {
 impl CellTransition {
     /// Computes `out = M x`, one cell ahead.
     fn apply_one_cell(&self, x: &[f64], out: &mut [f64]) {
-        // Cells are numbered along the edges. The shift is right but for the first cell of each
-        // edge, which gets that of another edge and is overwritten by the turns.
+        // Cells are numbered along the edges, so moving one cell ahead is a shift by one. Only the
+        // first cell of each edge gets a value from another edge, which the turns then overwrite.
         out[1..].copy_from_slice(&x[..x.len() - 1]);
         for edge in 0..self.layout.edge_count() {
             let arrivals = self.before.of(edge).iter();
             out[self.layout.first(edge)] =
                 arrivals.map(|&(before, p)| p * x[self.layout.last(before as usize)]).sum();
         }
-        // What would drive on from an end stays; nothing else arrives there but by the shift.
+        // What would drive on beyond an end stays in its last cell, in addition to what has just
+        // arrived there.
         if self.stay {
             for &edge in &self.ends {
                 let last = self.layout.last(edge as usize);
@@ -273,7 +275,7 @@ impl CellTransition {
 
     /// Computes `out = M' x`.
     fn apply_one_cell_transpose(&self, x: &[f64], out: &mut [f64]) {
-        // As above, with the last cell of each edge overwritten.
+        // Here the shift goes back by one cell, and the turns overwrite the last cell of each edge.
         out[..x.len() - 1].copy_from_slice(&x[1..]);
         for edge in 0..self.layout.edge_count() {
             let turns = self.next.of(edge).iter();
@@ -305,11 +307,13 @@ impl CellTransition {
             return set(travel.exactly(0), out);
         }
         buffers::with(x.len(), |other| {
-            // Products alternate between the two buffers; `last` of them end in `out`.
+            // Products alternate between the two buffers, starting with the one for which the last
+            // of the `last` products ends in `out`.
             let (mut from, mut to) =
                 if last.is_multiple_of(2) { (out, &mut *other) } else { (&mut *other, out) };
             set(travel.exactly(last), from);
-            // Invariant: `from` is Σ over k > cells of w_k M^(k − cells − 1) x.
+            // Invariant: `from` is Σ w_k M^(k − cells − 1) x over k > `cells`, with w_k =
+            // `travel.exactly(k)`.
             for cells in (0..last).rev() {
                 one(self, from, to);
                 let weight = travel.exactly(cells);
@@ -376,8 +380,8 @@ impl CellTransition {
         let edge = self.layout.edge(from);
         let is_end = usize::from(self.stays_at_end(edge));
         let travel = travel.clone();
-        // Most steps end on the same edge. The last cell of an end edge collects tails, so it is
-        // left to the walk.
+        // Most steps end on the same edge and need no walk. The last cell of an end edge collects a
+        // tail of the weights, so it is left to the walk.
         let near = from + travel.last() + is_end <= self.layout.last(edge);
         let cells = if near { travel.first()..travel.last() + 1 } else { 0..0 };
         let far = if near { Vec::new() } else { self.walk(&travel, from, true) };
@@ -405,12 +409,12 @@ impl CellTransition {
     /// number of cells become one. Lists the cells reached, each once, in ascending order.
     fn walk(&self, travel: &Travel, start: usize, ahead: bool) -> Vec<(usize, f64)> {
         let edge = self.layout.edge(start);
-        // The walk counts from the nearest cell of its first edge; the start is `before` cells
-        // farther.
+        // The walk counts from the cell where it would enter its first edge; the start is `before`
+        // cells farther.
         let before =
             if ahead { start - self.layout.first(edge) } else { self.layout.last(edge) - start };
-        // A vehicle that stays at an end may have driven any number of cells beyond it, so the
-        // weights of an end are tails, and the weight of zero cells counts too.
+        // A vehicle that is held at an end may have driven any number of cells beyond it. So the
+        // weights into an end are tails, and the weight of zero cells also counts.
         let into_end = !ahead && before == 0 && self.stays_at_end(edge);
         let first = before + if into_end { 0 } else { travel.first() };
         let last = before + travel.last();
@@ -418,8 +422,8 @@ impl CellTransition {
         heap.push(Arrival { distance: 0, edge: edge as u32, p: 1.0 });
         let mut found = Vec::new();
         while let Some(Arrival { distance, edge, mut p }) = heap.pop() {
-            // Lengths are at least one cell, so no later arrival has this key: merging here is
-            // final.
+            // Every edge has at least one cell, so no later arrival has this key: all are merged
+            // here.
             while let Some(same) = heap.peek().filter(|other| other.key() == (distance, edge)) {
                 p += same.p;
                 heap.pop();
@@ -438,7 +442,8 @@ impl CellTransition {
                     found.push((cell, p * weight));
                 }
             }
-            // A vehicle that would drive on from an end is in its last cell: a tail of the weights.
+            // A vehicle that would drive on beyond an end is in its last cell, which therefore gets
+            // a tail of the weights.
             if out_of_end && farthest == cells.len() {
                 let driven = (distance + cells.len() - 1).saturating_sub(before);
                 found.push((cells.end - 1, p * travel.at_least(driven)));
@@ -450,7 +455,7 @@ impl CellTransition {
                 heap.extend(arrivals.map(|(edge, p)| Arrival { distance, edge, p }));
             }
         }
-        // A walk may pass a cell several times, around a block, at several distances.
+        // A walk around a block may reach a cell several times, at different distances.
         found.sort_unstable_by_key(|entry| entry.0);
         found.dedup_by(|next, kept| {
             let same = next.0 == kept.0;

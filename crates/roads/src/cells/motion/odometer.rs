@@ -95,7 +95,7 @@ impl Odometer {
         // was.
         let (ahead, variance) = (self.ahead + metres, self.variance + variance);
         check_reading(ahead, variance)?;
-        // Rounded to the nearest cell: what is kept is at most half a cell either way.
+        // Rounded to the nearest cell, so at most half a cell either way is kept for later.
         let cells = (ahead / self.cell + 0.5).floor();
         let all = (variance + cells.max(0.0) * self.cell * self.rounding) / self.cell.powi(2);
         let travel = if cells >= 1.0 && cells >= DEVIATIONS * all.sqrt() {
@@ -103,8 +103,8 @@ impl Odometer {
                 None => Travel::measured(cells, all, &[1.0])?,
                 Some(slips) => {
                     let lost = slips.loss_distribution(cells * self.cell, self.cell);
-                    // `CELLS_ROUNDED_TOGETHER` cells are rounded at once, and a release of n cells
-                    // counts as n / CELLS_ROUNDED_TOGETHER of them: the sum is the same whether
+                    // Cells are rounded in groups of `CELLS_ROUNDED_TOGETHER`. A release of n cells
+                    // counts as n / CELLS_ROUNDED_TOGETHER groups, so the sum is the same whether
                     // cells are released together or one by one.
                     let all = cells / CELLS_ROUNDED_TOGETHER
                         * cell_change_variance(CELLS_ROUNDED_TOGETHER * all / cells);
@@ -162,16 +162,17 @@ impl Slips {
     /// Probabilities of the number of whole cells lost over a distance; they sum to one, up to
     /// the tail. O(largest number).
     pub(super) fn loss_distribution(&self, driven: f64, cell: f64) -> Vec<f64> {
-        // A slip loses j cells with probability (1 − q) q^j. So slips that lose any cells come q
-        // times as often, and lose 1 + j.
+        // A slip loses j cells with probability (1 − q) q^j. So a share q of the slips loses any
+        // cells, namely 1 + j of them with this same probability.
         let q = self.metres / (self.metres + cell);
         let events = self.rate * driven * q;
         if events == 0.0 {
             return vec![1.0];
         }
-        // Panjer, with e events: s P(s) = e (1 − q) W(s), W(s) = Σ j q^(j−1) P(s − j). With
-        // U(s) = Σ q^(j−1) P(s − j) both sums follow from those of s − 1, and nothing cancels:
-        // U(s) = P(s − 1) + q U(s − 1), W(s) = U(s) + q W(s − 1).
+        // Panjer's recursion for the probability P(s) of losing s cells, with e = `events`: s P(s)
+        // = e (1 − q) W(s), where W(s) = Σ j q^(j−1) P(s − j). With U(s) = Σ q^(j−1) P(s − j), both
+        // sums follow from those of s − 1 without cancellation: U(s) = P(s − 1) + q U(s − 1), W(s)
+        // = U(s) + q W(s − 1).
         let mut lost = vec![1.0];
         let (mut u, mut w, mut largest) = (0.0, 0.0, 1.0_f64);
         let mut past = false;
@@ -179,15 +180,16 @@ impl Slips {
             u = lost[cells - 1] + q * u;
             w = u + q * w;
             let p = events * (1.0 - q) * w / cells as f64;
-            // The tail ends below a share of the largest value, but not while values rise.
+            // The list ends once values are below a share of the largest, but not while they still
+            // rise.
             past |= p < lost[cells - 1];
             largest = largest.max(p);
             if past && p < TAIL * largest {
                 break;
             }
             lost.push(p);
-            // Starting at 1 instead of e^−events, which may underflow, values can grow; the
-            // recursion is linear, so scaling all of its state changes nothing.
+            // The recursion starts at 1 instead of e^−events, which may underflow, so values can
+            // grow. It is linear, so all of its state can be scaled; the sum is divided out below.
             if p > LARGE {
                 (u, w, largest) = (u / LARGE, w / LARGE, largest / LARGE);
                 lost.iter_mut().for_each(|p| *p /= LARGE);
@@ -208,8 +210,8 @@ impl Slips {
 /// small, and 1/6 more than its variance if it is large.
 pub(super) fn cell_change_variance(variance: f64) -> f64 {
     let deviation = variance.sqrt();
-    // f (1 − f) = |x| − x² for |x| ≤ 1, which is seven deviations here: the total is E|x| = σ √(2 /
-    // π).
+    // For |x| ≤ 1, which is seven deviations here, f (1 − f) = |x| − x². With the variance E x²
+    // added, E|x| = σ √(2 / π) is left.
     if deviation < 1.0 / 7.0 {
         return deviation * std::f64::consts::FRAC_2_PI.sqrt();
     }

@@ -91,8 +91,8 @@ impl Travel {
         let whole = mean.round();
         let mean = if (mean - whole).abs() <= 1e-9 { whole } else { mean };
         let (below, part) = (mean.floor() as usize, mean.fract());
-        // The distance is a mixture of the two whole numbers beside the mean, which keeps the mean
-        // and has the variance part (1 − part); the Skellam around each adds what is left of the
+        // The distance is a mixture of the two whole numbers next to the mean, which has this mean
+        // and the variance part (1 − part). A Skellam distribution around each adds the rest of the
         // variance.
         let side = skellam((variance - part * (1.0 - part)).max(0.0));
         let reach = side.len() - 1;
@@ -102,7 +102,7 @@ impl Travel {
             for (share, centre) in [(1.0 - part, below), (part, below + 1)] {
                 let share = chance * share;
                 for (off, p) in side.iter().enumerate() {
-                    // A vehicle that has driven less than nothing stays.
+                    // A vehicle with a negative distance stays.
                     weights[centre.saturating_sub(lost + off) - first] += share * p;
                     if off > 0 {
                         weights[(centre + off).saturating_sub(lost) - first] += share * p;
@@ -207,8 +207,8 @@ fn too_far(what: &str, value: f64) -> TransitionError {
 /// from far out, where any ratio will do, inwards.
 #[expect(clippy::cast_sign_loss, reason = "a variance is at least 0")]
 fn skellam(variance: f64) -> Vec<f64> {
-    // Twelve deviations out, the distribution is far below 1e-20 of its peak. The recursion
-    // contracts errors of the ratio it starts from, here 0.
+    // Twelve deviations out, the distribution is far below 1e-20 of its peak. The ratio there is
+    // taken as 0: the recursion shrinks this error at every step inwards.
     let far = (12.0 * variance.sqrt()) as usize + 20;
     let mut ratios = vec![0.0; far + 1];
     for k in (1..far).rev() {
@@ -222,7 +222,8 @@ fn skellam(variance: f64) -> Vec<f64> {
         }
         values.push(value);
     }
-    // e^v = I_0 + 2 Σ I_k: dividing by this sum makes the first value e^−v I_0(v).
+    // The values are I_k / I_0, and e^v = I_0 + 2 Σ I_k for the variance v. So dividing by this sum
+    // makes the first value e^−v I_0.
     let sum = 2.0 * values.iter().rev().sum::<f64>() - 1.0;
     values.iter_mut().for_each(|value| *value /= sum);
     values

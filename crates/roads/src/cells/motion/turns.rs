@@ -125,7 +125,7 @@ impl Turns {
 
     /// Lists the same turns by the edge after.
     pub(super) fn reversed(&self) -> Self {
-        // Counting sort by the edge after; within one, edges before stay in ascending order.
+        // Counting sort by the edge after, which keeps the edges before in ascending order.
         let edges = self.starts.len() - 1;
         let mut starts = vec![0; edges + 1];
         self.turns.iter().for_each(|turn| starts[turn.0 as usize + 1] += 1);
@@ -240,7 +240,8 @@ impl EdgeTurns {
             }
             let sum: f64 = turns[start..].iter().map(|turn| turn.1).sum();
             turns[start..].iter_mut().for_each(|turn| turn.1 /= sum);
-            // Neither counts nor a prior: the turns are those of the weights, and count as 0 moves.
+            // Without counts or a prior, the edge takes its turns from the weights, with counts of
+            // 0.
             if turns.len() == start {
                 turns.extend_from_slice(prior.of(edge));
                 behind.resize(turns.len(), 0.0);
@@ -332,8 +333,9 @@ fn fit(
     out: &[f64],
 ) -> Result<(), f64> {
     let mut error = 0.0;
-    // Each round scales columns (edges out) to their flows and rows (edges in) to one. Rows hold
-    // exactly after it, so the error of the columns alone tells how far the fit has come.
+    // Each round scales the columns (edges out) to their flows, then the rows (edges in) to one.
+    // Rows are exact after a round, so the error of the columns alone shows how far the fit has
+    // come.
     for _ in 0..ROUNDS {
         let mut sums = vec![0.0; out.len()];
         for (flow, range) in into {
@@ -343,7 +345,7 @@ fn fit(
         }
         error = 0.0;
         for (sum, out) in sums.iter().zip(out) {
-            // Two zeros agree; otherwise the larger one is above 0.
+            // Two zeros agree. Otherwise the larger one is above 0, so the division is safe.
             if sum != out {
                 error = f64::max(error, (sum - out).abs() / out.max(*sum));
             }

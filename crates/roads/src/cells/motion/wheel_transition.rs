@@ -189,8 +189,8 @@ impl Transition for WheelTransition {
             return self.each_scale(control, x, out, CellTransition::apply);
         }
         let travels = control.travels().iter();
-        // S mixes the scales first, at the same cell; then the new scale moves the cells by its
-        // distance.
+        // S comes first: it mixes the scales at the same cell. Then each new scale moves the cells
+        // by its own distance.
         buffers::with(n, |changed| {
             for (to, (out, travel)) in out.chunks_exact_mut(n).zip(travels).enumerate() {
                 changed.fill(0.0);
@@ -209,8 +209,8 @@ impl Transition for WheelTransition {
             return self.each_scale(control, x, out, CellTransition::apply_transpose);
         }
         let travels = control.travels().iter();
-        // The transpose in reverse order: each new scale moves back, then S' spreads it over the
-        // old ones.
+        // The transpose works in reverse order: the values of each new scale move back, then S'
+        // spreads them over the old scales.
         out.fill(0.0);
         buffers::with(n, |moved| {
             for (to, (x, travel)) in x.chunks_exact(n).zip(travels).enumerate() {
@@ -223,7 +223,7 @@ impl Transition for WheelTransition {
     }
 
     fn evidence(&self, control: &WheelTravel) -> Option<f64> {
-        // Cells take no factor out of their evidence, so that of any scale will do.
+        // The evidence of cells is the same for every scale that moved, so any of them will do.
         control.travels().iter().find_map(|travel| self.cells.evidence(travel))
     }
 
@@ -251,8 +251,8 @@ impl TransitionEntries for WheelTransition {
         let moves: Vec<_> = self.cells.incoming(&control.travels()[scale], cell).collect();
         let from = (0..self.scales.len()).map(move |from| (from, control.change(scale, from)));
         let changes = from.filter(|change| change.1 > 0.0);
-        // Moves are those of the new scale, the same from every old one: listed once, repeated for
-        // each. Scales ascend and cells ascend within one, so states do.
+        // The moves depend only on the new scale: they are listed once and repeated for each old
+        // scale. Scales ascend, and cells ascend within a scale, so the states ascend.
         let all = changes.flat_map(move |(from, change)| {
             moves.clone().into_iter().map(move |(cell, p)| (from * n + cell, change * p))
         });

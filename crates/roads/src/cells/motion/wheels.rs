@@ -134,7 +134,7 @@ fn binomial(coins: usize, p: f64) -> Vec<f64> {
     let mut all = vec![0.0; coins + 1];
     all[0] = 1.0;
     for last in 1..=coins {
-        // Downwards, so that `all[at - 1]` is still that of one coin less.
+        // Downwards, so that `all[at - 1]` still holds the probability for one coin fewer.
         for at in (0..=last).rev() {
             let before = if at > 0 { all[at - 1] } else { 0.0 };
             all[at] = (1.0 - p) * all[at] + p * before;
@@ -256,8 +256,8 @@ impl WheelOdometer {
         }
         self.metres += metres.abs();
         let Some(travels) = moved else { return Ok(self.still.clone()) };
-        // The chain of scales depends on metres alone, so its change may wait until a cell was
-        // driven and something moves: the O(k³) are then paid at most once a cell.
+        // The change of scale depends only on the metres driven, so it can wait until a cell was
+        // driven and something moves. Its O(k³), for k scales, are then paid at most once a cell.
         let mut changes = Vec::new();
         if self.metres >= self.cell && self.scales.len() > 1 {
             changes = self.wheels.changes(self.metres);

@@ -98,7 +98,7 @@ impl<'a, R: Read + Seek> Blocks<'a, R> {
         for &place in places {
             let blob = self.seek(place.byte).and_then(|()| self.next());
             let blob = blob.map_err(|failure| self.error(place, failure))?;
-            // The file may have been truncated since.
+            // There is no block if the file was truncated in the meantime.
             if let Some(blob) = blob {
                 let visited = visited(&blob, place, &mut visit);
                 visited.map_err(|problem| self.error(place, Failure::Invalid(problem)))?;

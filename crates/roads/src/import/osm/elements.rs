@@ -72,8 +72,8 @@ impl<'a> Block<'a> {
                     Ok(())
                 })?,
                 2 => block.groups.push(value.bytes()?),
-                // These fields may follow the groups, so groups are only decoded once all of the
-                // block is read.
+                // These fields may follow the groups, so groups are only decoded once the whole
+                // block has been read.
                 17 => block.granularity = value.number()?.cast_signed(),
                 19 => block.offsets[0] = value.number()?.cast_signed(),
                 20 => block.offsets[1] = value.number()?.cast_signed(),
@@ -168,7 +168,7 @@ impl<'a> Block<'a> {
 
     /// True if a key is among tags.
     pub(super) fn has_key(&self, tags: &Tags, key: &str) -> bool {
-        // Compared as bytes, so that a block is not refused for the text of ways that are skipped.
+        // Compared as bytes, so that invalid text in a way that is skipped does not fail the block.
         let is_key = |&index: &u64| self.string(index) == Some(key.as_bytes());
         tags.keys.iter().any(is_key)
     }

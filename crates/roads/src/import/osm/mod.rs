@@ -142,7 +142,7 @@ impl Roads {
         options: &ImportOptions,
         report: &mut ImportReport,
     ) -> Result<Result<(), ImportNote>, String> {
-        // Most ways are buildings and the like: they cost no decoding of their tags.
+        // Most ways are buildings and the like, whose tags need not be decoded.
         if !block.has_key(&way.tags, "highway") {
             return Ok(Ok(()));
         }
@@ -182,8 +182,7 @@ impl Roads {
     fn locate(&mut self, block: &Block<'_>) -> Result<(), String> {
         let mut place = |id: i64, nanodegrees: [i64; 2]| {
             let Some(point) = self.lines.points.get_mut(&id.cast_unsigned()) else { return Ok(()) };
-            // A single correctly rounded division: the position is the double nearest to its
-            // decimals.
+            // A single division rounds once, so the position is the double nearest to its decimals.
             let [latitude, longitude] = nanodegrees.map(|degrees| degrees as f64 / 1e9);
             let position = Position { latitude, longitude };
             if let Some(problem) = position_problem(position) {

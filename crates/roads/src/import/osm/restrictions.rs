@@ -91,8 +91,8 @@ pub(super) fn forbid(
         for &edge in arrive {
             let listed = |&&next: &&usize| {
                 let (way, back) = (ways[pieces[next].line], pieces[edge].back == Some(next));
-                // From a way to itself means the U-turn, not straight on where the way passes the
-                // node.
+                // A restriction from a way to itself is about the U-turn, not about going straight
+                // on where the way passes the node.
                 to.contains(&way) && (back || way != ways[pieces[edge].line])
             };
             // An `only_…` restriction whose road is not in the network must not forbid all others.

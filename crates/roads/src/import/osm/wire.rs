@@ -53,7 +53,8 @@ impl<'a> Value<'a> {
 
 /// Decodes a number whose sign is in its lowest bit: 0, −1, 1, −2, …
 fn signed(number: u64) -> i64 {
-    // The lowest bit as a mask of all bits: n / 2 if it is 0, else the complement, −(n + 1) / 2.
+    // The lowest bit becomes a mask of all bits. The result is number / 2 if the bit is 0, and the
+    // complement, −(number + 1) / 2, if it is 1.
     (number >> 1).cast_signed() ^ -(number & 1).cast_signed()
 }
 

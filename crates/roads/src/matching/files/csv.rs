@@ -35,7 +35,7 @@ pub(super) fn read(
         Ok(columns)
     };
     let mut drives = Collector::default();
-    // A change of name starts a drive; `start` refuses a name that came before.
+    // A change of name starts a drive; `start` refuses a name that was used before.
     let end = each_row((file, reader), Text::Strict, &COLUMNS, find, |row| {
         let (point, trace) = (parse(&row)?, row.text(0));
         if drives.traces.last().is_none_or(|last| last.name != trace) {

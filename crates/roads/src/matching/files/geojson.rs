@@ -47,7 +47,7 @@ pub(super) fn read(
             return Err(at((1, problem.to_owned())));
         }
     };
-    // Places here are numbers of features, not lines.
+    // Places here are numbers of features, so there are no lines to report.
     drives.report.skipped_lines = Vec::new();
     drives.finish(count).map_err(at)
 }

@@ -162,7 +162,7 @@ impl Tracks {
         };
         match (&self.open[..], &mut self.point) {
             ([_, Track], _) => {
-                // At the end of the track rather than of the segment: the name may come after the
+                // Drives are added at the end of the track, since its name may come after the
                 // segments.
                 for segment in self.segments.drain(..).filter(|points| !points.is_empty()) {
                     self.drives.start_numbered(&self.name);

@@ -64,7 +64,7 @@ impl Rest<'_> {
     fn fraction(&mut self) -> Option<f64> {
         let (mut number, mut unit) = (self.digit()?, 10_i64);
         while let Some(digit) = self.digit() {
-            // Up to 10^18 neither integer overflows.
+            // Digits beyond the 18th are read but ignored, so neither integer overflows.
             if unit < 1_000_000_000_000_000_000 {
                 (number, unit) = (10 * number + digit, 10 * unit);
             }

@@ -130,12 +130,13 @@ impl Lattice {
         let mut next: Nodes = vec![BTreeMap::new(); states.len()];
         let mut targets: Vec<Candidate> = Vec::new();
         for (number, (from, moves)) in before.iter().zip(&moves).enumerate() {
-            // Σ ξ(j, i) over the moves that are kept, so that the arcs of a node sum to one.
+            // Only the moves that are kept are summed, so that the arcs of a node sum to one.
             let sum: f64 = moves.iter().map(|to| to.1).sum();
             targets.clear();
             targets.extend(moves.iter().map(|to| states[to.0]).filter(|to| !to.is_off_road()));
             let ways = links(from, &targets, points, search);
-            // The next state depends on the state alone, so all its ends share the moves and ways.
+            // The next state depends on the state alone, so all nodes of a state share its moves
+            // and ways.
             for (mode, node) in &nodes[number] {
                 let first = self.arcs.len();
                 let mut links = ways.iter();
@@ -187,7 +188,7 @@ impl Lattice {
         let mut words = route.to_vec();
         words.push(END);
         // Viterbi over pairs of a node and the number of words spelled so far: for each pair of a
-        // step, the probability of the best way and the pair before.
+        // step, the probability of the best way and the previous pair.
         let mut steps = vec![BTreeMap::from([((0_u32, 0_usize), (1.0_f64, (0_u32, 0_usize)))])];
         let end = ((self.states.len() - 1) as u32, words.len());
         while steps.last().is_some_and(|step| !step.is_empty() && !step.contains_key(&end)) {
@@ -206,7 +207,7 @@ impl Lattice {
                     let probability = way.0 / scale * arc.probability;
                     let best =
                         next.entry((arc.to, done + said.len())).or_insert((0.0, (node, done)));
-                    // Strictly: pairs ascend by node, so a tie keeps the lowest.
+                    // Strictly larger: pairs ascend by node, so a tie keeps the lowest.
                     if probability > best.0 {
                         *best = (probability, (node, done));
                     }
@@ -222,7 +223,7 @@ impl Lattice {
             at = way.1;
             states.push(self.states[at.0 as usize]);
         }
-        // The last is the start.
+        // The last state pushed is that of the start node, which stands for no point.
         states.pop();
         states.reverse();
         states

@@ -108,8 +108,8 @@ impl<P: Coordinates> Matcher<P> {
         let most = MOVES_A_ROUTE.saturating_mul(count).saturating_add(MOST_MOVES);
         let found = RouteSearcher::new(&lattice).find(count, most);
         let sum: f64 = found.routes.iter().map(|route| route.1).sum();
-        // The words give only edges. Where the route begins, ends and turns is that of its most
-        // probable states.
+        // The words give only edges. The places where the route begins, ends and turns are those of
+        // its most probable states.
         let ranked = |(words, probability): (Vec<u32>, f64)| {
             let states: Vec<Candidate> = (lattice.best_states(&words).iter())
                 .zip(&drive.states)
@@ -188,7 +188,7 @@ impl<'a> RouteSearcher<'a> {
                 self.open.extend(children.into_iter().map(open));
             }
         }
-        // Already in order if exact; routes found by diving are not.
+        // Already in order if exact; routes found by following the best child are not.
         routes.sort_by(|a: &(Vec<u32>, f64), b| b.1.total_cmp(&a.1));
         Found { routes, is_exact }
     }
@@ -234,7 +234,7 @@ impl<'a> RouteSearcher<'a> {
         // one route are added up.
         for same in next.chunk_by(|a, b| a.0 == b.0) {
             let shares: Vec<Share> = same.iter().map(|next| next.1).collect();
-            // The bound advances the shares that it is given.
+            // `of` changes the shares that it is given.
             let bound = self.bounds.of(lattice, &mut shares.clone());
             if bound > 0.0 {
                 let child = self.prefixes.len() as u32;
@@ -284,7 +284,7 @@ impl RouteBounds {
         let nodes = lattice.states.len();
         let mut bounds = Self { nodes: vec![NodeBounds::default(); nodes], excess: Vec::new() };
         let (mut shares, mut excess) = (Vec::new(), Vec::new());
-        // Arcs lead to higher nodes, whose bounds are there already.
+        // Arcs lead to higher nodes, whose bounds are already known.
         for node in (0..nodes).rev() {
             // Nothing follows the end: what arrives there is a whole route.
             let mut bound_any = 1.0;
@@ -296,9 +296,9 @@ impl RouteBounds {
             }
             if excess.len() > WORDS {
                 excess.sort_unstable_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
-                // The largest excess that is dropped goes to the bound for any word, and comes off
-                // the listed ones, which are at least as large: their bounds stay the same, and
-                // those of dropped words can only grow.
+                // The largest excess that is dropped is added to the bound for any word, and
+                // subtracted from the listed words, whose excess is at least as large. So the
+                // bounds of listed words stay the same, and those of dropped words can only grow.
                 let most = excess[WORDS].1;
                 excess.truncate(WORDS);
                 excess.iter_mut().for_each(|word| word.1 -= most);
@@ -318,7 +318,8 @@ impl RouteBounds {
     fn of(&self, lattice: &Lattice, shares: &mut [Share]) -> f64 {
         if let [share] = shares {
             // The usual case on long roads. The words left on the arc of a single share are
-            // certain, so the best at its end bounds it, whether or not it has arrived.
+            // certain, so the best bound at the arc's end holds, whether or not the share has
+            // arrived there.
             return share.probability * self.nodes[share.to as usize].best;
         }
         let mut excess = Vec::new();
@@ -341,14 +342,14 @@ impl RouteBounds {
         let (arrived, on_the_way) = shares.split_at_mut(arrived);
         for share in arrived {
             let bound = &self.nodes[share.to as usize];
-            // B(w) is linear in the shares: excesses of one word add up below.
+            // Bounds are linear in the shares, so the excesses of one word add up below.
             bound_any += share.probability * bound.bound_any;
             let words = &self.excess[bound.excess.start as usize..bound.excess.end as usize];
             excess.extend(words.iter().map(|(word, more)| (*word, share.probability * more)));
         }
         for shares in on_the_way.chunk_by_mut(|a, b| next(a) == next(b)) {
-            // All paths with this word in common, one word further: their sum with the best next
-            // word.
+            // All paths with this word in common take it. What follows is bounded by the best next
+            // word of them all.
             let word = next(&shares[0]);
             shares.iter_mut().for_each(|share| share.words[0] += 1);
             excess.push((word, self.of(lattice, shares)));

@@ -54,8 +54,8 @@ impl<W: Write, R: FnMut(&Notice)> Run<'_, W, R> {
                 }
             }
         }
-        // Only now: a snapshot can only be taken between batches, when all their lines are
-        // answered.
+        // The position moves only now: a snapshot can only be taken between batches, when all their
+        // lines are answered.
         if batch.bytes > 0 {
             self.position.bytes += batch.bytes;
             self.position.tail = self.connections.tail().unwrap_or_default();

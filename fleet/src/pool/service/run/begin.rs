@@ -43,14 +43,14 @@ pub(super) fn begin(job: &ServiceJob, mut input: impl Read + Send + 'static) -> 
     // definite no counts as missing.
     let is_missing = |path: &PathBuf| matches!(path.try_exists(), Ok(false));
     let is_first = |path: &PathBuf| live.snapshot.as_ref() == Some(path) && is_missing(path);
-    // The same file as snapshot and restore, not there yet: the first run of a service that is
-    // restarted with the same command.
+    // If snapshot and restore are the same file and it is not there yet, this is the first run of a
+    // service that is restarted with the same command.
     let restore = live.restore.as_deref().filter(|_| !live.restore.as_ref().is_some_and(is_first));
     let mut position = match restore {
         Some(path) => position::position(path)?.unwrap_or_default(),
         None => Position::default(),
     };
-    // A line may have replaced the model since; the vehicles belong to that one.
+    // A line may have replaced the model; the vehicles then belong to the new one.
     let model = match &position.model {
         Some(name) => load(job, name)?,
         None => Model::load(&live.model)?,
@@ -61,7 +61,7 @@ pub(super) fn begin(job: &ServiceJob, mut input: impl Read + Send + 'static) -> 
     let is_first = restore.is_none();
     let open = |path: &PathBuf| position::open_output(path, position.answers, is_first);
     let file = job.output.as_ref().map(open).transpose()?;
-    // After the output exists, which might have the same name.
+    // Checked once the output exists, since it might have the same name.
     live.snapshot.as_deref().map_or(Ok(()), check_replaced)?;
     if let (true, Some(_), Some(path)) = (is_first, &file, &live.snapshot) {
         // If the run is killed before its first snapshot, its output must still have a snapshot
