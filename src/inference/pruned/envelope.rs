@@ -197,7 +197,8 @@ impl Envelope {
             } else {
                 let most = (lower + excess).max(UNDERFLOW_LOSS);
                 self.others.each_inactive = self.others.each_inactive.max(most);
-                self.others.all_inactive += most;
+                // Rounded up, so that the sum is a bound however many states are dropped.
+                self.others.all_inactive = (self.others.all_inactive + most).next_up();
             }
         }
         self.truncate(kept);
@@ -214,8 +215,9 @@ impl Envelope {
     /// Scales all bounds so that the lower bounds sum to one. Returns the logarithm of their former
     /// sum.
     fn normalize(&mut self) -> f64 {
-        // `all_inactive` is a sum, and a sum of m non-negative numbers has a relative error of at
-        // most m roundings. No inactive state has more than this sum.
+        // A sum of m non-negative numbers has a relative error of at most m roundings, so the sum of
+        // the lower bounds below may be too large by a rounding for each kept state; all is divided
+        // by it. No inactive state has more than the sum over all of them.
         let up = 1.0 + (self.states.len() + 4) as f64 * f64::EPSILON;
         self.others.all_inactive *= up;
         self.others.each_inactive = self.others.each_inactive.min(self.others.all_inactive);

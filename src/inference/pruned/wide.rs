@@ -232,7 +232,7 @@ impl Envelope {
                 // At least `SMALL`, below which p may lack digits.
                 let most = (p * (1.0 + width) * ROUNDED_UP).max(SMALL);
                 self.others.each_inactive = self.others.each_inactive.max(most);
-                self.others.all_inactive += most;
+                self.others.all_inactive = (self.others.all_inactive + most).next_up();
             }
         }
     }

@@ -52,8 +52,7 @@ fn paths_are_those_of_the_library() {
         let mut paths = Vec::new();
         for (drive, seen) in drives.iter().enumerate() {
             let Ok(best) = model.k_best(&symbols(seen), count) else {
-                let Err(HmmError::Impossible { step: at }) = model.viterbi(&symbols(seen))
-                else {
+                let Err(HmmError::Impossible { step: at }) = model.viterbi(&symbols(seen)) else {
                     panic!("expected to be impossible");
                 };
                 let numbers = Vec::new();

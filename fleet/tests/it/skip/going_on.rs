@@ -140,7 +140,7 @@ fn the_file_of_an_unfinished_run_is_asked_for() {
     assert!(error.contains("give its --skip-invalid again"), "{error}");
     other.left_out = Some(folder.path("other.jsonl"));
     let error = go_on(&other).unwrap_err().to_string();
-    assert!(error.contains("other.jsonl.partial is not there"), "{error}");
+    assert!(error.contains("other.jsonl.partial is missing"), "{error}");
     // A file that is not ours is not replaced.
     fs::write(job.left_out.as_ref().unwrap(), "mine").unwrap();
     let error = go_on(&job).unwrap_err().to_string();
