@@ -261,7 +261,7 @@ fn runs_do_not_share_an_output() {
         assert!(force || a.is_err() || b.is_err());
         for refused in [&a, &b].into_iter().filter_map(|done| done.as_ref().err()) {
             let message = refused.to_string();
-            assert!(message.contains("locked") || message.contains("exists"), "{message}");
+            assert!(message.contains("holds the lock") || message.contains("exists"), "{message}");
         }
         let found = integers(&read(&folder.path(&format!("rows {round}.parquet"))), "k");
         assert_eq!(found.len(), 2000);

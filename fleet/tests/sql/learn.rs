@@ -60,5 +60,5 @@ fn drives_that_cannot_be_used_are_errors() {
     folder.write("none.parquet", &nested(&Vec::new()), 100);
     let none = learn_job(&folder, "none.parquet", "b.json", 2);
     let message = sql::learn(&none, None, |_| ()).unwrap_err().to_string();
-    assert_eq!(message, "learning failed: none of 0 drives is possible");
+    assert_eq!(message, "learning failed: none of the 0 drives is possible under the model");
 }
