@@ -51,11 +51,11 @@ fn a_place_within_a_tolerance() {
 fn a_range_without_places_is_an_error() {
     says(
         is_within(&(3..=2), 3, 9),
-        "the range of true places 3..=2 is empty, expected at least one place",
+        "the number of places in 3..=2 is 0, expected at least 1",
     );
     says(
         recall_within(&[None, Some(4..=4), Some(3..=2)], &[None; 3], 0),
-        "the range of true places 3..=2 at index 2 is empty, expected at least one place",
+        "the number of places in 3..=2 of query 2 is 0, expected at least 1",
     );
     let mut used = 3..=3;
     assert_eq!(used.next(), Some(3));

@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
-/// The number of random cases of a property: `WAYFIX_CASES`, or 256.
+/// The number of random cases of a property: `WAYFIX_CASES`, or 128.
 pub fn cases() -> ProptestConfig {
     cases_of(2000)
 }
@@ -12,7 +12,7 @@ pub fn cases() -> ProptestConfig {
 pub fn cases_of(share: u32) -> ProptestConfig {
     let cases = match std::env::var("WAYFIX_CASES") {
         Ok(text) => text.parse().expect("WAYFIX_CASES is a number of cases"),
-        Err(_) => 256_u32,
+        Err(_) => 128_u32,
     };
     let config = ProptestConfig::with_cases((cases * share).div_ceil(2000));
     // Slow cases are not shrunk for half an hour.
