@@ -107,7 +107,7 @@
 //! - **Ties** go to the lowest state.
 //! - Logarithms are natural.
 //! - The message of an error includes that of its cause, which its variant also holds. Its `source`
-//! is the source of the cause, so that a printed chain of errors repeats nothing.
+//!   is the source of the cause, so that a printed chain of errors repeats nothing.
 //!
 //! # Exact or an error
 //!

@@ -21,7 +21,7 @@ pub struct FileError {
 }
 
 impl FileError {
-    fn read(file: String, error: impl ToString) -> Self {
+    fn read(file: String, error: &std::io::Error) -> Self {
         Self { file, line: None, problem: error.to_string() }
     }
 }
@@ -31,7 +31,7 @@ pub fn open(path: &Path) -> Result<(String, File), FileError> {
     let file = path.display().to_string();
     match File::open(path) {
         Ok(reader) => Ok((file, reader)),
-        Err(error) => Err(FileError::read(file, error)),
+        Err(error) => Err(FileError::read(file, &error)),
     }
 }
 
@@ -39,7 +39,7 @@ pub fn open(path: &Path) -> Result<(String, File), FileError> {
 pub fn text_of(file: &str, mut reader: impl Read) -> Result<String, FileError> {
     let mut text = String::new();
     if let Err(error) = reader.read_to_string(&mut text) {
-        return Err(FileError::read(file.to_owned(), error));
+        return Err(FileError::read(file.to_owned(), &error));
     }
     if text.starts_with('\u{feff}') {
         text.drain(..'\u{feff}'.len_utf8());

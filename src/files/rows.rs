@@ -103,7 +103,7 @@ pub fn each_row<C: AsRef<[Option<usize>]>>(
             let record = text_of(bytes, text, rows.line).map_err(|text| at(rows.line, text))?;
             Ok((record, if more { rows.line } else { rows.end + 1 }, more))
         }
-        Err(error) => Err(FileError::read(file.to_owned(), error)),
+        Err(error) => Err(FileError::read(file.to_owned(), &error.into())),
     };
     let (mut record, line, _) = read(StringRecord::new())?;
     record.trim();
