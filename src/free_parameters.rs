@@ -87,12 +87,12 @@ pub struct Displacement<'d> {
     at: usize,
     at_bound: usize,
     /// Parameters seen so far, if the displacement is by nothing.
-    recorded: Vec<(f64, Scale)>,
+    recorded: Vec<(f64, ParameterScale)>,
 }
 
 /// Scale of a coordinate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Scale {
+pub enum ParameterScale {
     /// An unbounded number.
     Plain,
     /// A logarithm, or the logarithm of a number whose bound, 0, is at minus infinity.
@@ -123,12 +123,12 @@ impl<'d> Displacement<'d> {
 
     /// Parameters seen, if the displacement is by nothing.
     #[must_use]
-    pub fn into_seen(self) -> Vec<(f64, Scale)> {
+    pub fn into_seen(self) -> Vec<(f64, ParameterScale)> {
         self.recorded
     }
 
     /// Returns the displacement of the next free parameter.
-    fn next(&mut self, value: f64, scale: Scale) -> f64 {
+    fn next(&mut self, value: f64, scale: ParameterScale) -> f64 {
         let by = self.by.get(self.at).copied().unwrap_or(0.0);
         self.at += 1;
         if self.by.is_empty() {
@@ -139,18 +139,18 @@ impl<'d> Displacement<'d> {
 
     /// Moves a number that may have any value.
     pub fn real(&mut self, x: f64) -> f64 {
-        x + self.next(x, Scale::Plain)
+        x + self.next(x, ParameterScale::Plain)
     }
 
     /// Moves a logarithm, or log-odds.
     pub fn logarithm(&mut self, x: f64) -> f64 {
-        x + self.next(x, Scale::Log)
+        x + self.next(x, ParameterScale::Log)
     }
 
     /// Moves a number above 0; 0 stays.
     pub fn positive(&mut self, x: f64) -> f64 {
         if x > 0.0 {
-            return x * self.next(x, Scale::Log).exp();
+            return x * self.next(x, ParameterScale::Log).exp();
         }
         self.at_bound += 1;
         x
@@ -176,7 +176,7 @@ impl<'d> Displacement<'d> {
             if *share == 0.0 {
                 self.at_bound += 1;
             } else if at != largest {
-                *by = self.next(*share, Scale::Odds);
+                *by = self.next(*share, ParameterScale::Odds);
             }
         }
         // The shares stay as they are, to the bit.
@@ -204,7 +204,8 @@ impl<'d> Displacement<'d> {
         for i in 0..d {
             for j in 0..=i {
                 let value = matrix[i * d + j];
-                let by = self.next(value, if i == j { Scale::Log } else { Scale::Plain });
+                let by = self
+                    .next(value, if i == j { ParameterScale::Log } else { ParameterScale::Plain });
                 any |= by != 0.0;
                 let factor = if i == j { by.exp() } else { by };
                 for row in i..d {
@@ -233,7 +234,7 @@ impl<'d> Displacement<'d> {
         let largest = (0..vector.len()).fold(0, ahead);
         let mut by: Vec<f64> = Vec::with_capacity(vector.len());
         for (at, x) in vector.iter().enumerate() {
-            by.push(if at == largest { 0.0 } else { self.next(*x, Scale::Plain) });
+            by.push(if at == largest { 0.0 } else { self.next(*x, ParameterScale::Plain) });
         }
         let arc = by.iter().map(|by| by * by).sum::<f64>().sqrt();
         if arc == 0.0 {

@@ -6,7 +6,7 @@ pub use crate::evaluate::check_level;
 pub use crate::files::{FileError, excerpt, open, shortened, text_of};
 #[cfg(feature = "csv")]
 pub use crate::files::{Row, Text, each_row, unknown};
-pub use crate::free_parameters::{Scale as ParameterScale, cholesky};
+pub use crate::free_parameters::{ParameterScale, cholesky};
 pub use crate::inference::engines::parallel;
 pub use crate::inference::{LogSum, MOST_STEPS, Scale, TrellisForward, left_out};
 pub use crate::likelihood::{product_of, shares};

@@ -49,10 +49,7 @@ fn a_place_within_a_tolerance() {
 #[test]
 #[expect(clippy::reversed_empty_ranges, reason = "that is what is tested")]
 fn a_range_without_places_is_an_error() {
-    says(
-        is_within(&(3..=2), 3, 9),
-        "the number of places in 3..=2 is 0, expected at least 1",
-    );
+    says(is_within(&(3..=2), 3, 9), "the number of places in 3..=2 is 0, expected at least 1");
     says(
         recall_within(&[None, Some(4..=4), Some(3..=2)], &[None; 3], 0),
         "the number of places in 3..=2 of query 2 is 0, expected at least 1",

@@ -9,7 +9,7 @@
 
 use wayfix::inference::LearnError;
 use wayfix::internal::parallel;
-use wayfix::internal::{ParameterScale as Scale, cholesky};
+use wayfix::internal::{ParameterScale, cholesky};
 
 /// Longest step along a logarithm. However little information there is, derivatives of all orders
 /// have the same size; at this step the sixth contributes 1e-7 of the difference.
@@ -28,7 +28,7 @@ pub(super) struct Objective<F> {
     /// Difference of the objective at the coordinates from that at 0.
     pub(super) difference: F,
     /// Scale of each coordinate.
-    pub(super) scales: Vec<Scale>,
+    pub(super) scales: Vec<ParameterScale>,
     /// Sum of the sizes of the terms of the objective.
     pub(super) size: f64,
 }
@@ -144,9 +144,9 @@ impl<F: Fn(&[f64]) -> Result<f64, LearnError> + Sync> Objective<F> {
         // c is less than the information of one observation. Odds relative to a larger number can
         // only fall.
         let ahead = match self.scales[at] {
-            Scale::Plain => 0.0,
-            Scale::Log => gradient.abs(),
-            Scale::Odds => -gradient,
+            ParameterScale::Plain => 0.0,
+            ParameterScale::Log => gradient.abs(),
+            ParameterScale::Odds => -gradient,
         };
         if information < 1.0 && (0.5 * information..2.0 * information).contains(&ahead) {
             return Ok(None);
@@ -163,7 +163,7 @@ impl<F: Fn(&[f64]) -> Result<f64, LearnError> + Sync> Objective<F> {
         // The error of the differences grows as the square of the fall f, that of rounding as ε /
         // f: up to constants, they are equal at f = ε^(1/3).
         let aim = 10.0 * (f64::EPSILON * (1.0 + self.size)).cbrt();
-        let plain = self.scales[at] == Scale::Plain;
+        let plain = self.scales[at] == ParameterScale::Plain;
         let mut most = if plain { f64::INFINITY } else { LONGEST };
         let (mut step, mut found) = (1e-3, None);
         for _ in 0..100 {
@@ -200,7 +200,7 @@ impl<F: Fn(&[f64]) -> Result<f64, LearnError> + Sync> Objective<F> {
             // A failure, such as an overflow, proves nothing.
             self.at(&[(at, by)]).is_ok_and(|found| found.abs() > ROUNDING * (1.0 + self.size))
         };
-        self.scales[at] != Scale::Plain && far.into_iter().any(changes)
+        self.scales[at] != ParameterScale::Plain && far.into_iter().any(changes)
     }
 
     /// Returns the negative mixed derivative of two coordinates.

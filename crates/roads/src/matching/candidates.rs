@@ -5,7 +5,7 @@
 //! position, and with the log-likelihood of the heading; both lists have the order of the
 //! candidates.
 
-use super::receiver::Place;
+use super::receiver::EdgeEstimate;
 use super::sighting::{SLOPE, Sighting, logistic};
 use super::{MatchModel, TracePoint};
 use crate::{EdgeIndex, NearEdge, RoadNetwork};
@@ -33,7 +33,7 @@ pub(super) struct Candidate {
     /// The point, in the plane of the network.
     pub(super) point: [f64; 2],
     /// Place along the edge and error of the receiver, given the drive so far.
-    pub(super) place: Place,
+    pub(super) place: EdgeEstimate,
     /// Probability that the position belongs to the road.
     pub(super) inlier: f64,
 }
@@ -54,7 +54,7 @@ impl Candidate {
 
     /// The state off the road, at a position.
     pub(super) fn off_road<P: Coordinates>(point: &TracePoint<P>) -> Self {
-        let (point, place) = (point.position.to_plane(), Place::default());
+        let (point, place) = (point.position.to_plane(), EdgeEstimate::default());
         Self { edge: OFF_ROAD, along: 0.0, point, place, inlier: 0.0 }
     }
 }
@@ -232,7 +232,7 @@ impl<P: Coordinates> CandidateSearch<'_, P> {
             edge: near.edge as u32,
             along: near.metres_along,
             point: near.point,
-            place: Place::default(),
+            place: EdgeEstimate::default(),
             inlier: 0.0,
         }
     }

@@ -2,7 +2,7 @@
 //! steps.
 
 use super::moves::Move;
-use super::receiver::{ByReception, Place};
+use super::receiver::{ByReception, EdgeEstimate};
 use super::sighting::Sighting;
 use super::{MatchError, MatchModel};
 use crate::cells::{EdgeTurns, TurnWeights};
@@ -39,7 +39,7 @@ pub(super) struct Memory {
     pub(super) sightings: Vec<Sighting>,
     pub(super) log_heading_likelihoods: Vec<f64>,
     /// Predicted places of the previous states.
-    pub(super) places: Vec<Place>,
+    pub(super) places: Vec<EdgeEstimate>,
     /// Moves into each state.
     pub(super) entries: Vec<Vec<Entry>>,
     /// Moves of the last step, in the order of the trellis.

@@ -32,7 +32,7 @@ impl<P: Coordinates> TracePoint<P> {
 
     /// Checks a point, given its index in the drive and the point before.
     pub(super) fn check(&self, point: usize, before: Option<&Self>) -> Result<(), MatchError> {
-        self.numbers().map_err(|OutOfRange { what, value, expected }| MatchError::Point {
+        self.numbers().map_err(|InvalidNumber { what, value, expected }| MatchError::Point {
             point,
             what,
             value,
@@ -47,7 +47,7 @@ impl<P: Coordinates> TracePoint<P> {
     }
 
     /// Checks the ranges of all numbers; NaN is in none.
-    pub(super) fn numbers(&self) -> Result<(), OutOfRange> {
+    pub(super) fn numbers(&self) -> Result<(), InvalidNumber> {
         let [a, b] = self.position.values();
         let [(_, limit_a), (_, limit_b)] = P::AXES;
         // Out of range as given, but in range with latitude and longitude exchanged: the usual
@@ -63,12 +63,12 @@ impl<P: Coordinates> TracePoint<P> {
                     "longitude" => "a longitude from -180 to 180 degrees",
                     _ => "metres from -1e9 to 1e9",
                 };
-                return Err(OutOfRange { what, value, expected });
+                return Err(InvalidNumber { what, value, expected });
             }
         }
         let check = |what, value: Option<f64>, [least, most]: [f64; 2], expected| match value {
             Some(value) if !(least..=most).contains(&value) => {
-                Err(OutOfRange { what, value, expected })
+                Err(InvalidNumber { what, value, expected })
             }
             _ => Ok(()),
         };
@@ -82,13 +82,13 @@ impl<P: Coordinates> TracePoint<P> {
 
 /// A number of a point that is out of range.
 #[derive(Debug)]
-pub(super) struct OutOfRange {
+pub(super) struct InvalidNumber {
     what: &'static str,
     value: f64,
     expected: &'static str,
 }
 
-impl fmt::Display for OutOfRange {
+impl fmt::Display for InvalidNumber {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { what, value, expected } = self;
         write!(f, "the point has {what} {}, expected {expected}", Number(*value))

@@ -74,14 +74,14 @@ impl Receiver {
     }
 
     /// Error before any position, at no place.
-    pub(super) fn unknown(&self) -> Place {
+    pub(super) fn unknown(&self) -> EdgeEstimate {
         let zero = [0.0; RECEPTIONS];
         let covariance = [zero, zero, zero, self.lasting_variances, zero, self.lasting_variances];
-        Place { mean: [zero; 3], covariance, shares: self.shares }
+        EdgeEstimate { mean: [zero; 3], covariance, shares: self.shares }
     }
 
     /// Distribution after some seconds, when the share `kept` of the error is left.
-    pub(super) fn predicted(&self, place: &Place, seconds: f64, kept: f64) -> Place {
+    pub(super) fn predicted(&self, place: &EdgeEstimate, seconds: f64, kept: f64) -> EdgeEstimate {
         let redrawn = -(-seconds / REDRAWN_AFTER).exp_m1();
         let other_receiver = -(-seconds / RECEIVER_LASTS).exp_m1();
         // The mixing step of the interacting multiple model. A reception that is drawn anew takes
@@ -108,9 +108,10 @@ impl Receiver {
             mixtures.add(weights, &mean, &covariance);
         }
         // Only the state off the road has a place without any weight, which is left as it is.
-        let Some(mut predicted) = Place::of_mixtures(mixtures) else { return *place };
+        let Some(mut predicted) = EdgeEstimate::of_mixtures(mixtures) else { return *place };
         let squared = kept * kept;
-        let Place { mean: [_, x, y], covariance: [_, ax, ay, xx, xy, yy], .. } = &mut predicted;
+        let EdgeEstimate { mean: [_, x, y], covariance: [_, ax, ay, xx, xy, yy], .. } =
+            &mut predicted;
         for r in 0..RECEPTIONS {
             // The Gauss–Markov step of the error, o → κ o + noise of variance (1 − κ²) ρσ², with κ
             // = `kept`: means and covariances with o scale by κ, those within o by κ².
@@ -125,7 +126,7 @@ impl Receiver {
 }
 
 /// Some receptions of a place, merged.
-fn pooled(place: &Place, receptions: impl Iterator<Item = usize>) -> Mixtures<1> {
+fn pooled(place: &EdgeEstimate, receptions: impl Iterator<Item = usize>) -> Mixtures<1> {
     let mut pool = Mixtures::default();
     for number in receptions {
         let (mean, covariance) = (&place.mean, &place.covariance);
@@ -147,7 +148,7 @@ pub(super) type ByReception = [f64; RECEPTIONS];
 /// Place along an edge and error of the receiver, given the drive so far.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub(super) struct Place {
+pub(super) struct EdgeEstimate {
     /// Means of the metres along, and of the errors to the east and to the north.
     pub(super) mean: [ByReception; 3],
     /// Upper triangle of the covariances, row by row.
@@ -156,7 +157,7 @@ pub(super) struct Place {
     pub(super) shares: ByReception,
 }
 
-impl Place {
+impl EdgeEstimate {
     /// Place with the moments of a mixture for each reception, and shares in proportion to their
     /// weights; `None` without weight.
     pub(super) fn of_mixtures(mixtures: Mixtures<RECEPTIONS>) -> Option<Self> {
@@ -301,14 +302,14 @@ pub(super) struct PlaceMixture(Mixtures<RECEPTIONS>);
 
 impl PlaceMixture {
     #[inline]
-    pub(super) fn add(&mut self, weight: f64, place: &Place) {
+    pub(super) fn add(&mut self, weight: f64, place: &EdgeEstimate) {
         let weights = place.shares.map(|share| weight * share);
         self.0.add(weights, &place.mean, &place.covariance);
     }
 
     /// Place with the same moments and shares; `None` without weight.
-    pub(super) fn merged(self) -> Option<Place> {
-        Place::of_mixtures(self.0)
+    pub(super) fn merged(self) -> Option<EdgeEstimate> {
+        EdgeEstimate::of_mixtures(self.0)
     }
 }
 

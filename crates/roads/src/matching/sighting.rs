@@ -13,7 +13,7 @@
 //! saves copying the place for every move into a state; [`Sighting::across`] updates all of it, for
 //! the moves that count.
 
-use super::receiver::{ByReception, Place, RECEPTIONS, Receiver};
+use super::receiver::{ByReception, EdgeEstimate, RECEPTIONS, Receiver};
 use wayfix_kernels::exp_in_place;
 
 /// A position as seen from an edge.
@@ -79,7 +79,7 @@ impl Sighting {
     /// Fit of the position to a place on an earlier edge, from whose start it is `starts` metres to
     /// the start of this edge.
     #[inline]
-    pub(super) fn fit(&self, place: &Place, starts: f64, receiver: &Receiver) -> Fit {
+    pub(super) fn fit(&self, place: &EdgeEstimate, starts: f64, receiver: &Receiver) -> Fit {
         let across = Across::new(place, self, receiver);
         let ([a, b], [c, d]) = (self.normal, self.tangent);
         let ([along, x, y], [aa, ax, ay, xx, xy, yy]) = (&place.mean, &place.covariance);
@@ -145,15 +145,20 @@ impl Sighting {
     /// Place given the distance across, with the probabilities of the kinds of reception that
     /// follow from it.
     #[inline]
-    pub(super) fn across(&self, place: &Place, shares: ByReception, receiver: &Receiver) -> Place {
-        let mut updated = Place { shares, ..*place };
+    pub(super) fn across(
+        &self,
+        place: &EdgeEstimate,
+        shares: ByReception,
+        receiver: &Receiver,
+    ) -> EdgeEstimate {
+        let mut updated = EdgeEstimate { shares, ..*place };
         Across::new(place, self, receiver).update(&mut updated, self.normal);
         updated
     }
 
     /// Place of a stationary vehicle, given the position along.
     #[inline]
-    pub(super) fn stationary(&self, place: &Place, receiver: &Receiver) -> Place {
+    pub(super) fn stationary(&self, place: &EdgeEstimate, receiver: &Receiver) -> EdgeEstimate {
         let h = [1.0, self.tangent[0], self.tangent[1]];
         let (mut updated, mut weights) = (*place, place.shares);
         let [mut squares, mut deviations] = [[0.0; RECEPTIONS]; 2];
@@ -177,7 +182,7 @@ impl Sighting {
 
     /// Place of a vehicle that moved: the position alone determines its place along.
     #[inline]
-    pub(super) fn moved(&self, place: &Place, receiver: &Receiver) -> Place {
+    pub(super) fn moved(&self, place: &EdgeEstimate, receiver: &Receiver) -> EdgeEstimate {
         let ([a, b], [_, x, y], [_, _, _, xx, xy, yy]) =
             (self.tangent, &place.mean, &place.covariance);
         let mut moved = *place;
@@ -211,7 +216,7 @@ impl Sighting {
 
     /// Restricts a place to the edge.
     #[inline]
-    pub(super) fn within(&self, place: &Place) -> Place {
+    pub(super) fn within(&self, place: &EdgeEstimate) -> EdgeEstimate {
         let (mut updated, mut shares) = (*place, place.shares);
         for (r, share) in shares.iter_mut().enumerate() {
             let variance = place.covariance[0][r].max(LEAST_VARIANCE);
@@ -295,7 +300,7 @@ pub(super) struct Across {
 
 impl Across {
     #[inline]
-    pub(super) fn new(place: &Place, sighting: &Sighting, receiver: &Receiver) -> Self {
+    pub(super) fn new(place: &EdgeEstimate, sighting: &Sighting, receiver: &Receiver) -> Self {
         let ([a, b], zero) = (sighting.normal, [0.0; RECEPTIONS]);
         let ([_, x, y], [_, _, _, xx, xy, yy]) = (&place.mean, &place.covariance);
         let mut across =
@@ -316,7 +321,7 @@ impl Across {
     /// across; `powers` are the exponentials of the negated squares. If the density underflows, it
     /// is 0 and the probabilities are those before.
     #[inline]
-    pub(super) fn shares(&self, place: &Place, powers: &[f64]) -> (ByReception, f64) {
+    pub(super) fn shares(&self, place: &EdgeEstimate, powers: &[f64]) -> (ByReception, f64) {
         let (mut weights, mut total) = (place.shares, 0.0);
         for r in 0..RECEPTIONS {
             // Bayes' rule over the receptions: each predicts the distance with its own Gaussian.
@@ -332,7 +337,7 @@ impl Across {
     /// The same in logarithms, for a density that underflows: a position may be a thousand standard
     /// deviations off.
     #[cold]
-    pub(super) fn log_shares(&self, place: &Place) -> (ByReception, f64) {
+    pub(super) fn log_shares(&self, place: &EdgeEstimate) -> (ByReception, f64) {
         let mut logs = [0.0; RECEPTIONS];
         for (r, log) in logs.iter_mut().enumerate() {
             *log = place.shares[r].ln() + 0.5 * self.precision[r].ln() - self.squares[r];
@@ -347,8 +352,8 @@ impl Across {
 
     /// Kalman update of a place by the distance.
     #[inline]
-    pub(super) fn update(&self, place: &mut Place, [a, b]: [f64; 2]) {
-        let Place { mean: [along, x, y], covariance: [aa, ax, ay, xx, xy, yy], .. } = place;
+    pub(super) fn update(&self, place: &mut EdgeEstimate, [a, b]: [f64; 2]) {
+        let EdgeEstimate { mean: [along, x, y], covariance: [aa, ax, ay, xx, xy, yy], .. } = place;
         for r in 0..RECEPTIONS {
             let (precision, innovation) = (self.precision[r], self.innovation[r]);
             let [u, v] = [self.covariances[0][r], self.covariances[1][r]];

@@ -12,7 +12,7 @@
 use super::answer::{RoadAnswer, Stretches, credible, edges};
 use super::candidates::{Candidate, deviation};
 #[cfg(feature = "serde")]
-use super::receiver::Place;
+use super::receiver::EdgeEstimate;
 use super::step::{ForwardStep, MatchStep, PreviousStep};
 use super::{MatchError, Matcher, TracePoint};
 use wayfix::inference::Trellis;
@@ -459,8 +459,13 @@ fn check_state(state: &Candidate) -> Result<(), String> {
     const LARGEST: f64 = 1e12;
     /// Tolerance for rounding in sums and products.
     const ROUNDING: f64 = 1e-9;
-    let Candidate { edge: _, along, point, place: Place { mean, covariance, shares }, inlier } =
-        *state;
+    let Candidate {
+        edge: _,
+        along,
+        point,
+        place: EdgeEstimate { mean, covariance, shares },
+        inlier,
+    } = *state;
     let range = |most: f64| -most..=most;
     let mut numbers = vec![
         ("metres along", along, 0.0..=LARGEST),
@@ -476,7 +481,7 @@ fn check_state(state: &Candidate) -> Result<(), String> {
     }
     for (covariances, a, b) in [(xy, xx, yy), (xz, xx, zz), (yz, yy, zz)] {
         for ((covariance, a), b) in covariances.into_iter().zip(a).zip(b) {
-            // |cov(a, b)| ≤ √(var a · var b), as `Place::rounded` left it.
+            // |cov(a, b)| ≤ √(var a · var b), as `EdgeEstimate::rounded` left it.
             let most = (a * b).max(0.0).sqrt() * (1.0 + ROUNDING);
             numbers.push(("covariance", covariance, range(most)));
         }
