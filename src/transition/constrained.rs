@@ -8,9 +8,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use super::learn::log_probability;
 use super::maximize::weights;
 use super::{
-    LearnFromMoves, MoveCounts, SparseTransition, Transition, TransitionEntries, delegate,
+    LearnTransition, MoveCounts, SparseTransition, Transition, TransitionEntries, delegate,
 };
 use crate::error::TransitionError;
 
@@ -246,7 +247,27 @@ impl TransitionEntries for ConstrainedTransition {
     delegate!(a, control => a.transition, control; all_entries);
 }
 
-impl LearnFromMoves for ConstrainedTransition {
+impl LearnTransition for ConstrainedTransition {
+    type Statistics = MoveCounts;
+
+    fn statistics(&self) -> MoveCounts {
+        MoveCounts::default()
+    }
+
+    fn merge(&self, counts: &mut MoveCounts, other: &MoveCounts) {
+        counts.merge(other);
+    }
+
+    fn counts<'s>(&self, counts: &'s mut MoveCounts, (): &()) -> Option<&'s mut MoveCounts> {
+        Some(counts)
+    }
+
+    fn log_probability(&self, counts: &MoveCounts) -> Option<f64> {
+        Some(log_probability(self, counts))
+    }
+
+    // A pseudo-count belongs to a parameter, however many entries share it: hence not by
+    // `LearnFromMoves`, which adds one to each entry.
     fn maximize(&self, counts: &MoveCounts, pseudo_count: f64) -> Result<Self, TransitionError> {
         let mut weights = weights(&self.transition, counts)?;
         weights.iter_mut().zip(&self.pseudo_counts).for_each(|(entry, count)| entry.2 += count);

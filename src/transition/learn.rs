@@ -2,13 +2,13 @@
 //! the moves of each step to statistics, and the M-step turns the sums into an operator. For most
 //! operators these statistics are the counts of moves alone: [`LearnFromMoves`].
 
-use super::{MoveCounts, TransitionEntries};
+use super::{Move, MoveCounts, TransitionEntries};
 use crate::error::TransitionError;
 
 /// A transition operator that can be estimated from expected moves.
 ///
 /// An operator without a control whose parameters depend on the counts of its moves implements
-/// [`LearnFromMoves`], which takes two methods, and has this trait by it.
+/// [`LearnFromMoves`], which has two methods, and has this trait by it.
 ///
 /// | operator | learned |
 /// |---|---|
@@ -177,9 +177,9 @@ pub trait LearnTransition: TransitionEntries + Sized {
 /// }
 ///
 /// impl LearnFromMoves for Around {
-///     fn maximize(&self, counts: &MoveCounts, pseudo_count: f64) -> Result<Self, TransitionError> {
+///     fn maximize(&self, counts: &MoveCounts) -> Result<Self, TransitionError> {
 ///         // The share of moves among all steps is the most probable value.
-///         let (mut stays, mut moves) = (pseudo_count, pseudo_count);
+///         let (mut stays, mut moves) = (0.0, 0.0);
 ///         for m in counts.moves() {
 ///             *(if m.from == m.to { &mut stays } else { &mut moves }) += m.weight;
 ///         }
@@ -188,10 +188,6 @@ pub trait LearnTransition: TransitionEntries + Sized {
 ///     }
 ///     fn free_parameters(&self) -> usize {
 ///         1
-///     }
-///     // The default would count each entry as a parameter of its own.
-///     fn log_prior(&self, pseudo_count: f64) -> f64 {
-///         if pseudo_count == 0.0 { 0.0 } else { pseudo_count * (self.moves.ln() + (1.0 - self.moves).ln()) }
 ///     }
 /// }
 ///
@@ -204,22 +200,21 @@ pub trait LearnTransition: TransitionEntries + Sized {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub trait LearnFromMoves: TransitionEntries<Control = ()> + Sized {
-    /// Returns the operator that makes the counted moves most probable, with `pseudo_count` added
-    /// to the count of each free parameter: as [`LearnTransition::maximize`].
+    /// Returns the operator that makes the counted moves most probable: the maximum of
+    /// Σ counts ln A\[i, j\].
+    ///
+    /// In learning with [pseudo-counts](crate::inference::LearningOptions), these are already in the
+    /// counts, one for each entry above 0, so that entries which share a parameter add up theirs.
+    /// Moves that the operator does not allow are not counted.
     ///
     /// # Errors
     ///
-    /// [`TransitionError::Forbidden`] for a move that the operator does not allow.
-    fn maximize(&self, counts: &MoveCounts, pseudo_count: f64) -> Result<Self, TransitionError>;
+    /// A [`TransitionError`] if the counts determine no operator.
+    fn maximize(&self, counts: &MoveCounts) -> Result<Self, TransitionError>;
 
-    /// Number of parameters that learning may change independently.
+    /// Number of parameters that learning may change independently: the entries above 0 less one
+    /// for each column, if none are tied.
     fn free_parameters(&self) -> usize;
-
-    /// Log-prior that the pseudo-counts stand for, as [`LearnTransition::log_prior`]. By default
-    /// each entry above 0 is a parameter: `pseudo_count` Σ ln A\[i, j\].
-    fn log_prior(&self, pseudo_count: f64) -> f64 {
-        free_log_prior(self, pseudo_count)
-    }
 }
 
 impl<A: LearnFromMoves> LearnTransition for A {
@@ -238,7 +233,12 @@ impl<A: LearnFromMoves> LearnTransition for A {
     }
 
     fn maximize(&self, counts: &MoveCounts, pseudo_count: f64) -> Result<Self, TransitionError> {
-        LearnFromMoves::maximize(self, counts, pseudo_count)
+        if pseudo_count == 0.0 {
+            return LearnFromMoves::maximize(self, counts);
+        }
+        let mut counts = counts.clone();
+        counts.add(entries(self).map(|(from, to, _)| Move { from, to, weight: pseudo_count }));
+        LearnFromMoves::maximize(self, &counts)
     }
 
     fn log_probability(&self, counts: &MoveCounts) -> Option<f64> {
@@ -246,7 +246,11 @@ impl<A: LearnFromMoves> LearnTransition for A {
     }
 
     fn log_prior(&self, pseudo_count: f64) -> f64 {
-        LearnFromMoves::log_prior(self, pseudo_count)
+        // The usual case, which need not compute E logarithms.
+        if pseudo_count == 0.0 {
+            return 0.0;
+        }
+        pseudo_count * entries(self).map(|(.., p)| p.ln()).sum::<f64>()
     }
 
     fn free_parameters(&self) -> usize {
@@ -255,7 +259,10 @@ impl<A: LearnFromMoves> LearnTransition for A {
 }
 
 /// Σ counts ln A\[i, j\]. O(E + moves).
-fn log_probability<A: TransitionEntries<Control = ()>>(transition: &A, counts: &MoveCounts) -> f64 {
+pub(super) fn log_probability<A: TransitionEntries<Control = ()>>(
+    transition: &A,
+    counts: &MoveCounts,
+) -> f64 {
     // A merge, as in `weights`. Counts of 0 are skipped, since 0 ln 0 counts as 0.
     let mut moves = counts.moves().filter(|m| m.weight > 0.0).peekable();
     let mut sum = 0.0;
@@ -270,12 +277,10 @@ fn log_probability<A: TransitionEntries<Control = ()>>(transition: &A, counts: &
     if moves.next().is_some() { f64::NEG_INFINITY } else { sum }
 }
 
-/// Pseudo-count times Σ ln p over the entries.
-fn free_log_prior<A: TransitionEntries<Control = ()>>(transition: &A, pseudo_count: f64) -> f64 {
-    // The usual case, which need not compute E logarithms.
-    if pseudo_count == 0.0 {
-        return 0.0;
-    }
-    let columns = (0..transition.states()).flat_map(|from| transition.outgoing(&(), from));
-    pseudo_count * columns.map(|entry| entry.1.ln()).sum::<f64>()
+/// Lists the entries as (from, to, p), column by column.
+fn entries<A: TransitionEntries<Control = ()>>(
+    transition: &A,
+) -> impl Iterator<Item = (usize, usize, f64)> {
+    (0..transition.states())
+        .flat_map(|from| transition.outgoing(&(), from).map(move |(to, p)| (from, to, p)))
 }

@@ -55,12 +55,9 @@ fn normalized<A: TransitionEntries<Control = ()>>(
 fn free<A: TransitionEntries<Control = ()>>(
     transition: &A,
     counts: &MoveCounts,
-    pseudo_count: f64,
 ) -> Result<Vec<(usize, usize, f64)>, TransitionError> {
-    let mut weights = weights(transition, counts)?;
-    // Maximises Σ (count + pseudo-count) ln p in each column, by Gibbs' inequality.
-    weights.iter_mut().for_each(|entry| entry.2 += pseudo_count);
-    Ok(normalized(transition, weights))
+    // Maximises Σ count ln p in each column, by Gibbs' inequality.
+    Ok(normalized(transition, weights(transition, counts)?))
 }
 
 /// Number of entries above 0, less one for each column.
@@ -71,8 +68,8 @@ fn free_entries<A: TransitionEntries<Control = ()>>(transition: &A) -> usize {
 }
 
 impl LearnFromMoves for SparseTransition {
-    fn maximize(&self, counts: &MoveCounts, pseudo_count: f64) -> Result<Self, TransitionError> {
-        Self::from_triplets(self.states(), free(self, counts, pseudo_count)?)
+    fn maximize(&self, counts: &MoveCounts) -> Result<Self, TransitionError> {
+        Self::from_triplets(self.states(), free(self, counts)?)
     }
 
     fn free_parameters(&self) -> usize {
@@ -81,10 +78,10 @@ impl LearnFromMoves for SparseTransition {
 }
 
 impl LearnFromMoves for DenseTransition {
-    fn maximize(&self, counts: &MoveCounts, pseudo_count: f64) -> Result<Self, TransitionError> {
+    fn maximize(&self, counts: &MoveCounts) -> Result<Self, TransitionError> {
         let n = self.states();
         let mut matrix = vec![0.0; n * n];
-        for (to, from, p) in free(self, counts, pseudo_count)? {
+        for (to, from, p) in free(self, counts)? {
             matrix[to * n + from] = p;
         }
         Self::from_row_major(n, &matrix)

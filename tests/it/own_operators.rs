@@ -12,7 +12,7 @@ use wayfix::transition::{
     EvidenceTransition, LearnFromMoves, MoveCounts, RestartTransition, Stored, kit,
 };
 use wayfix::{
-    Belief, Diagonal, FusedLikelihood, Hmm, Likelihood, LikelihoodError, LikelihoodVector,
+    Belief, Diagonal, Fixed, FusedLikelihood, Hmm, Likelihood, LikelihoodError, LikelihoodVector,
     OptionalLikelihood, Prior, Scratch, SparseLikelihood, SparseTransition, TableLikelihood,
     Transition, TransitionEntries, TransitionError,
 };
@@ -349,9 +349,9 @@ fn an_operator_learns_from_moves_by_two_methods() {
         }
     }
     impl LearnFromMoves for Halves {
-        fn maximize(&self, counts: &MoveCounts, more: f64) -> Result<Self, TransitionError> {
+        fn maximize(&self, counts: &MoveCounts) -> Result<Self, TransitionError> {
             let column = |j| {
-                let [a, b] = [0, 1].map(|i| counts.get(j, i) + more);
+                let [a, b] = [0, 1].map(|i| counts.get(j, i));
                 [a / (a + b), b / (a + b)]
             };
             let [[a, c], [b, d]] = [column(0), column(1)];
@@ -376,6 +376,65 @@ fn an_operator_learns_from_moves_by_two_methods() {
         for (from, p) in row.iter().enumerate() {
             assert!((p - expected.model().transition().get(to, from)).abs() < 1e-12);
         }
+    }
+}
+
+/// Entries that share a parameter add up their pseudo-counts, without a word from the operator.
+#[test]
+fn pseudo_counts_are_of_entries_where_these_are_tied() {
+    /// Two states; all stays are equally probable.
+    #[derive(Clone)]
+    struct Stay(f64);
+    impl Stay {
+        fn entries(&self, own: usize) -> impl Iterator<Item = (usize, f64)> {
+            let stay = self.0;
+            (0..2).map(move |other| (other, if other == own { stay } else { 1.0 - stay }))
+        }
+    }
+    impl Transition for Stay {
+        type Control = ();
+        fn states(&self) -> usize {
+            2
+        }
+        fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
+            (0..2).for_each(|i| out[i] = self.entries(i).map(|(j, p)| p * x[j]).sum());
+        }
+        fn apply_transpose(&self, (): &(), x: &[f64], out: &mut [f64]) {
+            self.apply(&(), x, out);
+        }
+    }
+    impl TransitionEntries for Stay {
+        fn incoming(&self, (): &(), to: usize) -> impl Iterator<Item = (usize, f64)> {
+            self.entries(to)
+        }
+        fn outgoing(&self, (): &(), from: usize) -> impl Iterator<Item = (usize, f64)> {
+            self.entries(from)
+        }
+    }
+    impl LearnFromMoves for Stay {
+        fn maximize(&self, counts: &MoveCounts) -> Result<Self, TransitionError> {
+            let of = |stays| counts.moves().filter(move |m| (m.from == m.to) == stays);
+            let [stays, moves] =
+                [true, false].map(|stays| of(stays).map(|m| m.weight).sum::<f64>());
+            Ok(Self(stays / (stays + moves)))
+        }
+        fn free_parameters(&self) -> usize {
+            1
+        }
+    }
+    let own = Stay(0.7);
+    kit::check(&own, &()).unwrap();
+    let seen = TableLikelihood::from_rows(&[[1.0, 0.0], [0.0, 1.0]]).unwrap();
+    let prior = Prior::AtFirstObservation(Belief::uniform(2).unwrap());
+    let hmm = Hmm::new(prior, own, Fixed(seen)).unwrap();
+    for count in [0.0, 0.5, 30.0, 1000.0] {
+        let options =
+            wayfix::inference::LearningOptions::default().with_transition_pseudo_count(count);
+        // Two stays and five moves.
+        let learned = hmm.learn(&[[0, 0, 1, 0, 1, 1, 0, 1]], &options).unwrap();
+        assert!(learned.converged(), "{count}");
+        let expected = (2.0 + 2.0 * count) / (7.0 + 4.0 * count);
+        assert!((learned.model().transition().0 - expected).abs() < 1e-12, "{count}");
     }
 }
 

@@ -28,7 +28,9 @@ const ROUNDING: f64 = 1e-12;
 /// one matrix, and so must the lists of entries, the stored matrix and the smallest entry. Entries
 /// must be finite and at least 0; columns sum to one, unless the control is
 /// [evidence](Transition::evidence). The control must be accepted. Values are compared to nine digits;
-/// differences below 1e-12 of the largest entry are taken for rounding.
+/// differences below 1e-12 of the largest entry are taken for rounding. A method that is not
+/// implemented has a default that calls others, and may be the one that is named: a wrong `incoming`
+/// shows in `max_product`. How the operator is learned is not checked.
 ///
 /// Meant for tests, with operators of some dozens of states: O(n · (a product)) time and O(entries)
 /// memory. The front page of [`kit`](super) has an example.
