@@ -75,7 +75,7 @@ fn labels_that_do_not_fit_are_errors() {
     };
     let good = labels(&drive);
     assert_eq!(fit(&good[1..], &[]), "the number of labels is 9, expected 10");
-    assert_eq!(fit(&good, &[None]), "1 odometry readings, expected 10");
+    assert_eq!(fit(&good, &[None]), "the number of odometry readings is 1, expected 10");
     let mut wrong = good.clone();
     wrong[3] = Some(118..=PLACES);
     assert_eq!(
@@ -146,12 +146,18 @@ fn options_that_do_not_fit_are_errors() {
     {
         assert!(made(options).starts_with("the model of motion"));
     }
-    assert_eq!(text(Recognizer::from_distances(0, options(false))), "0 references, expected 1");
+    assert_eq!(
+        text(Recognizer::from_distances(0, options(false))),
+        "the number of references is 0, expected at least 1"
+    );
     let none: [&[Vec<f32>]; 0] = [];
     let traverses = |all: &[&[Vec<f32>]]| {
         text(Recognizer::from_traverses(all, Distance::Cosine, options(false)))
     };
-    assert_eq!(traverses(&none), "0 traverses, expected 1");
+    assert_eq!(traverses(&none), "the number of traverses is 0, expected at least 1");
     let world = world(1);
-    assert_eq!(traverses(&[&world[..5], &world[..4]]), "4 references of a traverse, expected 5");
+    assert_eq!(
+        traverses(&[&world[..5], &world[..4]]),
+        "the number of references of a traverse is 4, expected 5"
+    );
 }
