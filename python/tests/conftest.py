@@ -1,11 +1,15 @@
 """Fixtures for several tests."""
 
 import _thread
+import signal
 import threading
 import time
 from pathlib import Path
 
 import pytest
+
+# A shell that starts the tests in the background makes them ignore Ctrl-C, which some of them press.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def threads():
