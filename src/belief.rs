@@ -263,9 +263,7 @@ impl<S: AsRef<[f64]>> Belief<S> {
     ///
     /// [`OutOfRange`] if `level` is outside 0 to 1.
     pub fn credible_set(&self, level: f64) -> Result<Vec<usize>, OutOfRange> {
-        if !(0.0..=1.0).contains(&level) {
-            return Err(OutOfRange::new("the level", level, "a value from 0 to 1"));
-        }
+        OutOfRange::check("the level", level, 0.0..=1.0, "a value from 0 to 1")?;
         let p = self.values();
         let mut order: Vec<usize> = (0..p.len()).filter(|&i| p[i] > 0.0).collect();
         order.sort_by(|&i, &j| p[j].total_cmp(&p[i])); // a stable sort keeps ties in order

@@ -2,7 +2,6 @@
 
 pub use crate::belief::SUM_TOLERANCE;
 pub use crate::error::Number;
-pub use crate::evaluate::check_level;
 pub use crate::files::{FileError, excerpt, open, shortened, text_of};
 #[cfg(feature = "csv")]
 pub use crate::files::{Row, Text, each_row, unknown};

@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use super::{At, LikelihoodError, Number, OutOfRange, TransitionError};
+use super::{At, LikelihoodError, Number, TransitionError};
 
 /// Parts that do not form a hidden Markov model, or a failure of inference with one.
 ///
@@ -148,9 +148,6 @@ pub enum HmmError {
         /// Description of the problem, with the expected value.
         problem: Cow<'static, str>,
     },
-    /// A number given is out of its range.
-    #[error(transparent)]
-    Parameter(#[from] OutOfRange),
     /// A log-likelihood, or the log weight of a move, of a [`Trellis`](crate::inference::Trellis)
     /// is NaN, or finite and beyond ±1e300, or +∞.
     #[error(
@@ -212,7 +209,6 @@ impl HmmError {
             | Self::NotStationary { .. }
             | Self::Transition(_)
             | Self::Snapshot { .. }
-            | Self::Parameter(_)
             | Self::TrellisStep => None,
         }
     }

@@ -59,20 +59,6 @@ fn check_lengths<T, E>(truth: &[T], estimates: &[E]) -> Result<(), OutOfRange> {
     Err(OutOfRange::count("the number of estimates or controls", estimated, truth))
 }
 
-/// Checks that a level of confidence is from 0 to 1.
-///
-/// # Errors
-///
-/// [`OutOfRange`] for any other level, and for NaN.
-#[doc(hidden)]
-pub fn check_level(level: f64) -> Result<(), OutOfRange> {
-    if (0.0..=1.0).contains(&level) {
-        Ok(())
-    } else {
-        Err(OutOfRange::new("the level", level, "a value from 0 to 1"))
-    }
-}
-
 /// Checks probabilities. As in beliefs, a sum may exceed one by rounding.
 fn check_probabilities(
     what: &'static str,

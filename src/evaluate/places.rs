@@ -4,7 +4,7 @@
 use std::fmt::Display;
 use std::ops::RangeInclusive;
 
-use super::{check_lengths, check_level, check_probabilities};
+use super::{check_lengths, check_probabilities};
 use crate::error::OutOfRange;
 
 /// True if an estimated place lies in the range of true places, or at most
@@ -104,7 +104,7 @@ pub fn recall_within(
 /// [`OutOfRange`] if a mass is NaN or not from 0 to 1, or if `level` is
 /// not from 0 to 1.
 pub fn steps_to_localize(masses: &[f64], level: f64) -> Result<Option<usize>, OutOfRange> {
-    check_level(level)?;
+    OutOfRange::check("the level", level, 0.0..=1.0, "a value from 0 to 1")?;
     check_probabilities("mass", masses.iter().copied())?;
     Ok(masses.iter().position(|&mass| mass >= level).map(|index| index + 1))
 }
@@ -135,7 +135,7 @@ pub fn steps_to_localize_correctly(
     level: f64,
     hold: usize,
 ) -> Result<Option<usize>, OutOfRange> {
-    check_level(level)?;
+    OutOfRange::check("the level", level, 0.0..=1.0, "a value from 0 to 1")?;
     check_probabilities("mass", steps.iter().map(|step| step.0))?;
     // Backwards, to count how long the estimate stays right; the last assignment is the first such
     // step.

@@ -205,11 +205,11 @@ pub trait LearnFromMoves: TransitionEntries<Control = ()> + Sized {
     ///
     /// In learning with [pseudo-counts](crate::inference::LearningOptions), these are already in the
     /// counts, one for each entry above 0, so that entries which share a parameter add up theirs.
-    /// Moves that the operator does not allow are not counted.
     ///
     /// # Errors
     ///
-    /// A [`TransitionError`] if the counts determine no operator.
+    /// [`TransitionError::Forbidden`] for a counted move that the operator does not allow, which
+    /// learning never passes.
     fn maximize(&self, counts: &MoveCounts) -> Result<Self, TransitionError>;
 
     /// Number of parameters that learning may change independently: the entries above 0 less one

@@ -1,6 +1,6 @@
 //! Tests of the public interface. Helpers for several topics are in `kit`.
 //!
-//! Properties run on 256 random cases each, or on the number in the environment variable
+//! Properties run on 128 random cases each, or on the number in the environment variable
 //! `WAYFIX_CASES`.
 
 use wayfix_test_kit as kit;

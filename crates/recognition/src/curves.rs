@@ -2,7 +2,6 @@
 //! characteristic.
 
 use wayfix::error::OutOfRange;
-use wayfix::internal::check_level;
 
 /// Precision, recall and false positive rate of answers, at each threshold of their score.
 ///
@@ -164,7 +163,7 @@ impl ThresholdCurve {
     ///
     /// [`OutOfRange`] if `level` is not from 0 to 1.
     pub fn recall_at_precision(&self, level: f64) -> Result<f64, OutOfRange> {
-        check_level(level)?;
+        OutOfRange::check("the level", level, 0.0..=1.0, "a value from 0 to 1")?;
         // The recall never falls, so the last such point has the largest.
         let last = self.points.iter().rev().find(|point| point.precision >= level);
         Ok(last.map_or(0.0, |point| point.recall))

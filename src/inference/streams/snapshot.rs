@@ -156,7 +156,7 @@ const HEADER: usize = 8;
 /// Length of the checksum at the end.
 const SUM: usize = 8;
 
-/// Kind of state in the header: a `FilterSnapshot`. (5 was the vehicle of a matcher, once.)
+/// Kind of state in the header: a `FilterSnapshot`.
 const KIND: u8 = 1;
 
 /// Returns a checksum that is certain to change if the change is confined to one word.

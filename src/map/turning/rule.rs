@@ -1,4 +1,4 @@
-//! How a vehicle chooses among roads by their classes.
+//! Choice of a vehicle among roads, by their classes.
 
 use crate::error::OutOfRange;
 use crate::map::{MapError, RoadClass};
@@ -41,7 +41,7 @@ impl ByClass {
     }
 }
 
-/// How a vehicle chooses among the roads out of a place.
+/// Rule by which a vehicle chooses among the roads out of a place.
 ///
 /// The class of a place is the highest class of the roads that leave it. With the probability that
 /// `stop` has for this class, the vehicle **stops** (stays for one step). Otherwise it takes a road

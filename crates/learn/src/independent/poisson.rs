@@ -201,7 +201,7 @@ pub(super) fn expectation<const N: usize>(
         log
     };
     let widest = scales[0].max(scales[1]) / 16.0;
-    // More than 40 deviations below the mean there is no probability left. The loop ends where the
+    // More than 40 deviations below the mean the probability is 0. The loop ends where the
     // upper tail is negligible.
     let mut y = (mean - 40.0 * scales[0]).floor().max(0.0);
     while y <= MOST {

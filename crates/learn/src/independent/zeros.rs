@@ -417,7 +417,7 @@ fn fit<F: Univariate>(
     let rises = rising_end.expected >= rising_end.zeros;
     let mut falling_end = if rises {
         loop {
-            // Next to so many zeros, the other observations are lost in rounding.
+            // Beside this many zeros, the other observations are lost in rounding.
             if most == f64::INFINITY && rising_end.expected * 64.0 * f64::EPSILON > weight {
                 let (state, component, what) = (None, None, "distribution of values above 0");
                 let reason = "they may stand beside any number of zeros; give a prior";

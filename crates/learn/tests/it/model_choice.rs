@@ -526,26 +526,6 @@ fn parameters_are_those_of_the_start_however_long_learning_goes_on() {
 }
 
 #[test]
-fn four_poisson_states_are_nineteen_parameters() {
-    use wayfix_learn::Poisson;
-    let prior = Prior::AtFirstObservation(Belief::uniform(4).unwrap());
-    let even = |i, j| if i == j { 0.7 } else { 0.1 };
-    let transition = DenseTransition::from_fn(4, even).unwrap();
-    let family = Poisson::family(&[[2.0], [25.0], [80.0], [180.0]]).unwrap();
-    let start = Hmm::new(prior, transition, family).unwrap();
-    // A cycle of four rates, where half of the moves never happen.
-    let rates = [1.0, 30.0, 90.0, 200.0];
-    let y = |k: usize| rates[k / 8 % 4] + [0.0, 1.0, -1.0, 0.0, 1.0][k % 5];
-    let ys: Vec<Vec<[f64; 1]>> = vec![(0..160).map(|k| [y(k)]).collect()];
-    let tight = LearningOptions::default().with_iterations(500).with_tolerance(0.0);
-    let learned = start.learn(&ys, &tight).unwrap();
-    assert!(learned.model().free_parameters() < 19);
-    assert_eq!(learned.criteria().parameters, 19);
-    let loose = start.learn(&ys, &LearningOptions::default()).unwrap();
-    assert!((loose.criteria().aic() - learned.criteria().aic()).abs() < 0.1);
-}
-
-#[test]
 fn models_are_chosen_by_criteria_and_folds() {
     let truth = random_model(2, 3, 8);
     let sequences: Vec<_> =
@@ -614,65 +594,4 @@ fn what_was_never_seen_is_held_against_a_fold() {
     let folds = &selection.rows()[0].held_out;
     assert!(folds[0].is_finite() && folds[1].is_finite());
     assert_eq!(folds[2], f64::NEG_INFINITY);
-}
-
-/// The jackknife of a mean is the standard error of a mean.
-#[test]
-fn standard_errors_of_a_share_are_those_of_counting() {
-    let one = Hmm::new(
-        Prior::AtFirstObservation(Belief::uniform(1).unwrap()),
-        DenseTransition::from_rows(&[[1.0]]).unwrap(),
-        TableLikelihood::from_rows(&[[0.5, 0.5]]).unwrap(),
-    )
-    .unwrap();
-    let sequences: Vec<[usize; 1]> = (0..40).map(|s| [usize::from(s % 5 == 0)]).collect();
-    let learning = LearningOptions::default();
-    let learned = one.learn(&sequences, &learning).unwrap().into_model();
-    let share = |hmm: &Model| vec![hmm.likelihood().probability(0, 1).unwrap()];
-    let errors =
-        StandardErrors::from_jackknife(&learned, &sequences, 40, &learning, share).unwrap();
-    assert!(near(errors.values()[0], 0.2));
-    assert!(near(errors.errors()[0], (0.2_f64 * 0.8 / 39.0).sqrt()));
-    for groups in [0, 1, 41] {
-        let error = StandardErrors::from_jackknife(&learned, &sequences, groups, &learning, share)
-            .unwrap_err();
-        assert!(matches!(error, LearnError::Groups { sequences: 40, .. }));
-    }
-}
-
-/// Errors of recovered parameters are at most three standard errors, except for about one in a
-/// hundred.
-#[test]
-fn parameters_are_found_back_within_three_standard_errors() {
-    let learning = LearningOptions::default().with_tolerance(1e-6).with_keep_prior(true);
-    let read = |hmm: &Model| {
-        let (a, b) = (hmm.transition().to_rows(), hmm.likelihood().to_rows());
-        vec![a[0][0], a[1][1], b[0][0], b[0][1], b[1][0], b[1][1]]
-    };
-    let (mut all, mut beyond, mut squares) = (0, 0, 0.0);
-    for seed in 0..12 {
-        let truth = Hmm::new(
-            Prior::AtFirstObservation(Belief::uniform(2).unwrap()),
-            DenseTransition::from_rows(&[[0.9, 0.2], [0.1, 0.8]]).unwrap(),
-            TableLikelihood::from_rows(&[[0.8, 0.1, 0.1], [0.1, 0.3, 0.6]]).unwrap(),
-        )
-        .unwrap();
-        let mut rng = rng(seed);
-        let sequences: Vec<_> =
-            (0..40).map(|_| truth.simulate(50, &mut rng).observations().to_vec()).collect();
-        let learned = truth.learn(&sequences, &learning).unwrap().into_model();
-        let errors =
-            StandardErrors::from_jackknife(&learned, &sequences, 20, &learning, read).unwrap();
-        let pairs = errors.values().iter().zip(errors.errors()).zip(read(&truth));
-        for ((value, error), truth) in pairs {
-            let z = (value - truth) / error;
-            all += 1;
-            beyond += usize::from(z.abs() > 3.0);
-            squares += z * z;
-        }
-    }
-    assert!(beyond <= 3, "{beyond} of {all}");
-    // Standard errors of the right size: the mean square is 1, or 1.1 with 19 degrees of freedom.
-    let mean = squares / f64::from(all);
-    assert!((0.7..1.7).contains(&mean), "{mean}");
 }

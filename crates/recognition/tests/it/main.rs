@@ -1,6 +1,6 @@
 //! Tests of the public interface. What several topics need is in `kit`.
 //!
-//! Properties run on 256 random cases each, or as many as the environment variable
+//! Properties run on 128 random cases each, or as many as the environment variable
 //! `WAYFIX_CASES` says.
 
 use wayfix_test_kit as kit;

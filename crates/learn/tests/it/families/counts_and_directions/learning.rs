@@ -174,3 +174,25 @@ fn a_state_without_weight_keeps_its_parameters<B: Family>() {
     assert!(learned != family);
     assert_eq!(learned.free_parameters(), 2 * B::FREE);
 }
+
+#[test]
+fn four_poisson_states_are_nineteen_parameters() {
+    use wayfix::inference::LearningOptions;
+    use wayfix::{Belief, DenseTransition, Hmm, Prior};
+    use wayfix_learn::Poisson;
+    let prior = Prior::AtFirstObservation(Belief::uniform(4).unwrap());
+    let even = |i, j| if i == j { 0.7 } else { 0.1 };
+    let transition = DenseTransition::from_fn(4, even).unwrap();
+    let family = Poisson::family(&[[2.0], [25.0], [80.0], [180.0]]).unwrap();
+    let start = Hmm::new(prior, transition, family).unwrap();
+    // A cycle of four rates, where half of the moves never happen.
+    let rates = [1.0, 30.0, 90.0, 200.0];
+    let y = |k: usize| rates[k / 8 % 4] + [0.0, 1.0, -1.0, 0.0, 1.0][k % 5];
+    let ys: Vec<Vec<[f64; 1]>> = vec![(0..160).map(|k| [y(k)]).collect()];
+    let tight = LearningOptions::default().with_iterations(500).with_tolerance(0.0);
+    let learned = start.learn(&ys, &tight).unwrap();
+    assert!(learned.model().free_parameters() < 19);
+    assert_eq!(learned.criteria().parameters, 19);
+    let loose = start.learn(&ys, &LearningOptions::default()).unwrap();
+    assert!((loose.criteria().aic() - learned.criteria().aic()).abs() < 0.1);
+}
