@@ -175,7 +175,11 @@ fn memory_is_flat() {
         peak_memory(&mut command)
     };
     let (few, many) = (peak("few.parquet"), peak("many.parquet"));
-    assert!(few > 5 << 20 && many < few + (25 << 20), "{few} bytes, then {many}");
+    // Buffers of the object store and of the allocator vary by some 30 MB from run to run; to hold
+    // the results in memory would take as much again as their file.
+    let results = fs::metadata(folder.path("many.parquet.out")).unwrap().len();
+    assert!(results > 80 << 20, "{results} bytes are too few to show in the peak");
+    assert!(few > 5 << 20 && many < few + results * 2 / 3, "{few} bytes, then {many}");
     let job = folder.job("many.parquet", "many.file.out", Verb::Smooth, Table::Steps);
     let job = Job { part: 50_000, ..job };
     run(&job, |_| {}).unwrap();
