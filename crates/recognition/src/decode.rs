@@ -36,7 +36,9 @@ impl Recording {
         // Without a model of leaving the map, a lost vehicle keeps the place where it was last
         // seen.
         let motion = self.recognizer.motion();
+        let states = wayfix::Transition::states(motion);
         let place = |state: &usize| {
+            let state = &(state % states);
             let is_place = !off_map || motion.speed_of(*state).is_some();
             motion.place_of(*state).filter(|_| is_place)
         };
@@ -45,8 +47,9 @@ impl Recording {
 
     /// Model of motion, with logarithms in place of likelihoods.
     fn decoder(&self) -> Result<Model, RecognitionError> {
-        let sensor = LikelihoodVector::log(self.recognizer.references() + 1);
-        model(self.recognizer.motion().clone(), sensor)
+        let sensor = LikelihoodVector::log(self.recognizer.references() + 2);
+        let distractions = self.recognizer.options().distractions;
+        model(self.recognizer.motion().clone(), distractions, sensor)
     }
 
     /// Probability that an answer is right, times [`STEP_GAIN`], for each place and for off the

@@ -9,6 +9,7 @@ use super::warning::{ENOUGH, SPAN, Warning};
 use super::{Answer, RecognitionError, Recognizer, Recording};
 use crate::motion::{OdometryModel, RouteControl};
 use crate::observation::{RowScratch, ViewError, row_scores};
+use wayfix::transition::Distraction;
 
 /// Mean rank above which matches are close to chance.
 const CHANCE: f64 = 0.4;
@@ -19,10 +20,8 @@ const SURELY: f64 = 3.0;
 /// Range of the scale, and largest deviation, of an odometry that is in references.
 const SCALES: RangeInclusive<f64> = 0.8..=1.25;
 const DEVIATION: f64 = 1.0;
-/// Share of the log-likelihood of a vehicle that is surely lost above which a recording is suspect.
-/// On eleven recordings of genuine drives the share was below 0; on drives elsewhere, shuffled
-/// references and noise it was at least 0.6.
-const SUSPECT: f64 = 0.3;
+/// Mean probability of a distracted camera above which a recording is suspect.
+const SUSPECT: f64 = 0.5;
 /// Number of new frames below which there are too few to say that they match nothing.
 const FEWEST: usize = 50;
 /// Number of moves below which there are too few to say how fast the vehicle is.
@@ -149,8 +148,8 @@ impl Recording {
     /// Returns all warnings about the recording: most views are [unchanged](Warning::Unchanged)
     /// although the vehicle moves, odometry is [stuck](Warning::Stuck), the view is
     /// [still](Warning::Still) while odometry reads that the vehicle moves, the queries are
-    /// [unlike](Warning::Unlike) those of the fit, they match [nothing](Warning::Nothing) for a
-    /// while although the map is never left, or the vehicle is [faster](Warning::Fast) than the
+    /// [unlike](Warning::Unlike) those of the fit, the camera is [distracted](Warning::Distracted)
+    /// for long although the map is never left, or the vehicle is [faster](Warning::Fast) than the
     /// options let it be. Needs no labels. Costs as much as [`filtered`](Self::filtered), twice
     /// that if odometry reads the same for long, plus [`smoothed`](Self::smoothed) if queries are
     /// unlike and the map may be left.
@@ -160,7 +159,7 @@ impl Recording {
         let stuck = own.clone().any(|warning| matches!(warning, Warning::Stuck { .. }));
         let stuck = if stuck { None } else { self.warn_stuck() };
         let fast = self.warn_too_fast();
-        own.chain(stuck).chain(self.warn_unlike()).chain(fast).chain(self.warn_no_match()).collect()
+        own.chain(stuck).chain(self.warn_unlike()).chain(fast).chain(self.warn_distracted()).collect()
     }
 
     /// Warns if the nearest references, without odometry, agree on a speed that is not modelled.
@@ -168,13 +167,10 @@ impl Recording {
         let n = self.recognizer.references();
         let speeds = self.recognizer.options().speeds.values().iter();
         let fastest = speeds.fold(0.0, |most: f64, speed| most.max(speed.abs()));
-        let nearest = |odds: &Vec<f32>| {
-            (0..n).max_by(|a, b| odds[*a].total_cmp(&odds[*b]).then(b.cmp(a))).unwrap_or(0)
-        };
-        let places: Vec<usize> = self.single_odds.iter().map(nearest).collect();
+        let places: Vec<usize> = self.single.iter().map(|belief| belief.top(1)[0].0).collect();
         // Where there is odometry, answers follow its speed, so only steps without it are examined.
         let steps = places.windows(2).zip(&self.controls[1.min(self.steps())..]);
-        let free = steps.filter(|(_, control)| control.odometry.is_none());
+        let free = steps.filter(|(_, control)| control.control.odometry.is_none());
         let moved = free.map(|(pair, _)| {
             let way = pair[0].abs_diff(pair[1]);
             (if self.recognizer.options().closed { way.min(n - way) } else { way }) as f64
@@ -220,8 +216,8 @@ impl Recording {
         // Each iteration takes one maximal run of equal readings; `max(1)` skips a NaN, which is
         // not even equal to itself.
         while start < self.steps() {
-            let reading = self.controls[start].odometry;
-            let equal = self.controls[start..].iter().take_while(|next| next.odometry == reading);
+            let reading = self.controls[start].control.odometry;
+            let equal = self.controls[start..].iter().take_while(|next| next.control.odometry == reading);
             let run = start..start + equal.count().max(1);
             start = run.end;
             let Some(reading) = reading.filter(|reading| reading.abs() > STANDS) else { continue };
@@ -262,8 +258,9 @@ impl Recording {
     fn without_odometry(&self) -> Result<Vec<Answer>, RecognitionError> {
         let mut filter = self.recognizer.model.filter();
         let mut places = vec![0.0; self.recognizer.places()];
-        let answer = |(control, likelihoods): (&RouteControl, &Vec<f64>)| {
-            let control = RouteControl { odometry: None, ..*control };
+        let answer = |(control, likelihoods): (&Distraction<RouteControl>, &Vec<f64>)| {
+            let route = RouteControl { odometry: None, ..control.control };
+            let control = Distraction { control: route, ..*control };
             let log = filter.step_with(&control, likelihoods)?;
             self.recognizer.marginalize_places(filter.belief().as_slice(), &mut places);
             Ok(self.recognizer.answer(&places, log))
@@ -271,39 +268,21 @@ impl Recording {
         self.controls.iter().zip(&self.likelihoods).map(answer).collect()
     }
 
-    /// Warns if the filter predicts the images hardly better than for a vehicle that is surely
-    /// lost, whose log-likelihood is ln `lost_odds` for each independent view.
-    fn warn_no_match(&self) -> Option<Warning> {
-        let options = self.recognizer.options();
-        if options.off_map.is_some() || options.lost_odds == 1.0 {
+    /// Warns if the camera was distracted, or the vehicle lost, for most of a span of new frames.
+    fn warn_distracted(&self) -> Option<Warning> {
+        if self.recognizer.options().off_map.is_some() {
             return None;
         }
-        let mut filter = self.recognizer.model.filter();
-        // Running sums of log-likelihoods: of the filter, and of a lost vehicle.
-        let (mut sums, mut steps) = (vec![[0.0; 2]], Vec::new());
-        for (step, (control, likelihoods)) in (1..).zip(self.controls.iter().zip(&self.likelihoods))
-        {
-            filter.predict_with(control).ok()?;
-            let log = filter.update(likelihoods).ok()?;
-            // Unchanged frames have likelihood 1 everywhere: no evidence.
-            if likelihoods.iter().any(|likelihood| *likelihood != 1.0) {
-                let [sum, lost] = sums[steps.len()];
-                sums.push([sum + log, lost + likelihoods[self.recognizer.references()].ln()]);
-                steps.push(step);
-            }
-        }
+        let new = (1..).zip(&self.attentive).filter_map(|(step, p)| Some((step, 1.0 - (*p)?)));
+        let (steps, distracted): (Vec<usize>, Vec<f64>) = new.unzip();
         let frames = steps.len().min(SPAN);
         if frames < FEWEST {
             return None;
         }
-        // The mean over each span of `frames` new frames is a difference of running sums.
-        let spans = sums.iter().zip(&sums[frames..]).zip(&steps[frames - 1..]);
-        let means = spans.map(|((from, to), step)| {
-            let [sum, lost] = [0, 1].map(|of| (to[of] - from[of]) / frames as f64);
-            (sum - SUSPECT * lost, sum, *step)
-        });
-        let (above, mean, step) = means.min_by(|a, b| a.0.total_cmp(&b.0))?;
-        (above < 0.0).then_some(Warning::Nothing { mean, step, frames })
+        let shares = distracted.windows(frames).map(|span| span.iter().sum::<f64>() / frames as f64);
+        let (share, step) =
+            shares.zip(&steps[frames - 1..]).max_by(|a, b| a.0.total_cmp(&b.0))?;
+        (share > SUSPECT).then_some(Warning::Distracted { share, step: *step, frames })
     }
 }
 

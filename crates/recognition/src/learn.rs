@@ -15,8 +15,7 @@ impl Recognizer {
     /// not off the map) count as labelled: one round of hard expectation and maximisation (Celeux
     /// and Govaert 1992). It starts from the present fit, which counts as much as it does in
     /// [`Speeds::fit`](crate::motion::Speeds::fit). The usual scores are those at the end of the
-    /// recording, which need no places. The temperature stays: a model that is its own teacher
-    /// would only become more sure.
+    /// recording, which need no places.
     ///
     /// Costs as much as [`smoothed`](Recording::smoothed).
     ///
@@ -59,7 +58,7 @@ impl Recognizer {
             if let Some(drive) = drives.last_mut() {
                 drive.push(moved);
             }
-            if let Some(reading) = recording.controls[at].odometry {
+            if let Some(reading) = recording.controls[at].control.odometry {
                 read.0.push(moved);
                 read.1.push(reading);
             }

@@ -4,7 +4,7 @@
 use std::collections::VecDeque;
 
 use super::recognizer::check_control;
-use super::sensor::Exemplar;
+use super::references::Exemplar;
 use super::{Answer, Options, RecognitionError, Recognizer, Track};
 use crate::motion::{OffMap, RouteControl, RouteTransition};
 use crate::observation::{Distance, ViewError, check_descriptor, view_change};
@@ -89,8 +89,6 @@ const LONGEST: f64 = 1.7e38;
 /// Default rates: rare, so that the views decide whether the vehicle is back on the map or has left
 /// it.
 const MAPPING: OffMap = OffMap { leave: 1e-4, back: 1e-4, near: 0.3, within: 10 };
-/// Factor of the temperature: views of places that are not on the map err together for longer.
-const WARMER: f64 = 1.25;
 /// Number of recent views that teach the usual scores of the season, and the weight of each, in
 /// queries.
 const RECENT: usize = 32;
@@ -112,8 +110,7 @@ const STOOD: f64 = 0.5;
 
 impl Mapper {
     /// Creates a mapper without references. If the options do not model leaving the map, the
-    /// vehicle leaves it and comes back every ten thousand steps, and the odds of being off it are
-    /// 1.
+    /// vehicle leaves it and comes back every ten thousand steps.
     ///
     /// # Errors
     ///
@@ -121,14 +118,11 @@ impl Mapper {
     pub fn new(distance: Distance, mut options: Options) -> Result<Self, RecognitionError> {
         if options.off_map.is_none() {
             options.off_map = Some(MAPPING);
-            // Dark stretches are also new places, and need references like any other.
-            options.off_map_odds = 1.0;
         }
-        options.odds.temperature = (WARMER * options.odds.temperature).min(1000.0);
         // A route is not known to be a loop until it has closed.
         options.closed = false;
         options.check()?;
-        let motion = options.motion(1)?;
+        let motion = options.motion(1, options.speeds.clone())?;
         Ok(Self {
             motion,
             distance,

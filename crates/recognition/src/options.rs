@@ -4,6 +4,7 @@ use super::RecognitionError;
 use crate::motion::{OdometryModel, OffMap, RouteTransition, Speeds, ViewChangeRates};
 use crate::observation::MatchOdds;
 use wayfix::error::OutOfRange;
+use wayfix::transition::DistractionRates;
 
 /// Declares the options, each with its default, a method that returns it and one that sets it.
 macro_rules! options {
@@ -65,19 +66,14 @@ options! {
     off_map: Option<OffMap> = None, with_off_map;
     /// Rates of losing the vehicle and finding it again, used if [`off_map`](Self::off_map) is
     /// `None`: a lost vehicle turns up at any place. Answers are conditional on a vehicle that is
-    /// not lost. By default it is lost once in 100,000 steps, for ten steps: a place that was ruled
-    /// out by a tunnel or a look-alike street then comes back after some twenty good frames.
-    lost: OffMap = OffMap { leave: 1e-5, back: 0.1, near: 0.0, within: 0 }, with_lost;
-    /// Odds of being lost at each step, against those of a wrong place, if
-    /// [`off_map`](Self::off_map) is `None`. 0.6 by default, the odds that an uninformative frame
-    /// gives to the right place on average, so that the vehicle is not taken for lost in a tunnel.
-    lost_odds: f64 = 0.6, with_lost_odds;
-    /// Odds of being off the map at each step, against those of a wrong place, if
-    /// [`off_map`](Self::off_map) is given. 0.85 by default: at 1, stretches of uninformative
-    /// frames, such as dark ones, are taken for off the map, and at 0.75 detours are found late.
-    off_map_odds: f64 = 0.85, with_off_map_odds;
-    /// Odds of a score. Their temperature, 1.8 by default, is for frames in sequence; fitting
-    /// chooses another if the labels favour it.
+    /// not lost. By default it is lost once in 10,000 steps, for some thirty steps.
+    lost: OffMap = OffMap { leave: 1e-4, back: 0.03, near: 0.0, within: 0 }, with_lost;
+    /// Rates at which the camera begins to follow another place than the vehicle's, or to say
+    /// nothing, and stops. By default it does so once in 333 steps, for twenty steps: snow, a
+    /// tunnel or a street like another one is one error, not as many as it has frames.
+    distractions: DistractionRates = DistractionRates { begin: 0.003, end: 0.05 }, with_distractions;
+    /// Odds of a score before the first view, which count as ten views: the shares of views that
+    /// match clearly, weakly or not at all are learned from the drive.
     odds: MatchOdds = MatchOdds::default(), with_odds;
     /// True if the usual scores of each reference are learned from the queries, so that
     /// references that look like everything do not win; true by default.
@@ -104,8 +100,6 @@ const MOST_LOST: f64 = 0.99;
 impl Options {
     pub(super) fn check(&self) -> Result<(), RecognitionError> {
         OutOfRange::check("view_fades", self.view_fades, 0.0..=1e6, "from 0 to 1e6")?;
-        OutOfRange::check("lost_odds", self.lost_odds, 1e-6..=1.0, "from 1e-6 to 1")?;
-        OutOfRange::check("off_map_odds", self.off_map_odds, 1e-6..=1.0, "from 1e-6 to 1")?;
         let (threshold, expected) = (self.view_threshold, "a finite value of at least 0");
         OutOfRange::check("view_threshold", threshold, 0.0..=f64::MAX, expected)?;
         let lost = self.lost.share();
@@ -116,13 +110,13 @@ impl Options {
         Ok(())
     }
 
-    /// Motion along a route of this many places.
-    pub(super) fn motion(&self, places: usize) -> Result<RouteTransition, RecognitionError> {
+    /// Motion along a route of this many places, which is never left.
+    pub(super) fn motion(
+        &self,
+        places: usize,
+        speeds: Speeds,
+    ) -> Result<RouteTransition, RecognitionError> {
         let route = if self.closed { RouteTransition::closed } else { RouteTransition::open };
-        let motion = route(places, self.speeds.clone())?
-            .with_odometry(self.odometry)?
-            .with_views(self.views)?
-            .with_off_map(self.off_map.unwrap_or(self.lost))?;
-        Ok(motion)
+        Ok(route(places, speeds)?.with_odometry(self.odometry)?.with_views(self.views)?)
     }
 }

@@ -1,5 +1,5 @@
-//! Result of learning: options, usual scores and best scores. Warnings and the temperatures tried
-//! are neither stored nor compared.
+//! Result of learning: options, usual scores and best scores. Warnings are
+//! neither stored nor compared.
 
 use super::warning::Warning;
 use super::{Options, RecognitionError};
@@ -9,8 +9,8 @@ use wayfix::error::OutOfRange;
 /// Result of learning: the options of a [`Recognizer`](super::Recognizer), and what was learned
 /// of each reference.
 ///
-/// With the feature `serde` it can be stored, without [warnings](Self::warnings) and
-/// [temperature scores](Self::temperature_scores), which do not count in comparisons either.
+/// With the feature `serde` it can be stored, without [warnings](Self::warnings), which do not count
+/// in comparisons either.
 #[derive(Debug, Clone)]
 pub struct Parameters {
     pub(crate) options: Options,
@@ -18,7 +18,6 @@ pub struct Parameters {
     /// Mean and deviation of the best score of a query.
     pub(crate) best_scores: Option<[f64; 2]>,
     pub(super) warnings: Vec<Warning>,
-    pub(super) temperature_scores: Vec<(f64, f64)>,
 }
 
 impl PartialEq for Parameters {
@@ -36,7 +35,6 @@ impl Parameters {
             standardizer: None,
             best_scores: None,
             warnings: Vec::new(),
-            temperature_scores: Vec::new(),
         }
     }
 
@@ -80,15 +78,6 @@ impl Parameters {
     #[must_use]
     pub fn warnings(&self) -> &[Warning] {
         &self.warnings
-    }
-
-    /// Temperatures that were tried, hottest first, each with its score: the filter's log score
-    /// over labelled steps that the fit had not learned from, in independent steps, plus the
-    /// logarithm of the prior. The highest score decides. Empty if there was no choice, and for a
-    /// fit read from storage.
-    #[must_use]
-    pub fn temperature_scores(&self) -> &[(f64, f64)] {
-        &self.temperature_scores
     }
 
     /// Checks the options, and drops learned references if their number differs.

@@ -6,39 +6,43 @@ use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 use super::parameters::Parameters;
-use super::sensor::{Exemplar, ExemplarScratch, KNOWN_COUNT, References, Sensor};
+use super::references::{Exemplar, ExemplarScratch, References};
+use super::sensor::{KNOWN_COUNT, Sensor};
 use super::{Options, RecognitionError};
-use crate::motion::{RouteControl, RouteTransition};
+use crate::motion::{RouteControl, RouteTransition, Speeds};
 use crate::observation::Distance;
-use wayfix::HmmError;
-use wayfix::LikelihoodVector;
-use wayfix::Transition;
 use wayfix::error::OutOfRange;
+use wayfix::inference::Distractor;
 use wayfix::likelihood::GroupedLikelihood;
-use wayfix::{Hmm, Prior};
+use wayfix::transition::{DistractedTransition, DistractionRates};
+use wayfix::{Belief, Groups, Hmm, HmmError, LikelihoodVector, Prior, Transition};
 use wayfix_kernels as kernels;
 
-/// The hidden Markov model: motion along a route, and likelihoods of its places.
-pub(super) type Model = Hmm<RouteTransition, GroupedLikelihood<LikelihoodVector>>;
+/// The hidden Markov model: motion along a route of a vehicle whose camera is attentive or
+/// distracted, and likelihoods of its places.
+pub(super) type Model =
+    Hmm<DistractedTransition<RouteTransition>, GroupedLikelihood<LikelihoodVector>>;
+/// The place that a distracted camera follows.
+pub(super) type Phantom = Distractor<Arc<RouteTransition>>;
 
-/// Creates a model of a vehicle that may be anywhere at first, with a sensor of the places and of
-/// off the map.
+/// Creates a model of a vehicle that may be anywhere at first, with a sensor of the places, of off
+/// the map, and of a distraction.
 pub(super) fn model(
     motion: RouteTransition,
+    distractions: DistractionRates,
     sensor: LikelihoodVector,
 ) -> Result<Model, RecognitionError> {
-    let groups = motion.place_groups();
-    let (found, expected) = (groups.count(), wayfix::Likelihood::states(&sensor));
-    let wrong = |_| {
-        RecognitionError::Parameter(OutOfRange::count(
-            "the number of groups of states",
-            found,
-            expected,
-        ))
-    };
-    let prior = Prior::AtFirstObservation(motion.anywhere());
-    let camera = GroupedLikelihood::new(sensor, groups).map_err(wrong)?;
-    Hmm::new(prior, motion, camera).map_err(wrong)
+    let places = motion.place_groups();
+    let distracted = places.count();
+    let attentive = places.as_slice().iter().copied();
+    let groups = attentive.chain(std::iter::repeat_n(distracted, places.as_slice().len()));
+    let groups = Groups::new(groups.collect::<Vec<_>>(), distracted + 1)?;
+    let anywhere = motion.anywhere();
+    let shares = [1.0 - distractions.begin, distractions.begin];
+    let modes = shares.iter().flat_map(|share| anywhere.as_slice().iter().map(move |p| p * share));
+    let prior = Prior::AtFirstObservation(Belief::from_weights(modes.collect())?);
+    let motion = DistractedTransition::new(motion, distractions)?;
+    Ok(Hmm::new(prior, motion, GroupedLikelihood::new(sensor, groups)?)?)
 }
 
 /// Checks the control of a step, numbered from 1.
@@ -84,6 +88,8 @@ pub struct Recognizer {
     /// The sensor before the first query.
     pub(super) sensor: Sensor,
     pub(super) model: Arc<Model>,
+    /// Before the first query.
+    pub(super) phantom: Phantom,
 }
 
 impl Recognizer {
@@ -140,16 +146,25 @@ impl Recognizer {
 
     fn make(references: Arc<References>, fit: Parameters) -> Result<Self, RecognitionError> {
         let parameters = fit.checked(references.count())?;
+        let (options, count) = (&parameters.options, references.count());
         // Motion always has states off the map: without `off_map` they stand for a lost vehicle.
-        let motion = parameters.options.motion(references.count())?;
-        let sensor = LikelihoodVector::linear(references.count() + 1);
-        let model = Arc::new(model(motion, sensor)?);
+        let motion = options.motion(count, options.speeds.clone())?;
+        let sensor = LikelihoodVector::linear(count + 2);
+        let model = Arc::new(model(
+            motion.with_off_map(options.off_map.unwrap_or(options.lost))?,
+            options.distractions,
+            sensor,
+        )?);
+        // Every second speed: a phantom need not be followed as closely as the vehicle.
+        let speeds: Vec<f64> = options.speeds.values().iter().step_by(2).copied().collect();
+        let phantom = Arc::new(options.motion(count, Speeds::new(&speeds)?)?);
+        let phantom = Distractor::new(Arc::clone(&phantom), phantom.anywhere(), options.distractions)?;
         let standardizer = match &parameters.standardizer {
             Some(known) => known.clone(),
             None => references.standardizer().map_err(|cause| RecognitionError::query(0, cause))?,
         };
-        let sensor = Sensor::new(standardizer.discounted(KNOWN_COUNT));
-        Ok(Self { references, parameters, sensor, model })
+        let sensor = Sensor::new(standardizer.discounted(KNOWN_COUNT), options);
+        Ok(Self { references, parameters, sensor, model, phantom })
     }
 
     /// Learns usual scores from recent views, beside those learned from references alone.
@@ -163,7 +178,7 @@ impl Recognizer {
             let invalid = |cause| RecognitionError::query(0, cause);
             self.references.observe(view, &mut standardizer, &mut scratch).map_err(invalid)?;
         }
-        self.sensor = Sensor::new(standardizer);
+        self.sensor = Sensor::new(standardizer, self.options());
         Ok(self)
     }
 
@@ -188,7 +203,7 @@ impl Recognizer {
     /// Model of motion.
     #[must_use]
     pub fn motion(&self) -> &RouteTransition {
-        self.model.transition()
+        self.model.transition().base()
     }
 
     /// Length of a belief over places: one entry for each place, and one for off the map if that is
@@ -197,10 +212,22 @@ impl Recognizer {
         self.references() + usize::from(self.options().off_map.is_some())
     }
 
+    /// Number of states of the phantom.
+    pub(super) fn phantom_states(&self) -> usize {
+        self.phantom.belief().as_slice().len()
+    }
+
     /// Marginalises a belief over states to one over places.
     pub(super) fn marginalize_places(&self, belief: &[f64], places: &mut [f64]) {
-        let (places, off) = places.split_at_mut(self.references());
-        let lost = self.motion().marginalize_places(belief, places);
+        let n = self.references();
+        let (places, off) = places.split_at_mut(n);
+        places.fill(0.0);
+        let mut lost = 0.0;
+        for mode in belief.chunks_exact(belief.len() / 2) {
+            let (on, off) = mode.split_at(mode.len() - n);
+            add_layers(on, places);
+            lost += kernels::sum(off);
+        }
         if let [off] = off {
             *off = lost;
         } else {
@@ -215,6 +242,13 @@ impl Recognizer {
                 places.fill(1.0 / places.len() as f64);
             }
         }
+    }
+}
+
+/// Adds up the layers of a belief, one for each speed.
+pub(super) fn add_layers(belief: &[f64], places: &mut [f64]) {
+    for layer in belief.chunks_exact(places.len()) {
+        places.iter_mut().zip(layer).for_each(|(place, p)| *place += p);
     }
 }
 

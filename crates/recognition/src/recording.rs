@@ -1,12 +1,10 @@
-//! A whole drive, and its beliefs. The sensor runs once, causally; filter, smoother and decoder
-//! then share its likelihoods.
+//! A whole drive, and its beliefs. A track runs over it once; smoother and decoder then share its
+//! likelihoods.
 
 use std::borrow::Borrow;
-use std::f64::consts::LN_2;
 use std::ops::RangeInclusive;
 
-use super::recognizer::{at_most_one, check_control};
-use super::sensor::Scratch;
+use super::recognizer::at_most_one;
 use super::views::StrongestWarnings;
 use super::warning::Warning;
 use super::{Answer, RecognitionError, Recognizer};
@@ -15,6 +13,7 @@ use crate::observation::Standardizer;
 use wayfix::Sequence;
 use wayfix::error::OutOfRange;
 use wayfix::inference::Order;
+use wayfix::transition::Distraction;
 use wayfix::{Belief, BeliefView};
 
 /// A drive compared with the references, to be filtered, smoothed or decoded.
@@ -25,11 +24,14 @@ use wayfix::{Belief, BeliefView};
 #[derive(Debug, Clone)]
 pub struct Recording {
     pub(super) recognizer: Recognizer,
-    pub(super) controls: Vec<RouteControl>,
+    pub(super) controls: Vec<Distraction<RouteControl>>,
     pub(super) likelihoods: Vec<Vec<f64>>,
-    /// log2 of the odds of each place by each single frame.
-    pub(super) single_odds: Vec<Vec<f32>>,
+    filtered: PlaceBeliefs,
+    /// Beliefs over places by each last new frame alone.
+    pub(super) single: PlaceBeliefs,
     pub(super) best_scores: Vec<f64>,
+    /// Filtered probability of an attentive camera on the map; `None` for a view that is not new.
+    pub(super) attentive: Vec<Option<f64>>,
     /// Usual scores at the end of the recording.
     pub(super) standardizer: Standardizer,
     /// Warnings of the views and readings.
@@ -64,38 +66,35 @@ impl Recognizer {
                 OutOfRange::count("the number of odometry readings", found, expected).into()
             );
         }
-        let (mut sensor, mut scratch) = (self.sensor.clone(), Scratch::default());
-        scratch.single_odds = vec![0.0; self.references()];
-        let (mut controls, mut likelihoods) = (Vec::new(), Vec::new());
-        let (mut best_scores, mut single_odds) = (Vec::new(), Vec::new());
+        let mut track = self.track();
+        let mut recording = Recording {
+            recognizer: self.clone(),
+            controls: Vec::new(),
+            likelihoods: Vec::new(),
+            filtered: PlaceBeliefs::new(self, queries.len()),
+            single: PlaceBeliefs::new(self, queries.len()),
+            best_scores: Vec::new(),
+            attentive: Vec::new(),
+            standardizer: self.sensor.standardizer.clone(),
+            own_warnings: Vec::new(),
+        };
         let mut warnings = StrongestWarnings::default();
         for (at, query) in queries.iter().enumerate() {
-            let (step, reading) = (at + 1, odometry.get(at).copied().flatten());
-            let sighting = sensor.observe(
-                &self.references,
-                self.options(),
-                step,
-                query.as_ref(),
-                reading,
-                &mut scratch,
-            )?;
-            check_control(self.motion(), step, &sighting.control)?;
-            sensor.learn(self.motion(), self.options(), &sighting, &mut scratch);
-            warnings.record(&sensor.tally);
-            controls.push(sighting.control);
-            best_scores.push(scratch.best_score());
-            likelihoods.push(std::mem::take(&mut scratch.likelihoods));
-            single_odds.push(scratch.single_odds.clone());
+            let reading = odometry.get(at).copied().flatten();
+            let sighting = track.observe(reading, query.as_ref())?;
+            let log_likelihood = track.advance(&sighting.control)?;
+            recording.likelihoods.push(track.scratch().likelihoods.clone());
+            recording.best_scores.push(track.scratch().best_score());
+            recording.single.set_single(at, &track.scratch().standardized);
+            recording.filtered.set(at, track.places().as_slice(), log_likelihood);
+            recording.attentive.push(sighting.is_new().then(|| track.attentive()));
+            recording.controls.push(sighting.control);
+            track.learn(&sighting);
+            warnings.record(&track.sensor().tally);
         }
-        Ok(Recording {
-            recognizer: self.clone(),
-            controls,
-            likelihoods,
-            single_odds,
-            best_scores,
-            standardizer: sensor.standardizer,
-            own_warnings: warnings.into_warnings(),
-        })
+        recording.standardizer.clone_from(&track.sensor().standardizer);
+        recording.own_warnings = warnings.into_warnings();
+        Ok(recording)
     }
 }
 
@@ -106,20 +105,10 @@ impl Recording {
         self.controls.len()
     }
 
-    /// Filtered beliefs: that of each step, given the queries up to it. O(n k) a step.
-    ///
-    /// # Errors
-    ///
-    /// [`RecognitionError::Inference`] with the step that is impossible.
-    pub fn filtered(&self) -> Result<PlaceBeliefs, RecognitionError> {
-        let mut filter = self.recognizer.model.filter();
-        let mut beliefs = PlaceBeliefs::new(&self.recognizer, self.steps());
-        for (at, (control, likelihoods)) in self.controls.iter().zip(&self.likelihoods).enumerate()
-        {
-            let log = filter.step_with(control, likelihoods)?;
-            beliefs.set(at, filter.belief(), log);
-        }
-        Ok(beliefs)
+    /// Filtered beliefs: that of each step, given the queries up to it.
+    #[must_use]
+    pub fn filtered(&self) -> PlaceBeliefs {
+        self.filtered.clone()
     }
 
     /// Smoothed beliefs: that of each step, given all queries. O(n k √steps) memory beside the
@@ -132,7 +121,7 @@ impl Recording {
         let mut beliefs = PlaceBeliefs::new(&self.recognizer, self.steps());
         self.recognizer.model.smooth_each(self, Order::Backward, |step| {
             if let Some(at) = step.step().checked_sub(1) {
-                beliefs.set(at, step.smoothed(), 0.0);
+                beliefs.set_states(at, step.smoothed(), 0.0);
             }
         })?;
         Ok(beliefs)
@@ -160,7 +149,7 @@ impl Recording {
                 let due = if now + 1 == count { oldest..count } else { oldest..oldest + 1 };
                 for at in due.filter(|at| now + 1 == count || at + *lag == now) {
                     if let Some(belief) = stream.get(at + 1) {
-                        beliefs.set(at, belief, logs[at]);
+                        beliefs.set_states(at, belief, logs[at]);
                     }
                 }
             }
@@ -168,44 +157,19 @@ impl Recording {
         Ok(all)
     }
 
-    /// Single-image beliefs: that of each step, given its query alone and a uniform prior, at the
-    /// temperature of single images. O(n) a step.
+    /// Single-image beliefs: that of each step, given its query alone and a uniform prior. O(n) a
+    /// step.
     ///
     /// A baseline: motion adds the difference by which [`filtered`](Self::filtered) is right more
-    /// often. The odds are those of the sensor, with standardized references and all that a fit has
-    /// learned about them.
+    /// often. The odds are those of [`Options::odds`](super::Options::odds) with standardised scores.
     #[must_use]
     pub fn single(&self) -> PlaceBeliefs {
-        let mut beliefs = PlaceBeliefs::new(&self.recognizer, self.steps());
-        let temperature = self.recognizer.options().odds.temperature();
-        let off = self.recognizer.options().off_map.map_or(0.0, |off_map| off_map.share());
-        let n = self.recognizer.references();
-        for (at, odds) in self.single_odds.iter().enumerate() {
-            let prior = |i: usize| if i < n { (1.0 - off) / n as f64 } else { off };
-            // The odds are tempered by the power 1/τ for frames in sequence; the power τ undoes
-            // this.
-            let log2 = odds.iter().map(|log2| f64::from(*log2) * temperature);
-            // Off the map, the odds are 1. The largest is taken out, so that exp2 cannot overflow.
-            let most = log2.clone().fold(if off > 0.0 { 0.0 } else { f64::NEG_INFINITY }, f64::max);
-            let own = beliefs.row_mut(at);
-            let row = own.iter_mut().zip(log2.chain(std::iter::once(0.0))).enumerate();
-            if most == f64::NEG_INFINITY {
-                // The frame rules out all places: the prior stays.
-                row.for_each(|(i, (own, _))| *own = prior(i));
-                beliefs.log_likelihoods[at] = most;
-                continue;
-            }
-            row.for_each(|(i, (own, log2))| *own = prior(i) * (log2 - most).exp2());
-            let sum: f64 = own.iter().sum();
-            own.iter_mut().for_each(|own| *own /= sum);
-            beliefs.log_likelihoods[at] = sum.ln() + most * LN_2;
-        }
-        beliefs
+        self.single.clone()
     }
 }
 
 /// The drive for other models: the motion before each step, and the likelihoods of places.
-impl<Y: ?Sized> Sequence<RouteControl, Y> for Recording
+impl<Y: ?Sized> Sequence<Distraction<RouteControl>, Y> for Recording
 where
     Vec<f64>: Borrow<Y>,
 {
@@ -213,7 +177,7 @@ where
         self.controls.len()
     }
 
-    fn control(&self, step: usize) -> &RouteControl {
+    fn control(&self, step: usize) -> &Distraction<RouteControl> {
         &self.controls[step - 1]
     }
 
@@ -234,11 +198,37 @@ impl PlaceBeliefs {
         &mut self.rows[at * width..][..width]
     }
 
-    fn set(&mut self, at: usize, belief: BeliefView<'_>, log_likelihood: f64) {
+    fn set(&mut self, at: usize, places: &[f64], log_likelihood: f64) {
+        self.row_mut(at).copy_from_slice(places);
+        self.log_likelihoods[at] = log_likelihood;
+    }
+
+    /// Sets a step to the places of a belief over states.
+    fn set_states(&mut self, at: usize, belief: BeliefView<'_>, log_likelihood: f64) {
         let Self { recognizer, rows, log_likelihoods } = self;
         let width = recognizer.places();
         recognizer.marginalize_places(belief.as_slice(), &mut rows[at * width..][..width]);
         log_likelihoods[at] = log_likelihood;
+    }
+
+    /// Sets a step to the belief by standardised scores alone.
+    fn set_single(&mut self, at: usize, scores: &[f64]) {
+        let odds = *self.recognizer.options().odds();
+        let off = self.recognizer.options().off_map.map_or(0.0, |off_map| off_map.share());
+        let n = self.recognizer.references();
+        let own = self.row_mut(at);
+        let (places, off_map) = own.split_at_mut(n);
+        odds.odds_of(scores, places);
+        places.iter_mut().for_each(|place| *place *= (1.0 - off) / n as f64);
+        off_map.fill(off);
+        let sum: f64 = own.iter().sum();
+        // A frame that rules out all places leaves the prior.
+        if sum > 0.0 {
+            own.iter_mut().for_each(|own| *own /= sum);
+        } else {
+            own[..n].fill((1.0 - off) / n as f64);
+        }
+        self.log_likelihoods[at] = sum.ln();
     }
 
     /// Number of steps.

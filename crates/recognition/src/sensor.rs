@@ -1,176 +1,27 @@
-//! The camera: references, their comparison with queries (of several traverses, the smallest distance
-//! to each place), and from there to likelihoods, to evidence on the move, and to what the query
-//! teaches about the references (`guide::formulas`, Images as likelihoods).
+//! The camera: from the distances of a query to likelihoods of places, to evidence on the move, to
+//! what it says of a distraction, and to what it teaches about references and matches
+//! (`guide::formulas`, Images as likelihoods).
 //!
 //! A step takes two calls, so that an error between them leaves no trace: [`Sensor::observe`]
 //! changes scratch memory alone, and [`Sensor::learn`] follows once the filter has taken the step.
 
-use std::ops::Range;
-
+use super::recognizer::{Phantom, Recognizer, check_control};
+use super::references::References;
 use super::views::{Tally, View, least, nearest};
 use super::{Options, RecognitionError};
 use crate::motion::{Driven, RouteControl, RouteTransition, ViewChange, ViewEvidence};
 use crate::observation::{
-    Distance, ReferenceDescriptors, RowScratch, Spread, Standardizer, ViewError, row_scores, within,
+    MatchOdds, RowScratch, Spread, Standardizer, ViewError, row_scores, within,
 };
-use wayfix::error::OutOfRange;
+use wayfix::transition::Distraction;
 
-/// Number of evenly spaced references that are compared with all others, to learn the usual scores
-/// of each.
-const SAMPLE: usize = 64;
-/// Distance along the route within which references always count as alike because they are near,
-/// and the score below which farther ones also do.
-const NEAR: usize = 10;
-const FAR_SCORE: f32 = -1.0;
+/// Shares of views that say nothing, match weakly and match clearly where the camera follows
+/// another place than the vehicle's, before any view: less well than the place itself, or the first
+/// place could not be believed.
+const PHANTOM: MatchOdds = MatchOdds { shares: [0.3, 0.35, 0.35] };
+/// Number of views that these shares, and those of [`Options::odds`], count as.
+const KIND_COUNT: f64 = 10.0;
 
-/// A view that teaches the usual scores of references.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Exemplar<'a> {
-    pub(super) descriptor: &'a [f32],
-    /// The reference that shows the same view, if there is one: those around it say nothing about
-    /// usual scores.
-    pub(super) reference: Option<usize>,
-    /// Weight, in queries.
-    pub(super) weight: f64,
-}
-
-/// Scratch memory for [`References::observe`].
-#[derive(Debug, Default)]
-pub(super) struct ExemplarScratch {
-    row: Vec<f32>,
-    more: Vec<f32>,
-    scores: Vec<f32>,
-    rows: RowScratch,
-}
-
-/// References around a given one that look like it because they are near.
-fn alike_around(
-    row: &[f32],
-    at: usize,
-    scores: &mut Vec<f32>,
-    scratch: &mut RowScratch,
-) -> Result<Range<usize>, ViewError> {
-    row_scores(row, scores, scratch)?;
-    let alike = |score: &&f32| **score < FAR_SCORE;
-    let before = scores[..at].iter().rev().take_while(alike).count().max(NEAR);
-    let after = scores[at + 1..].iter().take_while(alike).count().max(NEAR);
-    Ok(at.saturating_sub(before)..(at + after + 1).min(row.len()))
-}
-
-/// References of a route: descriptors of one traverse or of several, or only their number if
-/// queries come as distances.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) enum References {
-    /// Number of references; a query is a row of that many distances.
-    Compared(usize),
-    /// Descriptors of each traverse, in the form of queries; reference i of each shows place i.
-    Descriptors(Vec<ReferenceDescriptors>),
-}
-
-impl References {
-    /// Checks the descriptors of several traverses of the same places.
-    pub(super) fn from_traverses<R: AsRef<[f32]>>(
-        traverses: &[&[R]],
-        distance: Distance,
-    ) -> Result<Self, RecognitionError> {
-        let mut all = Vec::new();
-        for (traverse, rows) in traverses.iter().enumerate() {
-            let failed = |cause| RecognitionError::references(traverse, cause);
-            all.push(ReferenceDescriptors::from_rows(rows, distance).map_err(failed)?);
-        }
-        let Some(first) = all.first() else {
-            return Err(OutOfRange::none("the number of traverses").into());
-        };
-        for other in &all[1..] {
-            let counts = [
-                ("the number of references of a traverse", other.count(), first.count()),
-                ("the number of numbers of a descriptor", other.dimension(), first.dimension()),
-            ];
-            if let Some(&(what, found, expected)) = counts.iter().find(|(_, a, b)| a != b) {
-                return Err(OutOfRange::count(what, found, expected).into());
-            }
-        }
-        Ok(Self::Descriptors(all))
-    }
-
-    /// Estimates the usual scores of each reference from the other references: one that looks like
-    /// many of them looks like many queries, too (on one recording in two seasons, means correlate
-    /// by 0.7 and deviations by 0.8).
-    pub(super) fn standardizer(&self) -> Result<Standardizer, ViewError> {
-        let count = self.count();
-        let mut standardizer = Standardizer::new(count)?;
-        let Self::Descriptors(traverses) = self else { return Ok(standardizer) };
-        let sample = SAMPLE.min(count);
-        let mut scratch = ExemplarScratch::default();
-        for at in (0..sample).map(|at| at * count / sample) {
-            let Some(descriptor) = traverses[0].descriptor(at) else { continue };
-            let view = Exemplar { descriptor: &descriptor, reference: Some(at), weight: 1.0 };
-            self.observe(view, &mut standardizer, &mut scratch)?;
-        }
-        Ok(standardizer)
-    }
-
-    /// Learns the usual scores of each reference from a view.
-    pub(super) fn observe(
-        &self,
-        view: Exemplar<'_>,
-        standardizer: &mut Standardizer,
-        scratch: &mut ExemplarScratch,
-    ) -> Result<(), ViewError> {
-        let ExemplarScratch { row, more, scores, rows } = scratch;
-        // A view that cannot be compared, such as a zero descriptor, teaches nothing.
-        if self.distances(0, view.descriptor, row, more).is_err() {
-            return Ok(());
-        }
-        if let Some(at) = view.reference.filter(|at| *at < row.len()) {
-            let near = alike_around(row, at, scores, rows)?;
-            // The standardizer leaves out infinite distances.
-            row[near].fill(f32::INFINITY);
-        }
-        row_scores(row, scores, rows)?;
-        standardizer.add_scores(standardizer.spread(), scores, view.weight);
-        Ok(())
-    }
-
-    pub(super) fn count(&self) -> usize {
-        match self {
-            Self::Compared(count) => *count,
-            Self::Descriptors(traverses) => traverses[0].count(),
-        }
-    }
-
-    /// Computes the distance of a query to each place: the smallest over the traverses, since a
-    /// place that looks right in one season is right. `more` is scratch memory.
-    pub(super) fn distances(
-        &self,
-        step: usize,
-        query: &[f32],
-        out: &mut Vec<f32>,
-        more: &mut Vec<f32>,
-    ) -> Result<(), RecognitionError> {
-        let failed = |cause| RecognitionError::descriptor(step, cause);
-        match self {
-            Self::Compared(_) => {
-                out.clear();
-                out.extend_from_slice(query);
-            }
-            Self::Descriptors(traverses) => {
-                out.resize(self.count(), 0.0);
-                traverses[0].distances_into(query, out).map_err(failed)?;
-                for traverse in &traverses[1..] {
-                    more.resize(out.len(), 0.0);
-                    traverse.distances_into(query, more).map_err(failed)?;
-                    out.iter_mut().zip(&*more).for_each(|(a, b)| *a = a.min(*b));
-                }
-            }
-        }
-        Ok(())
-    }
-}
-
-/// Share of a view that must be new for it to count as a whole witness: along a densely sampled
-/// route, successive frames are partly one witness.
-const WITNESS: f64 = 0.03;
 /// A view is unchanged up to this part of this quantile of the changes from reference to reference:
 /// nearly all steps along the route change it more, even those in dark stretches.
 const STILL_SHARE: f64 = 0.02;
@@ -200,8 +51,8 @@ fn still(standardizer: &Standardizer, scratch: &mut Vec<f64>) -> f64 {
 /// A query seen by the sensor, before the sensor has learned from it.
 #[derive(Debug)]
 pub(super) struct Sighting {
-    /// Odometry, the view, and the motion before the step.
-    pub(super) control: RouteControl,
+    /// Odometry, the view, the motion before the step, and the likelihoods of a distraction.
+    pub(super) control: Distraction<RouteControl>,
     view: View,
     /// Length of the run of views like this one, including it.
     run: u32,
@@ -209,7 +60,14 @@ pub(super) struct Sighting {
     spread: Option<Spread>,
 }
 
-/// Scratch memory of a sensor. Except for `single_odds`, no result depends on what an earlier step
+impl Sighting {
+    /// True if the view is evidence on the place.
+    pub(super) fn is_new(&self) -> bool {
+        self.spread.is_some()
+    }
+}
+
+/// Scratch memory of a sensor. Except for `standardized`, no result depends on what an earlier step
 /// left in it.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Scratch {
@@ -220,10 +78,12 @@ pub(super) struct Scratch {
     rows: RowScratch,
     /// Changes from reference to reference.
     changes: Vec<f64>,
-    /// Likelihood of each place, then that of off the map.
+    /// Standardised scores of the last new view.
+    pub(super) standardized: Vec<f64>,
+    /// Likelihood of each place, of an attentive camera off the map, and of a distracted camera.
     pub(super) likelihoods: Vec<f64>,
-    /// log2 of the odds of each place by the last new frame alone; empty if they are not wanted.
-    pub(super) single_odds: Vec<f32>,
+    /// Likelihoods of the states of the phantom.
+    phantom: Vec<f64>,
 }
 
 impl Scratch {
@@ -231,6 +91,20 @@ impl Scratch {
     pub(super) fn best_score(&self) -> f64 {
         f64::from(least(&self.scores))
     }
+
+    /// Likelihoods of a step without a query: 1 everywhere.
+    pub(super) fn fill(&mut self, references: usize) {
+        self.likelihoods.clear();
+        self.likelihoods.resize(references + 2, 1.0);
+    }
+}
+
+/// Filtered probabilities that the sensor learns from: of an attentive camera at each place, and of
+/// the phantom at each place.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Positions<'a> {
+    pub(super) attentive: &'a [f64],
+    pub(super) phantom: &'a [f64],
 }
 
 /// State of the camera, with all that it has learned about the references so far: plain data, and
@@ -251,10 +125,19 @@ pub(crate) struct Sensor {
     pub(crate) driven: Option<Driven>,
     /// Recent views and readings.
     pub(crate) tally: Tally,
+    /// Numbers of views of each kind, at the vehicle's place and at the phantom's.
+    pub(crate) kinds: [[f64; 3]; 2],
+}
+
+/// Odds with the shares of some numbers of views.
+fn odds(kinds: [f64; 3]) -> MatchOdds {
+    let sum: f64 = kinds.iter().sum();
+    MatchOdds { shares: kinds.map(|kind| kind / sum) }
 }
 
 impl Sensor {
-    pub(super) fn new(standardizer: Standardizer) -> Self {
+    pub(super) fn new(standardizer: Standardizer, options: &Options) -> Self {
+        let known = |odds: MatchOdds| odds.shares.map(|share| share * KIND_COUNT);
         Self {
             still: still(&standardizer, &mut Vec::new()),
             standardizer,
@@ -263,48 +146,35 @@ impl Sensor {
             lingering: 0.0,
             driven: None,
             tally: Tally::default(),
+            kinds: [known(options.odds), known(PHANTOM)],
         }
     }
 
-    /// Computes the likelihoods of the query of a step into the scratch memory. The odometry
-    /// reading is not checked.
+    /// Computes the likelihoods of the query of a step into the scratch memory, and lets the
+    /// phantom propose its next belief. `attentive` is the filtered probability, before the step,
+    /// of a camera that sees the vehicle's place.
     pub(super) fn observe(
         &self,
-        references: &References,
-        options: &Options,
+        recognizer: &Recognizer,
         step: usize,
-        query: &[f32],
-        odometry: Option<f64>,
+        (query, odometry): (&[f32], Option<f64>),
+        attentive: f64,
+        phantom: &mut Phantom,
         scratch: &mut Scratch,
     ) -> Result<Sighting, RecognitionError> {
+        let (references, options): (&References, _) = (&recognizer.references, recognizer.options());
         let n = references.count();
         let failed = |cause| RecognitionError::query(step, cause);
         references.distances(step, query, &mut scratch.distances, &mut scratch.more)?;
         let view = self.compare(options, scratch).map_err(failed)?;
-        let Scratch { scores, likelihoods, single_odds, .. } = scratch;
-        let nowhere = scores.iter().all(|score| *score == f32::INFINITY);
+        let nowhere = scratch.scores.iter().all(|score| *score == f32::INFINITY);
         if nowhere && options.off_map.is_none() {
             return Err(failed(ViewError::NoMatch));
         }
-        likelihoods.resize(n + 1, 1.0);
         // A view that matches nothing at all is evidence of being off the map, even if it is
         // repeated.
         let spread = (view.fresh > 0.0 || nowhere).then(|| self.standardizer.spread());
-        if let Some(spread) = spread {
-            let (places, off) = likelihoods.split_at_mut(n);
-            self.standardizer.standardize(spread, scores, places);
-            options.odds.log2_odds_of(&places[..single_odds.len()], single_odds);
-            // All places and off the map get the same power: the view is one witness, or a part of
-            // one, for all of them.
-            let weight = (view.fresh / WITNESS).min(1.0);
-            options.odds.odds_of(weight, places);
-            let off_map = options.off_map.is_some();
-            let odds = if off_map { options.off_map_odds } else { options.lost_odds };
-            off.fill(odds.powf(weight));
-        } else {
-            // A repeated view is not new evidence on the place.
-            likelihoods.fill(1.0);
-        }
+        self.weigh(spread, recognizer.phantom_states(), scratch);
         // A lost frame sets `self.run` to `None`, so a gap always starts a new run.
         let run = match self.run {
             Some((before, count)) if before == view.change => count.saturating_add(1),
@@ -317,25 +187,64 @@ impl Sensor {
         // The first view has no view to be compared with.
         let evidence = evidence.filter(|_| options.use_views && self.run.is_some());
         let control = RouteControl { view: evidence, ..self.control(odometry) };
-        Ok(Sighting { control, view, run, spread })
+        check_control(recognizer.motion(), step, &control)?;
+        let Scratch { likelihoods, phantom: seen, .. } = scratch;
+        let (begins, continues) = if step == 1 {
+            let begins = phantom.first(seen)?;
+            // No move leads to the first step, so the observation itself has the likelihoods.
+            (likelihoods[n], likelihoods[n + 1]) = (begins, begins);
+            (begins, begins)
+        } else {
+            let (begins, continues) = phantom.observe(&control, seen, 1.0 - attentive)?;
+            // Off the map the camera follows a phantom, too: views elsewhere look alike.
+            (likelihoods[n], likelihoods[n + 1]) = (continues, 1.0);
+            (begins, continues)
+        };
+        Ok(Sighting { control: Distraction { control, begins, continues }, view, run, spread })
+    }
+
+    /// Computes the odds of each place, and of each state of the phantom; 1 for a view that is not
+    /// new.
+    fn weigh(&self, spread: Option<Spread>, phantom_states: usize, scratch: &mut Scratch) {
+        let Scratch { scores, standardized, likelihoods, phantom, .. } = scratch;
+        let n = scores.len();
+        likelihoods.clear();
+        likelihoods.resize(n + 2, 1.0);
+        phantom.clear();
+        phantom.resize(phantom_states, 1.0);
+        let Some(spread) = spread else { return };
+        standardized.resize(n, 0.0);
+        self.standardizer.standardize(spread, scores, standardized);
+        let [place, other] = self.kinds.map(odds);
+        place.odds_of(standardized, &mut likelihoods[..n]);
+        let (first, rest) = phantom.split_at_mut(n);
+        other.odds_of(standardized, first);
+        // A reference that was not compared says nothing of the phantom.
+        first.iter_mut().filter(|odds| **odds == 0.0).for_each(|odds| *odds = other.shares[0]);
+        rest.chunks_exact_mut(n).for_each(|layer| layer.copy_from_slice(first));
     }
 
     /// Learns from a query after the filter has taken its step; `scratch` must be as
     /// [`observe`](Self::observe) left it.
     pub(super) fn learn(
         &mut self,
-        motion: &RouteTransition,
-        options: &Options,
+        recognizer: &Recognizer,
         sighting: &Sighting,
+        positions: Positions<'_>,
         scratch: &mut Scratch,
     ) {
-        let Sighting { control, view, run, spread } = sighting;
+        let Sighting { control: Distraction { control, .. }, view, run, spread } = sighting;
         if let Some(spread) = spread {
-            self.learn_scores(options, *spread, view.fresh, scratch);
+            self.learn_scores(recognizer.options(), *spread, view.fresh, scratch);
+            let beliefs = [positions.attentive, positions.phantom];
+            for (kinds, belief) in self.kinds.iter_mut().zip(beliefs) {
+                let seen = odds(*kinds).kinds(&scratch.standardized, belief);
+                kinds.iter_mut().zip(seen).for_each(|(kind, seen)| *kind += seen);
+            }
         }
         self.tally.record(self.run.map(|_| view), control.odometry);
         self.run = Some((view.change, *run));
-        self.drive(motion, options, control);
+        self.drive(recognizer.motion(), recognizer.options(), control);
     }
 
     /// Takes a step without a query. The next view then counts as the first after a gap: whether it

@@ -1,19 +1,19 @@
-//! Live tracking: a filter, the sensor's state, and the belief over places after the last step. A
-//! step that fails changes none of them.
+//! Live tracking: a filter, the sensor's state, the place that a distracted camera follows, and the
+//! belief over places after the last step. A step that fails changes none of them.
 
 use std::sync::Arc;
 
-use super::recognizer::{Model, check_control};
-use super::sensor::{Scratch, Sensor};
+use super::recognizer::{Model, Phantom, add_layers, check_control};
+use super::sensor::{Positions, Scratch, Sensor, Sighting};
 use super::warning::Warning;
 use super::{Answer, RecognitionError, Recognizer};
 use crate::motion::RouteControl;
-use wayfix::Filter;
 use wayfix::HmmError;
 use wayfix::error::OutOfRange;
 use wayfix::inference::FilterSnapshot;
 use wayfix::internal::MOST_STEPS;
-use wayfix::{Belief, BeliefView};
+use wayfix::transition::Distraction;
+use wayfix::{Belief, BeliefView, Filter};
 
 /// A vehicle tracked step by step.
 ///
@@ -24,8 +24,12 @@ pub struct Track {
     recognizer: Recognizer,
     filter: Filter<Arc<Model>>,
     sensor: Sensor,
+    phantom: Phantom,
     scratch: Scratch,
     places: Vec<f64>,
+    /// Probabilities of an attentive camera at each place, and of the phantom at each place.
+    attentive: Vec<f64>,
+    followed: Vec<f64>,
 }
 
 /// State of a [`Track`], as plain data to restore it from. With the feature `serde` it can be
@@ -34,6 +38,7 @@ pub struct Track {
 pub struct TrackSnapshot {
     pub(crate) filter: FilterSnapshot,
     pub(crate) sensor: Sensor,
+    pub(crate) phantom: Belief,
 }
 
 impl Recognizer {
@@ -43,8 +48,11 @@ impl Recognizer {
         let mut track = Track {
             filter: Filter::new(Arc::clone(&self.model)),
             sensor: self.sensor.clone(),
+            phantom: self.phantom.clone(),
             scratch: Scratch::default(),
             places: vec![0.0; self.places()],
+            attentive: vec![0.0; self.references()],
+            followed: vec![0.0; self.references()],
             recognizer: self.clone(),
         };
         track.marginalize_places();
@@ -92,17 +100,50 @@ impl Track {
         odometry: impl Into<Option<f64>>,
         query: &[f32],
     ) -> Result<Answer, RecognitionError> {
-        let odometry = odometry.into();
-        let Self { recognizer, sensor, scratch, .. } = self;
-        let step = self.filter.steps().saturating_add(1);
-        // The sensor learns only after the filter took the step, so an error leaves both as they
-        // were.
-        let (references, options) = (&recognizer.references, recognizer.options());
-        let sighting = sensor.observe(references, options, step, query, odometry, scratch)?;
+        let sighting = self.observe(odometry.into(), query)?;
         let log_likelihood = self.advance(&sighting.control)?;
-        let Self { recognizer, sensor, scratch, .. } = self;
-        sensor.learn(recognizer.motion(), recognizer.options(), &sighting, scratch);
+        self.learn(&sighting);
         Ok(self.recognizer.answer(&self.places, log_likelihood))
+    }
+
+    /// Compares a query with the references; changes scratch memory and the phantom's proposal alone.
+    pub(super) fn observe(
+        &mut self,
+        odometry: Option<f64>,
+        query: &[f32],
+    ) -> Result<Sighting, RecognitionError> {
+        let (step, attentive) = (self.filter.steps().saturating_add(1), self.attentive());
+        let Self { recognizer, sensor, phantom, scratch, .. } = self;
+        sensor.observe(recognizer, step, (query, odometry), attentive, phantom, scratch)
+    }
+
+    /// Learns from a query after the filter has taken the step.
+    pub(super) fn learn(&mut self, sighting: &Sighting) {
+        self.phantom.accept();
+        if sighting.is_new() {
+            let distracted = 1.0 - self.attentive();
+            let Self { phantom, followed, .. } = self;
+            followed.fill(0.0);
+            add_layers(phantom.belief().as_slice(), followed);
+            followed.iter_mut().for_each(|p| *p *= distracted);
+        }
+        let Self { recognizer, sensor, scratch, attentive, followed, .. } = self;
+        sensor.learn(recognizer, sighting, Positions { attentive, phantom: followed }, scratch);
+    }
+
+    /// Probability of an attentive camera on the map.
+    pub(super) fn attentive(&self) -> f64 {
+        self.attentive.iter().sum::<f64>().clamp(0.0, 1.0)
+    }
+
+    /// State of the sensor.
+    pub(super) fn sensor(&self) -> &Sensor {
+        &self.sensor
+    }
+
+    /// What the last step left in the scratch memory of the sensor.
+    pub(super) fn scratch(&self) -> &Scratch {
+        &self.scratch
     }
 
     /// Takes a step without a query, for a lost frame: the motion alone. The next view then counts as
@@ -125,21 +166,28 @@ impl Track {
         &mut self,
         odometry: impl Into<Option<f64>>,
     ) -> Result<Answer, RecognitionError> {
-        let control = self.sensor.control(odometry.into());
+        let control = Distraction::none(self.sensor.control(odometry.into()));
         // A likelihood of 1 everywhere: an update that changes nothing.
-        self.scratch.likelihoods.resize(self.recognizer.references() + 1, 1.0);
-        self.scratch.likelihoods.fill(1.0);
+        self.scratch.fill(self.recognizer.references());
+        let distracted = 1.0 - self.attentive();
+        let is_first = self.steps() == 0;
         let log_likelihood = self.advance(&control)?;
-        self.sensor.skip(self.recognizer.motion(), self.recognizer.options(), &control);
+        if !is_first {
+            self.phantom.predict(&control.control, distracted);
+        }
+        self.sensor.skip(self.recognizer.motion(), self.recognizer.options(), &control.control);
         Ok(self.recognizer.answer(&self.places, log_likelihood))
     }
 
     /// Takes a step of the filter with the likelihoods in the scratch memory.
-    fn advance(&mut self, control: &RouteControl) -> Result<f64, RecognitionError> {
+    pub(super) fn advance(
+        &mut self,
+        control: &Distraction<RouteControl>,
+    ) -> Result<f64, RecognitionError> {
         // The filter checks all controls but the first, since no move leads to the first step. The
         // sensor keeps the first reading, so it is checked here.
         if self.filter.steps() == 0 {
-            check_control(self.recognizer.motion(), 1, control)?;
+            check_control(self.recognizer.motion(), 1, &control.control)?;
         }
         let log_likelihood = self.filter.step_with(control, &self.scratch.likelihoods)?;
         self.marginalize_places();
@@ -184,7 +232,11 @@ impl Track {
     /// Returns the state of the track. O(n k).
     #[must_use]
     pub fn snapshot(&self) -> TrackSnapshot {
-        TrackSnapshot { filter: self.filter.snapshot(), sensor: self.sensor.clone() }
+        TrackSnapshot {
+            filter: self.filter.snapshot(),
+            sensor: self.sensor.clone(),
+            phantom: self.phantom.belief().to_owned(),
+        }
     }
 
     /// Restores a state, from a track of this recogniser or one with an equal fit: the next
@@ -196,7 +248,7 @@ impl Track {
     /// largest number of steps, or of a vehicle that is surely lost although the map is never left;
     /// the track is then as before.
     pub fn restore(&mut self, state: &TrackSnapshot) -> Result<(), RecognitionError> {
-        let TrackSnapshot { filter, sensor } = state;
+        let TrackSnapshot { filter, sensor, phantom } = state;
         let expected = self.recognizer.references();
         let rows = sensor.last_view.as_ref().map(Vec::len);
         for found in [Some(state.references()), rows].into_iter().flatten() {
@@ -210,7 +262,9 @@ impl Track {
             return Err(HmmError::TooMany { steps: filter.steps() }.into());
         }
         self.check_belief(filter)?;
+        let phantom = self.recognizer.phantom.clone().with_belief(phantom.clone())?;
         self.filter.restore(filter)?;
+        self.phantom = phantom;
         self.sensor.clone_from(sensor);
         self.marginalize_places();
         Ok(())
@@ -219,15 +273,13 @@ impl Track {
     /// Checks that there is mass on the map if the map is never left, since answers are conditional
     /// on it.
     fn check_belief(&self, filter: &FilterSnapshot) -> Result<(), RecognitionError> {
-        let states =
-            self.recognizer.motion().speeds().values().len() * self.recognizer.references();
-        let belief = filter.belief();
-        // States off the map come last.
-        let on_map = (0..states.min(belief.as_slice().len())).any(|i| filter.is_possible(i));
+        let motion = self.recognizer.motion();
+        let (states, count) = (wayfix::Transition::states(motion), filter.belief().as_slice().len());
         // A wrong number of states is left to the filter to report.
-        if on_map
-            || self.recognizer.options().off_map.is_some()
-            || belief.as_slice().len() <= states
+        let on_map = |i: usize| motion.speed_of(i % states).is_some() && filter.is_possible(i);
+        if self.recognizer.options().off_map.is_some()
+            || count != 2 * states
+            || (0..count).any(on_map)
         {
             return Ok(());
         }
@@ -240,8 +292,8 @@ impl Track {
         let (before, after) = (self.recognizer.references(), recognizer.references());
         let extended = |values: &[f64], nothing: f64| -> Vec<f64> {
             let new = std::iter::repeat_n(nothing, after - before);
-            // A layer for each speed, and one for off the map: each grows at its end. New places
-            // have no mass until the motion leads there.
+            // A layer for each speed, and one for off the map, twice: each grows at its end. New
+            // places have no mass until the motion leads there.
             let layers = values.chunks(before);
             layers.flat_map(|layer| layer.iter().copied().chain(new.clone())).collect()
         };
@@ -249,8 +301,9 @@ impl Track {
         let filter = self.filter.snapshot();
         let filter = filter.remade(filter.steps(), extended);
         let sensor = self.sensor.extended(&recognizer.sensor);
+        let phantom = Belief::from_weights(extended(self.phantom.belief().as_slice(), 0.0))?;
         let mut track = recognizer.track();
-        track.restore(&TrackSnapshot { filter, sensor })?;
+        track.restore(&TrackSnapshot { filter, sensor, phantom })?;
         Ok(track)
     }
 
@@ -266,12 +319,17 @@ impl Track {
     pub fn relocate(&mut self) {
         self.filter.restart();
         self.sensor.forget();
+        self.phantom = self.recognizer.phantom.clone();
         self.marginalize_places();
     }
 
     fn marginalize_places(&mut self) {
-        let Self { recognizer, filter, places, .. } = self;
-        recognizer.marginalize_places(filter.belief().as_slice(), places);
+        let Self { recognizer, filter, places, attentive, .. } = self;
+        let belief = filter.belief();
+        recognizer.marginalize_places(belief.as_slice(), places);
+        attentive.fill(0.0);
+        let on_map = belief.as_slice().len() / 2 - attentive.len();
+        add_layers(&belief.as_slice()[..on_map], attentive);
     }
 }
 
@@ -287,7 +345,22 @@ wayfix::stored! {
         lingering: f64 = state.sensor.lingering,
         driven: Option<crate::motion::Driven> = state.sensor.driven,
         tally: crate::views::Tally = state.sensor.tally,
-    } => track_state(filter, standardizer, last_view, run, [still, lingering], driven, tally);
+        kinds: [[f64; 3]; 2] = state.sensor.kinds,
+        phantom: Belief = state.phantom,
+    } => Self::from_parts(
+        filter,
+        Sensor {
+            standardizer,
+            last_view: last_view.map(|row| row.into_iter().map(infinite).collect()),
+            run,
+            still,
+            lingering,
+            driven,
+            tally,
+            kinds,
+        },
+        phantom,
+    );
 }
 
 /// A finite score, or `None`, since JSON has no infinity.
@@ -298,43 +371,37 @@ fn finite(distance: &f32) -> Option<f32> {
 }
 
 #[cfg(feature = "serde")]
-fn track_state(
-    filter: FilterSnapshot,
-    standardizer: crate::observation::Standardizer,
-    last_view: Option<Vec<Option<f32>>>,
-    run: Option<(Option<crate::motion::ViewChange>, u32)>,
-    [still, lingering]: [f64; 2],
-    driven: Option<crate::motion::Driven>,
-    tally: crate::views::Tally,
-) -> Result<TrackSnapshot, String> {
-    if !(0.0..=2.0).contains(&still) {
-        return Err(format!("an unchanged view by up to {still}, expected from 0 to 2"));
-    }
-    if !(0.0..=1.0).contains(&lingering) {
-        return Err(format!("a share of lingering views of {lingering}, expected from 0 to 1"));
-    }
-    if run.is_some_and(|(_, count)| count == 0) {
-        return Err("a run of 0 views, expected at least 1".into());
-    }
-    let distance = |distance: Option<f32>| distance.unwrap_or(f32::INFINITY);
-    let last_view: Option<Vec<f32>> = last_view.map(|row| row.into_iter().map(distance).collect());
-    for value in last_view.iter().flatten() {
-        if value.is_nan() || *value == f32::NEG_INFINITY {
-            return Err(format!("a score of {value} in the last view, expected a number or null"));
+fn infinite(distance: Option<f32>) -> f32 {
+    distance.unwrap_or(f32::INFINITY)
+}
+
+#[cfg(feature = "serde")]
+impl TrackSnapshot {
+    /// Creates a snapshot from parts read from storage, which it checks.
+    fn from_parts(filter: FilterSnapshot, sensor: Sensor, phantom: Belief) -> Result<Self, String> {
+        let Sensor { still, lingering, run, last_view, kinds, .. } = &sensor;
+        if !(0.0..=2.0).contains(still) {
+            return Err(format!("an unchanged view by up to {still}, expected from 0 to 2"));
         }
+        if !(0.0..=1.0).contains(lingering) {
+            return Err(format!("a share of lingering views of {lingering}, expected from 0 to 1"));
+        }
+        if run.is_some_and(|(_, count)| count == 0) {
+            return Err("a run of 0 views, expected at least 1".into());
+        }
+        for value in last_view.iter().flatten() {
+            if value.is_nan() || *value == f32::NEG_INFINITY {
+                return Err(format!("a score of {value} in the last view, expected a number or null"));
+            }
+        }
+        for kinds in kinds {
+            if !(kinds.iter().all(|kind| (0.0..=1e15).contains(kind)) && kinds[0] > 0.0) {
+                return Err(format!("{kinds:?} views of each kind, expected counts, the first above 0"));
+            }
+        }
+        let sensor = Sensor { tally: sensor.tally.checked()?, ..sensor };
+        Ok(Self { filter, sensor, phantom })
     }
-    Ok(TrackSnapshot {
-        filter,
-        sensor: Sensor {
-            standardizer,
-            last_view,
-            run,
-            still,
-            lingering,
-            driven,
-            tally: tally.checked()?,
-        },
-    })
 }
 
 #[cfg(test)]

@@ -2,9 +2,7 @@
 
 /// Number of labelled steps below which there are too few.
 pub(super) const ENOUGH: usize = 30;
-/// Number of new frames whose mean log-likelihood shows that they match nothing. On a railway in
-/// two seasons, by pixels and by a network, means of genuine drives were above 0, and those of
-/// drives elsewhere and of noise below −0.33, where a vehicle that is surely lost has −0.51.
+/// Number of new frames that show that most do not show the vehicle's place.
 pub(super) const SPAN: usize = 200;
 
 /// A sign that a fit is wrong, or that it does not suit a recording.
@@ -32,11 +30,14 @@ pub enum Warning {
         /// Number of labelled steps.
         steps: usize,
     },
-    /// The best temperature is the hottest or the coldest of those tried.
-    #[error("the best temperature, {temperature}, is at the end of the range that was tried")]
-    Edge {
-        /// The best temperature.
-        temperature: f64,
+    /// What was learned from one half of the labels does worse on the other half than the parameters
+    /// before, which stay.
+    #[error("the mean log score on labels that were not learned from is {learned:.2} after learning, and {present:.2} without: nothing was learned")]
+    Harm {
+        /// Mean log score without learning.
+        present: f64,
+        /// Mean log score after learning from the other half.
+        learned: f64,
     },
     /// Odometry disagrees with the labels: perhaps it is not in references, or from other steps.
     #[error(
@@ -123,16 +124,15 @@ pub enum Warning {
         /// The fastest speed that is modelled.
         fastest: f64,
     },
-    /// For 200 new frames, or for all if there are fewer, the best explanation is that the vehicle
-    /// is lost: the images match nothing, or only here and there. Perhaps it is on another route,
-    /// or leaves this one.
+    /// For 200 new frames, or for all if there are fewer, the camera most probably follows another
+    /// place than the vehicle's, or shows nothing that is known: perhaps the vehicle is on another
+    /// route, or leaves this one.
     #[error(
-        "the {frames} new images up to step {step} match nothing: their mean log-likelihood is {mean:.2}; is it this route, and is Options::off_map None on purpose?"
+        "{:.0}% of the {frames} new images up to step {step} most probably do not show the place of the vehicle: is it this route?", 100.0 * .share
     )]
-    Nothing {
-        /// The mean log-likelihood of the worst such frames, given those before; 0 if they say
-        /// nothing, and more if they match.
-        mean: f64,
+    Distracted {
+        /// Mean probability that such a frame does not show the place of the vehicle.
+        share: f64,
         /// The last step of the worst such frames, from 1.
         step: usize,
         /// The number of these frames.

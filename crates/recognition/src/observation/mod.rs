@@ -5,6 +5,7 @@
 
 mod descriptors;
 mod error;
+mod odds;
 mod rows;
 mod standardizer;
 mod view;
@@ -12,7 +13,7 @@ mod view;
 pub(crate) use descriptors::check_descriptor;
 pub use descriptors::{Distance, ReferenceDescriptors};
 pub use error::ViewError;
-pub use rows::MatchOdds;
+pub use odds::MatchOdds;
 pub(crate) use rows::{RowScratch, change, row_scores, within};
 pub(crate) use standardizer::Spread;
 pub use standardizer::Standardizer;

@@ -181,11 +181,10 @@ pub struct OffMap {
 }
 
 impl Default for OffMap {
-    /// The vehicle leaves every 500 steps, for 67 steps, and comes back within ten places seven
-    /// times out of ten: for detours of half a minute to some minutes, at one frame a second.
-    /// Results change little between half and twice these numbers.
+    /// The vehicle leaves every 333 steps, for 33 steps, and comes back within ten places seven
+    /// times out of ten. Results change little between a third of these rates and three times them.
     fn default() -> Self {
-        Self { leave: 0.002, back: 0.015, near: 0.7, within: 10 }
+        Self { leave: 0.003, back: 0.03, near: 0.7, within: 10 }
     }
 }
 
