@@ -11,6 +11,7 @@
 //! | [`Hmm::fixed_lag`](crate::Hmm::fixed_lag) | [`FixedLag`], a stream; saved as a [`FixedLagSnapshot`] | a product, and O(L) products to smooth |
 //! | [`Hmm::pruned_filter`](crate::Hmm::pruned_filter) | [`PrunedFilter`], a stream with a [`Certificate`], by [`Pruning`] | the entries of the active states |
 //! | [`Hmm::online_viterbi`](crate::Hmm::online_viterbi) | [`OnlineViterbi`], a stream | a max-product |
+//! | [`Distractor::new`] | [`Distractor`], a stream: what a distracted sensor follows | a product |
 //! | [`Hmm::forward`](crate::Hmm::forward) | [`FilteredSequence`], with [`Posteriors`] | a product |
 //! | [`Hmm::smooth`](crate::Hmm::smooth) | [`SmoothedSequence`], with [`Posteriors`] | two products |
 //! | [`Hmm::smooth_each`](crate::Hmm::smooth_each) | [`SmoothedStep`]s, in an [`Order`], with moves | three products |
@@ -54,6 +55,7 @@ pub use pruned::{Certificate, PrunedFilter, PrunedFilterSnapshot, Pruning};
 pub use sequences::simulation::{LabelledSequence, Simulation};
 pub use sequences::smooth_each::{Order, SmoothedStep};
 pub use step::state::FilterSnapshot;
+pub use streams::distractor::Distractor;
 pub use streams::filter::Filter;
 pub use streams::fixed_lag::{FixedLag, FixedLagSnapshot};
 pub use streams::online_viterbi::{OnlineViterbi, OnlineViterbiSnapshot};

@@ -270,7 +270,7 @@ impl<A1: TransitionEntries, A2: TransitionEntries<Control = A1::Control>> Transi
 }
 
 /// The least and the largest entry above 0, or 1 and 0 if there are none. O(entries).
-fn extremes<A: TransitionEntries>(a: &A, control: &A::Control) -> (f64, f64) {
+pub(super) fn extremes<A: TransitionEntries>(a: &A, control: &A::Control) -> (f64, f64) {
     let entries = (0..a.states()).flat_map(|from| a.outgoing(control, from));
     entries.fold((1.0, 0.0), |(least, most), (_, p)| (p.min(least), p.max(most)))
 }

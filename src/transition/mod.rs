@@ -16,6 +16,7 @@
 //! | measurements between two steps, by their likelihood for each move | [`EvidenceTransition`] |
 //! | a vehicle that may turn up anywhere | [`RestartTransition`] |
 //! | stays of any distribution (semi-Markov), given or learned | [`DwellTransition`] |
+//! | a sensor that for a while follows something else | [`DistractedTransition`] |
 //! | two chains side by side | [`KroneckerTransition`] |
 //! | observations only every few steps | [`SparseTransition::power`] |
 //! | observations at irregular times, with gaps | `GeneratorTransition` of wayfix-learn |
@@ -38,6 +39,7 @@ mod compressed;
 mod constrained;
 mod dense;
 mod displaced;
+mod distracted;
 mod dwell;
 mod entries;
 mod evidence;
@@ -67,6 +69,7 @@ pub(crate) use check::{check_count, check_probability, check_slices, check_sum};
 pub use compressed::Compressed;
 pub use constrained::ConstrainedTransition;
 pub use dense::DenseTransition;
+pub use distracted::{DistractedTransition, Distraction, DistractionRates};
 pub use dwell::{Durations, DwellTransition};
 pub use entries::TransitionEntries;
 pub(crate) use entries::{best_of, merge};

@@ -2,6 +2,7 @@
 //!
 //! The invariant of all of them: a call that fails leaves the state as it was.
 
+pub(crate) mod distractor;
 pub(crate) mod filter;
 pub(crate) mod fixed_lag;
 pub(crate) mod online_viterbi;

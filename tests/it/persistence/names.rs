@@ -8,8 +8,8 @@ use wayfix::likelihood::{GroupedLikelihood, PooledLikelihood, SparseTableLikelih
 use wayfix::motion::{DistanceTransition, OffMapTransition};
 use wayfix::observation::Confusion;
 use wayfix::transition::{
-    ConstrainedTransition, DwellTransition, KroneckerTransition, RestartTransition,
-    SwitchedTransition, WindowTransition,
+    ConstrainedTransition, DistractedTransition, DwellTransition, KroneckerTransition,
+    RestartTransition, SwitchedTransition, WindowTransition,
 };
 use wayfix::{
     DenseTransition, FusedLikelihood, Hmm, LikelihoodVector, OptionalLikelihood, SparseLikelihood,
@@ -35,6 +35,7 @@ fn names_of_structs_stay() {
         (name::<WindowTransition>(), "WindowTransition"),
         (name::<RestartTransition<A>>(), "RestartTransition"),
         (name::<KroneckerTransition<A, A>>(), "KroneckerTransition"),
+        (name::<DistractedTransition<A>>(), "DistractedTransition"),
         (name::<DwellTransition<A>>(), "DwellTransition"),
         (name::<B>(), "TableLikelihood"),
         (name::<LikelihoodVector>(), "LikelihoodVector"),
