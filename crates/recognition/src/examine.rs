@@ -167,7 +167,7 @@ impl Recording {
         let n = self.recognizer.references();
         let speeds = self.recognizer.options().speeds.values().iter();
         let fastest = speeds.fold(0.0, |most: f64, speed| most.max(speed.abs()));
-        let places: Vec<usize> = self.single.iter().map(|belief| belief.top(1)[0].0).collect();
+        let places: Vec<usize> = self.single.iter().map(|belief| belief.mode()).collect();
         // Where there is odometry, answers follow its speed, so only steps without it are examined.
         let steps = places.windows(2).zip(&self.controls[1.min(self.steps())..]);
         let free = steps.filter(|(_, control)| control.control.odometry.is_none());

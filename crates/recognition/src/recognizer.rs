@@ -11,11 +11,10 @@ use super::sensor::{KNOWN_COUNT, Sensor};
 use super::{Options, RecognitionError};
 use crate::motion::{RouteControl, RouteTransition, Speeds};
 use crate::observation::Distance;
-use wayfix::error::OutOfRange;
 use wayfix::inference::Distractor;
-use wayfix::likelihood::GroupedLikelihood;
+use wayfix::likelihood::{GroupedLikelihood, Groups};
 use wayfix::transition::{DistractedTransition, DistractionRates};
-use wayfix::{Belief, Groups, Hmm, HmmError, LikelihoodVector, Prior, Transition};
+use wayfix::{Belief, Hmm, HmmError, LikelihoodVector, Prior, Transition};
 use wayfix_kernels as kernels;
 
 /// The hidden Markov model: motion along a route of a vehicle whose camera is attentive or
@@ -36,7 +35,7 @@ pub(super) fn model(
     let distracted = places.count();
     let attentive = places.as_slice().iter().copied();
     let groups = attentive.chain(std::iter::repeat_n(distracted, places.as_slice().len()));
-    let groups = Groups::new(groups.collect::<Vec<_>>(), distracted + 1)?;
+    let groups = Groups::new(groups.collect())?;
     let anywhere = motion.anywhere();
     let shares = [1.0 - distractions.begin, distractions.begin];
     let modes = shares.iter().flat_map(|share| anywhere.as_slice().iter().map(move |p| p * share));
@@ -172,7 +171,7 @@ impl Recognizer {
         mut self,
         views: impl Iterator<Item = Exemplar<'a>>,
     ) -> Result<Self, RecognitionError> {
-        let mut standardizer = self.sensor.standardizer;
+        let mut standardizer = self.sensor.standardizer.clone();
         let mut scratch = ExemplarScratch::default();
         for view in views {
             let invalid = |cause| RecognitionError::query(0, cause);

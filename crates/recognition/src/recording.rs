@@ -213,7 +213,7 @@ impl PlaceBeliefs {
 
     /// Sets a step to the belief by standardised scores alone.
     fn set_single(&mut self, at: usize, scores: &[f64]) {
-        let odds = *self.recognizer.options().odds();
+        let odds = self.recognizer.options().odds();
         let off = self.recognizer.options().off_map.map_or(0.0, |off_map| off_map.share());
         let n = self.recognizer.references();
         let own = self.row_mut(at);

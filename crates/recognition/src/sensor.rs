@@ -190,7 +190,7 @@ impl Sensor {
         check_control(recognizer.motion(), step, &control)?;
         let Scratch { likelihoods, phantom: seen, .. } = scratch;
         let (begins, continues) = if step == 1 {
-            let begins = phantom.first(seen)?;
+            let (begins, _) = phantom.first(seen)?;
             // No move leads to the first step, so the observation itself has the likelihoods.
             (likelihoods[n], likelihoods[n + 1]) = (begins, begins);
             (begins, begins)

@@ -173,7 +173,8 @@ impl Track {
         let is_first = self.steps() == 0;
         let log_likelihood = self.advance(&control)?;
         if !is_first {
-            self.phantom.predict(&control.control, distracted);
+            // The filter has accepted the control, so this does not fail.
+            self.phantom.predict(&control.control, distracted)?;
         }
         self.sensor.skip(self.recognizer.motion(), self.recognizer.options(), &control.control);
         Ok(self.recognizer.answer(&self.places, log_likelihood))

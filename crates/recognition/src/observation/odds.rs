@@ -56,16 +56,15 @@ impl MatchOdds {
     /// [`ViewError::Parameter`] for a share that is not from 0 to 1, a first share below 1e-12, or
     /// shares whose sum is not one to within 1e-9.
     pub fn new(shares: [f64; 3]) -> Result<Self, ViewError> {
-        let names = ["that say nothing", "that match weakly", "that match clearly"];
-        for (name, share) in names.iter().zip(shares) {
-            OutOfRange::check(format!("the share of views {name}"), share, 0.0..=1.0, "from 0 to 1")?;
-        }
-        OutOfRange::check(
+        let kinds = [
             "the share of views that say nothing",
-            shares[0],
-            1e-12..=1.0,
-            "from 1e-12 to 1",
-        )?;
+            "the share of views that match weakly",
+            "the share of views that match clearly",
+        ];
+        for (kind, share) in kinds.iter().zip(shares) {
+            OutOfRange::check(kind, share, 0.0..=1.0, "from 0 to 1")?;
+        }
+        OutOfRange::check(kinds[0], shares[0], 1e-12..=1.0, "from 1e-12 to 1")?;
         let sum: f64 = shares.iter().sum();
         let one = 1.0 - 1e-9..=1.0 + 1e-9;
         OutOfRange::check("the sum of the shares of views", sum, one, "1")?;
