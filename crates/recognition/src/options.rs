@@ -87,8 +87,8 @@ options! {
     /// since traffic may pass a standing vehicle for minutes, and a moving one may pass a long wall.
     view_fades: f64 = 0.1, with_view_fades;
     /// Smallest change with which a view counts as new, in units of the change from reference to
-    /// reference. 0.1 by default: smaller changes carry no evidence on the place.
-    view_threshold: f64 = 0.1, with_view_threshold;
+    /// reference. 0.05 by default: smaller changes carry no evidence on the place.
+    view_threshold: f64 = 0.05, with_view_threshold;
     /// Number of places on either side of an answer that count as the same place: the answer is the
     /// middle of the most probable such window. 1 by default.
     window: usize = 1, with_window;
