@@ -47,13 +47,13 @@ impl Recording {
 
     /// Model of motion, with logarithms in place of likelihoods.
     fn decoder(&self) -> Result<Model, RecognitionError> {
-        let sensor = LikelihoodVector::log(self.recognizer.references() + 2);
+        let sensor = LikelihoodVector::log(2 * (self.recognizer.references() + 1));
         let distractions = self.recognizer.options().distractions;
         model(self.recognizer.motion().clone(), distractions, sensor)
     }
 
     /// Probability that an answer is right, times [`STEP_GAIN`], for each place and for off the
-    /// map; −∞ where the query rules it out.
+    /// map, of an attentive camera and then of a distracted one; −∞ where the query rules it out.
     fn gains(&self) -> Result<Vec<Vec<f64>>, RecognitionError> {
         let (beliefs, recognizer) = (self.smoothed()?, &self.recognizer);
         let (n, window) = (recognizer.references(), recognizer.options().window);
@@ -65,13 +65,13 @@ impl Recording {
                 // never right.
                 off => off.copied().unwrap_or(0.0),
             };
+            let gains = (0..=n).map(|place| STEP_GAIN * right(place));
             // Only states with a likelihood of exactly 0 are forbidden; small likelihoods already
             // count in the smoothed belief.
-            let gain = |(place, likelihood): (usize, &f64)| match *likelihood {
-                0.0 => f64::NEG_INFINITY,
-                _ => STEP_GAIN * right(place),
-            };
-            likelihoods.iter().enumerate().map(gain).collect()
+            let attentive = gains.clone().zip(likelihoods).map(|(gain, likelihood)| {
+                if *likelihood == 0.0 { f64::NEG_INFINITY } else { gain }
+            });
+            attentive.chain(gains).collect()
         });
         Ok(rows.collect())
     }
@@ -97,7 +97,7 @@ mod tests {
         if at + 1 == recording.steps() {
             return own;
         }
-        let motion = recording.recognizer.motion();
+        let motion = recording.recognizer.model.transition();
         let next = motion.outgoing_log2(&recording.controls[at + 1], state);
         let values = next.map(|(to, log2)| log2 * LN_2 + best_from(recording, gain, at + 1, to));
         own + values.fold(f64::NEG_INFINITY, f64::max)
@@ -108,9 +108,8 @@ mod tests {
         let off_maps = [None, Some(OffMap { leave: 0.1, back: 0.3, near: 0.5, within: 1 })];
         for (seed, off_map) in (0..12_u32).map(|seed| (seed, off_maps[seed as usize % 2])) {
             let speeds = Speeds::new(&[0.0, 1.0]).unwrap();
-            let mut options = Options { speeds, off_map, ..Options::default() };
-            options.off_map_odds = 1.0;
-            options.window = seed as usize % 3 % 2;
+            let window = seed as usize % 3 % 2;
+            let options = Options { speeds, off_map, window, ..Options::default() };
             let recognizer = Recognizer::from_distances(4, options).unwrap();
             let query = |step: u32| -> Vec<f32> {
                 let far = |i: u32| ((step * 7 + i * 5 + seed * 3 + step * i * seed) % 11) as f32;
@@ -120,7 +119,7 @@ mod tests {
             let recording = recognizer.recording(&queries, &[]).unwrap();
             let beliefs = recording.smoothed().unwrap();
             let places = recognizer.motion().place_groups();
-            let groups = places.as_slice();
+            let groups = places.as_slice().repeat(2);
             let right = |at: usize, place: usize| {
                 let window = recognizer.options().window;
                 let around = place.saturating_sub(window)..=(place + window).min(3);
@@ -129,11 +128,12 @@ mod tests {
                     _ => beliefs.mass(at, Some(&around)),
                 }
             };
+            let attentive = groups.len() / 2;
             let gain = |at: usize, state: usize| match recording.likelihoods[at][groups[state]] {
-                0.0 => f64::NEG_INFINITY,
+                0.0 if state < attentive => f64::NEG_INFINITY,
                 _ => STEP_GAIN * right(at, groups[state]),
             };
-            let prior = recognizer.motion().anywhere();
+            let prior = recognizer.model.prior().belief();
             let starts = prior.as_slice().iter().enumerate();
             let best = starts.map(|(state, p)| p.ln() + best_from(&recording, &gain, 0, state));
             let best = best.fold(f64::NEG_INFINITY, f64::max);
@@ -145,7 +145,8 @@ mod tests {
             let mut value = prior.as_slice()[states[0]].ln() + gain(0, states[0]);
             for at in 1..states.len() {
                 let control = &recording.controls[at];
-                let mut moves = recognizer.motion().outgoing_log2(control, states[at - 1]);
+                let motion = recognizer.model.transition();
+                let mut moves = motion.outgoing_log2(control, states[at - 1]);
                 let (_, log2) = moves.find(|(to, _)| *to == states[at]).expect("a legal move");
                 value += log2 * LN_2 + gain(at, states[at]);
             }

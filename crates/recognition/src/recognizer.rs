@@ -14,7 +14,7 @@ use crate::observation::Distance;
 use wayfix::inference::Distractor;
 use wayfix::likelihood::{GroupedLikelihood, Groups};
 use wayfix::transition::{DistractedTransition, DistractionRates};
-use wayfix::{Belief, Hmm, HmmError, LikelihoodVector, Prior, Transition};
+use wayfix::{Belief, Hmm, HmmError, Likelihood, LikelihoodVector, Prior, Transition};
 use wayfix_kernels as kernels;
 
 /// The hidden Markov model: motion along a route of a vehicle whose camera is attentive or
@@ -24,17 +24,18 @@ pub(super) type Model =
 /// The place that a distracted camera follows.
 pub(super) type Phantom = Distractor<Arc<RouteTransition>>;
 
-/// Creates a model of a vehicle that may be anywhere at first, with a sensor of the places, of off
-/// the map, and of a distraction.
+/// Creates a model of a vehicle that may be anywhere at first. The sensor has a likelihood for each
+/// place, one for off the map, and then, for a distracted camera, one or again as many.
 pub(super) fn model(
     motion: RouteTransition,
     distractions: DistractionRates,
     sensor: LikelihoodVector,
 ) -> Result<Model, RecognitionError> {
     let places = motion.place_groups();
-    let distracted = places.count();
+    let (count, all) = (places.count(), Likelihood::states(&sensor));
     let attentive = places.as_slice().iter().copied();
-    let groups = attentive.chain(std::iter::repeat_n(distracted, places.as_slice().len()));
+    let distracted = attentive.clone().map(|place| count + if all > count + 1 { place } else { 0 });
+    let groups = attentive.chain(distracted);
     let groups = Groups::new(groups.collect())?;
     let anywhere = motion.anywhere();
     let shares = [1.0 - distractions.begin, distractions.begin];

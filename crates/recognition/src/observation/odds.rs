@@ -180,7 +180,9 @@ fn exp2(x: f32) -> f32 {
 
 #[cfg(feature = "serde")]
 wayfix::stored! {
-    [] MatchOdds: [], |odds| { shares: [f64; 3] = odds.shares } => Self::new(shares);
+    [] MatchOdds: [], |odds| {
+        shares: [f64; 3] = odds.shares,
+    } => Self::new(shares);
 }
 
 #[cfg(test)]
