@@ -50,9 +50,6 @@ pub(crate) struct Common {
     /// Use a saved fit instead of learning, and report on all steps (with the feature serde).
     #[arg(long, value_name = "FILE", conflicts_with_all = ["fit_on", "speeds"])]
     pub(crate) fit: Option<PathBuf>,
-    /// Temperature of the camera: likelihoods are raised to the power of 1 / T [default: the fit's].
-    #[arg(long, value_name = "T")]
-    pub(crate) temperature: Option<f64>,
     /// Speeds that the vehicle may have, in references per step [default: 15 from -2 to 3].
     #[arg(long, value_name = "LIST", value_delimiter = ',', allow_hyphen_values = true)]
     pub(crate) speeds: Vec<f64>,

@@ -36,23 +36,15 @@ pub(crate) fn recognizer(Task { recording, split, common }: Task<'_>) -> Fallibl
         let fitted = waiting("fitting", || recognizer.fit(&parts));
         recognizer = fitted.map_err(|error| format!("--fit-on: {error}"))?;
     }
-    if let Some(temperature) = common.temperature {
-        let odds = recognizer.options().odds().with_temperature(temperature);
-        let odds = odds.map_err(|error| format!("--temperature: {error}"))?;
-        let options = recognizer.options().clone().with_odds(odds);
-        recognizer =
-            recognizer.with_parameters(recognizer.parameters().clone().with_options(options))?;
-    }
     Ok(recognizer)
 }
 
-/// Summary of a fit: temperature, speeds in use, and warnings.
+/// Summary of a fit: speeds in use, and warnings.
 pub(crate) fn notes(fit: &Parameters) -> Vec<String> {
-    let (odds, speeds) = (fit.options().odds(), fit.options().speeds());
+    let speeds = fit.options().speeds();
     let used = speeds.values().iter().zip(speeds.shares()).filter(|(_, share)| **share >= 0.01);
     let used: Vec<String> = used.map(|(speed, share)| format!("{speed}: {share:.2}")).collect();
-    let temperature = format!("temperature {}", odds.temperature());
-    let mut notes = vec![temperature, format!("shares of speeds: {}", used.join(", "))];
+    let mut notes = vec![format!("shares of speeds: {}", used.join(", "))];
     notes.extend(fit.warnings().iter().map(|warning| format!("WARNING: {warning}")));
     notes
 }

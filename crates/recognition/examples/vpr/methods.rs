@@ -38,8 +38,8 @@ pub(crate) fn estimate(task: Task<'_>) -> Fallible<Estimates> {
     let Task { recording, common, .. } = task;
     let recognizer = fit::recognizer(task)?;
     let (rows, start) = (recording.rows(), Instant::now());
-    let seen = waiting("recording", || recognizer.recording(&rows, &recording.odometry))?;
-    let filtered = waiting("filter", || seen.filtered())?;
+    let seen = waiting("filter", || recognizer.recording(&rows, &recording.odometry))?;
+    let filtered = seen.filtered();
     let ms = 1e3 * start.elapsed().as_secs_f64() / recording.steps() as f64;
     let mut notes = fit::notes(recognizer.parameters());
     notes.extend(seen.warnings().iter().map(|warning| format!("WARNING: {warning}")));
