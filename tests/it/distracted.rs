@@ -261,6 +261,7 @@ proptest! {
 /// where they are with probability `stay`, else move at random.
 fn random_drive(rng: &mut impl Rng, reach: f64, stay: f64) -> Drive {
     let (n, m) = (rng.random_range(2..=3), rng.random_range(2..=3));
+    let steps = rng.random_range(4..=6);
     let draw = |rng: &mut dyn FnMut() -> f64, count: usize| -> Vec<f64> {
         normalized((0..count).map(|_| rng()).collect(), 0)
     };
@@ -272,7 +273,6 @@ fn random_drive(rng: &mut impl Rng, reach: f64, stay: f64) -> Drive {
     let (moves, others) = (columns(&mut uniform, n), columns(&mut uniform, m));
     let (start, prior) = (draw(&mut uniform, m), draw(&mut uniform, n));
     let rates = DistractionRates { begin: 0.3 * uniform(), end: 0.5 * uniform() };
-    let steps = 4 + (3.0 * uniform()) as usize;
     let mut likelihoods =
         |count: usize| -> Vec<f64> { (0..count).map(|_| reach.powf(-uniform())).collect() };
     let seen = (0..steps).map(|_| Some((likelihoods(n), likelihoods(m)))).collect();
