@@ -11,7 +11,7 @@ macro_rules! options {
     ($($(#[$doc:meta])+ $([$reference:tt])? $name:ident: $type:ty = $default:expr, $with:ident;)+) => {
         /// Options of a [`Recognizer`](super::Recognizer).
         ///
-        /// The defaults were chosen on some recordings, descriptors and drives, and reported on others. The
+        /// The
         /// chapter [from descriptors to a position](crate::guide::from_descriptors) lists each, with the
         /// effect of halving or doubling it.
         ///
