@@ -20,8 +20,8 @@ const SURELY: f64 = 3.0;
 /// Range of the scale, and largest deviation, of an odometry that is in references.
 const SCALES: RangeInclusive<f64> = 0.8..=1.25;
 const DEVIATION: f64 = 1.0;
-/// Mean probability of a distracted camera above which a recording is suspect.
-const SUSPECT: f64 = 0.5;
+/// Mean log-likelihood of new frames below which a recording is suspect.
+const SUSPECT: f64 = 0.15;
 /// Number of new frames below which there are too few to say that they match nothing.
 const FEWEST: usize = 50;
 /// Number of moves below which there are too few to say how fast the vehicle is.
@@ -148,8 +148,8 @@ impl Recording {
     /// Returns all warnings about the recording: most views are [unchanged](Warning::Unchanged)
     /// although the vehicle moves, odometry is [stuck](Warning::Stuck), the view is
     /// [still](Warning::Still) while odometry reads that the vehicle moves, the queries are
-    /// [unlike](Warning::Unlike) those of the fit, the camera is [distracted](Warning::Distracted)
-    /// for long although the map is never left, or the vehicle is [faster](Warning::Fast) than the
+    /// [unlike](Warning::Unlike) those of the fit, they match [nothing](Warning::Nothing) for a
+    /// while although the map is never left, or the vehicle is [faster](Warning::Fast) than the
     /// options let it be. Needs no labels. Costs as much as [`filtered`](Self::filtered), twice
     /// that if odometry reads the same for long, plus [`smoothed`](Self::smoothed) if queries are
     /// unlike and the map may be left.
@@ -159,7 +159,7 @@ impl Recording {
         let stuck = own.clone().any(|warning| matches!(warning, Warning::Stuck { .. }));
         let stuck = if stuck { None } else { self.warn_stuck() };
         let fast = self.warn_too_fast();
-        own.chain(stuck).chain(self.warn_unlike()).chain(fast).chain(self.warn_distracted()).collect()
+        own.chain(stuck).chain(self.warn_unlike()).chain(fast).chain(self.warn_no_match()).collect()
     }
 
     /// Warns if the nearest references, without odometry, agree on a speed that is not modelled.
@@ -268,21 +268,32 @@ impl Recording {
         self.controls.iter().zip(&self.likelihoods).map(answer).collect()
     }
 
-    /// Warns if the camera was distracted, or the vehicle lost, for most of a span of new frames.
-    fn warn_distracted(&self) -> Option<Warning> {
+    /// Warns if, over a span of new frames, the filter predicts the images hardly better than chance:
+    /// the mean of the odds over places is one.
+    fn warn_no_match(&self) -> Option<Warning> {
         if self.recognizer.options().off_map.is_some() {
             return None;
         }
-        let new = (1..).zip(&self.attentive).filter_map(|(step, p)| Some((step, 1.0 - (*p)?)));
-        let (steps, distracted): (Vec<usize>, Vec<f64>) = new.unzip();
+        let mut filter = self.recognizer.model.filter();
+        let (mut sums, mut steps) = (vec![0.0], Vec::new());
+        for (step, (control, likelihoods)) in (1..).zip(self.controls.iter().zip(&self.likelihoods))
+        {
+            filter.predict_with(control).ok()?;
+            let log = filter.update(likelihoods).ok()?;
+            if self.attentive[step - 1].is_some() {
+                sums.push(sums[steps.len()] + log);
+                steps.push(step);
+            }
+        }
         let frames = steps.len().min(SPAN);
         if frames < FEWEST {
             return None;
         }
-        let shares = distracted.windows(frames).map(|span| span.iter().sum::<f64>() / frames as f64);
-        let (share, step) =
-            shares.zip(&steps[frames - 1..]).max_by(|a, b| a.0.total_cmp(&b.0))?;
-        (share > SUSPECT).then_some(Warning::Distracted { share, step: *step, frames })
+        // The mean over each span of `frames` new frames is a difference of running sums.
+        let means = sums.iter().zip(&sums[frames..]).map(|(from, to)| (to - from) / frames as f64);
+        let spans = means.zip(&steps[frames - 1..]);
+        let (mean, step) = spans.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        (mean < SUSPECT).then_some(Warning::Nothing { mean, step: *step, frames })
     }
 }
 

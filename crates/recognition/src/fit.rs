@@ -47,14 +47,17 @@ const BURN_IN: usize = 10;
 const HALF: usize = 30;
 /// Least probability of a label that counts, so that a vehicle that is lost decides no comparison.
 const LEAST: f64 = 1e-3;
+/// Loss of mean log score up to which learning does no harm, in nats: scores of halves differ by as
+/// much by chance.
+const HARM: f64 = 0.01;
 /// Probability of a label below which the filter contradicts it, and share of such labels above
 /// which a warning is given. On drives with right labels the share was 0.42 at most.
 const UNLIKELY: f64 = 0.1;
 const CONTRADICTED_SHARE: f64 = 0.6;
 
 /// Prior counts, in steps, of the present rates of leaving the map and of coming back.
-const LEAVE_COUNT: f64 = 500.0;
-const BACK_COUNT: f64 = 67.0;
+const LEAVE_COUNT: f64 = 333.0;
+const BACK_COUNT: f64 = 33.0;
 
 /// Moves and readings by the labels of a part.
 pub(super) struct Labels {
@@ -91,7 +94,7 @@ impl Recognizer {
         let mut fit = fitted.parameters().clone();
         let share = contradicted;
         fit.warnings.extend((share > CONTRADICTED_SHARE).then_some(Warning::Contradicted { share }));
-        if learned >= present {
+        if learned >= present - HARM {
             return self.with_parameters(fit);
         }
         let mut kept = self.parameters().clone();

@@ -123,6 +123,7 @@ impl Mapper {
         options.closed = false;
         options.check()?;
         let motion = options.motion(1, options.speeds.clone())?;
+        let motion = motion.with_off_map(options.off_map.unwrap_or(MAPPING))?;
         Ok(Self {
             motion,
             distance,

@@ -263,9 +263,10 @@ impl Track {
             return Err(HmmError::TooMany { steps: filter.steps() }.into());
         }
         self.check_belief(filter)?;
-        let phantom = self.recognizer.phantom.clone().with_belief(phantom.clone())?;
-        self.filter.restore(filter)?;
-        self.phantom = phantom;
+        let mut restored = self.filter.clone();
+        restored.restore(filter)?;
+        self.phantom = self.recognizer.phantom.clone().with_belief(phantom.clone())?;
+        self.filter = restored;
         self.sensor.clone_from(sensor);
         self.marginalize_places();
         Ok(())
@@ -320,7 +321,7 @@ impl Track {
     pub fn relocate(&mut self) {
         self.filter.restart();
         self.sensor.forget();
-        self.phantom = self.recognizer.phantom.clone();
+        self.phantom.restart();
         self.marginalize_places();
     }
 
@@ -343,7 +344,6 @@ wayfix::stored! {
             state.sensor.last_view.as_ref().map(|row| row.iter().map(finite).collect::<Vec<_>>()),
         run: Option<(Option<crate::motion::ViewChange>, u32)> = state.sensor.run,
         still: f64 = state.sensor.still,
-        lingering: f64 = state.sensor.lingering,
         driven: Option<crate::motion::Driven> = state.sensor.driven,
         tally: crate::views::Tally = state.sensor.tally,
         kinds: [[f64; 3]; 2] = state.sensor.kinds,
@@ -355,7 +355,6 @@ wayfix::stored! {
             last_view: last_view.map(|row| row.into_iter().map(infinite).collect()),
             run,
             still,
-            lingering,
             driven,
             tally,
             kinds,
@@ -380,12 +379,9 @@ fn infinite(distance: Option<f32>) -> f32 {
 impl TrackSnapshot {
     /// Creates a snapshot from parts read from storage, which it checks.
     fn from_parts(filter: FilterSnapshot, sensor: Sensor, phantom: Belief) -> Result<Self, String> {
-        let Sensor { still, lingering, run, last_view, kinds, .. } = &sensor;
+        let Sensor { still, run, last_view, kinds, .. } = &sensor;
         if !(0.0..=2.0).contains(still) {
             return Err(format!("an unchanged view by up to {still}, expected from 0 to 2"));
-        }
-        if !(0.0..=1.0).contains(lingering) {
-            return Err(format!("a share of lingering views of {lingering}, expected from 0 to 1"));
         }
         if run.is_some_and(|(_, count)| count == 0) {
             return Err("a run of 0 views, expected at least 1".into());

@@ -124,15 +124,15 @@ pub enum Warning {
         /// The fastest speed that is modelled.
         fastest: f64,
     },
-    /// For 200 new frames, or for all if there are fewer, the camera most probably follows another
-    /// place than the vehicle's, or shows nothing that is known: perhaps the vehicle is on another
-    /// route, or leaves this one.
+    /// For 200 new frames, or for all if there are fewer, the filter predicts the images hardly
+    /// better than chance: perhaps the vehicle is on another route, or leaves this one.
     #[error(
-        "{:.0}% of the {frames} new images up to step {step} most probably do not show the place of the vehicle: is it this route?", 100.0 * .share
+        "the {frames} new images up to step {step} match nothing: their mean log-likelihood is {mean:.2}; is it this route, and is Options::off_map None on purpose?"
     )]
-    Distracted {
-        /// Mean probability that such a frame does not show the place of the vehicle.
-        share: f64,
+    Nothing {
+        /// Mean log-likelihood of the worst such frames, given those before; 0 by chance, and more
+        /// if they match.
+        mean: f64,
         /// The last step of the worst such frames, from 1.
         step: usize,
         /// The number of these frames.

@@ -205,6 +205,12 @@ impl<A: Transition> Distractor<A> {
         }
     }
 
+    /// Goes back to the belief at the start, in O(M).
+    pub fn restart(&mut self) {
+        self.belief.copy_from_slice(self.start.as_slice());
+        (self.pending, self.steps) = (false, 0);
+    }
+
     /// Predicts: a step without an observation, which takes effect at once. A proposal is dropped.
     ///
     /// # Errors

@@ -182,7 +182,7 @@ pub struct OffMap {
 
 impl Default for OffMap {
     /// The vehicle leaves every 333 steps, for 33 steps, and comes back within ten places seven
-    /// times out of ten. Results change little between a third of these rates and three times them.
+    /// times out of ten.
     fn default() -> Self {
         Self { leave: 0.003, back: 0.03, near: 0.7, within: 10 }
     }

@@ -144,7 +144,6 @@ proptest! {
             let recognizer = Recognizer::from_distances(PLACES, Options::default()).unwrap();
             recognizer.fit(&[part]).unwrap()
         });
-        prop_assert_eq!(fit.options().speeds(), changed.options().speeds());
         let next = recording(depth, seed + 1);
         let [a, b] = [fit, changed].map(|r| r.recording(&next, &[]).unwrap().filtered());
         let apart = moved(&a, &b, others);

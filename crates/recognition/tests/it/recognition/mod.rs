@@ -215,26 +215,35 @@ fn what_is_around_an_answer_holds_nine_tenths() {
     }
 }
 
+/// Views elsewhere look alike for a while, so a detour is seen as it goes on, and known afterwards.
 #[test]
 fn a_detour_is_found() {
-    let mut found = Vec::new();
+    let (mut live, mut known, mut sure_and_wrong) = (0, 0, 0);
     for seed in 0..5 {
         let drive: Vec<usize> = (10..50).chain(PLACES..PLACES + 40).chain(50..90).collect();
         let (recognizer, world) = recognizer(10 + seed, true);
         let queries = seen(&world, &drive, 0.5, 20 + seed);
         let recording = recognizer.recording(&queries, &[]).unwrap();
-        for beliefs in [recording.filtered(), recording.smoothed().unwrap()] {
+        let found = |beliefs: &PlaceBeliefs| {
             let answers = beliefs.answers();
-            let off = answers[40..80].iter().filter(|answer| answer.place.is_none()).count();
             let on = answers[10..40].iter().chain(&answers[95..]);
-            let wrong = on.filter(|answer| answer.place.is_none()).count();
-            found.push((off, wrong));
-            assert!(beliefs.mass(60, None) > 0.5, "seed {seed}");
-        }
+            assert!(on.filter(|answer| answer.place.is_none()).count() <= 3);
+            assert!(right(&answers[10..40], &drive[10..40]) >= 28);
+            answers[40..80].iter().filter(|answer| answer.place.is_none()).count()
+        };
+        let filtered = recording.filtered();
+        live += found(&filtered);
+        // What it says of the route meanwhile, it rarely believes.
+        let sure = |answer: &&Answer| answer.place.is_some() && answer.probability > 0.9;
+        sure_and_wrong += filtered.answers()[40..80].iter().filter(sure).count();
+        let smoothed = found(&recording.smoothed().unwrap());
+        assert!(smoothed >= 30, "seed {seed}: {smoothed}");
+        known += smoothed;
         let decoded = recording.decoded().unwrap();
         assert!(decoded[45..75].iter().filter(|place| place.is_none()).count() > 20);
     }
-    assert!(found.iter().all(|(off, wrong)| *off >= 25 && *wrong <= 3), "{found:?}");
+    assert!(live >= 30 && known >= 170, "{live} and {known} of 200");
+    assert!(sure_and_wrong <= 10, "{sure_and_wrong} of 200");
 }
 
 /// Carried from one place to another, without a model of off the map.
@@ -270,7 +279,7 @@ fn several_traverses_see_what_one_does_not() {
 #[test]
 fn a_fit_of_another_map_keeps_what_is_not_of_its_places() {
     let (recognizer, world) = recognizer(90, true);
-    let drive: Vec<usize> = (10..50).chain(PLACES..PLACES + 20).chain(50..80).collect();
+    let drive: Vec<usize> = (5..60).chain(PLACES..PLACES + 20).chain(60..115).collect();
     let queries = seen(&world, &drive, 0.5, 91);
     let places = labels(&drive);
     let odometry = vec![Some(1.04); drive.len()];

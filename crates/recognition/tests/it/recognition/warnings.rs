@@ -158,10 +158,8 @@ fn a_recording_that_matches_nothing_is_told() {
         let elsewhere = seen(&super::world(200 + seed), &drive, 0.5, 191);
         let told = |queries: &[Vec<f32>], expected: usize| {
             let found = warnings(queries);
-            let [Warning::Distracted { share, step, frames }] = found[..] else {
-                panic!("{found:?}")
-            };
-            assert!(share > 0.5 && (frames..=queries.len()).contains(&step));
+            let [Warning::Nothing { mean, step, frames }] = found[..] else { panic!("{found:?}") };
+            assert!(mean < 0.15 && (frames..=queries.len()).contains(&step));
             assert_eq!(frames, expected);
         };
         told(&elsewhere, 200);
