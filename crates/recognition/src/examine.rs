@@ -217,7 +217,8 @@ impl Recording {
         // not even equal to itself.
         while start < self.steps() {
             let reading = self.controls[start].control.odometry;
-            let equal = self.controls[start..].iter().take_while(|next| next.control.odometry == reading);
+            let equal =
+                self.controls[start..].iter().take_while(|next| next.control.odometry == reading);
             let run = start..start + equal.count().max(1);
             start = run.end;
             let Some(reading) = reading.filter(|reading| reading.abs() > STANDS) else { continue };

@@ -93,7 +93,8 @@ impl Recognizer {
         };
         let mut fit = fitted.parameters().clone();
         let share = contradicted;
-        fit.warnings.extend((share > CONTRADICTED_SHARE).then_some(Warning::Contradicted { share }));
+        fit.warnings
+            .extend((share > CONTRADICTED_SHARE).then_some(Warning::Contradicted { share }));
         if learned >= present - HARM {
             return self.with_parameters(fit);
         }

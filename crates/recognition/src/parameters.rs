@@ -30,12 +30,7 @@ impl PartialEq for Parameters {
 
 impl Parameters {
     pub(super) fn new(options: Options) -> Self {
-        Self {
-            options,
-            standardizer: None,
-            best_scores: None,
-            warnings: Vec::new(),
-        }
+        Self { options, standardizer: None, best_scores: None, warnings: Vec::new() }
     }
 
     /// Creates a fit from parts read from storage, which it checks.

@@ -158,7 +158,8 @@ impl Recognizer {
         // Every second speed: a phantom need not be followed as closely as the vehicle.
         let speeds: Vec<f64> = options.speeds.values().iter().step_by(2).copied().collect();
         let phantom = Arc::new(options.motion(count, Speeds::new(&speeds)?)?);
-        let phantom = Distractor::new(Arc::clone(&phantom), phantom.anywhere(), options.distractions)?;
+        let phantom =
+            Distractor::new(Arc::clone(&phantom), phantom.anywhere(), options.distractions)?;
         let standardizer = match &parameters.standardizer {
             Some(known) => known.clone(),
             None => references.standardizer().map_err(|cause| RecognitionError::query(0, cause))?,

@@ -7,11 +7,11 @@
 
 use super::recognizer::{Phantom, Recognizer, check_control};
 use super::references::References;
-use super::views::{Tally, View, least};
+use super::views::{Tally, View, least, nearest};
 use super::{Options, RecognitionError};
 use crate::motion::{Driven, RouteControl, RouteTransition, ViewChange, ViewEvidence};
 use crate::observation::{
-    MatchOdds, RowScratch, Spread, Standardizer, ViewError, row_scores,
+    MatchOdds, RowScratch, Spread, Standardizer, ViewError, row_scores, within,
 };
 use wayfix::transition::Distraction;
 
@@ -27,9 +27,21 @@ const KIND_COUNT: f64 = 10.0;
 const STILL_SHARE: f64 = 0.02;
 const STILL_PART: f64 = 0.2;
 
+/// Share of the least score up to which a reference is among the nearest.
+const NEAREST_SHARE: f32 = 0.8;
+/// Share of its score in a row above which the usual score of a reference explains that it is near.
+const USUAL_SHARE: f32 = 0.3;
 /// Largest number of queries that usual scores learned before a drive count as: they come from
 /// other places, or from the same drive again.
 pub(super) const KNOWN_COUNT: f64 = 10.0;
+/// Number of queries after which usual scores are known well enough for that: those known before
+/// the drive may be of another season, so ten of the drive are required.
+const LEAST_QUERIES: f64 = 2.0 * KNOWN_COUNT;
+/// Largest share of lingering views that counts, so that a reference that becomes near to every
+/// query is learned in the end.
+const MOST_LINGERING: f64 = 0.8;
+/// Number of new views over which the share of lingering ones fades to 1/e.
+const LINGERING: f64 = 20.0;
 
 /// Largest change with which a view still counts as unchanged.
 fn still(standardizer: &Standardizer, scratch: &mut Vec<f64>) -> f64 {
@@ -106,6 +118,9 @@ pub(crate) struct Sensor {
     pub(crate) run: Option<(Option<ViewChange>, u32)>,
     /// Largest change with which a view still counts as unchanged.
     pub(crate) still: f64,
+    /// Share of recent new views where the reference that was nearest before is still among the
+    /// nearest.
+    pub(crate) lingering: f64,
     /// Motion by odometry and views, if the vehicle may leave the map.
     pub(crate) driven: Option<Driven>,
     /// Recent views and readings.
@@ -128,6 +143,7 @@ impl Sensor {
             standardizer,
             last_view: None,
             run: None,
+            lingering: 0.0,
             driven: None,
             tally: Tally::default(),
             kinds: [known(options.odds), known(PHANTOM)],
@@ -146,7 +162,8 @@ impl Sensor {
         phantom: &mut Phantom,
         scratch: &mut Scratch,
     ) -> Result<Sighting, RecognitionError> {
-        let (references, options): (&References, _) = (&recognizer.references, recognizer.options());
+        let (references, options): (&References, _) =
+            (&recognizer.references, recognizer.options());
         let n = references.count();
         let failed = |cause| RecognitionError::query(step, cause);
         references.distances(step, query, &mut scratch.distances, &mut scratch.more)?;
@@ -277,9 +294,24 @@ impl Sensor {
         fresh: f64,
         scratch: &mut Scratch,
     ) {
-        let Self { standardizer, last_view, .. } = self;
+        let Self { standardizer, last_view, lingering, .. } = self;
         let Scratch { scores, changes, .. } = scratch;
         if options.standardize {
+            if let Some(last) = last_view {
+                let at = nearest(last);
+                // A reference that is near to every query also stays nearest, but then its usual
+                // score explains it.
+                let lingers = scores[at] <= NEAREST_SHARE * least(scores)
+                    && standardizer.count() >= LEAST_QUERIES
+                    && standardizer.usual(spread, at) > USUAL_SHARE * within(scores[at]);
+                *lingering += (f64::from(u8::from(lingers)) - *lingering) / LINGERING;
+            }
+            // A vehicle that moves on slowly has views with new noise and little else: its place
+            // must not become usual. The share l of lingering views stands for the correlation of
+            // views, and the weight (1 − l) / (1 + l) for the independent part (`guide::formulas`,
+            // Views).
+            let lingering = lingering.min(MOST_LINGERING);
+            let fresh = fresh * (1.0 - lingering) / (1.0 + lingering);
             let level = |count: f64| (30.0 * count.ln_1p()) as u32;
             let before = level(standardizer.count());
             standardizer.add_scores(spread, scores, fresh);
@@ -313,7 +345,7 @@ impl Sensor {
 
     /// Forgets the last view, but nothing learned about the references.
     pub(super) fn forget(&mut self) {
-        (self.run, self.driven) = (None, None);
+        (self.run, self.lingering, self.driven) = (None, 0.0, None);
         self.tally = Tally::default();
         // Infinite distances are left out of comparisons, so the next view is new; the memory is
         // kept.

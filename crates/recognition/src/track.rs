@@ -263,10 +263,9 @@ impl Track {
             return Err(HmmError::TooMany { steps: filter.steps() }.into());
         }
         self.check_belief(filter)?;
-        let mut restored = self.filter.clone();
-        restored.restore(filter)?;
-        self.phantom = self.recognizer.phantom.clone().with_belief(phantom.clone())?;
-        self.filter = restored;
+        let phantom = self.recognizer.phantom.clone().with_belief(phantom.clone())?;
+        self.filter.restore(filter)?;
+        self.phantom = phantom;
         self.sensor.clone_from(sensor);
         self.marginalize_places();
         Ok(())
@@ -276,7 +275,8 @@ impl Track {
     /// on it.
     fn check_belief(&self, filter: &FilterSnapshot) -> Result<(), RecognitionError> {
         let motion = self.recognizer.motion();
-        let (states, count) = (wayfix::Transition::states(motion), filter.belief().as_slice().len());
+        let (states, count) =
+            (wayfix::Transition::states(motion), filter.belief().as_slice().len());
         // A wrong number of states is left to the filter to report.
         let on_map = |i: usize| motion.speed_of(i % states).is_some() && filter.is_possible(i);
         if self.recognizer.options().off_map.is_some()
@@ -321,7 +321,7 @@ impl Track {
     pub fn relocate(&mut self) {
         self.filter.restart();
         self.sensor.forget();
-        self.phantom.restart();
+        self.phantom = self.recognizer.phantom.clone();
         self.marginalize_places();
     }
 
@@ -344,6 +344,7 @@ wayfix::stored! {
             state.sensor.last_view.as_ref().map(|row| row.iter().map(finite).collect::<Vec<_>>()),
         run: Option<(Option<crate::motion::ViewChange>, u32)> = state.sensor.run,
         still: f64 = state.sensor.still,
+        lingering: f64 = state.sensor.lingering,
         driven: Option<crate::motion::Driven> = state.sensor.driven,
         tally: crate::views::Tally = state.sensor.tally,
         kinds: [[f64; 3]; 2] = state.sensor.kinds,
@@ -355,6 +356,7 @@ wayfix::stored! {
             last_view: last_view.map(|row| row.into_iter().map(infinite).collect()),
             run,
             still,
+            lingering,
             driven,
             tally,
             kinds,
@@ -379,21 +381,28 @@ fn infinite(distance: Option<f32>) -> f32 {
 impl TrackSnapshot {
     /// Creates a snapshot from parts read from storage, which it checks.
     fn from_parts(filter: FilterSnapshot, sensor: Sensor, phantom: Belief) -> Result<Self, String> {
-        let Sensor { still, run, last_view, kinds, .. } = &sensor;
+        let Sensor { still, lingering, run, last_view, kinds, .. } = &sensor;
         if !(0.0..=2.0).contains(still) {
             return Err(format!("an unchanged view by up to {still}, expected from 0 to 2"));
+        }
+        if !(0.0..=1.0).contains(lingering) {
+            return Err(format!("a share of lingering views of {lingering}, expected from 0 to 1"));
         }
         if run.is_some_and(|(_, count)| count == 0) {
             return Err("a run of 0 views, expected at least 1".into());
         }
         for value in last_view.iter().flatten() {
             if value.is_nan() || *value == f32::NEG_INFINITY {
-                return Err(format!("a score of {value} in the last view, expected a number or null"));
+                return Err(format!(
+                    "a score of {value} in the last view, expected a number or null"
+                ));
             }
         }
         for kinds in kinds {
             if !(kinds.iter().all(|kind| (0.0..=1e15).contains(kind)) && kinds[0] > 0.0) {
-                return Err(format!("{kinds:?} views of each kind, expected counts, the first above 0"));
+                return Err(format!(
+                    "{kinds:?} views of each kind, expected counts, the first above 0"
+                ));
             }
         }
         let sensor = Sensor { tally: sensor.tally.checked()?, ..sensor };

@@ -32,8 +32,6 @@ const STILL_EQUAL: u32 = 60;
 const DRIVEN: f64 = 10.0;
 const MOTION_DEVIATIONS: f64 = 4.0;
 
-/// Change from which a view teaches as much as an independent one; 1 is that of unrelated views.
-const WHOLE: f64 = 0.5;
 /// Largest distance, in places, at which one nearest reference counts as beside another.
 const BESIDE: usize = 2;
 
@@ -61,7 +59,8 @@ pub(super) fn nearest(rows: &[f32]) -> usize {
 pub(super) struct View {
     /// Changed or not, if that is clear.
     pub(super) change: Option<ViewChange>,
-    /// Weight of the view as a query that teaches usual scores; 0 for a view that is not new.
+    /// Share of the view that is new, 1 − r for a correlation of r with the last new one; 0 for a
+    /// view that is not new.
     pub(super) fresh: f64,
     /// True if the view equals the last new one.
     repeated: bool,
@@ -95,7 +94,7 @@ impl View {
             let change = unchanged.then_some(ViewChange::Unchanged);
             return Self { change, fresh: 0.0, repeated, moved };
         }
-        Self { fresh: (changed / WHOLE).min(1.0), repeated, ..Self::FIRST }
+        Self { fresh: changed.min(1.0), repeated, ..Self::FIRST }
     }
 }
 

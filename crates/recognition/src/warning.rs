@@ -32,7 +32,9 @@ pub enum Warning {
     },
     /// What was learned from one half of the labels does worse on the other half than the parameters
     /// before, which stay.
-    #[error("the mean log score on labels that were not learned from is {learned:.2} after learning, and {present:.2} without: nothing was learned")]
+    #[error(
+        "the mean log score on labels that were not learned from is {learned:.2} after learning, and {present:.2} without: nothing was learned"
+    )]
     Harm {
         /// Mean log score without learning.
         present: f64,

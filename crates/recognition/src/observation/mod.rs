@@ -14,7 +14,7 @@ pub(crate) use descriptors::check_descriptor;
 pub use descriptors::{Distance, ReferenceDescriptors};
 pub use error::ViewError;
 pub use odds::MatchOdds;
-pub(crate) use rows::{RowScratch, change, row_scores};
+pub(crate) use rows::{RowScratch, change, row_scores, within};
 pub(crate) use standardizer::Spread;
 pub use standardizer::Standardizer;
 pub use view::{ViewComparison, view_change};

@@ -157,7 +157,12 @@ impl WithSimd for Kinds<'_> {
                 take(l, scores[l], belief[l]);
             }
         }
-        whole.1.iter().zip(rest.1).enumerate().for_each(|(l, (score, belief))| take(l, *score, *belief));
+        whole
+            .1
+            .iter()
+            .zip(rest.1)
+            .enumerate()
+            .for_each(|(l, (score, belief))| take(l, *score, *belief));
         sums.map(|sums| sums.iter().sum())
     }
 }
@@ -191,7 +196,8 @@ mod tests {
 
     #[test]
     fn odds_of_rows_are_those_of_the_definition() {
-        for shares in [[0.1, 0.45, 0.45], [0.3, 0.7, 0.0], [1e-12, 0.0, 1.0 - 1e-12], [1.0, 0.0, 0.0]]
+        for shares in
+            [[0.1, 0.45, 0.45], [0.3, 0.7, 0.0], [1e-12, 0.0, 1.0 - 1e-12], [1.0, 0.0, 0.0]]
         {
             let odds = MatchOdds::new(shares).unwrap();
             let mut scores: Vec<f64> = (-90..300).map(|k| 0.1 * f64::from(k)).collect();
@@ -208,7 +214,8 @@ mod tests {
             let places: f64 = belief.iter().sum();
             assert!((kinds.iter().sum::<f64>() - places).abs() < 1e-4);
             let clear = |z: f64| shares[2] * (-1.5 * z - 1.125).exp() / odds.log_odds(z).exp();
-            let exact: f64 = scores.iter().filter(|z| z.is_finite()).map(|z| clear(z.max(NEAREST))).sum();
+            let exact: f64 =
+                scores.iter().filter(|z| z.is_finite()).map(|z| clear(z.max(NEAREST))).sum();
             assert!((kinds[2] - exact).abs() < 1e-4, "{kinds:?} and {exact}");
         }
     }

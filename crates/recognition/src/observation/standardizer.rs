@@ -183,6 +183,11 @@ impl Standardizer {
         run(AddScores { spread, rows, weight, known: self });
     }
 
+    /// Usual score of a reference within its row.
+    pub(crate) fn usual(&self, spread: Spread, reference: usize) -> f32 {
+        (self.sums[reference] * spread.mean_share) as f32
+    }
+
     /// Variances of usual scores.
     pub(crate) fn spread(&self) -> Spread {
         run(EstimateSpread(self))

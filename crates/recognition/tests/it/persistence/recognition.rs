@@ -271,14 +271,20 @@ fn what_was_not_learned_is_refused() {
     };
     let range = "an unchanged view by up to -1, expected from 0 to 2";
     refused(part("still", ','), r#""still":-1"#, range);
-    refused(part("kinds", ']'), r#""kinds":[[0,1,1"#, "[0.0, 1.0, 1.0] views of each kind, expected counts, the first above 0");
+    refused(
+        part("kinds", ']'),
+        r#""kinds":[[0,1,1"#,
+        "[0.0, 1.0, 1.0] views of each kind, expected counts, the first above 0",
+    );
 
     // Rates are checked when a recogniser is made.
-    let fit: Parameters = serde_json::from_str(
-        &fit.replacen(r#""leave":0.0001"#, r#""leave":0"#, 1)
-            .replacen(r#""leave":0.003"#, r#""leave":0"#, 1),
-    )
-    .unwrap();
+    let fit: Parameters =
+        serde_json::from_str(&fit.replacen(r#""leave":0.0001"#, r#""leave":0"#, 1).replacen(
+            r#""leave":0.003"#,
+            r#""leave":0"#,
+            1,
+        ))
+        .unwrap();
     let message =
         text(Recognizer::from_distances(PLACES, Options::default()).unwrap().with_parameters(fit));
     assert_eq!(

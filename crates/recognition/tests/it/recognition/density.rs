@@ -125,7 +125,7 @@ proptest! {
 
 /// A vehicle creeps for 400 steps past noisy views, each unlike the one before, and its place
 /// hardly becomes usual: filter and smoother are right within 3 places in 0.95 of the steps of 24
-/// drives, and the smoother is sure and wrong in 0.02 of them. What is learned meanwhile is
+/// drives, and the smoother is sure and wrong in 0.03 of them. What is learned meanwhile is
 /// discounted, not left out: single drives do worse.
 #[test]
 #[expect(clippy::cast_sign_loss, reason = "places from 100 on")]
@@ -163,7 +163,7 @@ fn where_a_vehicle_creeps_hardly_becomes_usual() {
         let sure = (100..500).filter(|k| answers[1][*k].probability > 0.9);
         sure_and_wrong += sure.filter(|k| wrong(&answers[1][*k], *k)).count();
     }
-    let most = (0.02 * 400.0 * DRIVES as f64) as usize;
+    let most = (0.03 * 400.0 * DRIVES as f64) as usize;
     assert!(filtered > 0.95 && smoothed > 0.95, "{filtered} {smoothed}");
     assert!(sure_and_wrong <= most, "{sure_and_wrong}");
 }
