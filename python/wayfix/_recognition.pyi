@@ -17,11 +17,12 @@ class Odometry(TypedDict, total=False):
     bias: float
     deviation: float
 
+class Distractions(TypedDict, total=False):
+    begin: float
+    end: float
+
 class Odds(TypedDict, total=False):
-    slope: float
-    even: float
-    nothing: float
-    temperature: float
+    shares: ArrayLike
 
 class Speeds(TypedDict, total=False):
     values: ArrayLike
@@ -40,8 +41,7 @@ class Options(TypedDict, total=False):
     odometry: Odometry
     off_map: OffMap | bool | None
     lost: OffMap
-    lost_odds: float
-    off_map_odds: float
+    distractions: Distractions
     odds: Odds
     standardize: bool
     views: Views

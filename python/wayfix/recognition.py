@@ -28,19 +28,15 @@ odometry : dict of scale, bias, deviation
 off_map : bool, or dict of leave, back, near, within
     Probabilities per step of leaving the route and of coming back, and the probability `near` of coming back within
     `within` references of the place where the vehicle left.
-off_map_odds : float
-    Odds of being off the map at each step, relative to those of a wrong place (0.85): at 1, dark stretches are taken
-    for off the map; at 0.75, detours are found late.
 lost : dict of leave, back, near, within
     Rates of losing the vehicle and of finding it at any place, for a route without `off_map`: so a place that a
     tunnel ruled out can come back. Answers are those of a vehicle that is not lost.
-lost_odds : float
-    Odds of being lost at each step, relative to those of a wrong place (0.6).
-odds : dict of slope, even, nothing, temperature
-    Odds that a reference is the right one as a function of its score in standard deviations: their slope (2), the
-    score at which they are even (-1.15), the probability that a frame says nothing (0.05), and the temperature
-    (1.8). It is above 1 since consecutive frames err together; a higher one makes answers less sure. `fit` chooses
-    another if the labels favour it.
+distractions : dict of begin, end
+    Probabilities per step that the camera begins to follow another place than the vehicle's, or to say nothing
+    (0.003), and that this ends (0.05): snow or a street like another one is one error, not as many as it has frames.
+odds : dict of shares
+    Shares of the views that say nothing, match weakly, and match clearly, before the first (0.1, 0.45, 0.45). They
+    count as ten views; the shares of a drive are learned from it.
 standardize : bool
     True if the usual scores of each reference are learned from the queries, so that a reference that resembles
     everything does not win (True).

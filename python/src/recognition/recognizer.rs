@@ -263,9 +263,8 @@ impl PyRecognizer {
         ))
     }
 
-    /// Learns from labelled parts of drives: speeds, odometry, rates of leaving the map, the usual
-    /// scores of each reference, and the temperature. Returns another recogniser; read its
-    /// `warnings`.
+    /// Learns from labelled parts of drives: speeds, odometry, rates of leaving the map, and the
+    /// usual scores of each reference. Returns another recogniser; read its `warnings`.
     ///
     /// Parameters
     /// ----------
