@@ -1,7 +1,7 @@
 //! A simple filter and smoother as a baseline, all of it in this file: places at eleven speeds and
 //! one state for a lost vehicle, with odds of one shape for every camera. It learns the usual score
-//! of each reference, and no labels. The mean of the odds, by which they are divided, is all that
-//! the filter knows of later images.
+//! of each reference, but uses neither labels nor odometry. The odds are divided by their mean over
+//! the recording, which is all that the filter knows of later images.
 
 use std::ops::Add;
 
