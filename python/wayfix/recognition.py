@@ -45,7 +45,7 @@ use_views, views : bool, and dict of standing, moved
     (0.9) and while moving (0.05).
 view_fades, view_threshold : float
     Rate at which runs of such evidence lose weight (0.1), and the smallest change that counts as a new view, in units
-    of the change from one reference to the next (0.1).
+    of the change from one reference to the next (0.05).
 window : int
     Number of references on either side that count as the same place (1).
 """

@@ -5,7 +5,7 @@
 
 use super::kronecker::extremes;
 use super::log::{self, LARGEST_LINEAR_ENTRY};
-use super::{Transition, TransitionEntries, buffers, product_or_zero};
+use super::{Stored, Transition, TransitionEntries, buffers, product_or_zero};
 use super::{check_count, check_probability, check_slices, delegate, validate};
 use crate::error::{OutOfRange, TransitionError};
 use wayfix_kernels::{self as kernels, limits, log2};
@@ -47,7 +47,7 @@ use wayfix_kernels::{self as kernels, limits, log2};
 /// use wayfix::transition::{DistractedTransition, Distraction, DistractionRates};
 /// use wayfix::{Belief, Hmm, LikelihoodVector, Prior, SparseTransition};
 ///
-/// let drive = SparseTransition::from_rows(&[[0.99, 0.0], [0.01, 1.0]])?;
+/// let drive = SparseTransition::from_rows(&[[0.995, 0.0], [0.005, 1.0]])?;
 /// let rates = DistractionRates { begin: 0.05, end: 0.2 };
 /// let a = DistractedTransition::new(drive, rates)?;
 /// let prior = Prior::BeforeFirstTransition(Belief::certain(4, 0)?); // place 0, attentive
@@ -392,7 +392,7 @@ impl<A: TransitionEntries> TransitionEntries for DistractedTransition<A> {
         }
         // Without evidence no entry of the base is above 1, and often a bound from below is known,
         // which saves the search for the least.
-        let no_tiny = self.base.stored(base).is_some_and(|a| a.has_no_tiny_entries());
+        let no_tiny = self.base.stored(base).is_some_and(Stored::has_no_tiny_entries);
         let bound = if no_tiny { limits::LEAST_ENTRY } else { self.base.smallest_entry(base) };
         if self.base.evidence(base).is_none() && least * bound >= f64::MIN_POSITIVE {
             return false;

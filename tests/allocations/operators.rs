@@ -1,9 +1,11 @@
 //! Products of structured operators allocate nothing after the first.
 
+use wayfix::inference::Distractor;
 use wayfix::likelihood::{GroupedLikelihood, Groups, PooledLikelihood, SparseObservation};
 use wayfix::motion::{DistanceTransition, OdometryReading, OffMapTransition};
 use wayfix::transition::{
-    DwellTransition, EvidenceTransition, KroneckerTransition, RestartTransition, WindowTransition,
+    DistractedTransition, Distraction, DistractionRates, DwellTransition, EvidenceTransition,
+    KroneckerTransition, RestartTransition, WindowTransition,
 };
 use wayfix::{
     Belief, FusedLikelihood, Hmm, LikelihoodVector, OptionalLikelihood, Prior, SparseLikelihood,
@@ -48,6 +50,11 @@ fn products_allocate_nothing_after_the_first() {
     let pairs = || KroneckerTransition::new(dwell(), gears()).unwrap();
     check("kronecker", &pairs());
     check("nested", &KroneckerTransition::new(gears(), pairs()).unwrap());
+
+    let rates = DistractionRates { begin: 0.125, end: 0.25 };
+    let distracted = || DistractedTransition::new(pairs(), rates).unwrap();
+    let image = Distraction { control: (), begins: 0.25, continues: 0.75 };
+    check_with("distracted", &distracted(), &image);
 
     // A filter on them, with a sensor of places.
     let rows = (0..20).map(|i| [0.25 + f64::from(i) / 40.0, 0.75 - f64::from(i) / 40.0]);
@@ -103,4 +110,33 @@ fn products_allocate_nothing_after_the_first() {
         });
         assert_eq!(found, 0, "pooled");
     }
+}
+
+#[test]
+fn what_a_distracted_sensor_follows_allocates_nothing() {
+    let n = 20;
+    let route = || WindowTransition::open(n, -1, &[0.25, 0.25, 0.5]).unwrap();
+    let rates = DistractionRates { begin: 0.125, end: 0.25 };
+    let start = Belief::uniform(n).unwrap();
+    let prior = Prior::AtFirstObservation(Belief::uniform(2 * n).unwrap());
+    let a = DistractedTransition::new(route(), rates).unwrap();
+    let hmm = Hmm::new(prior, a, LikelihoodVector::linear(2 * n)).unwrap();
+    let mut filter = hmm.filter();
+    let mut distractor = Distractor::new(route(), start, rates).unwrap();
+    let mut seen = vec![1.0; 2 * n];
+    seen[3] = 4.0;
+    let (places, mut distracted) = (seen[..n].to_vec(), 0.5);
+    let found = allocations(|| _ = distractor.first(&places).unwrap());
+    assert_eq!(found, 0, "first");
+    filter.step_with(&Distraction::none(()), &seen[..]).unwrap();
+    let mut step = || {
+        let (begins, continues) = distractor.observe(&(), &places, distracted).unwrap();
+        let control = Distraction { control: (), begins, continues };
+        filter.step_with(&control, &seen[..]).unwrap();
+        distractor.accept();
+        distractor.predict(&(), distracted).unwrap();
+        distracted = hmm.transition().mode_masses(filter.belief().as_slice())[1];
+    };
+    step();
+    assert_eq!(allocations(|| (0..100).for_each(|_| step())), 0);
 }

@@ -9,6 +9,7 @@ mod bad_input;
 mod beam;
 mod canberra;
 mod controls;
+mod distracted;
 mod edge_cases;
 mod enumeration;
 mod evaluate;

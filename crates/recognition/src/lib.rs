@@ -5,7 +5,9 @@
 //! network, a histogram of gradients, or the pixels of a small image. Now a camera passes again, at
 //! another time of day or year. A [`Recognizer`] of the references turns each query into a place and
 //! a probability. It is a hidden Markov model on [`wayfix`]: single images err, and the motion from
-//! one to the next puts them right. Nothing has to be tuned or trained first.
+//! one to the next puts them right. Where images err together, as in snow, a tunnel, or a street like
+//! another one, the camera is taken to be [distracted](guide::formulas), and the vehicle goes on by
+//! its motion. Nothing has to be tuned or trained first.
 //!
 //! ```
 //! use wayfix_recognition::observation::Distance;

@@ -11,9 +11,8 @@ macro_rules! options {
     ($($(#[$doc:meta])+ $([$reference:tt])? $name:ident: $type:ty = $default:expr, $with:ident;)+) => {
         /// Options of a [`Recognizer`](super::Recognizer).
         ///
-        /// The defaults were chosen on some recordings, descriptors and drives, and reported on others. The
-        /// chapter [from descriptors to a position](crate::guide::from_descriptors) lists each, with the
-        /// effect of halving or doubling it.
+        /// The chapter [from descriptors to a position](crate::guide::from_descriptors) has the effect of
+        /// leaving parts out and of changing rates.
         ///
         /// ```
         /// use wayfix_recognition::Options;

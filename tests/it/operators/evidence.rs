@@ -5,7 +5,8 @@ use proptest::prelude::*;
 use wayfix::error::At;
 use wayfix::motion::OffMapTransition;
 use wayfix::transition::{
-    DwellTransition, EvidenceTransition, KroneckerTransition, RestartTransition,
+    DistractedTransition, Distraction, DistractionRates, DwellTransition, EvidenceTransition,
+    KroneckerTransition, RestartTransition,
 };
 use wayfix::{
     Belief, Controlled, Hmm, HmmError, LikelihoodVector, Prior, SparseTransition, Transition,
@@ -20,6 +21,11 @@ use crate::kit::{
 /// ln p(u | to, from) for u = 1, and in proportion for others.
 fn logs(n: usize) -> impl Strategy<Value = Matrix> {
     vec(vec(prop_oneof![1 => Just(NEVER), 3 => -3.0..1.0, 1 => -900.0..400.0], n), n)
+}
+
+/// Likelihoods of any scale.
+fn likelihood() -> impl Strategy<Value = f64> {
+    prop_oneof![1 => Just(0.0), 3 => 0.01..1.0, 1 => Just(1e-300), 1 => Just(1e250)]
 }
 
 type LogLikelihood = Box<dyn Fn(&f64, usize, usize) -> f64>;
@@ -193,6 +199,25 @@ proptest! {
             log_sum([(1.0 - rate).ln() + moves[i][j], (rate * r[i]).ln() + restart].into_iter())
         });
         check(&a, 1.0, &expected, true)?;
+    }
+
+    /// Rates and likelihoods of a distraction multiply the evidence, also far beyond doubles.
+    #[test]
+    fn evidence_of_distracted_moves_is_that_of_each(
+        (m, logs, log_factor) in parts(4), (begin, end) in (rate(false), rate(false)),
+        [begins, continues] in [likelihood(), likelihood()],
+    ) {
+        let base = driven(&m, &logs, log_factor);
+        let a = DistractedTransition::new(base, DistractionRates { begin, end }).unwrap();
+        let (n, moves) = (m.len(), joint(&m, &logs));
+        let factors = [
+            [(1.0 - begin).ln(), end.ln()],
+            [begin.ln() + begins.ln(), (1.0 - end).ln() + continues.ln()],
+        ];
+        let expected = matrix(2 * n, |i, j| factors[i / n][j / n] + moves[i % n][j % n]);
+        let control = Distraction { control: 1.0, begins, continues };
+        prop_assert_eq!(a.evidence(&control), Some(log_factor));
+        check(&a, control, &expected, false)?;
     }
 
     #[test]

@@ -3,6 +3,7 @@
 //! [`assert_operator`]: crate::kit::assert_operator
 
 pub(crate) mod distance;
+mod distracted;
 mod durations;
 mod dwell;
 mod evidence;

@@ -10,8 +10,8 @@ use proptest::prelude::*;
 use wayfix::inference::{FixedLagSnapshot, LearningOptions};
 use wayfix::likelihood::{GroupedLikelihood, SparseObservation};
 use wayfix::transition::{
-    ConstrainedTransition, DwellTransition, KroneckerTransition, RestartTransition,
-    SwitchedTransition, WindowTransition,
+    ConstrainedTransition, DistractedTransition, Distraction, DistractionRates, DwellTransition,
+    KroneckerTransition, RestartTransition, SwitchedTransition, WindowTransition,
 };
 use wayfix::{
     Belief, DenseTransition, Fixed, FusedLikelihood, Hmm, LikelihoodVector, OptionalLikelihood,
@@ -116,6 +116,11 @@ proptest! {
         prop_assert_eq!(stored(&parts.tied()).parameters(), parts.tied().parameters());
         operator(&parts.nested(), &());
         operator(&restart(parts.sparse()), &());
+        let rates = DistractionRates { begin: parts.rate, end: 0.25 };
+        let distracted = DistractedTransition::new(restart(parts.sparse()), rates).unwrap();
+        let control = stored(&Distraction { control: (), begins: 0.1, continues: parts.rate });
+        operator(&distracted, &control);
+        prop_assert_eq!(stored(&distracted).rates(), stored(&rates));
         let leaving: Vec<_> = (0..n).map(|i| vec![parts.rate, 1.0 / (3.0 + i as f64)]).collect();
         let leaving = DwellTransition::from_leaving(parts.model.sparse(), &leaving).unwrap();
         operator(&RestartTransition::new(

@@ -46,7 +46,7 @@ fn camera() -> LikelihoodVector<Vec<f64>> {
 /// Log-odds of the places for each row, with independent errors. A row that repeats the one before
 /// is not learned from.
 fn log_odds(rows: &[Vec<f32>]) -> Vec<Vec<f64>> {
-    let odds = MatchOdds::default().with_temperature(1.0).unwrap();
+    let odds = MatchOdds::default();
     let mut references = Standardizer::new(PLACES).unwrap();
     let mut scores = vec![0.0; PLACES];
     let of_row = |(k, row): (usize, &Vec<f32>)| {
@@ -208,7 +208,7 @@ fn descriptors_lead_to_a_position_at_any_length_of_stream() {
     let hmm = from_anywhere(ahead(), camera());
     let mut filter = hmm.filter();
     let mut right = 0;
-    let odds = MatchOdds::default().with_temperature(1.0).unwrap();
+    let odds = MatchOdds::default();
     let mut standard = Standardizer::new(PLACES).unwrap();
     let (mut distances, mut likelihoods) = (vec![0.0; PLACES], vec![0.0; PLACES]);
     for step in 0..2_000 {

@@ -62,7 +62,7 @@ fn a_fit_comes_back_to_the_bit() {
     let fit = recognizer.parameters();
     let back = stored(fit);
     assert_eq!(&back, fit);
-    assert!(back.warnings().is_empty() && back.temperature_scores().is_empty());
+    assert!(back.warnings().is_empty());
     let (references, _) = made_up();
     let fresh = Recognizer::from_descriptors(&references, Distance::Cosine, Options::default());
     let again = fresh.unwrap().with_parameters(back).unwrap();
@@ -177,8 +177,7 @@ fn answers_are_honest_where_doubles_end() {
     let fit = json(Recognizer::from_distances(PLACES, Options::default()).unwrap().parameters());
     let odds = &fit[fit.find(r#""odds":"#).unwrap()..];
     let odds = &odds[..=odds.find('}').unwrap()];
-    let extreme =
-        r#""odds":{"version":1,"slope":100.0,"even":-100.0,"nothing":1e-12,"temperature":0.01}"#;
+    let extreme = r#""odds":{"version":1,"shares":[1e-12,0.0,1.0]}"#;
     let mut fit = fit.replace(odds, extreme);
     let lost = &fit[fit.find(r#""lost":"#).unwrap()..];
     let lost = lost[..=lost.find('}').unwrap()].to_string();
@@ -228,26 +227,11 @@ fn what_was_not_learned_is_refused() {
     refuses::<Standardizer>(none, "the number of references is 0, expected at least 1");
 
     let odds = json(&MatchOdds::default());
-    let refused = |from: &str, to: &str, expected: &str| {
-        assert!(odds.contains(from));
-        refuses::<MatchOdds>(&odds.replace(from, to), expected);
+    let refused = |to: &str, expected: &str| {
+        refuses::<MatchOdds>(&odds.replace("[0.1,0.45,0.45]", to), expected);
     };
-    refused(
-        r#""temperature":1.8"#,
-        r#""temperature":0"#,
-        "the temperature is 0, expected from 0.01 to 1000",
-    );
-    refused(
-        r#""slope":2.0"#,
-        r#""slope":-1"#,
-        "the slope of the odds is -1, expected from 0 to 100",
-    );
-    refused("-1.15", "1e9", "the score with even odds is 1000000000, expected from -100 to 100");
-    refused(
-        r#""nothing":0.05"#,
-        r#""nothing":2"#,
-        "the probability that a frame says nothing is 2, expected from 1e-12 to 1",
-    );
+    refused("[0.1,0.45,0.5]", "the sum of the shares of views is 1.05, expected 1");
+    refused("[0.1,0.9]", "invalid length 2, expected an array of length 3");
 
     let fit = json(fitted().0.parameters());
     let refused = |from: &str, to: &str, expected: &str| {
@@ -290,11 +274,12 @@ fn what_was_not_learned_is_refused() {
     let range = "a share of lingering views of 2, expected from 0 to 1";
     refused(part("lingering", ','), r#""lingering":2"#, range);
 
+    refused(part("kinds", ']'), r#""kinds":[[0,1,1"#, "views of each kind, expected counts");
+
     // Rates are checked when a recogniser is made.
     let fit: Parameters = serde_json::from_str(
-        &fit.replacen(r#""leave":0.00001"#, r#""leave":0"#, 1)
-            .replacen(r#""leave":1e-5"#, r#""leave":0"#, 1)
-            .replacen(r#""leave":0.002"#, r#""leave":0"#, 1),
+        &fit.replacen(r#""leave":0.0001"#, r#""leave":0"#, 1)
+            .replacen(r#""leave":0.003"#, r#""leave":0"#, 1),
     )
     .unwrap();
     let message =

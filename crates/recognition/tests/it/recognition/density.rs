@@ -69,7 +69,7 @@ proptest! {
                 Recognizer::from_descriptors(&references, Distance::Cosine, Options::default());
             let recognizer = recognizer.unwrap();
             let recording = recognizer.recording(&queries, &[]).unwrap();
-            for beliefs in [recording.filtered().unwrap(), recording.smoothed().unwrap()] {
+            for beliefs in [recording.filtered(), recording.smoothed().unwrap()] {
                 let (right, error) = judged(&recognizer, &beliefs, &drive, 8 / spacing);
                 prop_assert!(error < 0.03, "each {spacing} metres: {error}");
                 shares.push(right);
@@ -117,7 +117,7 @@ proptest! {
         let (right, error) = judged(&recognizer, &recording.smoothed().unwrap(), &drive, 2);
         prop_assert!(right >= nearest && error < 0.03, "smoother {right} {nearest} {error}");
         if correlated <= 10 {
-            let (right, error) = judged(&recognizer, &recording.filtered().unwrap(), &drive, 2);
+            let (right, error) = judged(&recognizer, &recording.filtered(), &drive, 2);
             prop_assert!(right >= nearest - 0.005 && error < 0.05, "filter {right} {nearest} {error}");
         }
     }
@@ -149,7 +149,7 @@ fn where_a_vehicle_creeps_hardly_becomes_usual() {
         let recognizer =
             Recognizer::from_descriptors(&map, Distance::Cosine, Options::default()).unwrap();
         let recording = recognizer.recording(&queries, &[]).unwrap();
-        let answers = [recording.filtered().unwrap(), recording.smoothed().unwrap()];
+        let answers = [recording.filtered(), recording.smoothed().unwrap()];
         let answers = answers.map(|beliefs| beliefs.answers());
         let wrong = |answer: &Answer, k: usize| {
             answer.place.is_none_or(|place| (place as f32 - drive[k]).abs() > 3.0)
@@ -197,7 +197,7 @@ fn a_reference_that_comes_to_be_near_to_everything_becomes_usual() {
                 / ((drive.len() - FINDING) as f64 * DRIVES as f64)
         };
         let right = |place: usize, truth: usize| place.abs_diff(truth) <= 3;
-        filtered += share(&recording.filtered().unwrap().answers(), &right);
+        filtered += share(&recording.filtered().answers(), &right);
         smoothed += share(&recording.smoothed().unwrap().answers(), &right);
         let raw = Options::default().with_standardize(false);
         let raw = Recognizer::from_descriptors(&map, Distance::Cosine, raw).unwrap();

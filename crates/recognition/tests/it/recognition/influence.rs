@@ -38,7 +38,7 @@ fn recording(depth: f32, seed: u64) -> Vec<Vec<f32>> {
 fn beliefs(rows: &[Vec<f32>], options: Options) -> [PlaceBeliefs; 2] {
     let recognizer = Recognizer::from_distances(PLACES, options).unwrap();
     let recording = recognizer.recording(rows, &[]).unwrap();
-    [recording.filtered().unwrap(), recording.smoothed().unwrap()]
+    [recording.filtered(), recording.smoothed().unwrap()]
 }
 
 /// Mean difference of the probabilities of the right places at some steps.
@@ -145,12 +145,10 @@ proptest! {
             recognizer.fit(&[part]).unwrap()
         });
         prop_assert_eq!(fit.options().speeds(), changed.options().speeds());
-        let [before, after] = [&fit, &changed].map(|r| r.options().odds().temperature());
-        prop_assert!((0.65..1.5).contains(&(after / before)), "{before} {after}");
         let next = recording(depth, seed + 1);
-        let [a, b] = [fit, changed].map(|r| r.recording(&next, &[]).unwrap().filtered().unwrap());
+        let [a, b] = [fit, changed].map(|r| r.recording(&next, &[]).unwrap().filtered());
         let apart = moved(&a, &b, others);
-        prop_assert!(apart < if before == after { 0.002 } else { 0.1 }, "{apart}");
+        prop_assert!(apart < 0.1, "{apart}");
 
         let [a, b] = [&rows, &other].map(|rows| {
             let mut standard = Standardizer::new(PLACES).unwrap();
@@ -209,7 +207,7 @@ proptest! {
         for recognizer in [recognizer.fit(&[part]).unwrap(), recognizer] {
             let recording = recognizer.recording(&rows, &[]).unwrap();
             let mut all = recording.lagged(&[0, 2]).unwrap();
-            all.extend([recording.filtered().unwrap(), recording.smoothed().unwrap()]);
+            all.extend([recording.filtered(), recording.smoothed().unwrap()]);
             all.push(recording.single());
             for beliefs in all {
                 for (belief, answer) in beliefs.iter().zip(beliefs.answers()) {

@@ -114,7 +114,7 @@ fn options_and_readings_are_checked_from_the_start() {
     assert!(made(default().with_odometry(odometry)).starts_with(start));
     let views = ViewChangeRates { moved: 0.0, ..ViewChangeRates::default() };
     assert!(made(default().with_views(views)).starts_with("the model of motion"));
-    assert!(made(default().with_lost_odds(2.0)).starts_with("lost_odds is 2"));
+    assert!(made(default().with_view_fades(-1.0)).starts_with("view_fades is -1"));
 
     let made = Mapper::new(Distance::Cosine, Options::default()).unwrap();
     let mut mapper = made.with_gap(usize::MAX);

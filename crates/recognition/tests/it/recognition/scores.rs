@@ -124,15 +124,21 @@ fn what_is_wrong_is_said() {
         says(&[INF, 0.1, -INF]),
         "the distance to reference 2 is -inf, expected a number or infinity"
     );
-    for temperature in [0.009, 1001.0, f64::NAN, 0.0, -1.0] {
-        let expected = format!("the temperature is {temperature}, expected from 0.01 to 1000");
-        assert_eq!(text(MatchOdds::default().with_temperature(temperature)), expected);
-    }
-    for nothing in [0.0, 1.1, f64::NAN] {
-        let range = "expected from 1e-12 to 1";
-        let expected = format!("the probability that a frame says nothing is {nothing}, {range}");
-        assert_eq!(text(MatchOdds::default().with_nothing(nothing)), expected);
-    }
+    let odds = |shares| text(MatchOdds::new(shares));
+    let range = "expected from 0 to 1";
+    assert_eq!(
+        odds([0.1, 1.1, -0.2]),
+        format!("the share of views that match weakly is 1.1, {range}")
+    );
+    assert_eq!(
+        odds([0.1, 0.9, f64::NAN]),
+        format!("the share of views that match clearly is NaN, {range}")
+    );
+    assert_eq!(
+        odds([0.0, 0.5, 0.5]),
+        "the share of views that say nothing is 0, expected from 1e-12 to 1"
+    );
+    assert_eq!(odds([0.25, 0.25, 0.25]), "the sum of the shares of views is 0.75, expected 1");
     // A query unlike all references is an error if the vehicle cannot be off the map.
     let mut track = Recognizer::from_distances(3, Options::default()).unwrap().track();
     assert_eq!(

@@ -16,8 +16,7 @@ fn warnings_are_given_where_they_should_be() {
     let places = labels(&drive);
     let part = LabelledPart { queries: &queries, places: &places, odometry: &[] };
     let fitted = recognizer.fit(&[part]).unwrap();
-    assert!(fitted.parameters().warnings().iter().all(|w| matches!(w, Warning::Edge { .. })));
-    assert_eq!(fitted.parameters().temperature_scores().len(), 5);
+    assert!(fitted.parameters().warnings().iter().all(|w| matches!(w, Warning::Harm { .. })));
 
     // Labels of other places, near the right ones.
     let contradicted = |shift: usize| {
@@ -159,8 +158,10 @@ fn a_recording_that_matches_nothing_is_told() {
         let elsewhere = seen(&super::world(200 + seed), &drive, 0.5, 191);
         let told = |queries: &[Vec<f32>], expected: usize| {
             let found = warnings(queries);
-            let [Warning::Nothing { mean, step, frames }] = found[..] else { panic!("{found:?}") };
-            assert!(mean < -0.25 && (frames..=queries.len()).contains(&step));
+            let [Warning::Distracted { share, step, frames }] = found[..] else {
+                panic!("{found:?}")
+            };
+            assert!(share > 0.5 && (frames..=queries.len()).contains(&step));
             assert_eq!(frames, expected);
         };
         told(&elsewhere, 200);
