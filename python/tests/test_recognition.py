@@ -162,9 +162,9 @@ def images(seed, n=150, d=24, noise=0.7):
 
 
 def test_off_the_map_and_fit():
-    references, frames, truth = images(1)
+    references, frames, truth = images(3)
     recognizer = Recognizer(references.astype(np.float32), off_map={"leave": 0.01})
-    assert recognizer.options["off_map"] == {"leave": 0.01, "back": 0.015, "near": 0.7, "within": 10}
+    assert recognizer.options["off_map"] == {"leave": 0.01, "back": 0.03, "near": 0.7, "within": 10}
     beliefs = recognizer.recording(frames).smoothed()
     assert beliefs.probabilities.shape == (150, 151)
     assert (beliefs.places == truth).mean() > 0.9
@@ -188,6 +188,15 @@ def test_off_the_map_and_fit():
     assert other["odometry"] == parts.options["odometry"]
     assert recognizer.with_options(off_map=False).options["off_map"] is None
     assert any("fit" in doubt or "labelled" in doubt for doubt in recognizer.fit(frames[:9], truth[:9]).warnings)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_fit_that_does_harm_is_not_kept(seed):
+    references, frames, truth = images(seed)
+    recognizer = Recognizer(references, off_map=True)
+    fitted = recognizer.fit(frames, truth)
+    harm = any("nothing was learned" in doubt for doubt in fitted.warnings)
+    assert (fitted.options == recognizer.options) == harm
 
 
 def test_pickles_and_copies_go_on_to_the_bit():
