@@ -183,7 +183,7 @@ def test_off_the_map_and_fit():
     parts = recognizer.fit(frames, ranges, odometry, lengths=[70, 80])
     assert parts.options["odometry"]["deviation"] != 0.5
     other = parts.with_options(odds={"shares": (0.2, 0.5, 0.3)}, distractions={"end": 0.1}, window=3).options
-    assert (other["odds"], other["window"]) == ({"shares": [0.2, 0.5, 0.3]}, 3)
+    assert (other["odds"]["shares"], other["window"]) == ([0.2, 0.5, 0.3], 3)
     assert other["distractions"] == {"begin": 0.003, "end": 0.1}
     assert other["odometry"] == parts.options["odometry"]
     assert recognizer.with_options(off_map=False).options["off_map"] is None
