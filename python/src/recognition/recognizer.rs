@@ -152,7 +152,7 @@ impl PyRecognizer {
 
     /// Creates a recogniser for queries that are rows of distances to the references, smaller for
     /// more alike, by any comparison; scale and offset do not matter. Raises MemoryError for more
-    /// references than fit into memory; with the default speeds, each takes 400 bytes.
+    /// references than fit into memory; with the default speeds, each takes 1.2 kB.
     #[staticmethod]
     #[pyo3(signature = (references, **options))]
     fn from_distances(
