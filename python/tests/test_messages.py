@@ -88,7 +88,7 @@ RUST = re.compile(r"struct |usize|u64|f64|Named\(|sensor failed|Options::|with_m
     lambda: Recognizer(EYE, speeds="fast"),
     lambda: Recognizer(EYE, window=-1),
     lambda: Recognizer(EYE, window="a"),
-    lambda: Recognizer(EYE, odds={"temperature": None}),
+    lambda: Recognizer(EYE, odds={"shares": None}),
     lambda: RoadNetwork({"node": [1], "lat": [0], "lon": [0]}, {"from": [], "to": []}, cleaning=["contract"]),
     lambda: POISSON.log_likelihoods([[np.nan]]),
     lambda: Family("gaussian", covariance_type="full", means=[[0.0]], covariances=[[[1.0]]]).log_likelihoods([[np.nan]]),

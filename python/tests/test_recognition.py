@@ -1,4 +1,4 @@
-"""Place recognition against a plain hidden Markov model in numpy, and the arrays that it accepts."""
+"""Place recognition against a small model of it in numpy, and the arrays that it accepts."""
 
 import copy
 import pickle
@@ -15,20 +15,74 @@ PLAIN = {
     "closed": True,
     "speeds": {"values": [1.0], "shares": [1.0], "nearby": 0.0, "anywhere": 0.0, "slack": 0.1},
     "lost": {"leave": 1e-30, "back": 0.5, "near": 0.0, "within": 0},
-    "odds": {"temperature": 2.0},
+    "odds": {"shares": [0.2, 0.5, 0.3]},
     "standardize": False,
     "use_views": False,
     "view_threshold": 0.0,
 }
 
 
-def odds(distances, temperature):
-    """The odds of each place given a row of distances, as the library documents them."""
+# Of views of a place that a distracted camera follows.
+PHANTOM = np.array([0.3, 0.35, 0.35])
+
+
+def scores(distances):
+    """The score of each place within a row of distances, as the library documents it."""
     centre = np.sort(distances)[len(distances) // 2]
     off = np.abs(distances - centre)
     z = (distances - centre) / (1.4826 * np.sort(off)[len(off) // 2])
-    z = np.sign(z) * (np.minimum(np.abs(z), 3) + np.log1p(np.maximum(np.abs(z) - 3, 0)))
-    return (0.95 * np.exp(-2 * (z + 1.15)) + 0.05) ** (1 / temperature)
+    return np.sign(z) * (np.minimum(np.abs(z), 3) + np.log1p(np.maximum(np.abs(z) - 3, 0)))
+
+
+def kinds(z, shares):
+    """The odds of each place for a view that says nothing, matches weakly, and matches clearly: their sum counts."""
+    z = np.maximum(z, -6)
+    return np.array([np.ones_like(z), np.exp(-z / 2 - 1 / 8), np.exp(-3 * z / 2 - 9 / 8)]) * np.c_[shares]
+
+
+def belief_of_model(rows, moves, phantom_moves, shares, begin, end):
+    """Filter and smoother of a vehicle whose camera may follow a phantom, and log-likelihoods of the steps.
+
+    The states are the modes, attentive and distracted, times the places.
+    """
+    steps, n = rows.shape
+    counts, phantom = [10 * np.array(shares), 10 * PHANTOM], np.full(n, 1 / n)
+    belief, filtered, transitions, likelihoods, logs = None, [], [], [], []
+    for row in rows:
+        z = scores(row.astype(float))
+        place, other = (kinds(z, count / count.sum()) for count in counts)
+        b, q = place.sum(axis=0), other.sum(axis=0)
+        begins = continues = q.mean()
+        if belief is None:
+            before = np.repeat([1 - begin, begin], n) / n
+            phantom = q / q.sum()
+            b = np.r_[b, np.full(n, begins)]
+        else:
+            ahead, distracted = phantom @ phantom_moves, belief[n:].sum()
+            continues = ahead @ q
+            phantom = ((1 - end) * distracted * ahead + begin * (1 - distracted) / n) * q
+            phantom /= max(phantom.sum(), 1e-300)
+            modes = np.array([[1 - begin, begin * begins], [end, (1 - end) * continues]])
+            transitions.append(np.kron(modes, moves))
+            before = belief @ transitions[-1]
+            b = np.r_[b, np.ones(n)]
+        belief = b * before
+        logs.append(np.log(belief.sum()))
+        belief /= belief.sum()
+        filtered.append(belief)
+        likelihoods.append(b)
+        # Each view counts as of the kinds that it may be of, where the camera may be.
+        counts[0] = counts[0] + place / place.sum(axis=0) @ belief[:n]
+        counts[1] = counts[1] + other / other.sum(axis=0) @ phantom * belief[n:].sum()
+    later, smoothed = np.ones(2 * n), []
+    for k in reversed(range(steps)):
+        both = filtered[k] * later
+        smoothed.append(both / both.sum())
+        if k:
+            later = transitions[k - 1] @ (likelihoods[k] * later)
+            later /= later.sum()
+    places = [np.array(of).reshape(steps, 2, n).sum(axis=1) for of in (filtered, smoothed[::-1])]
+    return *places, logs
 
 
 def drive(seed, n=12, steps=30):
@@ -40,43 +94,42 @@ def drive(seed, n=12, steps=30):
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_plain_model(seed):
+@pytest.mark.parametrize("begin", [0, 0.1])
+def test_model(seed, begin):
     rows, _ = drive(seed)
     steps, n = rows.shape
-    recognizer = Recognizer.from_distances(n, **PLAIN)
-    # The distribution of a move, from a place about which the first image leaves no doubt.
-    first = recognizer.track()
-    first.step(np.where(np.arange(n) == 0, 0, np.inf))
-    first.predict()
-    move = first.places
-    assert move[1] == pytest.approx(0.8) and move[0] == pytest.approx(0.1)
-    moves = np.array([np.roll(move, place) for place in range(n)])
+    options = PLAIN | {"distractions": {"begin": begin, "end": 0.25}}
+    recognizer = Recognizer.from_distances(n, **options)
+    shares = PLAIN["odds"]["shares"]
 
-    b = np.array([odds(row.astype(float), 2.0) for row in rows])
-    alpha, beta = np.zeros((steps, n)), np.ones((steps, n))
-    before = np.full(n, 1 / n)
-    for k in range(steps):
-        alpha[k] = b[k] * (before if k == 0 else alpha[k - 1] @ moves)
-        alpha[k] /= alpha[k].sum()
-    for k in range(steps - 2, -1, -1):
-        beta[k] = moves @ (b[k + 1] * beta[k + 1])
-        beta[k] /= beta[k].sum()
-    gamma = alpha * beta / (alpha * beta).sum(axis=1, keepdims=True)
+    def moves(slack):
+        """The distribution of a move, from a place about which the first image leaves no doubt."""
+        attentive = recognizer.with_options(distractions={"begin": 0}, speeds={"slack": slack})
+        first = attentive.track()
+        first.step(np.where(np.arange(n) == 0, 0, np.inf))
+        first.predict()
+        move = first.places
+        assert move[1] == pytest.approx(1 - 2 * slack) and move[0] == pytest.approx(slack)
+        return np.array([np.roll(move, place) for place in range(n)])
 
+    # A phantom moves with the usual slack.
+    usual = Recognizer.from_distances(n).options["speeds"]["slack"]
+    alpha, gamma, logs = belief_of_model(rows, moves(0.1), moves(usual), shares, begin, 0.25)
     recording = recognizer.recording(rows)
-    single = np.array([odds(row.astype(float), 1.0) for row in rows])
+    single = np.array([kinds(scores(row.astype(float)), shares).sum(axis=0) for row in rows])
+    single /= single.sum(axis=1, keepdims=True)
     found = [
         (recording.filtered(), alpha),
         (recording.smoothed(), gamma),
         (recording.lagged(0), alpha),
         (recording.lagged(steps), gamma),
+        (recording.single(), single),
     ]
     for beliefs, expected in found:
         np.testing.assert_allclose(beliefs.probabilities, expected, atol=2e-5)
-    single /= single.sum(axis=1, keepdims=True)
-    np.testing.assert_allclose(recording.single().probabilities, single, atol=2e-5)
+    np.testing.assert_allclose(recording.filtered().log_likelihoods, logs, atol=2e-5)
     # From similarities, and live.
-    track = Recognizer.from_similarities(n, **PLAIN).track()
+    track = Recognizer.from_similarities(n, **options).track()
     for k, row in enumerate(rows):
         answer = track.step(-row)
         np.testing.assert_allclose(track.places, alpha[k], atol=2e-5)
@@ -109,9 +162,9 @@ def images(seed, n=150, d=24, noise=0.7):
 
 
 def test_off_the_map_and_fit():
-    references, frames, truth = images(1)
+    references, frames, truth = images(3)
     recognizer = Recognizer(references.astype(np.float32), off_map={"leave": 0.01})
-    assert recognizer.options["off_map"] == {"leave": 0.01, "back": 0.015, "near": 0.7, "within": 10}
+    assert recognizer.options["off_map"] == {"leave": 0.01, "back": 0.03, "near": 0.7, "within": 10}
     beliefs = recognizer.recording(frames).smoothed()
     assert beliefs.probabilities.shape == (150, 151)
     assert (beliefs.places == truth).mean() > 0.9
@@ -129,11 +182,21 @@ def test_off_the_map_and_fit():
     ranges = np.stack([truth, truth], axis=1)
     parts = recognizer.fit(frames, ranges, odometry, lengths=[70, 80])
     assert parts.options["odometry"]["deviation"] != 0.5
-    cold = parts.with_options(odds={"temperature": 1.0}, window=3)
-    assert (cold.options["odds"]["temperature"], cold.options["window"]) == (1.0, 3)
-    assert cold.options["odometry"] == parts.options["odometry"]
+    other = parts.with_options(odds={"shares": (0.2, 0.5, 0.3)}, distractions={"end": 0.1}, window=3).options
+    assert (other["odds"]["shares"], other["window"]) == ([0.2, 0.5, 0.3], 3)
+    assert other["distractions"] == {"begin": 0.003, "end": 0.1}
+    assert other["odometry"] == parts.options["odometry"]
     assert recognizer.with_options(off_map=False).options["off_map"] is None
     assert any("fit" in doubt or "labelled" in doubt for doubt in recognizer.fit(frames[:9], truth[:9]).warnings)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_fit_that_does_harm_is_not_kept(seed):
+    references, frames, truth = images(seed)
+    recognizer = Recognizer(references, off_map=True)
+    fitted = recognizer.fit(frames, truth)
+    harm = any("nothing was learned" in doubt for doubt in fitted.warnings)
+    assert (fitted.options == recognizer.options) == harm
 
 
 def test_pickles_and_copies_go_on_to_the_bit():
@@ -195,7 +258,9 @@ REFERENCES = np.random.default_rng(0).normal(size=(20, 4)).astype(np.float32)
 @pytest.mark.parametrize(("call", "message"), [
     (lambda r: Recognizer(REFERENCES, clsed=True), "unknown field `clsed`"),
     (lambda r: Recognizer(REFERENCES, window="x"), "options: invalid type"),
-    (lambda r: Recognizer(REFERENCES, odds={"temperature": np.float32("nan")}), "options"),
+    (lambda r: Recognizer(REFERENCES, odds={"shares": [np.float32("nan"), 0.5, 0.5]}), "options"),
+    (lambda r: Recognizer(REFERENCES, odds={"shares": [0.5, 0.5, 0.5]}), "sum of the shares of views is 1.5"),
+    (lambda r: Recognizer(REFERENCES, distractions={"begin": 2}), "a distraction begins is 2"),
     (lambda r: Recognizer(REFERENCES, speeds=[2, 1]), "speed 1 is 1"),
     (lambda r: Recognizer(REFERENCES, off_map={"leave": 2}), "leaving the map is 2"),
     (lambda r: Recognizer(REFERENCES, "manhattan"), "expected 'cosine' or 'euclidean'"),

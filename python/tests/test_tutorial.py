@@ -24,7 +24,7 @@ def test_tutorial(tmp_path):
     assert float(recall["smoother"]) > 0.95 > float(recall["nearest image"])
     # At low noise, the filter has less recall at 100 % precision than the nearest image.
     rows = {row[0]: [*map(float, row[1:])] for row in map(str.split, re.findall(r"^ *\d\.\d(?: +\d\.\d\d){6}$", done.stdout, re.MULTILINE))}
-    assert rows["1.6"][3] > rows["1.6"][4] and rows["2.6"][3] < rows["2.6"][4]
+    assert rows["1.2"][3] > rows["1.2"][4] and rows["2.6"][3] < rows["2.6"][4]
     assert all(row[2] > row[1] for row in rows.values()) and rows["2.6"][1] > rows["2.6"][0]
     assert int(re.search(r"(\d+)% right", done.stdout)[1]) > 90
     # The streets that the van and the bus drove.

@@ -40,8 +40,9 @@ pub(super) fn model(
     let anywhere = motion.anywhere();
     let shares = [1.0 - distractions.begin, distractions.begin];
     let modes = shares.iter().flat_map(|share| anywhere.as_slice().iter().map(move |p| p * share));
-    let prior = Prior::AtFirstObservation(Belief::from_weights(modes.collect())?);
+    // Checks the rates, which the prior takes as they are.
     let motion = DistractedTransition::new(motion, distractions)?;
+    let prior = Prior::AtFirstObservation(Belief::from_weights(modes.collect())?);
     Ok(Hmm::new(prior, motion, GroupedLikelihood::new(sensor, groups)?)?)
 }
 

@@ -152,7 +152,7 @@ impl PyRecognizer {
 
     /// Creates a recogniser for queries that are rows of distances to the references, smaller for
     /// more alike, by any comparison; scale and offset do not matter. Raises MemoryError for more
-    /// references than fit into memory; with the default speeds, each takes 400 bytes.
+    /// references than fit into memory; with the default speeds, each takes 1.2 kB.
     #[staticmethod]
     #[pyo3(signature = (references, **options))]
     fn from_distances(
@@ -263,9 +263,8 @@ impl PyRecognizer {
         ))
     }
 
-    /// Learns from labelled parts of drives: speeds, odometry, rates of leaving the map, the usual
-    /// scores of each reference, and the temperature. Returns another recogniser; read its
-    /// `warnings`.
+    /// Learns from labelled parts of drives: speeds, odometry, rates of leaving the map, and the
+    /// usual scores of each reference. Returns another recogniser; read its `warnings`.
     ///
     /// Parameters
     /// ----------

@@ -76,7 +76,7 @@ impl PyRecording {
 
     /// Returns the belief of each step given the queries up to it.
     fn filtered(&self, py: Python<'_>) -> PyResult<PyPlaceBeliefs> {
-        self.beliefs(py, Recording::filtered)
+        self.beliefs(py, |recording| Ok(recording.filtered()))
     }
 
     /// Returns the belief of each step given all queries.
@@ -108,7 +108,7 @@ impl PyRecording {
     }
 
     /// Returns reasons to doubt the views and readings of the drive, or their match with the fit,
-    /// as texts. Costs as much as `filtered`.
+    /// as texts.
     fn warnings(&self, py: Python<'_>) -> PyResult<Vec<String>> {
         let recording = Arc::clone(&self.recording);
         in_background(py, move |_| recording.warnings().iter().map(ToString::to_string).collect())

@@ -5,7 +5,7 @@ use std::time::Instant;
 use wayfix::BeliefView;
 use wayfix_recognition::{Answer, Parameters, PlaceBeliefs};
 
-use super::{Fallible, Recording, Task, fit, plain, seqslam, waiting};
+use super::{Fallible, Recording, Task, fit, plain, seqslam, sixty, waiting};
 
 /// Answers of one method, one value per step.
 #[derive(Debug, Default)]
@@ -55,6 +55,9 @@ pub(crate) fn estimate(task: Task<'_>) -> Fallible<Estimates> {
         let temperature = waiting("plain HMM", || plain::temperature(task))?;
         notes.push(format!("plain_hmm: temperature {temperature}"));
         methods.extend(waiting("plain HMM", || task.plain(temperature))?);
+        let [live, afterwards] = waiting("simple filter", || sixty::beliefs(recording));
+        methods.push(task.simple("simple_filter", live));
+        methods.push(task.simple("simple_smoother", afterwards));
     }
     methods.push(task.of_beliefs("filter", &filtered));
     let live = filtered.answers();
@@ -103,6 +106,28 @@ impl Task<'_> {
         let places = smoothed.posteriors().modes().into_iter().map(Some).collect();
         let beliefs = smoothed.posteriors().iter().map(BeliefView::as_slice);
         Ok([live, self.method("plain_hmm_smoothed", places, beliefs)])
+    }
+
+    /// Answers of the simple filter or smoother. As with the library, each is the middle of the most
+    /// probable three places, and if the map is never left, of a vehicle that is not lost.
+    fn simple(self, name: &'static str, mut beliefs: Vec<Vec<f64>>) -> Method {
+        let Self { recording: &Recording { references: n, closed, .. }, common, .. } = self;
+        let mut places = Vec::new();
+        for belief in &mut beliefs {
+            if !common.off_map {
+                belief.truncate(n);
+                let sum: f64 = belief.iter().sum();
+                belief.iter_mut().for_each(|p| *p /= sum);
+            }
+            let near = |place: usize| {
+                let around = (place..place + 3).filter(|i| closed || (1..=n).contains(i));
+                around.map(|i| belief[(i + n - 1) % n]).sum::<f64>()
+            };
+            let best = (0..n).rev().max_by(|a, b| near(*a).total_cmp(&near(*b)));
+            places.push(best.filter(|_| belief.get(n).is_none_or(|lost| *lost <= 0.5)));
+        }
+        let off_map = common.off_map.then(|| beliefs.iter().map(|belief| belief[n]).collect());
+        Method { off_map, ..self.method(name, places, beliefs.iter().map(Vec::as_slice)) }
     }
 
     fn of_beliefs(self, name: &'static str, beliefs: &PlaceBeliefs) -> Method {

@@ -14,6 +14,7 @@ mod plain;
 pub(crate) mod recording;
 pub(crate) mod report;
 mod seqslam;
+mod sixty;
 pub(crate) mod synthetic;
 
 use std::io::{self, Write};

@@ -16,13 +16,15 @@ type Curve = (&'static str, Vec<(f64, f64)>);
 pub(crate) const GREY: RGBColor = RGBColor(110, 110, 110);
 /// Methods with their colours, from Okabe and Ito's palette for the colour-blind, and lengths of
 /// dashes, 0 for a solid line.
-const METHODS: [(&str, RGBColor, u32); 9] = [
+const METHODS: [(&str, RGBColor, u32); 11] = [
     ("nearest", GREY, 3),
     ("single", BLACK, 3),
     ("seqslam_trailing", RGBColor(86, 180, 233), 9),
     ("seqslam_centred", RGBColor(0, 114, 178), 9),
     ("plain_hmm", RGBColor(230, 159, 0), 6),
     ("plain_hmm_smoothed", RGBColor(204, 121, 167), 6),
+    ("simple_filter", RGBColor(213, 94, 0), 3),
+    ("simple_smoother", RGBColor(0, 158, 115), 3),
     ("filter", RGBColor(213, 94, 0), 0),
     ("fixed_lag", RGBColor(230, 159, 0), 0),
     ("smoother", RGBColor(0, 158, 115), 0),

@@ -8,8 +8,8 @@ use wayfix_recognition::Answer;
 use super::{Measured, Recording, Task, number};
 
 /// Baselines that are live, like the filter, and those that know all images, like the smoother.
-const LIVE: [&str; 4] = ["nearest", "single", "seqslam_trailing", "plain_hmm"];
-const AFTERWARDS: [&str; 2] = ["seqslam_centred", "plain_hmm_smoothed"];
+const LIVE: [&str; 5] = ["nearest", "single", "seqslam_trailing", "plain_hmm", "simple_filter"];
+const AFTERWARDS: [&str; 3] = ["seqslam_centred", "plain_hmm_smoothed", "simple_smoother"];
 pub(crate) const TABLE: &str = "method,tolerance,recall,worst_minute,calibration_error,log_score,\
     worst_log_score,worst_step,recall_at_precision_1,average_precision,off_map_roc_area";
 
