@@ -19,8 +19,11 @@ use wayfix::transition::Distraction;
 /// another place than the vehicle's, before any view: less well than the place itself, or the first
 /// place could not be believed.
 const PHANTOM: MatchOdds = MatchOdds { shares: [0.3, 0.35, 0.35] };
-/// Number of views that these shares, and those of [`Options::odds`], count as.
+/// Numbers of views that these shares, and those of [`Options::odds`], count as. The phantom's are
+/// learned more slowly: once it matches as well as a place, a vehicle that was taken for elsewhere at
+/// first is not found again.
 const KIND_COUNT: f64 = 10.0;
+const PHANTOM_COUNT: f64 = 30.0;
 
 /// A view is unchanged up to this part of this quantile of the changes from reference to reference:
 /// nearly all steps along the route change it more, even those in dark stretches.
@@ -137,7 +140,7 @@ fn odds(kinds: [f64; 3]) -> MatchOdds {
 
 impl Sensor {
     pub(super) fn new(standardizer: Standardizer, options: &Options) -> Self {
-        let known = |odds: MatchOdds| odds.shares.map(|share| share * KIND_COUNT);
+        let known = |odds: MatchOdds, count: f64| odds.shares.map(|share| share * count);
         Self {
             still: still(&standardizer, &mut Vec::new()),
             standardizer,
@@ -146,7 +149,7 @@ impl Sensor {
             lingering: 0.0,
             driven: None,
             tally: Tally::default(),
-            kinds: [known(options.odds), known(PHANTOM)],
+            kinds: [known(options.odds, KIND_COUNT), known(PHANTOM, PHANTOM_COUNT)],
         }
     }
 

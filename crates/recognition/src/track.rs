@@ -121,7 +121,10 @@ impl Track {
     pub(super) fn learn(&mut self, sighting: &Sighting) {
         self.phantom.accept();
         if sighting.is_new() {
-            let distracted = 1.0 - self.attentive();
+            let belief = self.filter.belief();
+            let half = belief.as_slice().len() / 2;
+            let distracted: f64 =
+                belief.as_slice()[half..2 * half - self.attentive.len()].iter().sum();
             let Self { phantom, followed, .. } = self;
             followed.fill(0.0);
             add_layers(phantom.belief().as_slice(), followed);

@@ -55,9 +55,8 @@ fn stored<T: serde::Serialize>(value: &T) -> PyResult<Value> {
 /// would abort.
 pub(super) fn check_memory(references: usize, options: &Options) -> PyResult<()> {
     let speeds = options.speeds().values().len();
-    // Beyond the range of indices, the library returns an error before it allocates. Each speed and
-    // one state off the map are there twice, for an attentive and for a distracted camera.
-    if references.saturating_mul(2 * (speeds + 1)) > u32::MAX as usize {
+    // Beyond the range of indices of one mode, the library returns an error before it allocates.
+    if references.saturating_mul(speeds + 1) > u32::MAX as usize {
         return Ok(());
     }
     // Nine numbers of 8 bytes for each speed at each reference, and thirteen more, as measured. Below
