@@ -150,8 +150,8 @@ impl Recording {
     /// [still](Warning::Still) while odometry reads that the vehicle moves, the queries are
     /// [unlike](Warning::Unlike) those of the fit, they match [nothing](Warning::Nothing) for a
     /// while although the map is never left, or the vehicle is [faster](Warning::Fast) than the
-    /// options let it be. Needs no labels. Costs as much as [`filtered`](Self::filtered), twice
-    /// that if odometry reads the same for long, plus [`smoothed`](Self::smoothed) if queries are
+    /// options let it be. Needs no labels. Costs a pass of the filter if the map is never left,
+    /// another if odometry reads the same for long, and [`smoothed`](Self::smoothed) if queries are
     /// unlike and the map may be left.
     #[must_use]
     pub fn warnings(&self) -> Vec<Warning> {

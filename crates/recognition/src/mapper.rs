@@ -21,15 +21,9 @@ use wayfix::error::{At, OutOfRange};
 /// every sixteenth reference costs 96 more comparisons of O(n d), for n references of d numbers
 /// each.
 ///
-/// Measured on pairs of passes in two seasons or drives, one after the other, as the share of the
-/// second pass recognised within two references: on a railway by pixels (16 × 32, normalised in
-/// patches), 94% from summer to winter and 92% back, and 83% to 97% on parts of 600 places; by a
-/// network's descriptors, 86% and 53% on 357 places from winter to spring and back; with cars, 93%
-/// to 95% on three pairs and 46% on a fourth, and 78% and 81% on one by an event camera. Of all
-/// steps of both passes, at most 0.7% were taken for another place, except 1.6% on one part of the
-/// railway and 2.4% and 4.1% with the event camera. Most misses are at the start of the second
-/// pass: a new season is recognised after some tens of views. A [`Recognizer`] of the first pass,
-/// which knows that each place is on the map, finds 84% to 100%.
+/// The first views of a second pass become references again, until the track has found itself: in
+/// another season, usual scores have to be learned anew. A [`Recognizer`] of the first pass knows
+/// that each place is on the map, and does not have to find out that the vehicle is back on it.
 ///
 /// ```
 /// use wayfix_recognition::observation::Distance;

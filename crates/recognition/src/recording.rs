@@ -27,7 +27,7 @@ pub struct Recording {
     pub(super) controls: Vec<Distraction<RouteControl>>,
     pub(super) likelihoods: Vec<Vec<f64>>,
     filtered: PlaceBeliefs,
-    /// Beliefs over places by each last new frame alone.
+    /// Beliefs over places, each by the last new frame alone.
     pub(super) single: PlaceBeliefs,
     pub(super) best_scores: Vec<f64>,
     /// Filtered probability of an attentive camera on the map; `None` for a view that is not new.
@@ -157,8 +157,8 @@ impl Recording {
         Ok(all)
     }
 
-    /// Single-image beliefs: that of each step, given its query alone and a uniform prior. O(n) a
-    /// step.
+    /// Single-image beliefs: that of each step, given the last new query alone and a uniform prior.
+    /// O(n) a step.
     ///
     /// A baseline: motion adds the difference by which [`filtered`](Self::filtered) is right more
     /// often. The odds are those of [`Options::odds`](super::Options::odds) with standardised scores.
