@@ -266,9 +266,10 @@ impl Track {
             return Err(HmmError::TooMany { steps: filter.steps() }.into());
         }
         self.check_belief(filter)?;
-        let phantom = self.recognizer.phantom.clone().with_belief(phantom.clone())?;
-        self.filter.restore(filter)?;
-        self.phantom = phantom;
+        let mut restored = self.filter.clone();
+        restored.restore(filter)?;
+        self.phantom = self.recognizer.phantom.clone().with_belief(phantom.clone())?;
+        self.filter = restored;
         self.sensor.clone_from(sensor);
         self.marginalize_places();
         Ok(())
@@ -324,7 +325,7 @@ impl Track {
     pub fn relocate(&mut self) {
         self.filter.restart();
         self.sensor.forget();
-        self.phantom = self.recognizer.phantom.clone();
+        self.phantom.restart();
         self.marginalize_places();
     }
 
