@@ -2,7 +2,7 @@
 
 /// Number of labelled steps below which there are too few.
 pub(super) const ENOUGH: usize = 30;
-/// Number of new frames that show that most do not show the vehicle's place.
+/// Number of new frames whose mean log-likelihood shows that they match nothing.
 pub(super) const SPAN: usize = 200;
 
 /// A sign that a fit is wrong, or that it does not suit a recording.

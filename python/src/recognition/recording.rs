@@ -92,7 +92,7 @@ impl PyRecording {
         })
     }
 
-    /// Returns the belief of each step given its query alone: a baseline.
+    /// Returns the belief of each step given its last new query alone: a baseline.
     fn single(&self, py: Python<'_>) -> PyResult<PyPlaceBeliefs> {
         self.beliefs(py, |recording| Ok(recording.single()))
     }
