@@ -36,7 +36,7 @@ def scores(distances):
 
 def kinds(z, shares):
     """The odds of each place for a view that says nothing, matches weakly, and matches clearly: their sum counts."""
-    z = np.maximum(z, -6)
+    z = np.maximum(z, -5)
     return np.array([np.ones_like(z), np.exp(-z / 2 - 1 / 8), np.exp(-3 * z / 2 - 9 / 8)]) * np.c_[shares]
 
 
@@ -46,7 +46,7 @@ def belief_of_model(rows, moves, phantom_moves, shares, begin, end):
     The states are the modes, attentive and distracted, times the places.
     """
     steps, n = rows.shape
-    counts, phantom = [10 * np.array(shares), 10 * PHANTOM], np.full(n, 1 / n)
+    counts, phantom = [10 * np.array(shares), 30 * PHANTOM], np.full(n, 1 / n)
     belief, filtered, transitions, likelihoods, logs = None, [], [], [], []
     for row in rows:
         z = scores(row.astype(float))
