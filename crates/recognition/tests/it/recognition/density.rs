@@ -81,7 +81,7 @@ proptest! {
 
     /// However similar neighbours are, the smoother is right within 2 places at least as often as
     /// the nearest image, with a calibration error of at most 0.05. So is the filter, up to a step
-    /// or two in hundreds and an error of 0.12, if up to ten references in a row are similar. With
+    /// or two in hundreds and an error of 0.15, if up to ten references in a row are similar. With
     /// more, and clear images, it is not sure enough of its exact place, and after a stop may be
     /// off by three: scores below -5 count as that, so neighbours that are all very near are alike.
     #[test]
@@ -117,7 +117,7 @@ proptest! {
         prop_assert!(right >= nearest && error < 0.05, "smoother {right} {nearest} {error}");
         if correlated <= 10 {
             let (right, error) = judged(&recognizer, &recording.filtered(), &drive, 2);
-            prop_assert!(right >= nearest - 0.005 && error < 0.12, "filter {right} {nearest} {error}");
+            prop_assert!(right >= nearest - 0.005 && error < 0.15, "filter {right} {nearest} {error}");
         }
     }
 }
