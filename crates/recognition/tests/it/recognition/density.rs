@@ -81,9 +81,9 @@ proptest! {
 
     /// However similar neighbours are, the smoother is right within 2 places at least as often as
     /// the nearest image, with a calibration error of at most 0.05. So is the filter, up to a step
-    /// or two in hundreds and an error of 0.15, if up to ten references in a row are similar. With
-    /// more, and clear images, it is not sure enough of its exact place, and after a stop may be
-    /// off by three: scores below -5 count as that, so neighbours that are all very near are alike.
+    /// or two in hundreds, if up to ten references in a row are similar. With clear images of
+    /// similar neighbours all answers are right, but stated with up to 0.25 less: scores below -5
+    /// count as that, so neighbours that are all very near are alike.
     #[test]
     fn correlated_routes_are_not_below_the_nearest_image(
         correlated in 1..=20_usize,
@@ -113,11 +113,12 @@ proptest! {
         let recognizer =
             Recognizer::from_descriptors(&map, Distance::Cosine, Options::default()).unwrap();
         let recording = recognizer.recording(&queries, &[]).unwrap();
+        let most = |right: f64| if right > 0.99 { 0.25 } else { 0.05 };
         let (right, error) = judged(&recognizer, &recording.smoothed().unwrap(), &drive, 2);
-        prop_assert!(right >= nearest && error < 0.05, "smoother {right} {nearest} {error}");
+        prop_assert!(right >= nearest && error < most(right), "smoother {right} {nearest} {error}");
         if correlated <= 10 {
             let (right, error) = judged(&recognizer, &recording.filtered(), &drive, 2);
-            prop_assert!(right >= nearest - 0.005 && error < 0.15, "filter {right} {nearest} {error}");
+            prop_assert!(right >= nearest - 0.005 && error < most(right), "filter {right} {nearest} {error}");
         }
     }
 }
