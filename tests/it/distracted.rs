@@ -359,11 +359,13 @@ fn a_proposal_is_taken_over_only_when_it_is_accepted() {
     assert_eq!(clone.belief().as_slice(), [0.0, 1.0]);
     assert_eq!(clone.proposed().as_slice(), [0.5, 0.5]);
 
-    let again = clone.with_belief(Belief::new(vec![0.5, 0.5]).unwrap()).unwrap();
+    let mut again = clone.with_belief(Belief::new(vec![0.5, 0.5]).unwrap()).unwrap();
     assert_eq!(again.proposed().as_slice(), [0.5, 0.5]);
-    let rates = DistractionRates { begin: 0.25, end: 0.5 };
-    assert_eq!((again.start().as_slice(), again.rates()), (&[0.75, 0.25][..], rates));
     assert_eq!(again.transition().operators().len(), 2);
+    again.observe(&1, &[0.5, 1.5], 0.0).unwrap();
+    again.restart(); // drops the proposal
+    again.accept();
+    assert_eq!(again.belief().as_slice(), [0.75, 0.25]);
 }
 
 #[test]

@@ -75,7 +75,7 @@ impl Recognizer {
     /// everything else learned before is replaced.
     ///
     /// What was learned from one half of each part is then compared with the present parameters on
-    /// the other half, by the mean log score of the filter. If it is worse there, the present
+    /// the other half, by the mean log score of the filter. If it is worse there by more than 0.01, the present
     /// parameters stay, with a [`Warning::Harm`]. [`Parameters::warnings`] lists it with other
     /// warnings. O(steps n k) time, O(steps n) memory.
     ///
@@ -88,11 +88,10 @@ impl Recognizer {
         parts: &[LabelledPart<'_, Q>],
     ) -> Result<Self, RecognitionError> {
         let fitted = self.fit_once(parts)?;
-        let Some([present, learned, contradicted]) = self.held_out_scores(parts)? else {
+        let Some([present, learned, share]) = self.held_out_scores(parts)? else {
             return Ok(fitted);
         };
         let mut fit = fitted.parameters().clone();
-        let share = contradicted;
         fit.warnings
             .extend((share > CONTRADICTED_SHARE).then_some(Warning::Contradicted { share }));
         if learned >= present - HARM {
@@ -129,14 +128,13 @@ impl Recognizer {
         let (mut sums, mut steps, mut unlikely) = ([0.0; 2], 0.0, 0.0);
         for (half, other) in [(0, 1), (1, 0)] {
             let learned = self.fit_once(&halves[other])?;
-            for (sum, recognizer) in sums.iter_mut().zip([self, &learned]) {
-                for mass in recognizer.label_masses(&halves[half])? {
-                    *sum += mass.max(LEAST).ln();
-                }
-            }
-            for mass in learned.label_masses(&halves[half])? {
+            let present = self.label_masses(&halves[half])?;
+            let learned = learned.label_masses(&halves[half])?;
+            for (present, learned) in present.into_iter().zip(learned) {
+                sums[0] += present.max(LEAST).ln();
+                sums[1] += learned.max(LEAST).ln();
+                unlikely += f64::from(u8::from(learned < UNLIKELY));
                 steps += 1.0;
-                unlikely += f64::from(u8::from(mass < UNLIKELY));
             }
         }
         Ok(Some([sums[0] / steps, sums[1] / steps, unlikely / steps]))

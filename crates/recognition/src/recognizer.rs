@@ -12,6 +12,7 @@ use super::{Options, RecognitionError};
 use crate::motion::{RouteControl, RouteTransition, Speeds};
 use crate::observation::Distance;
 use wayfix::inference::Distractor;
+use wayfix::internal::buffers;
 use wayfix::likelihood::{GroupedLikelihood, Groups};
 use wayfix::transition::{DistractedTransition, DistractionRates};
 use wayfix::{Belief, Hmm, HmmError, Likelihood, LikelihoodVector, Prior, Transition};
@@ -31,17 +32,15 @@ pub(super) fn model(
     distractions: DistractionRates,
     sensor: LikelihoodVector,
 ) -> Result<Model, RecognitionError> {
-    let places = motion.place_groups();
+    // Checks the rates and the number of states, before anything as long is made.
+    let motion = DistractedTransition::new(motion, distractions)?;
+    let (places, anywhere) = (motion.base().place_groups(), motion.base().anywhere());
     let (count, all) = (places.count(), Likelihood::states(&sensor));
     let attentive = places.as_slice().iter().copied();
     let distracted = attentive.clone().map(|place| count + if all > count + 1 { place } else { 0 });
-    let groups = attentive.chain(distracted);
-    let groups = Groups::new(groups.collect())?;
-    let anywhere = motion.anywhere();
+    let groups = Groups::new(attentive.chain(distracted).collect())?;
     let shares = [1.0 - distractions.begin, distractions.begin];
     let modes = shares.iter().flat_map(|share| anywhere.as_slice().iter().map(move |p| p * share));
-    // Checks the rates, which the prior takes as they are.
-    let motion = DistractedTransition::new(motion, distractions)?;
     let prior = Prior::AtFirstObservation(Belief::from_weights(modes.collect())?);
     Ok(Hmm::new(prior, motion, GroupedLikelihood::new(sensor, groups)?)?)
 }
@@ -219,17 +218,36 @@ impl Recognizer {
         self.phantom.belief().as_slice().len()
     }
 
+    /// Marginalises a belief over states to the places of an attentive camera and of a distracted
+    /// one; returns the probability of off the map.
+    pub(super) fn marginalize_modes(
+        &self,
+        belief: &[f64],
+        [attentive, distracted]: [&mut [f64]; 2],
+    ) -> f64 {
+        let (first, second) = belief.split_at(belief.len() / 2);
+        let motion = self.motion();
+        motion.marginalize_places(first, attentive) + motion.marginalize_places(second, distracted)
+    }
+
     /// Marginalises a belief over states to one over places.
     pub(super) fn marginalize_places(&self, belief: &[f64], places: &mut [f64]) {
-        let n = self.references();
-        let (places, off) = places.split_at_mut(n);
-        places.fill(0.0);
-        let mut lost = 0.0;
-        for mode in belief.chunks_exact(belief.len() / 2) {
-            let (on, off) = mode.split_at(mode.len() - n);
-            add_layers(on, places);
-            lost += kernels::sum(off);
-        }
+        buffers::with_two(self.references(), |attentive, distracted| {
+            let off = self.marginalize_modes(belief, [&mut *attentive, &mut *distracted]);
+            self.combine_modes([attentive, distracted], off, places);
+        });
+    }
+
+    /// Adds up the places of both modes.
+    pub(super) fn combine_modes(
+        &self,
+        [attentive, distracted]: [&[f64]; 2],
+        lost: f64,
+        places: &mut [f64],
+    ) {
+        let (places, off) = places.split_at_mut(self.references());
+        let modes = attentive.iter().zip(distracted);
+        places.iter_mut().zip(modes).for_each(|(place, (a, d))| *place = a + d);
         if let [off] = off {
             *off = lost;
         } else {
@@ -244,13 +262,6 @@ impl Recognizer {
                 places.fill(1.0 / places.len() as f64);
             }
         }
-    }
-}
-
-/// Adds up the layers of a belief, one for each speed.
-pub(super) fn add_layers(belief: &[f64], places: &mut [f64]) {
-    for layer in belief.chunks_exact(places.len()) {
-        places.iter_mut().zip(layer).for_each(|(place, p)| *place += p);
     }
 }
 

@@ -6,7 +6,6 @@
 //! changes scratch memory alone, and [`Sensor::learn`] follows once the filter has taken the step.
 
 use super::recognizer::{Phantom, Recognizer, check_control};
-use super::references::References;
 use super::views::{Tally, View, least, nearest};
 use super::{Options, RecognitionError};
 use crate::motion::{Driven, RouteControl, RouteTransition, ViewChange, ViewEvidence};
@@ -165,8 +164,7 @@ impl Sensor {
         phantom: &mut Phantom,
         scratch: &mut Scratch,
     ) -> Result<Sighting, RecognitionError> {
-        let (references, options): (&References, _) =
-            (&recognizer.references, recognizer.options());
+        let (references, options) = (&recognizer.references, recognizer.options());
         let n = references.count();
         let failed = |cause| RecognitionError::query(step, cause);
         references.distances(step, query, &mut scratch.distances, &mut scratch.more)?;
@@ -212,11 +210,13 @@ impl Sensor {
     fn weigh(&self, spread: Option<Spread>, phantom_states: usize, scratch: &mut Scratch) {
         let Scratch { scores, standardized, likelihoods, phantom, .. } = scratch;
         let n = scores.len();
-        likelihoods.clear();
         likelihoods.resize(n + 2, 1.0);
-        phantom.clear();
         phantom.resize(phantom_states, 1.0);
-        let Some(spread) = spread else { return };
+        let Some(spread) = spread else {
+            likelihoods.fill(1.0);
+            phantom.fill(1.0);
+            return;
+        };
         standardized.resize(n, 0.0);
         self.standardizer.standardize(spread, scores, standardized);
         let [place, other] = self.kinds.map(odds);

@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use super::recognizer::{Model, Phantom, add_layers, check_control};
+use super::recognizer::{Model, Phantom, check_control};
 use super::sensor::{Positions, Scratch, Sensor, Sighting};
 use super::warning::Warning;
 use super::{Answer, RecognitionError, Recognizer};
@@ -27,8 +27,10 @@ pub struct Track {
     phantom: Phantom,
     scratch: Scratch,
     places: Vec<f64>,
-    /// Probabilities of an attentive camera at each place, and of the phantom at each place.
+    /// Probabilities of an attentive camera at each place, and of a distracted one.
     attentive: Vec<f64>,
+    distracted: Vec<f64>,
+    /// Probabilities of the phantom at each place, scratch memory for learning.
     followed: Vec<f64>,
 }
 
@@ -52,6 +54,7 @@ impl Recognizer {
             scratch: Scratch::default(),
             places: vec![0.0; self.places()],
             attentive: vec![0.0; self.references()],
+            distracted: vec![0.0; self.references()],
             followed: vec![0.0; self.references()],
             recognizer: self.clone(),
         };
@@ -121,13 +124,9 @@ impl Track {
     pub(super) fn learn(&mut self, sighting: &Sighting) {
         self.phantom.accept();
         if sighting.is_new() {
-            let belief = self.filter.belief();
-            let half = belief.as_slice().len() / 2;
-            let distracted: f64 =
-                belief.as_slice()[half..2 * half - self.attentive.len()].iter().sum();
-            let Self { phantom, followed, .. } = self;
-            followed.fill(0.0);
-            add_layers(phantom.belief().as_slice(), followed);
+            let Self { phantom, distracted, followed, .. } = self;
+            let distracted: f64 = distracted.iter().sum();
+            phantom.transition().marginalize_places(phantom.belief().as_slice(), followed);
             followed.iter_mut().for_each(|p| *p *= distracted);
         }
         let Self { recognizer, sensor, scratch, attentive, followed, .. } = self;
@@ -174,6 +173,11 @@ impl Track {
         self.scratch.fill(self.recognizer.references());
         let distracted = 1.0 - self.attentive();
         let is_first = self.steps() == 0;
+        if is_first {
+            // The filter checks all controls but the first, since no move leads to the first step.
+            // The sensor keeps the first reading, so it is checked here.
+            check_control(self.recognizer.motion(), 1, &control.control)?;
+        }
         let log_likelihood = self.advance(&control)?;
         if !is_first {
             // The filter has accepted the control, so this does not fail.
@@ -188,11 +192,6 @@ impl Track {
         &mut self,
         control: &Distraction<RouteControl>,
     ) -> Result<f64, RecognitionError> {
-        // The filter checks all controls but the first, since no move leads to the first step. The
-        // sensor keeps the first reading, so it is checked here.
-        if self.filter.steps() == 0 {
-            check_control(self.recognizer.motion(), 1, &control.control)?;
-        }
         let log_likelihood = self.filter.step_with(control, &self.scratch.likelihoods)?;
         self.marginalize_places();
         Ok(log_likelihood)
@@ -330,12 +329,11 @@ impl Track {
     }
 
     fn marginalize_places(&mut self) {
-        let Self { recognizer, filter, places, attentive, .. } = self;
+        let Self { recognizer, filter, places, attentive, distracted, .. } = self;
         let belief = filter.belief();
-        recognizer.marginalize_places(belief.as_slice(), places);
-        attentive.fill(0.0);
-        let on_map = belief.as_slice().len() / 2 - attentive.len();
-        add_layers(&belief.as_slice()[..on_map], attentive);
+        let off =
+            recognizer.marginalize_modes(belief.as_slice(), [&mut *attentive, &mut *distracted]);
+        recognizer.combine_modes([attentive, distracted], off, places);
     }
 }
 

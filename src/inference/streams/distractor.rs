@@ -237,18 +237,6 @@ impl<A: Transition> Distractor<A> {
         BeliefView::view(if self.pending { &self.next } else { &self.belief })
     }
 
-    /// Distribution of the state at which a distraction begins.
-    #[must_use]
-    pub fn start(&self) -> BeliefView<'_> {
-        BeliefView::view(self.start.as_slice())
-    }
-
-    /// Probabilities that a distraction begins and ends.
-    #[must_use]
-    pub fn rates(&self) -> DistractionRates {
-        self.rates
-    }
-
     /// The operator of what a distracted sensor follows.
     #[must_use]
     pub fn transition(&self) -> &A {

@@ -41,7 +41,7 @@ impl ByClass {
     }
 }
 
-/// Rule by which a vehicle chooses among the roads out of a place.
+/// Rule for the probability of each road out of a place.
 ///
 /// The class of a place is the highest class of the roads that leave it. With the probability that
 /// `stop` has for this class, the vehicle **stops** (stays for one step). Otherwise it takes a road

@@ -308,6 +308,16 @@ fn add_layers(x: &[f64], n: usize, factor: impl Fn(usize) -> f64, out: &mut [f64
     }
 }
 
+impl RouteTransition {
+    /// Sums a belief over speeds into the probability of each place; returns that of off the map.
+    pub(crate) fn marginalize_places(&self, belief: &[f64], out: &mut [f64]) -> f64 {
+        let n = self.shape.places;
+        let (on, off) = belief.split_at(self.k() * n);
+        add_layers(on, n, |_| 1.0, out);
+        kernels::sum(off)
+    }
+}
+
 impl Transition for RouteTransition {
     type Control = RouteControl;
 
