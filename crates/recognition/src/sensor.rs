@@ -10,7 +10,7 @@ use super::views::{Tally, View, least, nearest};
 use super::{Options, RecognitionError};
 use crate::motion::{Driven, RouteControl, RouteTransition, ViewChange, ViewEvidence};
 use crate::observation::{
-    MatchOdds, RowScratch, Spread, Standardizer, ViewError, row_scores, within,
+    MatchOdds, RowScratch, Spread, Standardizer, ViewError, bound_by_neighbours, row_scores, within,
 };
 use wayfix::transition::Distraction;
 
@@ -176,7 +176,7 @@ impl Sensor {
         // A view that matches nothing at all is evidence of being off the map, even if it is
         // repeated.
         let spread = (view.fresh > 0.0 || nowhere).then(|| self.standardizer.spread());
-        self.weigh(spread, recognizer.phantom_states(), scratch);
+        self.weigh(spread, recognizer.phantom_states(), options.closed, scratch);
         // A lost frame sets `self.run` to `None`, so a gap always starts a new run.
         let run = match self.run {
             Some((before, count)) if before == view.change => count.saturating_add(1),
@@ -207,7 +207,13 @@ impl Sensor {
 
     /// Computes the odds of each place, and of each state of the phantom; 1 for a view that is not
     /// new.
-    fn weigh(&self, spread: Option<Spread>, phantom_states: usize, scratch: &mut Scratch) {
+    fn weigh(
+        &self,
+        spread: Option<Spread>,
+        phantom_states: usize,
+        closed: bool,
+        scratch: &mut Scratch,
+    ) {
         let Scratch { scores, standardized, likelihoods, phantom, .. } = scratch;
         let n = scores.len();
         likelihoods.resize(n + 2, 1.0);
@@ -219,6 +225,7 @@ impl Sensor {
         };
         standardized.resize(n, 0.0);
         self.standardizer.standardize(spread, scores, standardized);
+        bound_by_neighbours(standardized, closed, self.standardizer.count());
         let [place, other] = self.kinds.map(odds);
         place.odds_of(standardized, &mut likelihoods[..n]);
         let (first, rest) = phantom.split_at_mut(n);

@@ -5,6 +5,7 @@
 
 mod descriptors;
 mod error;
+mod neighbours;
 mod odds;
 mod rows;
 mod standardizer;
@@ -13,6 +14,7 @@ mod view;
 pub(crate) use descriptors::check_descriptor;
 pub use descriptors::{Distance, ReferenceDescriptors};
 pub use error::ViewError;
+pub(crate) use neighbours::bound_by_neighbours;
 pub use odds::MatchOdds;
 pub(crate) use rows::{RowScratch, change, row_scores, within};
 pub(crate) use standardizer::Spread;
