@@ -72,6 +72,7 @@
 //!
 //! None is a default.
 
+mod advantage;
 mod curves;
 mod decode;
 mod error;

@@ -5,6 +5,7 @@
 //! A step takes two calls, so that an error between them leaves no trace: [`Sensor::observe`]
 //! changes scratch memory alone, and [`Sensor::learn`] follows once the filter has taken the step.
 
+use super::advantage::Advantage;
 use super::recognizer::{Phantom, Recognizer, check_control};
 use super::views::{Tally, View, least, nearest};
 use super::{Options, RecognitionError};
@@ -129,6 +130,8 @@ pub(crate) struct Sensor {
     pub(crate) tally: Tally,
     /// Numbers of views of each kind, at the vehicle's place and at the phantom's.
     pub(crate) kinds: [[f64; 3]; 2],
+    /// How much better views match on the map than off it.
+    pub(crate) advantage: Advantage,
 }
 
 /// Odds with the shares of some numbers of views.
@@ -149,6 +152,7 @@ impl Sensor {
             driven: None,
             tally: Tally::default(),
             kinds: [known(options.odds, KIND_COUNT), known(PHANTOM, PHANTOM_COUNT)],
+            advantage: Advantage::default(),
         }
     }
 
@@ -198,8 +202,11 @@ impl Sensor {
             (begins, begins)
         } else {
             let (begins, continues) = phantom.observe(&control, seen, 1.0 - attentive)?;
-            // Off the map the camera follows a phantom, too: views elsewhere look alike.
-            (likelihoods[n], likelihoods[n + 1]) = (continues, 1.0);
+            // Off the map the camera follows a phantom, too: views elsewhere look alike. A lost
+            // vehicle is on the map.
+            let new = spread.is_some() && options.off_map.is_some();
+            let advantage = if new { self.advantage.least().exp() } else { 1.0 };
+            (likelihoods[n], likelihoods[n + 1]) = (continues * advantage, 1.0);
             (begins, continues)
         };
         Ok(Sighting { control: Distraction { control, begins, continues }, view, run, spread })
@@ -244,12 +251,19 @@ impl Sensor {
         positions: Positions<'_>,
         scratch: &mut Scratch,
     ) {
-        let Sighting { control: Distraction { control, .. }, view, run, spread } = sighting;
+        let Sighting { control: Distraction { control, continues, .. }, view, run, spread } =
+            sighting;
         if let Some(spread) = spread {
             self.learn_scores(recognizer.options(), *spread, view.fresh, scratch);
-            let beliefs = [positions.attentive, positions.phantom];
-            for (kinds, belief) in self.kinds.iter_mut().zip(beliefs) {
-                let seen = odds(*kinds).kinds(&scratch.standardized, belief);
+            // The share of views that say nothing has odds of 1, so its part is Σ p ⁄ o: the
+            // predicted probabilities, but for their likelihood.
+            let [place, phantom] = self.kinds.map(odds);
+            let seen = place.kinds(&scratch.standardized, positions.attentive);
+            let attentive: f64 = positions.attentive.iter().sum();
+            let likelihood = attentive * place.shares[0] / seen[0];
+            self.advantage.observe(attentive, likelihood.ln(), continues.ln());
+            let followed = phantom.kinds(&scratch.standardized, positions.phantom);
+            for (kinds, seen) in self.kinds.iter_mut().zip([seen, followed]) {
                 kinds.iter_mut().zip(seen).for_each(|(kind, seen)| *kind += seen);
             }
         }

@@ -350,6 +350,7 @@ wayfix::stored! {
         driven: Option<crate::motion::Driven> = state.sensor.driven,
         tally: crate::views::Tally = state.sensor.tally,
         kinds: [[f64; 3]; 2] = state.sensor.kinds,
+        advantage: crate::advantage::Advantage = state.sensor.advantage,
         phantom: Belief = state.phantom,
     } => Self::from_parts(
         filter,
@@ -362,6 +363,7 @@ wayfix::stored! {
             driven,
             tally,
             kinds,
+            advantage,
         },
         phantom,
     );
@@ -407,7 +409,8 @@ impl TrackSnapshot {
                 ));
             }
         }
-        let sensor = Sensor { tally: sensor.tally.checked()?, ..sensor };
+        let (tally, advantage) = (sensor.tally.checked()?, sensor.advantage.checked()?);
+        let sensor = Sensor { tally, advantage, ..sensor };
         Ok(Self { filter, sensor, phantom })
     }
 }

@@ -8,7 +8,7 @@ use wayfix::error::OutOfRange;
 use wayfix_kernels::{Simd, WithSimd, run};
 
 /// Scores below this count as this: how near a single match may be is bounded.
-const NEAREST: f64 = -5.0;
+const NEAREST: f64 = -6.0;
 /// φ at a mean of −½ is `WEAK` e, and at a mean of −3⁄2 it is `CLEAR` e³, with e = exp(−z ⁄ 2).
 const WEAK: f32 = 0.882_496_9;
 const CLEAR: f32 = 0.324_652_47;

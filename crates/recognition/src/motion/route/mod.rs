@@ -181,10 +181,10 @@ pub struct OffMap {
 }
 
 impl Default for OffMap {
-    /// The vehicle leaves every 333 steps, for 33 steps, and comes back within ten places seven
+    /// The vehicle leaves every 1,000 steps, for 33 steps, and comes back within ten places seven
     /// times out of ten.
     fn default() -> Self {
-        Self { leave: 0.003, back: 0.03, near: 0.7, within: 10 }
+        Self { leave: 0.001, back: 0.03, near: 0.7, within: 10 }
     }
 }
 

@@ -1,0 +1,100 @@
+//! How much better views match on the map than off it, learned as the vehicle drives
+//! (`guide::formulas`, Off the map).
+
+/// Number of views of a stretch: views in sequence err together, so single ones say little. Nothing
+/// is learned from the first stretch, in which the vehicle is still being located.
+const STRETCH: f64 = 10.0;
+/// Deviations below the mean of stretches below which about one of twenty on the map is.
+const RARE: f64 = 1.6;
+/// Prior of the mean over stretches, 0, and of their mean square, counted in views.
+const PRIOR_COUNT: f64 = 3.0;
+const PRIOR_SQUARE: f64 = 0.25;
+
+/// Log-likelihoods of views at the vehicle's place, minus those at the phantom's: their mean and
+/// mean square over stretches of views, weighted by the probability that the vehicle is on the map
+/// and the camera attentive.
+///
+/// Off the map the camera follows a phantom, since views elsewhere look alike, and so it does where
+/// it is distracted: neither matches better. With a clear camera a vehicle on the map matches better
+/// in all stretches, so one in which it doesn't shows that the map has been left. With a weak camera
+/// it shows nothing.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+pub(crate) struct Advantage {
+    /// Mean over the last stretch.
+    recent: f64,
+    /// Number of views; and sums, after the first stretch, of the means of stretches and of their
+    /// squares.
+    views: f64,
+    sum: f64,
+    squares: f64,
+}
+
+impl Default for Advantage {
+    fn default() -> Self {
+        Self { recent: 0.0, views: 0.0, sum: 0.0, squares: PRIOR_COUNT * PRIOR_SQUARE }
+    }
+}
+
+impl Advantage {
+    /// Takes the log-likelihoods of a view at the vehicle's place and at the phantom's.
+    pub(crate) fn observe(&mut self, weight: f64, place: f64, phantom: f64) {
+        let advantage = place - phantom;
+        if !(weight > 0.0 && advantage.is_finite()) {
+            return;
+        }
+        self.views += weight;
+        self.recent += weight * (advantage - self.recent) / STRETCH.min(1.0 + self.views);
+        if self.views > STRETCH {
+            self.sum += weight * self.recent;
+            self.squares += weight * self.recent * self.recent;
+        }
+    }
+
+    /// Advantage that 19 of 20 stretches on the map have; 0 if fewer have any.
+    pub(crate) fn least(&self) -> f64 {
+        let count = (self.views - STRETCH).max(0.0) + PRIOR_COUNT;
+        let mean = self.sum / count;
+        let variance = (self.squares / count - mean * mean).max(0.0);
+        (mean - RARE * variance.sqrt()).max(0.0)
+    }
+
+    /// Checks sums read from storage.
+    #[cfg(feature = "serde")]
+    pub(crate) fn checked(self) -> Result<Self, String> {
+        let Self { recent, views, sum, squares } = self;
+        let [count, most] = [1e15, 1e35];
+        let in_range = recent.abs() <= 1e3 && (0.0..=count).contains(&views);
+        if in_range && sum.abs() <= most && (0.0..=most).contains(&squares) {
+            return Ok(self);
+        }
+        Err(format!("{self:?}, expected sums over at most 1e15 views"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_clear_camera_has_an_advantage_in_all_stretches() {
+        let mut clear = Advantage::default();
+        let mut weak = Advantage::default();
+        assert_eq!(clear.least(), 0.0);
+        for k in 0..200_u32 {
+            let noise = f64::from(k % 7) - 3.0;
+            clear.observe(1.0, 2.0 + 0.3 * noise, 0.0);
+            // None for stretches of twenty views.
+            let shows = f64::from(u8::from(k % 40 < 20));
+            weak.observe(1.0, 1.5 * shows + 0.3 * noise, 0.1);
+        }
+        assert!((1.0..2.0).contains(&clear.least()), "{clear:?}");
+        assert_eq!(weak.least(), 0.0);
+        // Nothing is learned while the vehicle is off the map, nor from a view that rules out all.
+        let before = clear;
+        clear.observe(0.0, -3.0, 0.0);
+        clear.observe(1.0, f64::NEG_INFINITY, 0.0);
+        assert_eq!(clear, before);
+    }
+}
