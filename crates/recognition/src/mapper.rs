@@ -3,6 +3,8 @@
 
 use std::collections::VecDeque;
 
+#[cfg(feature = "serde")]
+use super::TrackSnapshot;
 use super::recognizer::check_control;
 use super::references::Exemplar;
 use super::{Answer, Options, RecognitionError, Recognizer, Track};
@@ -16,8 +18,9 @@ use wayfix::error::{At, OutOfRange};
 /// Each view becomes a reference unless its place was seen before or it equals the last one; views
 /// of the last [`gap`](Self::with_gap) steps do not count as seen before. Where odometry says that
 /// the vehicle stands, views that hardly change do not become references either. A place counts as
-/// seen again once the track has passed some references without a jump and is sure to within a few
-/// of them. References join the model in groups. A step costs as much as a [`Track`] step, and
+/// seen again once the track has passed references that amount to five wholly new views, without a
+/// jump, and is sure to within a few of them. With the feature `serde` a mapper can be stored, and
+/// goes on after a restart. References join the model in groups. A step costs as much as a [`Track`] step, and
 /// every sixteenth reference costs 96 more comparisons of O(n d), for n references of d numbers
 /// each.
 ///
@@ -67,6 +70,8 @@ pub struct Mapper {
 
 /// A run of answers without a jump.
 #[derive(Debug, Clone, Copy)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 struct Run {
     first: usize,
     last: usize,
@@ -82,15 +87,17 @@ const FIRST: usize = 48;
 const LONGEST: f64 = 1.7e38;
 /// Default rates: rare, so that the views decide whether the vehicle is back on the map or has left
 /// it.
-const MAPPING: OffMap = OffMap { leave: 1e-4, back: 1e-4, near: 0.3, within: 10 };
+const MAPPING: OffMap = OffMap { leave: 1e-4, back: 1e-3, near: 0.3, within: 10 };
 /// Number of recent views that teach the usual scores of the season, and the weight of each, in
 /// queries.
 const RECENT: usize = 32;
 const RECENT_WEIGHT: f64 = 0.5;
-/// Number of references that a run of answers must pass before it is believed: a dark stretch
-/// looks like another, but does not lead anywhere.
-const PASSED: usize = 5;
-/// Largest distance between successive answers of a run, in references.
+/// Number of wholly new views that the references passed by a run of answers must amount to before
+/// it is believed: a dark stretch looks like another, but does not lead anywhere, and where views
+/// are a metre apart, five of them are one.
+const PASSED: f64 = 5.0;
+/// Largest distance between successive answers of a run, in references, unless it amounts to less
+/// than one wholly new view.
 const JUMP: usize = 5;
 /// Least probability that the vehicle is within `AROUND` references of an answer, for the answer to
 /// be believed.
@@ -104,7 +111,7 @@ const STOOD: f64 = 0.5;
 
 impl Mapper {
     /// Creates a mapper without references. If the options do not model leaving the map, the
-    /// vehicle leaves it and comes back every ten thousand steps.
+    /// vehicle leaves it once in ten thousand steps, and comes back once in a thousand.
     ///
     /// # Errors
     ///
@@ -215,8 +222,11 @@ impl Mapper {
             self.run = None;
             return false;
         };
+        // Wholly new views that as many references amount to, each as new as one view is to the next.
+        let new_views = |count: usize| count as f64 * self.usual_change.0.min(1.0);
+        let goes_on = |apart: usize| apart <= JUMP || new_views(apart) <= 1.0;
         let run = match self.run {
-            Some(run) if run.now.abs_diff(place) <= JUMP => {
+            Some(run) if goes_on(run.now.abs_diff(place)) => {
                 Run { first: run.first.min(place), last: run.last.max(place), now: place }
             }
             _ => Run { first: place, last: place, now: place },
@@ -224,7 +234,7 @@ impl Mapper {
         self.run = Some(run);
         let around = self.options.window.max(AROUND);
         let near = track.recognizer().mass_near(track.places().as_slice(), place, around);
-        run.last - run.first >= PASSED && near >= SURE
+        new_views(run.last - run.first) >= PASSED && near >= SURE
     }
 
     /// True if a descriptor differs from that of the last reference.
@@ -298,5 +308,68 @@ impl Mapper {
             None => recognizer.track().after(self.steps)?,
         });
         Ok(())
+    }
+}
+
+#[cfg(feature = "serde")]
+wayfix::stored! {
+    [] Mapper: [], |mapper| {
+        distance: Distance = mapper.distance,
+        options: Options = mapper.options,
+        gap: usize = mapper.gap,
+        references: Vec<Vec<f32>> = mapper.references,
+        added: Vec<usize> = mapper.added,
+        steps: usize = mapper.steps,
+        usual_change: (f64, u32) = mapper.usual_change,
+        driven: Option<f64> = mapper.driven,
+        track: Option<TrackSnapshot> = mapper.track.as_ref().map(Track::snapshot),
+        recent: VecDeque<(Vec<f32>, Option<usize>)> = mapper.recent,
+        run: Option<Run> = mapper.run,
+    } => Self::new(distance, options).map_err(|error| error.to_string()).and_then(|new| {
+        let new = Self { gap, references, added, steps, usual_change, driven, recent, run, ..new };
+        new.restored(track)
+    });
+}
+
+#[cfg(feature = "serde")]
+impl Mapper {
+    /// Checks parts read from storage, and restores the track on the first references.
+    fn restored(mut self, track: Option<TrackSnapshot>) -> Result<Self, String> {
+        let text = |error: RecognitionError| error.to_string();
+        let Self { references, added, recent, run, distance, .. } = &self;
+        let (count, dimension) = (references.len(), references.first().map_or(0, Vec::len));
+        for view in references.iter().chain(recent.iter().map(|(view, _)| view)) {
+            check_descriptor(view, *distance).map_err(|error| error.to_string())?;
+            if view.len() != dimension {
+                return Err(format!("a view of {} numbers, expected {dimension}", view.len()));
+            }
+        }
+        let rising = added.is_sorted_by(|a, b| a < b);
+        if added.len() != count || !rising || added.last().is_some_and(|at| *at > self.steps) {
+            let steps = self.steps;
+            return Err(format!("references added at {added:?} of {steps} steps, of {count}"));
+        }
+        let known = track.as_ref().map_or(0, TrackSnapshot::references);
+        let shown = recent.iter().filter_map(|(_, reference)| *reference).max();
+        let passed = run.map(|run| run.first.max(run.last).max(run.now));
+        let beyond = |place: Option<usize>, count: usize| place.is_some_and(|place| place >= count);
+        if known > count || beyond(shown, count) || beyond(passed, known) {
+            return Err(format!("a place beyond {count} references, {known} of them tracked"));
+        }
+        if let Some(run) = run.filter(|run| !(run.first..=run.last).contains(&run.now)) {
+            return Err(format!("{run:?}, expected `now` from `first` to `last`"));
+        }
+        let (usual, driven) = (self.usual_change.0, self.driven.unwrap_or(0.0));
+        if !((0.0..=2.0).contains(&usual) && (0.0..=f64::MAX).contains(&driven)) {
+            return Err(format!("a usual change of {usual} and a distance driven of {driven}"));
+        }
+        if let Some(state) = track {
+            let known = &self.references[..known];
+            let made = Recognizer::from_descriptors(known, self.distance, self.options.clone());
+            let mut track = made.map_err(text)?.track();
+            track.restore(&state).map_err(text)?;
+            self.track = Some(track);
+        }
+        Ok(self)
     }
 }

@@ -251,16 +251,9 @@ impl Recognizer {
         if let [off] = off {
             *off = lost;
         } else {
-            // Without a model of leaving the map, answers are conditional on a vehicle that is not
-            // lost.
-            let found = kernels::sum(places);
-            if found >= f64::MIN_POSITIVE {
-                let scale = 1.0 / found;
-                places.iter_mut().for_each(|place| *place *= scale);
-            } else {
-                // Surely lost, or beyond the range of doubles: nothing is known of the place.
-                places.fill(1.0 / places.len() as f64);
-            }
+            // Without a model of leaving the map, a lost vehicle may be anywhere.
+            let each = lost / places.len() as f64;
+            places.iter_mut().for_each(|place| *place += each);
         }
     }
 }

@@ -12,6 +12,7 @@ use wayfix_kernels::{Simd, WithSimd, run};
 /// no digits to cancellation: no distance is ever negative, and a copy of a reference has distance
 /// 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Distance {
     /// 1 − cos of the angle between them, from 0 (the same direction) to 2
     /// (opposite), as ½ |x / |x| − r / |r||².

@@ -5,7 +5,7 @@ use wayfix_recognition::motion::{
     OdometryModel, OffMap, RouteControl, RouteTransition, Speeds, ViewChangeRates,
 };
 use wayfix_recognition::observation::{MatchOdds, Standardizer};
-use wayfix_recognition::{Options, Parameters, TrackSnapshot};
+use wayfix_recognition::{Mapper, Options, Parameters, TrackSnapshot};
 
 fn name<T: DeserializeOwned>() -> String {
     let error = serde_json::from_str::<T>("1").map(drop).unwrap_err().to_string();
@@ -27,6 +27,7 @@ fn names_of_structs_stay() {
         (name::<Options>(), "Options"),
         (name::<Parameters>(), "Fit"),
         (name::<TrackSnapshot>(), "TrackSnapshot"),
+        (name::<Mapper>(), "Mapper"),
     ];
     for (found, expected) in names {
         assert_eq!(found, expected);

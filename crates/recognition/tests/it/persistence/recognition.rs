@@ -8,7 +8,8 @@ use wayfix::error::OutOfRange;
 use wayfix_recognition::motion::{OdometryModel, OffMap, Speeds};
 use wayfix_recognition::observation::{Distance, MatchOdds, Standardizer};
 use wayfix_recognition::{
-    Answer, LabelledPart, Options, Parameters, RecognitionError, Recognizer, Track, TrackSnapshot,
+    Answer, LabelledPart, Mapper, Options, Parameters, RecognitionError, Recognizer, Track,
+    TrackSnapshot,
 };
 
 use crate::kit::{cases_of, noise, text};
@@ -323,6 +324,83 @@ proptest! {
                 if let Ok(answer) = track.step_with(1.0, query) {
                     prop_assert!((0.0..=1.0).contains(&answer.probability));
                 }
+            }
+        }
+    }
+}
+
+/// A loop of 70 places, driven one time and a half with a stop, and the mapper at each step.
+fn mapped(steps: usize) -> (Mapper, Vec<Vec<f32>>) {
+    let images: Vec<Vec<f32>> =
+        noise(DIMENSION * 70, 5).chunks(DIMENSION).map(<[f32]>::to_vec).collect();
+    let views: Vec<Vec<f32>> =
+        (0..70).chain([69; 3]).chain(0..40).map(|place| images[place % 70].clone()).collect();
+    let mut mapper = Mapper::new(Distance::Cosine, Options::default()).unwrap().with_gap(20);
+    views[..steps].iter().for_each(|view| drop(mapper.step_with(1.0, view).unwrap()));
+    (mapper, views)
+}
+
+#[test]
+fn a_stored_mapper_goes_on_as_it_would_have() {
+    let mut closed = 0;
+    for at in [0, 1, 30, 69, 75, 95] {
+        let (mut mapper, views) = mapped(at);
+        let mut back = stored(&mapper);
+        for view in &views[at..] {
+            let answer = mapper.step(view).unwrap();
+            assert_eq!(back.step(view).unwrap(), answer, "{at}");
+            closed += u32::from(answer.is_some());
+        }
+        assert_eq!(back.references(), mapper.references());
+        assert_eq!(json(&back), json(&mapper));
+    }
+    assert!(closed > 60, "{closed}");
+}
+
+#[test]
+fn a_damaged_mapper_is_refused() {
+    let text = json(&mapped(69).0);
+    let refused = |from: &str, to: &str, expected: &str| {
+        assert!(text.contains(from), "{from}");
+        refuses::<Mapper>(&text.replacen(from, to, 1), expected);
+    };
+    let fields = "`version`, `distance`, `options`, `gap`, `references`, `added`, `steps`, \
+        `usual_change`, `driven`, `track`, `recent`, `run`";
+    let unknown = format!("unknown field `x`, expected one of {fields}");
+    refused(r#""gap":20"#, r#""gap":20,"x":0"#, &unknown);
+    let list = |until: usize| (2..=until).map(|k| format!(", {k}")).collect::<String>();
+    let twice = format!("references added at [2{}] of 69 steps, of 69", list(69));
+    refused(r#""added":[1,"#, r#""added":[2,"#, &twice);
+    let rest = list(68);
+    let late = format!("references added at [1{rest}, 70] of 69 steps, of 69");
+    refused(r#",69],"steps":69"#, r#",70],"steps":69"#, &late);
+    let run = &text[text.find(r#""run":"#).unwrap()..];
+    refused(
+        run,
+        r#""run":{"first":0,"last":1000,"now":5}}"#,
+        "a place beyond 69 references, 48 of them tracked",
+    );
+    refused(
+        run,
+        r#""run":{"first":6,"last":9,"now":5}}"#,
+        "Run { first: 6, last: 9, now: 5 }, expected `now` from `first` to `last`",
+    );
+}
+
+proptest! {
+    #![proptest_config(cases_of(200))]
+
+    /// What is read goes on without a panic, whatever was damaged.
+    #[test]
+    fn a_damaged_mapper_never_panics(damage in damage()) {
+        static STORED: LazyLock<(String, Vec<Vec<f32>>)> = LazyLock::new(|| {
+            let (mapper, views) = mapped(90);
+            (json(&mapper), views)
+        });
+        let (text, views) = &*STORED;
+        if let Ok(mut mapper) = serde_json::from_str::<Mapper>(&damage.of(text)) {
+            for view in &views[90..] {
+                drop(mapper.step(view));
             }
         }
     }

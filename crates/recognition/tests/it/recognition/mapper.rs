@@ -6,6 +6,8 @@ use wayfix_recognition::motion::{OdometryModel, OffMap, ViewChangeRates};
 use wayfix_recognition::observation::{Distance, ViewError};
 use wayfix_recognition::{Mapper, Options, RecognitionError};
 
+use crate::kit::noise;
+
 const LOOP: usize = 120;
 
 fn image(place: usize) -> Vec<f32> {
@@ -131,5 +133,30 @@ fn options_and_readings_are_checked_from_the_start() {
         assert_eq!(mapper.references().len(), step);
         assert_eq!(mapper.step_with(1.0, &image(step)).unwrap(), None);
         assert_eq!(mapper.references().len(), step + 1);
+    }
+}
+
+/// Views that change little from one to the next look like others a while later, but no place is
+/// seen twice; and on a second pass it is.
+#[test]
+fn a_first_pass_does_not_close_however_alike_its_neighbours_are() {
+    for (seed, correlated) in [(1, 1), (2, 4), (3, 20)] {
+        let white: Vec<Vec<f32>> =
+            noise(64 * (400 + correlated), seed).chunks(64).map(<[f32]>::to_vec).collect();
+        let mean =
+            |at: usize, d: usize| white[at..at + correlated].iter().map(|w| w[d]).sum::<f32>();
+        let view = |at: usize| -> Vec<f32> { (0..64).map(|d| mean(at, d)).collect() };
+        let mut mapper = Mapper::new(Distance::Cosine, Options::default()).unwrap();
+        for at in 0..400 {
+            let answer = mapper.step(&view(at)).unwrap();
+            assert!(answer.is_none(), "{correlated}: {answer:?} at {at}");
+        }
+        let near = |at: usize| {
+            let again: Vec<f32> = view(at).iter().map(|x| x * 1.1 + 0.01).collect();
+            let place = mapper.step(&again).unwrap().and_then(|answer| answer.place);
+            place.map(|place| place.abs_diff(at) <= correlated)
+        };
+        let closed: Vec<bool> = (0..400).filter_map(near).collect();
+        assert!(closed.len() >= 250 && closed.iter().all(|right| *right), "{closed:?}");
     }
 }
