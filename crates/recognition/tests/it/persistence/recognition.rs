@@ -374,7 +374,7 @@ fn a_damaged_mapper_is_refused() {
     let rest = list(68);
     let late = format!("references added at [1{rest}, 70] of 69 steps, of 69");
     refused(r#",69],"steps":69"#, r#",70],"steps":69"#, &late);
-    let run = &text[text.find(r#""run":"#).unwrap()..];
+    let run = &text[text.rfind(r#""run":"#).unwrap()..];
     refused(
         run,
         r#""run":{"first":0,"last":1000,"now":5}}"#,
