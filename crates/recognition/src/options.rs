@@ -64,8 +64,8 @@ options! {
     /// leaves it, fitting learns the rates.
     off_map: Option<OffMap> = None, with_off_map;
     /// Rates of losing the vehicle and finding it again, used if [`off_map`](Self::off_map) is
-    /// `None`: a lost vehicle turns up at any place. Answers are conditional on a vehicle that is
-    /// not lost. By default it is lost once in 10,000 steps, for some thirty steps.
+    /// `None`: a lost vehicle may be at any place, and turns up at any. By default it is lost once in
+    /// 10,000 steps, for some thirty steps.
     lost: OffMap = OffMap { leave: 1e-4, back: 0.03, near: 0.0, within: 0 }, with_lost;
     /// Rates at which the camera begins to follow another place than the vehicle's, or to say
     /// nothing, and stops. By default it does so once in 333 steps, for twenty steps: snow, a
@@ -93,19 +93,11 @@ options! {
     window: usize = 1, with_window;
 }
 
-/// Largest share of time that a vehicle may be lost: answers are conditional on the rest.
-const MOST_LOST: f64 = 0.99;
-
 impl Options {
     pub(super) fn check(&self) -> Result<(), RecognitionError> {
         OutOfRange::check("view_fades", self.view_fades, 0.0..=1e6, "from 0 to 1e6")?;
         let (threshold, expected) = (self.view_threshold, "a finite value of at least 0");
         OutOfRange::check("view_threshold", threshold, 0.0..=f64::MAX, expected)?;
-        let lost = self.lost.share();
-        if self.off_map.is_none() && lost > MOST_LOST {
-            let (what, expected) = ("the share of time for which it is lost", "at most 0.99");
-            return Err(OutOfRange::new(what, lost, expected).into());
-        }
         Ok(())
     }
 

@@ -30,8 +30,6 @@ pub struct Recording {
     /// Beliefs over places, each by the last new frame alone.
     pub(super) single: PlaceBeliefs,
     pub(super) best_scores: Vec<f64>,
-    /// Filtered probability of an attentive camera on the map; `None` for a view that is not new.
-    pub(super) attentive: Vec<Option<f64>>,
     /// Usual scores at the end of the recording.
     pub(super) standardizer: Standardizer,
     /// Warnings of the views and readings.
@@ -74,7 +72,6 @@ impl Recognizer {
             filtered: PlaceBeliefs::new(self, queries.len()),
             single: PlaceBeliefs::new(self, queries.len()),
             best_scores: Vec::new(),
-            attentive: Vec::new(),
             standardizer: self.sensor.standardizer.clone(),
             own_warnings: Vec::new(),
         };
@@ -87,7 +84,6 @@ impl Recognizer {
             recording.best_scores.push(track.scratch().best_score());
             recording.single.set_single(at, &track.scratch().standardized);
             recording.filtered.set(at, track.places().as_slice(), log_likelihood);
-            recording.attentive.push(sighting.is_new().then(|| track.attentive()));
             recording.controls.push(sighting.control);
             track.learn(&sighting);
             warnings.record(&track.sensor().tally);

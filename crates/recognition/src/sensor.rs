@@ -56,6 +56,8 @@ fn still(standardizer: &Standardizer, scratch: &mut Vec<f64>) -> f64 {
 pub(super) struct Sighting {
     /// Odometry, the view, the motion before the step, and the likelihoods of a distraction.
     pub(super) control: Distraction<RouteControl>,
+    /// Reading, which counts if the control has it.
+    odometry: Option<f64>,
     view: View,
     /// Length of the run of views like this one, including it.
     run: u32,
@@ -194,6 +196,7 @@ impl Sensor {
         let evidence = evidence.filter(|_| options.use_views && self.run.is_some());
         let control = RouteControl { view: evidence, ..self.control(odometry) };
         check_control(recognizer.motion(), step, &control)?;
+        let control = RouteControl { odometry: self.tally.thinned(odometry), ..control };
         let Scratch { likelihoods, phantom: seen, .. } = scratch;
         let (begins, continues) = if step == 1 {
             let (begins, _) = phantom.first(seen)?;
@@ -209,7 +212,13 @@ impl Sensor {
             (likelihoods[n], likelihoods[n + 1]) = (continues * advantage, 1.0);
             (begins, continues)
         };
-        Ok(Sighting { control: Distraction { control, begins, continues }, view, run, spread })
+        Ok(Sighting {
+            control: Distraction { control, begins, continues },
+            odometry,
+            view,
+            run,
+            spread,
+        })
     }
 
     /// Computes the odds of each place, and of each state of the phantom; 1 for a view that is not
@@ -251,8 +260,8 @@ impl Sensor {
         positions: Positions<'_>,
         scratch: &mut Scratch,
     ) {
-        let Sighting { control: Distraction { control, continues, .. }, view, run, spread } =
-            sighting;
+        let Sighting { control, odometry, view, run, spread } = sighting;
+        let Distraction { control, continues, .. } = control;
         if let Some(spread) = spread {
             self.learn_scores(recognizer.options(), *spread, view.fresh, scratch);
             // The share of views that say nothing has odds of 1, so its part is Σ p ⁄ o: the
@@ -267,7 +276,7 @@ impl Sensor {
                 kinds.iter_mut().zip(seen).for_each(|(kind, seen)| *kind += seen);
             }
         }
-        self.tally.record(self.run.map(|_| view), control.odometry);
+        self.tally.record(self.run.map(|_| view), *odometry);
         self.run = Some((view.change, *run));
         self.drive(recognizer.motion(), recognizer.options(), control);
     }

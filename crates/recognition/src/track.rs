@@ -91,8 +91,9 @@ impl Track {
     /// Takes the distance driven since the last step by odometry, in references, and the next query,
     /// as [`step`](Self::step) does. The distance is a number, or `None` without a reading.
     ///
-    /// A wheel slip does little harm, but a lasting fault (wheels that are stuck, a unit that
-    /// stopped counting) is not a slip: give `None`. [`warnings`](Self::warnings) shows some of them.
+    /// A wheel slip does little harm, and equal readings in a row (wheels that are stuck, a unit that
+    /// stopped counting) count less and less; those of a vehicle that stands do only while its views
+    /// change. Still, give `None` while odometry is known to be wrong.
     ///
     /// # Errors
     ///
@@ -224,9 +225,7 @@ impl Track {
     /// Returns warnings about the recent views and readings: most views are
     /// [unchanged](Warning::Unchanged) although the vehicle moves, odometry is
     /// [stuck](Warning::Stuck), or the view is [still](Warning::Still) while odometry reads that
-    /// the vehicle moves. A reading that stays the same is compared with changes of the view alone;
-    /// [`Recording::warnings`](super::Recording::warnings) also compares it with the speed at which the
-    /// images move on. Cheap enough for each step.
+    /// the vehicle moves. Cheap enough for each step.
     #[must_use]
     pub fn warnings(&self) -> Vec<Warning> {
         self.sensor.tally.warnings()
@@ -247,9 +246,8 @@ impl Track {
     ///
     /// # Errors
     ///
-    /// [`RecognitionError`] for a state with a different number of references or speeds, at the
-    /// largest number of steps, or of a vehicle that is surely lost although the map is never left;
-    /// the track is then as before.
+    /// [`RecognitionError`] for a state with a different number of references or speeds, or at the
+    /// largest number of steps; the track is then as before.
     pub fn restore(&mut self, state: &TrackSnapshot) -> Result<(), RecognitionError> {
         let TrackSnapshot { filter, sensor, phantom } = state;
         let expected = self.recognizer.references();
@@ -264,7 +262,6 @@ impl Track {
         if filter.steps() >= MOST_STEPS {
             return Err(HmmError::TooMany { steps: filter.steps() }.into());
         }
-        self.check_belief(filter)?;
         let mut restored = self.filter.clone();
         restored.restore(filter)?;
         self.phantom = self.recognizer.phantom.clone().with_belief(phantom.clone())?;
@@ -272,24 +269,6 @@ impl Track {
         self.sensor.clone_from(sensor);
         self.marginalize_places();
         Ok(())
-    }
-
-    /// Checks that there is mass on the map if the map is never left, since answers are conditional
-    /// on it.
-    fn check_belief(&self, filter: &FilterSnapshot) -> Result<(), RecognitionError> {
-        let motion = self.recognizer.motion();
-        let (states, count) =
-            (wayfix::Transition::states(motion), filter.belief().as_slice().len());
-        // A wrong number of states is left to the filter to report.
-        let on_map = |i: usize| motion.speed_of(i % states).is_some() && filter.is_possible(i);
-        if self.recognizer.options().off_map.is_some()
-            || count != 2 * states
-            || (0..count).any(on_map)
-        {
-            return Ok(());
-        }
-        let (what, expected) = ("the belief on the map of the state of a track", "above 0");
-        Err(OutOfRange::new(what, 0.0, expected).into())
     }
 
     /// Extends the track to more references, which start with the present ones.

@@ -17,6 +17,8 @@ const UNCHANGED_SHARE: f64 = 0.6;
 /// of unchanged views among all above which it must move at least at times.
 const MOVED: f64 = 0.25;
 const NEARLY_ALL_SHARE: f64 = 0.9;
+/// Number of equal readings that count nearly in full.
+const ALIKE: f64 = 5.0;
 /// Number of equal readings in a row after which odometry may be stuck.
 pub(super) const EQUAL: u32 = 30;
 /// Largest reading of a vehicle that stands, in places.
@@ -122,6 +124,22 @@ pub(crate) struct Tally {
 }
 
 impl Tally {
+    /// Returns a reading that counts, or `None`: of a run of equal readings, as many count as 5 ln(1 +
+    /// k / 5) of k, since wheels that are stuck err once and not k times. Of readings of a vehicle
+    /// that stands, those while views change are counted.
+    pub(super) fn thinned(&self, odometry: Option<f64>) -> Option<f64> {
+        let reading = odometry?;
+        let run = if odometry != self.reading {
+            0
+        } else if reading.abs() <= STANDS {
+            self.changed
+        } else {
+            self.equal
+        };
+        let counted = |k: u32| (ALIKE * (f64::from(k) / ALIKE).ln_1p()).floor();
+        (run == 0 || counted(run + 1) > counted(run)).then_some(reading)
+    }
+
     /// Takes a step: its view, if there is one before it to compare with, and its reading.
     pub(super) fn record(&mut self, view: Option<&View>, odometry: Option<f64>) {
         // A run of equal readings ends with any other reading, and with a missing one.

@@ -2,8 +2,6 @@
 
 /// Number of labelled steps below which there are too few.
 pub(super) const ENOUGH: usize = 30;
-/// Number of new frames whose mean log-likelihood shows that they match nothing.
-pub(super) const SPAN: usize = 200;
 
 /// A sign that a fit is wrong, or that it does not suit a recording.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -83,20 +81,11 @@ pub enum Warning {
         /// stuck.
         repeated: f64,
     },
-    /// On the labelled part the nearest image is right far more often than the best score: usual
-    /// scores of references are wrong for these images.
-    #[error("the nearest image is right for {:.0}% of labelled queries, and the best score for {:.0}%: Options::standardize does harm", 100.0 * .nearest, 100.0 * .single)]
-    Nearest {
-        /// Share of labelled queries whose nearest image is right.
-        nearest: f64,
-        /// Share of labelled queries whose best score is right.
-        single: f64,
-    },
-    /// Odometry reads the same again and again, and the images contradict it: the views change
-    /// while it reads that the vehicle stands, or the vehicle moves at another speed. Perhaps
-    /// odometry is stuck: give `None`.
+    /// Odometry reads the same again and again, and the views contradict it: they change while it
+    /// reads that the vehicle stands, or do not while it reads that it moves. Equal readings count
+    /// less and less (`guide::formulas`, Equal readings); if odometry is stuck, give `None`.
     #[error(
-        "odometry reads {reading} in {steps} steps in a row, and the images contradict it: is it stuck?"
+        "odometry reads {reading} in {steps} steps in a row, and the views contradict it: is it stuck?"
     )]
     Stuck {
         /// The reading, in references.
@@ -126,19 +115,19 @@ pub enum Warning {
         /// The fastest speed that is modelled.
         fastest: f64,
     },
-    /// For 200 new frames, or for all if there are fewer, the filter predicts the images hardly
-    /// better than chance: perhaps the vehicle is on another route, or leaves this one.
+    /// Over a quarter of the drive, and at least 50 steps, the filter's answers have a low mean
+    /// probability: perhaps the images match nothing, the vehicle is on another route or leaves
+    /// this one, or odometry is wrong.
     #[error(
-        "the {frames} new images up to step {step} match nothing: their mean log-likelihood is {mean:.2}; is it this route, and is Options::off_map None on purpose?"
+        "the answers of the {steps} steps up to step {step} have a mean probability of {mean:.2}: do the images show this route, and are odometry and Options::off_map right?"
     )]
-    Nothing {
-        /// Mean log-likelihood of the worst such frames, given those before; 0 by chance, and more
-        /// if they match.
+    Unsure {
+        /// Mean probability of the answers.
         mean: f64,
-        /// The last step of the worst such frames, from 1.
+        /// The last step of the most unsure part, from 1.
         step: usize,
-        /// The number of these frames.
-        frames: usize,
+        /// The number of its steps.
+        steps: usize,
     },
 }
 

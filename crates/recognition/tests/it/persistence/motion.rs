@@ -90,7 +90,7 @@ fn what_is_no_grid_of_speeds_or_route_is_refused() {
         "the scale of the odometry is 0, expected from 0.01 to 100",
     );
     route(
-        r#""leave":0.003"#,
+        r#""leave":0.001"#,
         r#""leave":0"#,
         "the probability of leaving the map is 0, expected from 1e-30 to 1",
     );

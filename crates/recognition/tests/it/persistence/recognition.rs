@@ -155,14 +155,12 @@ fn a_state_that_no_step_can_follow_is_refused() {
             let off = |state: usize| if state < belief - 3 { 0.0 } else { 1.0 / 3.0 };
             filter["belief"] = (0..belief).map(off).collect::<Vec<f64>>().into();
         });
-        if map_is_left {
-            track.restore(&nowhere).unwrap();
-            assert_eq!(track.step(&[0.5, 0.1, 0.7]).unwrap().place, None);
-            continue;
-        }
-        let error = track.restore(&nowhere).unwrap_err().to_string();
-        assert_eq!(error, "the belief on the map of the state of a track is 0, expected above 0");
-        assert_eq!(track.snapshot(), before);
+        let mut off = track.clone();
+        off.restore(&nowhere).unwrap();
+        // A vehicle that is surely lost may be anywhere.
+        let each = if map_is_left { 0.0 } else { 1.0 / 3.0 };
+        assert!(off.places().as_slice()[..3].iter().all(|p| (p - each).abs() < 1e-12));
+        assert_eq!(off.step(&[0.5, 0.1, 0.7]).unwrap().place.is_none(), map_is_left);
         let mut last = track.clone();
         last.restore(&changed(&|filter| filter["steps"] = ((1_u64 << 53) - 1).into())).unwrap();
         last.step(&[0.1, 0.5, 0.7]).unwrap();
@@ -281,7 +279,7 @@ fn what_was_not_learned_is_refused() {
     // Rates are checked when a recogniser is made.
     let fit: Parameters =
         serde_json::from_str(&fit.replacen(r#""leave":0.0001"#, r#""leave":0"#, 1).replacen(
-            r#""leave":0.003"#,
+            r#""leave":0.001"#,
             r#""leave":0"#,
             1,
         ))

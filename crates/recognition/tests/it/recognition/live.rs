@@ -80,20 +80,24 @@ fn a_parked_vehicle_that_is_relocated_sees_again() {
     assert!(again.probability > 0.5 * first.probability, "{again:?} {first:?}");
 }
 
+/// The longer it is lost, the less is known of its place.
 #[test]
-fn a_vehicle_is_not_lost_all_the_time() {
-    let for_ever = |off_map| {
-        let options = options(off_map);
-        let lost = OffMap { back: 1e-25, ..options.lost() };
-        options.with_lost(lost)
+fn a_vehicle_that_may_be_lost_may_be_anywhere() {
+    let (recognizer, world) = recognizer(123, false);
+    let drive: Vec<usize> = (10..60).collect();
+    let queries = seen(&world, &drive, 0.5, 124);
+    let sure = |leave: f64| {
+        let options = recognizer.options().clone();
+        let lost = OffMap { leave, ..options.lost() };
+        let fit = recognizer.parameters().clone().with_options(options.with_lost(lost));
+        let mut track = recognizer.with_parameters(fit).unwrap().track();
+        queries.iter().for_each(|query| _ = track.step(query).unwrap());
+        let least = track.places().as_slice().iter().copied().fold(1.0, f64::min);
+        assert!(least >= 0.0);
+        (0..60).fold((0.0, least), |_, _| (track.predict().unwrap().probability, least))
     };
-    let error = Recognizer::from_distances(3, for_ever(false)).unwrap_err();
-    assert_eq!(
-        error.to_string(),
-        "the share of time for which it is lost is 1, expected at most 0.99"
-    );
-    // If the map may be left, the vehicle is never lost.
-    assert!(Recognizer::from_distances(3, for_ever(true)).is_ok());
+    let (rare, often) = (sure(1e-6), sure(0.5));
+    assert!(often.0 < 0.5 * rare.0 && often.1 > rare.1, "{rare:?} {often:?}");
 }
 
 #[test]

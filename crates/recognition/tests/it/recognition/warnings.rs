@@ -2,7 +2,6 @@
 
 use std::ops::RangeInclusive;
 
-use wayfix_recognition::observation::Distance;
 use wayfix_recognition::{LabelledPart, Recognizer, Warning};
 
 use super::{PLACES, labels, options, recognizer, seen, usual_drive};
@@ -149,7 +148,7 @@ fn there_and_back(times: usize) -> Vec<usize> {
 }
 
 #[test]
-fn a_recording_that_matches_nothing_is_told() {
+fn answers_that_are_unsure_are_told() {
     let drive = there_and_back(1);
     for seed in 0..3 {
         let (recognizer, world) = recognizer(180 + seed, false);
@@ -158,19 +157,16 @@ fn a_recording_that_matches_nothing_is_told() {
         let elsewhere = seen(&super::world(200 + seed), &drive, 0.5, 191);
         let told = |queries: &[Vec<f32>], expected: usize| {
             let found = warnings(queries);
-            let [Warning::Nothing { mean, step, frames }] = found[..] else { panic!("{found:?}") };
-            assert!(mean < 0.15 && (frames..=queries.len()).contains(&step));
-            assert_eq!(frames, expected);
+            let [Warning::Unsure { mean, step, steps }] = found[..] else { panic!("{found:?}") };
+            assert!(mean < 0.55 && (steps..=queries.len()).contains(&step));
+            assert_eq!(steps, expected);
         };
-        told(&elsewhere, 200);
-        told(&elsewhere[..100], 100);
+        told(&elsewhere, drive.len() / 4);
+        told(&elsewhere[..100], 50);
         assert_eq!(warnings(&elsewhere[..40]), []);
         let blank: Vec<Vec<f32>> =
             noise(24 * drive.len(), 192).chunks(24).map(<[f32]>::to_vec).collect();
-        told(&blank, 200);
-        // If the map may be left, the answers say so.
-        let made = Recognizer::from_descriptors(&world[..PLACES], Distance::Cosine, options(true));
-        assert_eq!(made.unwrap().recording(&elsewhere, &[]).unwrap().warnings(), []);
+        told(&blank, drive.len() / 4);
     }
 }
 
@@ -243,23 +239,6 @@ fn views_that_are_all_alike_are_told() {
 }
 
 #[test]
-fn scores_that_are_worse_than_the_nearest_image_are_told() {
-    let (recognizer, world) = recognizer(230, false);
-    let nearest = |drive: &[usize]| {
-        let queries = seen(&world, drive, 0.8, 231);
-        let places = labels(drive);
-        let part = LabelledPart { queries: &queries, places: &places, odometry: &[] };
-        let fitted = recognizer.fit(&[part]).unwrap();
-        let warnings = fitted.parameters().warnings().to_vec();
-        warnings.iter().any(|warning| matches!(warning, Warning::Nearest { .. }))
-    };
-    assert!(!nearest(&there_and_back(1)) && !nearest(&usual_drive()));
-    // References that are seen most of the time are taken for ones that resemble everything.
-    let shuttle: Vec<usize> = (0..200).map(|k| [40, 43][k % 2]).collect();
-    assert!(nearest(&shuttle));
-}
-
-#[test]
 fn queries_unlike_the_labelled_ones_are_told() {
     let (recognizer, world) = recognizer(240, false);
     let drive = there_and_back(2);
@@ -314,22 +293,23 @@ fn stuck_odometry_is_told() {
             assert!(!stuck(&warnings) && !still(&warnings), "{warnings:?}");
         }
     }
-    for value in [0.0, 1.0, -2.0, 3.0] {
-        let mut odometry = healthy.clone();
-        odometry[50..].fill(Some(value));
-        let found = warnings(&recognizer, &queries, &odometry);
-        assert!(stuck(&found), "{value}: {found:?}");
-        assert!(stuck(&live(&recognizer, &queries, &odometry)), "{value}");
-        assert!(found.iter().any(|warning| warning.to_string().contains("is it stuck?")));
-    }
-    // At one speed all along, while the vehicle drives at another.
+    let mut odometry = healthy.clone();
+    odometry[50..].fill(Some(0.0));
+    let found = warnings(&recognizer, &queries, &odometry);
+    assert!(stuck(&found), "{found:?}");
+    assert!(stuck(&live(&recognizer, &queries, &odometry)));
+    assert!(found.iter().any(|warning| warning.to_string().contains("is it stuck?")));
+    // Equal readings count less and less, so that most answers are right nonetheless.
     let drive = there_and_back(1);
     let queries = seen(&world, &drive, 0.5, 253);
-    let constant = |speed: f64| vec![Some(speed); PLACES - 1];
-    let (ahead, ahead_twice) = (constant(1.0), constant(2.0));
-    let queries_ahead = &queries[..PLACES - 1];
-    assert!(!stuck(&warnings(&recognizer, queries_ahead, &ahead)));
-    assert!(stuck(&warnings(&recognizer, queries_ahead, &ahead_twice)));
+    for speed in [0.0, 0.5, 2.0] {
+        let recording = recognizer.recording(&queries, &vec![Some(speed); queries.len()]).unwrap();
+        let answers = recording.filtered().answers();
+        let right =
+            answers.iter().zip(&drive).filter(|(a, at)| a.place.unwrap().abs_diff(**at) <= 1);
+        let right = right.count();
+        assert!(right >= queries.len() * 8 / 10, "{speed}: {right} of {}", queries.len());
+    }
     // A frozen camera.
     let mut frozen = queries.clone();
     let last = frozen[60].clone();
