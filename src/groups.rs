@@ -4,6 +4,7 @@
 //! sums and copies go by runs of either kind, in contiguous loops without an index for each state.
 
 use std::ops::Range;
+use std::sync::OnceLock;
 
 use crate::belief::Belief;
 use crate::error::OutOfRange;
@@ -14,7 +15,7 @@ use crate::error::OutOfRange;
 ///
 /// It maps beliefs and paths to groups;
 /// [`GroupedLikelihood`](crate::likelihood::GroupedLikelihood) is a sensor that observes only
-/// groups. Memory: 16 bytes a state.
+/// groups. Memory: 8 bytes a state, and as many again once [`states`](Self::states) is called.
 ///
 /// ```
 /// use wayfix::likelihood::Groups;
@@ -26,16 +27,30 @@ use crate::error::OutOfRange;
 /// assert_eq!(districts.map_path(&[1, 2])?, [0, 1]);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone)]
 pub struct Groups {
     /// Group of each state.
     of: Vec<usize>,
-    /// States sorted by group; those of group g end before `ends[g]`.
-    states: Vec<usize>,
-    ends: Vec<usize>,
+    count: usize,
     /// Runs of states that have the same group, or consecutive groups.
     runs: Vec<Run>,
+    sorted: OnceLock<Sorted>,
 }
+
+/// States sorted by group; those of group g end before `ends[g]`.
+#[derive(Debug, Clone)]
+struct Sorted {
+    states: Vec<usize>,
+    ends: Vec<usize>,
+}
+
+impl PartialEq for Groups {
+    fn eq(&self, other: &Self) -> bool {
+        self.of == other.of
+    }
+}
+
+impl Eq for Groups {}
 
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Run {
@@ -99,26 +114,32 @@ impl Groups {
     #[doc(hidden)]
     #[must_use]
     pub fn numbered(of: Vec<usize>, count: usize) -> Self {
-        // A counting sort, stable, so that the states of a group ascend.
-        let mut ends = vec![0; count];
-        of.iter().for_each(|&group| ends[group] += 1);
-        let mut start = 0;
-        for end in &mut ends {
-            (*end, start) = (start, start + *end); // the start; filling moves it to the end
-        }
-        let mut states = vec![0; of.len()];
-        for (state, &group) in of.iter().enumerate() {
-            states[ends[group]] = state;
-            ends[group] += 1;
-        }
         let runs = Run::all(&of);
-        Self { of, states, ends, runs }
+        Self { of, count, runs, sorted: OnceLock::new() }
+    }
+
+    fn sorted(&self) -> &Sorted {
+        self.sorted.get_or_init(|| {
+            // A counting sort, stable, so that the states of a group ascend.
+            let mut ends = vec![0; self.count];
+            self.of.iter().for_each(|&group| ends[group] += 1);
+            let mut start = 0;
+            for end in &mut ends {
+                (*end, start) = (start, start + *end); // the start; filling moves it to the end
+            }
+            let mut states = vec![0; self.of.len()];
+            for (state, &group) in self.of.iter().enumerate() {
+                states[ends[group]] = state;
+                ends[group] += 1;
+            }
+            Sorted { states, ends }
+        })
     }
 
     /// Number of groups.
     #[must_use]
     pub fn count(&self) -> usize {
-        self.ends.len()
+        self.count
     }
 
     /// Group of each state.
@@ -133,12 +154,14 @@ impl Groups {
         self.of.get(state).copied()
     }
 
-    /// States of a group in ascending order; none if the group does not exist.
+    /// States of a group in ascending order; none if the group does not exist. The first call sorts
+    /// the states, O(n).
     #[must_use]
     pub fn states(&self, group: usize) -> impl ExactSizeIterator<Item = usize> + Clone {
-        let end = self.ends.get(group).copied().unwrap_or(0);
-        let start = if end > 0 && group > 0 { self.ends[group - 1] } else { 0 };
-        self.states[start..end].iter().copied()
+        let Sorted { states, ends } = self.sorted();
+        let end = ends.get(group).copied().unwrap_or(0);
+        let start = if end > 0 && group > 0 { ends[group - 1] } else { 0 };
+        states[start..end].iter().copied()
     }
 
     /// Marginal distribution over the groups: the sum over the states of each. O(n).

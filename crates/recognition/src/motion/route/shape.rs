@@ -208,7 +208,16 @@ impl Stencil {
     /// Builds the stencil of `count` moves, starting with `first`.
     pub(super) fn new(shape: RouteShape, first: isize, count: usize, direction: Direction) -> Self {
         let mut runs: Vec<Run> = Vec::new();
-        for place in 0..shape.places {
+        // Farther from both ends than the longest move, and one more for a move to an end, all
+        // places have the same taps: one stands for them.
+        let last = first + count.cast_signed();
+        let reach = first.unsigned_abs().max(last.unsigned_abs()) + 1;
+        let (near, far) = (reach.min(shape.places), shape.places.saturating_sub(reach).max(reach));
+        let alike = (near < far).then_some(near..far);
+        let single = |place| place..place + 1;
+        let ends = (0..near).map(single).chain(alike);
+        for places in ends.chain((far.min(shape.places)..shape.places).map(single)) {
+            let place = places.start;
             let mut taps = Vec::new();
             for (weight, m) in (0..count).zip(first..) {
                 let shift = if direction == Direction::Into { -m } else { m };
@@ -219,11 +228,9 @@ impl Stencil {
                 }
                 taps.push(Tap { offset: shift, weight, stays: other == place });
             }
-            // Away from the ends all places have the same taps, so that they merge into one long
-            // run.
             match runs.last_mut() {
-                Some(run) if run.taps == taps => run.places.end = place + 1,
-                _ => runs.push(Run { places: place..place + 1, taps }),
+                Some(run) if run.taps == taps => run.places.end = places.end,
+                _ => runs.push(Run { places, taps }),
             }
         }
         Self(runs)
