@@ -334,7 +334,7 @@ fn mapped(steps: usize) -> (Mapper, Vec<Vec<f32>>) {
     let views: Vec<Vec<f32>> =
         (0..70).chain([69; 3]).chain(0..40).map(|place| images[place % 70].clone()).collect();
     let mut mapper = Mapper::new(Distance::Cosine, Options::default()).unwrap().with_gap(20);
-    views[..steps].iter().for_each(|view| drop(mapper.step_with(1.0, view).unwrap()));
+    views[..steps].iter().for_each(|view| _ = mapper.step_with(1.0, view).unwrap());
     (mapper, views)
 }
 
@@ -366,7 +366,8 @@ fn a_damaged_mapper_is_refused() {
         `usual_change`, `driven`, `track`, `recent`, `run`";
     let unknown = format!("unknown field `x`, expected one of {fields}");
     refused(r#""gap":20"#, r#""gap":20,"x":0"#, &unknown);
-    let list = |until: usize| (2..=until).map(|k| format!(", {k}")).collect::<String>();
+    let list =
+        |until: usize| (2..=until).fold(String::new(), |list, k| list + ", " + &k.to_string());
     let twice = format!("references added at [2{}] of 69 steps, of 69", list(69));
     refused(r#""added":[1,"#, r#""added":[2,"#, &twice);
     let rest = list(68);
@@ -398,7 +399,7 @@ proptest! {
         let (text, views) = &*STORED;
         if let Ok(mut mapper) = serde_json::from_str::<Mapper>(&damage.of(text)) {
             for view in &views[90..] {
-                drop(mapper.step(view));
+                _ = mapper.step(view);
             }
         }
     }
