@@ -148,6 +148,12 @@ impl Mapper {
         Self { gap, ..self }
     }
 
+    /// Distance by which descriptors are compared.
+    #[must_use]
+    pub fn distance(&self) -> Distance {
+        self.distance
+    }
+
     /// References so far.
     #[must_use]
     pub fn references(&self) -> &[Vec<f32>] {

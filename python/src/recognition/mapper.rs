@@ -3,7 +3,6 @@
 use std::sync::{Mutex, MutexGuard};
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
-use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use wayfix_recognition::observation::Distance;
@@ -18,8 +17,7 @@ use crate::typed::Size;
 /// Builder of references while the vehicle drives, which distinguishes new places from those seen
 /// before.
 ///
-/// Can be copied, but not pickled: the library has no stored form of the vehicle's way through the
-/// map. Its `recognizer()` and `references` can be pickled.
+/// Can be copied and pickled, and goes on from there.
 ///
 /// Parameters
 /// ----------
@@ -116,13 +114,16 @@ impl PyMapper {
         self.__copy__(py)
     }
 
-    /// Raises a TypeError that says what to pickle instead.
-    #[expect(clippy::unused_self, reason = "a method of Python's")]
-    fn __reduce__(&self) -> PyResult<()> {
-        Err(PyTypeError::new_err(
-            "a Mapper cannot be pickled, since its position on the map has no stored form: copy \
-             it, or pickle its recognizer()",
-        ))
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (String,))> {
+        let state = py.detach(|| serde_json::to_string(&*self.lock())).map_err(invalid)?;
+        Ok((py.get_type::<Self>().getattr("_from_parts")?, (state,)))
+    }
+
+    /// Restores a pickle.
+    #[staticmethod]
+    fn _from_parts(state: &str) -> PyResult<Self> {
+        let mapper: Mapper = serde_json::from_str(state).map_err(invalid)?;
+        Ok(Self { distance: mapper.distance(), mapper: Mutex::new(mapper) })
     }
 
     fn __repr__(&self, py: Python<'_>) -> String {
