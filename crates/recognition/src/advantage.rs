@@ -4,8 +4,8 @@
 /// Number of views of a stretch: views in sequence err together, so single ones say little. Nothing
 /// is learned from the first stretch, in which the vehicle is still being located.
 const STRETCH: f64 = 10.0;
-/// Deviations below the mean of stretches below which about one of twenty on the map is.
-const RARE: f64 = 1.6;
+/// Deviations below the mean of stretches below which few on the map are.
+const RARE: f64 = 1.8;
 /// Prior of the mean over stretches, 0, and of their mean square, counted in views.
 const PRIOR_COUNT: f64 = 3.0;
 const PRIOR_SQUARE: f64 = 0.25;
@@ -52,7 +52,7 @@ impl Advantage {
         }
     }
 
-    /// Advantage that 19 of 20 stretches on the map have; 0 if fewer have any.
+    /// Advantage that nearly all stretches on the map have; 0 if some have none.
     pub(crate) fn least(&self) -> f64 {
         let count = (self.views - STRETCH).max(0.0) + PRIOR_COUNT;
         let mean = self.sum / count;
