@@ -1,12 +1,13 @@
 //! How much better views match on the map than off it, learned as the vehicle drives
 //! (`guide::formulas`, Off the map).
 
-/// Number of views of a stretch: views in sequence err together, so single ones say little. Nothing
-/// is learned from the first stretch, in which the vehicle is still being located.
+/// Number of views of a stretch: successive views err together, so single ones say little. The first
+/// stretch, in which the vehicle is still being located, teaches nothing.
 const STRETCH: f64 = 10.0;
-/// Deviations below the mean of stretches below which few on the map are.
+/// Number of standard deviations below the mean that few stretches on the map fall short of.
 const RARE: f64 = 1.8;
-/// Prior of the mean over stretches, 0, and of their mean square, counted in views.
+/// Prior of the mean and the mean square over stretches: it counts as this many views of mean 0,
+/// with this mean square.
 const PRIOR_COUNT: f64 = 3.0;
 const PRIOR_SQUARE: f64 = 0.25;
 
@@ -14,10 +15,9 @@ const PRIOR_SQUARE: f64 = 0.25;
 /// mean square over stretches of views, weighted by the probability that the vehicle is on the map
 /// and the camera attentive.
 ///
-/// Off the map the camera follows a phantom, since views elsewhere look alike, and so it does where
-/// it is distracted: neither matches better. With a clear camera a vehicle on the map matches better
-/// in all stretches, so one in which it doesn't shows that the map has been left. With a weak camera
-/// it shows nothing.
+/// Off the map, and while distracted, the camera follows a phantom, so the vehicle's place matches no
+/// better. On the map, a vehicle with a clear camera matches better in all stretches, so a stretch
+/// in which it does not is evidence that it has left. With a weak camera it is no evidence.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]

@@ -4,59 +4,41 @@
 use std::ops::RangeInclusive;
 
 use super::fit::LabelledPart;
-use super::views::least;
-use super::warning::{ENOUGH, Warning};
+use super::warning::{ENOUGH, FEWEST, UNSURE, Warning};
 use super::{Answer, Recognizer, Recording};
 use crate::motion::OdometryModel;
-use crate::observation::{RowScratch, ViewError, row_scores};
+use crate::observation::ViewError;
 
 /// Mean rank above which matches are close to chance.
 const CHANCE: f64 = 0.4;
 /// Range of the scale, and largest deviation, of an odometry that is in references.
 const SCALES: RangeInclusive<f64> = 0.8..=1.25;
 const DEVIATION: f64 = 1.0;
-/// Mean probability of answers below which a part of a drive is suspect: on thirty drives of eight
-/// kinds it was at least 0.61 in those where seven answers of ten and more were right, and at most
-/// 0.5 in the others.
-const UNSURE: f64 = 0.55;
-/// Such a part is one of this many, and of at least so many steps.
+/// Number of parts of a drive, each of the length of those whose answers may be unsure.
 const PART: usize = 4;
-const FEWEST: usize = 50;
 /// Number of moves below which there are too few to say how fast the vehicle is.
 const FEWEST_MOVES: usize = 20;
-/// Difference between two means of best scores, in deviations, above which they are unlike. Between
-/// thirds of a drive it was 1.6 at most, and between queries of the references' own season and of
-/// others at least 2.
-const UNLIKE: f64 = 1.8;
 impl Recognizer {
-    /// Returns warnings from the scores of labelled queries, and the mean and deviation of their
-    /// best scores.
+    /// Returns warnings from the scores of labelled queries.
     pub(super) fn examine<Q>(
         &self,
         parts: &[LabelledPart<'_, Q>],
         rows: &[Vec<Vec<f32>>],
-    ) -> Result<(Vec<Warning>, Option<[f64; 2]>), ViewError> {
-        let mut scores = vec![0.0; self.references()];
-        let (mut ranks, mut best) = (Vec::new(), Vec::new());
-        let (mut within, mut scratch) = (Vec::new(), RowScratch::default());
+    ) -> Result<Vec<Warning>, ViewError> {
+        let (mut scores, mut ranks) = (vec![0.0; self.references()], Vec::new());
         for (part, rows) in parts.iter().zip(rows) {
             for (places, row) in part.places.iter().zip(rows) {
                 let Some(places) = places else { continue };
                 self.sensor.standardizer.scores(row, &mut scores)?;
                 ranks.push(mean_rank(&scores, places));
-                row_scores(row, &mut within, &mut scratch)?;
-                best.extend(Some(f64::from(least(&within))).filter(|best| best.is_finite()));
             }
         }
-        let mut warnings = Vec::new();
         let rank = ranks.iter().sum::<f64>() / ranks.len() as f64;
-        if rank > CHANCE && self.references() > 2 {
-            warnings.push(Warning::Chance { rank });
-        }
-        if ranks.len() < ENOUGH {
-            warnings.push(Warning::Short { steps: ranks.len() });
-        }
-        Ok((warnings, moments(&best)))
+        let chance = rank > CHANCE && self.references() > 2;
+        let short = ranks.len() < ENOUGH;
+        let chance = chance.then_some(Warning::Chance { rank });
+        let short = short.then_some(Warning::Short { steps: ranks.len() });
+        Ok(chance.into_iter().chain(short).collect())
     }
 
     /// Returns warnings from labels and odometry.
@@ -95,16 +77,13 @@ fn mean_rank(scores: &[f64], places: &RangeInclusive<usize>) -> f64 {
 }
 
 impl Recording {
-    /// Returns all warnings about the recording: those of the [track](super::Track::warnings) at
-    /// their strongest, queries that are [unlike](Warning::Unlike) those of the fit, a vehicle that
-    /// is [faster](Warning::Fast) than the options let it be, and a part of the drive where answers
-    /// are [unsure](Warning::Unsure). Needs no labels. Costs O(n) a step, and
-    /// [`smoothed`](Self::smoothed) if queries are unlike and the map may be left.
+    /// Returns all warnings about the recording: odometry that is [stuck](Warning::Stuck) while the
+    /// views change, a vehicle that is [faster](Warning::Fast) than the options let it be, and a part
+    /// of the drive where answers are [unsure](Warning::Unsure). No labels are needed. O(n) a step.
     #[must_use]
     pub fn warnings(&self) -> Vec<Warning> {
-        let own = self.own_warnings.iter().cloned();
-        let others = [self.warn_unlike(), self.warn_too_fast(), self.warn_unsure()];
-        own.chain(others.into_iter().flatten()).collect()
+        let all = [self.stuck.clone(), self.warn_too_fast(), self.warn_unsure()];
+        all.into_iter().flatten().collect()
     }
 
     /// Warns if the nearest references, without odometry, agree on a speed that is not modelled.
@@ -131,32 +110,10 @@ impl Recording {
             .then_some(Warning::Fast { moved: median, fastest })
     }
 
-    fn warn_unlike(&self) -> Option<Warning> {
-        let [labelled, deviation] = self.recognizer.parameters().best_scores?;
-        let unlike = |scores: &[f64]| {
-            let [recording, _] = moments(scores)?;
-            let unlike = (recording - labelled).abs() > UNLIKE * deviation;
-            unlike.then_some(Warning::Unlike { labelled, recording })
-        };
-        let finite = |best: &f64| best.is_finite();
-        let all: Vec<f64> = self.best_scores.iter().copied().filter(finite).collect();
-        let warning = unlike(&all)?;
-        if self.recognizer.options().off_map.is_none() {
-            return Some(warning);
-        }
-        // Queries off the map match nothing, unlike labelled ones, so only those on the map count.
-        // But if most are off it, the camera may be a different one.
-        let beliefs = self.smoothed().ok()?;
-        let scores = self.best_scores.iter().enumerate();
-        let on_map = scores.filter(|(step, _)| beliefs.mass(*step, None) < 0.5);
-        let on_map: Vec<f64> = on_map.map(|(_, best)| *best).filter(finite).collect();
-        if on_map.len() < all.len() / 2 { Some(warning) } else { unlike(&on_map) }
-    }
-
     /// Warns if the filter's answers have a low mean probability over a part of the drive.
     fn warn_unsure(&self) -> Option<Warning> {
         let answers = self.filtered().answers();
-        let steps = (answers.len() / PART).max(FEWEST);
+        let steps = (answers.len() / PART).max(FEWEST as usize);
         let mean = |part: &[Answer]| {
             part.iter().map(|answer| answer.probability).sum::<f64>() / steps as f64
         };
@@ -164,12 +121,4 @@ impl Recording {
         let (mean, step) = means.min_by(|a, b| a.0.total_cmp(&b.0))?;
         (mean < UNSURE).then_some(Warning::Unsure { mean, step, steps })
     }
-}
-
-/// Mean and standard deviation; `None` for no values.
-fn moments(values: &[f64]) -> Option<[f64; 2]> {
-    let count = values.len() as f64;
-    let mean = values.iter().sum::<f64>() / count;
-    let square = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / count;
-    (count > 0.0).then(|| [mean, square.sqrt()])
 }

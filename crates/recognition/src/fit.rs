@@ -75,8 +75,8 @@ impl Recognizer {
     /// everything else learned before is replaced.
     ///
     /// What was learned from one half of each part is then compared with the present parameters on
-    /// the other half, by the mean log score of the filter. If it is worse there by more than 0.01, the present
-    /// parameters stay, with a [`Warning::Harm`]. [`Parameters::warnings`] lists it with other
+    /// the other half, by the mean log score of the filter. If it is worse there by more than 0.01,
+    /// the present parameters stay, with a [`Warning::Harm`]. [`Parameters::warnings`] lists it with other
     /// warnings. O(steps n k) time, O(steps n) memory.
     ///
     /// # Errors
@@ -100,7 +100,6 @@ impl Recognizer {
         let mut kept = self.parameters().clone();
         kept.warnings = fit.warnings;
         kept.warnings.push(Warning::Harm { present, learned });
-        kept.best_scores = fit.best_scores;
         self.with_parameters(kept)
     }
 
@@ -184,7 +183,7 @@ impl Recognizer {
         fit.options.off_map = fit.options.off_map.map(|before| rates(before, parts));
         let fitted = self.with_parameters(fit.clone())?;
         let wrong = |cause| RecognitionError::query(0, cause);
-        (fit.warnings, fit.best_scores) = fitted.examine(parts, &rows).map_err(wrong)?;
+        fit.warnings = fitted.examine(parts, &rows).map_err(wrong)?;
         fit.warnings.extend(fitted.examine_drives(parts, has_odometry));
         self.with_parameters(fit)
     }

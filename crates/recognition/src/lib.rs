@@ -67,8 +67,8 @@
 //!
 //! # Features
 //!
-//! - `serde`: [`Parameters`], [`TrackSnapshot`] and the parts of a model can be stored, exact to the
-//!   bit.
+//! - `serde`: [`Parameters`], [`TrackSnapshot`], [`Mapper`] and the parts of a model can be stored,
+//!   exact to the bit.
 //!
 //! None is a default.
 
@@ -85,6 +85,7 @@ pub mod motion;
 pub mod observation;
 mod options;
 mod parameters;
+mod readings;
 mod recognizer;
 mod recording;
 mod references;

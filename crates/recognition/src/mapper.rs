@@ -19,10 +19,11 @@ use wayfix::error::{At, OutOfRange};
 /// of the last [`gap`](Self::with_gap) steps do not count as seen before. Where odometry says that
 /// the vehicle stands, views that hardly change do not become references either. A place counts as
 /// seen again once the track has passed references that amount to five wholly new views, without a
-/// jump, and is sure to within a few of them. With the feature `serde` a mapper can be stored, and
-/// goes on after a restart. References join the model in groups. A step costs as much as a [`Track`] step, and
-/// every sixteenth reference costs 96 more comparisons of O(n d), for n references of d numbers
-/// each.
+/// jump, and is sure to within a few of them. References join the model in groups. A step costs as
+/// much as a [`Track`] step, and every sixteenth reference costs 96 more comparisons of O(n d), for n
+/// references of d numbers each.
+///
+/// With the feature `serde` a mapper can be stored and resumed after a restart.
 ///
 /// The first views of a second pass become references again, until the track has found itself: in
 /// another season, usual scores have to be learned anew. A [`Recognizer`] of the first pass knows
@@ -32,7 +33,7 @@ use wayfix::error::{At, OutOfRange};
 /// use wayfix_recognition::observation::Distance;
 /// use wayfix_recognition::{Mapper, Options};
 ///
-/// // A loop of 120 places, driven one time and a half.
+/// // A loop of 120 places, driven one and a half times.
 /// let image = |place: usize| -> Vec<f32> {
 ///     (1..17).map(|k| ((place * 16 + k).pow(2) as f32 * 0.37).sin()).collect()
 /// };
@@ -92,9 +93,8 @@ const MAPPING: OffMap = OffMap { leave: 1e-4, back: 1e-3, near: 0.3, within: 10 
 /// queries.
 const RECENT: usize = 32;
 const RECENT_WEIGHT: f64 = 0.5;
-/// Number of wholly new views that the references passed by a run of answers must amount to before
-/// it is believed: a dark stretch looks like another, but does not lead anywhere, and where views
-/// are a metre apart, five of them are one.
+/// Least change along a run of answers before it is believed, in wholly new views: a dark stretch
+/// looks like another but leads nowhere, and five views a metre apart may amount to one new view.
 const PASSED: f64 = 5.0;
 /// Largest distance between successive answers of a run, in references, unless it amounts to less
 /// than one wholly new view.
@@ -228,7 +228,7 @@ impl Mapper {
             self.run = None;
             return false;
         };
-        // Wholly new views that as many references amount to, each as new as one view is to the next.
+        // Number of wholly new views that some references amount to, at the usual change of a view.
         let new_views = |count: usize| count as f64 * self.usual_change.0.min(1.0);
         let goes_on = |apart: usize| apart <= JUMP || new_views(apart) <= 1.0;
         let run = match self.run {

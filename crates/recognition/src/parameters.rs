@@ -1,5 +1,4 @@
-//! Result of learning: options, usual scores and best scores. Warnings are
-//! neither stored nor compared.
+//! Result of learning: options and usual scores. Warnings are neither stored nor compared.
 
 use super::warning::Warning;
 use super::{Options, RecognitionError};
@@ -15,22 +14,18 @@ use wayfix::error::OutOfRange;
 pub struct Parameters {
     pub(crate) options: Options,
     pub(crate) standardizer: Option<Standardizer>,
-    /// Mean and deviation of the best score of a query.
-    pub(crate) best_scores: Option<[f64; 2]>,
     pub(super) warnings: Vec<Warning>,
 }
 
 impl PartialEq for Parameters {
     fn eq(&self, other: &Self) -> bool {
-        self.options == other.options
-            && self.standardizer == other.standardizer
-            && self.best_scores == other.best_scores
+        self.options == other.options && self.standardizer == other.standardizer
     }
 }
 
 impl Parameters {
     pub(super) fn new(options: Options) -> Self {
-        Self { options, standardizer: None, best_scores: None, warnings: Vec::new() }
+        Self { options, standardizer: None, warnings: Vec::new() }
     }
 
     /// Creates a fit from parts read from storage, which it checks.
@@ -38,17 +33,9 @@ impl Parameters {
     pub(crate) fn from_parts(
         options: Options,
         standardizer: Option<Standardizer>,
-        best_scores: Option<[f64; 2]>,
     ) -> Result<Self, RecognitionError> {
         options.check()?;
-        if let Some([mean, deviation]) = best_scores {
-            let (what, all) = ("the mean of the best scores", f64::MIN..=f64::MAX);
-            OutOfRange::check(what, mean, all, "a finite value")?;
-            let (what, expected) =
-                ("the deviation of the best scores", "a finite value of at least 0");
-            OutOfRange::check(what, deviation, 0.0..=f64::MAX, expected)?;
-        }
-        Ok(Self { standardizer, best_scores, ..Self::new(options) })
+        Ok(Self { standardizer, ..Self::new(options) })
     }
 
     /// Options, including the learned ones.
@@ -66,7 +53,7 @@ impl Parameters {
     /// Drops everything learned about single references, for use with another map.
     #[must_use]
     pub fn without_references(self) -> Self {
-        Self { standardizer: None, best_scores: None, ..self }
+        Self { standardizer: None, ..self }
     }
 
     /// Warnings about the fit. Empty for one read from storage.
@@ -91,6 +78,5 @@ wayfix::stored! {
     [] Fit for self::Parameters: [], |fit| {
         options: Options = fit.options,
         standardizer: Option<Standardizer> = fit.standardizer,
-        best_scores: Option<[f64; 2]> = fit.best_scores,
-    } => Self::from_parts(options, standardizer, best_scores);
+    } => Self::from_parts(options, standardizer);
 }

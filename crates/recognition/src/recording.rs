@@ -5,7 +5,6 @@ use std::borrow::Borrow;
 use std::ops::RangeInclusive;
 
 use super::recognizer::at_most_one;
-use super::views::StrongestWarnings;
 use super::warning::Warning;
 use super::{Answer, RecognitionError, Recognizer};
 use crate::motion::RouteControl;
@@ -29,11 +28,10 @@ pub struct Recording {
     filtered: PlaceBeliefs,
     /// Beliefs over places, each by the last new frame alone.
     pub(super) single: PlaceBeliefs,
-    pub(super) best_scores: Vec<f64>,
     /// Usual scores at the end of the recording.
     pub(super) standardizer: Standardizer,
-    /// Warnings of the views and readings.
-    pub(super) own_warnings: Vec<Warning>,
+    /// Longest warning of equal readings.
+    pub(super) stuck: Option<Warning>,
 }
 
 /// Beliefs over places, one for each step of a recording.
@@ -71,25 +69,26 @@ impl Recognizer {
             likelihoods: Vec::new(),
             filtered: PlaceBeliefs::new(self, queries.len()),
             single: PlaceBeliefs::new(self, queries.len()),
-            best_scores: Vec::new(),
             standardizer: self.sensor.standardizer.clone(),
-            own_warnings: Vec::new(),
+            stuck: None,
         };
-        let mut warnings = StrongestWarnings::default();
         for (at, query) in queries.iter().enumerate() {
             let reading = odometry.get(at).copied().flatten();
             let sighting = track.observe(reading, query.as_ref())?;
             let log_likelihood = track.advance(&sighting.control)?;
             recording.likelihoods.push(track.scratch().likelihoods.clone());
-            recording.best_scores.push(track.scratch().best_score());
             recording.single.set_single(at, &track.scratch().standardized);
             recording.filtered.set(at, track.places().as_slice(), log_likelihood);
             recording.controls.push(sighting.control);
             track.learn(&sighting);
-            warnings.record(&track.sensor().tally);
+            let longest = |warning: &Warning| match warning {
+                Warning::Stuck { steps, .. } => *steps,
+                _ => 0,
+            };
+            let stuck = track.sensor().readings.warning();
+            recording.stuck = recording.stuck.into_iter().chain(stuck).max_by_key(longest);
         }
         recording.standardizer.clone_from(&track.sensor().standardizer);
-        recording.own_warnings = warnings.into_warnings();
         Ok(recording)
     }
 }

@@ -6,8 +6,9 @@
 //! changes scratch memory alone, and [`Sensor::learn`] follows once the filter has taken the step.
 
 use super::advantage::Advantage;
+use super::readings::Readings;
 use super::recognizer::{Phantom, Recognizer, check_control};
-use super::views::{Tally, View, least, nearest};
+use super::views::{View, least, nearest};
 use super::{Options, RecognitionError};
 use crate::motion::{Driven, RouteControl, RouteTransition, ViewChange, ViewEvidence};
 use crate::observation::{
@@ -20,8 +21,8 @@ use wayfix::transition::Distraction;
 /// place could not be believed.
 const PHANTOM: MatchOdds = MatchOdds { shares: [0.3, 0.35, 0.35] };
 /// Numbers of views that these shares, and those of [`Options::odds`], count as. The phantom's are
-/// learned more slowly: once it matches as well as a place, a vehicle that was taken for elsewhere at
-/// first is not found again.
+/// learned more slowly: if it came to match as well as a place, a vehicle that was placed wrongly at
+/// first would not be found again.
 const KIND_COUNT: f64 = 10.0;
 const PHANTOM_COUNT: f64 = 30.0;
 
@@ -92,11 +93,6 @@ pub(super) struct Scratch {
 }
 
 impl Scratch {
-    /// Least score within the row of the last query.
-    pub(super) fn best_score(&self) -> f64 {
-        f64::from(least(&self.scores))
-    }
-
     /// Likelihoods of a step without a query: 1 everywhere.
     pub(super) fn fill(&mut self, references: usize) {
         self.likelihoods.clear();
@@ -128,8 +124,8 @@ pub(crate) struct Sensor {
     pub(crate) lingering: f64,
     /// Motion by odometry and views, if the vehicle may leave the map.
     pub(crate) driven: Option<Driven>,
-    /// Recent views and readings.
-    pub(crate) tally: Tally,
+    /// Run of equal odometry readings.
+    pub(crate) readings: Readings,
     /// Numbers of views of each kind, at the vehicle's place and at the phantom's.
     pub(crate) kinds: [[f64; 3]; 2],
     /// How much better views match on the map than off it.
@@ -152,7 +148,7 @@ impl Sensor {
             run: None,
             lingering: 0.0,
             driven: None,
-            tally: Tally::default(),
+            readings: Readings::default(),
             kinds: [known(options.odds, KIND_COUNT), known(PHANTOM, PHANTOM_COUNT)],
             advantage: Advantage::default(),
         }
@@ -196,7 +192,7 @@ impl Sensor {
         let evidence = evidence.filter(|_| options.use_views && self.run.is_some());
         let control = RouteControl { view: evidence, ..self.control(odometry) };
         check_control(recognizer.motion(), step, &control)?;
-        let control = RouteControl { odometry: self.tally.thinned(odometry), ..control };
+        let control = RouteControl { odometry: self.readings.counted(odometry), ..control };
         let Scratch { likelihoods, phantom: seen, .. } = scratch;
         let (begins, continues) = if step == 1 {
             let (begins, _) = phantom.first(seen)?;
@@ -276,7 +272,7 @@ impl Sensor {
                 kinds.iter_mut().zip(seen).for_each(|(kind, seen)| *kind += seen);
             }
         }
-        self.tally.record(self.run.map(|_| view), *odometry);
+        self.readings.record(self.run.and(view.change), *odometry);
         self.run = Some((view.change, *run));
         self.drive(recognizer.motion(), recognizer.options(), control);
     }
@@ -379,7 +375,7 @@ impl Sensor {
     /// Forgets the last view, but nothing learned about the references.
     pub(super) fn forget(&mut self) {
         (self.run, self.lingering, self.driven) = (None, 0.0, None);
-        self.tally = Tally::default();
+        self.readings = Readings::default();
         // Infinite distances are left out of comparisons, so the next view is new; the memory is
         // kept.
         self.last_view.iter_mut().for_each(|row| row.fill(f32::INFINITY));

@@ -1,14 +1,14 @@
-//! A bound on single references: none counts for much more than those beside it
+//! Lower bound on the score of a reference, by the scores of its neighbours
 //! (`guide::formulas`, Neighbours).
 
-/// How much nearer than its nearer neighbour a reference may be, in deviations, before any query;
-/// and the number of queries with which that doubles, once usual scores tell broken references.
+/// Distance, in deviations, by which a score may fall below that of its nearer neighbour while no
+/// usual score is known, and number of queries that doubles it.
 const ALONE: f64 = 1.25;
 const ALONE_COUNT: f64 = 10.0;
 
-/// Bounds standardised scores along a route from below, by the nearer neighbour of each, or by 0,
-/// the score of a wrong place, where both are farther. `count` is the number of queries that usual
-/// scores are known from. O(n).
+/// Bounds each standardised score along a route from below: it may fall short of the smaller of its
+/// neighbours' scores, or of 0, the score of a wrong place, if that is smaller, by a margin that
+/// grows with `count`, the number of queries from which usual scores are known. O(n).
 ///
 /// A place looks like its neighbours, and a broken reference does not: one with all distances
 /// divided by 100 is nearest to every query, and would hold the vehicle until its usual score is

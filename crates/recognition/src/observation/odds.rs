@@ -22,7 +22,7 @@ const CLEAR: f32 = 0.324_652_47;
 /// with mean −μ over theirs. So a view matches its place clearly, weakly, or says nothing, with the
 /// three shares w, and over wrong places the mean of the odds is one, but for the bound on scores
 /// (to within 0.001). No view counts against a place by more than ln w₀, and none counts for it by
-/// more than at a score of −5.
+/// more than at a score of −6.
 ///
 /// The means are small beside those of single views, which are −1 to −5: views in sequence err
 /// together, so each is less than an independent witness. The shares differ from one camera and
