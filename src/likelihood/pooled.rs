@@ -54,6 +54,8 @@ impl<B: Likelihood> PooledLikelihood<B> {
             let (part, first) = ("grouping", "sensor");
             return Err(HmmError::StateCount { part, found, first, expected });
         }
+        // Sorts the images now, so that no step allocates.
+        let _ = groups.states(0);
         Ok(Self { sensor, groups })
     }
 

@@ -64,12 +64,13 @@ impl Advantage {
     #[cfg(feature = "serde")]
     pub(crate) fn checked(self) -> Result<Self, String> {
         let Self { recent, views, sum, squares } = self;
-        let [count, most] = [1e15, 1e35];
-        let in_range = recent.abs() <= 1e3 && (0.0..=count).contains(&views);
-        if in_range && sum.abs() <= most && (0.0..=most).contains(&squares) {
+        // Odds of places and of the phantom are within a factor e^71 of each other.
+        let in_range = recent.abs() <= 100.0 && (0.0..=1e15).contains(&views);
+        let (sums, all) = (100.0 * (views + 1.0), 1e4 * (views + 1.0));
+        if in_range && sum.abs() <= sums && (0.0..=all).contains(&squares) {
             return Ok(self);
         }
-        Err(format!("{self:?}, expected sums over at most 1e15 views"))
+        Err(format!("{self:?}, expected sums of means from -100 to 100"))
     }
 }
 

@@ -5,7 +5,7 @@ use std::ops::RangeInclusive;
 
 use super::fit::LabelledPart;
 use super::warning::{ENOUGH, FEWEST, UNSURE, Warning};
-use super::{Answer, Recognizer, Recording};
+use super::{Recognizer, Recording};
 use crate::motion::OdometryModel;
 use crate::observation::ViewError;
 
@@ -93,8 +93,8 @@ impl Recording {
         let fastest = speeds.fold(0.0, |most: f64, speed| most.max(speed.abs()));
         let places: Vec<usize> = self.single.iter().map(|belief| belief.mode()).collect();
         // Where there is odometry, answers follow its speed, so only steps without it are examined.
-        let steps = places.windows(2).zip(&self.controls[1.min(self.steps())..]);
-        let free = steps.filter(|(_, control)| control.control.odometry.is_none());
+        let steps = places.windows(2).zip(&self.readings[1.min(self.steps())..]);
+        let free = steps.filter(|(_, reading)| reading.is_none());
         let moved = free.map(|(pair, _)| {
             let way = pair[0].abs_diff(pair[1]);
             (if self.recognizer.options().closed { way.min(n - way) } else { way }) as f64
@@ -112,12 +112,14 @@ impl Recording {
 
     /// Warns if the filter's answers have a low mean probability over a part of the drive.
     fn warn_unsure(&self) -> Option<Warning> {
-        let answers = self.filtered().answers();
-        let steps = (answers.len() / PART).max(FEWEST as usize);
-        let mean = |part: &[Answer]| {
-            part.iter().map(|answer| answer.probability).sum::<f64>() / steps as f64
-        };
-        let means = answers.windows(steps).map(mean).zip(steps..);
+        let mut sums = vec![0.0];
+        for answer in self.filtered.answers() {
+            sums.push(sums[sums.len() - 1] + answer.probability);
+        }
+        let steps = (self.steps() / PART).max(FEWEST as usize);
+        // The sum over a part is a difference of running sums.
+        let parts = sums.iter().zip(sums.iter().skip(steps));
+        let means = parts.map(|(from, to)| (to - from) / steps as f64).zip(steps..);
         let (mean, step) = means.min_by(|a, b| a.0.total_cmp(&b.0))?;
         (mean < UNSURE).then_some(Warning::Unsure { mean, step, steps })
     }

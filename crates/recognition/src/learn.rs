@@ -58,7 +58,7 @@ impl Recognizer {
             if let Some(drive) = drives.last_mut() {
                 drive.push(moved);
             }
-            if let Some(reading) = recording.controls[at].control.odometry {
+            if let Some(reading) = recording.readings[at] {
                 read.0.push(moved);
                 read.1.push(reading);
             }

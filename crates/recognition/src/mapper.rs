@@ -11,6 +11,8 @@ use super::{Answer, Options, RecognitionError, Recognizer, Track};
 use crate::motion::{OffMap, RouteControl, RouteTransition};
 use crate::observation::{Distance, ViewError, check_descriptor, view_change};
 use wayfix::error::{At, OutOfRange};
+#[cfg(feature = "serde")]
+use wayfix::internal::MOST_STEPS;
 
 /// Builds the references while the vehicle drives, and decides whether it is at a new place or at
 /// one that it has seen before.
@@ -19,7 +21,8 @@ use wayfix::error::{At, OutOfRange};
 /// of the last [`gap`](Self::with_gap) steps do not count as seen before. Where odometry says that
 /// the vehicle stands, views that hardly change do not become references either. A place counts as
 /// seen again once the track has passed references that amount to five wholly new views, without a
-/// jump, and is sure to within a few of them. References join the model in groups. A step costs as
+/// jump, and is sure to within a few of them; so a route along which views change by less in all is
+/// not recognised. References join the model in groups. A step costs as
 /// much as a [`Track`] step, and every sixteenth reference costs 96 more comparisons of O(n d), for n
 /// references of d numbers each.
 ///
@@ -188,7 +191,12 @@ impl Mapper {
         // The track grows before it takes the view, so the view is compared with all references
         // that are old enough.
         self.grow()?;
+        // A frame that is repeated, by a slow camera or where the vehicle stands, is no step of the
+        // track: it shows neither a place nor a motion.
+        let last = self.recent.back();
+        let repeated = odometry.is_none() && last.is_some_and(|(view, _)| view == query);
         let answer = match &mut self.track {
+            Some(track) if repeated => Some(track.present()),
             Some(track) => Some(track.step_with(odometry, query)?),
             None => None,
         };
@@ -203,7 +211,7 @@ impl Mapper {
         }
         // Views that merely repeat the last reference would outweigh all others while the vehicle
         // stands.
-        if is_new || seen.is_some() {
+        if !repeated && (is_new || seen.is_some()) {
             if self.recent.len() == RECENT {
                 self.recent.pop_front();
             }
@@ -229,7 +237,8 @@ impl Mapper {
             return false;
         };
         // Number of wholly new views that some references amount to, at the usual change of a view.
-        let new_views = |count: usize| count as f64 * self.usual_change.0.min(1.0);
+        let usual = if self.usual_change.1 > 0 { self.usual_change.0.min(1.0) } else { 1.0 };
+        let new_views = |count: usize| count as f64 * usual;
         let goes_on = |apart: usize| apart <= JUMP || new_views(apart) <= 1.0;
         let run = match self.run {
             Some(run) if goes_on(run.now.abs_diff(place)) => {
@@ -251,9 +260,10 @@ impl Mapper {
         let stood = self.driven.is_some_and(|driven| driven < STOOD);
         let part = if stood { self.options.view_threshold.max(EQUAL) } else { EQUAL };
         let is_new = *count == 0 && change > 0.0 || change > part * *usual;
-        // The usual change is from view to view, so a change since an older reference does not
-        // count.
-        if is_new && self.added.last() == Some(&(self.steps - 1)) {
+        // The usual change is from view to view, so a change since a place that was seen again does
+        // not count; views between that repeat the last reference are not recent ones.
+        let last_new = self.recent.back().and_then(|(_, reference)| *reference);
+        if is_new && last_new == Some(self.references.len() - 1) {
             *count = count.saturating_add(1);
             *usual += (change - *usual) / f64::from(*count);
         }
@@ -351,6 +361,12 @@ impl Mapper {
             }
         }
         let rising = added.is_sorted_by(|a, b| a < b);
+        if self.steps >= MOST_STEPS || recent.len() > RECENT {
+            let (steps, recent) = (self.steps, recent.len());
+            return Err(format!(
+                "{steps} steps and {recent} recent views, expected at most {RECENT}"
+            ));
+        }
         if added.len() != count || !rising || added.last().is_some_and(|at| *at > self.steps) {
             let steps = self.steps;
             return Err(format!("references added at {added:?} of {steps} steps, of {count}"));
@@ -370,6 +386,9 @@ impl Mapper {
             return Err(format!("a usual change of {usual} and a distance driven of {driven}"));
         }
         if let Some(state) = track {
+            if state.steps() > self.steps {
+                return Err(format!("{} steps of the track, of {}", state.steps(), self.steps));
+            }
             let known = &self.references[..known];
             let made = Recognizer::from_descriptors(known, self.distance, self.options.clone());
             let mut track = made.map_err(text)?.track();

@@ -26,16 +26,11 @@ pub(crate) struct Readings {
 impl Readings {
     /// Returns the reading if it counts as evidence, else `None`. Of k equal readings in a row,
     /// 5 ln(1 + k / 5) count, rounded up, since wheels that are stuck err once and not k times.
-    /// Those of a vehicle that stands all count unless the views change.
-    pub(super) fn counted(&self, odometry: Option<f64>) -> Option<f64> {
+    /// One of a vehicle that stands counts in any case if the view is unchanged.
+    pub(super) fn counted(&self, change: Option<ViewChange>, odometry: Option<f64>) -> Option<f64> {
         let reading = odometry?;
-        let before = if odometry != self.last {
-            0
-        } else if reading.abs() <= STANDS {
-            self.changed
-        } else {
-            self.equal
-        };
+        let stands = reading.abs() <= STANDS && change == Some(ViewChange::Unchanged);
+        let before = if odometry == self.last && !stands { self.equal } else { 0 };
         let counted = |k: f64| (ALIKE * (k / ALIKE).ln_1p()).floor();
         let before = f64::from(before);
         (before == 0.0 || counted(before + 1.0) > counted(before)).then_some(reading)
@@ -84,7 +79,7 @@ mod tests {
         let count = |reading: f64, change, steps: u32| {
             let mut readings = Readings::default();
             let counted = (0..steps).filter(|_| {
-                let counted = readings.counted(Some(reading)).is_some();
+                let counted = readings.counted(change, Some(reading)).is_some();
                 readings.record(change, Some(reading));
                 counted
             });
@@ -94,14 +89,15 @@ mod tests {
         assert_eq!(count(1.5, changed, 3), 3);
         assert!((14..=16).contains(&count(1.5, changed, 100)));
         assert!((26..=28).contains(&count(1.5, None, 1000)));
-        // A vehicle that stands is believed, unless the views change.
+        // A vehicle that stands is believed where the views do not change.
         assert_eq!(count(0.0, Some(ViewChange::Unchanged), 1000), 1000);
         assert!((14..=16).contains(&count(0.0, changed, 100)));
+        assert!((26..=28).contains(&count(0.0, None, 1000)));
         // Other readings between them start anew.
         let mut readings = Readings::default();
         for k in 0..100_u32 {
             let reading = Some(f64::from(k % 2));
-            assert_eq!(readings.counted(reading), reading);
+            assert_eq!(readings.counted(changed, reading), reading);
             readings.record(changed, reading);
         }
     }

@@ -25,7 +25,9 @@ pub struct Recording {
     pub(super) recognizer: Recognizer,
     pub(super) controls: Vec<Distraction<RouteControl>>,
     pub(super) likelihoods: Vec<Vec<f64>>,
-    filtered: PlaceBeliefs,
+    /// Odometry readings, also those that did not count.
+    pub(super) readings: Vec<Option<f64>>,
+    pub(super) filtered: PlaceBeliefs,
     /// Beliefs over places, each by the last new frame alone.
     pub(super) single: PlaceBeliefs,
     /// Usual scores at the end of the recording.
@@ -67,6 +69,7 @@ impl Recognizer {
             recognizer: self.clone(),
             controls: Vec::new(),
             likelihoods: Vec::new(),
+            readings: Vec::new(),
             filtered: PlaceBeliefs::new(self, queries.len()),
             single: PlaceBeliefs::new(self, queries.len()),
             standardizer: self.sensor.standardizer.clone(),
@@ -80,6 +83,7 @@ impl Recognizer {
             recording.single.set_single(at, &track.scratch().standardized);
             recording.filtered.set(at, track.places().as_slice(), log_likelihood);
             recording.controls.push(sighting.control);
+            recording.readings.push(reading);
             track.learn(&sighting);
             let longest = |warning: &Warning| match warning {
                 Warning::Stuck { steps, .. } => *steps,
@@ -156,7 +160,8 @@ impl Recording {
     /// O(n) a step.
     ///
     /// A baseline: motion adds the difference by which [`filtered`](Self::filtered) is right more
-    /// often. The odds are those of [`Options::odds`](super::Options::odds) with standardised scores.
+    /// often. The odds are those of [`Options::odds`](super::Options::odds), of standardised scores that are
+    /// bounded by those of neighbours.
     #[must_use]
     pub fn single(&self) -> PlaceBeliefs {
         self.single.clone()

@@ -192,7 +192,8 @@ impl Sensor {
         let evidence = evidence.filter(|_| options.use_views && self.run.is_some());
         let control = RouteControl { view: evidence, ..self.control(odometry) };
         check_control(recognizer.motion(), step, &control)?;
-        let control = RouteControl { odometry: self.readings.counted(odometry), ..control };
+        let control =
+            RouteControl { odometry: self.readings.counted(view.change, odometry), ..control };
         let Scratch { likelihoods, phantom: seen, .. } = scratch;
         let (begins, continues) = if step == 1 {
             let (begins, _) = phantom.first(seen)?;
@@ -266,7 +267,10 @@ impl Sensor {
             let seen = place.kinds(&scratch.standardized, positions.attentive);
             let attentive: f64 = positions.attentive.iter().sum();
             let likelihood = attentive * place.shares[0] / seen[0];
-            self.advantage.observe(attentive, likelihood.ln(), continues.ln());
+            // A place that was not compared is ruled out, and its probability is not known here.
+            if scratch.standardized.iter().all(|score| score.is_finite()) {
+                self.advantage.observe(attentive, likelihood.ln(), continues.ln());
+            }
             let followed = phantom.kinds(&scratch.standardized, positions.phantom);
             for (kinds, seen) in self.kinds.iter_mut().zip([seen, followed]) {
                 kinds.iter_mut().zip(seen).for_each(|(kind, seen)| *kind += seen);
@@ -284,7 +288,9 @@ impl Sensor {
         motion: &RouteTransition,
         options: &Options,
         control: &RouteControl,
+        odometry: Option<f64>,
     ) {
+        self.readings.record(None, odometry);
         self.run = None;
         self.drive(motion, options, control);
     }

@@ -123,6 +123,11 @@ impl Track {
         Ok(self.answer(log_likelihood))
     }
 
+    /// Answer from the present belief, with a log-likelihood of 0.
+    pub(super) fn present(&self) -> Answer {
+        self.recognizer.answer(&self.places, 0.0)
+    }
+
     /// Answers from the belief over places.
     fn answer(&mut self, log_likelihood: f64) -> Answer {
         let answer = self.recognizer.answer(&self.places, log_likelihood);
@@ -191,22 +196,21 @@ impl Track {
         &mut self,
         odometry: impl Into<Option<f64>>,
     ) -> Result<Answer, RecognitionError> {
-        let control = Distraction::none(self.sensor.control(odometry.into()));
+        let odometry = odometry.into();
+        check_control(self.recognizer.motion(), self.steps() + 1, &self.sensor.control(odometry))?;
+        let counted = self.sensor.readings.counted(None, odometry);
+        let control = Distraction::none(self.sensor.control(counted));
         // A likelihood of 1 everywhere: an update that changes nothing.
         self.scratch.fill(self.recognizer.references());
         let distracted = 1.0 - self.attentive();
         let is_first = self.steps() == 0;
-        if is_first {
-            // The filter checks all controls but the first, since no move leads to the first step.
-            // The sensor keeps the first reading, so it is checked here.
-            check_control(self.recognizer.motion(), 1, &control.control)?;
-        }
         let log_likelihood = self.advance(&control)?;
         if !is_first {
             // The filter has accepted the control, so this does not fail.
             self.phantom.predict(&control.control, distracted)?;
         }
-        self.sensor.skip(self.recognizer.motion(), self.recognizer.options(), &control.control);
+        let Self { recognizer, sensor, .. } = self;
+        sensor.skip(recognizer.motion(), recognizer.options(), &control.control, odometry);
         Ok(self.answer(log_likelihood))
     }
 
@@ -416,11 +420,16 @@ impl TrackSnapshot {
             }
         }
         for kinds in kinds {
-            if !(kinds.iter().all(|kind| (0.0..=1e15).contains(kind)) && kinds[0] > 0.0) {
+            // Below this share, 32-bit floats lose the views that say nothing.
+            let least = 1e-30 * kinds.iter().sum::<f64>();
+            if !(kinds.iter().all(|kind| (0.0..=1e15).contains(kind)) && kinds[0] > least) {
                 return Err(format!(
                     "{kinds:?} views of each kind, expected counts, the first above 0"
                 ));
             }
+        }
+        if let Some(driven) = sensor.driven {
+            driven.check().map_err(|error| error.to_string())?;
         }
         let (readings, advantage) = (sensor.readings.checked()?, sensor.advantage.checked()?);
         let sensor = Sensor { readings, advantage, ..sensor };

@@ -36,14 +36,6 @@ impl Clone for FilterSnapshot {
 }
 
 impl FilterSnapshot {
-    /// True if a state may be the true one, also where its probability is below the range of
-    /// doubles.
-    #[doc(hidden)]
-    #[must_use]
-    pub fn is_possible(&self, state: usize) -> bool {
-        self.belief_ref().log(state) > f64::NEG_INFINITY
-    }
-
     /// Replaces the belief, its logarithms if there are any (with −∞ for nothing), and the number
     /// of steps, for models that get more states. A filter checks the result when it is restored.
     #[doc(hidden)]

@@ -45,7 +45,7 @@ pub struct Driven {
 }
 
 impl Driven {
-    fn check(&self) -> Result<(), TransitionError> {
+    pub(crate) fn check(&self) -> Result<(), TransitionError> {
         if !(0.0..=1.0).contains(&self.standing) {
             let text = format!("a probability of having stood of {}", self.standing);
             return Err(TransitionError::Control(text));

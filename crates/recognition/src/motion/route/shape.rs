@@ -212,11 +212,12 @@ impl Stencil {
         // places have the same taps: one stands for them.
         let last = first + count.cast_signed();
         let reach = first.unsigned_abs().max(last.unsigned_abs()) + 1;
-        let (near, far) = (reach.min(shape.places), shape.places.saturating_sub(reach).max(reach));
+        let near = reach.min(shape.places);
+        let far = shape.places.saturating_sub(reach).max(near);
         let alike = (near < far).then_some(near..far);
         let single = |place| place..place + 1;
         let ends = (0..near).map(single).chain(alike);
-        for places in ends.chain((far.min(shape.places)..shape.places).map(single)) {
+        for places in ends.chain((far..shape.places).map(single)) {
             let place = places.start;
             let mut taps = Vec::new();
             for (weight, m) in (0..count).zip(first..) {

@@ -366,6 +366,8 @@ fn a_damaged_mapper_is_refused() {
     let rest = list(68);
     let late = format!("references added at [1{rest}, 70] of 69 steps, of 69");
     refused(r#",69],"steps":69"#, r#",70],"steps":69"#, &late);
+    let most = "18446744073709551615 steps and 32 recent views, expected at most 32";
+    refused(r#"],"steps":69"#, r#"],"steps":18446744073709551615"#, most);
     let run = &text[text.rfind(r#""run":"#).unwrap()..];
     refused(
         run,

@@ -160,3 +160,21 @@ fn a_first_pass_does_not_close_however_alike_its_neighbours_are() {
         assert!(closed.len() >= 250 && closed.iter().all(|right| *right), "{closed:?}");
     }
 }
+
+/// A camera at half the rate of steps, or a vehicle that stops at each place.
+#[test]
+fn views_that_come_twice_are_recognised_too() {
+    let images: Vec<Vec<f32>> = noise(16 * LOOP, 9).chunks(16).map(<[f32]>::to_vec).collect();
+    let mut mapper = Mapper::new(Distance::Cosine, Options::default()).unwrap();
+    let mut again = 0;
+    for step in 0..LOOP * 4 {
+        let place = step / 2 % LOOP;
+        let seen = mapper.step(&images[place]).unwrap().and_then(|answer| answer.place);
+        if step < 2 * LOOP {
+            assert_eq!(seen, None);
+        }
+        again += u32::from(seen.is_some_and(|seen| seen.abs_diff(place) <= 2));
+    }
+    assert!(again > 120, "{again}");
+    assert!(mapper.references().len() < 160);
+}
