@@ -104,7 +104,7 @@ const PASSED: f64 = 5.0;
 const JUMP: usize = 5;
 /// Least probability that the vehicle is within `AROUND` references of an answer, for the answer to
 /// be believed.
-const SURE: f64 = 0.8;
+const SURE: f64 = 0.9;
 const AROUND: usize = 5;
 /// Change up to which a view repeats another without odometry, in units of the usual change: in a
 /// tunnel views change less than in front of a red light.

@@ -38,7 +38,7 @@ use crate::typed::Size;
 /// >>> seen[100] is None, seen[179].place
 /// (True, 59)
 /// >>> mapper.recognizer()
-/// <Recognizer: 127 references, descriptors of 16>
+/// <Recognizer: 130 references, descriptors of 16>
 #[pyclass(name = "Mapper", module = "wayfix.recognition", frozen)]
 #[derive(Debug)]
 pub(crate) struct PyMapper {
