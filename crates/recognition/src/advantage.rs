@@ -2,7 +2,7 @@
 //! (`guide::formulas`, Off the map).
 
 /// Number of views of a stretch: successive views err together, so single ones say little. The first
-/// stretch, in which the vehicle is still being located, teaches nothing.
+/// stretch is left out, since the vehicle is still being located.
 const STRETCH: f64 = 10.0;
 /// Number of standard deviations below the mean that few stretches on the map fall short of.
 const RARE: f64 = 1.8;
@@ -17,7 +17,7 @@ const PRIOR_SQUARE: f64 = 0.25;
 ///
 /// Off the map, and while distracted, the camera follows a phantom, so the vehicle's place matches no
 /// better. On the map, a vehicle with a clear camera matches better in all stretches, so a stretch
-/// in which it does not is evidence that it has left. With a weak camera it is no evidence.
+/// in which it does not is evidence that it has left. A weak camera gives no such evidence.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]

@@ -82,7 +82,7 @@ impl Recording {
     /// of the drive where answers are [unsure](Warning::Unsure). No labels are needed. O(n) a step.
     #[must_use]
     pub fn warnings(&self) -> Vec<Warning> {
-        let all = [self.stuck.clone(), self.warn_too_fast(), self.warn_unsure()];
+        let all = [self.stuck.warning(), self.warn_too_fast(), self.warn_unsure()];
         all.into_iter().flatten().collect()
     }
 

@@ -151,7 +151,7 @@ impl Mapper {
         Self { gap, ..self }
     }
 
-    /// Distance by which descriptors are compared.
+    /// Distance of descriptors.
     #[must_use]
     pub fn distance(&self) -> Distance {
         self.distance
@@ -191,8 +191,8 @@ impl Mapper {
         // The track grows before it takes the view, so the view is compared with all references
         // that are old enough.
         self.grow()?;
-        // A frame that is repeated, by a slow camera or where the vehicle stands, is no step of the
-        // track: it shows neither a place nor a motion.
+        // The track skips a repeated frame, of a slow camera or a vehicle that stands: it shows
+        // neither a place nor a motion.
         let last = self.recent.back();
         let repeated = odometry.is_none() && last.is_some_and(|(view, _)| view == query);
         let answer = match &mut self.track {

@@ -1,6 +1,8 @@
 //! Runs of equal odometry readings, which are one witness (`guide::formulas`, Equal readings).
 
 use super::warning::Warning;
+#[cfg(feature = "serde")]
+use crate::motion::OdometryModel;
 use crate::motion::ViewChange;
 
 /// Number of equal readings that count nearly in full.
@@ -60,11 +62,18 @@ impl Readings {
         (self.changed >= CHANGED).then_some(Warning::Stuck { reading, steps: self.equal })
     }
 
+    /// Returns the longer of two runs that are stuck.
+    pub(super) fn longer(self, other: Self) -> Self {
+        if other.warning().is_some() && other.equal > self.equal { other } else { self }
+    }
+
     /// Checks a run read from storage.
     #[cfg(feature = "serde")]
     pub(crate) fn checked(self) -> Result<Self, String> {
         match self.last {
-            Some(reading) if !reading.is_finite() => Err(format!("a last reading of {reading}")),
+            Some(reading) if OdometryModel::check_reading(reading).is_err() => {
+                Err(format!("a last reading of {reading} places"))
+            }
             _ => Ok(self),
         }
     }

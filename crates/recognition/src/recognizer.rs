@@ -34,18 +34,11 @@ pub(super) fn model(
 ) -> Result<Model, RecognitionError> {
     // Checks the rates and the number of states, before anything as long is made.
     let motion = DistractedTransition::new(motion, distractions)?;
-    let (route, all) = (motion.base(), Likelihood::states(&sensor));
-    let (states, anywhere) = (Transition::states(route), route.anywhere());
-    let off = states - route.speeds().values().len() * route.places();
-    let count = route.places() + usize::from(off > 0);
-    // Layers of places, one for each speed, and those off the map at the end.
-    let place =
-        |state: usize| if state < states - off { state % route.places() } else { count - 1 };
-    let group = |state: usize| match state.checked_sub(states) {
-        None => place(state),
-        Some(state) => count + if all > count + 1 { place(state) } else { 0 },
-    };
-    let groups = Groups::numbered((0..2 * states).map(group).collect(), all);
+    let (places, anywhere) = (motion.base().place_groups(), motion.base().anywhere());
+    let (count, all) = (places.count(), Likelihood::states(&sensor));
+    let attentive = places.as_slice().iter().copied();
+    let distracted = attentive.clone().map(|place| count + if all > count + 1 { place } else { 0 });
+    let groups = Groups::new(attentive.chain(distracted).collect())?;
     let shares = [1.0 - distractions.begin, distractions.begin];
     let modes = shares.iter().flat_map(|share| anywhere.as_slice().iter().map(move |p| p * share));
     let prior = Prior::AtFirstObservation(Belief::from_weights(modes.collect())?);

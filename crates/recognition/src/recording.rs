@@ -4,8 +4,8 @@
 use std::borrow::Borrow;
 use std::ops::RangeInclusive;
 
+use super::readings::Readings;
 use super::recognizer::at_most_one;
-use super::warning::Warning;
 use super::{Answer, RecognitionError, Recognizer};
 use crate::motion::RouteControl;
 use crate::observation::Standardizer;
@@ -32,8 +32,8 @@ pub struct Recording {
     pub(super) single: PlaceBeliefs,
     /// Usual scores at the end of the recording.
     pub(super) standardizer: Standardizer,
-    /// Longest warning of equal readings.
-    pub(super) stuck: Option<Warning>,
+    /// Longest run of equal readings that are stuck.
+    pub(super) stuck: Readings,
 }
 
 /// Beliefs over places, one for each step of a recording.
@@ -73,7 +73,7 @@ impl Recognizer {
             filtered: PlaceBeliefs::new(self, queries.len()),
             single: PlaceBeliefs::new(self, queries.len()),
             standardizer: self.sensor.standardizer.clone(),
-            stuck: None,
+            stuck: Readings::default(),
         };
         for (at, query) in queries.iter().enumerate() {
             let reading = odometry.get(at).copied().flatten();
@@ -85,12 +85,7 @@ impl Recognizer {
             recording.controls.push(sighting.control);
             recording.readings.push(reading);
             track.learn(&sighting);
-            let longest = |warning: &Warning| match warning {
-                Warning::Stuck { steps, .. } => *steps,
-                _ => 0,
-            };
-            let stuck = track.sensor().readings.warning();
-            recording.stuck = recording.stuck.into_iter().chain(stuck).max_by_key(longest);
+            recording.stuck = recording.stuck.longer(track.sensor().readings);
         }
         recording.standardizer.clone_from(&track.sensor().standardizer);
         Ok(recording)

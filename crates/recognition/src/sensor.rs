@@ -79,8 +79,9 @@ impl Sighting {
 pub(super) struct Scratch {
     distances: Vec<f32>,
     more: Vec<f32>,
-    /// Scores within the row of the last query.
+    /// Scores within the row of the last query, and the number of references compared with it.
     scores: Vec<f32>,
+    compared: usize,
     rows: RowScratch,
     /// Changes from reference to reference.
     changes: Vec<f64>,
@@ -171,7 +172,7 @@ impl Sensor {
         let failed = |cause| RecognitionError::query(step, cause);
         references.distances(step, query, &mut scratch.distances, &mut scratch.more)?;
         let view = self.compare(options, scratch).map_err(failed)?;
-        let nowhere = scratch.scores.iter().all(|score| *score == f32::INFINITY);
+        let nowhere = scratch.compared == 0;
         if nowhere && options.off_map.is_none() {
             return Err(failed(ViewError::NoMatch));
         }
@@ -190,10 +191,8 @@ impl Sensor {
         let evidence = view.change.map(|view| ViewEvidence { view, weight });
         // The first view has no view to be compared with.
         let evidence = evidence.filter(|_| options.use_views && self.run.is_some());
-        let control = RouteControl { view: evidence, ..self.control(odometry) };
+        let control = RouteControl { view: evidence, ..self.control(view.change, odometry) };
         check_control(recognizer.motion(), step, &control)?;
-        let control =
-            RouteControl { odometry: self.readings.counted(view.change, odometry), ..control };
         let Scratch { likelihoods, phantom: seen, .. } = scratch;
         let (begins, continues) = if step == 1 {
             let (begins, _) = phantom.first(seen)?;
@@ -268,7 +267,7 @@ impl Sensor {
             let attentive: f64 = positions.attentive.iter().sum();
             let likelihood = attentive * place.shares[0] / seen[0];
             // A place that was not compared is ruled out, and its probability is not known here.
-            if scratch.standardized.iter().all(|score| score.is_finite()) {
+            if scratch.compared == scratch.scores.len() {
                 self.advantage.observe(attentive, likelihood.ln(), continues.ln());
             }
             let followed = phantom.kinds(&scratch.standardized, positions.phantom);
@@ -295,8 +294,14 @@ impl Sensor {
         self.drive(motion, options, control);
     }
 
-    /// Control of a step by odometry, after the motion before the step.
-    pub(super) fn control(&self, odometry: Option<f64>) -> RouteControl {
+    /// Control of a step by odometry, if the reading counts, after the motion before the step. A
+    /// reading that is not valid differs from the last one, so it counts, and the control is refused.
+    pub(super) fn control(
+        &self,
+        change: Option<ViewChange>,
+        odometry: Option<f64>,
+    ) -> RouteControl {
+        let odometry = self.readings.counted(change, odometry);
         RouteControl { odometry, view: None, before: self.driven }
     }
 
@@ -311,9 +316,9 @@ impl Sensor {
 
     /// Compares the row of distances in the scratch memory with that of the last new view.
     fn compare(&self, options: &Options, scratch: &mut Scratch) -> Result<View, ViewError> {
-        let Scratch { distances, scores, rows, .. } = scratch;
+        let Scratch { distances, scores, compared, rows, .. } = scratch;
         self.standardizer.check(distances)?;
-        row_scores(distances, scores, rows)?;
+        *compared = row_scores(distances, scores, rows)?;
         Ok(match &self.last_view {
             Some(last) => View::beside(last, self.still, scores, options),
             None => View::FIRST,

@@ -197,9 +197,9 @@ impl Track {
         odometry: impl Into<Option<f64>>,
     ) -> Result<Answer, RecognitionError> {
         let odometry = odometry.into();
-        check_control(self.recognizer.motion(), self.steps() + 1, &self.sensor.control(odometry))?;
-        let counted = self.sensor.readings.counted(None, odometry);
-        let control = Distraction::none(self.sensor.control(counted));
+        let control = Distraction::none(self.sensor.control(None, odometry));
+        // The filter checks all controls but the first, since no move leads to the first step.
+        check_control(self.recognizer.motion(), self.steps() + 1, &control.control)?;
         // A likelihood of 1 everywhere: an update that changes nothing.
         self.scratch.fill(self.recognizer.references());
         let distracted = 1.0 - self.attentive();

@@ -382,7 +382,7 @@ impl OdometryModel {
         Ok(())
     }
 
-    pub(super) fn check_reading(reading: f64) -> Result<(), TransitionError> {
+    pub(crate) fn check_reading(reading: f64) -> Result<(), TransitionError> {
         if reading.abs() <= FARTHEST {
             return Ok(());
         }

@@ -13,6 +13,7 @@ use wayfix_kernels::{Simd, WithSimd, run};
 /// 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum Distance {
     /// 1 − cos of the angle between them, from 0 (the same direction) to 2
     /// (opposite), as ½ |x / |x| − r / |r||².

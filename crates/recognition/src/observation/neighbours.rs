@@ -1,14 +1,14 @@
 //! Lower bound on the score of a reference, by the scores of its neighbours
 //! (`guide::formulas`, Neighbours).
 
-/// Distance, in deviations, by which a score may fall below that of its nearer neighbour while no
-/// usual score is known, and number of queries that doubles it.
+/// Margin, in deviations, by which a score may fall below that of its nearer neighbour before any
+/// query, and number of queries that doubles it.
 const ALONE: f64 = 1.25;
 const ALONE_COUNT: f64 = 10.0;
 
 /// Bounds each standardised score along a route from below: it may fall short of the smaller of its
 /// neighbours' scores, or of 0, the score of a wrong place, if that is smaller, by a margin that
-/// grows with `count`, the number of queries from which usual scores are known. O(n).
+/// grows with `count`, the number of queries that usual scores were learned from. O(n).
 ///
 /// A place looks like its neighbours, and a broken reference does not: one with all distances
 /// divided by 100 is nearest to every query, and would hold the vehicle until its usual score is

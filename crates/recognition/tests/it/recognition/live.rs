@@ -129,3 +129,24 @@ fn the_mass_of_no_place_is_zero() {
     assert_eq!(recognizer.mass_near(&[], 3, 1).to_bits(), 0);
     assert!(recognizer.mass_near(&[f64::NAN; 5], 3, 1).is_nan());
 }
+
+/// Wheels that are stuck during lost frames lead on by ever fewer of their readings.
+#[test]
+fn equal_readings_of_lost_frames_count_less_too() {
+    let (recognizer, world) = recognizer(125, false);
+    let drive: Vec<usize> = (10..40).collect();
+    let mut stuck = recognizer.track();
+    seen(&world, &drive, 0.3, 126).iter().for_each(|query| _ = stuck.step(query).unwrap());
+    let mut varied = stuck.clone();
+    let mut spread = [0, 0];
+    for k in 0..40_u32 {
+        let answers = [
+            stuck.predict_with(2.0).unwrap(),
+            varied.predict_with(2.0 + 0.01 * f64::from(k % 2)).unwrap(),
+        ];
+        spread = answers.map(|answer| answer.around.end() - answer.around.start());
+        let refused = stuck.predict_with(f64::NAN);
+        assert!(refused.is_err());
+    }
+    assert!(spread[0] > spread[1], "{spread:?}");
+}
