@@ -273,7 +273,11 @@ impl<A: Transition> Distractor<A> {
             self.predicted.iter_mut().for_each(|p| *p = (*p - shift).exp());
             sum = kernels::sum(&self.predicted);
         }
-        if let Some(state) = self.predicted.iter().position(|&p| !(p >= 0.0 && p.is_finite())) {
+        // A fold without an early exit vectorises.
+        let valid = |p: f64| (0.0..=f64::MAX).contains(&p);
+        if !self.predicted.iter().fold(true, |all, p| all & valid(*p))
+            && let Some(state) = self.predicted.iter().position(|p| !valid(*p))
+        {
             return Err(HmmError::Predicted { step, state, value: self.predicted[state] });
         }
         if sum > 0.0 {
